@@ -1,25 +1,141 @@
-"""The options of an earlier run, from its ``config.json``."""
+"""``config.json`` of a run: its command, its options, and which inputs it was made from.
 
-from pathlib import Path
-from typing import TypeVar
+A run keeps a copy of each input file in its folder ``inputs``, and whatever is made from the run reads the copy. A run
+of an older version keeps none: there the file that its options name is used, if its checksum is that of the run.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+from typing import Any, TypeVar
 
 from lab.core.errors import LabError
-from lab.formats.structured import read_json, structured
+from lab.core.limits import TEXT_BYTES
+from lab.core.whole_folder import CHECKSUMS, edited_files, file_digest
+from lab.formats.structured import read_structured, structured
+from lab.formats.text_file import read_text
 
-__all__ = ["read_options"]
+__all__ = ["CONFIG_FILE", "INPUTS", "RunConfig", "RunInputs", "input_names", "read_config", "read_options"]
 
 Options = TypeVar("Options")
+CONFIG_FILE, INPUTS = "config.json", "inputs"
+_FILES = (".toml", ".xml", ".urdf")  # what describes a robot, an instrument or a cell, and is no name of the lab's own
+
+
+@dataclass(frozen=True)
+class RunConfig:
+    """What ``config.json`` of a run holds.
+
+    Attributes:
+        schema: zero for a run of a version without.
+        options: those of the command, as plain values.
+        inputs_sha256: by the path of each input, as it was given, its checksum.
+        inputs: by the same, where its copy is in the run's folder.
+    """
+
+    options: Mapping[str, Any]
+    command: str = ""
+    model_sha256: str = ""
+    schema: int = 0
+    inputs_sha256: Mapping[str, str] = field(default_factory=dict)
+    inputs: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Refuse copies outside of the folder of copies, with a LabError."""
+        for copy in self.inputs.values():
+            parts = PurePosixPath(copy).parts
+            if parts[:1] != (INPUTS,) or ".." in parts:
+                raise LabError(f"inputs: {copy!r} is to be a path below {INPUTS}/")
+
+
+@dataclass(frozen=True)
+class RunInputs:
+    """The files that a run was made from, by the paths that its options name.
+
+    Attributes:
+        folder: of the run.
+    """
+
+    folder: Path
+    config: RunConfig
+
+    def copy(self, given: object) -> Path | None:
+        """The copy of an input in the run's folder; None where there is none."""
+        kept = self.config.inputs.get(str(given))
+        copy = None if kept is None else self.folder / kept
+        return copy if copy is not None and copy.exists() else None
+
+    def path(self, given: object) -> Path:
+        """The copy of an input, or the input itself where it is that of the run; a name of the lab's own as it is.
+
+        Raises:
+            LabError: the run keeps no copy, and the file is gone, is another one, or has no checksum in the run.
+        """
+        path, known = Path(str(given)), self.config.inputs_sha256.get(str(given))
+        if (copy := self.copy(given)) is not None:
+            return copy
+        if known is None and path.suffix not in _FILES:
+            return path
+        what = "config.json has no checksum of it"
+        if known is not None:
+            if path.is_file() and file_digest(path) == known:
+                return path
+            what = f"the file of that name is {'another one' if path.is_file() else 'not there'}"
+        raise LabError(
+            f"{self.folder}: keeps no copy of its input {given}, and {what}; put the run's own file there, or make the "
+            "run again"
+        )
+
+    def located(self, value: Any) -> Any:
+        """Options as plain values, with the copies of inputs in the place of these."""
+        if isinstance(value, Mapping):
+            return {name: self.located(each) for name, each in value.items()}
+        if isinstance(value, list):
+            return [self.located(each) for each in value]
+        copy = self.copy(value) if isinstance(value, str) else None
+        return value if copy is None else str(copy)
+
+
+def read_config(folder: Path, mend: str = "give the folder of a run of the lab") -> RunConfig:
+    """The content of ``config.json`` of a run.
+
+    Args:
+        mend: what to do if it cannot be read, for the end of the message.
+
+    Raises:
+        LabError: the file cannot be read, or does not hold what a run writes.
+    """
+    return read_structured(folder / CONFIG_FILE, RunConfig, mend)
+
+
+def input_names(folder: Path) -> tuple[str, ...]:
+    """The copies of inputs that a run's folder holds, or should hold by its checksums, by their paths in it."""
+    there = [path for path in (folder / INPUTS).rglob("*") if path.is_file()]
+    names = {path.relative_to(folder).as_posix() for path in there}
+    if (folder / CHECKSUMS).is_file():
+        lines = read_text(folder / CHECKSUMS, TEXT_BYTES).splitlines()
+        names |= {name for line in lines if (name := line.partition("  ")[2]).startswith(f"{INPUTS}/")}
+    return tuple(sorted(names))
 
 
 def read_options(path: Path, command: str, kind: type[Options]) -> Options:
     """The options that a run of ``command`` was given; those that the file leaves out are at their defaults.
 
+    Inputs are read from their copies beside the file.
+
     Raises:
-        LabError: the file cannot be read, is of another command, or holds what is no option.
+        LabError: the file cannot be read, is of another command, or holds what is no option, or a copy was changed.
     """
-    content = read_json(path, "give a run's config.json")
-    if not isinstance(content, dict) or not isinstance(content.get("options"), dict):
-        raise LabError(f"{path}: has no options; give a run's config.json")
-    if content.get("command", command) != command:
-        raise LabError(f"{path}: is of lab {content['command']}, not of lab {command}; run that")
-    return structured(path, kind, content["options"])
+    mend, folder = "give a run's config.json", path.parent
+    config = read_structured(path, RunConfig, mend)
+    if config.command not in (command, ""):
+        raise LabError(f"{path}: is of lab {config.command}, not of lab {command}; run that")
+    if config.inputs and (folder / CHECKSUMS).is_file():
+        text = read_text(folder / CHECKSUMS, TEXT_BYTES)
+        if edited := edited_files(folder, text, input_names(folder)):
+            raise LabError(f"{folder}: {edited[0]} was changed since the run was written; put it back, or run anew")
+    inputs = RunInputs(folder, config)
+    for given, digest in config.inputs_sha256.items():
+        if inputs.copy(given) is None and Path(given).is_file() and file_digest(Path(given)) != digest:
+            raise LabError(f"{path}: {given} is another file than that of the run; put it back, or run anew")
+    return structured(path, kind, inputs.located(config.options))

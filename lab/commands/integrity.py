@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from lab.campaign.config_file import input_names, read_config
 from lab.core.errors import LabError
 from lab.core.limits import TEXT_BYTES
 from lab.core.whole_folder import CHECKSUMS, edited_files
-from lab.formats.structured import read_json
 from lab.formats.text_file import read_text
 
 __all__ = ["ACCEPT_EDITED", "is_older", "refuse_edits", "said_of_edits"]
@@ -47,10 +47,10 @@ def refuse_edits(folder: Path) -> None:
     Raises:
         LabError: one was, or the checksums of a run that had some are gone.
     """
-    said_of_edits(folder, sorted(path.name for path in folder.iterdir() if path.name != CHECKSUMS), accept=False)
+    own = (path.relative_to(folder) for path in folder.rglob("*") if path.is_file() and path != folder / CHECKSUMS)
+    said_of_edits(folder, sorted({*(path.as_posix() for path in own), *input_names(folder)}), accept=False)
 
 
 def is_older(folder: Path) -> bool:
     """Whether a lab without versions of the schema made this run."""
-    content = read_json(folder / "config.json", "give the folder of a run")
-    return isinstance(content, dict) and "schema" not in content
+    return read_config(folder).schema == 0

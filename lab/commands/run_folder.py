@@ -5,13 +5,15 @@ import json
 import platform
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, fields, is_dataclass
+from dataclasses import asdict
 from functools import cache
 from hashlib import sha256
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from lab.campaign.config_file import CONFIG_FILE, INPUTS
+from lab.commands.input_copies import copy_inputs, input_files
 from lab.core.errors import LabError
 from lab.core.limits import TEXT_BYTES
 from lab.core.version import __version__
@@ -22,7 +24,18 @@ from lab.formats.text_file import read_bytes
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-__all__ = ["LOAD_FILE", "SCHEMA", "config", "free_name", "input_files", "run_folder", "versions", "write_json"]
+__all__ = [
+    "LOAD_FILE",
+    "SCHEMA",
+    "config",
+    "free_name",
+    "input_files",
+    "refuse_own_name",
+    "run_folder",
+    "versions",
+    "write_config",
+    "write_json",
+]
 
 LOAD_FILE = "load.json"  # a payload, in the folder of a run
 _FILES = {
@@ -77,7 +90,8 @@ def run_folder(out: Path, inputs: Sequence[Path] = (), *, overwrite: bool = Fals
     """
     place = _place(out)
     for path in inputs:
-        if _leads_to(path).is_relative_to(place):
+        own = _leads_to(path)
+        if own.is_relative_to(place) and not own.is_relative_to(place / INPUTS):  # copies are copied again
             raise LabError(f"{out}: holds {path}, which this run is made from; give --out another folder")
     begun = False
     try:
@@ -133,11 +147,18 @@ def _refuse_other_files(out: Path) -> None:
     from lab.formats.programs.registry import is_program_file
 
     known = _FILES | _program_of(out / "config.json") | {name for name in there if is_program_file(name)}
-    strays = [name for name, path in there.items() if name not in known or path.is_symlink() or not path.is_file()]
+    strays = [name for name, path in there.items() if not _is_of_run(path, known)]
     if strays:
         raise LabError(f"{out}: holds {min(strays)}, which is no file of a run; give --out another folder")
     if there and not _is_config(out / "config.json"):
         raise LabError(f"{out}: holds files that are no run of the lab; give --out another folder")
+
+
+def _is_of_run(path: Path, known: set[str]) -> bool:
+    """Whether a file or folder may be one of a run."""
+    if path.is_symlink():
+        return False
+    return path.is_dir() if path.name == INPUTS else path.name in known and path.is_file()
 
 
 def _program_of(path: Path) -> set[str]:
@@ -153,15 +174,6 @@ def _program_of(path: Path) -> set[str]:
 
 def _is_config(path: Path) -> bool:
     return path.is_file() and b'"model_sha256"' in read_bytes(path, TEXT_BYTES)
-
-
-def input_files(options: Any) -> tuple[Path, ...]:
-    """The files and folders that options name, which a run of them never replaces."""
-    values = [getattr(options, field.name) for field in fields(options)]
-    listed = [each for value in values for each in (value if isinstance(value, tuple) else (value,))]
-    own = [each for each in listed if isinstance(each, Path)]
-    own += [Path(value) for value in values if isinstance(value, str) and Path(value).suffix and Path(value).is_file()]
-    return tuple(own) + tuple(path for value in values if is_dataclass(value) for path in input_files(value))
 
 
 def free_name(parent: Path, stem: str) -> Path:
@@ -185,6 +197,25 @@ def config(
         "inputs_sha256": dict(_input_hashes(options)),
         "versions": versions(),
     }
+
+
+def write_config(folder: Path, command: str, options: "DataclassInstance", model_sha256: str) -> None:
+    """Write ``config.json`` of a run, and beside it the copies of its inputs."""
+    content = config(command, options, model_sha256)
+    write_json(folder / CONFIG_FILE, {**content, "inputs": copy_inputs(folder, options)})
+
+
+def refuse_own_name(where: object, name: str) -> None:
+    """Refuse to write a file under the name of one that a run writes for itself.
+
+    Args:
+        where: the option, or the file that is written again under its name, as the error begins.
+
+    Raises:
+        LabError: a run has a file of this name.
+    """
+    if name.lower() in {INPUTS, *(each.lower() for each in _FILES)}:
+        raise LabError(f"{where}: a run writes a file {name} of its own, which this one would replace; rename it")
 
 
 def _input_hashes(options: "DataclassInstance") -> Iterator[tuple[str, str]]:

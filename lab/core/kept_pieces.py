@@ -6,18 +6,18 @@ A piece is there whole, as it was written, or not at all: beside each stands the
 import hashlib
 import io
 import os
+import re
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
-    "LEFT_OVER",
     "Columns",
     "Keep",
     "Pieces",
@@ -25,12 +25,14 @@ __all__ = [
     "current_keep",
     "keep_checked",
     "keeping",
+    "left_of",
     "of_one",
+    "piece_files",
     "read_checked",
     "write_whole",
 ]
 
-LEFT_OVER: Final = ".*.partial-*"  # what a killed process left of a file
+_LEFT_OVER = re.compile(r"\.(.+)\.partial-\d+")  # what a killed process left of a file
 WORTH_S = 5.0  # of processor time: work that takes less is done again, not kept
 _SUM = ".sha256"
 
@@ -140,6 +142,17 @@ def keep_checked(path: Path, content: bytes) -> None:
     """
     write_whole(path, content)
     write_whole(path.with_suffix(_SUM), _sum_line(content, path).encode())
+
+
+def piece_files(path: Path) -> tuple[Path, Path]:
+    """A file that is kept with its checksum, and the file of that."""
+    return path, path.with_suffix(_SUM)
+
+
+def left_of(path: Path) -> str:
+    """The name of the file that a killed process had half written as this one; "" of any other file."""
+    found = _LEFT_OVER.fullmatch(path.name)
+    return "" if found is None else found[1]
 
 
 def read_checked(path: Path) -> bytes | None:

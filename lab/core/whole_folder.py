@@ -121,9 +121,9 @@ def recover(place: Path) -> None:
 
 
 def checksum_lines(folder: Path) -> str:
-    """A line for each file of a folder, by name, as ``sha256sum`` writes it."""
-    files = sorted(path for path in folder.iterdir() if path.is_file() and path.name != CHECKSUMS)
-    return "".join(f"{file_digest(path)}  {path.name}\n" for path in files)
+    """A line for each file of a folder and of those in it, by its path, as ``sha256sum`` writes it."""
+    files = sorted(path for path in folder.rglob("*") if path.is_file() and path != folder / CHECKSUMS)
+    return "".join(f"{file_digest(path)}  {path.relative_to(folder).as_posix()}\n" for path in files)
 
 
 def edited_files(folder: Path, text: str, names: Sequence[str]) -> tuple[str, ...]:

@@ -1,7 +1,8 @@
 """Plain values, as JSON and TOML have them, turned into typed dataclasses; what is wrong is said in one line.
 
 A value has to be of its field's type: text is no number, a number no text, and a truth value neither; a whole number is
-a number. cattrs walks the types and says where a value stands; the words are made here.
+a number, and none is larger than any file may hold. cattrs walks the types and says where a value stands; the words are
+made here.
 """
 
 import json
@@ -13,12 +14,13 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, Union, cast, get_args, 
 
 from lab.core.errors import LabError
 from lab.core.limits import DEPTH, TEXT_BYTES
+from lab.core.ranges import NUMBER_SIZE
 from lab.formats.text_file import read_text, refuse_unbounded
 
 if TYPE_CHECKING:
     from cattrs import Converter
 
-__all__ = ["read_json", "structured"]
+__all__ = ["read_json", "read_structured", "structured"]
 
 Kind = TypeVar("Kind")
 _PLAIN = {int: "a whole number", float: "a number", str: "a text", bool: "true or false", Path: "a path as text"}
@@ -38,7 +40,8 @@ def structured(where: object, kind: type[Kind], values: object, *, extra: bool =
     Args:
         where: what an error calls the values' source: a file, a section of it, a call; "" for a caller that says it.
         values: a mapping from the fields' names; one that is no mapping is refused.
-        extra: whether names that are no field's are passed over.
+        extra: whether the values are of a file that the lab wrote: names that are no field's are passed over, no
+            number may be of a size that none has, and an error names the place in a list.
 
     Raises:
         LabError: a name is unknown or missing, or a value is not of its field's type; the message says what is valid.
@@ -74,13 +77,30 @@ def read_json(path: Path, mend: str) -> Any:
     return content
 
 
+def read_structured(path: Path, kind: type[Kind], mend: str) -> Kind:
+    """A file that the lab wrote, as JSON, typed; what it holds beside the fields of ``kind`` is passed over.
+
+    Args:
+        kind: a dataclass, or a tuple of one.
+        mend: what to do if it is not so, for the end of the message.
+
+    Raises:
+        LabError: the file cannot be read, is no JSON, or lacks a value or has one that is not of its field's type.
+    """
+    content = read_json(path, mend)
+    try:
+        return structured("", kind, content, extra=True)
+    except LabError as error:
+        raise LabError(f"{path}: does not hold what the lab writes: {error}; {mend}") from error
+
+
 @cache
 def _converter(extra: bool) -> "Converter":
     from cattrs import Converter
 
     converter = Converter(forbid_extra_keys=not extra)
     for plain in _PLAIN:
-        converter.register_structure_hook(plain, _plain)
+        converter.register_structure_hook(plain, _bounded if extra and plain is float else _plain)
     converter.register_structure_hook_func(lambda kind: bool(_allowed(kind)), _choice)
     converter.register_structure_hook_factory(_is_tuple, _tuple_hook)
     converter.register_structure_hook_factory(_is_mapping, _mapping_hook)
@@ -94,6 +114,14 @@ def _plain(value: object, kind: type) -> Any:
     if not isinstance(value, accepted) or (isinstance(value, bool) and kind is not bool):
         raise _InvalidError(value, _PLAIN[kind])
     return kind(value)
+
+
+def _bounded(value: object, kind: type) -> float:
+    """A number of a file that the lab wrote: none is so large that its square overflows."""
+    number: float = _plain(value, kind)
+    if abs(number) not in NUMBER_SIZE:
+        raise _InvalidError(value, f"a number of at most {NUMBER_SIZE.most:g}")
+    return number
 
 
 def _allowed(kind: Any) -> tuple[object, ...]:
@@ -117,16 +145,25 @@ def _is_tuple(kind: Any) -> bool:
 
 
 def _tuple_hook(kind: Any, converter: "Converter") -> Any:
+    from cattrs import AttributeValidationNote, BaseValidationError
+
     part = get_args(kind)[0]
 
     def hook(value: object, _: Any) -> tuple[Any, ...]:
         valid = f"a list, each {_PLAIN.get(part, 'of its type')}"
         if not isinstance(value, Sequence) or isinstance(value, str):
             raise _InvalidError(value, valid)
-        try:
-            return tuple(converter.structure(each, part) for each in value)
-        except _InvalidError as error:
-            raise _InvalidError(value, valid) from error
+        found = list[Any]()
+        for i, each in enumerate(value):
+            try:
+                found.append(converter.structure(each, part))
+            except _InvalidError as error:
+                raise _InvalidError(value, valid) from error
+            except BaseValidationError as error:
+                if not converter.forbid_extra_keys:
+                    error.add_note(AttributeValidationNote(f"in {i}", str(i), part))
+                raise
+        return tuple(found)
 
     return hook
 

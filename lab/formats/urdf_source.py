@@ -6,6 +6,7 @@ the tree from the file; ``file://`` and plain paths beside the file. STL, OBJ an
 
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from lab.core.limits import MESH_BYTES, TEXT_BYTES
 from lab.formats.collada import stl_of_collada, stl_of_triangles
 from lab.formats.text_file import read_bytes, read_text
 
-__all__ = ["UrdfSource", "is_urdf", "read_urdf"]
+__all__ = ["UrdfSource", "is_urdf", "mesh_files", "read_urdf"]
 
 _WORLD = "world"
 _XACRO = "www.ros.org/wiki/xacro"
@@ -83,6 +84,21 @@ def read_urdf(path: Path) -> UrdfSource:
     )
     compiler.set("strippath", "false")
     return UrdfSource(ET.tostring(root, encoding="unicode"), assets, missing, held)
+
+
+def mesh_files(path: Path) -> Iterator[Path]:
+    """The meshes of a URDF, as far as they are there.
+
+    Raises:
+        LabError: it is no XML.
+    """
+    try:
+        root = ET.fromstring(read_text(path, TEXT_BYTES))
+    except ET.ParseError as error:
+        raise LabError(f"{path}: not a readable URDF, mend it there: {error}") from error
+    for mesh in root.iter("mesh"):
+        with suppress(LabError):
+            yield _found(path, mesh.get("filename", ""))
 
 
 def _refuse_loose_joints(path: Path, root: ET.Element) -> None:

@@ -13,8 +13,9 @@ from pathlib import Path
 from lab.core.errors import LabError
 from lab.core.limits import COPIES, JOINTS, MESH_BYTES, NESTED_ELEMENTS, PIXELS, TEXT_BYTES
 from lab.formats.text_file import read_bytes
+from lab.formats.urdf_source import is_urdf, mesh_files
 
-__all__ = ["refuse_unbounded_model"]
+__all__ = ["model_files", "refuse_unbounded_model"]
 
 _AREAS = {"texture": ("width", "height"), "hfield": ("nrow", "ncol"), "replicate": ("count",), "composite": ("count",)}
 _AREAS |= {"flexcomp": ("count",)}
@@ -36,11 +37,30 @@ def refuse_unbounded_model(path: Path) -> None:
         if element.tag in _AREAS:
             most = PIXELS if len(_AREAS[element.tag]) == 2 else COPIES
             most(f"{path}: {element.tag}", _product(element, _AREAS[element.tag]))
-        folders |= {path.parent / element.get(each, "") for each in ("meshdir", "texturedir", "assetdir")}
+        folders |= _folders(path, element)
         joints += element.tag == "joint" and element.get("type") != "fixed"
         sizes |= _sizes(path, folders, element.get("file") or element.get("filename"))
     JOINTS(path, joints)
     MESH_BYTES(path, sum(sizes.values()))
+
+
+def model_files(path: Path) -> set[Path]:
+    """The files that a model names, as far as they are there: meshes, pictures, included models.
+
+    Raises:
+        LabError: it cannot be read.
+    """
+    if is_urdf(path):
+        return set(mesh_files(path))
+    elements = [element for element, _ in _elements(path)]
+    folders = {path.parent}.union(*(_folders(path, each) for each in elements))
+    named = [each.get("file") for each in elements]
+    return {folder / name for folder in folders for name in named if name is not None and (folder / name).is_file()}
+
+
+def _folders(path: Path, element: ET.Element) -> set[Path]:
+    """Folders in which an element says that files are."""
+    return {path.parent / element.get(each, "") for each in ("meshdir", "texturedir", "assetdir")}
 
 
 def _elements(path: Path) -> Iterator[tuple[ET.Element, int]]:

@@ -1,6 +1,7 @@
 """What a study's numbers depend on beside its options, and whether two places have the same of it."""
 
 import platform
+from collections.abc import Mapping
 from importlib import metadata
 from typing import Any
 
@@ -21,12 +22,11 @@ def origin_of(robot: str) -> dict[str, Any]:
 
 def difference(there: dict[str, Any], here: dict[str, Any]) -> str | None:
     """What of two origins is not the same, in words; None if all is."""
-    files = there.get("model_sha256") == here["model_sha256"]
-    return other_version(there, here) or (None if files else "other files of the robot")
+    files = there["model_sha256"] == here["model_sha256"]
+    return other_version(there["versions"], here["versions"]) or (None if files else "other files of the robot")
 
 
-def other_version(there: dict[str, Any], here: dict[str, Any]) -> str | None:
+def other_version(old: Mapping[str, str], new: Mapping[str, str]) -> str | None:
     """The first package that is not of the same version, in words; None if all are."""
-    old, new = there.get("versions", {}), here["versions"]
     other = next((name for name in sorted({*old, *new}) if old.get(name) != new.get(name)), None)
     return None if other is None else f"{other} {old.get(other)}, not {new.get(other)}"

@@ -6,7 +6,7 @@ A file appears whole or not at all: it is written under a temporary name and ren
 import hashlib
 import json
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -19,22 +19,32 @@ import pyarrow.parquet as pq
 
 from lab.campaign.robot import load_robot
 from lab.core.errors import LabError
-from lab.core.kept_pieces import LEFT_OVER, keep_checked, read_checked, write_whole
+from lab.core.kept_pieces import keep_checked, left_of, piece_files, read_checked, write_whole
 from lab.core.se3 import Array
 from lab.core.whole_folder import draft_of, held, resolved
-from lab.formats.structured import read_json
+from lab.formats.structured import read_json, read_structured
 from lab.studies.campaigns import COLUMNS
 from lab.studies.executors import StoppedError
 from lab.studies.grid import Cell, Study, Task, study_from
-from lab.studies.provenance import difference, origin_of, other_version
+from lab.studies.provenance import origin_of, other_version
 
 __all__ = ["Store", "begin", "go_on", "read_campaigns", "read_store"]
 
 _CONFIG, _MANIFEST, _POSES, _CAMPAIGNS = "config.json", "manifest.json", "poses", "campaigns"
 _DIGEST = "sha256"  # of the numbers, in a file of campaigns
 _TYPES = dict.fromkeys(("cell", "robot", "draw", "steps", "lost"), pa.int32()) | {"converged": pa.bool_()}
+_MEND = "give the folder of a study, or begin it again in another"
 SCHEMA = pa.schema([(name, _TYPES.get(name, pa.float64())) for name in COLUMNS])
 _REALS = [field.name for field in SCHEMA if field.type == pa.float64()]
+
+
+@dataclass(frozen=True)
+class _Begun:
+    """What ``config.json`` of a study holds; its keys."""
+
+    options: Mapping[str, Any]
+    model_sha256: str
+    versions: Mapping[str, str]
 
 
 @dataclass(frozen=True)
@@ -113,6 +123,15 @@ class Store:
         """
         return pa.concat_tables([self._whole(task) for task in self.study.tasks])
 
+    def remove_left_over(self) -> None:
+        """Remove what a killed run left half written of the study's own files, and no other file."""
+        posed = {path.name for i in range(len(self.cells)) for path in piece_files(self._poses(i))}
+        done = {self._campaigns(task).name for task in self.study.tasks}
+        for part, names in ((_POSES, posed), (_CAMPAIGNS, done)):
+            for path in (self.folder / part).iterdir():
+                if left_of(path) in names and path.is_file():
+                    path.unlink()
+
     def discard(self) -> None:
         """Remove the folder of a study that cannot be."""
         shutil.rmtree(self.folder, ignore_errors=True)
@@ -159,16 +178,17 @@ def go_on(folder: Path, study: Study) -> Store:
     Raises:
         LabError: it holds another study, or was begun with another version or other files of the robot.
     """
-    there, here = _read_json(folder / _CONFIG), _described(study)
-    old, new = there.get("options", {}), _plain(here[_CONFIG])["options"]
-    what = other_version(there, here[_CONFIG])
+    there, here = read_structured(folder / _CONFIG, _Begun, _MEND), _described(study)
+    old, new = there.options, _plain(here[_CONFIG])["options"]
+    what = other_version(there.versions, here[_CONFIG]["versions"])
     if what is None and (other := next((name for name in new if old.get(name) != new[name]), None)):
         raise LabError(
             f"{folder}: holds another study ({other} is {old.get(other)} there, {new[other]} here); "
             "give the folder of this one, or begin it in a folder of its own"
         )
-    what = difference(there, here[_CONFIG])
-    if what is None and _read_json(folder / _MANIFEST) != _plain(here[_MANIFEST]):
+    if what is None and there.model_sha256 != here[_CONFIG]["model_sha256"]:
+        what = "other files of the robot"
+    if what is None and read_json(folder / _MANIFEST, _MEND) != _plain(here[_MANIFEST]):
         what = "another manifest.json"
     if what is not None:
         raise LabError(f"{folder}: was begun with {what}; go on with that, or begin again in another folder")
@@ -176,11 +196,11 @@ def go_on(folder: Path, study: Study) -> Store:
         with held(folder):
             for part in (folder, folder / _POSES, folder / _CAMPAIGNS):
                 part.mkdir(exist_ok=True)
-                for left_over in part.glob(LEFT_OVER):
-                    left_over.unlink()
+            store = Store(folder, study, _pose_columns(study))
+            store.remove_left_over()
     except OSError as error:
         raise LabError(f"{folder}: cannot be written ({error.strerror}); mend that, then --resume") from error
-    return Store(folder, study, _pose_columns(study))
+    return store
 
 
 def read_store(folder: Path) -> Store:
@@ -189,7 +209,7 @@ def read_store(folder: Path) -> Store:
     Raises:
         LabError: it holds none.
     """
-    study = study_from(_read_json(folder / _CONFIG).get("options", {}))
+    study = study_from(read_structured(folder / _CONFIG, _Begun, _MEND).options)
     return Store(folder, study, _pose_columns(study))
 
 
@@ -261,10 +281,3 @@ def _plain(values: dict[str, Any]) -> dict[str, Any]:
     """As JSON has it: a tuple is a list."""
     plain: dict[str, Any] = json.loads(_json(values))
     return plain
-
-
-def _read_json(path: Path) -> dict[str, Any]:
-    content = read_json(path, "give the folder of a study, or begin it again in another")
-    if not isinstance(content, dict):
-        raise LabError(f"{path}: does not hold what a study writes; begin the study again in another folder")
-    return content

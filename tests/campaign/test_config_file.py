@@ -26,8 +26,8 @@ def test_what_is_left_out_is_at_its_default(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "says"),
     [
-        ([], "no options"),
-        ({"options": 3}, "no options"),
+        ([], "is to be a group of options"),
+        ({"options": 3}, "3 is no value of option 'options'"),
         ({"command": "identify", "options": {}}, "lab identify"),
         ({"options": {"pose": 3}}, "'pose'"),
     ],

@@ -1,11 +1,10 @@
 """A calibrated arm, read back from the folder of the run that identified it."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,20 +14,22 @@ from lab.calibration.noise.shared_errors import SharedErrors
 from lab.calibration.noise.small_samples import ComponentErrors
 from lab.calibration.pose_cover import PoseCover
 from lab.calibration.residual.process import GROUP, JointProcess, PredictedBy
+from lab.campaign.config_file import RunInputs
+from lab.campaign.instruments import named_instrument
+from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot, load_robot, load_virtual
 from lab.commands.calibrate.noise import component_errors_from_dict, noise_model_from_dict
-from lab.commands.calibrate.range_dict import POSES_FILE, measured_range_from_dict, read_cover
-from lab.commands.calibrate.residual_file import RESIDUAL_FILE, read_residual
+from lab.commands.calibrate.range_dict import measured_range_from_dict, read_cover
+from lab.commands.calibrate.residual_file import read_residual
+from lab.commands.calibrate.run_files import Campaign, SavedParameter, read_run_files
 from lab.commands.calibrate.run_findings import Findings
-from lab.commands.integrity import said_of_edits
 from lab.commands.payload.known_payload import HandLoad, carrying
 from lab.commands.run_folder import LOAD_FILE
 from lab.core import se3
-from lab.core.covariance import refuse_impossible_covariance
-from lab.core.errors import LabError
+from lab.core.errors import LabError, error_context
+from lab.core.instruments import Instrument
 from lab.core.se3 import Array
-from lab.formats.csv_table import CsvTable
-from lab.formats.structured import read_json, structured
+from lab.formats.structured import structured
 from lab.kinematics.effects.arm import Arm
 from lab.kinematics.effects.registry import CAMPAIGN_SPECIFIC
 from lab.kinematics.inverse.branches import NominalInverse
@@ -39,11 +40,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Calibrated", "calibrated_by", "folder_of", "read_calibrated"]
 
-_READ = ("config.json", "result.json", "parameters.json", "covariance.csv", RESIDUAL_FILE, POSES_FILE)
 _TURN = ("tool.rx", "tool.ry", "tool.rz")
-
-
-Kind = TypeVar("Kind")
 
 
 @dataclass(frozen=True)
@@ -60,6 +57,7 @@ class Calibrated:
         identified: the parameters that ``covariance`` ``(f, f)`` is of.
         result: what ``result.json`` holds.
         options: of the run.
+        inputs: that it was made from; None of a result in memory, whose are at hand.
         load: at the flange, where that was identified.
         estimates: ``(f,)`` of the identified parameters: ``values`` share aliased errors among more of them.
         process: the offsets of its joints that no group explains; None where they were not asked for.
@@ -77,9 +75,10 @@ class Calibrated:
     covariance: Array
     left_out: tuple[str, ...]
     result: Findings
-    options: Mapping[str, Any]
+    options: Campaign
     load: HandLoad | None
     estimates: Array
+    inputs: RunInputs | None = None
     edits: tuple[str, ...] = ()
     process: JointProcess | None = None
     cover: PoseCover | None = None
@@ -166,6 +165,23 @@ class Calibrated:
             return np.zeros(len(joints), dtype=np.bool_)
         return measured.uncovered(joints)
 
+    @cached_property
+    def instrument(self) -> Instrument | None:
+        """The instrument by whose noise the run weighed its measurements; None where it was given none.
+
+        Raises:
+            LabError: its file is not that of the run.
+        """
+        name = self.options.instrument
+        if name in (None, "exact"):
+            return None
+        return named_instrument(str(name if self.inputs is None else self.inputs.path(name)))
+
+    @property
+    def readings(self) -> int:
+        """How many readings each measurement is the mean of."""
+        return self.options.readings if isinstance(self.options, VirtualCampaign) else 1
+
     @property
     def warnings(self) -> tuple[str, ...]:
         """What whoever builds on the run should be told of it."""
@@ -213,29 +229,28 @@ def read_calibrated(
     Raises:
         LabError: it is no such run, lacks a file, or is of another robot than the one of that name here.
     """
-    config, result = _read(folder, "config.json", _Config), _read(folder, "result.json", Findings)
-    if config.command not in ("calibrate", "identify"):
-        raise LabError(f"{folder}: is no run of lab calibrate or lab identify; give the folder of one")
-    name, in_run = config.options.get("robot"), config.options.get("cell")
-    cell = cell or (None if in_run is None else Path(str(in_run)))
+    files = read_run_files(folder)
+    options, inputs = files.options, files.inputs
+    if cell is None and options.cell is not None:
+        cell = inputs.path(options.cell)
     try:
-        robot = (load_virtual if config.command == "calibrate" else load_robot)(str(name), cell)
+        load_it = load_virtual if isinstance(options, VirtualCampaign) else load_robot
+        robot = load_it(inputs.copy(options.robot) or options.robot, cell)
     except LabError as error:
         raise LabError(f"{folder}: the robot it is of cannot be loaded from here: {error}") from error
-    if config.model_sha256 != robot.sha256:
+    if files.config.model_sha256 != robot.sha256:
         raise LabError(
-            f"{folder}: is a run of another robot: the files of '{name}' are not those that it was made with; "
+            f"{folder}: is a run of another robot: the files of '{options.robot}' are not those that it was made with; "
             "identify again"
         )
     payload_of = load or (folder if (folder / LOAD_FILE).is_file() else None)
     robot, payload = carrying(robot, payload_of, accept_edited=accept_edited)
-    rows = {row.name: row for row in _rows(folder / "parameters.json")}
-    covariance = _covariance(folder / "covariance.csv")
-    found = _calibrated(folder, robot, rows, covariance, result, config.options, payload, None)
-    found = replace(found, cover=read_cover(folder, robot.chain))
-    with _again(folder / "result.json"):  # what is wrong is told before work begins
+    covariance = (files.identified, files.covariance)
+    found = _calibrated(folder, robot, files.parameters, covariance, files.findings, options, payload, None)
+    found = replace(found, cover=read_cover(folder, robot.chain), inputs=inputs)
+    with error_context(folder / "result.json"):  # what is wrong is told before work begins
         _ = found.shared, found.measured, found.component_errors
-    return replace(found, edits=said_of_edits(folder, _READ, accept=accept_edited))
+    return replace(found, edits=files.edits(accept=accept_edited))
 
 
 def calibrated_by(
@@ -252,12 +267,12 @@ def calibrated_by(
     if not isinstance(run, CalibrationResult):
         return read_calibrated(folder, load, cell, accept_edited=accept_edited)
     findings = structured(folder, Findings, run.to_dict(), extra=True)
-    rows = {row.name: _Row(row.name, row.nominal, row.exported, row.estimate) for row in run.parameters}
+    rows = {row.name: SavedParameter(row.name, row.nominal, row.exported, row.estimate) for row in run.parameters}
     robot, payload = carrying(run.robot.placed_in(cell), load or run.options.fitting.load)
     found = run.identification
     names = tuple(found.model.names[i] for i in found.fit.free)
     given = (names, found.covariance)
-    in_memory = _calibrated(folder, robot, rows, given, findings, asdict(run.options), payload, run.fit.process)
+    in_memory = _calibrated(folder, robot, rows, given, findings, run.options, payload, run.fit.process)
     return in_memory if run.fit.measured is None else replace(in_memory, cover=run.fit.measured.cover)
 
 
@@ -271,10 +286,10 @@ def folder_of(run: "CalibrationResult | str | Path | None") -> dict[str, str]:
 def _calibrated(
     folder: Path,
     robot: Robot,
-    rows: Mapping[str, "_Row"],
+    rows: Mapping[str, SavedParameter],
     covariance: tuple[Sequence[str], Array],
-    result: "Findings",
-    options: Mapping[str, Any],
+    result: Findings,
+    options: Campaign,
     load: HandLoad | None,
     process: JointProcess | None,
 ) -> Calibrated:
@@ -319,65 +334,3 @@ def _calibrated(
         estimates,
         process=process,
     )
-
-
-@dataclass(frozen=True)
-class _Config:
-    """Of ``config.json``."""
-
-    options: Mapping[str, Any]
-    command: str = ""
-    model_sha256: str = ""
-
-
-@dataclass(frozen=True)
-class _Row:
-    """Of ``parameters.json``: a parameter (SI)."""
-
-    name: str
-    nominal: float
-    exported: float
-    estimate: float
-
-
-def _read(folder: Path, name: str, kind: type[Kind]) -> Kind:
-    """A file of the run."""
-    content = read_json(folder / name, "give the folder of a run of lab calibrate or lab identify")
-    with _again(folder / name):
-        return structured("", kind, content, extra=True)
-
-
-def _rows(path: Path) -> list[_Row]:
-    """The parameters."""
-    content = read_json(path, "give the folder of a run of lab calibrate or lab identify")
-    with _again(path):
-        if not isinstance(content, list):
-            raise LabError("is no list of parameters")
-        return [structured("", _Row, row, extra=True) for row in content]
-
-
-@contextmanager
-def _again(path: Path) -> Iterator[None]:
-    """A LabError for a file that does not hold what a run writes."""
-    try:
-        yield
-    except LabError as error:
-        raise LabError(
-            f"{path}: does not hold what a run writes: {error}; run lab calibrate or lab identify again"
-        ) from error
-
-
-def _covariance(path: Path) -> tuple[tuple[str, ...], Array]:
-    """The identified parameters' names and covariance."""
-    if not path.is_file():
-        raise LabError(f"{path}: is missing: an older version of the lab made this run; make it again")
-    table = CsvTable(path)
-    labels = table.texts("parameter")
-    if labels is None or tuple(table.header[1:]) != labels:
-        raise LabError(f"{path}: its rows are not those of its columns; identify again")
-    try:
-        matrix = np.array([table.texts(name) for name in labels], dtype=np.float64).T
-    except ValueError as error:
-        raise LabError(f"{path}: {error}; identify again") from error
-    refuse_impossible_covariance(path, matrix)
-    return labels, matrix

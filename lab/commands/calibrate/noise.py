@@ -18,7 +18,14 @@ from lab.core.measurements import Measurements, seen_mask
 from lab.formats.structured import structured
 from lab.kinematics.encoders import Encoders
 
-__all__ = ["Fits", "component_errors_from_dict", "noise_model_from_dict", "noise_model_to_dict", "noise_of"]
+__all__ = [
+    "Fits",
+    "NoiseModel",
+    "component_errors_from_dict",
+    "noise_model_from_dict",
+    "noise_model_to_dict",
+    "noise_of",
+]
 
 _ROUNDS = 3  # of outliers and the noise that they are judged by
 
@@ -124,7 +131,7 @@ def noise_model_to_dict(shared: SharedErrors | None, errors: ComponentErrors | N
 
 @dataclass(frozen=True)
 class _ComponentErrors:
-    """Of these the uncertainty."""
+    """The uncertainty of the variances of a noise model."""
 
     names: tuple[str, ...]
     covariance: tuple[tuple[float, ...], ...]
@@ -141,8 +148,8 @@ class _ComponentErrors:
 
 
 @dataclass(frozen=True)
-class _NoiseModel:
-    """What ``noise_model_to_dict`` makes."""
+class NoiseModel:
+    """Shared errors as ``result.json`` holds them; its keys."""
 
     independent_mm: float
     independent_share: float
@@ -152,6 +159,7 @@ class _NoiseModel:
     drift_mm: float
     encoder_counts_rad: tuple[tuple[float, ...], ...] | None = None
     step_mm: float = 0.0
+    component_errors: _ComponentErrors | None = None
 
     def __post_init__(self) -> None:
         """Refuse what is no size, share or correlation, with a LabError."""
@@ -164,23 +172,21 @@ class _NoiseModel:
             raise LabError("noise_model: the share is above 0 and at most 1, the correlation at least 0 and below 1")
 
 
-def component_errors_from_dict(content: Mapping[str, Any] | None) -> ComponentErrors | None:
+def component_errors_from_dict(content: NoiseModel | None) -> ComponentErrors | None:
     """How well the variances of a noise model are known, that ``noise_model_to_dict`` made; None where it is not said.
 
     Args:
         content: the noise model; None where there is none.
-
-    Raises:
-        LabError: it is not what such a table is.
     """
-    errors = None if content is None else content.get("component_errors")
-    if errors is None:
+    found = None if content is None else content.component_errors
+    if found is None:
         return None
-    found = structured("component_errors", _ComponentErrors, errors)
     return ComponentErrors(found.names, np.array(found.covariance), np.array(found.slopes))
 
 
-def noise_model_from_dict(content: Mapping[str, Any] | None, values: Mapping[str, float]) -> SharedErrors | None:
+def noise_model_from_dict(
+    content: Mapping[str, Any] | NoiseModel | None, values: Mapping[str, float]
+) -> SharedErrors | None:
     """Shared errors of a run, for measurements of another day.
 
     Args:
@@ -192,7 +198,7 @@ def noise_model_from_dict(content: Mapping[str, Any] | None, values: Mapping[str
     """
     if content is None:
         return None
-    found = structured("noise_model", _NoiseModel, content, extra=True)
+    found = structured("noise_model", NoiseModel, content, extra=True)
     return SharedErrors(
         sigma_m=found.independent_mm / 1e3 / np.sqrt(found.independent_share),
         independent_share=found.independent_share,

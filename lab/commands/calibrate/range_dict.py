@@ -1,8 +1,9 @@
 """The measured range of the joint positions, as ``result.json`` and ``fitted_poses.csv`` of a run hold it."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -12,10 +13,12 @@ from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.core.wording import be
 from lab.formats.csv_table import CsvTable, write_columns
+from lab.formats.structured import structured
 from lab.kinematics.joints import JointSpec
 
 __all__ = [
     "POSES_FILE",
+    "Extrapolation",
     "extrapolation_to_dict",
     "measured_range_from_dict",
     "measured_range_to_dict",
@@ -26,7 +29,23 @@ __all__ = [
 
 POSES_FILE = "fitted_poses.csv"
 _KEYS = ("lower", "upper", "edge")
-_GROWTH, _UNSURE = "growth_mrad", "unsure_mrad"
+
+
+@dataclass(frozen=True)
+class Extrapolation:
+    """What the model may lack where nothing was measured, as ``result.json`` holds it; its keys.
+
+    Attributes:
+        growth_mrad, unsure_mrad: None in a run that knows neither.
+    """
+
+    growth_mrad: float | None = None
+    unsure_mrad: float | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse a size below zero, with a LabError."""
+        if min(self.growth_mrad or 0.0, self.unsure_mrad or 0.0) < 0:
+            raise LabError("extrapolation: growth_mrad and unsure_mrad are to be numbers of zero or more")
 
 
 def measured_range_to_dict(measured: MeasuredRange | None, chain: JointSpec) -> dict[str, Any] | None:
@@ -58,8 +77,8 @@ def extrapolation_to_dict(
     lacks = process or measured.is_worse_beyond
     lone = None if validation is None else int((measured.uncovered(validation) & lacks).sum())
     return {
-        _GROWTH: 1e3 * measured.growth,
-        _UNSURE: 1e3 * measured.unsure,
+        "growth_mrad": 1e3 * measured.growth,
+        "unsure_mrad": 1e3 * measured.unsure,
         "workspace_beyond_share": workspace[0],
         "workspace_extrapolated_share": workspace[1],
         "validation_extrapolated": lone,
@@ -67,8 +86,8 @@ def extrapolation_to_dict(
 
 
 def measured_range_from_dict(
-    content: Mapping[str, Any] | None,
-    extrapolation: Mapping[str, Any] | None,
+    content: Mapping[str, Mapping[str, float]] | None,
+    extrapolation: Mapping[str, Any] | Extrapolation | None,
     chain: JointSpec,
     cover: PoseCover | None = None,
 ) -> MeasuredRange | None:
@@ -87,7 +106,8 @@ def measured_range_from_dict(
         for name, slides in zip(chain.joint_names, chain.prismatic, strict=True)
     ]
     lower, upper, edge, slope = np.array(rows).T
-    growth, unsure = (_size(extrapolation, key) / 1e3 for key in (_GROWTH, _UNSURE))
+    lacking = structured("extrapolation", Extrapolation, {} if extrapolation is None else extrapolation, extra=True)
+    growth, unsure = (size / 1e3 for size in (lacking.growth_mrad or 0.0, lacking.unsure_mrad or 0.0))
     turning = ~np.array(chain.prismatic, dtype=np.bool_)
     return MeasuredRange(lower, upper, turning, edge, slope, growth, unsure, cover)
 
@@ -136,24 +156,13 @@ def read_cover(folder: Path, chain: JointSpec) -> PoseCover | None:
     return PoseCover.of(np.stack(columns, axis=1), ~np.array(chain.prismatic, dtype=np.bool_))
 
 
-def _size(content: Mapping[str, Any] | None, key: str) -> float:
-    """A size of what may be lacking; zero where a run says none."""
-    value = None if content is None else content.get(key)
-    if value is None:
-        return 0.0
-    if isinstance(value, bool) or not isinstance(value, float | int) or not value >= 0:
-        raise LabError(f"extrapolation.{key}: {value!r} is to be a number of zero or more")
-    return float(value)
-
-
-def _row(joint: str, content: object, unit: str, factor: float) -> list[float]:
+def _row(joint: str, content: Mapping[str, float] | None, unit: str, factor: float) -> list[float]:
     """Lower and upper limit, width of the edges (rad or m) and slope of one joint."""
     names = [*(f"{key}_{unit}" for key in _KEYS), "slope_beyond"]
-    found = [content.get(name) if isinstance(content, Mapping) else None for name in names]
-    for name, value in zip(names, found, strict=True):
-        if isinstance(value, bool) or not isinstance(value, float | int):
-            raise LabError(f"measured_range.{joint}.{name}: {value!r} is to be a number")
-    lower, upper, edge, slope = (float(cast(float, value)) for value in found)
+    if missing := [name for name in names if name not in (content or {})]:
+        raise LabError(f"measured_range: '{joint}.{missing[0]}' is missing")
+    assert content is not None
+    lower, upper, edge, slope = (content[name] for name in names)
     if not (lower <= upper and edge >= 0 and slope >= 0):
         raise LabError(f"measured_range.{joint}: is no range with edges and a slope of zero or more")
     return [factor * lower, factor * upper, factor * edge, slope]

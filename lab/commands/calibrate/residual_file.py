@@ -1,6 +1,7 @@
 """The joints' offsets that no group explains: ``residual.csv`` of a run's folder, and sizes in ``result.json``."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -9,12 +10,32 @@ import numpy as np
 from lab.calibration.residual.kernels import COMPONENTS
 from lab.calibration.residual.process import GROUP, JointProcess
 from lab.core.errors import LabError
+from lab.core.ranges import NUMBER_SIZE
 from lab.formats.csv_table import CsvTable, write_columns
+from lab.formats.structured import structured
 from lab.kinematics.joints import JointSpec
 
-__all__ = ["RESIDUAL_FILE", "read_residual", "residual_columns", "residual_to_dict", "write_residual"]
+__all__ = ["RESIDUAL_FILE", "ResidualSizes", "read_residual", "residual_columns", "residual_to_dict", "write_residual"]
 
 RESIDUAL_FILE = "residual.csv"
+
+
+@dataclass(frozen=True)
+class ResidualSizes:
+    """Sizes of the process as ``result.json`` holds them; its keys."""
+
+    p: float
+    variances: Mapping[str, float]
+    upper_quartiles: Mapping[str, float]
+
+    def __post_init__(self) -> None:
+        """Refuse what lacks a component, or has a variance below zero, with a LabError."""
+        for name in ("variances", "upper_quartiles"):
+            sizes = getattr(self, name)
+            if missing := [each for each in COMPONENTS if each not in sizes]:
+                raise LabError(f"residual.{name}: '{missing[0]}' is missing")
+            if min(sizes.values()) < 0:
+                raise LabError(f"residual.{name}: a variance is not below zero")
 
 
 def residual_to_dict(process: JointProcess | None) -> dict[str, Any] | None:
@@ -48,7 +69,11 @@ def residual_columns(chain: JointSpec, conditions: Sequence[str], targets: Seque
 
 
 def read_residual(
-    folder: Path, content: Mapping[str, Any] | None, chain: JointSpec, conditions: Sequence[str], targets: Sequence[str]
+    folder: Path,
+    content: Mapping[str, Any] | ResidualSizes | None,
+    chain: JointSpec,
+    conditions: Sequence[str],
+    targets: Sequence[str],
 ) -> JointProcess:
     """The process of a run.
 
@@ -68,15 +93,16 @@ def read_residual(
         if tuple(table.header) != tuple(names):
             raise LabError(f"{RESIDUAL_FILE}: its columns are not {', '.join(names)}")
         rows = np.array([table.texts(name) for name in names], dtype=np.float64).T
-        sizes = [[float(content[key][name]) for name in COMPONENTS] for key in ("variances", "upper_quartiles")]
-        chance = float(content["p"])
-    except (LabError, ValueError, KeyError, TypeError) as error:
+        found = structured("residual", ResidualSizes, content, extra=True)
+    except (LabError, ValueError) as error:
         raise LabError(f"{folder}: {error}; run lab calibrate or lab identify again") from error
-    if not (np.isfinite(rows).all() and np.isfinite(sizes).all() and (np.array(sizes) >= 0).all()):
+    if not (np.abs(rows) <= NUMBER_SIZE.most).all():
         raise LabError(f"{path}: has numbers that cannot be; run lab calibrate or lab identify again")
     size, first = chain.size, chain.size + len(conditions)
     seen = rows[:, first : first + len(targets)] > 0
     turning = ~np.array(chain.prismatic, dtype=np.bool_)
-    likely, upper = map(np.array, sizes)
+    likely, upper = (
+        np.array([sizes[name] for name in COMPONENTS]) for sizes in (found.variances, found.upper_quartiles)
+    )
     inputs, weights = map(np.ascontiguousarray, (rows[:, :first], rows[:, -size:]))  # as in memory: sums round alike
-    return JointProcess(inputs, seen, likely, upper, weights, turning, chance)
+    return JointProcess(inputs, seen, likely, upper, weights, turning, found.p)

@@ -244,11 +244,11 @@ class CalibrationResult(Result):
     def write(self, folder: Path) -> None:
         """Write every file of the run into a folder that is there."""
         from lab.commands.calibrate.khalil_rows import khalil_rows
-        from lab.commands.run_folder import config, write_json
+        from lab.commands.run_folder import write_config, write_json
         from lab.formats.measurement_csv import write_measurements
 
         robot, options = self.robot, self.options
-        write_json(folder / "config.json", config(self.command, options, robot.sha256))
+        write_config(folder, self.command, options, robot.sha256)
         write_measurements(folder / "measurements.csv", self.measurements, robot.chain.prismatic)
         converted = khalil_rows(self.identification, self.nominal, self.exported)
         write_json(folder / "parameters.json", [*(row.to_dict() for row in self.parameters), *converted])

@@ -5,9 +5,22 @@ from dataclasses import dataclass
 from typing import Any
 
 from lab.calibration.verdict import gate_words
+from lab.commands.calibrate.noise import NoiseModel
+from lab.commands.calibrate.range_dict import Extrapolation
+from lab.commands.calibrate.residual_file import ResidualSizes
 from lab.core.errors import LabError
 
-__all__ = ["Findings"]
+__all__ = ["Findings", "NamedOutlier"]
+
+_STATISTICS = {"mean", "rms", "p95", "max", "count"}
+
+
+@dataclass(frozen=True)
+class NamedOutlier:
+    """A pose that the test of outliers names, and whether it was held out."""
+
+    id: str
+    held_out: bool = False
 
 
 @dataclass(frozen=True)
@@ -18,7 +31,7 @@ class Findings:
         freedom: residual degrees of freedom.
         after_mm, before_mm: errors after and before; None where nothing was there to validate on.
         judged_by: on what; None without validation.
-        outliers: poses that the test of outliers names, each a mapping with its ``id``.
+        outliers: poses that the test of outliers names.
         outliers_left_out: whether these were not fitted.
         cluster_robust: whether the parameters' covariance is that of whole poses' own residuals.
         noise_model: errors beside the instrument's (``noise_model_to_dict``); None where there are none.
@@ -40,14 +53,14 @@ class Findings:
     after_mm: Mapping[str, float] | None = None
     before_mm: Mapping[str, float] | None = None
     judged_by: str | None = None
-    outliers: tuple[Mapping[str, Any], ...] = ()
+    outliers: tuple[NamedOutlier, ...] = ()
     outliers_left_out: bool = False
     cluster_robust: bool = False
-    noise_model: Mapping[str, Any] | None = None
+    noise_model: NoiseModel | None = None
     noise_tail_freedom: float | None = None
-    measured_range: Mapping[str, Any] | None = None
-    extrapolation: Mapping[str, Any] | None = None
-    residual: Mapping[str, Any] | None = None
+    measured_range: Mapping[str, Mapping[str, float]] | None = None
+    extrapolation: Extrapolation | None = None
+    residual: ResidualSizes | None = None
     reasons: tuple[str, ...] = ()
     gate_mm: float | None = None
     schema: int = 0
@@ -68,7 +81,12 @@ class Findings:
         return {"verdict": self.verdict, "reasons": list(self.reasons), "gate_mm": self.gate_mm}
 
     def __post_init__(self) -> None:
-        """Refuse sizes below zero, with a LabError."""
+        """Refuse sizes below zero and lists of errors that lack one, with a LabError."""
+        for name in ("after_mm", "before_mm"):
+            if (sizes := getattr(self, name)) is not None and (missing := _STATISTICS - set(sizes)):
+                raise LabError(f"{name}: '{min(missing)}' is missing")
+            if min((sizes or {}).values(), default=0.0) < 0:
+                raise LabError(f"{name}: a size of errors is not below zero")
         for name in ("noise_mm", "residual_mm"):
             if (size := getattr(self, name)) is not None and not size >= 0:
                 raise LabError(f"{name} is {size:g}; a standard deviation is not below zero")

@@ -80,9 +80,9 @@ def _placement(calibrated: Calibrated, fitted: FittedRows) -> Placement:
 def _noise_source(calibrated: Calibrated) -> str:
     if not calibrated.result.noise_known:
         return "residuals of the fit"
-    if calibrated.options.get("noise_mm") is not None:
+    if calibrated.options.noise_mm is not None:
         return "noise given to the run"
-    return f"noise of {calibrated.options.get('instrument')}, given to the run"
+    return f"noise of {calibrated.options.instrument}, given to the run"
 
 
 def _model_source(calibrated: Calibrated, device: Instrument | None) -> str:

@@ -137,7 +137,7 @@ def _details(result: Certificate) -> tuple[Block, ...]:
         "Calibration": [
             ("robot model", result.calibrated.robot.name),
             ("measured", f"{result.poses} poses, targets {', '.join(result.calibrated.arm.targets)}"),
-            ("measured on", str(result.calibrated.options.get("date") or "not stated")),
+            ("measured on", str(result.calibrated.options.date or "not stated")),
             ("instrument", "not known" if result.device is None else result.device.name),
         ]
     }

@@ -1,8 +1,6 @@
 """The measurements that a run was fitted to, read back from its folder, and how they were weighed."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -11,8 +9,9 @@ from lab.calibration.observations.protocol import observation_of
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M
 from lab.calibration.validation import hold_out
 from lab.calibration.weights import Noise, root_mean_square_sigma, weighed
-from lab.campaign.instruments import named_instrument
 from lab.commands.calibrate.load_run import Calibrated
+from lab.commands.calibrate.options import MeasuredCampaign
+from lab.commands.calibrate.run_files import MEASUREMENTS_FILE
 from lab.core.errors import LabError
 from lab.core.instruments import Instrument
 from lab.core.measurements import Measurements
@@ -65,47 +64,41 @@ def fitted_rows(calibrated: Calibrated) -> FittedRows:
     Raises:
         LabError: the run observed something else than points, or its measurements cannot be read.
     """
-    options = calibrated.options
-    if (kind := options.get("observe", "points")) != "points":
+    if (kind := calibrated.options.observe) != "points":
         why = _UNCERTIFIED.get(kind, "its measurements are no positions, of which a certificate tells the uncertainty")
         raise LabError(f"{calibrated.folder}: identified with --observe {kind}: {why}")
-    rows, judged = _split(calibrated, options)
-    device = _instrument(options)
-    noise = _noise(calibrated, options, device)
+    rows, judged = _split(calibrated)
+    device = calibrated.instrument
+    noise = _noise(calibrated, device)
     observation = observation_of(calibrated.arm)
     observed, _ = weighed(observation, rows, noise)
     sigma = root_mean_square_sigma(observed, 0)
     return FittedRows(rows, judged, observed, sigma, None if noise.instrument is None else device)
 
 
-def _split(calibrated: Calibrated, options: Mapping[str, Any]) -> tuple[Measurements, Measurements | None]:
+def _split(calibrated: Calibrated) -> tuple[Measurements, Measurements | None]:
     chain, result = calibrated.robot.chain, calibrated.result
-    path = calibrated.folder / "measurements.csv"
+    path = calibrated.folder / MEASUREMENTS_FILE
     read = read_measurements(path, chain.joint_names, chain.prismatic)
     if unknown := [name for name in calibrated.arm.targets if name not in read.targets]:
         raise LabError(f"{path}: has no target {unknown[0]}, which the run identified; make the run again")
     read = read.take(np.flatnonzero(read.seen.any(axis=1)))
     rows, judged = read.only("calibrate"), read.only("test")
-    if (share := options.get("holdout")) is not None:
-        rows, judged = hold_out(calibrated.arm, rows, share, int(options.get("seed", 0)))
+    if isinstance(calibrated.options, MeasuredCampaign) and (share := calibrated.options.holdout) is not None:
+        rows, judged = hold_out(calibrated.arm, rows, share, calibrated.options.seed)
     if result.outliers_left_out:
-        rows = rows.without([str(each["id"]) for each in result.outliers if not each.get("held_out")])
+        rows = rows.without([each.id for each in result.outliers if not each.held_out])
     if not len(rows):
         raise LabError(f"{path}: has no row that was fitted; make the run again")
     return rows, judged if len(judged) else None
 
 
-def _instrument(options: Mapping[str, Any]) -> Instrument | None:
-    name = options.get("instrument")
-    return None if name in (None, "exact") else named_instrument(str(name))
-
-
-def _noise(calibrated: Calibrated, options: Mapping[str, Any], device: Instrument | None) -> Noise:
+def _noise(calibrated: Calibrated, device: Instrument | None) -> Noise:
     """As the run weighed its rows."""
     shared = calibrated.shared
-    if (given := options.get("noise_mm")) is not None:
-        return Noise(sigma_m=float(given) / 1e3, shared=shared)
+    if (given := calibrated.options.noise_mm) is not None:
+        return Noise(sigma_m=given / 1e3, shared=shared)
     if device is not None:
-        return Noise(device, readings=int(options.get("readings", 1)), shared=shared)
+        return Noise(device, readings=calibrated.readings, shared=shared)
     estimated = max((calibrated.result.noise_mm or 0.0) / 1e3, LEAST_SIGMA_M)
     return Noise(sigma_m=estimated, shared=None if shared is None else replace(shared, independent_share=1.0))

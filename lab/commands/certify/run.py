@@ -9,6 +9,7 @@ from threadpoolctl import threadpool_limits
 from lab.calibration.observations.protocol import observation_of
 from lab.calibration.statistics.replicates import repeats
 from lab.campaign.instruments import named_instrument
+from lab.campaign.options import VirtualCampaign
 from lab.certification.budget import MEASURANDS, Budget, InputQuantity, budget_of
 from lab.certification.characteristics import distance_errors, pose_characteristics
 from lab.certification.conformity import Conformity, conformity_of
@@ -57,7 +58,7 @@ def _certified(options: CertifyOptions, stage: Stage) -> Certificate:
     robot = _found(calibrated, fitted)
     propagation = _propagation(calibrated, fitted)
     chance = random_errors(calibrated, fitted, device, details.robot.repeatability_mm, robot.after)
-    source = str(options.instrument or calibrated.options.get("instrument") or "")
+    source = str(options.instrument or calibrated.options.instrument or "")
     quantities = _quantities(calibrated, device, Path(source).name, details, propagation, chance)
     budgets = []
     for i, each in enumerate(MEASURANDS):
@@ -78,13 +79,12 @@ def _certified(options: CertifyOptions, stage: Stage) -> Certificate:
 
 def _propagation(calibrated: Calibrated, fitted: FittedRows) -> Propagation:
     free = tuple(calibrated.arm.names.index(name) for name in calibrated.identified)
-    has_prior = bool(dict(calibrated.options.get("fitting") or {}).get("prior"))
     return Propagation.of(
         observation_of(calibrated.arm),
         fitted.observed,
         calibrated.values,
         free,
-        calibrated.covariance if has_prior else None,
+        calibrated.covariance if calibrated.options.fitting.prior else None,
     )
 
 
@@ -137,7 +137,7 @@ def _warnings(
 ) -> Iterator[str]:
     """What a reader should be told: of the run, and what the budget does not have."""
     yield from calibrated.warnings
-    if "file" not in calibrated.options:
+    if isinstance(calibrated.options, VirtualCampaign):
         yield "the robot is virtual: nothing was measured, and this certificate is an example"
     if device is None or not device.errors.stated:
         name = "the instrument is not known" if device is None else f"of {device.name} no systematic errors are stated"

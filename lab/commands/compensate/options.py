@@ -60,6 +60,10 @@ class CompensateOptions:
         if (self.targets is None) == (self.program is None):
             said = "both are given" if self.targets else "none is given"
             raise LabError(f"give targets as a CSV file, or --program FILE: {said}")
+        if self.program is not None:
+            from lab.commands.run_folder import refuse_own_name
+
+            refuse_own_name(f"--program {self.program}", self.program.name)
         if self.program is not None and self.orientation is not None:
             raise LabError("--orientation is for angles of a CSV file; a program's language says what its angles mean")
         given = {"--frames": self.frames, "--pulses-per-deg": self.pulses_per_deg, "--digits": self.digits is not None}

@@ -20,14 +20,13 @@ from lab.commands.compensate.near_singular import near_singular
 from lab.commands.compensate.options import CompensateOptions
 from lab.commands.compensate.program import CorrectedProgram
 from lab.commands.result import Result
-from lab.commands.run_folder import config, write_json
+from lab.commands.run_folder import write_config, write_json
 from lab.commands.stops import Stops, joint_columns
 from lab.compensation.compensator import Compensation
 from lab.core.se3 import Array
 from lab.formats.programs.registry import refusal
 from lab.formats.target_csv import Targets
 from lab.kinematics.inverse.newton import PoseTarget
-from lab.kinematics.parameter import TOLERANCE_M, TOLERANCE_RAD
 from lab.payload_identification.sag_uncertainty import sag_uncertainty
 
 if TYPE_CHECKING:
@@ -39,7 +38,6 @@ __all__ = ["CompensationResult", "extrapolated_targets", "verdict_of"]
 
 
 _BLOCK = 2_000  # targets whose derivatives are held at a time
-_USUAL_TOLERANCES = {"tolerance_mm": 1e3 * TOLERANCE_M, "tolerance_mrad": 1e3 * TOLERANCE_RAD}
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -83,7 +81,7 @@ class CompensationResult(Result):
     @property
     def warnings(self) -> tuple[str, ...]:
         """What a reader should be told."""
-        gate_mm, (mean_mm, _) = self.run.options.get("gate_mm"), self.mean_and_max_mm(self.predicted_m)
+        gate_mm, (mean_mm, _) = self.run.options.gate_mm, self.mean_and_max_mm(self.predicted_m)
         far: tuple[str, ...] = ()
         if gate_mm is not None and mean_mm is not None and mean_mm > gate_mm:
             far = (f"the expected error is {mean_mm:.3g} mm: these targets are far from where the arm was measured",)
@@ -158,8 +156,8 @@ class CompensationResult(Result):
     @cached_property
     def _tolerance_m(self) -> Array:
         """``(n,)`` how far the tolerances of the links let each target be missed (m, RMS)."""
-        given = self.run.options.get("fitting", {})
-        tolerance = Tolerance(*(given.get(key, usual) / 1e3 for key, usual in _USUAL_TOLERANCES.items()))
+        fitting = self.run.options.fitting
+        tolerance = Tolerance(fitting.tolerance_mm / 1e3, fitting.tolerance_mrad / 1e3)
         parts = [tolerance_rms(self.run.arm, jacobian, tolerance) for jacobian in self._sensitivities()]
         return np.concatenate(parts)
 
@@ -281,7 +279,7 @@ class CompensationResult(Result):
         """Write tables, programs, the calibrated arm, ``result.json``, ``recording.rrd`` and ``report.html``."""
         from lab.commands.compensate.files import write_files
 
-        write_json(folder / "config.json", config("compensate", self.options, self.run.robot.sha256))
+        write_config(folder, "compensate", self.options, self.run.robot.sha256)
         write_files(folder, self)
         write_json(folder / "result.json", self._values)
         if len(self.reached):

@@ -130,7 +130,7 @@ def _corrected(
         LabError: the arm has no such tool, or the targets lack a condition that its effects ask for.
     """
     source = str(options.source)
-    if not kind_named(observed := run.options.get("observe", "points")).in_instrument_frame:
+    if not kind_named(observed := run.options.observe).in_instrument_frame:
         raise LabError(
             f"{run.folder}: identified with --observe {observed}, so in which frame targets would be it does not say; "
             "identify from points or poses"

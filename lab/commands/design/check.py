@@ -99,9 +99,9 @@ class PlanCheckResult(Result):
 
     def write(self, folder: Path) -> None:
         """Write ``config.json``, ``result.json`` and ``report.html``."""
-        from lab.commands.run_folder import config, write_json
+        from lab.commands.run_folder import write_config, write_json
 
-        write_json(folder / "config.json", config("design", self.options, self.robot.sha256))
+        write_config(folder, "design", self.options, self.robot.sha256)
         write_json(folder / "result.json", self.to_dict())
         self.report(folder / "report.html")
 

@@ -241,11 +241,11 @@ class DesignResult(Result):
         identify`` reads.
         """
         from lab.commands.design.recording import record_plan
-        from lab.commands.run_folder import config, write_json
+        from lab.commands.run_folder import write_config, write_json
         from lab.formats.measurement_csv import write_measurements
 
         robot = self.problem.robot
-        write_json(folder / "config.json", config("design", self.options, robot.sha256))
+        write_config(folder, "design", self.options, robot.sha256)
         write_measurements(folder / "plan.csv", self.table, robot.chain.prismatic)
         arm = robot.arm(tuple(robot.tool))
         nominal, ids, done = arm.nominal(robot.tool), visit_ids(self.tour, self.pose_ids), 0

@@ -154,9 +154,9 @@ class DynamicsResult(Result):
 
     def write(self, folder: Path) -> None:
         """Write ``config.json``, ``result.json`` and ``report.html``; of measurements ``recording.rrd`` too."""
-        from lab.commands.run_folder import config, write_json
+        from lab.commands.run_folder import write_config, write_json
 
-        write_json(folder / "config.json", config("dynamics", self.options, self.robot.sha256))
+        write_config(folder, "dynamics", self.options, self.robot.sha256)
         write_json(folder / "result.json", self.to_dict())
         self.report(folder / "report.html")
         if self.day is not None:

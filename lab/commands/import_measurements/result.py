@@ -108,10 +108,10 @@ class ImportResult(Result):
 
     def write(self, folder: Path) -> None:
         """Write ``measurements.csv``, ``config.json``, ``result.json`` and ``report.html``."""
-        from lab.commands.run_folder import config, write_json
+        from lab.commands.run_folder import write_config, write_json
         from lab.formats.measurement_csv import write_measurements
 
         write_measurements(folder / "measurements.csv", self.measurements, self.robot.chain.prismatic)
-        write_json(folder / "config.json", config("import", self.options, self.robot.sha256))
+        write_config(folder, "import", self.options, self.robot.sha256)
         write_json(folder / "result.json", self.to_dict())
         self.report(folder / "report.html")

@@ -139,9 +139,9 @@ class KinematicsResult(Result):
     def write(self, folder: Path) -> None:
         """Write ``config.json``, ``result.json``, ``joints.csv``, ``report.html`` and ``recording.rrd``."""
         from lab.commands.kinematics.recording import record_kinematics
-        from lab.commands.run_folder import config, write_json
+        from lab.commands.run_folder import write_config, write_json
 
-        write_json(folder / "config.json", config("kinematics", self.options, self.robot.sha256))
+        write_config(folder, "kinematics", self.options, self.robot.sha256)
         write_json(folder / "result.json", self.to_dict())
         write_columns(folder / "joints.csv", self.columns())
         self.report(folder / "report.html")

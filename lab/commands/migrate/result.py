@@ -73,8 +73,8 @@ class MigrationResult(Result):
 
     def write(self, folder: Path) -> None:
         """Write ``config.json``, ``result.json`` and ``report.html``."""
-        from lab.commands.run_folder import config, write_json
+        from lab.commands.run_folder import write_config, write_json
 
-        write_json(folder / "config.json", config("migrate", self.options, ""))
+        write_config(folder, "migrate", self.options, "")
         write_json(folder / "result.json", self.to_dict())
         self.report(folder / "report.html")

@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from lab.calibration.identify import WEAK
+from lab.campaign.config_file import CONFIG_FILE, INPUTS, read_config
+from lab.commands.calibrate.run_files import CALIBRATIONS, read_run_files
 from lab.commands.integrity import is_older, refuse_edits
 from lab.commands.migrate.options import MigrateOptions
 from lab.commands.migrate.result import Migrated, MigrationResult
@@ -18,7 +20,6 @@ from lab.formats.structured import read_json
 __all__ = ["migrate"]
 
 _NO_RUN = "give the folder of a run of the lab"
-_CALIBRATIONS = ("calibrate", "identify")
 
 
 def migrate(options: MigrateOptions) -> MigrationResult:
@@ -50,24 +51,25 @@ def _runs(folder: Path) -> Iterator[Path]:
 
 def _migrated(folder: Path, date: str | None) -> tuple[str, ...]:
     """Migrate a run: what was done, in words; nothing where it is as today's runs are."""
-    config = _object(folder / "config.json")
-    options = config.get("options")
-    if "model_sha256" not in config or not isinstance(options, dict):
+    config, known = _object(folder / CONFIG_FILE), read_config(folder, _NO_RUN)
+    if "model_sha256" not in config:
         raise LabError(f"{folder}/config.json: is not what the lab writes; {_NO_RUN}")
+    if known.command in CALIBRATIONS:
+        read_run_files(folder)  # no checksums for what does not hold what a run holds
     files, done = dict[str, Any](), []
     if is_older(folder):
         done.append(f"schema {SCHEMA}")
-        files["config.json"] = {"schema": SCHEMA, **config, "inputs_sha256": config.get("inputs_sha256", {})}
-        if config.get("command") in _CALIBRATIONS:
+        files[CONFIG_FILE] = {"schema": SCHEMA, **config, "inputs_sha256": config.get("inputs_sha256", {})}
+        if known.command in CALIBRATIONS:
             files["result.json"] = _object(folder / "result.json") | {"schema": SCHEMA, "migrated": True}
             files["parameters.json"] = [_observability(row) for row in _rows(folder / "parameters.json")]
     if date is not None:
-        if options.get("date") not in (None, date):
-            raise LabError(f"{folder}: its date is {options['date']}; leave out --date {date}, or make the run again")
-        if config.get("command") not in _CALIBRATIONS:
+        if (there := known.options.get("date")) not in (None, date):
+            raise LabError(f"{folder}: its date is {there}; leave out --date {date}, or make the run again")
+        if known.command not in CALIBRATIONS:
             raise LabError(f"{folder}: is no run of lab calibrate or lab identify; only these have a date")
-        done += [] if options.get("date") == date else [f"date {date}"]
-        files["config.json"] = files.get("config.json", config) | {"options": {**options, "date": date}}
+        done += [] if there == date else [f"date {date}"]
+        files[CONFIG_FILE] = files.get(CONFIG_FILE, config) | {"options": {**known.options, "date": date}}
     if not (folder / CHECKSUMS).is_file():
         done.append("checksums")
     if done:
@@ -77,19 +79,23 @@ def _migrated(folder: Path, date: str | None) -> tuple[str, ...]:
 
 def _replace(folder: Path, files: Mapping[str, Any]) -> None:
     """Write the run again with other contents of some of its files."""
-    if strays := sorted(path.name for path in folder.iterdir() if path.is_symlink() or not path.is_file()):
+    if strays := sorted(path.name for path in folder.iterdir() if not _is_of_run(path)):
         raise LabError(f"{folder}: holds {strays[0]}, which is no file of a run; move it elsewhere")
     if Path.cwd().is_relative_to(folder.resolve()):
         raise LabError(f"{folder}: is the working folder, or holds it; go above it")
     try:
         with draft_of(resolved(folder), replacing=True) as draft:
             for path in folder.iterdir():  # copytree would tell of every file that there is no room for
-                shutil.copy2(path, draft / path.name)
+                (shutil.copytree if path.is_dir() else shutil.copy2)(path, draft / path.name)
             for name, content in files.items():
                 write_json(draft / name, content)
             (draft / CHECKSUMS).write_text(checksum_lines(draft), encoding="utf-8")
     except OSError as error:
         raise LabError(f"{folder}: cannot be written ({error.strerror or error}); nothing was changed") from error
+
+
+def _is_of_run(path: Path) -> bool:
+    return not path.is_symlink() and (path.is_dir() if path.name == INPUTS else path.is_file())
 
 
 def _observability(row: Mapping[str, Any]) -> dict[str, Any]:

@@ -13,8 +13,9 @@ from lab.commands.values import plain_numbers
 from lab.core.covariance import refuse_impossible_covariance
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
+from lab.core.ranges import LENGTH_M, PAYLOAD_KG
 from lab.core.se3 import Array
-from lab.formats.structured import read_json
+from lab.formats.structured import read_structured
 from lab.payload_identification.estimate import LoadEstimate
 
 __all__ = ["HandLoad", "carrying", "read_hand_load"]
@@ -65,6 +66,25 @@ class HandLoad:
         return replace(data, conditions={**data.conditions, "payload_kg": np.full(len(data), self.mass_kg)})
 
 
+@dataclass(frozen=True)
+class _SavedLoad:
+    """What ``load.json`` holds; its keys. None is what was not identified."""
+
+    mass_kg: float | None
+    com_m: tuple[float | None, ...]
+    covariance_of_mass_and_moment: tuple[tuple[float | None, ...], ...]
+
+    def __post_init__(self) -> None:
+        """Refuse arrays of another size and what is no mass or place of a payload, with a LabError."""
+        rows = self.covariance_of_mass_and_moment
+        if len(self.com_m) != 3 or [len(row) for row in rows] != [4] * 4:
+            raise LabError("com_m has 3 numbers, covariance_of_mass_and_moment 4 rows of 4")
+        if self.mass_kg is not None and abs(self.mass_kg) not in PAYLOAD_KG:
+            raise LabError(f"mass_kg is {self.mass_kg:g}; give {PAYLOAD_KG.shown}")
+        if any(each is not None and abs(each) not in LENGTH_M for each in self.com_m):
+            raise LabError("com_m is farther away than any payload hangs")
+
+
 def carrying(robot: Robot, folder: Path | None, *, accept_edited: bool = False) -> tuple[Robot, HandLoad | None]:
     """The robot with payloads where the load hangs that a run of ``lab payload`` found, and that load; None without."""
     if folder is None:
@@ -84,24 +104,14 @@ def read_hand_load(folder: Path, *, accept_edited: bool = False) -> HandLoad:
     """
     path = folder / LOAD_FILE
     try:
-        content = read_json(path, "give a run of lab payload")
-        numbers = [content[key] for key in ("mass_kg", "com_m", "covariance_of_mass_and_moment")]
-        mass, centre, covariance = (np.array(number, dtype=np.float64) for number in numbers)
+        found = read_structured(path, _SavedLoad, "give a run of lab payload")
     except LabError as error:
         raise LabError(f"--load {error}") from error
-    except (ValueError, KeyError, TypeError) as error:
-        raise LabError(
-            f"--load {folder}: {path.name} is not what lab payload writes ({error}); run that again"
-        ) from error
-    if (
-        mass.shape
-        or centre.shape != (3,)
-        or covariance.shape != (4, 4)
-        or not np.isfinite(centre).all()
-        or not mass > 0
-    ):
+    centre = np.array(found.com_m, dtype=np.float64)  # None is NaN
+    covariance = np.array(found.covariance_of_mass_and_moment, dtype=np.float64)
+    if found.mass_kg is None or not found.mass_kg > 0 or not np.isfinite(centre).all():
         raise LabError(f"--load {folder}: mass and centre of mass were not identified there; record more poses")
     if np.isfinite(covariance).all():
         refuse_impossible_covariance(f"--load {path}", covariance)
     said_of_edits(folder, (LOAD_FILE,), accept=accept_edited)
-    return HandLoad(float(mass), centre, covariance)
+    return HandLoad(found.mass_kg, centre, covariance)

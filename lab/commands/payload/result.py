@@ -136,9 +136,9 @@ class PayloadResult(Result):
 
     def write(self, folder: Path) -> None:
         """Write ``config.json``, ``result.json``, the payload for ``--load``, ``report.html`` and ``recording.rrd``."""
-        from lab.commands.run_folder import config, write_json
+        from lab.commands.run_folder import write_config, write_json
 
-        write_json(folder / "config.json", config("payload", self.options, self.robot.sha256))
+        write_config(folder, "payload", self.options, self.robot.sha256)
         write_json(folder / "result.json", self.to_dict())
         if np.isfinite(self._load.centre_m).all():
             self._load.write(folder)

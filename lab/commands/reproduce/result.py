@@ -129,10 +129,10 @@ class ReproductionResult(Result):
 
     def write(self, folder: Path) -> None:
         """Write ``config.json``, ``result.json``, ``values.csv``, ``report.html``, and of an exercise its CSV."""
-        from lab.commands.run_folder import config, write_json
+        from lab.commands.run_folder import write_config, write_json
         from lab.formats.csv_table import write_columns
 
-        write_json(folder / "config.json", config("reproduce", self.options, ""))
+        write_config(folder, "reproduce", self.options, "")
         write_json(folder / "result.json", self.to_dict())
         if self.options.exercise:
             write_exercise(folder / "exercise.csv", self.computed)

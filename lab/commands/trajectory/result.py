@@ -217,11 +217,11 @@ class TrajectoryResult(Result):
 
         Of an arm whose errors are known also ``corrected.csv``, and the program where the controller is known.
         """
-        from lab.commands.run_folder import config, write_json
+        from lab.commands.run_folder import write_config, write_json
         from lab.commands.trajectory.moves import path_moves
         from lab.commands.trajectory.recording import record_trajectory
 
-        write_json(folder / "config.json", config("trajectory", self.options, self.robot.sha256))
+        write_config(folder, "trajectory", self.options, self.robot.sha256)
         write_json(folder / "result.json", self.to_dict())
         write_columns(folder / "trajectory.csv", self.columns())
         if self.tracking is not None:

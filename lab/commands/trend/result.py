@@ -180,8 +180,8 @@ class TrendResult(Result):
 
     def write(self, folder: Path) -> None:
         """Write ``config.json``, ``result.json`` and ``report.html``."""
-        from lab.commands.run_folder import config, write_json
+        from lab.commands.run_folder import write_config, write_json
 
-        write_json(folder / "config.json", config("trend", self.options, self.runs[0].run.robot.sha256))
+        write_config(folder, "trend", self.options, self.runs[0].run.robot.sha256)
         write_json(folder / "result.json", self.to_dict())
         self.report(folder / "report.html")

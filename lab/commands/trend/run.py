@@ -6,8 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
+from lab.campaign.config_file import read_config
 from lab.commands.calibrate.estimates import SETUP, estimates_of, refuse_other_parameters
 from lab.commands.calibrate.load_run import Calibrated, read_calibrated
+from lab.commands.calibrate.run_files import CALIBRATIONS, MEASUREMENTS_FILE
 from lab.commands.trend.options import TrendOptions
 from lab.commands.trend.result import DatedRun, DetectableChange, TrendResult
 from lab.core.dates import day
@@ -15,13 +17,11 @@ from lab.core.errors import LabError
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.wording import counted
-from lab.formats.structured import read_json
 from lab.kinematics.gauge import STRUCTURE_POSES
 from lab.verification.change_points import Directions, Series
 
 __all__ = ["trend"]
 
-_CALIBRATIONS = ("calibrate", "identify")
 _WITHIN = 1e-6  # of a joint's effect that the identified parameters may lack
 
 
@@ -64,25 +64,24 @@ def _dated(options: TrendOptions, left_out: list[str]) -> Iterator[DatedRun]:
         raise LabError(f"{options.folder}: is no folder; give the one that holds the runs")
     seen: dict[str, str] = {}
     for folder in sorted(path for path in options.folder.iterdir() if (path / "config.json").is_file()):
-        config = read_json(folder / "config.json", "give a folder of runs")
-        command, given = (config.get(key) if isinstance(config, dict) else None for key in ("command", "options"))
-        if command not in _CALIBRATIONS or not isinstance(given, dict):
+        config = read_config(folder, "give a folder of runs")
+        if config.command not in CALIBRATIONS:
             left_out.append(f"{folder}: is no run of lab calibrate or lab identify, and is left out")
-        elif not isinstance(given.get("date"), str):
+        elif config.options.get("date") is None:
             left_out.append(f"{folder}: has no date, and is left out; lab migrate {folder} --date YYYY-MM-DD adds it")
         elif (twin := seen.setdefault(_content(folder), folder.name)) != folder.name:
             left_out.append(f"{folder}: has the measurements of {twin}, and is left out")
         else:
             run = read_calibrated(folder, accept_edited=options.accept_edited)
             if run.result.usable or options.force:
-                yield DatedRun(day(f"{folder}/config.json:", given["date"]), run)
+                yield DatedRun(day(f"{folder}/config.json:", str(run.options.date)), run)
             else:
                 left_out.append(f"{folder}: its verdict is '{run.result.verdict}', and it is left out without --force")
 
 
 def _content(folder: Path) -> str:
     """What the measurements of a run are known by."""
-    path = folder / "measurements.csv"
+    path = folder / MEASUREMENTS_FILE
     return sha256(path.read_bytes()).hexdigest() if path.is_file() else str(folder)
 
 

@@ -125,10 +125,10 @@ class VerificationResult(Result):
 
     def write(self, folder: Path) -> None:
         """Write ``config.json``, ``result.json``, ``recording.rrd`` and ``report.html``."""
-        from lab.commands.run_folder import config, write_json
+        from lab.commands.run_folder import write_config, write_json
         from lab.commands.verify.recording import record_verification
 
-        write_json(folder / "config.json", config("verify", self.options, self.calibrated.robot.sha256))
+        write_config(folder, "verify", self.options, self.calibrated.robot.sha256)
         write_json(folder / "result.json", self.to_dict())
         record_verification(folder / "recording.rrd", self)
         self.report(folder / "report.html")

@@ -157,7 +157,7 @@ def _counted(stage: Stage, words: str) -> Progress:
 
 
 def _refuse_unseen_base(calibrated: Calibrated, options: VerifyOptions) -> None:
-    observed = calibrated.options.get("observe", "points")
+    observed = calibrated.options.observe
     if kind_named(observed).in_instrument_frame:
         return
     if "base" not in options.refit:
@@ -292,11 +292,10 @@ def _noise(calibrated: Calibrated, options: VerifyOptions) -> Noise:
         return Noise(sigma_m=options.noise_mm / 1e3, shared=given)
     if options.instrument is not None:
         return Noise(observing(named_instrument(options.instrument), "points"), shared=given)
-    then = calibrated.options
-    if then.get("noise_mm") is not None:
-        return Noise(sigma_m=then["noise_mm"] / 1e3, shared=shared)
-    if then.get("instrument") not in (None, "exact"):
-        return Noise(named_instrument(then["instrument"]), readings=then.get("readings", 1), shared=shared)
+    if (known_mm := calibrated.options.noise_mm) is not None:
+        return Noise(sigma_m=known_mm / 1e3, shared=shared)
+    if calibrated.instrument is not None:
+        return Noise(calibrated.instrument, readings=calibrated.readings, shared=shared)
     return Noise(sigma_m=max((calibrated.result.noise_mm or 0.0) / 1e3, LEAST_SIGMA_M), shared=given)
 
 

@@ -80,11 +80,11 @@ class WorkspaceResult(Result):
         ``config.json``, ``result.json``, ``workspace.csv``, ``report.html``, ``recording.rrd``, and for each volume its
         boundary as ``<robot>.stl`` (m, in the base).
         """
-        from lab.commands.run_folder import config, write_json
+        from lab.commands.run_folder import write_config, write_json
         from lab.commands.workspace.recording import record_workspaces
         from lab.render.surfaces import mesh_of, write_stl
 
-        write_json(folder / "config.json", config("workspace", self.options, self.sha256))
+        write_config(folder, "workspace", self.options, self.sha256)
         write_json(folder / "result.json", self.to_dict())
         write_columns(folder / "workspace.csv", self.columns())
         self.report(folder / "report.html")
