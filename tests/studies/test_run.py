@@ -151,7 +151,8 @@ def test_a_client_that_is_killed(tmp_path: Path, expected: dict[str, bytes]) -> 
     until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in workers))
     there = len(list(folder.glob("campaigns/cell*")))
     assert 3 <= there < 8 and len(workers) >= 2
-    (folder / "campaigns" / ".cell0001.partial-1").write_bytes(b"half")
+    name = next(folder.glob("campaigns/cell*")).name
+    (folder / "campaigns" / f".{name}.partial-1").write_bytes(b"half")
     with ThreadPoolExecutor(2) as executor:
         done = toy(folder, executor, resume=True)
         assert done.computed == (8 - there) * 2000 and contents(folder) == expected
@@ -396,3 +397,39 @@ def test_an_interruption_is_told(tmp_path: Path) -> None:
     os.killpg(client.pid, signal.SIGINT)
     _, err = client.communicate(timeout=30)
     assert client.returncode == 130 and err == "lab: interrupted; --resume goes on with what is in study\n"
+
+
+def test_go_on_removes_only_what_the_study_left(tmp_path: Path) -> None:
+    folder = tmp_path / "study"
+    with ThreadPoolExecutor(1) as executor:
+        toy(folder, executor)
+        pieces = [next((folder / part).iterdir()).name for part in ("poses", "campaigns")]
+        left = [folder / part / f".{name}.partial-7" for part, name in zip(("poses", "campaigns"), pieces, strict=True)]
+        foreign = [folder / ".notes.partial-1", folder / "campaigns" / ".notes.partial-1", folder / "poses" / "notes"]
+        for path in (*left, *foreign):
+            path.write_bytes(b"x")
+        toy(folder, executor, resume=True)
+    assert not any(path.exists() for path in left) and all(path.exists() for path in foreign)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"options": None}, "None is no value of option 'options'"),
+        ({"options": []}, r"\[\] is no value of option 'options'"),
+        ({"versions": 3}, "3 is no value of option 'versions'"),
+        ({"model_sha256": None}, "None is no value of option 'model_sha256'"),
+        ({"model_sha256": "0"}, "other files of the robot"),
+    ],
+)
+def test_a_damaged_configuration_of_a_study_is_told(tmp_path: Path, change: dict[str, Any], says: str) -> None:
+    folder = tmp_path / "study"
+    with ThreadPoolExecutor(1) as executor:
+        toy(folder, executor)
+        path = folder / "config.json"
+        path.write_text(json.dumps(json.loads(path.read_text()) | change))
+        with pytest.raises(LabError, match=says):
+            toy(folder, executor, resume=True)
+    if "options" in change:
+        with pytest.raises(LabError, match=says):
+            read_store(folder)

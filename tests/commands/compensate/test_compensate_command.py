@@ -395,3 +395,11 @@ def test_places_say_no_frame(tmp_path, capsys, run: Path) -> None:
     path.write_text("x_mm,y_mm,z_mm\n1,2,3\n")
     assert main(["compensate", str(path), "--run", str(folder), "--out", str(tmp_path / "out")]) == 2
     assert "--observe socket, so in which frame targets would be it does not say" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["config.json", "Joints.csv", "SHA256SUMS", "inputs"])
+def test_a_program_never_replaces_a_file_of_the_run(name: str, tmp_path: Path, capfd) -> None:
+    (tmp_path / name).write_text("x")
+    assert main(["compensate", "--program", str(tmp_path / name), "--run", "gone", "--out", str(tmp_path / "out")]) == 2
+    assert f"a run writes a file {name} of its own, which this one would replace; rename it" in capfd.readouterr().err
+    assert not (tmp_path / "out").exists()
