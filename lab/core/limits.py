@@ -22,6 +22,7 @@ __all__ = [
     "DRAWN_POINTS",
     "DRAWS",
     "FIXTURES",
+    "FRAMES",
     "JOINTS",
     "LIMITS",
     "LINE",
@@ -115,6 +116,7 @@ COPIES = Limit("copies of a part in an MJCF", 10_000, "they are held in memory")
 NESTED_ELEMENTS = Limit("levels of elements in an MJCF or URDF", 500, "a body is inside the one that carries it")
 NAME = Limit("characters of a name", 100, "names are columns, titles and labels")
 JOINTS = Limit("joints of a robot", 40, "the work grows with their cube")
+FRAMES = Limit("frames, rods or pins of a mechanism", 100, "six legs have some twenty; the work grows with their cube")
 TARGETS = Limit("targets of a tool", 100, "the work grows with their square")
 POSES = Limit("poses", 100_000, "a robot measures some hundred in a day")
 STOPS = Limit("stops of a plan", 10_000, "every way between them is checked")

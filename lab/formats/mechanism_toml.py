@@ -10,6 +10,7 @@ from typing import Any, get_args
 import numpy as np
 
 from lab.core.errors import LabError
+from lab.core.limits import FRAMES, JOINTS
 from lab.core.ranges import LENGTH_M
 from lab.core.se3 import Array
 from lab.formats.description import DescriptionFormat
@@ -156,6 +157,7 @@ def _sections(path: Path, document: dict[str, Any], name: str, least: int = 1) -
     found = document.get(name, [])
     if not isinstance(found, list) or len(found) < least:
         raise LabError(f"{path}: no {name}s; give each {name} a [[{name}]] section")
+    (JOINTS if name == "joint" else FRAMES)(path, found)
     return found
 
 

@@ -125,7 +125,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "old" / "SHA256SUMS").unlink()
     (folder / "old" / "config.json").write_text(older((folder / "irb" / "config.json").read_text()))
     (folder / "weighed").mkdir()
-    (folder / "weighed" / "config.json").write_text("{}")
+    (folder / "weighed" / "config.json").write_text('{"options": {}}')
     return folder
 
 

@@ -199,7 +199,7 @@ class FileKind:
 def _of_a_run(path: Path) -> object:
     """The load of a run of ``lab payload`` whose other files are as they should be."""
     beside = path.with_name("config.json")
-    beside.write_text("{}")
+    beside.write_text('{"options": {}}')
     try:
         return read_hand_load(path.parent, accept_edited=True)
     finally:

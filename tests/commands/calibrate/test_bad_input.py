@@ -86,7 +86,7 @@ FITTING = [
     Case("config: missing", f"{CALIBRATE} --config gone.json", ("gone.json", "config.json")),
     Case("config: no file named", f"{CALIBRATE} --config", ("--config", "config.json")),
     configured("not JSON", "poses: 3", "not JSON"),
-    configured("a list", "[]", "has no options"),
+    configured("a list", "[]", "is to be a group of options"),
     configured("of another command", '{"command": "identify", "options": {}}', "lab identify"),
     configured("unknown option", '{"options": {"pose": 12}}', "'pose'", "poses"),
     configured("wrong kind", '{"options": {"poses": "many"}}', "'many'", "poses"),

@@ -88,7 +88,7 @@ def test_a_run_of_measurements_is_made_again_from_their_copy(day: Path, tmp_path
     with nothing_drawn():
         assert run("identify runs/first/measurements.csv --robot arm.toml --holdout 0.2 --out measured") == 0
         shutil.rmtree("runs")
-        assert run("identify --config measured/config.json measured/inputs/measurements.csv --out again") == 0
+        assert run("identify --config measured/config.json --out again") == 0
     assert Path("again/parameters.json").read_bytes() == Path("measured/parameters.json").read_bytes()
 
 

@@ -65,7 +65,7 @@ def test_a_motion_tells_all_ten_parameters(files: Path, tmp_path: Path, capsys) 
     assert_the_load(seen)
     assert np.shape(seen["inertia_kgm2"]["value"]) == (3, 3) and seen["unseen"] == []
     names = {path.name for path in (tmp_path / "run").iterdir()}
-    assert names == {"SHA256SUMS", "config.json", "result.json", "load.json", "report.html", "recording.rrd"}
+    assert names == {"SHA256SUMS", "config.json", "inputs", "result.json", "load.json", "report.html", "recording.rrd"}
     assert json.loads((tmp_path / "run" / "result.json").read_text()) == seen
 
 
@@ -200,7 +200,10 @@ def test_bad_input_is_one_line(arguments, fragments, files: Path, tmp_path: Path
     assert {path.name for path in tmp_path.iterdir()} == before
 
 
-@pytest.mark.parametrize(("content", "fragment"), [(None, "cannot be read"), ("{}", "not what lab payload writes")])
+@pytest.mark.parametrize(
+    ("content", "fragment"),
+    [(None, "cannot be read"), ("{}", "does not hold what the lab writes: 'mass_kg' is missing")],
+)
 def test_a_load_that_is_none_is_refused(content: str | None, fragment: str, tmp_path: Path, capsys) -> None:
     (tmp_path / "no").mkdir()
     if content is not None:
