@@ -55,8 +55,9 @@ def _files(path: Path) -> list[tuple[Path, Path]]:
     if path.is_dir():
         if not (path / CONFIG_FILE).is_file():
             return []
-        own = [each for each in sorted(path.rglob("*")) if each.suffix in _OF_RUN or each.name == CHECKSUMS]
-        return [(path, place), *((each, place / each.relative_to(path)) for each in own if each.is_file())]
+        own = [each for each in path.iterdir() if each.suffix in _OF_RUN or each.name == CHECKSUMS]
+        own = [each for each in sorted((*own, *(path / INPUTS).rglob("*"))) if each.is_file()]
+        return [(path, place), *((each, place / each.relative_to(path)) for each in own)]
     if not path.is_file() or is_own(path.resolve()):
         return []
     return [(path, place), *_named(path, place, {path.resolve()})]

@@ -158,6 +158,25 @@ def test_the_configuration_of_a_run_without_copies_takes_no_other_file(
 
 
 @pytest.mark.thorough
+def test_a_compensation_is_made_again_from_the_copy_of_its_run(
+    day: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Path("mesh.stl").write_bytes(trimesh.creation.box((0.1, 0.1, 0.1)).export(file_type="stl"))
+    mesh = '[[obstacle]]\nname = "b"\nshape = "mesh"\nunit = "m"\nfile = "mesh.stl"\nposition_mm = [9000, 0, 0]\n'
+    Path("cell.toml").write_text(mesh)
+    with nothing_drawn():
+        assert run("calibrate --robot arm.toml --cell cell.toml --poses 14 --out own") == 0
+        assert run("compensate runs/second/measurements.csv --run own --force --no-check --out corrected") in (0, 1)
+    moved = shutil.move("corrected", tmp_path / "archive")
+    shutil.rmtree(day)
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    with nothing_drawn():
+        assert run(f"compensate --config {moved}/config.json --out again") in (0, 1)
+    assert Path("again/joints.csv").read_bytes() == Path(moved, "joints.csv").read_bytes()
+
+
+@pytest.mark.thorough
 def test_what_inputs_name_in_their_turn_is_copied(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     day = tmp_path / "day"
     (day / "arm").mkdir(parents=True)
