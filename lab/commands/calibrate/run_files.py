@@ -42,6 +42,9 @@ class SavedParameter:
     nominal: float
     exported: float
     estimate: float
+    std: float | None = None
+    status: str | None = None
+    unit: str | None = None
 
     def __post_init__(self) -> None:
         """Refuse a size that no parameter has, with a LabError."""

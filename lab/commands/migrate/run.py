@@ -8,7 +8,7 @@ from typing import Any
 
 from lab.calibration.identify import WEAK
 from lab.campaign.config_file import CONFIG_FILE, INPUTS, read_config
-from lab.commands.calibrate.run_files import CALIBRATIONS, read_run_files
+from lab.commands.calibrate.run_files import CALIBRATIONS, SavedParameter, read_run_files
 from lab.commands.integrity import is_older, refuse_edits
 from lab.commands.migrate.options import MigrateOptions
 from lab.commands.migrate.result import Migrated, MigrationResult
@@ -54,15 +54,18 @@ def _migrated(folder: Path, date: str | None) -> tuple[str, ...]:
     config, known = _object(folder / CONFIG_FILE), read_config(folder, _NO_RUN)
     if "model_sha256" not in config:
         raise LabError(f"{folder}/config.json: is not what the lab writes; {_NO_RUN}")
-    if known.command in CALIBRATIONS:
-        read_run_files(folder)  # no checksums for what does not hold what a run holds
+    parameters = dict[str, SavedParameter]()
+    if known.command in CALIBRATIONS:  # no checksums for what does not hold what a run holds
+        parameters.update(read_run_files(folder).parameters)
     files, done = dict[str, Any](), []
     if is_older(folder):
         done.append(f"schema {SCHEMA}")
         files[CONFIG_FILE] = {"schema": SCHEMA, **config, "inputs_sha256": config.get("inputs_sha256", {})}
         if known.command in CALIBRATIONS:
             files["result.json"] = _object(folder / "result.json") | {"schema": SCHEMA, "migrated": True}
-            files["parameters.json"] = [_observability(row) for row in _rows(folder / "parameters.json")]
+            files["parameters.json"] = [
+                _observability(row, parameters[row["name"]]) for row in _rows(folder / "parameters.json")
+            ]
     if date is not None:
         if (there := known.options.get("date")) not in (None, date):
             raise LabError(f"{folder}: its date is {there}; leave out --date {date}, or make the run again")
@@ -98,11 +101,10 @@ def _is_of_run(path: Path) -> bool:
     return not path.is_symlink() and (path.is_dir() if path.name == INPUTS else path.is_file())
 
 
-def _observability(row: Mapping[str, Any]) -> dict[str, Any]:
+def _observability(row: Mapping[str, Any], parameter: SavedParameter) -> dict[str, Any]:
     """A row of ``parameters.json`` that says whether the parameter is weakly observable."""
-    std = row.get("std")
-    sure = std is not None and std <= WEAK
-    weak = row.get("status") == "identified" and row.get("unit") in ("m", "rad") and not sure
+    sure = parameter.std is not None and parameter.std <= WEAK
+    weak = parameter.status == "identified" and parameter.unit in ("m", "rad") and not sure
     return {**row, "weakly_observable": row.get("weakly_observable", weak)}
 
 

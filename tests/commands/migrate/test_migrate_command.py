@@ -99,3 +99,17 @@ def test_what_cannot_be_migrated_is_left_as_it_was(old: Path, seven_run: Path, t
     with pytest.raises(LabError, match="is the working folder"):
         migrate(MigrateOptions(Path()))
     assert "schema" not in read(old / "config.json")
+
+
+@pytest.mark.parametrize(
+    ("name", "key", "value"),
+    [("parameters.json", "std", {}), ("parameters.json", "exported", 1e300), ("result.json", "freedom", "many"),
+     ("result.json", "after_mm", {"mean": 1.0}), ("config.json", "options", None)],
+)  # fmt: skip
+def test_a_run_that_holds_something_else_gets_no_checksums(old: Path, name: str, key: str, value: object) -> None:
+    content = read(old / name)
+    (content[0] if isinstance(content, list) else content)[key] = value
+    write(old / name, content)
+    with pytest.raises(LabError, match=f"{name}: does not hold what the lab writes: .*{key}"):
+        migrate(MigrateOptions(old))
+    assert not (old / "SHA256SUMS").exists()
