@@ -42,6 +42,7 @@ from lab.core.limits import PROGRAM_BYTES
 from lab.core.load_samples import Mounting
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
+from lab.core.se3 import Array
 from lab.experiments.closed_loop import compensator_of
 from lab.experiments.script import Answer, paragraphs
 from lab.formats.cell_toml import read_cell
@@ -319,14 +320,16 @@ def compensation() -> dict[str, float]:
 
 def measuring() -> dict[str, float]:
     """Milliseconds of a payload from a run's torques, and of finding the pose of each of many points."""
-    robot, gravity = load_virtual("tx40").model, np.array([0.0, 0.0, -9.81])
+    robot, gravity = load_virtual("tx40").serial_model, np.array([0.0, 0.0, -9.81])
     path = random_path(Limits.of(robot.chain, torque=peak_torques(robot)), rng_for(7, "design"))
     load = RigidLoad(1.5, np.array([0.010, -0.005, 0.060]), np.diag([22.5e-4, 26e-4, 12.5e-4]))
     bench = LoadBench(robot, load, Mounting(gravity), RunErrors(1e-6, torque_noise=0.005))
     arm, records = SerialArm(robot.chain), bench.moving(path.at, 10.0, 1e3, rng_for(7, "noise"))
 
-    number, at, file = 20_000, 10.0 * np.arange(20_000), Path("clock")
-    lines, none, names = tuple(range(number)), np.full(number, np.nan), ("",) * number
+    number, file = 20_000, Path("clock")
+    at: Array = np.arange(0.0, 10.0 * number, 10.0)
+    none: Array = np.full(number, np.nan)
+    lines, names = tuple(range(number)), ("",) * number
     points = TrackerPoints(
         file, names, names, lines, np.ones((number, 3)), none, at + 1, "seconds", none, none, none, {}, (), (), ()
     )

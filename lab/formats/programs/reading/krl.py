@@ -8,6 +8,7 @@ that is nearest to the position before. A tool or a base that is set in a line i
 """
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -78,10 +79,10 @@ class _Reader(ProgramReader):
     def read(self) -> ProgramText:
         root = {name: np.eye(4) for name in ("$NULLFRAME", "$WORLD", "$ROBROOT")}
         self.frames = root | {name.upper(): T for name, T in self.outside.posed(MOVING_ZYX).items()}
-        for found in _STATEMENT.finditer(self.code):
+        for found in self._statements():
             if given := _GIVEN.match(found[0]):
                 self._declare(given, found.start())
-        for found in _STATEMENT.finditer(self.code):
+        for found in self._statements():
             if moved := _MOVE.match(found[0]):
                 self._move(moved[1].upper(), moved[2].strip(), found.start() + moved.start(2))
             elif bas := _BAS.match(found[0]):
@@ -89,6 +90,10 @@ class _Reader(ProgramReader):
             elif (given := _GIVEN.match(found[0])) and given[2].upper() in ("$TOOL", "$BASE"):
                 self._take(given[2][1:], given[3], found.start() + given.start(3))
         return self._targets()
+
+    def _statements(self) -> Iterator["re.Match[str]"]:
+        """The lines that hold more than blanks and comments."""
+        return (found for found in _STATEMENT.finditer(self.code) if not found[0].isspace())
 
     def _take(self, what: str, source: str, at: int = 0) -> None:
         """The tool or the base from here on."""
@@ -150,6 +155,7 @@ class _Reader(ProgramReader):
 
     def _reach(self, part: str, at: int, motion: Motion) -> None:
         """A move to what an argument says: a structure, or a name."""
+        self._count_move()
         line = line_of(self.text, at)
         structure = re.match(r"\{[^{}]*\}", part)
         name = re.match(r"[\w$.]+(?:\[\d+\])?", part)

@@ -172,6 +172,16 @@ class ProgramReader:
     frames: dict[str, Array] = field(default_factory=dict, init=False)
     computed: dict[str, int] = field(default_factory=dict, init=False)
     uncorrected: list[Uncorrected] = field(default_factory=list, init=False)
+    _reached: int = field(default=0, init=False)
+
+    def _count_move(self) -> None:
+        """Count a move when it is read, so that a program with too many is refused before the rest is read.
+
+        Raises:
+            LabError: the program has too many moves.
+        """
+        self._reached += 1
+        PROGRAM_MOVES("the program", self._reached)
 
     def _add(self, target: TargetText, made: Sequence[tuple[int, Motion]]) -> None:
         """Add a target, and the moves to it by their lines.

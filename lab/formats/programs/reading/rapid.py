@@ -137,6 +137,7 @@ class _Reader(ProgramReader):
 
     def _reach(self, at: int, head: str, frames: tuple[str, str], motion: Motion, begins: int) -> None:
         """A move to what an argument says."""
+        self._count_move()
         line = self._line(begins)
         if call := _CALL.match(head):
             inner = re.findall(r"\w+", head)[1:2]

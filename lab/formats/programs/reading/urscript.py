@@ -131,6 +131,7 @@ class _Reader(ProgramReader):
 
     def _reach(self, at: int, part: str, base: str, motion: Motion, begins: int) -> None:
         """A move to what an argument says."""
+        self._count_move()
         line = line_of(self.text, begins)
         if nested := _NESTED.match(part):
             inner = arguments(self.code, at + nested.end(), self._closing(at + nested.end()))
