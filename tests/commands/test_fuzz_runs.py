@@ -19,11 +19,10 @@ import pytest
 from helpers.bad_input import ARM_TOML, run
 from helpers.drawing import nothing_drawn
 from helpers.file_kinds import LOAD, STUDY, TRACKER
-from helpers.time_limit import within
+from helpers.time_limit import ends
 
 from lab.core.whole_folder import checksum_lines
 
-LONGEST_S = 30
 VALUES = (
     None, True, "x", "", 0, -1, 7, 0.5, 1e-300, 1e9, 1e300, -1e300, 10**30, float("nan"), float("inf"), [], {}, [1],
     [None], ["x"], {"a": 1}, [[1, 2], [3]], "../x", "2026-01-01", [1e300] * 3,
@@ -146,7 +145,7 @@ def wrong_with(name: str, seed: int, place: Path, capfd: pytest.CaptureFixture[s
     path = chance.choice([each for each in changed_files(name, folder) if each.exists()])
     path.write_text(edited(path, chance))
     try:
-        with nothing_drawn(), np.errstate(all="ignore"), within(LONGEST_S):
+        with nothing_drawn(), np.errstate(all="ignore"), ends():
             code = run(argv)
     finally:
         shutil.rmtree(folder)

@@ -123,9 +123,12 @@ def test_ids_sessions_and_uses_are_kept_with_their_rows(tmp_path) -> None:
     assert picked.ids == ("b",) and picked.sessions == ("s2",) and len(picked) == 1
 
 
-def test_real_files_are_understood() -> None:
+def test_a_real_file_of_three_targets_is_understood() -> None:
     three = read_measurements(data_file("irb120_liaowu_calib36.csv"), NAMES, SLIDES)
     assert three.targets == ("p1", "p2", "p3") and three.points.shape == (36, 3, 3) and not three.warnings
+
+
+def test_a_real_file_with_orientations_and_temperatures_is_understood() -> None:
     probe = read_measurements(data_file("ur10_ipa_D.csv"), NAMES, SLIDES)
     assert len(probe) == 632 and len(probe.warnings) == 1
     assert all(name in probe.warnings[0] for name in ("rx_deg", "ry_deg", "rz_deg"))
