@@ -11,7 +11,9 @@ import numpy as np
 
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.core.significance import UNSOLICITED_WARNING
 from lab.dynamics_identification.estimate import DynamicsEstimate
+from lab.dynamics_identification.physical import PhysicalFit
 from lab.dynamics_identification.runs import DynamicModel
 from lab.kinematics.dynamics.base_parameters import random_states
 from lab.payload_identification.plausibility import ArmSize, Implausibility, implausibilities
@@ -26,16 +28,20 @@ _SHOWS = 1e-6  # Nm or N: less gravity is none
 
 
 def implausible_dynamics(
-    found: DynamicsEstimate, model: DynamicModel, arm: ArmSize, nominal: Array | None
+    found: DynamicsEstimate, model: DynamicModel, arm: ArmSize, nominal: Array | None, nearest: PhysicalFit | None
 ) -> tuple[Implausibility, ...]:
     """What of an arm's parameters and of its load cannot be.
 
     Args:
         arm: what bounds the load.
         nominal: ``(b,)`` base parameters by the links' nominal masses; None where these are not known.
+        nearest: the nearest parameters that an arm can have; None where not every base parameter was identified.
     """
     with np.errstate(all="ignore"):  # what cannot be may overflow
-        said = [Implausibility(words) for words in (*_of_fit(found), *_of_weight(found, model, nominal))]
+        said = [
+            Implausibility(words)
+            for words in (*_of_fit(found), *_of_weight(found, model, nominal), *_of_bodies(nearest))
+        ]
         return (*said, *(() if found.load is None else implausibilities(found.load, arm)))
 
 
@@ -66,6 +72,16 @@ def _of_weight(found: DynamicsEstimate, model: DynamicModel, nominal: Array | No
     if 1 / _OTHER_UNIT < times / 1e3 < _OTHER_UNIT:
         cause = "are torques in Nmm?"
     yield f"gravity asks {times:.3g} times what it asks of the arm's nominal masses: {cause}"
+
+
+def _of_bodies(nearest: PhysicalFit | None) -> Iterator[str]:
+    """Parameters that are further from those of an arm than the noise carries them."""
+    if nearest is not None and nearest.p < UNSOLICITED_WARNING:
+        yield (
+            f"the parameters are {nearest.distance:,.4g} standard deviations from those of any arm, whose masses, "
+            f"inertias and friction are positive (p = {nearest.p:.2g}): are the signs, the order and the units of the "
+            "torques right, and does each drive turn its joint?"
+        )
 
 
 def _gravity(model: DynamicModel, values: Array) -> float:

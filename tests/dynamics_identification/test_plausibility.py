@@ -11,6 +11,7 @@ import lab
 from lab.campaign.robot import load_virtual
 from lab.core.load_samples import PayloadSamples
 from lab.dynamics_identification.identify import identify_dynamics
+from lab.dynamics_identification.physical import nearest_physical_arm
 from lab.dynamics_identification.plausibility import implausible_dynamics
 from lab.dynamics_identification.runs import DynamicModel
 from lab.formats.load_csv import write_loads
@@ -41,11 +42,13 @@ def model() -> DynamicModel:
     return DynamicModel(TX40.serial_model.chain, arm, base_parameters(arm, np.random.default_rng(0)))
 
 
-def doubts(samples: PayloadSamples, model: DynamicModel) -> list[str]:
-    nominal = model.base.projection @ model.arm.standard(link_inertias(TX40.serial_model), {})
+def doubts(samples: PayloadSamples, model: DynamicModel, *, bodies: bool = False) -> list[str]:
+    links = link_inertias(TX40.serial_model)
+    nominal, size = model.base.projection @ model.arm.standard(links, {}), ArmSize.of(TX40.chain, TX40.loads)
     with np.errstate(all="ignore"):  # as the command: numbers of a nonsensical file may overflow
         found = identify_dynamics(model, samples)
-    return [each.words for each in implausible_dynamics(found, model, ArmSize.of(TX40.chain, TX40.loads), nominal)]
+        nearest = nearest_physical_arm(model, found, links) if bodies else None
+        return [each.words for each in implausible_dynamics(found, model, size, nominal, nearest)]
 
 
 def noise(samples: PayloadSamples) -> PayloadSamples:
@@ -71,6 +74,15 @@ def test_dynamics_that_can_be_are_not_doubted(samples: PayloadSamples, model: Dy
 def test_a_mistake_is_named(mistake: str, samples: PayloadSamples, model: DynamicModel) -> None:
     change, says = MISTAKES[mistake]
     assert any(says in words for words in doubts(change(samples), model))
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("drive", [0, 1, 3])
+def test_a_drive_of_the_other_sign_is_no_arm(drive: int, samples: PayloadSamples, model: DynamicModel) -> None:
+    """Its motor would have a negative inertia; with the right signs nothing is said."""
+    assert doubts(samples, model, bodies=True) == []
+    turned = replace(samples, torques=samples.torques * np.where(np.arange(6) == drive, -1.0, 1.0))
+    assert any("standard deviations from those of any arm" in words for words in doubts(turned, model, bodies=True))
 
 
 @pytest.mark.thorough

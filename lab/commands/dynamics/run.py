@@ -139,7 +139,8 @@ def _measured(described: DynamicsResult, samples: PayloadSamples, other: Payload
     elif options.physical:
         raise LabError("--physical: not every base parameter is identified; move more joints, or leave it out")
     size = ArmSize.of(robot.serial_model.chain, robot.loads)
-    strange = implausible_dynamics(estimate, model, size, None if links is None else _nominal(model, links))
+    nominal = None if links is None else _nominal(model, links)
+    strange = implausible_dynamics(estimate, model, size, nominal, bodies)
     said = (*described.warnings, *samples.warnings, *_warnings(estimate, strange))
     return replace(described, samples=samples, estimate=estimate, physical=bodies, warnings=said, implausible=strange)
 
