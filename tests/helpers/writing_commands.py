@@ -130,6 +130,8 @@ def whole(place: Path) -> bool:
     if not place.exists():
         return False
     names = [line.split("  ", 1)[1] for line in (place / CHECKSUMS).read_text().splitlines()]
-    assert sorted(names) == sorted(path.name for path in place.iterdir() if path.name != CHECKSUMS)
+    assert sorted(names) == sorted(
+        path.relative_to(place).as_posix() for path in place.rglob("*") if path.is_file() and path != place / CHECKSUMS
+    )
     assert said_of_edits(place, names, accept=False) == ()
     return True

@@ -304,6 +304,7 @@ def test_the_command_says_good_or_what_has_moved(runs: Path, capsys) -> None:
     assert {path.name for path in (runs / "out").iterdir()} == {
         "SHA256SUMS",
         "config.json",
+        "inputs",
         "result.json",
         "recording.rrd",
         "report.html",

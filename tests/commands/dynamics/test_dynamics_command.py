@@ -94,7 +94,7 @@ def test_torques_give_the_arm_and_its_load(files: Path, tmp_path: Path, capsys: 
     assert seen["predictions"][0]["relative_error"] == pytest.approx(seen["relative_error"], rel=1e-6)
     assert seen["physical"]["distance_sigma"] < 6
     names = {path.name for path in (tmp_path / "run").iterdir()}
-    assert names == {"SHA256SUMS", "config.json", "result.json", "report.html", "recording.rrd"}
+    assert names == {"SHA256SUMS", "config.json", "inputs", "result.json", "report.html", "recording.rrd"}
     page = (tmp_path / "run" / "report.html").read_text()
     assert "by difference of the runs" in page and "relative σ" in page
 
