@@ -5,6 +5,7 @@ run (``-m slow``) kills as often as ``LAB_KILLS`` says.
 """
 
 import os
+import shutil
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -43,9 +44,7 @@ def killed(name: str, count: int, folder: Path) -> None:
         place = folder / "run"
         had = i % 2 == 0 and place.exists()
         if not had and place.exists():
-            for path in place.iterdir():
-                path.unlink()
-            place.rmdir()
+            shutil.rmtree(place)
         ended(forked(lambda: run(argv)), moment)
         whole(place)
         assert all(path.name in before or path.name.startswith(".run.") for path in folder.iterdir())
