@@ -16,6 +16,7 @@ __all__ = ["PairedRuns", "SharedFilter", "diagonal", "pair_runs", "refuse_apart"
 
 _MOST_APART = 0.01  # rad or m root mean square: the weight of an arm's own links changes by half a Nm over that
 _SAME_STEP = 0.01  # of a time step
+_ROUNDING = 1e-9  # of a root mean square of some thousand readings
 _PASSED = 1e-2  # of the power at rest: frequencies of which a filter has left less are not used
 
 
@@ -164,7 +165,7 @@ def same_step(band: Band, unloaded: PayloadSamples) -> None:
 def refuse_apart(arm: SerialArm, difference: Array, own: Dynamics | None) -> None:
     """A LabError where readings differ ``(n, J)`` between the runs by more than can pass without the own dynamics."""
     apart = np.sqrt((difference**2).mean(axis=0))
-    j = int(np.argmax(apart))
+    j = int(np.argmax(apart >= (1 - _ROUNDING) * apart.max()))  # the first of joints that are equally far apart
     if own is None and apart[j] > _MOST_APART:
         raise LabError(
             f"the loaded and the unloaded path are {arm.chain.shown(j, apart[j])} apart at joint "

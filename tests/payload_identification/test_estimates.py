@@ -458,7 +458,7 @@ def test_what_cannot_be_identified_is_refused_in_one_line():
         assert "\n" not in str(caught.value)
 
     apart = np.where(records.loaded[:, None], 0.02, 0.0)
-    refused("1.14592° apart at joint q", replace(records, joints=records.joints + apart))
+    refused("1.14592° apart at joint q1", replace(records, joints=records.joints + apart))
     refused("no torques", replace(records, torques=None, wrench=np.zeros((len(records), 6))))
     refused("no unloaded run", replace(records, loaded=np.ones(len(records), dtype=bool)))
     short = np.flatnonzero(np.tile(TIMES < 0.5, 2))
