@@ -1,4 +1,4 @@
-"""How the project is laid out: tests beside what they test, modules and functions of a size that one can read.
+"""How the project is laid out: tests beside what they test, modules that take of each other what is public.
 
 All of it is read from the sources, nothing is imported.
 """
@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 from helpers.robots import ROOT
 
-LONGEST_MODULE, LONGEST_FUNCTION = 400, 60  # lines
 MODULES = {".".join(path.relative_to(ROOT).with_suffix("").parts): path for path in sorted(ROOT.glob("lab/**/*.py"))}
 ROOMS = sorted(path.name for path in (ROOT / "lab").iterdir() if (path / "__init__.py").is_file())
 TESTS = sorted((ROOT / "tests").rglob("*.py"))
@@ -58,20 +57,6 @@ def test_every_module_is_imported_by_a_test_of_its_folder() -> None:
         own = {name for name in MODULES if name.startswith(f"lab.{room}.") and not name.endswith("__init__")}
         left += sorted(own - reached_in(room))
     assert left == []
-
-
-def test_no_module_and_no_function_is_too_long() -> None:
-    long = [
-        f"{path.relative_to(ROOT)}: {lines}"
-        for path in MODULES.values()
-        if (lines := len(path.read_text(encoding="utf-8").splitlines())) > LONGEST_MODULE
-    ]
-    for name, path in MODULES.items():
-        for node in ast.walk(tree_of(path)):
-            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and node.end_lineno is not None:
-                lines = node.end_lineno - node.lineno + 1
-                long += [f"{name}.{node.name}: {lines}"] if lines > LONGEST_FUNCTION else []
-    assert long == []
 
 
 def public_names(path: Path) -> list[str] | None:

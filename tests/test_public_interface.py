@@ -4,7 +4,7 @@ import doctest
 import inspect
 import subprocess
 import sys
-from dataclasses import fields, is_dataclass
+from dataclasses import fields
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -20,7 +20,6 @@ from lab.commands.registry import COMMANDS
 from lab.core.errors import LabError
 
 ROOT = Path(__file__).resolve().parents[1]
-MOST_NAMES = 200
 IMPORT_S, HELP_S = 0.05, 0.2  # above a bare interpreter's start
 RUNS = 3
 
@@ -64,23 +63,6 @@ def test_every_name_is_there_and_no_other() -> None:
         assert getattr(lab, name).__name__ == name and getattr(lab, name).__doc__
     with pytest.raises(AttributeError, match=r"there are .*calibrate"):
         _ = lab.calibrat
-
-
-def own_attributes(kind: type) -> set[str]:
-    """Public attributes of a type that no other exported type gives it."""
-    named = {name for name in vars(kind) if not name.startswith("_")}
-    if is_dataclass(kind):
-        named |= {field.name for field in fields(kind)}
-    exported = [getattr(lab, name) for name in lab.__all__]
-    inherited = [base for base in kind.__mro__[1:] if base in exported]
-    shared = {"options", "warnings"} if lab.Result in inherited else set()  # what every result has is counted there
-    return named - shared - {name for base in inherited for name in dir(base)}
-
-
-def test_there_are_fewer_than_200_public_names() -> None:
-    kinds = [getattr(lab, name) for name in lab.__all__ if isinstance(getattr(lab, name), type)]
-    count = len(lab.__all__) + sum(len(own_attributes(kind)) for kind in kinds) + len({"options", "warnings"})
-    assert count < MOST_NAMES, {kind.__name__: sorted(own_attributes(kind)) for kind in kinds}
 
 
 ABOUT_FOLDERS = {"certify", "migrate", "trend"}  # a program has results in memory, and lab.compare
