@@ -2,9 +2,11 @@
 
 It is good only where all three hold or do not matter. Lack of fit does not matter where a gate is given and the
 95 %/95 % tolerance bound of the validation errors lies below it; weak determination does not where the predicted 95 %
-error over the workspace does. What cannot be of this arm is bad, whatever the errors are.
+error over the workspace does. What cannot be of this arm is bad, whatever the errors are. It is never good where
+something changed during the campaign, or where errors at poses that were not fitted exceed their prediction.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -12,8 +14,10 @@ import numpy as np
 
 from lab.calibration.extrapolation import MeasuredRange
 from lab.calibration.identify import Identification
+from lab.calibration.noise.plausibility import NoiseFinding
 from lab.calibration.observations.protocol import observation_of
 from lab.calibration.pose_cover import MOST_UNCOVERED
+from lab.calibration.prediction_check import PredictionCheck
 from lab.calibration.prior import Tolerance
 from lab.calibration.statistics.goodness_of_fit import GoodnessOfFit
 from lab.calibration.statistics.tolerance_bound import upper_tolerance_bound
@@ -78,6 +82,7 @@ class Verdict:
         farthest: the link that is estimated farthest from its nominal value; None where none is identified.
         reasons: the heaviest first.
         gate_m: the largest mean error that was asked for; None where none was.
+        prediction: observed against predicted errors at the validation poses; None where they were not compared.
     """
 
     word: Word
@@ -88,6 +93,7 @@ class Verdict:
     farthest: Distance | None = None
     reasons: tuple[str, ...] = ()
     gate_m: float | None = None
+    prediction: PredictionCheck | None = None
 
     @property
     def reason(self) -> str:
@@ -108,6 +114,8 @@ def verdict(
     goodness: GoodnessOfFit | None = None,
     tolerance: Tolerance = Tolerance(),  # noqa: B008
     measured: MeasuredRange | None = None,
+    findings: Sequence[NoiseFinding] = (),
+    prediction: PredictionCheck | None = None,
 ) -> Verdict:
     """Judge a calibration.
 
@@ -118,6 +126,8 @@ def verdict(
         goodness: whether the model fits what was measured; None where nobody tested it.
         tolerance: of manufacture.
         measured: the range of the measured joint positions; None where nothing is known of what lies beyond.
+        findings: about the errors; with one that nothing supports, a calibration is doubtful at most.
+        prediction: observed against predicted errors at the validation poses; None where they were not compared.
     """
     lacking = goodness is not None and goodness.adequate is False
     judging = _Judging(
@@ -128,6 +138,8 @@ def verdict(
         tolerance,
         predict_over_workspace(identification, tolerance, lack_of_fit=lacking, measured=measured),
         distances_from_nominal(identification, tolerance),
+        tuple(each for each in findings if not each.supported),
+        prediction,
     )
     foreign = judging.foreign()
     accuracy, because = judging.accuracy()
@@ -147,7 +159,7 @@ def verdict(
     said = tuple(dict.fromkeys(each.words for each in reasons))
     farthest = judging.distances[0] if judging.distances else None
     word = words[0] if words else "good"
-    return Verdict(word, accuracy, fit, determination, judging.workspace, farthest, said, gate_m)
+    return Verdict(word, accuracy, fit, determination, judging.workspace, farthest, said, gate_m, prediction)
 
 
 def gate_words(gate_mm: float | None) -> str:
@@ -173,6 +185,8 @@ class _Judging:
     tolerance: Tolerance
     workspace: WorkspacePrediction
     distances: tuple[Distance, ...]
+    unsupported: tuple[NoiseFinding, ...]
+    prediction: PredictionCheck | None
 
     def foreign(self) -> list[Reason]:
         """Why the measurements cannot be of this arm, or do not identify it."""
@@ -233,7 +247,7 @@ class _Judging:
         if self.gate_m is not None and after > self.gate_m:
             said += f", {_mm(after * self._share_without_noise())} of it without the noise of the validation"
         reasons = self._above_gate(after) or self._no_gain(errors, before, after)
-        reasons += self._doubtful_validation()
+        reasons += self._doubtful_validation() + self._beyond_prediction()
         if any(each.word == "bad" for each in reasons):
             return Answer("bad", said), reasons
         return Answer("doubtful" if reasons else "holds", said), reasons
@@ -296,7 +310,31 @@ class _Judging:
             reasons.append(Reason(words, found.outlier_share / MOST_OUTLIERS))
         return reasons
 
+    def _beyond_prediction(self) -> list[Reason]:
+        """That errors at poses that were not fitted are larger than predicted: no gate makes that good."""
+        found = self.prediction
+        if found is None or not found.exceeded:
+            return []
+        words = (
+            f"95 % of the errors at poses that were not fitted are below {_mm(found.observed_p95_m)}, but "
+            f"{_mm(found.predicted_p95_m)} was predicted there ({_mm(found.allowed_p95_m)} with chance): the model or "
+            "the noise is not what was assumed"
+        )
+        return [Reason(words, found.observed_p95_m / max(found.allowed_p95_m, _FLOOR_M))]
+
     def fit(self) -> tuple[Answer, list[Reason]]:
+        """Are the residuals what the noise explains, and is that noise what instruments and arms have?"""
+        answer, reasons = self._goodness()
+        found = self.unsupported
+        if not found or self.identification.residual_sigma_m < _FLOOR_M:
+            return answer, reasons
+        events = [each for each in found if each.between is not None]
+        if not events and self._validated_below_gate():
+            return Answer("does not matter", found[0].words), []
+        first = [Reason(each.words, np.inf) for each in found]
+        return Answer("doubtful", first[0].words), [*first, *reasons]
+
+    def _goodness(self) -> tuple[Answer, list[Reason]]:
         """Are the residuals what the noise explains?"""
         found = self.goodness
         if found is None:

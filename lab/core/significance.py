@@ -5,10 +5,12 @@ Every level has the name of the decision that it belongs to, so that one is neve
 
 __all__ = [
     "CAMPAIGN_OUTLIERS",
+    "CHANGE_IN_TIME",
     "EXTRAPOLATION",
     "LACK_OF_FIT",
     "MODEL_GROUPS",
     "PAYLOAD_RESIDUALS",
+    "PREDICTION_EXCEEDED",
     "STUDY_COMPARISON",
     "TERM_SEARCH",
     "TREND_YEAR",
@@ -38,6 +40,12 @@ TERM_SEARCH = 0.005
 
 CAMPAIGN_OUTLIERS = 0.01
 """Whether any pose of a campaign is an outlier."""
+
+CHANGE_IN_TIME = 0.005
+"""Whether anything changed during a campaign: base, tool, a joint's zero, the size of the errors; of the whole scan."""
+
+PREDICTION_EXCEEDED = 0.01
+"""Whether errors at poses that were not fitted are larger than was predicted of them."""
 
 VARIANCE_COMPONENTS = 0.01
 """Whether errors beside the instrument's are shared: by a pose's joints, or from pose to pose."""

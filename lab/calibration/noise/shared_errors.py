@@ -16,6 +16,7 @@ from lab.calibration.noise.likelihood import Components, ErrorShapes
 from lab.calibration.statistics.joint_rounding import by_joint_positions, counting
 from lab.core.measurements import Measurements, seen_mask, setups
 from lab.core.se3 import Array
+from lab.core.wording import short_length
 from lab.kinematics.encoders import Encoders
 from lab.kinematics.model import Model
 
@@ -74,7 +75,7 @@ class Move:
     @property
     def words(self) -> str:
         """For a person."""
-        size = f"{1e6 * self.size_m:.2g} µm" if self.size_m < 1e-3 else f"{1e3 * self.size_m:.2g} mm"
+        size = short_length(self.size_m)
         return f"the base or the instrument moved by {size} between poses {self.before} and {self.after}"
 
 

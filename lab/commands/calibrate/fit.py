@@ -9,6 +9,7 @@ import numpy as np
 
 from lab.calibration.extrapolation import measured_range
 from lab.calibration.identify import Identification, IdentifyOptions, identify
+from lab.calibration.noise.plausibility import NoiseFinding, changes_in_time, shared_error_findings
 from lab.calibration.noise.search import NoiseSearch
 from lab.calibration.noise.shared_errors import SharedErrors
 from lab.calibration.observations.kind import ObservationKind
@@ -18,11 +19,12 @@ from lab.calibration.residual.estimation import with_residual
 from lab.calibration.residual.process import GROUP
 from lab.calibration.stations import named_stations
 from lab.calibration.statistics.candidate_models import SelectionTask
-from lab.calibration.statistics.goodness_of_fit import NOT_TESTED
+from lab.calibration.statistics.goodness_of_fit import NOT_TESTED, GoodnessOfFit
 from lab.calibration.statistics.joint_lag import moves_before
 from lab.calibration.statistics.linearized import NoiseDistribution
 from lab.calibration.statistics.model_selection import Selection, follow, select
 from lab.calibration.statistics.outliers import Outliers
+from lab.calibration.statistics.replicates import repeats
 from lab.calibration.weights import Noise, weighed
 from lab.campaign.option_groups import Fitting
 from lab.campaign.robot import Robot
@@ -51,7 +53,7 @@ from lab.core.se3 import Array
 from lab.kinematics.effects.arm import Arm
 from lab.kinematics.effects.conditions import CHANGING_WITH_TIME
 from lab.kinematics.effects.effect import ArmFacts, SessionInfo
-from lab.kinematics.effects.registry import CANDIDATES, expected_terms, searched_terms
+from lab.kinematics.effects.registry import CANDIDATES, expected_terms, said_of_term, searched_terms
 from lab.kinematics.encoders import Encoders
 from lab.kinematics.model import Model
 from lab.kinematics.serial.arm import SerialArm
@@ -60,6 +62,7 @@ __all__ = ["Fitter"]
 
 _CLEANINGS = 5  # of the poses and what they are validated on
 _BALANCINGS = 3  # of the weights of poses and the choice of groups by each other
+_MOST_NAMED = 3  # effects in a sentence
 _MOST_CHOSEN_BY = 8_000  # poses by which groups are chosen: 1 GB
 
 
@@ -281,8 +284,62 @@ class Fitter:
             search, tail = replace(search, shared=None), float("inf")  # the process has its own
             warnings += of_residual(trusted)
         warnings += of_export(self.robot, trusted, (*groups, *[GROUP] * self.options.residual), observations.inputs)
+        findings = () if self.options.residual else self._findings(found, clean, search.shared, judged, selection)
         said = tuple(warnings)
-        return FitReport(trusted, clean, groups, unshown, off, robust, judged, selection, said, search, tail, measured)
+        return FitReport(
+            trusted, clean, groups, unshown, off, robust, judged, selection, said, search, tail, measured, findings
+        )
+
+    def _findings(
+        self,
+        found: Identification,
+        rows: Measurements,
+        shared: SharedErrors | None,
+        adequacy: GoodnessOfFit,
+        selection: Selection | None,
+    ) -> tuple[NoiseFinding, ...]:
+        """Findings about the errors of an identification from these rows."""
+        observation = observation_of(found.model)
+        if not only_positions(observation) or found.status != "converged":
+            return ()
+        findings = shared_error_findings(found, rows, shared, adequacy, repeats(rows))
+        beside = None if self.options.parametric == "auto" else self._with_missing_effects(rows, selection)
+        if not any(each.kind in ("step", "drift", "correlated") for each in findings):
+            fullest = found if beside is None else beside.identification  # what an effect explains did not change
+            observed, _ = weighed(observation_of(fullest.model), rows, self._independent_noise)
+            findings += changes_in_time(fullest, observed, rows)
+        missing = [] if beside is None else [_missing(beside)]
+        return (
+            *(each for each in findings if each.between),
+            *missing,
+            *(each for each in findings if not each.between),
+        )
+
+    @property
+    def _independent_noise(self) -> Noise:
+        """The noise without shared errors that were estimated from residuals."""
+        shared = self.noise.shared
+        return self.noise if shared is None or shared.is_known else replace(self.noise, shared=None)
+
+    def _with_missing_effects(self, rows: Measurements, selection: Selection | None) -> Selection | None:
+        """The effects that ``auto`` would add to the model, the test of lack of fit of every model; None if none."""
+        groups, held = (selection.chosen, selection.held) if selection else ((), ())
+        facts = ArmFacts(self.robot.chain, self.robot.loads, self.course)
+        try:
+            beside = select(
+                lambda more: self.model_with((*groups, *more)),
+                thinned(rows, _MOST_CHOSEN_BY),
+                self.nominal,
+                self._independent_noise,
+                self.modelled(groups, held)[1],
+                candidates=[name for name in CANDIDATES if name not in groups],
+                terms=searched_terms(facts),
+                expected=expected_terms(facts),
+                seed=self.seed,
+            )
+        except LabError:  # too few rows to add anything
+            return None
+        return beside if beside.chosen else None
 
     def predicting(self, rows: Measurements, groups: Sequence[str], held: Sequence[str]) -> Identification:
         """One identification, outliers left out if asked for, with what no group explains where that is asked for."""
@@ -393,6 +450,23 @@ class _OneModel:
     def outliers(self, found: Identification, rows: Measurements, shared: SharedErrors | None) -> Outliers:
         """The poses that are off."""
         return self.fitter.knowing(shared).outliers_of(found, rows)
+
+
+def _missing(beside: Selection) -> NoiseFinding:
+    """The finding of effects that a model lacks.
+
+    Args:
+        beside: the selection that found them.
+    """
+    before, after = beside.groups[0].holdout_m, beside.groups[len(beside.chosen)].holdout_m
+    names = [said_of_term(name) or name for name in beside.chosen[:_MOST_NAMED]]
+    more = len(beside.chosen) - _MOST_NAMED
+    named = ", ".join(names) + (f" and {more} more" if more > 0 else "")
+    words = (
+        f"lack of fit: {named} would explain errors that are called noise (mean error of held-out poses "
+        f"{1e3 * before:.3g} mm without, {1e3 * after:.3g} mm with): fit with --model auto"
+    )
+    return NoiseFinding("missing", float(np.sqrt(max(before**2 - after**2, 0.0))), False, words)
 
 
 def _kinds(shared: SharedErrors | None) -> tuple[bool, ...]:

@@ -5,6 +5,7 @@ from functools import cached_property
 
 from lab.calibration.extrapolation import MeasuredRange
 from lab.calibration.identify import Identification
+from lab.calibration.noise.plausibility import NoiseFinding
 from lab.calibration.noise.rigid_distances import InstrumentNoise, instrument_noise
 from lab.calibration.noise.search import NoiseSearch
 from lab.calibration.noise.shared_errors import row_times
@@ -57,6 +58,7 @@ class FitReport:
         tail_dof: degrees of freedom of Student's t that the noise's tails are like; infinite where Gaussian's will do.
         measured: the joint positions of ``rows``, and what the model may lack beyond them; None where no points were
             observed.
+        findings: about the errors, beyond independent noise: steps, drift, scatter, effects that the model lacks.
     """
 
     identification: Identification
@@ -71,6 +73,7 @@ class FitReport:
     noise: NoiseSearch
     tail_dof: float
     measured: MeasuredRange | None = None
+    findings: tuple[NoiseFinding, ...] = ()
 
     @property
     def process(self) -> JointProcess | None:

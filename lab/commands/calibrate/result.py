@@ -187,6 +187,8 @@ class CalibrationResult(Result):
             "cluster_robust": identification.dof_each is not None and self.fit.noise.shared is None,
             "noise_tail_freedom": number(self.fit.tail_dof),
             "noise_model": noise_model_to_dict(self.fit.noise.shared, self.fit.noise.component_errors),
+            "noise_findings": [each.to_dict() for each in self.fit.findings],
+            "prediction_at_validation": None if (check := self.verdict.prediction) is None else check.to_dict(),
             "instrument_noise": _instrument_to_dict(self.fit.instrument),
             "residual_mm": number(1e3 * identification.residual_sigma_m),
             "freedom": identification.dof,

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from lab.calibration.prediction_check import check_prediction
 from lab.calibration.validation import (
     TruthComparison,
     Validation,
@@ -352,6 +353,8 @@ def _outcome(
     robot, data, identification = fitter.robot, fitter.data, fit.identification
     noisy = noise_in_another_unit(options.noise_mm, fit.rows, identification)
     gate_m = None if options.gate_mm is None else options.gate_mm / 1e3
+    noise = replace(fitter.noise, shared=fit.noise.shared)
+    prediction = check_prediction(identification, validation, noise, fit.measured, seed=options.seed)
     word = verdict(
         identification,
         validation,
@@ -359,6 +362,8 @@ def _outcome(
         goodness=fit.adequacy,
         tolerance=fitter.tolerance,
         measured=fit.measured,
+        findings=fit.findings,
+        prediction=prediction,
     )
     warnings = of_joint_signs(fitter, fit.rows) if real is None and word.word == "bad" else []
     warnings += [*robot.warnings, *identification.warnings, *fit.warnings, *validation.warnings]

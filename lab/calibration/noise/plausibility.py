@@ -1,0 +1,296 @@
+"""Findings about the errors of a campaign: are they what an instrument and a robot can have?
+
+A noise model explains any residuals: a tracker that was moved becomes a step, a joint whose zero was shifted becomes
+scatter. So what it explains is a finding. A finding is supported where something else than the residuals shows it:
+poses that were measured again, or an instrument whose stated noise is as large. A verdict cannot be good with a finding
+that nothing supports, nor with errors larger than common instruments and industrial arms have.
+
+Beside the shared errors that ``noise.search`` estimates, the residuals are scanned for what changed during the campaign
+(the base's place and direction, a tool point, a joint's zero, the size of the errors), for every row at which it may
+have changed.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.calibration.gauss_newton import Observations
+from lab.calibration.identify import Identification
+from lab.calibration.noise.change_points import likeliest_change, session_of
+from lab.calibration.noise.shared_errors import SharedErrors, row_times
+from lab.calibration.statistics.goodness_of_fit import GoodnessOfFit
+from lab.calibration.statistics.joint_rounding import by_joint_positions
+from lab.calibration.statistics.linearized import LinearizedFit, linearized
+from lab.core.measurements import Measurements, evenly
+from lab.core.probabilities import f_sf
+from lab.core.se3 import Array
+from lab.core.significance import CHANGE_IN_TIME
+from lab.core.wording import short_length
+from lab.kinematics.parameter import targets_of
+
+__all__ = [
+    "COMMON_DRIFT_M",
+    "COMMON_NOISE_M",
+    "COMMON_SCATTER_M",
+    "NoiseFinding",
+    "changes_in_time",
+    "shared_error_findings",
+]
+
+COMMON_NOISE_M = 0.15e-3
+"""Largest white noise (1σ per axis) of instruments in common use: photogrammetry and optical systems of a cell."""
+COMMON_SCATTER_M = 0.1e-3
+"""Largest scatter (RMS at the tool) of where an industrial arm stops: ISO 9283 repeatabilities are 0.01 to 0.1 mm."""
+COMMON_DRIFT_M = 0.1e-3
+"""Largest drift or wandering (1σ per axis) of a set-up that was left alone."""
+
+MIN_ROWS_EACH_SIDE = 8  # of a change in the size of errors
+MAX_SCANNED_POSES = 2_000
+MIN_VARIANCE_RATIO = 1.5  # of a change in the size of errors: a smaller one harms nothing
+TIME_SPAN_OF_REPEATS = 0.5  # of the campaign, between visits of one pose that show what changes with time
+FLOOR_M = 1e-7  # residuals below are rounding
+
+FindingKind = Literal["step", "drift", "correlated", "scatter", "noise", "change", "missing"]
+
+
+@dataclass(frozen=True)
+class NoiseFinding:
+    """A statement about the errors of a campaign that is not the instrument's independent noise.
+
+    Attributes:
+        kind: ``step`` of base or instrument, ``drift``, ``correlated`` in time, ``scatter`` of joints, ``noise`` larger
+            than common instruments', ``change`` during the campaign of anything else, ``missing`` effects of the arm.
+        size_m: how large it is at the measured points (m).
+        supported: whether repeated poses or the stated instrument show it, and its size is common.
+        words: a clause with the poses and the size.
+        between: ids of the rows between which it happened; None where it is not an event.
+    """
+
+    kind: FindingKind
+    size_m: float
+    supported: bool
+    words: str
+    between: tuple[str, str] | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """An entry of ``noise_findings`` in ``result.json``."""
+        return {
+            "kind": self.kind,
+            "size_mm": 1e3 * self.size_m,
+            "supported": self.supported,
+            "between": None if self.between is None else list(self.between),
+            "words": self.words,
+        }
+
+
+def shared_error_findings(
+    found: Identification,
+    rows: Measurements,
+    shared: SharedErrors | None,
+    adequacy: GoodnessOfFit,
+    labels: NDArray[np.int_],
+) -> list[NoiseFinding]:
+    """Findings from estimated shared errors and from the estimated size of the noise.
+
+    Args:
+        rows: that were fitted.
+        shared: errors beside the instrument's that were estimated from the residuals; None where none were.
+        adequacy: of the fit, by the best test that there was.
+        labels: ``(n,)`` one a configuration; rows that share one are repeats.
+    """
+    if found.residual_sigma_m < FLOOR_M:
+        return []
+    repeated = adequacy.by == "repeats" and adequacy.adequate is True
+    revisited = repeated and _revisited(rows, labels)
+    # errors that the stated noise of an instrument explains as well are that instrument's
+    stated = found.sigma_known and adequacy.adequate is not False
+    findings = []
+    if shared is not None:
+        for move in shared.moves:
+            words = f"{move.words}: measure again in one set-up, or give the rows after it a session of their own"
+            findings.append(NoiseFinding("step", move.size_m, False, words, (move.before, move.after)))
+        if shared.drift_m:
+            fine = revisited and shared.drift_m < COMMON_DRIFT_M
+            whole_m = 2 * float(np.sqrt(3)) * shared.drift_m  # from its beginning to its end, of all three axes
+            words = f"the base or the instrument drifts by {short_length(whole_m)} over the campaign"
+            findings.append(_finding("drift", whole_m, fine, words))
+        if shared.wandering_m:
+            fine = (revisited or stated) and shared.wandering_m < COMMON_DRIFT_M
+            words = (
+                f"errors are correlated in time: {short_length(shared.wandering_m)} (1σ per axis), "
+                f"{shared.carry:.2g} from one pose to the next"
+            )
+            findings.append(_finding("correlated", shared.wandering_m, fine, words))
+        if shared.scatter_rad:
+            slopes = by_joint_positions(
+                found.model, rows.inputs(found.model.conditions), found.values, rows.joints.shape[1]
+            )
+            made = shared.scatter_rad * float(np.sqrt(np.nanmean((slopes**2).sum(axis=(2, 3)))))
+            fine = (repeated or stated) and made < COMMON_SCATTER_M
+            scatter_mrad = 1e3 * shared.scatter_rad
+            words = f"joints scatter by {scatter_mrad:.2g} mrad from pose to pose ({short_length(made)} at the tool)"
+            findings.append(_finding("scatter", made, fine, words))
+    sigma = found.sigma_m if shared is None else shared.independent_m
+    if not found.sigma_known and sigma > COMMON_NOISE_M and not repeated:
+        words = (
+            f"the noise is estimated at {short_length(sigma)} per axis, and common instruments have below "
+            f"{short_length(COMMON_NOISE_M)}: state the instrument (--instrument or --noise-mm), or find what adds to "
+            "its errors"
+        )
+        findings.append(NoiseFinding("noise", sigma, False, words))
+    return findings
+
+
+def changes_in_time(found: Identification, observed: Observations, rows: Measurements) -> list[NoiseFinding]:
+    """The likeliest change during the campaign, where one is significant: at most one finding.
+
+    F tests of whitened rows for each row at which it may have happened: the base's place and direction at once, each
+    tool point, each joint's zero; and the mean square of the errors before and after. The level is that of the whole
+    scan (Bonferroni).
+
+    Args:
+        observed: the fitted rows, weighted as they were, without estimated shared errors.
+        rows: the same rows.
+    """
+    times = row_times(rows)
+    if (some := evenly(len(rows), MAX_SCANNED_POSES)) is not None:
+        observed, rows, times = observed.take(some), rows.take(some), times[some]
+    linear = linearized(found.model, observed, found.values, found.fit.free, found.extra_residuals)
+    white = np.concatenate([linear.jacobian, linear.residual[..., None]], axis=2)[: linear.poses]
+    order = np.argsort(times, kind="stable")
+    tried, best = 1, None
+    for what, columns in _changing(found, linear, observed, rows).items():
+        scan = likeliest_change(white, columns, times)
+        if scan is None:
+            continue
+        tried += 1
+        if best is None or scan.p < best[1].p:
+            best = what, scan, columns
+    size = _change_of_size(linear, times)
+    findings = []
+    if best is not None and tried * best[1].p < CHANGE_IN_TIME:
+        what, scan, columns = best
+        before, after = _neighbours(times, order, rows, scan.change.time)
+        moved_m = _size_of(found, linear, observed, white, columns, times, scan.change.time)
+        words = (
+            f"{what} changed by {short_length(moved_m)} between poses {before} and {after}: look what happened there"
+        )
+        findings.append(NoiseFinding("change", moved_m, False, words, (before, after)))
+    elif size is not None and tried * size.p < CHANGE_IN_TIME:
+        before, after = _neighbours(times, order, rows, size.time)
+        words = (
+            f"errors are {size.ratio:.2g} times as large {size.side} pose {after if size.side == 'from' else before} "
+            f"as {'before' if size.side == 'from' else 'after'}: measure all poses in one way"
+        )
+        findings.append(NoiseFinding("change", size.ratio * found.residual_sigma_m, False, words, (before, after)))
+    return findings
+
+
+def _finding(kind: FindingKind, size_m: float, supported: bool, words: str) -> NoiseFinding:
+    if not supported:
+        words += "; no repeated poses and no stated instrument support it"
+    return NoiseFinding(kind, size_m, supported, words)
+
+
+def _revisited(rows: Measurements, labels: NDArray[np.int_]) -> bool:
+    """Whether some pose was measured again after half of the campaign, so that its repeats show what time does."""
+    times = row_times(rows)
+    session = session_of(times)
+    for each in np.unique(session):
+        here = session == each
+        span = np.ptp(times[here])
+        for label in np.unique(labels[here]):
+            if np.ptp(times[here & (labels == label)]) >= TIME_SPAN_OF_REPEATS * span > 0:
+                return True
+    return False
+
+
+def _changing(
+    found: Identification, linear: LinearizedFit, observed: Observations, rows: Measurements
+) -> Mapping[str, Array]:
+    """Whitened derivatives ``(n, m, c)`` by what may change at once, by a name for a person."""
+    model, joints = found.model, rows.joints.shape[1]
+    points, jacobian = model.observe(observed.inputs, found.values)
+    middle = np.nanmean(points, axis=(0, 1))
+    moved = np.broadcast_to(np.eye(3), (*points.shape[:2], 3, 3))
+    turned = np.stack([np.cross(axis, points - middle) for axis in np.eye(3)], axis=-1)
+    columns = {"the place of the base or the instrument": linear.rows_of(observed, np.concatenate([moved, turned], -1))}
+    for target in targets_of(model.parameters):
+        own = [i for i, name in enumerate(model.names) if name.startswith(f"tool.{target}.")]
+        if len(own) == 3:
+            columns[f"tool point {target}"] = linear.rows_of(observed, jacobian[..., own])
+    slopes = by_joint_positions(model, observed.inputs, found.values, joints)
+    for joint, name in enumerate(rows.joint_names):
+        columns[f"the zero of joint {name}"] = linear.rows_of(observed, slopes[..., [joint]])
+    return columns
+
+
+@dataclass(frozen=True)
+class _ChangeOfSize:
+    """Where the mean square of the errors changes: the time, the ratio of the sizes, and which side is larger."""
+
+    time: float
+    p: float
+    ratio: float
+    side: Literal["from", "until"]
+
+
+def _change_of_size(linear: LinearizedFit, times: Array) -> _ChangeOfSize | None:
+    """The likeliest change of the errors' size; None where there are too few rows for one.
+
+    Squares of a pose, over what the fit leaves of it, before against after: F with as many degrees of freedom as both
+    have, of the larger over the smaller, times two and times the candidates.
+    """
+    within = linear.everywhere()
+    left, squares = within.left()[: linear.poses], linear.residual[: linear.poses] ** 2
+    mask = linear.mask[: linear.poses]
+    total, freedom = (np.where(mask, each, 0.0).sum(axis=1) for each in (squares, left))
+    order = np.argsort(times, kind="stable")
+    sums, dofs = np.cumsum(total[order]), np.cumsum(freedom[order])
+    ordered, count = times[order], len(order)
+    starts = np.arange(MIN_ROWS_EACH_SIDE, count - MIN_ROWS_EACH_SIDE + 1)
+    starts = starts[ordered[starts] > ordered[starts - 1]] if len(starts) else starts
+    if not len(starts) or dofs[-1] < 2 * MIN_ROWS_EACH_SIDE:
+        return None
+    before, after = sums[starts - 1], sums[-1] - sums[starts - 1]
+    dof = dofs[starts - 1], dofs[-1] - dofs[starts - 1]
+    ratio = np.maximum(after / dof[1], 1e-300) / np.maximum(before / dof[0], 1e-300)
+    p = np.where(
+        ratio >= 1,
+        f_sf(np.maximum(ratio, 1.0), dof[1], dof[0]),
+        f_sf(np.maximum(1 / ratio, 1.0), dof[0], dof[1]),
+    )
+    best = int(np.argmin(p))
+    larger = max(ratio[best], 1 / ratio[best])
+    if larger < MIN_VARIANCE_RATIO:
+        return None
+    time = float(ordered[starts[best] - 1 : starts[best] + 1].mean())
+    chance = min(1.0, 2 * float(p[best]) * len(starts))
+    return _ChangeOfSize(time, chance, float(np.sqrt(larger)), "from" if ratio[best] >= 1 else "until")
+
+
+def _neighbours(times: Array, order: NDArray[np.int_], rows: Measurements, time: float) -> tuple[str, str]:
+    """Ids of the last row before a time and of the first after it."""
+    first = int((times < time).sum())
+    return rows.ids[order[first - 1]], rows.ids[order[first]]
+
+
+def _size_of(
+    found: Identification,
+    linear: LinearizedFit,
+    observed: Observations,
+    white: Array,
+    columns: Array,
+    times: Array,
+    time: float,
+) -> float:
+    """The root mean square (m) of what a change does to the points after it."""
+    after = (times > time)[:, None, None] * columns
+    fitted = np.concatenate([white[..., :-1], after], axis=2).reshape(-1, white.shape[2] - 1 + columns.shape[2])
+    solution = np.linalg.lstsq(fitted, white[..., -1].ravel(), rcond=None)[0][-columns.shape[2] :]
+    moved = (columns @ solution)[times > time] / observed.typical_weight
+    count = max(int(linear.mask[: linear.poses][times > time].sum()), 1)
+    return float(np.sqrt(3 * (moved**2).sum() / count))

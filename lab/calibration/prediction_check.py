@@ -1,0 +1,150 @@
+"""Compare the errors at poses that were not fitted with what the calibration predicts of them.
+
+The predicted errors are those of the parameters (by their covariance, and beyond the measured range what the model may
+lack there) and, where measured points judge, those of the noise. They are drawn many times, with one draw of the
+parameters for all poses, so that the 95 % error of the campaign's own poses is known with its chance.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from lab.calibration.extrapolation import MeasuredRange
+from lab.calibration.identify import Identification
+from lab.calibration.observations.protocol import observation_of, only_positions
+from lab.calibration.validation import FOLDS, Validation
+from lab.calibration.weights import Noise, weighed
+from lab.core.measurements import Measurements, evenly
+from lab.core.random import rng_for
+from lab.core.se3 import Array
+from lab.core.significance import PREDICTION_EXCEEDED
+
+__all__ = ["PredictionCheck", "check_prediction"]
+
+DRAWS = 999
+MAX_POSES = 300
+SHARE = 95.0  # percent
+ROUNDING_M = 1e-7  # errors below are those of the arithmetic
+
+
+@dataclass(frozen=True)
+class PredictionCheck:
+    """The 95 % error at poses that were not fitted, observed and predicted (m).
+
+    Attributes:
+        observed_p95_m: of the validation.
+        predicted_p95_m: the median of what was predicted for these poses.
+        allowed_p95_m: what chance exceeds in 1 % of campaigns like this one.
+    """
+
+    observed_p95_m: float
+    predicted_p95_m: float
+    allowed_p95_m: float
+
+    @property
+    def exceeded(self) -> bool:
+        """Whether the errors are larger than the prediction and its sampling allow."""
+        return self.observed_p95_m > self.allowed_p95_m + ROUNDING_M
+
+    def to_dict(self) -> dict[str, Any]:
+        """``prediction_at_validation`` of ``result.json``, in mm."""
+        return {
+            "observed_95_mm": 1e3 * self.observed_p95_m,
+            "predicted_95_mm": 1e3 * self.predicted_p95_m,
+            "allowed_95_mm": 1e3 * self.allowed_p95_m,
+            "exceeded": self.exceeded,
+        }
+
+
+def check_prediction(
+    identification: Identification,
+    validation: Validation,
+    noise: Noise,
+    measured: MeasuredRange | None = None,
+    *,
+    seed: int = 0,
+) -> PredictionCheck | None:
+    """Compare observed and predicted 95 % errors; None where there is nothing to compare.
+
+    Args:
+        validation: errors of points at poses whose rows are known.
+        noise: of the measurements that judge, with the errors that they share.
+        measured: the range of the fitted joint positions.
+        seed: of the draws.
+    """
+    rows, errors = validation.rows, validation.errors
+    if rows is None or errors is None or not only_positions(observation_of(identification.model)):
+        return None
+    after = errors.after
+    if after.shape != rows.points.shape[:2] or validation.fitted_share > 0 or not np.isfinite(after).any():
+        return None
+    if (some := evenly(len(rows), MAX_POSES)) is not None:
+        rows, after = rows.take(some), after[some]
+    seen = np.isfinite(after)
+    if not seen.any() or not np.isfinite(identification.covariance).all():
+        return None
+    rng = rng_for(seed, "bootstrap")
+    inflation = FOLDS / (FOLDS - 1) if validation.judged_by == "cross-validation" else 1.0
+    scale = _scale(identification, rng)
+    drawn = np.sqrt(inflation) * _errors_of_parameters(identification, measured, rows, rng)
+    if validation.judged_by != "fresh":
+        drawn = drawn + _errors_of_noise(identification, noise, rows, rng)
+    lengths = np.linalg.norm(drawn * scale, axis=2)[seen]  # (points, draws)
+    p95 = np.percentile(lengths, SHARE, axis=0)
+    return PredictionCheck(
+        float(np.percentile(after[seen], SHARE)),
+        float(np.median(p95)),
+        float(np.quantile(p95, 1 - PREDICTION_EXCEEDED)),
+    )
+
+
+def _errors_of_parameters(
+    found: Identification, measured: MeasuredRange | None, rows: Measurements, rng: np.random.Generator
+) -> Array:
+    """``(n, k, 3, draws)`` errors (m) of predicted points."""
+    inputs = rows.inputs(found.model.conditions)
+    n, k = rows.points.shape[:2]
+    if found.process is not None:
+        root = _root(found.process.covariance(inputs))
+        return np.asarray((root @ rng.standard_normal((len(root), DRAWS))).reshape(n, k, 3, DRAWS))
+    slopes = found.model.observe(inputs, found.values)[1][..., list(found.fit.free)]
+    drawn = slopes @ (_root(found.covariance) @ rng.standard_normal((slopes.shape[-1], DRAWS)))
+    if measured is not None and measured.is_worse_beyond:
+        unknown = measured.unknown(found.model, inputs, found.values)
+        drawn = drawn + unknown @ rng.standard_normal((unknown.shape[-1], DRAWS))
+    return np.asarray(drawn)
+
+
+def _errors_of_noise(found: Identification, noise: Noise, rows: Measurements, rng: np.random.Generator) -> Array:
+    """``(n, k, 3, draws)`` errors (m) of the measured points."""
+    observed, known = weighed(observation_of(found.model), rows, noise)
+    n, k, d = observed.points.shape
+    white: Array = rng.standard_normal((n, k * d, DRAWS))
+    drawn: Array
+    if observed.correlation is not None:
+        white = observed.correlation.coloured(white)
+    white = white.reshape(n, k, d, DRAWS)
+    if observed.whiten.ndim == 2:
+        drawn = np.asarray(white / observed.whiten[..., None, None])
+    else:
+        whiten = np.where(observed.seen[..., None, None], observed.whiten, np.eye(d))
+        drawn = np.asarray(np.linalg.solve(whiten, white))
+    if known:
+        return np.asarray(drawn)
+    sigma = found.sigma_m if noise.shared is None else noise.shared.sigma_m
+    return np.asarray(sigma * drawn)
+
+
+def _scale(found: Identification, rng: np.random.Generator) -> Array:
+    """What an estimated standard deviation may be off ``(draws,)``: one where it was given."""
+    if found.sigma_known:
+        return np.ones(DRAWS)
+    dof = max(found.dof, 1)
+    return np.asarray(np.sqrt(dof / np.maximum(rng.chisquare(dof, DRAWS), 1e-300)))
+
+
+def _root(covariance: Array) -> Array:
+    """A root of a covariance that may be singular."""
+    sizes, axes = np.linalg.eigh((covariance + covariance.T) / 2)
+    return np.asarray(axes * np.sqrt(np.maximum(sizes, 0.0)))
