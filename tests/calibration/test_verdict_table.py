@@ -9,6 +9,8 @@ import pytest
 from helpers.judged import Case, campaign, errors
 
 from lab.calibration.identify import IdentifyOptions
+from lab.calibration.noise.plausibility import NoiseFinding
+from lab.calibration.prediction_check import PredictionCheck
 from lab.calibration.statistics.goodness_of_fit import GoodnessOfFit
 from lab.calibration.validation import Validation
 from lab.calibration.verdict import verdict
@@ -190,3 +192,29 @@ def test_the_predicted_95_percent_error_counts_where_lack_of_fit_is_sure() -> No
         words[p] = found.word, found.reason
     assert words[0.03] == ("good", "")
     assert words[0.003][0] == "doubtful" and "with the lack of fit that is above the gate" in words[0.003][1]
+
+
+def finding(kind: str, *, supported: bool = False, between: tuple[str, str] | None = None) -> NoiseFinding:
+    return NoiseFinding(kind, 1e-3, supported, f"a finding of {kind}", between)
+
+
+def test_a_finding_that_nothing_supports_makes_a_good_calibration_doubtful() -> None:
+    case = clean()
+
+    def judged(*findings: NoiseFinding, gate_m: float | None = None):
+        return verdict(case.found, case.validation, gate_m, goodness=case.goodness, findings=findings)
+
+    assert judged(finding("scatter", supported=True)).word == "good"
+    doubtful = judged(finding("missing"), finding("scatter"))
+    assert doubtful.word == "doubtful" and doubtful.reasons == ("a finding of missing", "a finding of scatter")
+    assert judged(finding("scatter"), gate_m=GATE).word == "good"  # far below the gate it does not matter
+    assert judged(finding("step", between=("7", "8")), gate_m=GATE).word == "doubtful"  # what happened does
+
+
+def test_errors_beyond_their_prediction_are_never_good() -> None:
+    case = clean()
+    for observed, word in ((1.1e-4, "good"), (1.3e-4, "doubtful")):
+        prediction = PredictionCheck(observed, 1e-4, 1.2e-4)
+        found = verdict(case.found, case.validation, GATE, goodness=case.goodness, prediction=prediction)
+        assert found.word == word and found.prediction is prediction
+    assert "0.13 mm, but 0.1 mm was predicted there" in found.reason and found.accuracy.standing == "doubtful"

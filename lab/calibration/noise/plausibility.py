@@ -52,6 +52,7 @@ MAX_SCANNED_POSES = 2_000
 MIN_VARIANCE_RATIO = 1.5  # of a change in the size of errors: a smaller one harms nothing
 TIME_SPAN_OF_REPEATS = 0.5  # of the campaign, between visits of one pose that show what changes with time
 FLOOR_M = 1e-7  # residuals below are rounding
+_SPANNED = 1e-6  # of a column's norm that others leave
 
 FindingKind = Literal["step", "drift", "correlated", "scatter", "noise", "change", "missing"]
 
@@ -170,23 +171,19 @@ def changes_in_time(found: Identification, observed: Observations, rows: Measure
         if best is None or scan.p < best[1].p:
             best = what, scan, columns
     size = _change_of_size(linear, times)
-    findings = []
-    if best is not None and tried * best[1].p < CHANGE_IN_TIME:
+    if best is not None and tried * best[1].p < CHANGE_IN_TIME and (size is None or best[1].p <= size.p):
         what, scan, columns = best
         before, after = _neighbours(times, order, rows, scan.change.time)
         moved_m = _size_of(found, linear, observed, white, columns, times, scan.change.time)
-        words = (
-            f"{what} changed by {short_length(moved_m)} between poses {before} and {after}: look what happened there"
-        )
-        findings.append(NoiseFinding("change", moved_m, False, words, (before, after)))
-    elif size is not None and tried * size.p < CHANGE_IN_TIME:
+        where = f"between poses {before} and {after}"
+        words = f"{what} changed by {short_length(moved_m)} {where}: look what happened there"
+        return [NoiseFinding("change", moved_m, False, words, (before, after))]
+    if size is not None and tried * size.p < CHANGE_IN_TIME:
         before, after = _neighbours(times, order, rows, size.time)
-        words = (
-            f"errors are {size.ratio:.2g} times as large {size.side} pose {after if size.side == 'from' else before} "
-            f"as {'before' if size.side == 'from' else 'after'}: measure all poses in one way"
-        )
-        findings.append(NoiseFinding("change", size.ratio * found.residual_sigma_m, False, words, (before, after)))
-    return findings
+        larger = f"from pose {after} on as before" if size.grows else f"up to pose {before} as after it"
+        words = f"errors are {size.ratio:.2g} times as large {larger}: measure all poses in one way"
+        return [NoiseFinding("change", size.ratio * found.residual_sigma_m, False, words, (before, after))]
+    return []
 
 
 def _finding(kind: FindingKind, size_m: float, supported: bool, words: str) -> NoiseFinding:
@@ -222,20 +219,38 @@ def _changing(
         own = [i for i, name in enumerate(model.names) if name.startswith(f"tool.{target}.")]
         if len(own) == 3:
             columns[f"tool point {target}"] = linear.rows_of(observed, jacobian[..., own])
-    slopes = by_joint_positions(model, observed.inputs, found.values, joints)
+    slopes = linear.rows_of(observed, by_joint_positions(model, observed.inputs, found.values, joints))
     for joint, name in enumerate(rows.joint_names):
-        columns[f"the zero of joint {name}"] = linear.rows_of(observed, slopes[..., [joint]])
+        column = slopes[..., [joint]]
+        same = next((what for what, others in columns.items() if _spans(others, column)), None)
+        if same is None:
+            columns[f"the zero of joint {name}"] = column
+        else:  # the first joint's zero is a turn of the base, the last one's a move of a tool point
+            columns[f"{same} (or the zero of joint {name})"] = columns.pop(same)
     return columns
+
+
+def _spans(columns: Array, own: Array) -> bool:
+    """Whether one column ``(n, m, 1)`` is a sum of others ``(n, m, c)``."""
+    flat, wanted = columns.reshape(-1, columns.shape[2]), own.ravel()
+    left = wanted - flat @ np.linalg.lstsq(flat, wanted, rcond=None)[0]
+    return bool(np.linalg.norm(left) <= _SPANNED * np.linalg.norm(wanted))
 
 
 @dataclass(frozen=True)
 class _ChangeOfSize:
-    """Where the mean square of the errors changes: the time, the ratio of the sizes, and which side is larger."""
+    """Where the size of the errors changes.
+
+    Attributes:
+        p: the chance of as large a ratio at any candidate, where nothing changed.
+        ratio: of the larger size to the smaller.
+        grows: whether the errors after it are the larger ones.
+    """
 
     time: float
     p: float
     ratio: float
-    side: Literal["from", "until"]
+    grows: bool
 
 
 def _change_of_size(linear: LinearizedFit, times: Array) -> _ChangeOfSize | None:
@@ -269,7 +284,7 @@ def _change_of_size(linear: LinearizedFit, times: Array) -> _ChangeOfSize | None
         return None
     time = float(ordered[starts[best] - 1 : starts[best] + 1].mean())
     chance = min(1.0, 2 * float(p[best]) * len(starts))
-    return _ChangeOfSize(time, chance, float(np.sqrt(larger)), "from" if ratio[best] >= 1 else "until")
+    return _ChangeOfSize(time, chance, float(np.sqrt(larger)), bool(ratio[best] >= 1))
 
 
 def _neighbours(times: Array, order: NDArray[np.int_], rows: Measurements, time: float) -> tuple[str, str]:

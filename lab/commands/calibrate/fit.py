@@ -255,8 +255,7 @@ class Fitter:
         warnings = [judged.words] if judged.adequate is False and not self.options.residual else []
         warnings += [] if robust else of_outliers(found, observations, outliers, model)
         trusted = search.corrected(found)
-        by_joints = [judged.words] if judged.by == "joints" else []
-        if warnings in ([], by_joints) and only_positions(observation) and search.shared is None:
+        if only_positions(observation) and search.shared is None:  # whatever else is found, by the isotropy test alone
             trusted, uneven = with_own_intervals(found, observations, self.noise, model, known or self.options.prior)
             warnings += uneven
         if search.undecided and trusted is found and not self.options.prior and not self.options.residual:

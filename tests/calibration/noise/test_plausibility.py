@@ -1,0 +1,124 @@
+"""Findings about the errors of a campaign: what changed, and what nothing supports."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.mistakes import ARM, MISTAKES, session_with_noise
+
+from lab.calibration.identify import identify
+from lab.calibration.noise.plausibility import (
+    COMMON_NOISE_M,
+    COMMON_SCATTER_M,
+    changes_in_time,
+    shared_error_findings,
+)
+from lab.calibration.noise.search import search_noise
+from lab.calibration.noise.shared_errors import SharedErrors
+from lab.calibration.observations.protocol import observation_of
+from lab.calibration.statistics.goodness_of_fit import GoodnessOfFit
+from lab.calibration.statistics.replicates import repeats
+from lab.calibration.weights import Noise, weighed
+from lab.core.measurements import Measurements
+
+UNTESTED = GoodnessOfFit(None, float("nan"), "nothing", "")
+REPEATED = GoodnessOfFit(True, 0.5, "repeats", "")
+
+
+def changes(data: Measurements, noise: Noise = Noise()) -> list:  # noqa: B008
+    found = identify(ARM, data, ARM.nominal(), noise)
+    return changes_in_time(found, weighed(observation_of(found.model), data, noise)[0], data)
+
+
+@pytest.fixture(scope="module")
+def good() -> list[Measurements]:
+    return [session_with_noise(seed)[0] for seed in range(6)]
+
+
+def test_a_session_without_mistakes_has_no_findings(good: list[Measurements]) -> None:
+    assert [changes(data) for data in good] == [[]] * len(good)  # 3 in 100 by chance
+
+
+@pytest.mark.parametrize(
+    ("mistake", "what"),
+    [
+        ("the tracker moved half way", "place of the base"),
+        ("the tracker turned", "place of the base"),
+        ("a zero shifted", "zero of joint"),
+        ("the reflector was reseated", "tool point p1"),
+        ("half commanded, half read back", "times as large"),
+    ],
+)
+def test_a_change_is_found_where_it_happened(mistake: str, what: str) -> None:
+    for seed in range(3):
+        data, rng = session_with_noise(seed)
+        (found,) = changes(MISTAKES[mistake](data, rng, 0.1e-3))
+        assert what in found.words and not found.supported and found.kind == "change"
+        assert found.between is not None and data.ids.index(found.between[1]) == pytest.approx(30, abs=6)
+
+
+def test_the_size_of_a_change_is_that_of_the_step() -> None:
+    data, rng = session_with_noise(1)
+    for size in (0.1e-3, 1e-3):
+        (found,) = changes(MISTAKES["the reflector was reseated"](data, rng, size))
+        assert found.size_m == pytest.approx(size, rel=0.15)
+        assert found.between == (data.ids[29], data.ids[30])
+
+
+def test_a_noise_that_was_given_too_large_hides_no_change() -> None:
+    data, rng = session_with_noise(2)
+    assert changes(MISTAKES["a zero shifted"](data, rng, 0.1e-3), Noise(sigma_m=0.1e-3))
+
+
+def shared(data: Measurements, **sizes: float) -> SharedErrors:
+    zero = {"scatter_rad": 0.0, "wandering_m": 0.0, "carry": 0.0, "drift_m": 0.0}
+    return SharedErrors(9e-6, 1.0, **{**zero, **sizes}, clock=None, values={})
+
+
+def test_only_repeats_support_scatter_and_only_of_a_common_size(good: list[Measurements]) -> None:
+    data, alone = good[0], np.arange(len(good[0]))
+    found = identify(ARM, data, ARM.nominal())
+    small, large = shared(data, scatter_rad=0.03e-3), shared(data, scatter_rad=0.5e-3)
+    cases = ((small, REPEATED, True), (small, UNTESTED, False), (large, REPEATED, False))
+    for errors, adequacy, supported in cases:
+        (finding,) = shared_error_findings(found, data, errors, adequacy, alone)
+        assert finding.kind == "scatter" and finding.supported is supported
+        assert ("support it" in finding.words) is not supported
+    assert finding.size_m > COMMON_SCATTER_M
+    stated = identify(ARM, data, ARM.nominal(), Noise(sigma_m=9e-6))
+    assert shared_error_findings(stated, data, small, UNTESTED, alone)[0].supported  # what was stated explains it
+
+
+def test_drift_is_supported_by_poses_that_were_measured_again_later(good: list[Measurements]) -> None:
+    data = good[0]
+    found, drift = identify(ARM, data, ARM.nominal()), shared(data, drift_m=10e-6)
+    at_once, later = np.arange(len(data)), np.arange(len(data))
+    at_once[1::2] = at_once[::2]  # two readings of each pose
+    later[-1] = later[0]
+    for labels, supported in ((at_once, False), (later, True)):
+        (finding,) = shared_error_findings(found, data, drift, REPEATED, labels)
+        assert finding.kind == "drift" and finding.supported is supported
+    assert "drifts by 35 µm" in finding.words  # from beginning to end, of three axes
+
+
+def test_a_step_is_never_supported_and_names_its_poses() -> None:
+    data, rng = session_with_noise(3)
+    moved = MISTAKES["the tracker moved half way"](data, rng, 3e-3)
+    found = identify(ARM, moved, ARM.nominal())
+    errors = search_noise(found, moved, Noise()).shared
+    (finding, *_) = shared_error_findings(found, moved, errors, REPEATED, repeats(moved))
+    assert finding.kind == "step" and not finding.supported
+    assert finding.size_m == pytest.approx(3e-3, rel=0.05) and "3 mm between poses" in finding.words
+    assert finding.to_dict()["between"] == list(finding.between)
+
+
+def test_noise_beyond_common_instruments_is_a_finding_where_nobody_stated_it(good: list[Measurements]) -> None:
+    data, rng = good[0], np.random.default_rng(0)
+    alone = np.arange(len(data))
+    for size, kinds in ((0.3 * COMMON_NOISE_M, []), (3 * COMMON_NOISE_M, ["noise"])):
+        noisy = replace(data, points=data.points + size * rng.normal(size=data.points.shape))
+        found = identify(ARM, noisy, ARM.nominal())
+        assert [each.kind for each in shared_error_findings(found, noisy, None, UNTESTED, alone)] == kinds
+        assert shared_error_findings(found, noisy, None, REPEATED, alone) == []
+        stated = identify(ARM, noisy, ARM.nominal(), Noise(sigma_m=size))
+        assert shared_error_findings(stated, noisy, None, UNTESTED, alone) == []
