@@ -82,7 +82,7 @@ class Validation:
     Attributes:
         judged_by: None where it was not.
         errors: at those poses; None where it was not validated.
-        rows: those poses; None where their base or tool was placed anew.
+        rows: those poses; None where their base or tool was placed anew, or their model is another.
         fitted_share: of the poses, that were fitted too, so that they validate nothing.
         outlier_share: of those poses, that the test of outliers names.
         robust: the errors without these; None where none is named.
@@ -296,10 +296,13 @@ def validate_file(identification: Identification, model: Model, data: Measuremen
     before: list[Array] = []
     after: list[Array] = []
     held: dict[str, tuple[str, ...]] = {}
+    order: list[int] = []
     together = setups(data) if refit else tuple((name, "") for name in data.sessions)  # stations known, or placed anew
     for setup in dict.fromkeys(together):
-        part = data.take([i for i, each in enumerate(together) if each == setup])
+        own = [i for i, each in enumerate(together) if each == setup]
+        part = data.take(own)
         reference, test = _reference_and_test(part, refit)
+        order += [own[i] for i in test]
         inputs, points = part.inputs(model.conditions)[test], part.points[test]
         for values, errors in ((identification.nominal_aligned, before), (identification.values, after)):
             moved = _transfer(identification.model, model, values)
@@ -315,7 +318,13 @@ def validate_file(identification: Identification, model: Model, data: Measuremen
         "are validated do not depend on them"
         for where, names in held.items()
     ]
-    return Validation("file", Errors(np.concatenate(before), np.concatenate(after)), (*data.warnings, *unused, *said))
+    comparable = not refit and model.names == identification.model.names
+    return Validation(
+        "file",
+        Errors(np.concatenate(before), np.concatenate(after)),
+        (*data.warnings, *unused, *said),
+        data.take(order) if comparable else None,
+    )
 
 
 def compare_with_truth(identification: Identification, truth: Truth) -> TruthComparison:

@@ -244,6 +244,9 @@ class _Judging:
             return Answer("not judged", words), [Reason(words, np.inf, "not judged")]
         before, after = float(np.nanmean(errors.before)), float(np.nanmean(errors.after))
         said = f"{_mm(before)} with the nominal model, {_mm(after)} with the calibrated one (means)"
+        if self.prediction is not None and validation.judged_by != "file":  # whose noise may be another
+            of_95 = _mm(self.prediction.observed_p95_m), _mm(self.prediction.predicted_p95_m)
+            said += "; 95 % are below {}, and {} was predicted there".format(*of_95)
         if self.gate_m is not None and after > self.gate_m:
             said += f", {_mm(after * self._share_without_noise())} of it without the noise of the validation"
         reasons = self._above_gate(after) or self._no_gain(errors, before, after)

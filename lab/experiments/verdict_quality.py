@@ -4,7 +4,8 @@ Campaigns of an IRB 120 whose links are off by the usual tolerances: any number 
 ranges, noise that is known or estimated, effects that the model lacks, and files that are not of this robot at all. The
 verdict sees a hold-out set that was measured as the other poses were; the truth is the error over the whole workspace.
 A campaign is good where its true mean error is at most 1.1 times the predicted one and below the gate. It is bad where
-that is above 1.5 times the gate, or where robot, units or signs are wrong. Those between are counted apart.
+that is above 1.5 times the gate, or where robot, units or signs are wrong. One with a mistake of the session (the
+tracker moved or drifted, a joint's zero was lost) is never good. Those between are counted apart.
 """
 
 from collections import Counter
@@ -14,16 +15,12 @@ from typing import Final, Literal
 
 import numpy as np
 
-from lab.calibration.identify import identify
-from lab.calibration.observations.protocol import observation_of
-from lab.calibration.prior import Tolerance
-from lab.calibration.statistics.goodness_of_fit import goodness_of_fit
-from lab.calibration.validation import errors_at, hold_out, validate_rows
-from lab.calibration.verdict import Verdict, Word, verdict
-from lab.calibration.weights import Noise, weighed
-from lab.calibration.workspace_prediction import MEAN_OF_RMS, predict_over_workspace
+from lab.calibration.validation import errors_at
+from lab.calibration.verdict import Verdict, Word
+from lab.calibration.workspace_prediction import MEAN_OF_RMS
 from lab.campaign.option_types import Flag
-from lab.campaign.robot import load_robot
+from lab.campaign.robot import Robot, load_robot
+from lab.commands.calibrate.run import identify
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
 from lab.core.random import rng_for
@@ -31,12 +28,12 @@ from lab.core.se3 import Array
 from lab.experiments.script import Answer, paragraphs
 from lab.kinematics.gauge import base_set
 from lab.kinematics.parameter import TOLERANCE_M, TOLERANCE_RAD
-from lab.kinematics.serial.arm import SerialArm
 from lab.render.document import Document, Section, Table
 
 __all__ = ["Campaign", "Options", "answer", "judged_campaign"]
 
-ARM = load_robot("irb120").serial_arm(("p1",))
+ROBOT = load_robot("irb120")
+ARM = ROBOT.serial_arm(("p1",))
 Quality = Literal["good", "between", "bad"]
 _QUALITIES: Final[tuple[Quality, ...]] = ("good", "between", "bad")
 _WORDS: Final[tuple[Word, ...]] = ("good", "doubtful", "bad", "not judged")
@@ -54,7 +51,7 @@ class Options:
     campaigns: int = 2000
     """Virtual campaigns."""
     wrong: float = 0.2
-    """Share of them whose file is of another robot, in other units, or has other signs."""
+    """Share of them whose file is of another robot, in other units or signs, or where something moved."""
     seed: int = 0
     """Of all draws."""
     json: Flag = False
@@ -110,9 +107,10 @@ def judged_campaign(number: int, options: Options) -> Campaign:
     if rng.random() >= options.wrong:
         day = _MeasuringDay(rng)
         kind = "lacks an effect" if day.lacking_rad else "as the model says"
-        return _judged(kind, day, ARM, lambda data: data, rng)
-    kind = str(rng.choice(list(_WRONG)))
-    return _judged(kind, _MeasuringDay(rng), _OTHERS.get(kind, ARM), lambda data: _WRONG[kind](data, rng), rng)
+        return _judged(kind, day, ROBOT, lambda data: data, rng)
+    spoilt_as = {**_WRONG, **_MISTAKES}
+    kind = str(rng.choice(list(spoilt_as)))
+    return _judged(kind, _MeasuringDay(rng), _OTHERS.get(kind, ROBOT), lambda data: spoilt_as[kind](data, rng), rng)
 
 
 class _MeasuringDay:
@@ -162,32 +160,27 @@ class _MeasuringDay:
 def _judged(
     kind: str,
     day: _MeasuringDay,
-    arm: SerialArm,
+    robot: Robot,
     spoilt: Callable[[Measurements], Measurements],
     rng: np.random.Generator,
 ) -> Campaign:
     """A campaign, judged as a user would have it judged: by a gate, and on a part of its own poses."""
     data = spoilt(day.measured(rng))
-    noise = Noise(sigma_m=day.sigma_m) if day.known else Noise()
     elsewhere = ARM.chain.random_joints(_ELSEWHERE, rng)
+    gate_m = float(np.exp(rng.uniform(*np.log(_GATES_M))))
+    noise_mm = 1e3 * day.sigma_m if day.known else None
     try:
-        rows, held = hold_out(arm, data, _HOLDOUT, 0)
-        found = identify(arm, rows, arm.nominal(), noise)
+        result = identify(data, robot=robot, noise_mm=noise_mm, holdout=_HOLDOUT, gate_mm=1e3 * gate_m)
     except LabError:
         return Campaign(kind, "bad" if kind in _WRONG else "between", None)
-    observation = observation_of(arm)
-    observed, known = weighed(observation, rows, noise)
-    goodness = goodness_of_fit(arm, observed, found.fit, known=known, held=weighed(observation, held, noise)[0])
-    predicted_m = MEAN_OF_RMS * predict_over_workspace(found, Tolerance()).rms_m
-    gate_m = float(np.exp(rng.uniform(*np.log(_GATES_M))))
-    judged = verdict(found, validate_rows(found, held), gate_m, goodness=goodness)
+    found, judged = result.identification, result.verdict
     if kind in _WRONG:
         return Campaign(kind, "bad", judged)
     true_m = float(errors_at(found, elsewhere, day.points(elsewhere)).after.mean())
     if true_m > _CLEARLY_BAD * gate_m:
         return Campaign(kind, "bad", judged)
-    as_good = true_m <= gate_m and true_m <= _AS_PREDICTED * predicted_m
-    return Campaign(kind, "good" if as_good else "between", judged)
+    as_good = true_m <= gate_m and true_m <= _AS_PREDICTED * MEAN_OF_RMS * judged.workspace.rms_m
+    return Campaign(kind, "good" if as_good and kind not in _MISTAKES else "between", judged)
 
 
 def _reason(campaign: Campaign) -> str:
@@ -225,6 +218,28 @@ _WRONG: Final[Mapping[str, Callable[[Measurements, np.random.Generator], Measure
     "another robot of like size (scemi)": lambda data, _: data,
     "another robot of like size (tx40)": lambda data, _: data,
 }
-_OTHERS: Final = {
-    kind: load_robot(kind[-6:-1].lstrip("(")).serial_arm(("p1",)) for kind in _WRONG if kind.startswith("another")
+_OTHERS: Final = {kind: load_robot(kind[-6:-1].lstrip("(")) for kind in _WRONG if kind.startswith("another")}
+
+
+def _after_half(data: Measurements) -> Array:
+    return np.asarray((np.arange(len(data)) >= len(data) // 2)[:, None, None] * 1.0)
+
+
+def _shift(rng: np.random.Generator) -> Array:
+    """A shift of a size that happens (m): from 20 µm to 3 mm."""
+    vector = rng.normal(size=3)
+    return np.asarray(10 ** rng.uniform(-4.7, -2.5) * vector / np.linalg.norm(vector))
+
+
+def _zero_lost(data: Measurements, rng: np.random.Generator) -> Measurements:
+    off = _after_half(data)[..., 0] * (np.arange(data.joints.shape[1]) == rng.integers(1, 5))
+    return replace(data, joints=data.joints + 2 * np.linalg.norm(_shift(rng)) * off)
+
+
+_MISTAKES: Final[Mapping[str, Callable[[Measurements, np.random.Generator], Measurements]]] = {
+    "the tracker moved half way": lambda data, rng: replace(data, points=data.points + _after_half(data) * _shift(rng)),
+    "the tracker drifted": lambda data, rng: replace(
+        data, points=data.points + np.linspace(0, 1, len(data))[:, None, None] * _shift(rng)
+    ),
+    "a joint's zero was lost half way": _zero_lost,
 }

@@ -25,6 +25,7 @@ _WHICH: dict[JudgedBy, str] = {
     "fresh": "the validation poses, without noise",
     "holdout": "the poses of the hold-out set",
     "cross-validation": "the poses of the cross-validation, each by the fit without it",
+    "file": "the poses of the validation file",
 }
 _FITTED = "the fitted poses, with the residuals of the fit"
 
