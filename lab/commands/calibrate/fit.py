@@ -255,12 +255,12 @@ class Fitter:
         warnings = [judged.words] if judged.adequate is False and not self.options.residual else []
         warnings += [] if robust else of_outliers(found, observations, outliers, model)
         trusted = search.corrected(found)
-        if only_positions(observation) and search.shared is None:  # whatever else is found, by the isotropy test alone
-            trusted, uneven = with_own_intervals(found, observations, self.noise, model, known or self.options.prior)
-            warnings += uneven
-        if search.undecided and trusted is found and not self.options.prior and not self.options.residual:
+        cause: list[str] = []  # of intervals that are those of whole poses
+        if search.undecided and not self.options.prior and not self.options.residual:
             trusted, cause = with_intervals_of_poses(found, observations, model)
-            warnings += cause
+        elif only_positions(observation) and search.shared is None:
+            trusted, cause = with_own_intervals(found, observations, self.noise, model, known or self.options.prior)
+        warnings += cause
         warnings += of_held_out(off)
         warnings += of_stuck_search(outliers) + of_groups(groups, selection, self.data)
         if model == "auto":
