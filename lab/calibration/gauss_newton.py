@@ -131,6 +131,11 @@ class Observations:
             correlation = self.correlation.joined(other.correlation)
         return Observations(inputs, points, whiten, correlation)
 
+    @property
+    def alike(self) -> "Observations":
+        """The same numbers, all of weight one (1/m, 1/rad) and independent, whatever measured them."""
+        return Observations(self.inputs, self.points, np.ones(self.points.shape[:2]))
+
     def pose_by_pose(self) -> "Observations":
         """The same variances within each pose, as if the errors of different poses had nothing in common."""
         return self if self.correlation is None else replace(self, correlation=self.correlation.of_single_poses())

@@ -88,7 +88,8 @@ class Identification:
     """What one set of measurements says of an arm.
 
     Attributes:
-        nominal_aligned: ``(p,)`` the nominal links, with base and targets fitted to the same measurements.
+        nominal_aligned: ``(p,)`` the nominal links, with base and targets fitted to the same measurements, all of the
+            same weight: the errors of nominal links are no instrument's noise.
         values: the identified parameters ``(p,)`` in the order of ``model.names``.
         base_set: which parameters the arm's structure lets one tell apart.
         fit: of the parameters that these poses tell apart; ``fit.free`` are their indices.
@@ -194,7 +195,7 @@ def identify(
     model, nominal = observation.model, observation.nominal(nominal)
     observed, known = weighed(observation, data, noise)
     _refuse_impossible_or_few(observation, data, observed, nominal)
-    aligned = fit_base_and_tool(observation, replace(observed, correlation=None), nominal)  # whatever the noise is
+    aligned = fit_base_and_tool(observation, observed.alike, nominal)
     extra_residuals = weighted_constraints(observation, observed)
     known_rows = observation.extra_residuals(model.rank_point(aligned))[1]
     structure = base_set(model, aligned, fix=request.fix, free=request.free, known=known_rows)

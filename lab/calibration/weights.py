@@ -59,7 +59,7 @@ def _by_instrument(observation: Observation, data: Measurements, noise: Noise) -
         return Observations(inputs, data.points, whitening(covariance)), True
     default = noise.sigma_m
     if instrument is not None:
-        default = instrument.radial_m / np.sqrt(noise.readings)
+        default = instrument.isotropic_sigma(noise.readings)
     sigma = rows if default is None else np.where(np.isnan(rows), default, rows)
     return Observations(inputs, data.points, 1 / (sigma * units)), True
 

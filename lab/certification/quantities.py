@@ -10,7 +10,7 @@ from lab.certification.budget import InputQuantity
 from lab.certification.propagation import Propagation, independent_shifts
 from lab.core.distributions import Uncertain
 from lab.core.se3 import Array
-from lab.core.tracker_errors import PLACEMENT, ErrorTerm, TrackerErrors
+from lab.core.tracker_errors import ErrorTerm, TrackerErrors
 
 __all__ = ["KnownSpread", "Placement", "RandomErrors", "quantities_of", "temperature_of"]
 
@@ -71,8 +71,7 @@ def quantities_of(
         chance: what is random.
     """
     placed = [] if chance.placement == "in the residuals" else list(_placements(propagation, errors, source))
-    terms = [term for term in errors.stated if term not in PLACEMENT]
-    systematic = [_systematic(propagation, errors, source, term) for term in terms]
+    systematic = [_systematic(propagation, errors, source, term) for term in errors.lasting]
     found = [*systematic, *(quantity for quantity, _ in placed)]
     covariance = chance.covariance
     if chance.placement == "in the noise" and placed:  # it has a line of its own
@@ -111,14 +110,13 @@ def _systematic(propagation: Propagation, errors: TrackerErrors, source: str, te
 
 
 def _placements(propagation: Propagation, errors: TrackerErrors, source: str) -> Iterator[tuple[InputQuantity, Array]]:
-    """How the reflector is placed, with the covariance of the parameters that it makes."""
-    for term in PLACEMENT:
+    """What nest and range are off by anew in each pose, with the covariance of the parameters that it makes."""
+    for term in errors.placement:
         quantity = errors.quantity(term)
-        if not quantity.standard:
-            continue
+        group = "misalignment" if term.name == "lock_on" else "reflector"
         covariance = propagation.covariance_of(errors.placement_covariance(_seen(propagation), (term,)))
         shifts = independent_shifts(covariance) / quantity.standard
-        said = "reflector", term.words, source, term.unit, term.factor, quantity
+        said = group, term.words, source, term.unit, term.factor, quantity
         yield _fitted(propagation, shifts, *said), covariance
 
 

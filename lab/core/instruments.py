@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from lab.core.distributions import Uncertain
 from lab.core.errors import LabError
 from lab.core.se3 import Array, exp
 from lab.core.tracker_errors import TrackerErrors
@@ -25,6 +26,8 @@ __all__ = [
     "observers",
     "observing",
 ]
+
+_ISOTROPIC = ("exact", "uniform", "gaussian")  # kinds whose readings scatter alike along all axes
 
 
 @dataclass(frozen=True)
@@ -59,15 +62,16 @@ class FieldOfView:
 
 @dataclass(frozen=True)
 class Instrument:
-    """Noise of one reading of a point at range R (metres).
+    """Noise of a measured point at range R (metres).
 
     ``gaussian`` and ``uniform`` are isotropic: each coordinate, or the one number that is measured, has standard
     deviation ``radial_m``. ``spherical`` has standard deviation ``radial_m + radial_per_m R`` along the
     line of sight and ``transverse_m + transverse_per_m R`` in the two directions across it: to
     first order, azimuth and elevation errors of that over R cos(elevation) and over R. ``line-cameras`` are a
-    ``LineCameras``. ``field_of_view`` is where it sees a target at all. ``errors`` says how well its systematic errors
-    are known; they are zero unless stated. ``source`` is the path of the file that describes it, "" where there is
-    none.
+    ``LineCameras``. That is the noise of one reading, which the mean of several reduces. ``errors`` are what readings
+    have in common: where nest and range are found anew in each pose, they belong to the noise, and no number of
+    readings reduces them; the others last through a campaign. They are zero unless stated. ``field_of_view`` is where
+    it sees a target at all. ``source`` is the path of the file that describes it, "" where there is none.
     """
 
     name: str
@@ -81,7 +85,7 @@ class Instrument:
     source: str = ""
 
     def sample(self, points: Array, rng: np.random.Generator, readings: int = 1) -> Array:
-        """Noisy positions of ``points`` ``(..., 3)`` (m), each the mean of some readings."""
+        """Positions of ``points`` ``(..., 3)`` (m), each the mean of some readings; ``errors`` draws the rest."""
         if self.kind == "exact":
             return points.copy()
         total = np.zeros_like(points)
@@ -92,17 +96,23 @@ class Instrument:
     def covariance(self, points: Array, readings: int = 1) -> Array:
         """Covariance ``(..., 3, 3)`` in m^2 of the mean of some readings at ``points`` ``(..., 3)``.
 
-        What is by chance from pose to pose is in it: the noise, and how the reflector is placed.
+        What is by chance from pose to pose is in it: the noise of the readings, and the errors of nest and range.
         """
-        if is_isotropic(self):
-            isotropic = np.broadcast_to(np.eye(3), (*points.shape, 3))
-            return isotropic * self.radial_m**2 / readings
+        return self._reading_covariance(points) / readings + self.errors.placement_covariance(points)
+
+    def isotropic_sigma(self, readings: int = 1) -> float:
+        """Standard deviation (m) of the mean of some readings along each axis, of noise that is isotropic."""
+        assert is_isotropic(self)
+        return float(np.hypot(self.radial_m / np.sqrt(readings), self.errors.nest.standard))
+
+    def _reading_covariance(self, points: Array) -> Array:
+        if self.kind in _ISOTROPIC:
+            return np.broadcast_to(np.eye(3), (*points.shape, 3)) * self.radial_m**2
         reach = np.linalg.norm(points, axis=-1)[..., None, None]
         ray = points[..., :, None] * points[..., None, :] / reach**2
         along = (self.radial_m + self.radial_per_m * reach) ** 2
         across = (self.transverse_m + self.transverse_per_m * reach) ** 2
-        covariance: Array = (along * ray + across * (np.eye(3) - ray)) / readings
-        return covariance + self.errors.placement_covariance(points)
+        return np.asarray(along * ray + across * (np.eye(3) - ray))
 
     def _one_reading(self, points: Array, rng: np.random.Generator) -> Array:
         if self.kind == "uniform":
@@ -147,11 +157,9 @@ class LineCameras(PoseInstrument):
     baseline_m: float = 1.0
     angle_rad: float = 0.0
 
-    def covariance(self, points: Array, readings: int = 1) -> Array:
-        """Covariance ``(..., 3, 3)`` in m^2 of the mean of some readings at ``points`` ``(..., 3)``."""
+    def _reading_covariance(self, points: Array) -> Array:
         axes, sigmas = _sight_axes(points), self._sigmas(points)
-        own: Array = (axes * (sigmas**2)[..., None, :]) @ axes.swapaxes(-1, -2) / readings
-        return own
+        return np.asarray((axes * (sigmas**2)[..., None, :]) @ axes.swapaxes(-1, -2))
 
     def _one_reading(self, points: Array, rng: np.random.Generator) -> Array:
         draw = self._sigmas(points) * rng.standard_normal(points.shape)
@@ -172,7 +180,7 @@ class LineCameras(PoseInstrument):
 
 def is_isotropic(device: Instrument) -> bool:
     """Whether its noise is the same along all axes, wherever a point is."""
-    return device.kind not in ("spherical", "line-cameras")
+    return device.kind in _ISOTROPIC and all(term.name == "nest" for term in device.errors.placement)
 
 
 def observers(kind: str) -> tuple[str, ...]:
@@ -218,13 +226,13 @@ def _turned_left(vector: Array) -> Array:
     return np.stack([-vector[..., 1], vector[..., 0], np.zeros_like(vector[..., 0])], axis=-1)
 
 
-# One standard deviation is the stated maximum permissible error over k = 2. Sources: uniform-8um,
-# Mahdadi & Bouafia 2020; leica-at960, a vendor table in a 2021 journal paper; leica-at500, vendor
-# manual to ISO 10360-10; faro-vantage, Sensors 2025, 25, 184; optical-cmm, order of magnitude only.
-# Representative, not of a data sheet, are also all orientations (the AT960's with a probe that it tracks in six degrees
-# of freedom; uniform-8um's as if from three points on a circle of 70 mm), the line cameras (which with these angles
-# read a point at 2.5 m to 57 um in depth, 11 um along the bar, 12 um up), the draw-wire, the ball in its socket and
-# the touched plane.
+# One standard deviation is the stated maximum permissible error over k = 2. docs/reference/trackers.md has the noise of
+# each preset beside it, and the sources. They include the maker's own reflector, but no nest: 3 um is representative of
+# a magnetic one. The AT960's range is its interferometer's, whose zero its distance meter finds anew where the beam was
+# broken. Representative, not of a data sheet, are also all orientations (the AT960's with a probe that it tracks in six
+# degrees of freedom; uniform-8um's as if from three points on a circle of 70 mm), the line cameras (which with these
+# angles read a point at 2.5 m to 57 um in depth, 11 um along the bar, 12 um up), the optical CMM, the draw-wire, the
+# ball in its socket and the touched plane.
 _MICRON = 1e-6
 # Where they see. The trackers' ranges are the part that a robot cell uses, and their elevations, like the camera's
 # sight, are representative, not a data sheet's; the Vantage's vertical range is 130 degrees in all (a maker's
@@ -233,6 +241,7 @@ _MICRON = 1e-6
 _LEICA = FieldOfView(0.8, 20.0, np.deg2rad(-45.0), np.deg2rad(90.0), np.deg2rad(30.0))
 _VANTAGE = FieldOfView(0.8, 20.0, np.deg2rad(-52.0), np.deg2rad(78.0), np.deg2rad(30.0))
 _CAMERA = FieldOfView(1.0, 5.0, np.deg2rad(-45.0), np.deg2rad(45.0), np.deg2rad(60.0))
+_NEST = Uncertain(3 * _MICRON)
 _LINE_CAMERAS = FieldOfView(1.5, 6.0, np.deg2rad(-17.0), np.deg2rad(17.0), np.deg2rad(60.0))
 INSTRUMENTS = {
     instrument.name: instrument
@@ -240,10 +249,36 @@ INSTRUMENTS = {
         PoseInstrument("exact", "exact"),
         PoseInstrument("uniform-8um", "uniform", radial_m=8 * _MICRON / np.sqrt(3), rotation_rad=54e-6),
         PoseInstrument(
-            "leica-at960", "spherical", 0.0, 0.25 * _MICRON, 7.5 * _MICRON, 3 * _MICRON, _LEICA, rotation_rad=87e-6
+            "leica-at960",
+            "spherical",
+            0.0,
+            0.25 * _MICRON,
+            7.5 * _MICRON,
+            3 * _MICRON,
+            _LEICA,
+            TrackerErrors(nest=_NEST, lock_on=Uncertain(5 * _MICRON)),
+            rotation_rad=87e-6,
         ),
-        Instrument("leica-at500", "spherical", 5 * _MICRON, 0.15 * _MICRON, 7.5 * _MICRON, 3 * _MICRON, _LEICA),
-        Instrument("faro-vantage", "spherical", 8 * _MICRON, 0.4 * _MICRON, 10 * _MICRON, 2.5 * _MICRON, _VANTAGE),
+        Instrument(
+            "leica-at500",
+            "spherical",
+            5 * _MICRON,
+            0.15 * _MICRON,
+            7.5 * _MICRON,
+            3 * _MICRON,
+            _LEICA,
+            TrackerErrors(nest=_NEST),
+        ),
+        Instrument(
+            "faro-vantage",
+            "spherical",
+            8 * _MICRON,
+            0.4 * _MICRON,
+            10 * _MICRON,
+            2.5 * _MICRON,
+            _VANTAGE,
+            TrackerErrors(nest=_NEST),
+        ),
         PoseInstrument("optical-cmm", "gaussian", radial_m=30 * _MICRON, field_of_view=_CAMERA, rotation_rad=200e-6),
         LineCameras(
             "krypton-k600",

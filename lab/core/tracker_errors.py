@@ -9,8 +9,8 @@ compensation takes out most of it: what remains is known within an uncertainty.
 Positions are in the instrument's frame: the origin is its head, z its standing axis.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
@@ -74,6 +74,8 @@ class TrackerErrors:
         centring_lateral: the same across the beam, in each of two directions, m. The reflector is turned to the
             tracker anew in each pose, so that its direction is by chance.
         nest: of where the nest holds the sphere from one pose to the next, in each direction, m.
+        lock_on: of the range's zero from one pose to the next, m: the absolute distance meter finds it anew wherever
+            the beam was broken.
         two_face: whether each point is measured in both faces, and the mean is taken.
     """
 
@@ -91,6 +93,7 @@ class TrackerErrors:
     centring_depth: Uncertain = field(default_factory=Uncertain)
     centring_lateral: Uncertain = field(default_factory=Uncertain)
     nest: Uncertain = field(default_factory=Uncertain)
+    lock_on: Uncertain = field(default_factory=Uncertain)
     two_face: bool = False
 
     def quantity(self, term: ErrorTerm) -> Uncertain:
@@ -101,7 +104,7 @@ class TrackerErrors:
     def displacements(self, term: ErrorTerm, points: Array) -> Array:
         """How far a unit of a term displaces what is measured of points ``(..., 3)`` m: ``(..., 3, components)``.
 
-        A term of the placement (``centring_lateral``, ``nest``) has no such: it is another one in each pose.
+        A term of ``PLACEMENT`` has none: it is another error in each pose.
         """
         reach = np.linalg.norm(points, axis=-1)
         azimuth = np.arctan2(points[..., 1], points[..., 0])
@@ -113,10 +116,11 @@ class TrackerErrors:
         return (first + second) / 2
 
     def sample(self, points: Array, rng: np.random.Generator) -> Array:
-        """The systematic errors of one campaign at points ``(..., 3)`` m, the placement of the reflector among them."""
+        """The systematic errors of one campaign at points ``(..., 3)`` m, those of ``PLACEMENT`` among them."""
         total: Array = np.zeros_like(points)
-        for term in TERMS:
-            own = rng.spawn(1)[0]  # so that one term leaves the draws of the others as they are
+        if not self.stated:
+            return total
+        for term, own in zip(TERMS, rng.spawn(len(TERMS)), strict=True):  # one term leaves the others' draws alone
             quantity = self.quantity(term)
             if not quantity.standard:
                 continue
@@ -131,18 +135,37 @@ class TrackerErrors:
         """The terms that are not zero."""
         return tuple(term for term in TERMS if self.quantity(term).standard)
 
+    @property
+    def lasting(self) -> tuple[ErrorTerm, ...]:
+        """The terms that are not zero and are one error in all poses of a campaign."""
+        return tuple(term for term in self.stated if term not in PLACEMENT)
+
+    @property
+    def placement(self) -> tuple[ErrorTerm, ...]:
+        """The terms that are not zero and are another error in each pose."""
+        return tuple(term for term in self.stated if term in PLACEMENT)
+
+    def times(self, factor: float) -> "TrackerErrors":
+        """The errors with every uncertainty multiplied."""
+        grown = {term.name: self.quantity(term) for term in self.stated}
+        grown = {name: replace(each, standard=factor * each.standard) for name, each in grown.items()}
+        return TrackerErrors(**grown, two_face=self.two_face)
+
     def placement_covariance(self, points: Array, terms: Sequence[ErrorTerm] = ()) -> Array:
         """Covariance ``(..., 3, 3)`` m^2 of what is another error in each pose: of some terms, by default of all."""
         total: Array = np.zeros((*points.shape, 3))
         for each in terms or PLACEMENT:
             variance = self.quantity(each).standard ** 2
-            total += variance * (np.eye(3) if each.name == "nest" else _across(points))
+            total += variance * _SHAPES[each.name](points)
         return total
 
     def _placed(self, term: ErrorTerm, quantity: Uncertain, points: Array, rng: np.random.Generator) -> Array:
-        """Of the nest another draw at each point; of the reflector one offset, turned about the beam by chance."""
+        """Draw nest and range anew at each point; the reflector's offset once, turned about the beam by chance."""
         if term.name == "nest":
             return quantity.sample(rng, points.shape)
+        if term.name == "lock_on":
+            ray = points / np.linalg.norm(points, axis=-1, keepdims=True)
+            return np.asarray(ray * quantity.sample(rng, points.shape[:-1])[..., None])
         offset, turn = quantity.sample(rng, 2), rng.uniform(-np.pi, np.pi, points.shape[:-1])
         azimuth = np.arctan2(points[..., 1], points[..., 0])
         elevation = np.arctan2(points[..., 2], np.hypot(points[..., 0], points[..., 1]))
@@ -167,8 +190,10 @@ TERMS = (
     ErrorTerm("centring_depth", "µm", 1e6, "centring of the reflector along the beam"),
     ErrorTerm("centring_lateral", "µm", 1e6, "centring of the reflector across the beam"),
     ErrorTerm("nest", "µm", 1e6, "repeatability of the reflector's nest"),
+    ErrorTerm("lock_on", "µm", 1e6, "zero of the range, found anew in each pose"),
 )
-PLACEMENT = tuple(term for term in TERMS if term.name in ("centring_lateral", "nest"))
+PLACEMENT = tuple(term for term in TERMS if term.name in ("centring_lateral", "nest", "lock_on"))
+"""Terms that are another error in each pose."""
 assert [term.name for term in TERMS] == [each.name for each in fields(TrackerErrors)][:-1]
 
 
@@ -218,8 +243,14 @@ def _components(name: str, reach: Array, azimuth: Array, elevation: Array) -> Ar
     return np.stack([np.stack(part, axis=-1) for part in parts], axis=-1)
 
 
-def _across(points: Array) -> Array:
-    """The projection ``(..., 3, 3)`` across the beam."""
-    square = np.sum(points**2, axis=-1)[..., None, None]
-    across: Array = np.eye(3) - points[..., :, None] * points[..., None, :] / square
-    return across
+def _along(points: Array) -> Array:
+    """The projection ``(..., 3, 3)`` onto the beam."""
+    along: Array = points[..., :, None] * points[..., None, :] / np.sum(points**2, axis=-1)[..., None, None]
+    return along
+
+
+_SHAPES: dict[str, Callable[[Array], Array]] = {
+    "centring_lateral": lambda points: np.eye(3) - _along(points),
+    "nest": lambda points: np.broadcast_to(np.eye(3), (*points.shape, 3)),
+    "lock_on": _along,
+}  # the covariance of a unit of each term of PLACEMENT, (..., 3, 3)

@@ -74,7 +74,8 @@ def of_one_robot(case: str, seed: int, options: Options) -> dict[str, np.ndarray
     bound = None
     rows = []
     for draw in rng_for(seed, "noise").spawn(options.draws):
-        data = replace(exact, points=device.sample(exact.points, draw))
+        errors = device.errors.sample(exact.points, draw.spawn(1)[0])
+        data = replace(exact, points=device.sample(exact.points, draw) + errors)
         found = identify(arm, data, nominal, noise)
         compared = compare_with_truth(found, truth)
         free = list(found.fit.free)

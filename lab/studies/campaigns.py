@@ -29,7 +29,7 @@ from lab.kinematics.parameter import names_of
 from lab.kinematics.serial.batch import Stacked, stacked
 from lab.pose_selection.criteria import CRITERIA
 from lab.simulation.collisions import random_poses
-from lab.simulation.observations.points import track
+from lab.simulation.observations.points import misalignments, track
 from lab.simulation.true_robot import TrueRobot
 from lab.studies.grid import ANY, NONE, USUAL, Cell, Study, Task
 
@@ -185,7 +185,8 @@ class _Fitted:
 def _noisy(device: Instrument, noise: float) -> Instrument:
     """The instrument with its noise multiplied."""
     names = ("radial_m", "radial_per_m", "transverse_m", "transverse_per_m", "angle_rad")
-    return replace(device, **{name: noise * getattr(device, name) for name in names if hasattr(device, name)})
+    grown = {name: noise * getattr(device, name) for name in names if hasattr(device, name)}
+    return replace(device, errors=device.errors.times(noise), **grown)
 
 
 def _of_robot(study: Study, fitted: _Fitted, number: int, joints: Array, fresh: Array) -> Columns:
@@ -227,7 +228,10 @@ def _measured(real: TrueRobot, device: Instrument, asked: VirtualCampaign, joint
         points = [track(real, joints, asked.targets, device, rng, conditions=conditions).points for rng in noises]
         return np.array(points)
     exact = real.points(joints, asked.targets, conditions)
-    return np.array([device.sample(exact, rng) for rng in noises])
+    noisy = np.array([device.sample(exact, rng) for rng in noises])
+    if not device.errors.stated:
+        return noisy
+    return noisy + [device.errors.sample(exact, misalignments(rng)) for rng in noises]
 
 
 def _turned(fitted: _Fitted, real: TrueRobot, joints: Array, measured: Array) -> PointBatch:
@@ -260,7 +264,8 @@ def _judged(
     off = (found.values - _true_values(fitted, real, Ts))[:, free]
     angular = np.array([parameters[i].is_angle for i in free])
     device = fitted.device
-    weight = 1.0 if campaigns.whiten is not None else 1 / device.radial_m**2 if device.radial_m else np.nan
+    sigma = 1.0 if campaigns.whiten is not None else device.isotropic_sigma()
+    weight = 1 / sigma**2 if sigma else np.nan
     lengths, angles = 1e3 * off[:, ~angular], off[:, angular]
     return {
         "converged": found.converged,

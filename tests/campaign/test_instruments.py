@@ -11,8 +11,8 @@ from lab.core.errors import LabError
 from lab.core.instruments import INSTRUMENTS
 
 
-def test_a_name_is_a_preset_which_states_no_systematic_errors() -> None:
-    assert all(named_instrument(name) is device and not device.errors.stated for name, device in INSTRUMENTS.items())
+def test_a_name_is_a_preset_which_states_no_errors_that_last() -> None:
+    assert all(named_instrument(name) is device and not device.errors.lasting for name, device in INSTRUMENTS.items())
     with pytest.raises(LabError, match="'ruler' is unknown"):
         named_instrument("ruler")
 

@@ -24,7 +24,6 @@ TRUTH = ARM.nominal({"p1": (0.03, 0.02, 0.1), "p2": (-0.025, 0.03, 0.08)})
 TRUTH[:3] = 2.0, 1.0, 0.3
 FREE = base_set(ARM, TRUTH).kept
 ASKED = ARM.structure_joints(200, rng_for(0, "structure"))
-LATERAL, NEST = TERMS[-2], TERMS[-1]
 
 
 @cache

@@ -70,7 +70,9 @@ def test_a_closed_form_is_what_a_misaligned_gimbal_shows(name: str, two_face: bo
 def test_the_mean_of_two_faces_takes_away_what_it_is_known_to() -> None:
     """Collimation, tilts, offsets and the zero of the elevation go; range, refraction and one of four circles stay."""
     both = TrackerErrors(two_face=True)
-    left = {term.name: np.abs(both.displacements(term, POINTS)).max(axis=(0, 1)) for term in TERMS[:-2]}
+    left = {
+        term.name: np.abs(both.displacements(term, POINTS)).max(axis=(0, 1)) for term in TERMS if term not in PLACEMENT
+    }
     gone = {"transit_offset", "transit_tilt", "collimation", "beam_offset", "elevation_index", "azimuth_eccentricity"}
     for name, sizes in left.items():
         assert (sizes.max() < 1e-12) == (name in gone), name
@@ -124,6 +126,15 @@ def test_the_placement_of_the_reflector_has_the_covariance_that_weighs_it(term: 
     device = Instrument("t", "spherical", 1e-6, 0.0, 2e-6, 0.0)
     with_it = Instrument("t", "spherical", 1e-6, 0.0, 2e-6, 0.0, errors=errors)
     np.testing.assert_allclose(with_it.covariance(POINTS, 9) - device.covariance(POINTS, 9), expected, atol=1e-24)
+
+
+def test_errors_are_multiplied_and_sorted_by_how_long_they_last() -> None:
+    errors = TrackerErrors(range_scale=Uncertain(2e-6), nest=Uncertain.within(3e-6), two_face=True)
+    assert [term.name for term in errors.lasting] == ["range_scale"]
+    assert [term.name for term in errors.placement] == ["nest"]
+    twice = errors.times(2.0)
+    assert twice.two_face and twice.range_scale.standard == 4e-6 and twice.nest.limit == pytest.approx(6e-6)
+    assert not errors.times(0.0).stated
 
 
 def test_a_campaign_has_one_set_of_misalignments_and_terms_are_independent() -> None:

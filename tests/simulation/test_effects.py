@@ -38,7 +38,7 @@ from lab.simulation.elastic import FlexibleArm
 from lab.simulation.link_masses import loads_of
 from lab.simulation.load_mjcf_urdf import load_model
 from lab.simulation.model import RobotModel
-from lab.simulation.observations.points import measure_with_outlier_mask, track
+from lab.simulation.observations.points import measure_with_outlier_mask, misalignments, track
 from lab.simulation.true_robot import Perturbation, TrueRobot, random_perturbation, random_tracker, true_robot
 
 MODEL, CHAIN = IRB120.model, IRB120.chain
@@ -143,7 +143,8 @@ def test_without_effects_nothing_changes_not_even_a_bit() -> None:
     np.testing.assert_array_equal(REAL.points(JOINTS, TARGETS), plain)
     device, rng, alone = INSTRUMENTS["leica-at960"], np.random.default_rng(1), np.random.default_rng(1)
     data = track(REAL, JOINTS, TARGETS, device, rng, readings=3)
-    np.testing.assert_array_equal(data.points, device.sample(plain, alone, 3))
+    placed = device.errors.sample(plain, misalignments(np.random.default_rng(1)))
+    np.testing.assert_array_equal(data.points, plain + placed + (device.sample(plain, alone, 3) - plain))
     assert rng.bit_generator.state == alone.bit_generator.state
     np.testing.assert_array_equal(data.joints, JOINTS)
     assert data.conditions == {}

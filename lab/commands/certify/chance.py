@@ -7,7 +7,6 @@ from lab.certification.quantities import KnownSpread, Placement, RandomErrors
 from lab.commands.calibrate.load_run import Calibrated
 from lab.commands.certify.fitted import FittedRows
 from lab.core.instruments import Instrument
-from lab.core.tracker_errors import PLACEMENT
 
 __all__ = ["random_errors"]
 
@@ -74,7 +73,7 @@ def _placement(calibrated: Calibrated, fitted: FittedRows) -> Placement:
     if not calibrated.result.noise_known:
         return "in the residuals"
     device = fitted.instrument
-    return "in the noise" if device is not None and set(device.errors.stated) & set(PLACEMENT) else "beside"
+    return "in the noise" if device is not None and device.errors.placement else "beside"
 
 
 def _noise_source(calibrated: Calibrated) -> str:

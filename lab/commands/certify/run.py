@@ -139,7 +139,7 @@ def _warnings(
     yield from calibrated.warnings
     if isinstance(calibrated.options, VirtualCampaign):
         yield "the robot is virtual: nothing was measured, and this certificate is an example"
-    if device is None or not device.errors.stated:
+    if device is None or not device.errors.lasting:
         name = "the instrument is not known" if device is None else f"of {device.name} no systematic errors are stated"
         yield f"{name}: the budget has none; give --instrument with the TOML file of a tracker"
     if chance.repeatability is None:

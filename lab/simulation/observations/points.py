@@ -16,7 +16,17 @@ from lab.simulation.effects import NOTHING_SET
 from lab.simulation.observations.protocol import Setup, SimulatedDay
 from lab.simulation.true_robot import TrueRobot
 
-__all__ = ["measure_with_outlier_mask", "observe_points", "recorded", "scattered_points", "seen_by", "track"]
+__all__ = [
+    "measure_with_outlier_mask",
+    "misalignments",
+    "observe_points",
+    "recorded",
+    "scattered_points",
+    "seen_by",
+    "track",
+]
+
+_STREAMS = 4  # of scatter, bad readings, shape of the noise, and systematic errors of the instrument
 
 
 def observe_points(
@@ -115,13 +125,18 @@ def scattered_points(
 
     Scatter and bad readings are drawn from children of ``rng`` each: the instrument's noise is the same without.
     """
-    effects, (scattering, failing, shaping, misaligned) = real.effects, rng.spawn(4)
+    effects, (scattering, failing, shaping, misaligned) = real.effects, rng.spawn(_STREAMS)
     scatter = effects.scatter(len(joints), scattering)
     exact = real.points(joints, targets, conditions, scatter)
     displaced, bad = effects.displacements(len(joints), failing)
     noise = effects.shaped_noise(instrument.sample(exact, rng, readings) - exact, shaping)
     points = exact + instrument.errors.sample(exact, misaligned) + noise + displaced[:, None]
     return recorded(real, effects.shown(joints), targets, points, conditions), bad, scatter
+
+
+def misalignments(rng: np.random.Generator) -> np.random.Generator:
+    """The stream by which ``scattered_points`` draws the instrument's systematic errors, from one not yet spawned."""
+    return rng.spawn(_STREAMS)[-1]
 
 
 def recorded(
