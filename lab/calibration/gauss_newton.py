@@ -98,6 +98,13 @@ class Observations:
         turned = np.einsum("jikn,...jkn->...ikn", self.whiten.T, vectors.T)  # poses are what lies side by side
         return np.asarray(turned.T)
 
+    def in_units_of_points(self, rows: Array) -> Array:
+        """Return vectors ``(n, k, d, ...)`` in the points' units from rows in units of noise: invert the above."""
+        if self.whiten.ndim == 2:
+            return rows / self.whiten.reshape(*self.whiten.shape, *[1] * (rows.ndim - 2))
+        flat = rows.reshape(*rows.shape[:3], -1)
+        return np.asarray(np.linalg.solve(self.whiten, flat)).reshape(rows.shape)
+
     def take(self, rows: NDArray[np.int_]) -> "Observations":
         """Some of the poses."""
         correlation = None if self.correlation is None else self.correlation.take(rows)

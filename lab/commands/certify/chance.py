@@ -59,14 +59,24 @@ def _repeatability(
     """By the noise model of the run, by repeated poses, or as it is stated; None where nothing is known."""
     shared = fitted.observed.correlation
     if shared is not None and shared.scatter.size:
-        rows = float(np.sqrt((shared.scatter**2).sum(axis=-1).mean()))
-        return KnownSpread(rows * fitted.sigma_m, np.inf, "scatter of the joints, by the run's noise model")
+        return KnownSpread(_scatter_m(fitted), np.inf, "scatter of the joints, by the run's noise model")
     if found.scatter_m is not None and (more := found.scatter_m**2 - instrument_m**2) > 0:
         freedom = (more / found.scatter_m**2) ** 2 * found.freedom
         return KnownSpread(float(np.sqrt(more)), freedom, "repeated poses, less the instrument's noise")
     if stated_mm is not None:
         return KnownSpread(stated_mm / 1e3 / _RP_OVER_SIGMA, np.inf, f"stated RP of {stated_mm:g} mm")
     return None
+
+
+def _scatter_m(fitted: FittedRows) -> float:
+    """What the scatter of the joints makes of a measured coordinate, root mean square, m.
+
+    It is kept in units of the noise, which differ along the beam and across it.
+    """
+    observed, shared = fitted.observed, fitted.observed.correlation
+    assert shared is not None
+    moved = observed.in_units_of_points(shared.scatter.reshape(*observed.points.shape, -1))[observed.seen]
+    return float(np.sqrt((moved**2).sum(axis=-1).mean()))
 
 
 def _placement(calibrated: Calibrated, fitted: FittedRows) -> Placement:
