@@ -36,6 +36,18 @@ def test_a_file_is_read_in_si_units(tmp_path: Path) -> None:
     assert errors.temperature_gradient.standard == pytest.approx(0.5 / np.sqrt(3))
 
 
+def test_a_range_that_is_found_anew_is_one_of_the_errors_that_a_file_states(tmp_path: Path) -> None:
+    """An old file, without the line, has none; with it the covariance grows along the beam alone."""
+    old, new = tmp_path / "old.toml", tmp_path / "new.toml"
+    old.write_text(NOISE)
+    new.write_text(NOISE + "[systematic]\nlock_on_um = { limit = 9 }\n")
+    assert not read_instrument(old).errors.stated
+    assert read_instrument(new).errors.lock_on.standard == pytest.approx(9e-6 / np.sqrt(3))
+    point = np.array([[0.0, 2.0, 0.0]])
+    grown = read_instrument(new).covariance(point, 4) - read_instrument(old).covariance(point, 4)
+    np.testing.assert_allclose(grown[0], np.diag([0.0, 27e-12, 0.0]), atol=1e-18)
+
+
 WRONG = {
     "": "says nothing",
     "[noise]\nradial_um = 1\n": "transverse_um",
@@ -56,6 +68,8 @@ WRONG = {
     NOISE + "[systematic]\ntransit_tilt_urad = { limit = 1, distribution = 'normal' }\n": "no limits",
     NOISE + "[systematic]\ntransit_tilt_urad = { limit = 1, distribution = 'flat' }\n": "one of normal",
     NOISE + "[systematic]\ntwo_face = 1\n": "give true or false",
+    NOISE + "[systematic]\nlock_on_um = { standard = -5 }\n": "lock_on_um: -5 is no uncertainty",
+    NOISE + "[systematic]\nlock_on_um = 5\n": r"lock_on_um is 5; give \{ standard",
     "systematic = 3\n" + NOISE: "a section",
 }
 
