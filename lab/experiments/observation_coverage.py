@@ -107,7 +107,8 @@ def _with_noise(data: Measurements, device: Instrument, slopes: Array | None, rn
     if "cable_mm" in data.conditions:
         lengths = device.sample(data.conditions["cable_mm"][:, None] / 1e3, rng)[:, 0]
         return replace(data, conditions={**data.conditions, "cable_mm": 1e3 * lengths})
-    read = replace(data, points=device.sample(data.points, rng))
+    systematic = device.errors.sample(data.points, rng.spawn(1)[0])
+    read = replace(data, points=device.sample(data.points, rng) + systematic)
     if "p1_qw" not in data.other:
         return read
     assert isinstance(device, PoseInstrument)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.robots import ROOT
 
 from lab.core.distributions import Uncertain
 from lab.core.errors import LabError
@@ -72,9 +73,9 @@ NEST_UM = 3.0
 
 
 def along_and_across_um(name: str, reach: float) -> tuple[float, float]:
-    """Standard deviations of a preset at a level point."""
+    """Standard deviations of a preset at a level point; across, the larger of two."""
     covariance = INSTRUMENTS[name].covariance(np.array([reach, 0.0, 0.0]))
-    return 1e6 * float(np.sqrt(covariance[0, 0])), 1e6 * float(np.sqrt(covariance[1, 1]))
+    return 1e6 * float(np.sqrt(covariance[0, 0])), 1e6 * float(np.sqrt(max(covariance[1, 1], covariance[2, 2])))
 
 
 @pytest.mark.parametrize("name", PUBLISHED)
@@ -82,6 +83,32 @@ def along_and_across_um(name: str, reach: float) -> tuple[float, float]:
 def test_a_trackers_noise_is_half_of_the_published_error_and_a_nest(name: str, reach: float) -> None:
     expected = [np.hypot(published(reach) / 2, NEST_UM) for published in PUBLISHED[name]]
     np.testing.assert_allclose(along_and_across_um(name, reach), expected, rtol=1e-9)
+
+
+def documented() -> dict[str, list[str]]:
+    """The table of the presets in docs/reference/trackers.md: cells by name."""
+    lines = (ROOT / "docs" / "reference" / "trackers.md").read_text(encoding="utf-8").splitlines()
+    start = next(i for i, line in enumerate(lines) if line.startswith("| preset |"))
+    rows = [
+        [cell.strip() for cell in line.strip("|").split("|")] for line in lines[start + 2 :] if line.startswith("|")
+    ]
+    return {row[0]: row[1:] for row in rows}
+
+
+def test_the_documented_table_has_every_preset() -> None:
+    assert set(documented()) == set(INSTRUMENTS) - {"exact"}
+
+
+@pytest.mark.parametrize("name", [name for name in INSTRUMENTS if name != "exact"])
+def test_the_documented_table_is_that_of_the_presets(name: str) -> None:
+    """To the digit that is written: half of the published error, and the noise, at 2, 5 and 10 m."""
+    _, *cells = documented()[name]
+    view = INSTRUMENTS[name].field_of_view
+    for reach, half, noise in zip((2.0, 5.0, 10.0), cells[:3], cells[3:], strict=True):
+        published = [f"{each(reach) / 2:.1f}" for each in PUBLISHED[name]] if name in PUBLISHED else None
+        assert half == ("–" if published is None else "; ".join(published))
+        seen = view.nearest_m <= reach <= view.farthest_m
+        assert noise == ("; ".join(f"{size:.1f}" for size in along_and_across_um(name, reach)) if seen else "–")
 
 
 @pytest.mark.parametrize("name", [name for name, each in INSTRUMENTS.items() if each.kind == "spherical"])
