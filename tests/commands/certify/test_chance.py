@@ -17,6 +17,7 @@ from lab.core.covariance import whitening
 from lab.core.instruments import instrument
 from lab.core.measurements import measured
 
+TRACKERS = ("leica-at960", "leica-at500", "faro-vantage")
 NOISE = """
 [noise]
 radial_um = 0
@@ -60,3 +61,26 @@ def test_an_error_of_the_nest_is_no_repeatability_of_the_robot(tmp_path: Path) -
     assert found["leica-at960"][0] == 0.0 and found["leica-at960"][1] < 0.02e-3
     repeatability, expanded = found[str(tmp_path / "stated.toml")]
     assert 5e-6 < repeatability < 40e-6 and expanded < 0.15e-3  # 0.05 mrad of joints 0.5 m away, as the run says
+
+
+@pytest.mark.thorough
+def test_one_session_is_worth_the_same_whichever_tracker_is_named(tmp_path: Path) -> None:
+    """Mean errors within 20 %; the nominal model's alike; U grows as the stated noise does."""
+    targets = ("p1", "p2", "p3")
+    day = lab.simulate("irb120", poses=50, seed=2, instrument="leica-at960", targets=targets)
+    before, after, expanded = [], [], []
+    for name in TRACKERS:
+        result = lab.identify(day.measurements, robot="irb120", instrument=name, validate=day.validation)
+        told = result.to_dict()
+        before.append(told["before_mm"]["mean"])
+        after.append(told["after_mm"]["mean"])
+        budget = certify(CertifyOptions(result.save(tmp_path / name), force=True)).budgets[0]
+        assert {line.quantity.group for line in budget.lines} <= {"parameters", "misalignment", "reflector"}
+        expanded.append(budget.expanded_m)
+    np.testing.assert_allclose(before, before[0], rtol=1e-9)
+    assert max(after) < 1.2 * min(after)
+    points = day.measurements.points.reshape(-1, 3)
+    best = whitening(instrument(TRACKERS[0]).covariance(points))
+    for name, each in zip(TRACKERS[1:], expanded[1:], strict=True):
+        ratios = np.sqrt(np.linalg.eigvalsh(best @ instrument(name).covariance(points) @ np.swapaxes(best, 1, 2)))
+        assert 0.98 * ratios.min() < each / expanded[0] < 1.02 * ratios.max()  # what was drawn has two digits
