@@ -19,6 +19,7 @@ from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.kinematics.effects.conditions import PAYLOAD
 from lab.kinematics.gauge import STRUCTURE_POSES, base_set, independent_columns, named
 from lab.kinematics.model import Model
 
@@ -81,6 +82,20 @@ class SelectionTask:
         with_it, without = (observation_of(self.model_with(g)).within(self.data).model.names for g in ([group], []))
         return set(with_it) - set(without)
 
+    def derivatives(self, group: str, near: Identification) -> Array:
+        """Derivatives ``(n, k, d, p)`` of what is observed by a group's parameters, near a model without it.
+
+        Raises:
+            LabError: the group cannot be built, or lacks a column.
+        """
+        made = self.model_with([group])
+        observation = observation_of(made).within(self.data)
+        model = observation.model
+        values = _filled(observation.nominal(self.nominal_of(made)), model, near.model, near.values)
+        own = [i for i, name in enumerate(model.names) if name not in near.model.names]
+        inputs = weighed(observation, self.data, self.noise)[0].inputs
+        return np.asarray(model.observe(inputs, values)[1][..., own])
+
 
 @dataclass(frozen=True)
 class FullModel:
@@ -94,6 +109,7 @@ class FullModel:
             measured poses.
         folds, clusters: ``(n,)`` labels: rows of a fold, and rows that are held out as one.
         configurations: ``(n,)`` labels: rows of one pose, whose errors may go together.
+        loads: ``(n,)`` payloads (kg); zero where none is said.
         extra_residuals: what is known beside the measurements, a prior too.
         floor: the least standard deviation of a whitened residual.
     """
@@ -107,6 +123,7 @@ class FullModel:
     folds: Labels
     clusters: Labels
     configurations: Labels
+    loads: Array
     extra_residuals: ExtraResiduals
     floor: float
 
@@ -137,14 +154,22 @@ class FullModel:
             folds=folds(clusters, seed),
             clusters=clusters,
             configurations=configurations(task.data.joints),
+            loads=np.nan_to_num(task.data.conditions.get(PAYLOAD, np.zeros(len(task.data)))),
             extra_residuals=_known(task, observation, observed, start, at, alone.sigma_m if not known else 1.0),
             floor=1.0 if known else LEAST_SIGMA_M,
         )
 
-    @property
+    @cached_property
     def least_rows(self) -> int:
-        """Residuals that the largest fold leaves to fit; none where there is one fold only."""
-        sizes = np.bincount(self.folds, self.observed.seen.sum(axis=1) * self.observed.points.shape[2])
+        """Numbers that the largest fold leaves to fit, repeats of a configuration under one load counted once.
+
+        None where there is one fold only.
+        """
+        states = np.unique(np.column_stack([self.configurations, self.loads]), axis=0, return_inverse=True)[1]
+        seen = np.zeros((states.max(initial=-1) + 1, self.observed.seen.shape[1]), dtype=np.bool_)
+        np.logical_or.at(seen, states, self.observed.seen)
+        first = np.unique(states, return_index=True)[1]
+        sizes = np.bincount(self.folds[first], seen.sum(axis=1) * self.observed.points.shape[2])
         return int(sizes.sum() - sizes.max())
 
     def around(self, found: Identification) -> NestedModels:

@@ -4,14 +4,16 @@ Joints read back before they have followed lag behind the arm by a share of the 
 controller reports where the joints are to be, the arm lags behind them, and the share is negative.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import Fit, Observations
-from lab.calibration.statistics.linearized import FULL_RANK, LinearizedFit, SubsetFit, linearized
+from lab.calibration.statistics.clustered_rows import ClusteredRows
+from lab.calibration.statistics.linearized import FULL_RANK, linearized
+from lab.calibration.validation import configurations
 from lab.core.linear_model import LinearModel, p_value_of_squares
 from lab.core.measurements import Measurements, setups
 from lab.core.probabilities import t_sf
@@ -21,7 +23,7 @@ from lab.kinematics.model import Model
 
 __all__ = ["Lag", "lagging", "moves_before"]
 
-_SEVERAL = 2  # joints: one alone is as well an error of that joint
+_SEVERAL = 2  # joints
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,11 @@ class Lag:
     p: float
     fractions: Array
     significant: NDArray[np.bool_]
+
+    @property
+    def is_claimed(self) -> bool:
+        """Whether several joints lag beyond what noise does; one alone is as well an error of that joint."""
+        return bool(self.p < UNSOLICITED_WARNING and self.significant.sum() >= _SEVERAL)
 
 
 def moves_before(data: Measurements, ids: Sequence[str]) -> Array:
@@ -60,46 +67,94 @@ def moves_before(data: Measurements, ids: Sequence[str]) -> Array:
 
 
 def lagging(
-    model: Model, observed: Observations, fit: Fit, moves: Array, reading_jacobian: Array, sessions: Sequence[str]
+    model: Model,
+    observed: Observations,
+    fit: Fit,
+    moves: Array,
+    reading_jacobian: Array,
+    sessions: Sequence[str],
+    omitted: Callable[[], Sequence[Array]] = tuple,
 ) -> tuple[Lag, ...]:
     """The sessions where several joints lag.
 
     Residuals are regressed on J_q (joint position - the one before), after what the fit takes up of it (Frisch & Waugh
-    1933): F for all joints together, Student's t for each, both with sigma from what is then left.
+    1933): F for all joints together, Student's t for each, both with sigma from what is then left. Residuals of an
+    effect that the model lacks follow the moves by chance, all the more as the targets and repeats of a pose share
+    them. So a lag has to be significant by configurations too, and to compete with the groups that the model lacks:
+    where one of them explains more (BIC), that one is fitted first.
 
     Args:
         moves: ``(n, joints)``, joint position less the one before, which need not be among the rows.
         reading_jacobian: ``(n, k, d, joints)``, of the prediction by the joint positions.
         sessions: ``(n,)`` names.
+        omitted: makes the derivatives ``(n, k, d, p)`` by the parameters of each group that the model lacks; it is
+            called where a lag is suspected.
     """
     linear = linearized(model, observed, fit.values, fit.free)
-    within = linear.everywhere()
+    mask, seen, joints = linear.mask, observed.seen, moves.shape[1]
+    basis = LinearModel.of(linear.jacobian[mask], FULL_RANK, scaled=True).basis
+    residual = linear.residual[mask]
+    labels = configurations(observed.inputs[:, :joints])[np.nonzero(seen)[0]]
     names = list(dict.fromkeys(sessions))
-    found = []
+    found, rivals = [], None
     for name in names:
-        rows = [i for i, session in enumerate(sessions) if session == name]
-        here = np.zeros_like(moves)
-        here[rows] = moves[rows]
-        mask = observed.seen
-        columns = np.zeros(reading_jacobian.shape)
-        columns[mask] = observed.apply(reading_jacobian * here[:, None, None, :]).reshape(columns[mask].shape)
-        lag = _regressed(name, linear, within, columns.reshape(*linear.mask.shape, -1), len(names))
-        if lag.p < UNSOLICITED_WARNING and lag.significant.sum() >= _SEVERAL:
+        here = np.where(np.array([session == name for session in sessions])[:, None], moves, 0.0)
+        columns = observed.apply(reading_jacobian * here[:, None, None, :])
+        lag = _regressed(name, basis, residual, columns, len(names))
+        if not lag.is_claimed:
+            continue
+        rivals = [observed.apply(each) for each in omitted()] if rivals is None else rivals
+        beside = _beside_rivals(basis, residual, columns, rivals)
+        lag = _regressed(name, beside, residual, columns, len(names))
+        rows = ClusteredRows.of(np.column_stack([beside, columns, residual]), labels, observed.points.shape[2])
+        fitted = beside.shape[1]
+        by_clusters = rows.test(range(fitted), range(fitted, fitted + joints)).p * len(names)
+        lag = replace(lag, p=max(lag.p, min(1.0, by_clusters)))
+        if lag.is_claimed:
             found.append(lag)
     return tuple(found)
 
 
-def _regressed(name: str, linear: LinearizedFit, within: SubsetFit, columns: Array, sessions: int) -> Lag:
-    """Regression of the residuals on ``columns`` ``(n, m, joints)`` beside the fit's own."""
-    joints = columns.shape[2]
-    left = np.moveaxis(within.residuals(np.moveaxis(columns, 2, 0)), 0, 2).reshape(-1, joints)
-    before, scale = (np.linalg.norm(part, axis=0) for part in (columns.reshape(-1, joints), left))
+def _beside_rivals(basis: Array, residual: Array, columns: Array, rivals: Sequence[Array]) -> Array:
+    """The basis of the fit and of those rivals, one after another, that explain more than ``columns`` do."""
+    rivals = list(rivals)
+    while rivals:
+        left = residual - basis @ (basis.T @ residual)
+        own = [_beyond(basis, each) for each in (columns, *rivals)]
+        bic = [_bic(left, each) for each in own]
+        best = int(np.argmin(bic))
+        if best == 0 or bic[best] >= _bic(left, left[:, None][:, :0]):
+            break
+        basis = np.concatenate([basis, own[best]], axis=1)
+        del rivals[best - 1]
+    return basis
+
+
+def _beyond(basis: Array, columns: Array) -> Array:
+    """An orthonormal basis of what columns have beyond another one's."""
+    left = columns - basis @ (basis.T @ columns)
+    told = np.linalg.norm(left, axis=0) > FULL_RANK * np.linalg.norm(columns, axis=0)
+    own = LinearModel.of(left[:, told], FULL_RANK).basis
+    return np.linalg.qr(own - basis @ (basis.T @ own))[0]
+
+
+def _bic(left: Array, own: Array) -> float:
+    """Bayes' information criterion of residuals ``(r,)`` with more orthonormal columns, but for a constant."""
+    squares = float(left @ left - ((own.T @ left) ** 2).sum())
+    return float(len(left) * np.log(max(squares, 1e-300)) + own.shape[1] * np.log(len(left)))
+
+
+def _regressed(name: str, basis: Array, residual: Array, columns: Array, sessions: int) -> Lag:
+    """Regression of residuals ``(r,)`` on ``columns`` ``(r, joints)`` beside the orthonormal basis of the fit."""
+    joints = columns.shape[1]
+    left = columns - basis @ (basis.T @ columns)
+    before, scale = (np.linalg.norm(part, axis=0) for part in (columns, left))
     told = scale > FULL_RANK * np.maximum(before, 1e-300)
     fractions, significant, p = np.zeros(joints), np.zeros(joints, dtype=bool), 1.0
     moves = LinearModel.of(left[:, told], FULL_RANK)
-    residual = linear.residual.ravel()
+    residual = residual - basis @ (basis.T @ residual)
     pull = moves.coordinates(residual)
-    dof = within.dof - len(pull)
+    dof = len(residual) - basis.shape[1] - len(pull)
     if len(pull) and dof > 0:
         variance = max(float(residual @ residual - pull @ pull) / dof, 1e-300)
         p = min(1.0, sessions * float(p_value_of_squares(pull @ pull, len(pull), dof, variance)))

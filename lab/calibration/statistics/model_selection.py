@@ -1,9 +1,10 @@
 """Which effects an arm has: the smallest adequate model, found by adding one group of parameters after another.
 
-A group is taken if three things say so: an F-test (and a chi squared test where sigma is known, and one that lets the
-errors of a pose go together) at 1 %, Bonferroni's over the groups; BIC; and the error at held-out poses, which must
-fall by more than its own standard error. Residuals
-of real arms are correlated and heavy-tailed, so that the first two alone say yes to nearly everything.
+A group is taken if it passes three criteria. The first is a test at 1 % with Bonferroni's correction for the number of
+groups: F, chi squared where sigma is known, and, where poses have repeats or several targets, a test by configurations
+(``clustered_rows``). The second is BIC. The third is the error at held-out configurations, which has to fall by more
+than its standard error: residuals of real arms are correlated and heavy-tailed, and the first two alone accept nearly
+everything. Where the configurations are too few for a test by them, the held-out gain has to be significant instead.
 
 Groups of single joints, of which there are hundreds, are searched beside these, with one level for all of them
 (``term_search``).
@@ -19,7 +20,8 @@ from lab.calibration.identify import Identification, IdentifyOptions
 from lab.calibration.observations.protocol import observation_of
 from lab.calibration.statistics.alternatives import Alternative, alternatives
 from lab.calibration.statistics.candidate_models import LEAST_SIGMA_M, FullModel, ModelWith, NominalOf, SelectionTask
-from lab.calibration.statistics.nested_models import NestedModels, Score
+from lab.calibration.statistics.clustered_rows import ClusterTest
+from lab.calibration.statistics.nested_models import HeldOutGain, NestedModels, Score
 from lab.calibration.statistics.term_search import FoundTerm, TermSearch, TermTable
 from lab.calibration.statistics.useful_parameters import TELLING
 from lab.calibration.validation import ROWS_PER_PARAMETER, configurations
@@ -50,6 +52,8 @@ class GroupTrial:
         holdout_m: mean length of the error at held-out poses with it and what was taken before it; NaN if not tried.
         f_p: the chance of as large a fall in squares if it were not there (``NestedModels.p_value``), no Bonferroni's
             factor in it; NaN if not tried.
+        configurations: the test by configurations; None where each is one reading of one target, or not tried.
+        gain: the fall of the error at held-out configurations; None if not tried.
         bic: of that model; NaN if not tried.
         chosen: whether it is in the final model; the others are tried beside that.
         infeasibility_reason: why it is not; empty where it is.
@@ -66,6 +70,8 @@ class GroupTrial:
     infeasibility_reason: str = ""
     held: tuple[str, ...] = ()
     incomplete_data: bool = False
+    configurations: ClusterTest | None = None
+    gain: HeldOutGain | None = None
 
 
 @dataclass(frozen=True)
@@ -352,23 +358,44 @@ def _trial(large: FullModel, table: NestedModels, found: Identification, name: s
     if large.least_rows < ROWS_PER_PARAMETER * (len(fitted) + len(shown)):
         return _refused(name, f"too few poses for {len(fitted) + len(shown)} parameters")
     big = table.score([*fitted, *shown])
-    p = table.p_value(small, big)
-    robust = table.clustered_p(fitted, shown)
-    why = objection(table, small, big, max(p, robust) * len(large.groups))
-    if why == _NOT_SIGNIFICANT and p * len(large.groups) < MODEL_GROUPS:
-        why += f": p = {robust:.1g} if errors go together in a pose"
+    p, gain, clustered = table.p_value(small, big), table.gain(small, big), table.test_by_configurations(fitted, shown)
+    why = objection(small, big, gain, p * len(large.groups)) or _by_configurations(clustered, gain, len(large.groups))
     held = tuple(large.observation.model.names[i] for i in new if i not in shown)
-    return GroupTrial(name, len(shown), float(big.errors.mean()), p, big.bic, False, why, held)
+    return GroupTrial(
+        name,
+        len(shown),
+        float(big.errors.mean()),
+        p,
+        big.bic,
+        False,
+        why,
+        held,
+        configurations=clustered,
+        gain=gain,
+    )
 
 
-def objection(table: NestedModels, small: Score, big: Score, p: float) -> str:
+def objection(small: Score, big: Score, gain: HeldOutGain, p: float) -> str:
     """What speaks against an extension, with ``p`` of the tests of all groups together; empty if nothing does."""
-    fall, error = table.gain(small, big)
     if p >= MODEL_GROUPS:
         return _NOT_SIGNIFICANT
     if big.bic > small.bic - _BIC_FALL:
         return "BIC does not fall enough" if big.bic < small.bic else "BIC rises"
-    return "" if fall > error else "the held-out error does not fall"
+    return "" if gain.mean_m > gain.std_m else "the held-out error does not fall"
+
+
+def _by_configurations(test: ClusterTest | None, gain: HeldOutGain, groups: int) -> str:
+    """What the configurations, whose errors may be correlated, say against one of so many groups."""
+    if test is None or test.p * groups < MODEL_GROUPS:
+        return ""
+    if test.has_freedom:
+        return f"{_NOT_SIGNIFICANT}: p = {test.p:.1g} by configurations, within which errors may be correlated"
+    if gain.p * groups < MODEL_GROUPS:
+        return ""
+    return (
+        f"undecided: the test by configurations has {test.dof:.2g} degrees of freedom, and the held-out error falls "
+        f"with p = {gain.p:.1g}; measure more configurations"
+    )
 
 
 def _geometry(score: Score) -> GroupTrial:

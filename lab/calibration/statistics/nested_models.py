@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import RANK_TOLERANCE, ExtraResiduals, Observations
 from lab.calibration.observations.protocol import Observation
-from lab.calibration.statistics.clustered_rows import ClusteredRows
+from lab.calibration.statistics.clustered_rows import ClusteredRows, ClusterTest
 from lab.core.linear_model import LinearModel, p_value_of_squares
+from lab.core.probabilities import t_sf
 from lab.core.se3 import Array
 
-__all__ = ["Labels", "NestedModels", "Score", "nested_at"]
+__all__ = ["HeldOutGain", "Labels", "NestedModels", "Score", "nested_at"]
 
 Labels = NDArray[np.int_]
 
@@ -36,6 +37,28 @@ class Score:
     squares: float
     errors: Array
     bic: float
+
+
+@dataclass(frozen=True)
+class HeldOutGain:
+    """How far the error at held-out configurations falls, each configuration counted once.
+
+    Attributes:
+        mean_m: the mean over configurations.
+        std_m: its standard error.
+        dof: of that standard error: configurations less one.
+    """
+
+    mean_m: float
+    std_m: float
+    dof: int
+
+    @property
+    def p(self) -> float:
+        """The chance of as large a gain if there is none: Student's t, one-sided."""
+        if self.dof < 1 or not self.std_m > 0:
+            return 1.0
+        return float(t_sf(self.mean_m / self.std_m, self.dof))
 
 
 @dataclass(frozen=True)
@@ -123,22 +146,22 @@ class NestedModels:
         by_residuals = p_value_of_squares(fall, added, dof, max(big.squares / dof, 1e-300))
         return float(max(by_noise, by_residuals))
 
-    def clustered_p(self, fitted: Sequence[int], added: Sequence[int]) -> float:
-        """The chance of what columns explain beyond those fitted, if errors go together in a pose.
+    def test_by_configurations(self, fitted: Sequence[int], added: Sequence[int]) -> ClusterTest | None:
+        """Test what columns explain beyond those fitted, with errors that are correlated within a configuration.
 
-        Unlike ``p_value`` it does not take the targets or repeats of a pose for independent; zero where there is one
+        Unlike ``p_value`` it does not take the targets or repeats of a pose for independent; None where there is one
         of each, as there is nothing to allow for.
         """
         if not self.witnesses.shared:
-            return 0.0
-        return self.witnesses.p_value(*([self.columns.index(i) for i in each] for each in (fitted, added)))
+            return None
+        return self.witnesses.test(*([self.columns.index(i) for i in each] for each in (fitted, added)))
 
-    def gain(self, before: Score, after: Score) -> tuple[float, float]:
-        """How far the mean held-out error falls (m), and the standard error of that: paired, by clusters."""
-        fall = before.errors - after.errors
-        mean = float(fall.mean())
-        together = np.bincount(self.cluster, fall - mean)
-        return mean, float(np.sqrt(np.sum(together**2))) / len(fall)
+    def gain(self, before: Score, after: Score) -> HeldOutGain:
+        """How far the held-out error falls, paired: a configuration counts once, however often it was measured."""
+        count = np.bincount(self.cluster)
+        fall = (np.bincount(self.cluster, before.errors - after.errors) / np.maximum(count, 1))[count > 0]
+        spread = float(fall.std(ddof=1)) if len(fall) > 1 else 0.0
+        return HeldOutGain(float(fall.mean()), spread / np.sqrt(len(fall)), len(fall) - 1)
 
     def _left(self, triangle: Array, fitted: Sequence[int]) -> tuple[Array, Array]:
         """Weights ``(c + 1,)`` of columns and residual in what is left, and what is left of the triangle's rows."""

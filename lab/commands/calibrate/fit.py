@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -274,7 +274,9 @@ class Fitter:
         warnings += of_size(found)
         if only_positions(observation):
             warnings += of_weakness(self.robot, self.targets, groups, found, observations.inputs, self.course)
-        warnings += of_joints(found, observations, clean, moves_before(self.data, clean.ids), self.robot.chain.encoders)
+        moves, encoders = moves_before(self.data, clean.ids), self.robot.chain.encoders
+        omitted = partial(self._derivatives_by_others, found, groups)
+        warnings += of_joints(found, observations, clean, moves, encoders, omitted)
         warnings += of_twist(self.robot, found)
         slopes = not self.options.residual  # whose process says itself what it does not know beyond an end
         measured = measured_range(found, observations, self.robot.chain.prismatic, slopes=slopes)
@@ -339,6 +341,16 @@ class Fitter:
         except LabError:  # too few rows to add anything
             return None
         return beside if beside.chosen else None
+
+    def _derivatives_by_others(self, found: Identification, groups: Sequence[str], rows: Measurements) -> list[Array]:
+        """Derivatives of what rows observe by the parameters of each candidate group that is not in the model."""
+        task = SelectionTask(self.model_with, self.nominal, rows, self.noise, self.request)
+        made = []
+        for name in CANDIDATES:
+            if name not in groups:
+                with suppress(LabError):  # a group that the arm or the columns do not allow
+                    made.append(task.derivatives(name, found))
+        return made
 
     def predicting(self, rows: Measurements, groups: Sequence[str], held: Sequence[str]) -> Identification:
         """One identification, outliers left out if asked for, with what no group explains where that is asked for."""

@@ -1,5 +1,7 @@
 """What a person should be told of a fit: outliers, weakly observable parameters, what was assumed or left out."""
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
 
 from lab.calibration.extrapolation import MeasuredRange
@@ -187,11 +189,17 @@ def of_size(found: Identification) -> list[str]:
 
 
 def of_joints(
-    found: Identification, seen: Observations, rows: Measurements, moves: Array, encoders: Encoders | None
+    found: Identification,
+    seen: Observations,
+    rows: Measurements,
+    moves: Array,
+    encoders: Encoders | None,
+    omitted: Callable[[Measurements], Sequence[Array]],
 ) -> list[str]:
     """Joint positions that are rounded, or that do not follow the arm.
 
     Args:
+        omitted: derivatives of what rows observe by the parameters of each group that the model lacks.
         moves: ``(n, joints)`` from the pose measured before each row, whether that was fitted or not.
         encoders: those of the robot's table; None where it names none.
     """
@@ -211,7 +219,7 @@ def of_joints(
             f"{1e3 * coarse.rms_m:.3g} mm (RMS)"
         )
     derivative = by_joint_positions(model, seen.inputs, found.values, moves.shape[1])
-    for lag in lagging(model, seen, found.fit, moves, derivative, rows.sessions):
+    for lag in lagging(model, seen, found.fit, moves, derivative, rows.sessions, lambda: omitted(rows)):
         here = np.array([session == lag.session for session in rows.sessions])
         made = (derivative @ (moves * np.where(lag.significant, lag.fractions, 0.0))[:, None, :, None])[..., 0]
         if np.sqrt(np.mean(made[here][seen_mask(seen.points)[here]] ** 2)) < _RELEVANT * found.sigma_m:

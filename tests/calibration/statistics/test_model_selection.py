@@ -11,7 +11,7 @@ from lab.calibration.identify import Identification, IdentifyOptions, identify
 from lab.calibration.statistics import candidate_models as trials
 from lab.calibration.statistics.candidate_models import FullModel, SelectionTask
 from lab.calibration.statistics.model_selection import Selection, objection, select
-from lab.calibration.statistics.nested_models import Score
+from lab.calibration.statistics.nested_models import HeldOutGain, Score
 from lab.calibration.weights import Noise
 from lab.campaign.robot import Robot, load_robot
 from lab.core.errors import LabError
@@ -189,16 +189,15 @@ def test_p_values(near_compliance) -> None:
     assert replace(table, floor=1e-9).p_value(few, more) < 1e-8
 
 
-def test_all_three_must_say_so(near_compliance) -> None:
+def test_all_three_must_say_so() -> None:
     """A test of all groups together, very strong evidence by BIC, and held-out errors beyond their scatter."""
-    table = near_compliance[2].around(near_compliance[1])
-    errors = 1e-5 * (1 + np.random.default_rng(0).random(60))
-    small, big = Score(29, 200.0, errors, 0.0), Score(41, 150.0, 0.8 * errors, -11.0)
-    assert objection(table, small, big, 0.0099) == ""
-    assert objection(table, small, big, 0.0101) == "not significant"
-    assert objection(table, small, replace(big, bic=-9.0), 0.0) == "BIC does not fall enough"
-    assert objection(table, small, replace(big, bic=1.0), 0.0) == "BIC rises"
-    assert objection(table, small, replace(big, errors=errors[::-1] - 1e-8), 0.0) == "the held-out error does not fall"
+    small, big = Score(29, 200.0, np.zeros(60), 0.0), Score(41, 150.0, np.zeros(60), -11.0)
+    gain = HeldOutGain(2e-6, 1e-6, 59)
+    assert objection(small, big, gain, 0.0099) == ""
+    assert objection(small, big, gain, 0.0101) == "not significant"
+    assert objection(small, replace(big, bic=-9.0), gain, 0.0) == "BIC does not fall enough"
+    assert objection(small, replace(big, bic=1.0), gain, 0.0) == "BIC rises"
+    assert objection(small, big, replace(gain, mean_m=0.9e-6), 0.0) == "the held-out error does not fall"
 
 
 def test_rows_of_one_configuration_are_held_out_together() -> None:
@@ -210,9 +209,14 @@ def test_rows_of_one_configuration_are_held_out_together() -> None:
     table = large.around(task.identified(()))
     assert np.bincount(table.cluster).tolist() == [3] * 40
     before = Score(0, 0.0, np.repeat(np.arange(40.0), 3)[np.argsort(large.folds, kind="stable")], 0.0)
-    fall, error = table.gain(before, replace(before, errors=np.zeros(120)))
+    gain = table.gain(before, replace(before, errors=np.zeros(120)))
     values = np.arange(40.0)
-    assert fall == pytest.approx(values.mean()) and error == pytest.approx(values.std() / np.sqrt(40))
+    assert gain.mean_m == pytest.approx(values.mean()) and gain.dof == 39
+    assert gain.std_m == pytest.approx(values.std(ddof=1) / np.sqrt(40))
+    often = replace(table, cluster=np.repeat(np.arange(40), [81, *[1] * 39]))
+    before = Score(0, 0.0, np.repeat(values, [81, *[1] * 39]), 0.0)
+    again = often.gain(before, replace(before, errors=np.zeros(120)))
+    assert again == gain  # a configuration counts once, however often it is measured
 
 
 def one_joint_or_more(weights: dict[int, float]) -> Effect:
