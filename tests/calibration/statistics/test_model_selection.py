@@ -10,6 +10,7 @@ from helpers.robots import IRB120, data_file, somewhere
 from lab.calibration.identify import Identification, IdentifyOptions, identify
 from lab.calibration.statistics import candidate_models as trials
 from lab.calibration.statistics.candidate_models import FullModel, SelectionTask
+from lab.calibration.statistics.clustered_rows import ClusteredRows, ClusterTest
 from lab.calibration.statistics.model_selection import Selection, objection, select
 from lab.calibration.statistics.nested_models import HeldOutGain, Score
 from lab.calibration.weights import Noise
@@ -217,6 +218,105 @@ def test_rows_of_one_configuration_are_held_out_together() -> None:
     before = Score(0, 0.0, np.repeat(values, [81, *[1] * 39]), 0.0)
     again = often.gain(before, replace(before, errors=np.zeros(120)))
     assert again == gain  # a configuration counts once, however often it is measured
+
+
+REFERENCE_EVERY_10 = [0, *(i for k in range(1, 8) for i in (*range(10 * k - 9, 10 * k), 0, 10 * k))]
+
+
+def visits(kind: str, poses: int) -> list[int]:
+    """The order in which poses are measured: each once, each thrice, or the first again after every ten and last."""
+    if kind == "reference":
+        return [*REFERENCE_EVERY_10[: poses + (poses - 1) // 10], 0]
+    return [i for i in range(poses) for _ in range({"once": 1, "thrice": 3}[kind])]
+
+
+def repeated(
+    groups: Sequence[str],
+    order: Sequence[int],
+    targets: tuple[str, ...] = ("p1",),
+    payloads: tuple[float, ...] = (0.0,),
+    seed: int = 0,
+    scatter_rad: float = 0.0,
+) -> Measurements:
+    """Poses in an order of visits, each visit with noise and joints that scatter; a payload stays for a third."""
+    rng = np.random.default_rng(seed)
+    arm = IRB120.arm_with(targets, groups, SESSIONS)
+    names, values = IRB120.chain.joint_names, values_with(arm, rng)
+    joints = IRB120.chain.random_joints(max(order) + 1, rng)[list(order)]
+    payload = np.repeat(np.resize(payloads, 3), -(-len(order) // 3))[: len(order)]
+    conditions = {"payload_kg": payload, "time_s": 60.0 * np.arange(len(order))}
+    scattered = joints + scatter_rad * rng.normal(size=joints.shape)
+    blank = measured(names, scattered, targets, np.zeros((len(order), len(targets), 3)))
+    points = arm.points(replace(blank, conditions=conditions).inputs(arm.conditions), values)
+    points = points + SIGMA * rng.standard_normal(points.shape)
+    return replace(measured(names, joints, targets, points), conditions=conditions)
+
+
+def selected(data: Measurements) -> Selection:
+    return select(lambda g: IRB120.arm_with(data.targets, g, SESSIONS), data, nominal)
+
+
+THREE = ("p1", "p2", "p3")
+
+
+@pytest.mark.sampled(3)
+@pytest.mark.parametrize("payloads", [(0.0,), (0.0, 1.5, 3.0)], ids=["unloaded", "loaded"])
+@pytest.mark.parametrize("targets", [("p1",), THREE], ids=["one target", "three targets"])
+@pytest.mark.parametrize("kind", ["once", "reference", "thrice"])
+@pytest.mark.parametrize("poses", [25, 30, 40, 60])
+def test_springs_are_found_however_poses_are_repeated(
+    poses: int, kind: str, targets: tuple[str, ...], payloads: tuple[float, ...]
+) -> None:
+    """A reference pose, a cycle of each pose and several targets must not hide what lowers held-out errors tenfold."""
+    found = selected(repeated(["compliance"], visits(kind, poses), targets, payloads, seed=poses))
+    assert found.chosen == ("compliance",)
+    geometry, springs = found.groups[:2]
+    assert springs.holdout_m < 0.2 * geometry.holdout_m
+    assert springs.gain is not None and springs.gain.p < 1e-6 and springs.gain.dof == poses - 1
+    if kind == "once" and targets == ("p1",):
+        assert springs.configurations is None
+    else:
+        assert springs.configurations is not None and springs.configurations.p < 1e-9
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("count", [6, pytest.param(120, marks=pytest.mark.slow)])
+def test_an_arm_without_effects_keeps_none_however_poses_are_repeated(count: int) -> None:
+    """Joints that scatter by 0.1 mrad move all targets of a pose together; of 120 campaigns 5 % may be wrong."""
+    kinds = [("reference", ("p1",)), ("thrice", ("p1",)), ("reference", THREE)]
+    wrong = 0
+    for seed in range(count):
+        kind, targets = kinds[seed % 3]
+        data = repeated(
+            [], visits(kind, (25, 30, 40)[seed // 3 % 3]), targets, seed=seed, scatter_rad=1e-4 * (seed % 2)
+        )
+        wrong += selected(data).chosen != ()
+    assert wrong <= 0.05 * count
+
+
+@pytest.mark.parametrize(("poses", "why"), [(5, "these poses do not show it"), (13, "too few poses for 29 parameters")])
+def test_cycles_of_few_poses_show_no_effect(poses: int, why: str) -> None:
+    """150 rows of 5 poses are 15 numbers, and 390 of 13 poses 39: no more than geometry has, or hardly more."""
+    found = selected(repeated(["compliance"], [*range(poses)] * 30))
+    assert found.chosen == () and row(found, "compliance").infeasibility_reason == why
+
+
+@pytest.mark.thorough
+def test_what_one_configuration_alone_shows_is_undecided(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is the test by configurations that has no freedom: the table says so, and the held-out error decides."""
+    data = repeated(["compliance"], visits("reference", 40))
+    monkeypatch.setattr(ClusteredRows, "test", lambda *_: ClusterTest(1.0, 0.0))
+    assert selected(data).chosen == ("compliance",)
+    monkeypatch.setattr(HeldOutGain, "p", 0.1)
+    found = selected(data)
+    assert found.chosen == ()
+    assert row(found, "compliance").infeasibility_reason == (
+        "undecided: the test by configurations has 0 degrees of freedom, and the held-out error falls with p = 0.1; "
+        "measure more configurations"
+    )
+    monkeypatch.setattr(ClusteredRows, "test", lambda *_: ClusterTest(0.2, 9.0))
+    why = row(selected(data), "compliance").infeasibility_reason
+    assert why == "not significant: p = 0.2 by configurations, within which errors may be correlated"
 
 
 def one_joint_or_more(weights: dict[int, float]) -> Effect:
