@@ -80,8 +80,8 @@ def lagging(
     Residuals are regressed on J_q (joint position - the one before), after what the fit takes up of it (Frisch & Waugh
     1933): F for all joints together, Student's t for each, both with sigma from what is then left. Residuals of an
     effect that the model lacks follow the moves by chance, all the more as the targets and repeats of a pose share
-    them. So a lag has to be significant by configurations too, and to compete with the groups that the model lacks:
-    where one of them explains more (BIC), that one is fitted first.
+    them. So a lag has to be significant by configurations too, and beside those of the groups that the model lacks that
+    forward selection takes: a lag competes with them.
 
     Args:
         moves: ``(n, joints)``, joint position less the one before, which need not be among the rows.
@@ -116,18 +116,20 @@ def lagging(
 
 
 def _beside_rivals(basis: Array, residual: Array, columns: Array, rivals: Sequence[Array]) -> Array:
-    """The basis of the fit and of those rivals, one after another, that explain more than ``columns`` do."""
-    rivals = list(rivals)
-    while rivals:
-        left = residual - basis @ (basis.T @ residual)
-        own = [_beyond(basis, each) for each in (columns, *rivals)]
-        bic = [_bic(left, each) for each in own]
-        best = int(np.argmin(bic))
-        if best == 0 or bic[best] >= _bic(left, left[:, None][:, :0]):
+    """The basis of the fit and of the rivals that forward selection by BIC takes, with ``columns`` among them."""
+    others: dict[int, Array] = dict(enumerate([columns, *rivals]))
+    taken, every = [basis], basis
+    while others:
+        left = residual - every @ (every.T @ residual)
+        own = {k: _beyond(every, each) for k, each in others.items()}
+        bic = {k: _bic(left, each) for k, each in own.items()}
+        best = min(bic, key=lambda k: bic[k])
+        if bic[best] >= _bic(left, left[:, None][:, :0]):
             break
-        basis = np.concatenate([basis, own[best]], axis=1)
-        del rivals[best - 1]
-    return basis
+        every = np.concatenate([every, own[best]], axis=1)
+        taken += [others[best]] if best else []
+        del others[best]
+    return basis if len(taken) == 1 else np.concatenate([basis, _beyond(basis, np.column_stack(taken[1:]))], axis=1)
 
 
 def _beyond(basis: Array, columns: Array) -> Array:
