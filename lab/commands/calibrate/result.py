@@ -345,6 +345,9 @@ def _group_to_dict(group: GroupTrial, explained: ExplainedError | None) -> dict[
         "explains_mm": None if explained is None else number(1e3 * explained.size_m),
         "explained_share": None if explained is None else number(explained.share),
         "why_not": group.infeasibility_reason,
+        "configurations_p": None if group.configurations is None else number(group.configurations.p),
+        "configurations_dof": None if group.configurations is None else number(group.configurations.dof),
+        "holdout_gain_p": None if group.gain is None else number(group.gain.p),
     }
 
 
