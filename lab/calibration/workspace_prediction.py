@@ -197,11 +197,11 @@ def _target_jacobian(model: Model, values: Array) -> tuple[Array, Array]:
     return inputs[reached], jacobian[reached]
 
 
-def length_not_exceeded(squares: Array, dof: float | None) -> float:
+def length_not_exceeded(squares: Array, dof: float | None, share: float = _SHARE) -> float:
     """The length that 95 % of normal errors with these covariances ``(n, d, d)``, taken together, do not exceed.
 
-    A sum of squares of correlated normal numbers is taken for a scaled chi squared (Satterthwaite 1946), an F where
-    the variance was estimated with ``dof`` degrees of freedom.
+    Or another ``share`` of them. A sum of squares of correlated normal numbers is taken for a scaled chi squared
+    (Satterthwaite 1946), an F where the variance was estimated with ``dof`` degrees of freedom.
     """
     mean = np.trace(squares, axis1=1, axis2=2)
     if not mean.max() > 0:
@@ -211,7 +211,7 @@ def length_not_exceeded(squares: Array, dof: float | None) -> float:
 
     def exceeded(length: float) -> float:
         chances = p_value_of_squares(length**2 * np.ones_like(mean), numbers, dof, mean / numbers)
-        return float(chances.mean()) - (1 - _SHARE)
+        return float(chances.mean()) - (1 - share)
 
     high = float(np.sqrt(mean.max()))
     while exceeded(high) > 0:

@@ -50,7 +50,7 @@ class InputQuantity:
     """What a position depends on that is known within an uncertainty.
 
     Attributes:
-        group: instrument, misalignment, reflector, temperature, repeatability, model or parameters.
+        group: misalignment, reflector, temperature, repeatability, model, stability or parameters.
         words: what it is.
         source: where its uncertainty comes from.
         unit: in which a person reads it, ``factor`` of which are one SI unit; empty for a vector of many.

@@ -4,6 +4,7 @@ A position is commanded through the calibrated model: what the controller would 
 and repeatability are those of the positions alone, of each pose and target.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +13,15 @@ from numpy.typing import NDArray
 from lab.compensation import iso9283
 from lab.core.se3 import Array
 
-__all__ = ["CHARACTERISTICS", "Accuracy", "PoseCharacteristics", "distance_errors", "pose_characteristics"]
+__all__ = [
+    "CHARACTERISTICS",
+    "Accuracy",
+    "PoseAccuracy",
+    "Repeats",
+    "distance_errors",
+    "pose_accuracy",
+    "repeats_of",
+]
 
 CHARACTERISTICS = (
     "multi-directional pose accuracy variation",
@@ -46,49 +55,80 @@ class Accuracy:
 
 
 @dataclass(frozen=True)
-class PoseCharacteristics:
-    """Pose accuracy (7.2.1) and repeatability (7.2.2) of positions.
+class PoseAccuracy:
+    """Pose accuracy (7.2.1) of positions.
 
     Attributes:
         accuracy: AP, from where a pose is commanded to the mean of the positions attained.
-        repeatability: RP, mean and three standard deviations of the distances from that mean; None where no pose was
-            repeated.
         poses: how many.
         cycles: the fewest and the most visits to one.
-        scatter_m: standard deviation of one coordinate between visits to a pose, with ``freedom``; None likewise.
     """
 
     accuracy: Accuracy
-    repeatability: Accuracy | None
     poses: int
     cycles: tuple[int, int]
-    scatter_m: float | None
+
+
+@dataclass(frozen=True)
+class Repeats:
+    """Pose repeatability (7.2.2) of positions, by the poses that were measured more than once.
+
+    Attributes:
+        repeatability: RP, mean and three standard deviations of the distances from the mean of a pose's positions.
+        poses: how many were repeated.
+        cycles: the fewest and the most visits to one of these.
+        scatter_m: standard deviation of one coordinate between visits to a pose, with ``freedom``.
+        span: the largest share of the campaign, by place in the file, between two visits to one pose.
+    """
+
+    repeatability: Accuracy
+    poses: int
+    cycles: tuple[int, int]
+    scatter_m: float
     freedom: int
+    span: float
 
 
-def pose_characteristics(errors: Array, labels: NDArray[np.int_]) -> PoseCharacteristics:
-    """Of errors ``(n, k, 3)`` m, measured less commanded, NaN where not measured; rows of a pose share a label."""
-    aps, rps, counts, squares, freedom = [], [], [], 0.0, 0
+def pose_accuracy(errors: Array, labels: NDArray[np.int_]) -> PoseAccuracy:
+    """Compute the accuracy from errors ``(n, k, 3)`` m, measured less commanded; rows of a pose share a label.
+
+    Coordinates are NaN where not measured.
+    """
+    visits = [off for _, off in _visits(errors, labels)]
+    lengths = [iso9283.accuracy(off[:, None], np.zeros((1, 3)))[0] for off in visits]
+    counts = [len(off) for off in visits]
+    return PoseAccuracy(Accuracy.of(np.array(lengths)), len(np.unique(labels)), (min(counts), max(counts)))
+
+
+def repeats_of(errors: Array, labels: NDArray[np.int_], places: Array) -> Repeats | None:
+    """Compute the repeatability from errors ``(n, k, 3)`` m; None where no label has several measured rows.
+
+    It is the scatter of a pose's errors about their own mean. What the model is off by is the same at each visit and
+    leaves it as it is, also where the model was fitted to these rows.
+
+    Args:
+        labels: ``(n,)`` rows of a pose share one.
+        places: ``(n,)`` of the rows in their campaign, from 0 to 1.
+    """
+    found = [(rows, off) for rows, off in _visits(errors, labels) if len(off) > 1]
+    if not found:
+        return None
+    lengths = np.array([iso9283.repeatability(off[:, None])[0] for _, off in found])
+    counts, freedom = [len(off) for _, off in found], sum(3 * (len(off) - 1) for _, off in found)
+    squares = sum(float(3 * off.var(axis=0).mean() * len(off)) for _, off in found)
+    span = max(float(np.ptp(places[rows])) for rows, _ in found)
+    scatter = float(np.sqrt(squares / freedom))
+    poses = len({int(labels[rows[0]]) for rows, _ in found})
+    return Repeats(Accuracy.of(lengths), poses, (min(counts), max(counts)), scatter, freedom, span)
+
+
+def _visits(errors: Array, labels: NDArray[np.int_]) -> Iterator[tuple[NDArray[np.int_], Array]]:
+    """Of each pose and target: the rows where it was measured, and the errors ``(m, 3)`` there."""
     for label in np.unique(labels):
-        for off in np.moveaxis(errors[labels == label], 1, 0):
-            off = off[np.isfinite(off).all(axis=1)]
-            if not len(off):
-                continue
-            visits = off[:, None]  # one pose
-            aps.append(iso9283.accuracy(visits, np.zeros((1, 3)))[0])
-            counts.append(len(off))
-            if len(off) > 1:
-                rps.append(iso9283.repeatability(visits)[0])
-                squares, freedom = squares + float(3 * off.var(axis=0).mean() * len(off)), freedom + 3 * (len(off) - 1)
-    scatter = float(np.sqrt(squares / freedom)) if freedom else None
-    return PoseCharacteristics(
-        Accuracy.of(np.array(aps)),
-        Accuracy.of(np.array(rps)) if rps else None,
-        len(np.unique(labels)),
-        (min(counts), max(counts)),
-        scatter,
-        freedom,
-    )
+        rows = np.flatnonzero(labels == label)
+        for off in np.moveaxis(errors[rows], 1, 0):
+            if (seen := np.isfinite(off).all(axis=1)).any():
+                yield rows[seen], off[seen]
 
 
 def distance_errors(measured: Array, commanded: Array, labels: NDArray[np.int_], rng: np.random.Generator) -> Array:

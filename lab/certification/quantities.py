@@ -1,4 +1,4 @@
-"""What a calibrated position depends on: instrument, reflector, temperature, robot, model, parameters."""
+"""What a calibrated position depends on: instrument, reflector, temperature, robot, model, stability, parameters."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -9,10 +9,28 @@ import numpy as np
 from lab.certification.budget import InputQuantity
 from lab.certification.propagation import Propagation, independent_shifts
 from lab.core.distributions import Uncertain
+from lab.core.measurements import seen_mask
+from lab.core.probabilities import normal_ppf
 from lab.core.se3 import Array
+from lab.core.significance import VARIANCE_COMPONENTS
 from lab.core.tracker_errors import ErrorTerm, TrackerErrors
 
-__all__ = ["KnownSpread", "Placement", "RandomErrors", "quantities_of", "temperature_of"]
+__all__ = [
+    "LARGEST_SCALE_ERROR",
+    "FrameMotion",
+    "KnownSpread",
+    "Placement",
+    "RandomErrors",
+    "lack_of_fit_of",
+    "motion_of",
+    "quantities_of",
+    "scale_of",
+    "temperature_of",
+    "unseen_move_of",
+]
+
+LARGEST_SCALE_ERROR = 5e-3  # relative: more makes links longer than manufacture does, which a run shows
+_DETECTED = 0.95  # chance with which a move of this size would have been found
 
 _OF_AIR = ("air_temperature", "temperature_gradient")
 _LEAST_FREEDOM = 3.0  # that a budget can state
@@ -50,6 +68,7 @@ class RandomErrors:
         repeatability: of the robot; None where nothing is known of it.
         scatter_counted: whether what that does to the measurements is in ``covariance``.
         model: what the model lacks beside; None where nothing was found.
+        in_time: what positions have that comes and goes over the poses, by the run's noise model; None likewise.
     """
 
     covariance: Array
@@ -58,6 +77,22 @@ class RandomErrors:
     repeatability: KnownSpread | None
     scatter_counted: bool
     model: KnownSpread | None
+    in_time: KnownSpread | None = None
+
+
+@dataclass(frozen=True)
+class FrameMotion:
+    """How far the frame of the measurements moved while they were made.
+
+    Attributes:
+        offset_m: from where the calibrated positions are to where they were at one end of the campaign.
+        freedom: degrees of freedom of that.
+    """
+
+    words: str
+    source: str
+    offset_m: float
+    freedom: float = np.inf
 
 
 def quantities_of(
@@ -92,7 +127,51 @@ def quantities_of(
     if (lack := chance.model) is not None:
         words = "model: errors of the robot that it leaves"
         found.append(InputQuantity("model", words, lack.source, "µm", 1e6, lack.uncertainty, each, anew=True))
+    if (slow := chance.in_time) is not None:
+        words = "stability: errors that come and go over the poses"
+        found.append(InputQuantity("stability", words, slow.source, "µm", 1e6, slow.uncertainty, each, anew=True))
     return tuple(found)
+
+
+def motion_of(propagation: Propagation, motion: FrameMotion) -> InputQuantity:
+    """The frame of the measurements moved: a position at the campaign's end is elsewhere by the offset.
+
+    Its direction is not known, so each coordinate has a third of its square. All positions are displaced together.
+    """
+    each = np.broadcast_to(np.eye(3), (len(propagation.positions), 3, 3))
+    known = Uncertain(motion.offset_m / float(np.sqrt(3)), freedom=max(motion.freedom, _LEAST_FREEDOM))
+    return InputQuantity("stability", motion.words, motion.source, "µm", 1e6, known, each)
+
+
+def lack_of_fit_of(propagation: Propagation, sigma_m: float, freedom: float, source: str) -> InputQuantity:
+    """What validation shows beyond the rest of the budget."""
+    each = np.broadcast_to(np.eye(3), (len(propagation.positions), 3, 3))
+    words = "lack of fit: errors on validation poses that the budget does not explain"
+    known = Uncertain(sigma_m, freedom=max(freedom, _LEAST_FREEDOM))
+    return InputQuantity("model", words, source, "µm", 1e6, known, each, anew=True)
+
+
+def scale_of(propagation: Propagation, relative: Uncertain, source: str) -> InputQuantity:
+    """The scale of the measurements: all points are farther from the instrument, or nearer, by a share."""
+    shifts = propagation.shifts_by(_seen(propagation)[..., None])
+    return _fitted(propagation, shifts, "misalignment", "scale of the measurements", source, "ppm", 1e6, relative)
+
+
+def unseen_move_of(propagation: Propagation, sigma_m: float) -> InputQuantity:
+    """A move of base or instrument half way that is too small to be found: calibrated positions are off by half of it.
+
+    A mean of half the points against that of the others finds it with the power stated, at the level of the search for
+    change points, of which every pose is one.
+
+    Args:
+        sigma_m: what a measured coordinate scatters by.
+    """
+    points = int(seen_mask(propagation.observed.points).sum())
+    level = VARIANCE_COMPONENTS / (2 * len(propagation.observed.points))
+    limit = float(normal_ppf(1 - level) + normal_ppf(_DETECTED)) * sigma_m / float(np.sqrt(points))
+    each = np.broadcast_to(np.eye(3), (len(propagation.positions), 3, 3))
+    words, source = "a move of base or instrument during the campaign", "too small to be found by these poses"
+    return InputQuantity("stability", words, source, "µm", 1e6, Uncertain.within(limit), each)
 
 
 def temperature_of(propagation: Propagation, foot: Array, kelvin: Uncertain, expansion_per_k: float) -> InputQuantity:

@@ -5,6 +5,7 @@ Every level has the name of the decision that it belongs to, so that one is neve
 
 __all__ = [
     "CAMPAIGN_OUTLIERS",
+    "CERTIFICATE_VALIDATION",
     "CHANGE_IN_TIME",
     "EXTRAPOLATION",
     "LACK_OF_FIT",
@@ -49,6 +50,9 @@ PREDICTION_EXCEEDED = 0.01
 
 VARIANCE_COMPONENTS = 0.01
 """Whether errors beside the instrument's are shared: by a pose's joints, or from pose to pose."""
+
+CERTIFICATE_VALIDATION = 0.05
+"""Whether validation shows larger errors than a certificate's budget explains."""
 
 EXTRAPOLATION = 0.01
 """Whether the edges of the measured joint positions are off by more than noise makes them."""

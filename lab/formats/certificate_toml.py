@@ -16,15 +16,19 @@ from lab.formats.instrument_toml import StatedUncertainty
 from lab.formats.structured import structured
 from lab.formats.toml import read_toml
 
-__all__ = ["CertificateDetails", "read_certificate_details"]
+__all__ = ["HIGHEST_C", "LOWEST_C", "CertificateDetails", "read_certificate_details"]
+
+LOWEST_C, HIGHEST_C = 0.0, 40.0  # in which laser trackers are specified, where nobody states another range
+_DATES = ("date", "measured_on", "certificate_date", "valid_until")
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Certificate:
-    """Of the certificate itself."""
+    """Of the certificate itself: ``date`` is that of issue; the measurements may be of an earlier day."""
 
     number: str = ""
     date: str = ""
+    measured_on: str = ""
     issued_by: str = ""
     customer: str = ""
     operator: str = ""
@@ -48,14 +52,30 @@ class _Robot:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Instrument:
-    """Of the instrument, or of its reflector."""
+class _Reflector:
+    """Of a reflector, and of the certificate of its own calibration."""
 
     maker: str = ""
     model: str = ""
     serial_number: str = ""
     certificate: str = ""
     certificate_date: str = ""
+    valid_until: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Instrument(_Reflector):
+    """Of an instrument: also the temperatures it works in, and how well a scale bar or a certificate gives its scale."""
+
+    scale_ppm: StatedUncertainty | None = None
+    lowest_c: float = LOWEST_C
+    highest_c: float = HIGHEST_C
+
+    def __post_init__(self) -> None:
+        if not (self.lowest_c in ROOM_C and self.highest_c in ROOM_C and self.lowest_c < self.highest_c):
+            raise LabError(
+                f"lowest_c {self.lowest_c:g} and highest_c {self.highest_c:g}: give a range in degrees Celsius"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,7 +105,7 @@ _SECTIONS = {
     "certificate": _Certificate,
     "robot": _Robot,
     "instrument": _Instrument,
-    "reflector": _Instrument,
+    "reflector": _Reflector,
     "environment": _Environment,
 }
 _NEEDED = {
@@ -104,7 +124,7 @@ class CertificateDetails:
     certificate: _Certificate = _Certificate()
     robot: _Robot = _Robot()
     instrument: _Instrument = _Instrument()
-    reflector: _Instrument = _Instrument()
+    reflector: _Reflector = _Reflector()
     environment: _Environment = _Environment()
 
     @property
@@ -119,13 +139,17 @@ class CertificateDetails:
         known, expansion = self.environment.robot_temperature_k, self.environment.expansion_ppm_per_k
         return None if known is None or expansion is None else (known.quantity(1.0), expansion / 1e6)
 
+    @property
+    def scale(self) -> Uncertain | None:
+        """How well the instrument's scale is known, relative; None where it is not stated."""
+        stated = self.instrument.scale_ppm
+        return None if stated is None else stated.quantity(1e6)
+
     def to_dict(self) -> dict[str, dict[str, Any]]:
         """All that is given, by section."""
         return {
             section.name: {
-                each.name: value
-                for each in fields(part)
-                if _is_given(value := getattr(part, each.name)) and not isinstance(value, StatedUncertainty)
+                each.name: value for each in fields(part) if _is_given(value := getattr(part, each.name), each.default)
             }
             for section in fields(self)
             for part in [getattr(self, section.name)]
@@ -161,9 +185,10 @@ def _check_texts(where: str, values: Mapping[str, Any]) -> None:
             continue
         if len(value) > LINE_OF_TEXT.most or not value.isprintable() or not value.strip():
             raise LabError(f"{where} {key}: give one line of 1 to {LINE_OF_TEXT.most} characters, or leave it out")
-        if key in ("date", "certificate_date"):
+        if key in _DATES:
             day(f"{where} {key}", value)
 
 
-def _is_given(value: object) -> bool:
-    return value is not None and value != ""
+def _is_given(value: object, default: object) -> bool:
+    """Whether a text or a number is stated; uncertainties are lines of the budget."""
+    return value != default and not isinstance(value, StatedUncertainty)

@@ -148,6 +148,20 @@ class _ComponentErrors:
 
 
 @dataclass(frozen=True)
+class _Move:
+    """A move of the base or the instrument as ``result.json`` holds it; its keys."""
+
+    before: str
+    after: str
+    size_mm: float
+
+    def __post_init__(self) -> None:
+        """Refuse what is no size, with a LabError."""
+        if self.size_mm < 0:
+            raise LabError("noise_model.moves: a size is not below zero")
+
+
+@dataclass(frozen=True)
 class NoiseModel:
     """Shared errors as ``result.json`` holds them; its keys."""
 
@@ -160,6 +174,7 @@ class NoiseModel:
     encoder_counts_rad: tuple[tuple[float, ...], ...] | None = None
     step_mm: float = 0.0
     component_errors: _ComponentErrors | None = None
+    moves: tuple[_Move, ...] = ()
 
     def __post_init__(self) -> None:
         """Refuse what is no size, share or correlation, with a LabError."""

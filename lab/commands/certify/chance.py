@@ -1,16 +1,22 @@
 """What is by chance in a run's measurements and in its robot, from what the run and its certificate know."""
 
+from collections.abc import Iterator
+
 import numpy as np
 
-from lab.certification.characteristics import PoseCharacteristics
-from lab.certification.quantities import KnownSpread, Placement, RandomErrors
+from lab.calibration.noise.shared_errors import row_times
+from lab.certification.characteristics import Repeats
+from lab.certification.quantities import FrameMotion, KnownSpread, Placement, RandomErrors
 from lab.commands.calibrate.load_run import Calibrated
 from lab.commands.certify.fitted import FittedRows
 from lab.core.instruments import Instrument
+from lab.core.linear_model import p_value_of_squares
+from lab.core.significance import VERDICT_LACK_OF_FIT
 
-__all__ = ["random_errors"]
+__all__ = ["instrument_noise_m", "motions_found", "random_errors"]
 
 _RP_OVER_SIGMA = float(np.sqrt(8 / np.pi) + 3 * np.sqrt(3 - 8 / np.pi))  # of the lengths of isotropic normal scatter
+_BY_NOISE_MODEL = "by the run's noise model"
 
 
 def random_errors(
@@ -18,22 +24,27 @@ def random_errors(
     fitted: FittedRows,
     device: Instrument | None,
     stated_mm: float | None,
-    found: PoseCharacteristics,
+    found: Repeats | None,
 ) -> RandomErrors:
     """Of a run.
 
     Args:
         device: the instrument; None where it is not known.
         stated_mm: the robot's repeatability (RP), as its data sheet states it.
-        found: what repeated poses say of it.
+        found: what repeated poses say of it; None where none was repeated.
     """
     result = calibrated.result
-    instrument_m = fitted.sigma_m if result.noise_known else _device_sigma(device, fitted)
+    instrument_m = instrument_noise_m(calibrated, fitted, device)
     lacking, larger, dof = calibrated.lacking(instrument_m)
+    if result.noise_model is not None and not result.noise_known:  # what is independent there is not all the noise
+        lacking = float(np.sqrt(max((result.noise_model.independent_mm / 1e3) ** 2 - instrument_m**2, 0.0)))
+    elif result.noise_known and not lacking and (excess := _excess(calibrated)) > 1:
+        lacking, larger, dof = fitted.sigma_m * float(np.sqrt(excess - 1)), max(larger, excess), result.freedom
     freedom = np.inf if dof is None else float(dof)
     repeatability = _repeatability(fitted, instrument_m, stated_mm, found)
     known_m = 0.0 if repeatability is None else repeatability.sigma_m
     left = float(np.sqrt(max(lacking**2 - known_m**2, 0.0)))
+    wandering_m = 0.0 if result.noise_model is None else result.noise_model.wandering_mm / 1e3
     return RandomErrors(
         larger * calibrated.covariance,
         KnownSpread(fitted.sigma_m * float(np.sqrt(larger)), freedom, _noise_source(calibrated)),
@@ -41,7 +52,40 @@ def random_errors(
         repeatability,
         not result.noise_known or larger > 1 or calibrated.shared is not None,
         KnownSpread(left, freedom, _model_source(calibrated, device)) if left else None,
+        KnownSpread(wandering_m, np.inf, _BY_NOISE_MODEL) if wandering_m else None,
     )
+
+
+def instrument_noise_m(calibrated: Calibrated, fitted: FittedRows, device: Instrument | None) -> float:
+    """Estimate the noise of one measured coordinate that is the instrument's, not the robot's (m)."""
+    return fitted.sigma_m if calibrated.result.noise_known else _device_sigma(device, fitted)
+
+
+def motions_found(calibrated: Calibrated, fitted: FittedRows) -> Iterator[FrameMotion]:
+    """Steps and drift that the run found beside its model: how far the ends of the campaign are from its result."""
+    found = calibrated.result.noise_model
+    if found is None:
+        return
+    times = row_times(fitted.rows)
+    order = [fitted.rows.ids[i] for i in np.argsort(times, kind="stable")]
+    for move in found.moves:
+        earlier = (order.index(move.before) + 1) / len(order) if move.before in order else 1.0
+        offset = move.size_mm / 1e3 * max(earlier, 1 - earlier)
+        words = f"stability: base or instrument moved between poses {move.before} and {move.after}"
+        yield FrameMotion(words, f"{_BY_NOISE_MODEL}, {move.size_mm:.2g} mm", offset)
+    if found.drift_mm:
+        words = "stability: drift of base or instrument to the campaign's end"
+        yield FrameMotion(words, _BY_NOISE_MODEL, found.drift_mm / 1e3 * float(np.sqrt(3)))
+
+
+def _excess(calibrated: Calibrated) -> float:
+    """The variance of the residuals over that of the noise that was given; 1 where chance explains it."""
+    result = calibrated.result
+    if result.noise_model is not None or not result.noise_mm or not result.freedom:
+        return 1.0
+    ratio = ((result.residual_mm or 0.0) / result.noise_mm) ** 2
+    p = float(p_value_of_squares(ratio * result.freedom, result.freedom))
+    return ratio if p < VERDICT_LACK_OF_FIT else 1.0
 
 
 def _device_sigma(device: Instrument | None, fitted: FittedRows) -> float:
@@ -54,13 +98,13 @@ def _device_sigma(device: Instrument | None, fitted: FittedRows) -> float:
 
 
 def _repeatability(
-    fitted: FittedRows, instrument_m: float, stated_mm: float | None, found: PoseCharacteristics
+    fitted: FittedRows, instrument_m: float, stated_mm: float | None, found: Repeats | None
 ) -> KnownSpread | None:
     """By the noise model of the run, by repeated poses, or as it is stated; None where nothing is known."""
     shared = fitted.observed.correlation
     if shared is not None and shared.scatter.size:
-        return KnownSpread(_scatter_m(fitted), np.inf, "scatter of the joints, by the run's noise model")
-    if found.scatter_m is not None and (more := found.scatter_m**2 - instrument_m**2) > 0:
+        return KnownSpread(_scatter_m(fitted), np.inf, f"scatter of the joints, {_BY_NOISE_MODEL}")
+    if found is not None and (more := found.scatter_m**2 - instrument_m**2) > 0:
         freedom = (more / found.scatter_m**2) ** 2 * found.freedom
         return KnownSpread(float(np.sqrt(more)), freedom, "repeated poses, less the instrument's noise")
     if stated_mm is not None:

@@ -83,15 +83,18 @@ def certificate_document(result: Certificate) -> Document:
         f"{robot.name}: calibration certificate{f' {name}' if name else ''}",
         (
             Paragraph(("The verdict of the calibration: ", badge, f" ({run.words.partition(', ')[2]}).")),
+            *_withheld(result),
             Paragraph(_lead(result), "lead"),
             Warnings(result.warnings),
             Section("What was calibrated", _details(result)),
             Section("Results", _results(result)),
+            *((Section("Validation against the budget", _validated(result)),) if result.validation else ()),
             Section("Statement of conformity", _statement(result)),
             *(
                 Section(f"Uncertainty budget of {_MEASURANDS[each.measurand]}", _budget(each))
                 for each in result.budgets
             ),
+            *((Section("What the uncertainty does not contain", _unseen(result)),) if result.unseen else ()),
             Section("Characteristics of ISO 9283:1998", _characteristics(result)),
             Section("How the uncertainty was evaluated", tuple(Paragraph(text, shown_in=PAGE) for text in _METHOD)),
             Section("Signature", (Table(("", ""), (("date", "_" * 24), ("signature", "_" * 40)), shown_in=PAGE),)),
@@ -117,6 +120,15 @@ def contributions_picture(budget: Budget) -> Picture:
     return axes_picture(
         f"budget-{budget.measurand}", label, (6.4, 0.8 + 0.24 * len(lines)), draw, (2.9, 0.5, 0.15, 0.1)
     )
+
+
+def _withheld(result: Certificate) -> tuple[Block, ...]:
+    """That the certificate is not issued, where details are impossible."""
+    if result.issued:
+        return ()
+    why = "; ".join(each.words for each in result.implausible if each.impossible)
+    badge = Badge("not issued", "bad")
+    return (Paragraph(("This certificate is ", badge, f": {why}. Correct --details, or measure again.")),)
 
 
 def _lead(result: Certificate) -> str:
@@ -164,8 +176,8 @@ def _results(result: Certificate) -> tuple[Block, ...]:
     if run.before_mm is not None and run.after_mm is not None:
         where = _VALIDATED.get(run.judged_by or "", "")
         rows += [_position_row("nominal model", run.before_mm), _position_row("calibrated model", run.after_mm)]
-    if distances is not None:
-        rows += [_distance_row("nominal model", distances[0]), _distance_row("calibrated model", distances[1])]
+    names = "nominal model", "calibrated model"
+    rows += [_distance_row(name, each) for name, each in zip(names, distances, strict=True) if each is not None]
     caption = f"Errors, mm. Positions {where}; distances between measured poses, which need no base"
     return (Table(("error of a", "mean", "rms", "95 %", "max", "count"), tuple(rows), caption),)
 
@@ -182,12 +194,53 @@ def _distance_row(name: str, found: ErrorStatistics) -> Row:
 
 def _statement(result: Certificate) -> tuple[Block, ...]:
     found = result.conformity
+    if not result.issued:
+        return (Paragraph("None: the certificate is not issued."),)
     if found is None:
         why = "no tolerance was given" if result.calibrated.result.after_mm is not None else "nothing was validated"
         return (Paragraph(f"None: {why}."),)
     comparison = f" {_comparison(result, found)}"
     rule = sentence(f"rule: {found.words}")
-    return Paragraph((_DECISIONS[found.decision], comparison)), Paragraph(rule, "note")
+    note = ""
+    if result.device is None and result.unseen:
+        note = (
+            "No instrument is named, so nothing ties the measurements to the metre: the uncertainty is that with what "
+            "the measurements cannot show."
+        )
+    return Paragraph((_DECISIONS[found.decision], comparison)), Paragraph(note, "note"), Paragraph(rule, "note")
+
+
+def _validated(result: Certificate) -> tuple[Block, ...]:
+    """The errors of the validation beside those that the budget predicts for it."""
+    found = result.validation
+    assert found is not None
+    rows: list[Row] = [
+        ("root mean square", short(1e3 * found.observed_rms_m), short(1e3 * found.expected_rms_m)),
+        ("95 %", short(1e3 * found.observed_95_m), short(1e3 * found.expected_95_m)),
+    ]
+    poses = f"{found.poses:,} poses {_VALIDATED.get(result.calibrated.result.judged_by or '', '')}"
+    words = (
+        f"On {poses} the errors are as large as the budget predicts, with the noise of their measurements "
+        f"(p = {found.p:.2g})."
+    )
+    if found.sigma_m:
+        words = (
+            f"On {poses} the errors are larger than the rest of the budget predicts (p = {found.p:.2g}). The budget "
+            f"has a line for this lack of fit: {short(1e3 * found.sigma_m)} mm in each coordinate."
+        )
+    caption = "Errors, mm. Predicted by the budget without the line for lack of fit"
+    return Table(("error", "observed", "predicted"), tuple(rows), caption), Paragraph(words)
+
+
+def _unseen(result: Certificate) -> tuple[Block, ...]:
+    """What nothing in the run shows, how large U would be with it, and what would show it."""
+    rows: tuple[Row, ...] = tuple((each.words, each.remedy) for each in result.unseen)
+    digits = [short(1e3 * each) for each in result.with_unseen_m]
+    words = (
+        "Neither the measurements nor the statements on the instrument show this. With it the expanded uncertainty "
+        f"would be {digits[0]} mm of a position and {digits[1]} mm of a distance."
+    )
+    return Table(("not contained in U", "what would show it"), rows), Paragraph(words)
 
 
 def _comparison(result: Certificate, found: Conformity) -> str:
@@ -254,29 +307,41 @@ def _line(line: BudgetLine) -> Row:
 
 
 def _characteristics(result: Certificate) -> tuple[Block, ...]:
-    robot, distances = result.robot, result.distances
-    few, many = robot.after.cycles
-    visits = f"{few} visit{'s' if few > 1 else ''}" if few == many else f"{few} to {many} visits"
-    rows: list[Row] = [
-        ("pose accuracy AP, nominal model", *_two(robot.before.accuracy)),
-        ("pose accuracy AP, calibrated model", *_two(robot.after.accuracy)),
-    ]
-    if robot.after.repeatability is not None:
-        rows.append(("pose repeatability RP", *_two(robot.after.repeatability)))
-    if distances is not None:
-        rows.append(("distance accuracy AD, nominal model", short(distances[0].mean), short(distances[0].max)))
-        rows.append(("distance accuracy AD, calibrated model", short(distances[1].mean), short(distances[1].max)))
-    of = "the rows that were fitted, so that they are a little small" if robot.of_fitted_rows else "rows not fitted"
+    robot, (distance_before, distance_after) = result.robot, result.distances
+    rows: list[Row] = [("pose accuracy AP, nominal model", *_two(robot.before.accuracy))]
+    if robot.after is not None:
+        rows.append(("pose accuracy AP, calibrated model", *_two(robot.after.accuracy)))
+    if robot.repeats is not None:
+        rows.append(("pose repeatability RP", *_two(robot.repeats.repeatability)))
+    names = "nominal model", "calibrated model"
+    for name, each in zip(names, (distance_before, distance_after), strict=True):
+        if each is not None:
+            rows.append((f"distance accuracy AD, {name}", short(each.mean), short(each.max)))
+    of = "rows that were not fitted"
+    if robot.of_fitted_rows:
+        of = "the fitted rows, by which the calibrated model has no accuracy: hold poses out (--holdout)"
     note = (
-        f"Of positions, in mm: {robot.after.poses} poses, {visits} each, from {of}. The standard asks for {CYCLES} "
-        "visits to five poses of its test cube with rated load and velocity. The instrument's noise is in these "
-        "numbers."
+        f"Of positions, in mm. Accuracy: {robot.before.poses} poses, {_visits(robot.before.cycles)} each, from {of}. "
+    )
+    if (found := robot.repeats) is not None:
+        note += (
+            f"Repeatability: {found.poses} repeated poses, {_visits(found.cycles)} each, from "
+            f"{' and '.join(robot.repeated_in)}; the scatter within a pose does not depend on the fit. "
+        )
+    note += (
+        f"The standard asks for {CYCLES} visits to five poses of its test cube with rated load and velocity. The "
+        "instrument's noise is in these numbers."
     )
     return (
         Table(("characteristic", "mean", "max"), tuple(rows)),
         Paragraph(note, "note"),
         Paragraph(f"Not measured: {', '.join(not_measured(robot))}; orientations."),
     )
+
+
+def _visits(cycles: tuple[int, int]) -> str:
+    few, many = cycles
+    return f"{few} visit{'s' if few > 1 else ''}" if few == many else f"{few} to {many} visits"
 
 
 def _two(found: Accuracy) -> tuple[str, str]:

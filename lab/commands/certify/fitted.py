@@ -44,6 +44,7 @@ class FittedRows:
         observed: the fitted rows, weighed as the run weighed them.
         sigma_m: the noise by which they are weighed, of one coordinate.
         instrument: whose noise that is; None where it was given as a number, or estimated.
+        validated: rows of the validation file that the run kept; None where there was none.
     """
 
     rows: Measurements
@@ -51,11 +52,13 @@ class FittedRows:
     observed: Observations
     sigma_m: float
     instrument: Instrument | None
+    validated: Measurements | None = None
 
     @property
-    def reported(self) -> Measurements:
-        """The rows by which the robot is reported on: those that were not fitted, or else the fitted ones."""
-        return self.rows if self.judged is None else self.judged
+    def sets(self) -> dict[str, Measurements]:
+        """All rows in which a pose may be repeated, by what they were used for."""
+        found = {"fitted rows": self.rows, "rows held out": self.judged, "validation file": self.validated}
+        return {name: rows for name, rows in found.items() if rows is not None}
 
 
 def fitted_rows(calibrated: Calibrated) -> FittedRows:
@@ -73,7 +76,20 @@ def fitted_rows(calibrated: Calibrated) -> FittedRows:
     observation = observation_of(calibrated.arm)
     observed, _ = weighed(observation, rows, noise)
     sigma = root_mean_square_sigma(observed, 0)
-    return FittedRows(rows, judged, observed, sigma, None if noise.instrument is None else device)
+    validated = _validated(calibrated)
+    return FittedRows(rows, judged, observed, sigma, None if noise.instrument is None else device, validated)
+
+
+def _validated(calibrated: Calibrated) -> Measurements | None:
+    """The rows of the validation file, less those that place base or tool anew; None without a file."""
+    options, chain, inputs = calibrated.options, calibrated.robot.chain, calibrated.inputs
+    if not isinstance(options, MeasuredCampaign) or options.validate is None or inputs is None:
+        return None
+    if (path := inputs.copy(options.validate)) is None:  # measurements in memory
+        return None
+    read = read_measurements(path, chain.joint_names, chain.prismatic)
+    read = read.take(np.flatnonzero(read.seen.any(axis=1) & ~np.isin(read.use, ("reference", "skip"))))
+    return read if len(read) else None
 
 
 def _split(calibrated: Calibrated) -> tuple[Measurements, Measurements | None]:

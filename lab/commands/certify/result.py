@@ -1,16 +1,18 @@
 """A certificate: typed, and as plain values."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from lab.calibration.verdict import gate_words
-from lab.certification.budget import COVERAGE, Budget, BudgetLine
-from lab.certification.characteristics import CHARACTERISTICS, Accuracy, PoseCharacteristics
+from lab.certification.budget import COVERAGE, Budget, BudgetLine, InputQuantity
+from lab.certification.characteristics import CHARACTERISTICS, Accuracy, PoseAccuracy, Repeats
 from lab.certification.conformity import Conformity
+from lab.certification.lack_of_fit import LackOfFit
+from lab.certification.plausibility import Implausibility
 from lab.commands.calibrate.load_run import Calibrated
 from lab.commands.certify.options import CertifyOptions
 from lab.commands.result import Result
@@ -25,7 +27,7 @@ if TYPE_CHECKING:
 
     from lab.render.document import Document
 
-__all__ = ["Certificate", "RobotFound", "not_measured"]
+__all__ = ["Certificate", "RobotFound", "Unseen", "not_measured"]
 
 
 @dataclass(frozen=True)
@@ -33,16 +35,44 @@ class RobotFound:
     """What the measured points say of the robot.
 
     Attributes:
-        before, after: pose accuracy and repeatability, commanded through the nominal and the calibrated model.
-        distances_before, distances_after: errors of distances (m), measured less commanded.
-        of_fitted_rows: whether the parameters were identified from the same rows.
+        before, after: pose accuracy, commanded through the nominal and the calibrated model; ``after`` is None where
+            the parameters were identified from all rows, whose errors are no accuracy.
+        distances_before, distances_after: errors of distances (m), measured less commanded; ``after`` empty likewise.
+        repeats: of all rows, fitted or not; None where no pose was repeated.
+        repeated_in: which rows have repeats.
     """
 
-    before: PoseCharacteristics
-    after: PoseCharacteristics
+    before: PoseAccuracy
+    after: PoseAccuracy | None
     distances_before: Array
     distances_after: Array
-    of_fitted_rows: bool
+    repeats: Repeats | None
+    repeated_in: tuple[str, ...]
+
+    @property
+    def of_fitted_rows(self) -> bool:
+        """Whether all rows were fitted, so that none shows the accuracy of the calibrated model."""
+        return self.after is None
+
+
+@dataclass(frozen=True)
+class Unseen:
+    """What neither the measurements nor the instrument's statements show, and how they would.
+
+    Attributes:
+        limit: its largest size in ``unit``.
+        remedy: what to do, so that it is seen.
+    """
+
+    quantity: InputQuantity
+    limit: float
+    unit: str
+    remedy: str
+
+    @property
+    def words(self) -> str:
+        """The quantity with its size, for a person."""
+        return f"{self.quantity.words}, up to {self.limit:.2g} {self.unit}"
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -56,8 +86,12 @@ class Certificate(Result):
         device: the instrument; None where it is not known.
         budgets: of a position, and of a distance between two.
         robot: how the robot was found.
-        conformity: None without a tolerance, or without validation.
+        conformity: None without a tolerance, without validation, or where the certificate is not issued.
         poses: how many were fitted.
+        implausible: details that cannot be right, or are unusual.
+        validation: what validation shows beside the budget; None where the run was not validated.
+        unseen: what U does not contain, as nothing shows it.
+        with_unseen_m: expanded uncertainty of each budget's measurand with that, too.
     """
 
     options: CertifyOptions
@@ -69,17 +103,29 @@ class Certificate(Result):
     conformity: Conformity | None
     warnings: tuple[str, ...]
     poses: int
+    implausible: tuple[Implausibility, ...]
+    validation: LackOfFit | None
+    unseen: tuple[Unseen, ...]
+    with_unseen_m: tuple[float, ...]
+
+    @property
+    def issued(self) -> bool:
+        """Whether the details allow a certificate."""
+        return not any(each.impossible for each in self.implausible)
 
     @property
     def exit_code(self) -> int:
-        """1 where the robot does not conform, or that cannot be decided, else 0."""
-        return 0 if self.conformity is None or self.conformity.decision == "conforms" else 1
+        """1 where the robot does not conform, that cannot be decided, or the certificate is not issued, else 0."""
+        return 0 if self.issued and (self.conformity is None or self.conformity.decision == "conforms") else 1
 
     @property
-    def distances(self) -> tuple[ErrorStatistics, ErrorStatistics] | None:
-        """Errors of distances before and after; None where there is one pose only."""
-        before, after = self.robot.distances_before, self.robot.distances_after
-        return (error_statistics(np.abs(before)), error_statistics(np.abs(after))) if before.size else None
+    def distances(self) -> tuple[ErrorStatistics | None, ErrorStatistics | None]:
+        """Errors of distances before and after; None where there is one pose only, or all rows were fitted."""
+        before, after = (
+            error_statistics(np.abs(each)) if each.size else None
+            for each in (self.robot.distances_before, self.robot.distances_after)
+        )
+        return before, after
 
     def to_dict(self) -> dict[str, Any]:
         """What ``--json`` prints: lengths in mm, other quantities in the units that they name."""
@@ -99,7 +145,14 @@ class Certificate(Result):
             "before_mm": _statistics_to_dict(result.before_mm),
             "after_mm": _statistics_to_dict(result.after_mm),
             "coverage": COVERAGE,
-            "budgets": {each.measurand: _budget_to_dict(each) for each in self.budgets},
+            "budgets": {
+                each.measurand: _budget_to_dict(each) | {"expanded_with_unseen_mm": 1e3 * more}
+                for each, more in zip(self.budgets, self.with_unseen_m, strict=True)
+            },
+            "validation": None if self.validation is None else _validation_to_dict(self.validation),
+            "unseen": [_unseen_to_dict(each) for each in self.unseen],
+            "issued": self.issued,
+            "implausible": [asdict(each) for each in self.implausible],
             "conformity": None if self.conformity is None else self._conformity_to_dict(self.conformity),
             "iso_9283": self._iso_to_dict(),
             "warnings": list(self.warnings),
@@ -148,25 +201,53 @@ class Certificate(Result):
         }
 
     def _iso_to_dict(self) -> dict[str, Any]:
-        robot, distances = self.robot, self.distances
+        robot, (before, after), repeats = self.robot, self.distances, self.robot.repeats
         return {
             "of_fitted_rows": robot.of_fitted_rows,
-            "poses": robot.after.poses,
-            "cycles": list(robot.after.cycles),
+            "poses": robot.before.poses,
+            "cycles": list(robot.before.cycles),
             "cycles_of_the_standard": CYCLES,
             "pose_accuracy_before_mm": _accuracy_to_dict(robot.before.accuracy),
-            "pose_accuracy_mm": _accuracy_to_dict(robot.after.accuracy),
-            "pose_repeatability_mm": _accuracy_to_dict(robot.after.repeatability),
-            "distance_accuracy_before_mm": None if distances is None else distances[0].to_dict(),
-            "distance_accuracy_mm": None if distances is None else distances[1].to_dict(),
+            "pose_accuracy_mm": None if robot.after is None else _accuracy_to_dict(robot.after.accuracy),
+            "pose_repeatability_mm": None if repeats is None else _accuracy_to_dict(repeats.repeatability),
+            "repeats": None if repeats is None else _repeats_to_dict(repeats, robot.repeated_in),
+            "distance_accuracy_before_mm": None if before is None else before.to_dict(),
+            "distance_accuracy_mm": None if after is None else after.to_dict(),
             "not_measured": list(not_measured(robot)),
         }
 
 
 def not_measured(robot: RobotFound) -> tuple[str, ...]:
     """The standard's characteristics that these measurements say nothing of."""
-    unrepeated = () if robot.after.repeatability is not None else ("pose repeatability",)
-    return (*unrepeated, *CHARACTERISTICS)
+    fitted = ("pose accuracy and distance accuracy of the calibrated model",) if robot.of_fitted_rows else ()
+    unrepeated = () if robot.repeats is not None else ("pose repeatability",)
+    return (*fitted, *unrepeated, *CHARACTERISTICS)
+
+
+def _repeats_to_dict(found: Repeats, where: Sequence[str]) -> dict[str, Any]:
+    return {
+        "rows": list(where),
+        "poses": found.poses,
+        "cycles": list(found.cycles),
+        "scatter_mm": 1e3 * found.scatter_m,
+        "freedom": found.freedom,
+    }
+
+
+def _validation_to_dict(found: LackOfFit) -> dict[str, Any]:
+    return {
+        "poses": found.poses,
+        "observed_rms_mm": 1e3 * found.observed_rms_m,
+        "expected_rms_mm": 1e3 * found.expected_rms_m,
+        "observed_95_mm": 1e3 * found.observed_95_m,
+        "expected_95_mm": 1e3 * found.expected_95_m,
+        "p": found.p,
+        "lack_of_fit_mm": 1e3 * found.sigma_m,
+    }
+
+
+def _unseen_to_dict(found: Unseen) -> dict[str, Any]:
+    return {"quantity": found.quantity.words, "limit": found.limit, "unit": found.unit, "remedy": found.remedy}
 
 
 def _statistics_to_dict(found: Mapping[str, float] | None) -> dict[str, float | int] | None:
@@ -174,8 +255,8 @@ def _statistics_to_dict(found: Mapping[str, float] | None) -> dict[str, float | 
     return None if found is None else {name: int(v) if name == "count" else v for name, v in found.items()}
 
 
-def _accuracy_to_dict(found: Accuracy | None) -> dict[str, float] | None:
-    return None if found is None else {"mean": 1e3 * found.mean_m, "max": 1e3 * found.largest_m}
+def _accuracy_to_dict(found: Accuracy) -> dict[str, float]:
+    return {"mean": 1e3 * found.mean_m, "max": 1e3 * found.largest_m}
 
 
 def _budget_to_dict(budget: Budget) -> dict[str, Any]:

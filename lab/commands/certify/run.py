@@ -1,33 +1,53 @@
 """A calibration's certificate: what its positions are worth, and how the robot was found."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from lab.calibration.observations.protocol import observation_of
 from lab.calibration.statistics.replicates import repeats
+from lab.calibration.validation import SAME_CONFIGURATION
 from lab.campaign.instruments import named_instrument
 from lab.campaign.options import VirtualCampaign
-from lab.certification.budget import MEASURANDS, Budget, InputQuantity, budget_of
-from lab.certification.characteristics import distance_errors, pose_characteristics
+from lab.certification.budget import MEASURANDS, Budget, InputQuantity, budget_of, propagated
+from lab.certification.characteristics import Repeats, distance_errors, pose_accuracy, repeats_of
 from lab.certification.conformity import Conformity, conformity_of
+from lab.certification.lack_of_fit import LackOfFit, lack_of_fit
+from lab.certification.plausibility import CampaignFacts, implausibilities
 from lab.certification.propagation import Propagation
-from lab.certification.quantities import RandomErrors, quantities_of, temperature_of
+from lab.certification.quantities import (
+    LARGEST_SCALE_ERROR,
+    RandomErrors,
+    lack_of_fit_of,
+    motion_of,
+    quantities_of,
+    scale_of,
+    temperature_of,
+    unseen_move_of,
+)
 from lab.commands.calibrate.load_run import Calibrated, read_calibrated
-from lab.commands.certify.chance import random_errors
+from lab.commands.certify.chance import instrument_noise_m, motions_found, random_errors
 from lab.commands.certify.fitted import FittedRows, fitted_rows
+from lab.commands.certify.fitted_motion import fitted_motions
 from lab.commands.certify.options import CertifyOptions
-from lab.commands.certify.result import Certificate, RobotFound
+from lab.commands.certify.result import Certificate, RobotFound, Unseen
+from lab.commands.certify.validation import validation_errors
+from lab.core.distributions import Uncertain
 from lab.core.errors import LabError
-from lab.core.instruments import Instrument
+from lab.core.instruments import INSTRUMENTS, Instrument
+from lab.core.measurements import PLACE, Measurements
 from lab.core.random import rng_for
+from lab.core.se3 import Array
 from lab.core.tracker_errors import TrackerErrors
 from lab.formats.certificate_toml import CertificateDetails, read_certificate_details
 from lab.render.progress import Stage, status
 
 __all__ = ["certify"]
+
+_SPANNING = 0.5  # of a campaign, between two visits to a pose: they show whether base or instrument moved
 
 
 def certify(options: CertifyOptions) -> Certificate:
@@ -57,13 +77,29 @@ def _certified(options: CertifyOptions, stage: Stage) -> Certificate:
     device = fitted.instrument if options.instrument is None else named_instrument(options.instrument)
     robot = _found(calibrated, fitted)
     propagation = _propagation(calibrated, fitted)
-    chance = random_errors(calibrated, fitted, device, details.robot.repeatability_mm, robot.after)
+    chance = random_errors(calibrated, fitted, device, details.robot.repeatability_mm, robot.repeats)
     source = str(options.instrument or calibrated.options.instrument or "")
-    quantities = _quantities(calibrated, device, Path(source).name, details, propagation, chance)
+    quantities = _quantities(calibrated, fitted, device, Path(source).name, details, propagation, chance)
+    shown = validation_errors(
+        calibrated, fitted, propagation, quantities, chance, instrument_noise_m(calibrated, fitted, device)
+    )
+    validation = None if shown is None else lack_of_fit(shown)
+    if validation is not None and validation.sigma_m:
+        where = f"validation on {validation.poses:,} poses, {calibrated.result.judged_by}"
+        quantities.append(lack_of_fit_of(propagation, validation.sigma_m, validation.freedom, where))
     budgets = []
     for i, each in enumerate(MEASURANDS):
         stage("3 of 3, budgets, propagated and drawn", i, len(MEASURANDS))
         budgets.append(budget_of(each, quantities, propagation.positions, propagation.moved, rng_for(0, "null", i)))
+    unseen = tuple(_unseen(device, details, propagation, chance, robot.repeats))
+    totals = _with_unseen(quantities, unseen, propagation, budgets)
+    facts = _facts(calibrated, source, robot)
+    strange = implausibilities(details, facts)
+    issued = not any(each.impossible for each in strange)
+    statement = None
+    if issued:
+        statement = _conformity(options, calibrated, totals[0] if device is None else budgets[0].expanded_m)
+    warnings = [*(each.words for each in strange), *_warnings(calibrated, device, details, chance, robot, validation)]
     return Certificate(
         options,
         calibrated,
@@ -71,9 +107,13 @@ def _certified(options: CertifyOptions, stage: Stage) -> Certificate:
         device,
         tuple(budgets),
         robot,
-        _conformity(options, calibrated, budgets[0]),
-        tuple(dict.fromkeys(_warnings(calibrated, device, details, chance))),
+        statement,
+        tuple(dict.fromkeys(warnings)),
         len(fitted.rows),
+        strange,
+        validation,
+        unseen,
+        totals,
     )
 
 
@@ -89,24 +129,65 @@ def _propagation(calibrated: Calibrated, fitted: FittedRows) -> Propagation:
 
 
 def _found(calibrated: Calibrated, fitted: FittedRows) -> RobotFound:
-    """What the measured points say of the robot, commanded through the calibrated and the nominal model."""
-    rows, arm = fitted.reported, calibrated.arm
+    """What the measured points say of the robot, commanded through the calibrated and the nominal model.
+
+    Accuracy is that of rows that were not fitted; where all were, only the nominal model has one.
+    """
+    arm, rows = calibrated.arm, fitted.rows if fitted.judged is None else fitted.judged
     columns = [rows.targets.index(name) for name in arm.targets]
-    measured, labels = rows.points[:, columns], repeats(rows)
+    measured, labels = rows.points[:, columns], _poses(rows)
     inputs = rows.inputs(arm.conditions)
     after, before = (arm.points(inputs, values) for values in (calibrated.values, calibrated.nominal_aligned))
     pairs = [distance_errors(measured, points, labels, rng_for(0, "split")) for points in (before, after)]
+    of_fitted_rows = fitted.judged is None
     return RobotFound(
-        pose_characteristics(measured - before, labels),
-        pose_characteristics(measured - after, labels),
+        pose_accuracy(measured - before, labels),
+        None if of_fitted_rows else pose_accuracy(measured - after, labels),
         pairs[0],
-        pairs[1],
-        of_fitted_rows=fitted.judged is None,
+        pairs[1][:0] if of_fitted_rows else pairs[1],
+        *_repeated(calibrated, fitted),
     )
+
+
+def _repeated(calibrated: Calibrated, fitted: FittedRows) -> tuple[Repeats | None, tuple[str, ...]]:
+    """The repeats of all rows, fitted or not, and which rows have any."""
+    arm, errors, labels, places, where = (
+        calibrated.arm,
+        list[Array](),
+        list[NDArray[np.int_]](),
+        list[Array](),
+        list[str](),
+    )
+    targets = [name for name in arm.targets if all(name in rows.targets for rows in fitted.sets.values())]
+    first = 0
+    for name, rows in fitted.sets.items():
+        inputs, poses = rows.inputs((*arm.conditions, PLACE)), _poses(rows)
+        points = arm.points(inputs[:, :-1], calibrated.values)
+        measured = rows.points[:, [rows.targets.index(target) for target in targets]]
+        errors.append(measured - points[:, [arm.targets.index(target) for target in targets]])
+        labels.append(poses + first)
+        places.append(inputs[:, -1])
+        first += int(poses.max()) + 1
+        if len(np.unique(poses)) < len(poses):
+            where.append(name)
+    if not where or not targets:
+        return None, ()
+    return repeats_of(np.concatenate(errors), np.concatenate(labels), np.concatenate(places)), tuple(where)
+
+
+def _poses(rows: Measurements) -> NDArray[np.int_]:
+    """Labels ``(n,)`` of poses; along a dense path, where neighbours are near and ends are not, each row is a pose."""
+    labels = repeats(rows)
+    for label in np.flatnonzero(np.bincount(labels) > 1):
+        here = np.flatnonzero(labels == label)
+        if np.ptp(rows.joints[here], axis=0).max() > SAME_CONFIGURATION:
+            labels[here[1:]] = labels.max() + 1 + np.arange(len(here) - 1)
+    return labels
 
 
 def _quantities(
     calibrated: Calibrated,
+    fitted: FittedRows,
     device: Instrument | None,
     source: str,
     details: CertificateDetails,
@@ -115,41 +196,91 @@ def _quantities(
 ) -> list[InputQuantity]:
     errors = TrackerErrors() if device is None else device.errors
     found = list(quantities_of(propagation, errors, source, chance))
+    motions = *motions_found(calibrated, fitted), *fitted_motions(calibrated, fitted.rows, propagation.positions)
+    found += [motion_of(propagation, motion) for motion in motions]
     if (known := details.robot_temperature) is not None:
         values = dict(zip(calibrated.arm.names, calibrated.values.tolist(), strict=True))
         foot = np.array([values.get(f"base.{axis}", 0.0) for axis in "xyz"])
         found.append(temperature_of(propagation, foot, *known))
+    if details.scale is not None:
+        found.append(scale_of(propagation, details.scale, "scale_ppm of [instrument]"))
     return found
 
 
-def _conformity(options: CertifyOptions, calibrated: Calibrated, budget: Budget) -> Conformity | None:
+def _unseen(
+    device: Instrument | None,
+    details: CertificateDetails,
+    propagation: Propagation,
+    chance: RandomErrors,
+    found: Repeats | None,
+) -> Iterator[Unseen]:
+    """What neither the measurements nor the instrument's statements show, with its largest size."""
+    if details.scale is None and (device is None or not device.errors.range_scale.standard):
+        quantity = scale_of(propagation, Uncertain.within(LARGEST_SCALE_ERROR), "shown by nothing")
+        remedy = "measure a scale bar, or state range_scale_ppm of the tracker or scale_ppm of [instrument]"
+        yield Unseen(quantity, 1e2 * LARGEST_SCALE_ERROR, "%", remedy)
+    if found is None or found.span < _SPANNING:
+        own = chance.model, chance.repeatability
+        squares = [each.sigma_m**2 for each in own if each is not None]
+        quantity = unseen_move_of(propagation, float(np.sqrt(sum(squares, chance.noise.sigma_m**2))))
+        remedy = "measure the first pose again half way and at the end (lab design --reference-every)"
+        yield Unseen(quantity, 1e3 * quantity.uncertainty.limit, "mm", remedy)
+
+
+def _with_unseen(
+    quantities: Sequence[InputQuantity], unseen: Sequence[Unseen], propagation: Propagation, budgets: Sequence[Budget]
+) -> tuple[float, ...]:
+    """The expanded uncertainty (m) of each measurand with what the measurements do not show, too."""
+    whole = [*quantities, *(each.quantity for each in unseen)]
+    expanded = [propagated(each, whole, propagation.positions, rng_for(0, "null")).expanded_m for each in MEASURANDS]
+    return tuple(max(more, own.expanded_m) for more, own in zip(expanded, budgets, strict=True))
+
+
+def _facts(calibrated: Calibrated, source: str, robot: RobotFound) -> CampaignFacts:
+    """What the run says of the robot, the instrument and the day."""
+    measured_mm = None if robot.repeats is None else 1e3 * robot.repeats.repeatability.mean_m
+    instrument = source if source in INSTRUMENTS else ""
+    return CampaignFacts(calibrated.robot.name, instrument, calibrated.options.date or "", measured_mm)
+
+
+def _conformity(options: CertifyOptions, calibrated: Calibrated, expanded_m: float) -> Conformity | None:
     """The statement, where there is a tolerance and a value."""
     result = calibrated.result
     tolerance = result.gate_mm if options.tolerance_mm is None else options.tolerance_mm
     if tolerance is None or result.after_mm is None:
         return None
     value = float(result.after_mm[options.statistic])
-    return conformity_of(value / 1e3, tolerance / 1e3, budget.expanded_m, options.decision_rule)
+    return conformity_of(value / 1e3, tolerance / 1e3, expanded_m, options.decision_rule)
 
 
 def _warnings(
-    calibrated: Calibrated, device: Instrument | None, details: CertificateDetails, chance: RandomErrors
+    calibrated: Calibrated,
+    device: Instrument | None,
+    details: CertificateDetails,
+    chance: RandomErrors,
+    robot: RobotFound,
+    validation: LackOfFit | None,
 ) -> Iterator[str]:
     """What a reader should be told: of the run, and what the budget does not have."""
+    if validation is not None and validation.sigma_m:
+        yield (
+            f"validation shows {1e3 * validation.observed_rms_m:.2g} mm (rms) where the rest of the budget predicts "
+            f"{1e3 * validation.expected_rms_m:.2g} mm: U contains the difference as lack of fit"
+        )
     yield from calibrated.warnings
     if isinstance(calibrated.options, VirtualCampaign):
         yield "the robot is virtual: nothing was measured, and this certificate is an example"
     if device is None or not device.errors.lasting:
         name = "the instrument is not known" if device is None else f"of {device.name} no systematic errors are stated"
         yield f"{name}: the budget has none; give --instrument with the TOML file of a tracker"
-    if chance.repeatability is None:
+    if chance.repeatability is None and robot.repeats is None:
         yield (
             "the robot's repeatability was neither measured nor stated: the budget has none; measure poses several "
             "times, or state repeatability_mm of [robot] in --details"
         )
+    elif chance.repeatability is None:
+        yield "repeated poses scatter by no more than the instrument's noise: the budget has no further repeatability"
     if details.robot_temperature is None:
         yield "the robot's temperature is not stated: the budget has none; state it in [environment] of --details"
-    if (at := details.certificate.date) and at < (checked := details.instrument.certificate_date):
-        yield f"the certificate's date, {at}, is before that of the instrument's certificate, {checked}: mend --details"
     if missing := details.missing:
         yield f"not traceable as it is: {', '.join(missing)} missing in --details"

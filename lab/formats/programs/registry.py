@@ -25,6 +25,7 @@ __all__ = [
     "Controller",
     "is_program_file",
     "language_of",
+    "language_of_maker",
     "path_file",
     "path_program",
     "plan_files",
@@ -47,7 +48,12 @@ def language_of(joints: JointSpec, controller: str | None) -> Language | None:
     """
     if controller is not None:
         return next(language for language in LANGUAGES if language.name.lower() == controller)
-    words = re.findall(r"[a-z]+\d*|\d+", joints.name.lower())
+    return language_of_maker(joints.name)
+
+
+def language_of_maker(name: str) -> Language | None:
+    """The language of the maker that a robot's name tells; None where it tells none."""
+    words = re.findall(r"[a-z]+\d*|\d+", name.lower())
     for language in LANGUAGES:
         for maker in language.makers:
             if any(word == maker or re.fullmatch(rf"{maker}(?<!\d)\d+", word) for word in words):
