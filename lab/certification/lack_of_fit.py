@@ -5,7 +5,8 @@ one: it is a sum of squares of correlated normal numbers, taken for a scaled chi
 where the noise was estimated. Where validation shows more than chance allows, the excess is the variance of a further
 quantity, the lack of fit (JCGM 100:2008, 4.2.2 and F.2.4.5). Errors with longer tails than the normal show in the
 largest 5 % rather than in the mean square; where these are larger than chance allows, the lack of fit grows until the
-budget contains them.
+budget contains them. Chance is that of known noise. Errors that a model leaves, and that are taken for noise, are no
+draws from a normal distribution: with these, whatever validation shows beyond the prediction counts.
 """
 
 from dataclasses import dataclass
@@ -35,6 +36,8 @@ class ValidationErrors:
         own: ``(n, 3, 3)`` m^2, covariance of each point's error by what differs from point to point.
         shared: ``(n, 3, c)`` m, what independent numbers of variance one that all points share do to them.
         freedom: degrees of freedom of the noise that scales both; infinite where it is known.
+        known: whether all random errors are of a stated instrument and a stated or measured robot. Else part of them
+            is what the model leaves, which follows the poses, and need not be normal.
     """
 
     rms_m: float
@@ -43,6 +46,7 @@ class ValidationErrors:
     own: Array
     shared: Array
     freedom: float = np.inf
+    known: bool = True
 
     def covariances(self, more_m: float = 0.0) -> Array:
         """Covariances ``(n, 3, 3)`` m^2 of the points' errors, with so much more per coordinate."""
@@ -77,15 +81,15 @@ def lack_of_fit(found: ValidationErrors) -> LackOfFit:
 
     Returns:
         The comparison; ``sigma_m`` is above zero where the mean square, or the largest errors, are more than chance
-        allows at the level ``CERTIFICATE_VALIDATION``.
+        allows at the level ``CERTIFICATE_VALIDATION``; where the noise is not known, more than predicted.
     """
     squares, freedom = found.covariances(), None if np.isinf(found.freedom) else found.freedom
     expected = float(np.trace(squares, axis1=1, axis2=2).mean())
     observed = found.rms_m**2
     numbers = np.minimum(matched_dof(expected, _variance_of_mean(found)), 3.0 * found.poses)
     p = float(p_value_of_squares(observed / expected, numbers, freedom, 1 / numbers))
-    excess = observed - expected if p < CERTIFICATE_VALIDATION else 0.0
-    sigma = max(float(np.sqrt(max(excess, 0.0) / 3)), _for_the_largest(found, expected + max(excess, 0.0)))
+    excess = max(observed - expected, 0.0) if p < CERTIFICATE_VALIDATION or not found.known else 0.0
+    sigma = max(float(np.sqrt(excess / 3)), _for_the_largest(found, expected + excess))
     share = 3 * sigma**2 / (3 * sigma**2 + expected)
     return LackOfFit(
         found.rms_m,
@@ -119,9 +123,10 @@ def _for_the_largest(found: ValidationErrors, mean_square: float) -> float:
     squares, freedom = found.covariances(), None if np.isinf(found.freedom) else found.freedom
     expected = float(np.trace(squares, axis1=1, axis2=2).mean())
     sigma = float(np.sqrt((mean_square - expected) / 3)) if mean_square > expected else 0.0
-    realised = max(found.rms_m / float(np.sqrt(mean_square)), 1.0)
-    usual = realised * length_not_exceeded(found.covariances(sigma), freedom, _share_by_chance(found.poses))
-    if found.p95_m <= usual:
+    by_chance = found.known and not sigma  # a lack of fit is no draw from a normal distribution
+    realised = max(found.rms_m / float(np.sqrt(mean_square)), 1.0) if by_chance else 1.0
+    share = _share_by_chance(found.poses) if by_chance else _SHARE
+    if found.p95_m <= realised * length_not_exceeded(found.covariances(sigma), freedom, share):
         return 0.0
 
     def lacks(more_m: float) -> float:

@@ -44,11 +44,13 @@ class KnownSpread:
     Attributes:
         sigma_m: standard deviation of one coordinate.
         freedom: its degrees of freedom.
+        of_residuals: whether it was estimated from what the model leaves.
     """
 
     sigma_m: float
     freedom: float
     source: str
+    of_residuals: bool = False
 
     @property
     def uncertainty(self) -> Uncertain:
@@ -78,6 +80,12 @@ class RandomErrors:
     scatter_counted: bool
     model: KnownSpread | None
     in_time: KnownSpread | None = None
+
+    @property
+    def known(self) -> bool:
+        """Whether nothing that was estimated from the residuals is taken for chance."""
+        estimated = self.repeatability is not None and self.repeatability.of_residuals
+        return self.model is None and self.in_time is None and not estimated
 
 
 @dataclass(frozen=True)

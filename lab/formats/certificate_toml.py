@@ -65,7 +65,7 @@ class _Reflector:
 
 @dataclass(frozen=True, kw_only=True)
 class _Instrument(_Reflector):
-    """Of an instrument: also the temperatures it works in, and how well a scale bar or a certificate gives its scale."""
+    """Of an instrument: also the temperatures in which it works, and the uncertainty of its scale."""
 
     scale_ppm: StatedUncertainty | None = None
     lowest_c: float = LOWEST_C

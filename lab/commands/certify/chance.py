@@ -41,7 +41,8 @@ def random_errors(
     elif result.noise_known and not lacking and (excess := _excess(calibrated)) > 1:
         lacking, larger, dof = fitted.sigma_m * float(np.sqrt(excess - 1)), max(larger, excess), result.freedom
     freedom = np.inf if dof is None else float(dof)
-    repeatability = _repeatability(fitted, instrument_m, stated_mm, found)
+    scattered = result.noise_model is not None and result.noise_model.joint_scatter_mrad > 0
+    repeatability = _repeatability(fitted, instrument_m, stated_mm, found, of_residuals=scattered)
     known_m = 0.0 if repeatability is None else repeatability.sigma_m
     left = float(np.sqrt(max(lacking**2 - known_m**2, 0.0)))
     wandering_m = 0.0 if result.noise_model is None else result.noise_model.wandering_mm / 1e3
@@ -98,12 +99,17 @@ def _device_sigma(device: Instrument | None, fitted: FittedRows) -> float:
 
 
 def _repeatability(
-    fitted: FittedRows, instrument_m: float, stated_mm: float | None, found: Repeats | None
+    fitted: FittedRows, instrument_m: float, stated_mm: float | None, found: Repeats | None, *, of_residuals: bool
 ) -> KnownSpread | None:
-    """By the noise model of the run, by repeated poses, or as it is stated; None where nothing is known."""
+    """By the noise model of the run, by repeated poses, or as it is stated; None where nothing is known.
+
+    Args:
+        of_residuals: whether the run estimated the scatter of the joints; else their encoders' counts make it.
+    """
     shared = fitted.observed.correlation
     if shared is not None and shared.scatter.size:
-        return KnownSpread(_scatter_m(fitted), np.inf, f"scatter of the joints, {_BY_NOISE_MODEL}")
+        source = f"scatter of the joints, {_BY_NOISE_MODEL}"
+        return KnownSpread(_scatter_m(fitted), np.inf, source, of_residuals)
     if found is not None and (more := found.scatter_m**2 - instrument_m**2) > 0:
         freedom = (more / found.scatter_m**2) ** 2 * found.freedom
         return KnownSpread(float(np.sqrt(more)), freedom, "repeated poses, less the instrument's noise")

@@ -46,20 +46,20 @@ def validation_errors(
         return None
     rms_m, p95_m = found["rms"] / 1e3, found["p95"] / 1e3
     shown = [each for each in quantities if each.group in _SHOWN and each.uncertainty.standard]
-    freedom = chance.noise.freedom
+    freedom, known = chance.noise.freedom, chance.known
     if by == "cross-validation":
         poses, own, shared = _by_folds(calibrated, fitted, shown, instrument_m)
-        return ValidationErrors(rms_m, p95_m, poses, own, shared, freedom)
+        return ValidationErrors(rms_m, p95_m, poses, own, shared, freedom, known)
     rows = {"holdout": fitted.judged, "file": fitted.validated or fitted.rows}.get(by or "")
     if rows is None:  # exact points of a virtual robot
         kept = [each for each in shown if each.group != "repeatability" or each.shifts is not None]
         own, shared = _of_quantities(kept, propagation.slopes, 0.0)
-        return ValidationErrors(rms_m, p95_m, int(found["count"]), own, shared, freedom)
+        return ValidationErrors(rms_m, p95_m, int(found["count"]), own, shared, freedom, known)
     some = thinned(rows, _MOST_ROWS)
     own, shared = _of_quantities(shown, _slopes(calibrated, some), instrument_m)
     if by == "file" and isinstance(calibrated.options, MeasuredCampaign) and calibrated.options.refit:
         shared = _placed_anew(calibrated, some, shared)
-    return ValidationErrors(rms_m, p95_m, _distinct(calibrated, rows), own, shared, freedom)
+    return ValidationErrors(rms_m, p95_m, _distinct(calibrated, rows), own, shared, freedom, known)
 
 
 def _distinct(calibrated: Calibrated, rows: Measurements) -> int:
