@@ -3,33 +3,41 @@
 import numpy as np
 import pytest
 
-from lab.certification.characteristics import distance_errors, pose_characteristics
+from lab.certification.characteristics import distance_errors, pose_accuracy, repeats_of
 from lab.certification.conformity import conformity_of
 from lab.core.se3 import exp
 
 
 def test_accuracy_and_repeatability_by_hand() -> None:
     """A pose visited twice, 2 µm apart about 3 µm off; another once, 4 µm off."""
-    errors = 1e-6 * np.array([[[3, 1, 0]], [[3, -1, 0]], [[0, 0, 4]]], dtype=float)
-    found = pose_characteristics(errors, np.array([0, 0, 1]))
+    errors, labels = 1e-6 * np.array([[[3, 1, 0]], [[3, -1, 0]], [[0, 0, 4]]], dtype=float), np.array([0, 0, 1])
+    found, repeated = pose_accuracy(errors, labels), repeats_of(errors, labels, np.array([0.0, 0.6, 1.0]))
     assert (found.accuracy.mean_m, found.accuracy.largest_m) == pytest.approx((3.5e-6, 4e-6))
-    assert found.repeatability is not None and found.repeatability.mean_m == pytest.approx(1e-6)
-    assert (found.poses, found.cycles, found.freedom) == (2, (1, 2), 3)
-    assert found.scatter_m == pytest.approx(np.sqrt(2e-12 / 3))
+    assert (found.poses, found.cycles) == (2, (1, 2))
+    assert repeated is not None and repeated.repeatability.mean_m == pytest.approx(1e-6)
+    assert (repeated.poses, repeated.cycles, repeated.freedom, repeated.span) == (1, (2, 2), 3, 0.6)
+    assert repeated.scatter_m == pytest.approx(np.sqrt(2e-12 / 3))
 
 
 def test_scatter_is_that_of_the_draws() -> None:
     rng = np.random.default_rng(0)
     errors = rng.normal(size=(20, 1, 2, 3)) + 5e-6 * rng.normal(size=(20, 30, 2, 3))
-    found = pose_characteristics(errors.reshape(600, 2, 3), np.repeat(np.arange(20), 30))
-    assert found.scatter_m == pytest.approx(5e-6, rel=0.05) and found.freedom == 3 * 29 * 40
-    assert found.repeatability is not None
-    assert found.repeatability.mean_m == pytest.approx(3.615 * 5e-6, rel=0.05)
+    found = repeats_of(errors.reshape(600, 2, 3), np.repeat(np.arange(20), 30), np.linspace(0, 1, 600))
+    assert found is not None and found.scatter_m == pytest.approx(5e-6, rel=0.05) and found.freedom == 3 * 29 * 40
+    assert found.repeatability.mean_m == pytest.approx(3.615 * 5e-6, rel=0.05) and found.poses == 20
+
+
+def test_repeatability_does_not_depend_on_what_the_model_is_off_by() -> None:
+    rng = np.random.default_rng(3)
+    errors, labels, places = rng.normal(size=(20, 1, 3)), np.repeat(np.arange(5), 4), np.linspace(0, 1, 20)
+    shifted = errors + 100 * rng.normal(size=(5, 1, 3))[labels]
+    first, second = (repeats_of(each, labels, places) for each in (errors, shifted))
+    assert first is not None and second is not None
+    assert second.repeatability.mean_m == pytest.approx(first.repeatability.mean_m, rel=1e-9)
 
 
 def test_without_repeats_there_is_no_repeatability() -> None:
-    found = pose_characteristics(np.full((4, 1, 3), 1e-6), np.arange(4))
-    assert found.repeatability is None and found.scatter_m is None
+    assert repeats_of(np.full((4, 1, 3), 1e-6), np.arange(4), np.linspace(0, 1, 4)) is None
 
 
 @pytest.mark.parametrize("count", [30, 500])

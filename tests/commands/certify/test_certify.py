@@ -116,8 +116,10 @@ def test_a_certificate_has_what_was_stated_and_measured(here: Path) -> None:
     assert told["budgets"]["position"]["freedom"] > 12  # that of the only line that has a finite number
     assert any("repeatability was neither measured nor stated" in said for said in found.warnings)
     Path("early.toml").write_text(DETAILS.replace('certificate = "C1"', "certificate_date = 2026-04-01"))
-    early = certify(CertifyOptions(Path("known"), Path("early.toml"))).warnings
-    assert any("2026-03-31, is before that of the instrument's certificate, 2026-04-01" in said for said in early)
+    early = certify(CertifyOptions(Path("known"), Path("early.toml")))
+    assert any("of 2026-04-01 is later than this certificate of 2026-03-31" in said for said in early.warnings)
+    assert not early.issued and early.conformity is None and early.exit_code == 1
+    assert "not issued" in early.summary() and early.to_dict()["implausible"][0]["impossible"]
     page = " ".join(found.summary().split())
     assert "calibration certificate 42" in page and "A <b>B</b>" in page and "Not measured: pose repeat" in page
 
@@ -160,6 +162,9 @@ def test_repeated_poses_give_the_repeatability(here: Path) -> None:
     assert line.quantity.uncertainty.standard == pytest.approx(seen, rel=0.25)
     iso = found.to_dict()["iso_9283"]
     assert iso["cycles"] == [4, 4] and iso["poses"] == 15 and iso["of_fitted_rows"]
+    assert iso["repeats"]["rows"] == ["fitted rows"] and iso["repeats"]["freedom"] == 135
+    assert iso["pose_accuracy_mm"] is None and iso["distance_accuracy_mm"] is None  # fitted errors are no accuracy
+    assert iso["not_measured"][0].startswith("pose accuracy and distance accuracy of the calibrated")
     many = np.hypot(SCATTER_M, 5e-6) * np.random.default_rng(0).standard_normal((4, 2000, 3))
     assert iso["pose_repeatability_mm"]["mean"] == pytest.approx(1e3 * repeatability(many).mean(), rel=0.3)
     assert "pose repeatability" not in iso["not_measured"]
@@ -171,10 +176,80 @@ def test_repeated_poses_give_the_repeatability(here: Path) -> None:
 
 
 @thorough
+def test_repeats_are_found_wherever_they_are(here: Path) -> None:
+    """Fitted, held out, and in the validation file: each alone gives the repeatability."""
+    runs = {
+        "fitted": (["repeats_fitted.csv"], "fitted rows"),
+        "held": (["repeats_held.csv"], "rows held out"),
+        "beside": (["once.csv", "--validate", "repeated_p1.csv"], "validation file"),
+    }
+    day = lab.simulate("irb120", poses=40, seed=7, targets=("p1",), instrument="exact").measurements
+    noisy = visited(day, 1)
+    again = visited(day.take(np.arange(4)), 5)
+    for name, use in (("fitted", "calibrate"), ("held", "test")):
+        rows = joined(again, noisy.take(np.arange(4, 40)), use, "test" if use == "calibrate" else "calibrate")
+        write_measurements(Path(f"repeats_{name}.csv"), rows, (False,) * 6)
+    write_measurements(Path("repeated_p1.csv"), visited(day.take(np.arange(10)), 4), (False,) * 6)
+    for name, (given, where) in runs.items():
+        with nothing_drawn():
+            main(["identify", *given, "--noise-mm", "0.005", "--out", f"repeats_{name}"])
+        found = certify(CertifyOptions(Path(f"repeats_{name}"), force=True))
+        iso = found.to_dict()["iso_9283"]
+        assert iso["repeats"]["rows"] == [where], name
+        assert iso["repeats"]["scatter_mm"] == pytest.approx(1e3 * np.hypot(SCATTER_M, 5e-6), rel=0.35), name
+        assert "repeatability" in groups(found) and iso["pose_repeatability_mm"] is not None
+        assert not any("neither measured nor stated" in said for said in found.warnings)
+
+
+def joined(first: Measurements, second: Measurements, use: str, later: str) -> Measurements:
+    """Two sets of rows in one file, of which one is fitted and the other held out; ten of the latter's are fitted."""
+    rows = second.take(np.arange(len(second)))
+    uses = (
+        *[use] * len(first),
+        *[later if i < len(rows) // 2 and later == "test" else "calibrate" for i in range(len(rows))],
+    )
+    count = len(first) + len(rows)
+    return replace(
+        first,
+        joints=np.concatenate([first.joints, rows.joints]),
+        points=np.concatenate([first.points, rows.points]),
+        ids=tuple(str(i) for i in range(count)),
+        use=uses,
+        sessions=("",) * count,
+        sigma_m=np.full(count, np.nan),
+        conditions={},
+        other={},
+        lines=(),
+        visits=None,
+        marked=True,
+    )
+
+
+@thorough
+def test_what_nothing_shows_is_said_with_its_remedy(here: Path) -> None:
+    """A scale that nobody states is in no U; where no instrument is named, the statement rests on a U with it."""
+    Path("scale.toml").write_text("[instrument]\nscale_ppm = { standard = 2 }\n")
+    given = certify(CertifyOptions(Path("given"), tolerance_mm=0.5, force=True))
+    scale = next(each for each in given.unseen if "scale" in each.words)
+    assert "0.5 %" in scale.words and "scale bar" in scale.remedy
+    assert given.with_unseen_m[0] > 1e-3 > given.budgets[0].expanded_m
+    assert given.conformity is not None and given.conformity.expanded_m == given.with_unseen_m[0]
+    assert given.conformity.decision == "not decided"
+    stated = certify(CertifyOptions(Path("given"), Path("scale.toml"), tolerance_mm=0.5, force=True))
+    assert not any("scale" in each.words for each in stated.unseen)
+    assert any(line.quantity.words == "scale of the measurements" for line in stated.budgets[0].lines)
+    assert stated.conformity is not None and stated.conformity.decision == "conforms"
+    known = certify(CertifyOptions(Path("known")))  # whose tracker's file states its range's scale
+    assert not any("scale" in each.words for each in known.unseen)
+    assert "What the uncertainty does not contain" in known.summary()
+
+
+@thorough
 def test_another_instrument_adds_what_the_run_did_not_know(here: Path) -> None:
     plain = certify(CertifyOptions(Path("given")))
     added = certify(CertifyOptions(Path("given"), instrument="tracker.toml"))
     assert groups(plain) == {"parameters"} and groups(added) == {"parameters", "misalignment", "reflector"}
+    assert plain.validation is not None and plain.validation.p > 0.05
     assert added.budgets[0].expanded_m > 1.05 * plain.budgets[0].expanded_m
     assert len(certify(CertifyOptions(Path("given"))).to_dict()["missing"]) == 10
 

@@ -1,0 +1,60 @@
+"""A certificate's U contains the true errors of campaigns with a mistake, and grows little without one.
+
+The share of poses that a campaign's U covers hangs together within the campaign: the bounds here are of campaigns.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.certified import MISTAKES, Outcome, outcome
+
+GOOD = [name for name in MISTAKES if name.startswith("none")]
+STUDIED = 40  # campaigns of each mistake, where marked slow
+
+
+def certified(folder: Path, name: str, count: int) -> list[Outcome]:
+    return [outcome(MISTAKES[name], seed, folder / str(seed)) for seed in range(count)]
+
+
+def covered(found: list[Outcome]) -> float:
+    """The share of poses within U, of the campaigns that have a certificate."""
+    return float(np.mean([each.covered.mean() for each in found if each.certificate is not None]))
+
+
+def test_a_step_of_3_mm_is_in_the_budget_and_in_no_statement(tmp_path: Path) -> None:
+    found = outcome(MISTAKES["step of 3 mm"], 7, tmp_path / "run")
+    certificate = found.certificate
+    assert certificate is not None
+    after = certificate.calibrated.result.after_mm
+    assert after is not None and 1e3 * certificate.budgets[0].expanded_m > after["p95"] > 1.0
+    assert found.covered.all()
+    line = next(line for line in certificate.budgets[0].lines if line.quantity.group == "stability")
+    assert line.contribution_m == pytest.approx(1.5e-3, rel=0.15)  # half of it, either way
+    assert certificate.to_dict()["validation"]["observed_rms_mm"] == pytest.approx(1.5, rel=0.15)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", ["harmonics", "drift of 1 mm", "coupling"])
+def test_the_true_error_is_contained_a_little(name: str, tmp_path: Path) -> None:
+    """Four campaigns: U is at least the 95 % of a validation by 18 poses, of which 17 it covers."""
+    found = certified(tmp_path, name, 4)
+    assert all(each.covered.mean() >= 16 / 18 for each in found if each.certificate is not None)
+
+
+@pytest.mark.thorough
+def test_a_good_campaign_has_the_uncertainty_that_it_had(tmp_path: Path) -> None:
+    for name in GOOD:
+        (tmp_path / name).mkdir()
+        found = certified(tmp_path / name, name, 3)
+        assert np.median([each.over_today for each in found]) <= 1.3, name
+        assert all(each.certificate is not None and each.verdict == "good" for each in found)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MISTAKES)
+def test_the_true_error_is_contained(name: str, tmp_path: Path) -> None:
+    found = certified(tmp_path, name, STUDIED)
+    assert covered(found) >= 0.95
+    if name in GOOD:
+        assert np.quantile([each.over_today for each in found], 0.9) <= 1.3
