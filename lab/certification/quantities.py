@@ -144,11 +144,12 @@ def quantities_of(
 def motion_of(propagation: Propagation, motion: FrameMotion) -> InputQuantity:
     """The frame of the measurements moved: a position at the campaign's end is elsewhere by the offset.
 
-    Its direction is not known, so each coordinate has a third of its square. All positions are displaced together.
+    Its direction is not known, so each coordinate has a third of its square. Of two positions each may be of any time,
+    so that a distance between them has it twice.
     """
     each = np.broadcast_to(np.eye(3), (len(propagation.positions), 3, 3))
     known = Uncertain(motion.offset_m / float(np.sqrt(3)), freedom=max(motion.freedom, _LEAST_FREEDOM))
-    return InputQuantity("stability", motion.words, motion.source, "µm", 1e6, known, each)
+    return InputQuantity("stability", motion.words, motion.source, "µm", 1e6, known, each, anew=True)
 
 
 def lack_of_fit_of(propagation: Propagation, sigma_m: float, freedom: float, source: str) -> InputQuantity:

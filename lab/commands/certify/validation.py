@@ -86,12 +86,10 @@ def _of_quantities(shown: Sequence[InputQuantity], slopes: Array, instrument_m: 
     shared: list[Array] = [np.zeros((len(slopes), 3, 0))]
     for each in shown:
         size = each.uncertainty.standard
-        if each.shifts is not None:
-            shared.append(size * slopes @ each.shifts)
-        elif each.anew:
+        if each.shifts is None:
             own = own + size**2 * np.eye(3)
         else:
-            shared.append(np.broadcast_to(size * np.eye(3), (len(slopes), 3, 3)))
+            shared.append(size * slopes @ each.shifts)
     return np.asarray(own), np.concatenate(shared, axis=2)
 
 
@@ -109,13 +107,11 @@ def _by_folds(
     free = [arm.names.index(name) for name in calibrated.identified]
     _, slopes = observation_of(arm).model.observe(rows.inputs(arm.conditions), calibrated.values)
     columns = [rows.targets.index(name) for name in arm.targets]
-    of_noise = [each for each in shown if each.shifts is None and each.anew]
+    of_noise = [each for each in shown if each.shifts is None]
     sigma = float(np.sqrt(instrument_m**2 + sum(each.uncertainty.standard**2 for each in of_noise)))
     blocks = list(_fold_blocks(calibrated, fitted.sigma_m, slopes[..., free], rows.seen[:, columns], labels))
     own = sigma**2 * np.concatenate(blocks)
-    frames = [each for each in shown if each.shifts is None and not each.anew]
-    _, shared = _of_quantities(frames, np.zeros((len(own), 3, len(free))), 0.0)
-    return _distinct(calibrated, rows), own, shared
+    return _distinct(calibrated, rows), own, np.zeros((len(own), 3, 0))
 
 
 def _fold_blocks(

@@ -31,6 +31,8 @@ def test_a_step_of_3_mm_is_in_the_budget_and_in_no_statement(tmp_path: Path) -> 
     assert found.covered.all()
     line = next(line for line in certificate.budgets[0].lines if line.quantity.group == "stability")
     assert line.contribution_m == pytest.approx(1.5e-3, rel=0.15)  # half of it, either way
+    distances = certificate.distances[1]
+    assert distances is not None and 1e3 * certificate.budgets[1].expanded_m > 0.85 * distances.p95 > 2.0
     assert certificate.to_dict()["validation"]["observed_rms_mm"] == pytest.approx(1.5, rel=0.15)
 
 
