@@ -25,6 +25,7 @@ from lab.calibration.identify import Identification
 from lab.calibration.left_out_regions import LinearRows, growth_beyond_cover
 from lab.calibration.observations.protocol import observation_of, only_positions
 from lab.calibration.pose_cover import PoseCover
+from lab.calibration.residual_spread import ResidualSpread
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.validation import configurations
 from lab.core.linear_model import LinearModel, p_value_of_squares
@@ -35,7 +36,14 @@ from lab.kinematics.effects.effect import LEVER_M
 from lab.kinematics.effects.registry import CAMPAIGN_SPECIFIC
 from lab.kinematics.model import Model
 
-__all__ = ["MeasuredRange", "measured_range", "position_covariances", "prediction_squares"]
+__all__ = [
+    "MeasuredRange",
+    "measured_range",
+    "model_covariances",
+    "position_covariances",
+    "prediction_covariances",
+    "prediction_squares",
+]
 
 _EDGE = 0.1  # of the measured positions of a joint, at either end of its range
 _MOST = 1.0  # rad or m beyond, that a slope is good for
@@ -259,22 +267,46 @@ def position_covariances(found: Identification, measured: MeasuredRange | None, 
     return np.asarray(squares)
 
 
+def model_covariances(
+    found: Identification, measured: MeasuredRange | None, inputs: Array, left: ResidualSpread
+) -> Array:
+    """Covariances ``(n, k, 3, 3)`` (m^2) of the model's errors, with configurations in the place of rows as clusters.
+
+    Args:
+        found: of points.
+        measured: what the model may lack where nothing was measured.
+        inputs: ``(n, joints + conditions)``.
+        left: what the fit left, by which the parameters' covariance is widened.
+    """
+    whole = position_covariances(found, measured, inputs)
+    if found.process is not None or left.widened == 1:
+        return whole
+    return np.asarray(whole + (left.widened - 1) * position_covariances(found, None, inputs))
+
+
+def prediction_covariances(
+    found: Identification, measured: MeasuredRange | None, inputs: Array, left: ResidualSpread
+) -> Array:
+    """Covariances ``(n, k, 3, 3)`` (m^2) of measured less predicted points: the model's, with what the fit left."""
+    return np.asarray(model_covariances(found, measured, inputs, left) + left.total_m**2 * np.eye(3))
+
+
 def prediction_squares(
-    found: Identification, measured: MeasuredRange | None, inputs: Array, points: Array
+    found: Identification, measured: MeasuredRange | None, inputs: Array, points: Array, left: ResidualSpread
 ) -> tuple[Array, Array]:
     """Squares e' V^-1 e ``(n, k)`` of measured less predicted points, and the same by noise and parameters alone.
 
-    V is that of the noise (as large as the residuals say), of the parameters, and of what is beyond the range.
+    V is that of the noise (as large as the residuals are), of the parameters, and of what is beyond the range.
 
     Args:
         found: of points.
         inputs: ``(n, joints + conditions)``.
         points: ``(n, k, 3)`` m.
+        left: what the fit left of the measurements that it comes from.
     """
-    error = points - found.model.points(inputs, found.values)
-    noise = max(found.residual_sigma_m, found.sigma_m if found.sigma_known else 0.0) ** 2 * np.eye(3)
-    whole, alone = (position_covariances(found, each, inputs) + noise for each in (measured, None))
+    error = points - found.model.points(inputs, found.values)[:, : points.shape[1]]
     with_range, without = (
-        np.einsum("nki,nki->nk", error, np.linalg.solve(each, error[..., None])[..., 0]) for each in (whole, alone)
+        np.einsum("nki,nki->nk", error, np.linalg.solve(each, error[..., None])[..., 0])
+        for each in (prediction_covariances(found, what, inputs, left) for what in (measured, None))
     )
     return with_range, without

@@ -13,7 +13,7 @@ from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.effects.effect import LEVER_M
 
-__all__ = ["MOST_UNCOVERED", "PoseCover", "distinct_poses", "joint_regions"]
+__all__ = ["MOST_UNCOVERED", "PoseCover", "distinct_poses", "joint_regions", "neighbours"]
 
 MOST_UNCOVERED = 0.5  # of a workspace, targets or poses: where more is extrapolated, nothing is good without a word
 _NEAREST = 3  # measured poses that are near a covered one
@@ -83,6 +83,14 @@ def distinct_poses(joints: Array, turning: NDArray[np.bool_]) -> tuple[NDArray[n
             which[near] = np.where(which[near] < 0, len(rows), which[near])
             rows.append(row)
     return np.array(rows, dtype=np.int_), which
+
+
+def neighbours(joints: Array, turning: NDArray[np.bool_]) -> NDArray[np.int_]:
+    """Find the rows ``(n, m)`` of the up to three other positions that are nearest to each of ``(n, joints)``."""
+    around = _around(joints, turning)
+    count = min(_NEAREST + 1, len(joints))
+    rows = scipy.spatial.cKDTree(around).query(around, k=range(1, count + 1))[1]
+    return np.asarray(rows[:, 1:], dtype=np.int_)
 
 
 def _around(joints: Array, turning: NDArray[np.bool_]) -> Array:

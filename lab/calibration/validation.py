@@ -21,6 +21,7 @@ from lab.core.measurements import Measurements, setups
 from lab.core.progress import Progress, no_progress
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.core.wording import be, counted
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import frame_rotations, targets_of
 from lab.kinematics.serial.axes_to_dh import Truth
@@ -41,6 +42,8 @@ __all__ = [
     "errors_of",
     "folds",
     "hold_out",
+    "hold_out_last",
+    "rows_in_time",
     "shared_rows",
     "split_by_label",
     "validate_file",
@@ -207,6 +210,39 @@ def hold_out(model: Model, data: Measurements, share: float, seed: int) -> tuple
     if not len(held) or not len(fitted):
         raise LabError(f"--holdout {share:g}: {len(data)} poses leave too few to fit or to validate; change the share")
     return data.take(fitted), data.take(held)
+
+
+def rows_in_time(data: Measurements) -> Rows:
+    """Return the rows in the order in which they were measured: by ``time_s`` where every row has it, else as given."""
+    seconds = data.conditions.get("time_s", np.full(len(data), np.nan))
+    return np.argsort(seconds, kind="stable") if np.isfinite(seconds).all() else np.arange(len(data))
+
+
+def hold_out_last(model: Model, data: Measurements, share: float) -> tuple[Measurements, Measurements]:
+    """Split off the last rows as the hold-out set: by ``time_s`` where every row has it, else by their order.
+
+    Later rows whose configuration (or fixture) was measured before them are in neither set: the hold-out set is new in
+    time and in joint space.
+
+    Raises:
+        LabError: the share is not between 0 and 1, or leaves nothing to fit or to validate on.
+    """
+    if not 0 < share < 1:
+        raise LabError(f"--holdout-last {share:g}: give a share between 0 and 1, e.g. 0.3")
+    order, cut = rows_in_time(data), len(data) - round(share * len(data))
+    first, last = np.sort(order[:cut]), np.sort(order[cut:])
+    if not len(first) or not len(last):
+        raise LabError(
+            f"--holdout-last {share:g}: {len(data)} poses leave too few to fit or to validate; change the share"
+        )
+    labels = cv_groups_of(model, data)
+    new = last[~np.isin(labels[last], labels[first])]
+    if not len(new):
+        raise LabError(
+            f"--holdout-last {share:g}: the last {counted(len(last), 'row')} {be(len(last))} of configurations or "
+            "fixtures that were measured before; change the share, or give --holdout"
+        )
+    return data.take(first), data.take(new)
 
 
 def shared_rows(test: Measurements, fitted: Measurements) -> float:

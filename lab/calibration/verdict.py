@@ -2,8 +2,10 @@
 
 It is good only where all three hold or do not matter. Lack of fit does not matter where a gate is given and the
 95 %/95 % tolerance bound of the validation errors lies below it; weak determination does not where the predicted 95 %
-error over the workspace does. What cannot be of this arm is bad, whatever the errors are. It is never good where
-something changed during the campaign, or where errors at poses that were not fitted exceed their prediction.
+error over the region does. The region is where poses were measured, or the one that a task names; the rest of the
+workspace is extrapolated, and has a figure of its own. What cannot be of this arm is bad, whatever the errors are. It
+is never good where something changed during the campaign, or where errors at poses that were not fitted exceed their
+prediction.
 """
 
 from collections.abc import Sequence
@@ -19,13 +21,19 @@ from lab.calibration.observations.protocol import observation_of
 from lab.calibration.pose_cover import MOST_UNCOVERED
 from lab.calibration.prediction_check import PredictionCheck
 from lab.calibration.prior import Tolerance
+from lab.calibration.regions import Region, workspace_region
+from lab.calibration.residual_spread import ResidualSpread, residual_spread
 from lab.calibration.statistics.goodness_of_fit import GoodnessOfFit
 from lab.calibration.statistics.tolerance_bound import upper_tolerance_bound
 from lab.calibration.validation import Errors, Validation
 from lab.calibration.workspace_prediction import (
     Distance,
+    RegionPrediction,
     WorkspacePrediction,
     distances_from_nominal,
+    own_tolerance,
+    predict_elsewhere,
+    predict_over_region,
     predict_over_workspace,
 )
 
@@ -39,7 +47,6 @@ LEAST_GAIN = 0.9  # of the mean error: what is left of more is hardly an improve
 CLEAR_GAIN = 0.5  # of the mean error: below, a larger maximum is one pose's
 WORSE = 1.1  # times the nominal model's mean error
 NOISE_FLOOR = 1.5  # times what the noise and the parameters' covariance make of the error
-BEYOND_VALIDATION = 3.0  # times the 95 % error at the validation poses: elsewhere the arm is less certain
 KNOWN_BEFORE = 0.5  # of what tolerances make of an arm: a calibration that predicts no less says little
 ROUGHLY = 1.1  # times the predicted mean error: as much a campaign's own differs from what is predicted
 MOST_FITTED = 0.5  # of the validation poses: if more were fitted, they validate nothing
@@ -78,11 +85,14 @@ class Verdict:
     """One word for a calibration, the three answers that it comes from, and the reasons where it is not good.
 
     Attributes:
-        workspace: the predicted errors that determination is judged by.
+        workspace: the predicted errors over the whole workspace, by the covariance alone.
+        region: the predicted errors that determination is judged by.
         farthest: the link that is estimated farthest from its nominal value; None where none is identified.
         reasons: the heaviest first.
         gate_m: the largest mean error that was asked for; None where none was.
         prediction: observed against predicted errors at the validation poses; None where they were not compared.
+        elsewhere: the predicted errors over the extrapolated part of the workspace; None where there is none, or the
+            measured poses are not known.
     """
 
     word: Word
@@ -90,10 +100,12 @@ class Verdict:
     fit: Answer
     determination: Answer
     workspace: WorkspacePrediction
+    region: RegionPrediction
     farthest: Distance | None = None
     reasons: tuple[str, ...] = ()
     gate_m: float | None = None
     prediction: PredictionCheck | None = None
+    elsewhere: RegionPrediction | None = None
 
     @property
     def reason(self) -> str:
@@ -116,6 +128,9 @@ def verdict(
     measured: MeasuredRange | None = None,
     findings: Sequence[NoiseFinding] = (),
     prediction: PredictionCheck | None = None,
+    region: Region | None = None,
+    poses: Region | None = None,
+    left: ResidualSpread | None = None,
 ) -> Verdict:
     """Judge a calibration.
 
@@ -128,8 +143,14 @@ def verdict(
         measured: the range of the measured joint positions; None where nothing is known of what lies beyond.
         findings: about the errors; with one that nothing supports, a calibration is doubtful at most.
         prediction: observed against predicted errors at the validation poses; None where they were not compared.
+        poses: poses like the measured ones; those of the whole workspace where not given.
+        region: where the arm has to be known; ``poses`` where not given.
+        left: what the fit left of the measurements; worked out as if no pose was repeated where not given.
     """
     lacking = goodness is not None and goodness.adequate is False
+    left = left or residual_spread(identification, lack_of_fit=lacking)
+    poses = poses or workspace_region(identification.model, identification.values)
+    own = own_tolerance(identification, tolerance, poses)
     judging = _Judging(
         identification,
         validation,
@@ -137,14 +158,18 @@ def verdict(
         goodness,
         tolerance,
         predict_over_workspace(identification, tolerance, lack_of_fit=lacking, measured=measured),
+        predict_over_region(identification, own, region or poses, left, measured=measured),
         distances_from_nominal(identification, tolerance),
         tuple(each for each in findings if not each.supported),
         prediction,
     )
+    elsewhere = None
+    if measured is not None:
+        elsewhere = predict_elsewhere(identification, own, left, measured)
     foreign = judging.foreign()
     accuracy, because = judging.accuracy()
     fit, misfits = judging.fit()
-    determination, unsure = judging.determination()
+    determination, unsure = judging.determination(elsewhere)
     if foreign:  # of a fit that is not this arm's, small errors are no good news
         found = accuracy, fit, determination
         good = ("holds", "does not matter")
@@ -159,7 +184,19 @@ def verdict(
     said = tuple(dict.fromkeys(each.words for each in reasons))
     farthest = judging.distances[0] if judging.distances else None
     word = words[0] if words else "good"
-    return Verdict(word, accuracy, fit, determination, judging.workspace, farthest, said, gate_m, prediction)
+    return Verdict(
+        word,
+        accuracy,
+        fit,
+        determination,
+        judging.workspace,
+        judging.region,
+        farthest,
+        said,
+        gate_m,
+        prediction,
+        elsewhere,
+    )
 
 
 def gate_words(gate_mm: float | None) -> str:
@@ -184,6 +221,7 @@ class _Judging:
     goodness: GoodnessOfFit | None
     tolerance: Tolerance
     workspace: WorkspacePrediction
+    region: RegionPrediction
     distances: tuple[Distance, ...]
     unsupported: tuple[NoiseFinding, ...]
     prediction: PredictionCheck | None
@@ -363,29 +401,31 @@ class _Judging:
         worst = np.max(np.where(np.isfinite(errors.after), errors.after, -np.inf), axis=1)
         return upper_tolerance_bound(worst[np.isfinite(worst)]) < self.gate_m
 
-    def determination(self) -> tuple[Answer, list[Reason]]:
-        """Is the arm known over its workspace, and is it the one of the nominal model?"""
+    def determination(self, elsewhere: RegionPrediction | None) -> tuple[Answer, list[Reason]]:
+        """Decide whether the arm is known over its region, and is the one of the nominal model.
+
+        Args:
+            elsewhere: the prediction over the extrapolated part of the workspace, which is reported and not judged.
+        """
         far = [each for each in self.distances if each.size > self._largest(each)]
         surely = [each for each in far if each.sure > self._largest(each)]
         if surely and observation_of(self.identification.model).positions:
             words = f"{_far(surely[0])}: is the nominal model that of this robot?"
             return Answer("bad", words), [Reason(words, surely[0].size / self._largest(surely[0]), "bad")]
-        predicted = self.workspace.p95_m
-        condition = self.identification.fit.condition
+        region, predicted, condition = self.region, self.region.p95_m, self.identification.fit.condition
         of_condition = f", condition number {condition:,.0f}" if np.isfinite(condition) else ""
-        of_condition += self.workspace.coverage_words
         said = (
-            f"the predicted 95 % error over the workspace is {_mm(predicted)}{of_condition}"
+            f"the predicted 95 % error {region.words} is {_mm(predicted)}{_elsewhere_words(elsewhere)}{of_condition}"
             if np.isfinite(predicted)
-            else f"the error over the workspace cannot be predicted{of_condition}"
+            else f"the error {region.words} cannot be predicted{of_condition}"
         )
         reasons = [Reason(_far(far[0]), far[0].size / self._largest(far[0]))] if far else []
         reasons += [Reason(f"{said}; {words}", times) for times, words in self._exceeded()[:1]]
         off = [each for each in self.distances if each.sure_tolerances > MOST_TOLERANCES]
         if off and not far:
             reasons.append(Reason(_far(off[0]), off[0].tolerances / MOST_TOLERANCES))
-        if (alone := self.workspace.uncovered_share) > MOST_UNCOVERED:
-            words = f"{100 * alone:.0f} % of the workspace is extrapolated: not covered by measured poses"
+        if region.lacks and (alone := region.extrapolated_share) > MOST_UNCOVERED:
+            words = f"{100 * alone:.0f} % of the poses {region.words} are extrapolated: not covered by measured poses"
             reasons.append(Reason(words, alone / MOST_UNCOVERED))
         elif reasons and self.gate_m is not None and predicted <= self.gate_m:
             return Answer("does not matter", f"{said}; {reasons[0].words}"), []
@@ -397,12 +437,13 @@ class _Judging:
         return max(float(least), MOST_TOLERANCES * (tolerance.angle_rad if of.is_angle else tolerance.length_m))
 
     def _exceeded(self) -> list[tuple[float, str]]:
-        """The limits that the predicted error over the workspace exceeds: how many times, and which; the worst first.
+        """List the limits that the predicted error over the region exceeds: how many times, and which.
 
         Under a gate the predicted mean counts, as the gate is of a mean; where the model shows lack of fit, which is
-        larger elsewhere, the predicted 95 % error. Without a gate it is what is known from elsewhere.
+        larger elsewhere, the predicted 95 % error. Without a gate the limit is that of an arm within its tolerances. No
+        limit depends on the calibration's own errors, so that a more accurate one never exceeds more.
         """
-        predicted, found, errors = self.workspace, self.identification, self.validation.errors
+        predicted = self.region
         if self.gate_m is not None:
             if self.goodness is not None and self.goodness.is_doubted:
                 times, words = predicted.p95_m / self.gate_m, "with the lack of fit that"
@@ -412,17 +453,17 @@ class _Judging:
                     f"the predicted mean of {_mm(predicted.mean_m)}",
                 )
             return [(times, f"{words} is above the gate of {_mm(self.gate_m)}")] if times > 1 else []
-        never = KNOWN_BEFORE * predicted.tolerance_rms_m
-        limits = [
-            (predicted.p95_m, never, f"{_mm(never)}, half of what the tolerances make of an arm never calibrated")
-        ]
-        if errors is not None and np.isfinite(errors.after).any():
-            noise = BEYOND_VALIDATION * found.sigma_m if found.sigma_known else 0.0
-            validated = BEYOND_VALIDATION * max(float(np.nanpercentile(errors.after, 95)), noise) + _FLOOR_M
-            words = f"{_mm(validated)}, {BEYOND_VALIDATION:g} times the 95 % error at the validation poses"
-            limits.append((predicted.p95_m, validated, words))
-        over = [(value / limit, f"above {words}") for value, limit, words in limits if limit > 0 and value > limit]
-        return sorted(over, reverse=True)
+        never = KNOWN_BEFORE * predicted.uncalibrated_rms_m
+        words = f"above {_mm(never)}, half of the error of such an arm that was never calibrated"
+        return [(predicted.p95_m / never, words)] if predicted.p95_m > never > 0 else []
+
+
+def _elsewhere_words(elsewhere: RegionPrediction | None) -> str:
+    """Report the extrapolated part of the workspace, in a sentence; nothing where there is none."""
+    if elsewhere is None or not np.isfinite(elsewhere.p95_m):
+        return ""
+    share = 100 * elsewhere.extrapolated_share
+    return f", in the extrapolated {share:.0f} % of the workspace {_mm(elsewhere.p95_m)}"
 
 
 def _mm(length_m: float) -> str:

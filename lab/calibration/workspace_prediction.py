@@ -1,23 +1,34 @@
-"""What a calibration predicts over the whole workspace, and how far it moved the links from their nominal values.
+"""Errors that a calibration predicts over regions of the workspace, and distances of links from their nominal values.
 
 Errors of the identified parameters are normal, with the covariance C that the fit gives: at a pose with derivatives J
 the position error is normal with covariance J C J'. What the tolerances of manufacture alone would make of an arm that
 was never calibrated is the same with their variances, after base and tool are fitted.
+
+Over a region two more things count. What the fit left of the measured positions is an error of the arm at new
+configurations too, the instrument's noise aside where it is given. And no covariance, however far it is extrapolated,
+makes a calibrated arm worse than one within its tolerances that was never calibrated; where the calibration moved the
+measured points farther than tolerances do, the arm's own tolerances are that much wider.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy  # its parts are loaded at their first use, which not every process comes to
+from numpy.typing import NDArray
 
-from lab.calibration.extrapolation import MeasuredRange, position_covariances
+from lab.calibration.extrapolation import (
+    MeasuredRange,
+    model_covariances,
+    position_covariances,
+)
 from lab.calibration.identify import Identification
 from lab.calibration.observations.protocol import observation_of
 from lab.calibration.prior import Tolerance, alias_matrix, standard_deviations
+from lab.calibration.regions import Region, RegionKind, workspace_region
+from lab.calibration.residual_spread import ResidualSpread
 from lab.core.linear_model import matched_dof, p_value_of_squares
-from lab.core.random import rng_for
+from lab.core.probabilities import chi2_isf, f_isf
 from lab.core.se3 import Array
-from lab.kinematics.effects.stations import at_first_station
 from lab.kinematics.gauge import BaseSet
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import indices_of_groups
@@ -25,17 +36,21 @@ from lab.kinematics.parameter import indices_of_groups
 __all__ = [
     "MEAN_OF_RMS",
     "Distance",
+    "PredictedErrors",
+    "RegionPrediction",
     "WorkspacePrediction",
     "distances_from_nominal",
     "length_not_exceeded",
+    "own_tolerance",
+    "predict_elsewhere",
+    "predict_over_region",
     "predict_over_workspace",
     "predicted_errors",
+    "predicted_errors_at",
     "tolerance_rms",
 ]
 
 MEAN_OF_RMS = float(np.sqrt(8 / (3 * np.pi)))  # of the lengths of isotropic normal errors (Maxwell)
-_POSES = 200
-_UNCOVERED = "extrapolated: not covered by measured poses"
 _SHARE = 0.95
 
 
@@ -61,11 +76,59 @@ class WorkspacePrediction:
     beyond_share: float = 0.0
     uncovered_share: float = 0.0
 
+
+@dataclass(frozen=True)
+class RegionPrediction:
+    """Predicted position errors (m) over the poses of a region; NaN where they are not known.
+
+    Attributes:
+        kind, words: the region's.
+        poses: how many poses stand for it.
+        rms_m: root mean square, by the parameters' covariance.
+        mean_m, p95_m: the mean, and the length that 95 % of the errors do not exceed, over poses and over campaigns
+            like this one, with what the fit left of the measurements.
+        uncalibrated_rms_m: root mean square error of an arm within its own tolerances that was never calibrated, base
+            and tool fitted to the region; no error of the calibrated model is predicted above it.
+        extrapolated_share: the share of the poses that are farther from the measured ones than these are from each
+            other.
+        lacks: whether the model is known to lack something there.
+    """
+
+    kind: RegionKind
+    words: str
+    poses: int
+    rms_m: float
+    mean_m: float
+    p95_m: float
+    uncalibrated_rms_m: float
+    extrapolated_share: float = 0.0
+    lacks: bool = False
+
+
+@dataclass(frozen=True)
+class PredictedErrors:
+    """Predicted position errors at some poses.
+
+    Attributes:
+        covariances: ``(n, k, 3, 3)`` m^2; NaN where they are not known.
+        dof: degrees of freedom of their size; None where it is known.
+    """
+
+    covariances: Array
+    dof: int | None
+
     @property
-    def coverage_words(self) -> str:
-        """How much of the workspace is not where anything was measured, for the end of a sentence."""
-        shares = (self.beyond_share, "beyond the measured joint positions"), (self.uncovered_share, _UNCOVERED)
-        return "".join(f", {100 * share:.0f} % of it {words}" for share, words in shares if share > 0)
+    def lengths_95(self) -> Array:
+        """``(n, k)`` the length (m) that 95 % of each one's errors do not exceed (Satterthwaite 1946)."""
+        mean = np.trace(self.covariances, axis1=2, axis2=3)
+        numbers = matched_dof(mean, np.maximum(2 * (self.covariances**2).sum(axis=(2, 3)), 1e-300))
+        if self.dof is None:
+            return np.asarray(np.sqrt(mean * chi2_isf(1 - _SHARE, numbers) / numbers))
+        return np.asarray(np.sqrt(mean * f_isf(1 - _SHARE, numbers, self.dof)))
+
+    def among(self, seen: NDArray[np.bool_]) -> float:
+        """Return the length (m) that 95 % of the errors of ``(n, k)`` seen ones, taken together, do not exceed."""
+        return length_not_exceeded(self.covariances[seen], self.dof)
 
 
 @dataclass(frozen=True)
@@ -125,6 +188,125 @@ def predict_over_workspace(
         larger = max(identification.residual_sigma_m / identification.sigma_m, 1.0)
     mean, most = MEAN_OF_RMS * rms, length_not_exceeded(squares, dof)
     return WorkspacePrediction(rms, larger * mean, larger * most, of_tolerances, beyond, uncovered)
+
+
+def predict_over_region(
+    identification: Identification,
+    tolerance: Tolerance,
+    region: Region,
+    left: ResidualSpread,
+    *,
+    measured: MeasuredRange | None = None,
+) -> RegionPrediction:
+    """Predict the errors of the first target over a region.
+
+    Args:
+        tolerance: the arm's own (``own_tolerance``).
+        region: its poses.
+        left: what the fit left of the measurements.
+        measured: the joint positions that were measured, and what the model may lack beyond them.
+    """
+    model, nothing = identification.model, float("nan")
+    unknown = RegionPrediction(region.kind, region.words, 0, nothing, nothing, nothing, nothing)
+    if not observation_of(model).positions:
+        return unknown
+    inputs, jacobian, reached = _reached(model, identification.values, region.inputs)
+    if not len(inputs):
+        return unknown
+    factors = None if region.factors is None else region.factors[reached]
+    squares = tolerance_rms(model, jacobian, tolerance, indices_of_groups(model.parameters, ("base", "tool"))) ** 2
+    known = replace(unknown, poses=len(inputs), uncalibrated_rms_m=float(np.sqrt(squares.mean())))
+    if measured is not None and measured.cover is not None:
+        share = float(measured.uncovered(inputs[:, : len(measured.lower)]).mean())
+        lacks = measured.is_worse_beyond or identification.process is not None
+        known = replace(known, extrapolated_share=share, lacks=lacks)
+    of_model = model_covariances(identification, measured, inputs, left)[:, 0]
+    if factors is not None:
+        of_model = of_model * factors[:, None, None]
+    if not np.isfinite(of_model).all():
+        return known
+    of_model = _at_most(of_model, squares)
+    whole = of_model + left.of_arm_m**2 * np.eye(3)
+    rms, everything = (float(np.sqrt(np.trace(each, axis1=1, axis2=2).mean())) for each in (of_model, whole))
+    return replace(known, rms_m=rms, mean_m=MEAN_OF_RMS * everything, p95_m=length_not_exceeded(whole, left.dof))
+
+
+def _at_most(covariances: Array, squares: Array) -> Array:
+    """Shrink covariances ``(n, 3, 3)`` to mean squares ``(n,)`` of arms never calibrated, or to the mean of these."""
+    traces = np.trace(covariances, axis1=1, axis2=2)
+    most = np.maximum(squares, squares.mean())
+    return np.asarray(covariances * np.minimum(1.0, most / np.maximum(traces, 1e-300))[:, None, None])
+
+
+def predict_elsewhere(
+    identification: Identification, tolerance: Tolerance, left: ResidualSpread, measured: MeasuredRange
+) -> RegionPrediction | None:
+    """Predict the errors over the rest of the workspace, which lies beyond the measured range or between its poses.
+
+    The share is that of the workspace, hinges taken modulo a turn where the model is. None where no pose of it is
+    extrapolated, or the measured poses are not known.
+    """
+    if measured.cover is None or not observation_of(identification.model).positions:
+        return None
+    model, values, size = identification.model, identification.values, len(measured.lower)
+    inputs = workspace_region(model, values, np.stack([measured.lower, measured.upper]), measured.turning).inputs
+    far = measured.uncovered(inputs[:, :size]) | (measured.beyond(inputs[:, :size]) > 0).any(axis=1)
+    if not far.any():
+        return None
+    found = predict_over_region(identification, tolerance, Region("workspace", inputs[far]), left, measured=measured)
+    return replace(found, extrapolated_share=float(far.mean()))
+
+
+def own_tolerance(identification: Identification, tolerance: Tolerance, region: Region) -> Tolerance:
+    """Estimate an arm's own tolerances, at least those of manufacture.
+
+    They are as much larger as calibration moved the first target over the measured region farther than tolerances do.
+    """
+    model = identification.model
+    if not observation_of(model).positions:
+        return tolerance
+    inputs, jacobian, _ = _reached(model, identification.values, region.inputs)
+    nominal, calibrated = (
+        model.points(inputs, values)[:, 0] for values in (identification.nominal_aligned, identification.values)
+    )
+    expected = tolerance_rms(model, jacobian, tolerance, indices_of_groups(model.parameters, ("base", "tool"))) ** 2
+    moved = ((calibrated - nominal) ** 2).sum(axis=1)
+    both = np.isfinite(moved)
+    if not (both.any() and expected[both].mean() > 0):
+        return tolerance
+    scale = float(np.sqrt(max(moved[both].mean() / expected[both].mean(), 1.0)))
+    return Tolerance(scale * tolerance.length_m, scale * tolerance.angle_rad)
+
+
+def predicted_errors_at(
+    identification: Identification,
+    left: ResidualSpread,
+    inputs: Array,
+    measured: MeasuredRange | None = None,
+    *,
+    noise: bool = True,
+    tolerance: Tolerance | None = None,
+) -> PredictedErrors:
+    """Predict the errors of all targets at some poses.
+
+    Args:
+        identification: of positions.
+        left: what the fit left of the measurements that it comes from.
+        inputs: ``(n, joints + conditions)`` the poses.
+        measured: the joint positions that were measured, and what the model may lack beyond them.
+        noise: whether the errors are measured ones, with the noise of the instrument in them.
+        tolerance: the arm's own (``own_tolerance``), beyond which no model's errors are predicted; None for no limit.
+    """
+    model, positions = identification.model, observation_of(identification.model).positions
+    squares = model_covariances(identification, measured, inputs, left)[:, :positions]
+    if tolerance is not None:
+        placed, jacobian = (
+            indices_of_groups(model.parameters, ("base", "tool")),
+            model.observe(inputs, identification.values)[1],
+        )
+        for k in range(positions):
+            squares[:, k] = _at_most(squares[:, k], tolerance_rms(model, jacobian[:, k], tolerance, placed) ** 2)
+    return PredictedErrors(squares + (left.total_m if noise else left.of_arm_m) ** 2 * np.eye(3), left.dof)
 
 
 def predicted_errors(
@@ -191,10 +373,15 @@ def _spread_of_kept(model: Model, structure: BaseSet, tolerance: Tolerance) -> A
 
 def _target_jacobian(model: Model, values: Array) -> tuple[Array, Array]:
     """Random poses of the workspace, and derivatives ``(n, 3, p)`` of the first target's positions there."""
-    inputs = at_first_station(model.conditions, model.structure_joints(_POSES, rng_for(0, "structure")))
+    inputs, jacobian, _ = _reached(model, values, workspace_region(model, values).inputs)
+    return inputs, jacobian
+
+
+def _reached(model: Model, values: Array, inputs: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Those of the poses that the arm takes, derivatives ``(n, 3, p)`` of the first target's positions there, which."""
     jacobian: Array = model.observe(inputs, values)[1][:, 0]
-    reached = np.isfinite(jacobian).all(axis=(1, 2))
-    return inputs[reached], jacobian[reached]
+    reached = np.asarray(np.isfinite(jacobian).all(axis=(1, 2)))
+    return inputs[reached], jacobian[reached], reached
 
 
 def length_not_exceeded(squares: Array, dof: float | None, share: float = _SHARE) -> float:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
@@ -10,6 +10,7 @@ from lab.calibration.observations.options import FitInputs, ObservationOptions
 from lab.campaign.observation_kinds import KINDS, KindName, configured_kind
 from lab.campaign.option_groups import ArmEffects, Fitting
 from lab.campaign.option_types import Flag, Names, Numbers
+from lab.campaign.task_region import REGION_HELP, task_region
 from lab.core.dates import day
 from lab.core.errors import LabError
 from lab.core.limits import CANDIDATE_POINTS, CANDIDATES, FIXTURES, POSES, READINGS, SEED, STARTS, TARGETS
@@ -20,7 +21,7 @@ from lab.formats.programs.registry import Controller
 if TYPE_CHECKING:
     from lab.calibration.observations.kind import ObservationKind
 
-__all__ = ["DesignOptions", "MeasuringSetup", "VirtualCampaign", "check_common"]
+__all__ = ["DesignOptions", "MeasuringSetup", "VirtualCampaign", "check_common", "check_region"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,6 +82,7 @@ class _VirtualDay:
     """Perturb nothing but the Denavit-Hartenberg parameters."""
     gate_mm: float | None = None
     """A larger mean error on validation poses is a bad result; by default the result is judged without a gate."""
+    region: Annotated[str, tyro.conf.arg(help=REGION_HELP)] = "measured"
     require: Literal["good"] | None = None
     """Exit with 1 also where the verdict is doubtful or nothing was validated."""
     date: str | None = None
@@ -112,6 +114,7 @@ class VirtualCampaign(ObservationOptions, MeasuringSetup, _VirtualDay):
         whole("--readings", self.readings, 1, READINGS)
         TARGETS("--targets", self.targets)
         check_common(self.fitting, self.seed, self.gate_mm, self.noise_mm, self.date)
+        check_region(self.region, self.kind())
         spreads = {
             "--position-sigma-mm": self.position_sigma_mm,
             "--rotation-sigma-mrad": self.rotation_sigma_mrad,
@@ -185,6 +188,12 @@ class DesignOptions:
                 raise LabError("--poses and --accuracy-mm both say how many poses to choose; give one")
         if self.accuracy_mm is not None:
             positive("--accuracy-mm", self.accuracy_mm)
+
+
+def check_region(region: str, kind: "ObservationKind") -> None:
+    """Refuse a region that is none, or of measurements that no position can be predicted from, with a LabError."""
+    if task_region(region).kind != "measured" and not kind.in_instrument_frame:
+        raise LabError(f"--region {region}: nothing is predicted for --observe {kind.name}; leave it out")
 
 
 def check_common(fitting: Fitting, seed: int, gate_mm: float | None, noise_mm: float | None, date: str | None) -> None:

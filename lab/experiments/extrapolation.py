@@ -91,7 +91,7 @@ def cross_validated(robot: Robot, data: Measurements, model: str, held: list[NDA
         found = report.identification
         inputs = rest.inputs(found.model.conditions)
         bound = _bound(found.dof, report.tail_dof)
-        both = prediction_squares(found, report.measured, inputs, rest.points)
+        both = prediction_squares(found, report.measured, inputs, rest.points, report.residual_spread)
         within.append(both[0][rest.seen] < bound)
         plain.append(both[1][rest.seen] < bound)
         lengths.append(np.linalg.norm(rest.points - found.model.points(inputs, found.values), axis=2)[rest.seen])

@@ -2,10 +2,11 @@
 
 Campaigns of an IRB 120 whose links are off by the usual tolerances: any number of poses in any part of the joints'
 ranges, noise that is known or estimated, effects that the model lacks, and files that are not of this robot at all. The
-verdict sees a hold-out set that was measured as the other poses were; the truth is the error over the whole workspace.
-A campaign is good where its true mean error is at most 1.1 times the predicted one and below the gate. It is bad where
-that is above 1.5 times the gate, or where robot, units or signs are wrong. One with a mistake of the session (the
-tracker moved or drifted, a joint's zero was lost) is never good. Those between are counted apart.
+verdict sees a hold-out set that was measured as the other poses were; the truth is the error at new poses in the same
+part of the joints' ranges, where the verdict holds. A campaign is good where its true mean error is at most 1.1 times
+the predicted one and below the gate. It is bad where that is above 1.5 times the gate, or where robot, units or signs
+are wrong. One with a mistake of the session (the tracker moved or drifted, a joint's zero was lost) is never good.
+Those between are counted apart.
 """
 
 from collections import Counter
@@ -41,7 +42,7 @@ _LACKING, _KNOWN = 0.4, 0.7  # shares of the campaigns
 _GATES_M = (0.05e-3, 2e-3)  # what users ask for
 _HOLDOUT = 0.3
 _CLEARLY_BAD, _AS_PREDICTED = 1.5, 1.1
-_ELSEWHERE = 200  # poses of the whole workspace, where the truth is taken
+_NEW_POSES = 200  # where the truth is taken
 
 
 @dataclass(frozen=True)
@@ -133,17 +134,17 @@ class _MeasuringDay:
         self.true[links] += (scale * rng.normal(size=len(scale)))[links]
         self.lacking_rad = 10 ** rng.uniform(-5, -3) * (rng.random() < _LACKING)
         self.phases = rng.uniform(0, 2 * np.pi, (2, chain.size))
-        self.joints = self._poses(int(rng.integers(15, 80)), rng.uniform(0.1, 1.0), rng)
+        count, self._share = int(rng.integers(15, 80)), rng.uniform(0.1, 1.0)
+        free = (1 - self._share) * (ARM.chain.upper - ARM.chain.lower)
+        self._middle = (ARM.chain.lower + ARM.chain.upper) / 2 + free * (rng.random(ARM.chain.size) - 0.5)
+        self.joints = self.poses(count, rng)
         self.sigma_m = float(10 ** rng.uniform(-5.3, -4))
         self.known = bool(rng.random() < _KNOWN)
 
-    def _poses(self, count: int, share: float, rng: np.random.Generator) -> Array:
-        """Random poses in a part of each joint's range."""
+    def poses(self, count: int, rng: np.random.Generator) -> Array:
+        """Draw poses ``(count, joints)`` in the part of each joint's range that is measured."""
         chain = ARM.chain
-        middle = (chain.lower + chain.upper) / 2 + (1 - share) * (rng.random(chain.size) - 0.5) * (
-            chain.upper - chain.lower
-        )
-        joints: Array = middle + share * (chain.random_joints(count, rng) - (chain.lower + chain.upper) / 2)
+        joints: Array = self._middle + self._share * (chain.random_joints(count, rng) - (chain.lower + chain.upper) / 2)
         return joints
 
     def points(self, joints: Array) -> Array:
@@ -166,7 +167,7 @@ def _judged(
 ) -> Campaign:
     """A campaign, judged as a user would have it judged: by a gate, and on a part of its own poses."""
     data = spoilt(day.measured(rng))
-    elsewhere = ARM.chain.random_joints(_ELSEWHERE, rng)
+    new = day.poses(_NEW_POSES, rng)
     gate_m = float(np.exp(rng.uniform(*np.log(_GATES_M))))
     noise_mm = 1e3 * day.sigma_m if day.known else None
     try:
@@ -176,10 +177,10 @@ def _judged(
     found, judged = result.identification, result.verdict
     if kind in _WRONG:
         return Campaign(kind, "bad", judged)
-    true_m = float(errors_at(found, elsewhere, day.points(elsewhere)).after.mean())
+    true_m = float(errors_at(found, new, day.points(new)).after.mean())
     if true_m > _CLEARLY_BAD * gate_m:
         return Campaign(kind, "bad", judged)
-    as_good = true_m <= gate_m and true_m <= _AS_PREDICTED * MEAN_OF_RMS * judged.workspace.rms_m
+    as_good = true_m <= gate_m and true_m <= _AS_PREDICTED * MEAN_OF_RMS * judged.region.rms_m
     return Campaign(kind, "good" if as_good and kind not in _MISTAKES else "between", judged)
 
 

@@ -193,7 +193,10 @@ def test_poses_that_nothing_covers_are_told_and_never_good() -> None:
     assert of_validation_beyond(found, rigid, far) == []  # of a model that lacks nothing, poses far away are known too
     fits = Validation("holdout", Errors(np.zeros((1, 1)), np.zeros((1, 1))))
     judged = verdict(found, fits, 10.0, measured=corner)
-    assert judged.word == "doubtful" and "100 % of the workspace is extrapolated: not covered" in judged.reason
+    assert (
+        judged.word == "doubtful"
+        and "100 % of the poses over the workspace are extrapolated: not covered" in judged.reason
+    )
     assert verdict(found, fits, 10.0, measured=rigid).word == "good"
 
 

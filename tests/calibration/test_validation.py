@@ -14,6 +14,8 @@ from lab.calibration.validation import (
     configurations,
     folds,
     hold_out,
+    hold_out_last,
+    rows_in_time,
     split_by_label,
     validate_file,
     validate_folds,
@@ -82,6 +84,45 @@ def test_held_out_poses_are_not_fitted() -> None:
     assert validation.errors.after.shape == (18, 1)
     other = validate_rows(fitted(rows), hold_out(ARM, data, 0.3, 1)[1]).errors
     assert other is not None and not np.array_equal(other.after, validation.errors.after)
+
+
+def test_the_last_rows_are_held_out_with_nothing_of_their_configurations_fitted() -> None:
+    """Of 60 rows the last 18; a pose that is measured again among them is in neither set, its first visit is fitted."""
+    data, _ = campaign(60, 1)
+    rows, test = hold_out_last(ARM, data, 0.3)
+    assert rows.ids == data.ids[:42] and test.ids == data.ids[42:]
+    again = np.arange(60)
+    again[[45, 55]] = 3  # a reference pose
+    again[50] = 49  # a repeat within the last part
+    part, late = hold_out_last(ARM, data.take(again), 0.3)
+    assert len(part) == 42 and len(late) == 16
+    assert not set(map(tuple, part.joints)) & set(map(tuple, late.joints))
+
+
+def test_the_last_rows_are_the_last_by_time_where_the_file_has_it() -> None:
+    data, _ = campaign(10, 1)
+    times = np.array([5.0, 1.0, 9.0, 2.0, 3.0, 8.0, 4.0, 0.0, 7.0, 6.0])
+    timed = replace(data, conditions={"time_s": times})
+    assert list(times[rows_in_time(timed)]) == sorted(times)
+    rows, test = hold_out_last(ARM, timed, 0.3)
+    assert set(test.conditions["time_s"]) == {7.0, 8.0, 9.0} and len(rows) == 7
+    times[4] = np.nan  # half a column says no order
+    assert rows_in_time(replace(data, conditions={"time_s": times})).tolist() == list(range(10))
+
+
+@pytest.mark.parametrize(
+    ("share", "words"), [(0.0, "between 0 and 1"), (1.0, "between 0 and 1"), (np.nan, "between 0 and 1"),
+                         (1e-3, "too few to fit or to validate"), (0.999, "too few to fit or to validate")],
+)  # fmt: skip
+def test_a_share_of_last_rows_that_leaves_nothing_is_refused(share: float, words: str) -> None:
+    with pytest.raises(LabError, match=words):
+        hold_out_last(ARM, campaign(60, 1)[0], share)
+
+
+def test_cycles_of_the_same_poses_have_no_last_rows_of_their_own() -> None:
+    data, _ = campaign(10, 1)
+    with pytest.raises(LabError, match="the last 9 rows are of configurations or fixtures that were measured before"):
+        hold_out_last(ARM, data.take(np.tile(np.arange(10), 3)), 0.3)
 
 
 def test_cross_validation_judges_every_row_once_and_delivers_from_all() -> None:

@@ -5,7 +5,7 @@ from dataclasses import fields, replace
 import pytest
 
 from lab.campaign.option_groups import ArmEffects, Fitting
-from lab.campaign.options import DesignOptions, VirtualCampaign, check_common
+from lab.campaign.options import DesignOptions, VirtualCampaign, check_common, check_region
 from lab.core.errors import LabError
 
 
@@ -48,3 +48,16 @@ def test_what_all_campaigns_share_is_checked_once() -> None:
     for flag, given in {"--seed": (-1, 1.0, None), "--gate-mm": (0, 0.0, None), "--noise-mm": (0, 1.0, -1.0)}.items():
         with pytest.raises(LabError, match=flag):
             check_common(Fitting(), *given, None)
+
+
+@pytest.mark.parametrize("region", ["elsewhere", "1,2,3", "0,1,0,1,0,nan", "0,1,0,1,1,0", "task.txt", ""])
+def test_a_region_is_a_word_a_box_or_a_file_of_targets(region: str) -> None:
+    with pytest.raises(LabError, match="--region"):
+        replace(VirtualCampaign(), region=region).check()
+    replace(VirtualCampaign(), region="-100,100,0,200,300,400").check()
+
+
+def test_a_region_is_of_measured_positions() -> None:
+    check_region("measured", VirtualCampaign(observe="cable", instrument="draw-wire").kind())
+    with pytest.raises(LabError, match="--region workspace: nothing is predicted for --observe cable"):
+        replace(VirtualCampaign(observe="cable", instrument="draw-wire"), region="workspace").check()

@@ -10,6 +10,7 @@ from helpers.robots import IRB120
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification, IdentifyOptions, identify
 from lab.calibration.observations.protocol import observation_of
+from lab.calibration.regions import Region, measured_region
 from lab.calibration.statistics.goodness_of_fit import GoodnessOfFit, goodness_of_fit
 from lab.calibration.validation import Errors, Validation, errors_at
 from lab.calibration.weights import Noise, weighed
@@ -24,11 +25,12 @@ SIGMA_M = 10e-6
 
 @dataclass(frozen=True)
 class Case:
-    """A fit, the test of its goodness, and its validation."""
+    """A fit, the test of its goodness, its validation, and poses like the measured ones."""
 
     found: Identification
     goodness: GoodnessOfFit
     validation: Validation
+    poses: Region
 
 
 def campaign(
@@ -75,7 +77,8 @@ def campaign(
     goodness = goodness_of_fit(model, Observations(seen.inputs, seen.points, seen.whiten), found.fit, known=weighed_by)
     elsewhere = middle + validated_share * (chain.random_joints(200, rng) - middle)
     errors = errors_at(found, joints_as(elsewhere), ARM.points(elsewhere, true))
-    return Case(found, goodness, Validation("fresh", errors))
+    turning = ~np.array(chain.prismatic, dtype=np.bool_)
+    return Case(found, goodness, Validation("fresh", errors), measured_region(found, seen, turning))
 
 
 def errors(before_mm: Array, after_mm: Array) -> Errors:

@@ -102,6 +102,36 @@ class LinearizedFit:
         _fill(rows, self.mask[: self.poses], observed.apply(vectors))
         return rows
 
+    def by_cluster(self, labels: NDArray[np.int_]) -> "LinearizedFit":
+        """Merge the poses of each cluster, as repeats of one configuration, into one block.
+
+        A block holds the triangle R of its rows J = Q R, and Q' r of their residuals r: as many numbers as parameters
+        at most. The fit is the same, and so are leverages; what no parameter follows within a block is gone.
+
+        Args:
+            labels: ``(poses,)`` the cluster of each pose.
+        """
+        labels = np.unique(labels, return_inverse=True)[1]
+        count = int(labels.max(initial=-1)) + 1
+        if count == self.poses:
+            return self
+        order = np.argsort(labels, kind="stable")
+        blocks, columns = [], len(self.scale)
+        for rows in np.split(order, np.flatnonzero(np.diff(labels[order])) + 1):
+            seen = self.mask[rows]
+            basis, triangle = np.linalg.qr(self.jacobian[rows][seen])
+            blocks.append((triangle, basis.T @ self.residual[rows][seen]))
+        further = len(self.mask) - self.poses
+        height = max(self.mask.shape[1] if further else 0, *(len(residual) for _, residual in blocks))
+        residual, mask = np.zeros((count + further, height)), np.zeros((count + further, height), dtype=np.bool_)
+        jacobian = np.zeros((count + further, height, columns))
+        for block, (triangle, own) in enumerate(blocks):
+            jacobian[block, : len(own)], residual[block, : len(own)], mask[block, : len(own)] = triangle, own, True
+        width = self.mask.shape[1]
+        for target, source in ((jacobian, self.jacobian), (residual, self.residual), (mask, self.mask)):
+            target[count:, :width] = source[self.poses :]
+        return LinearizedFit(residual, jacobian, self.scale, mask, count)
+
     def within(self, inside: Mask) -> "SubsetFit":
         """Least squares on the poses ``inside`` ``(n,)``."""
         rows = (np.where(inside[part, None, None], self.jacobian[part], 0.0) for part in self.blocks())

@@ -185,9 +185,26 @@ def _errors(result: CalibrationResult, words: ObservationWords) -> Section:
                 ("", "mean", "rms", "95 %", "max", "points"), rows, caption, ("before", "after", "quiet")[: len(rows)]
             ),
             Paragraph(note, "note", shown_in=PAGE),
+            _predictions(result),
             Figure("errors-figure", error_histograms(result, error.rstrip(",")), spread),
         ),
     )
+
+
+def _predictions(result: CalibrationResult) -> Table:
+    """Tabulate the predicted errors of the arm, and at the validation poses the observed ones beside them."""
+    region, elsewhere, bounds = result.verdict.region, result.verdict.elsewhere, result.bounds
+    rows: list[Row] = []
+    if np.isfinite(region.p95_m):
+        rows.append((region.words, short(1e3 * region.mean_m), short(1e3 * region.p95_m), "", ""))
+    if elsewhere is not None and np.isfinite(elsewhere.p95_m):
+        where = f"extrapolated: {100 * elsewhere.extrapolated_share:.0f} % of the workspace"
+        rows.append((where, short(1e3 * elsewhere.mean_m), short(1e3 * elsewhere.p95_m), "", ""))
+    if bounds is not None:
+        sizes = (short(1e3 * size) for size in (bounds.predicted_95_m, bounds.observed_95_m))
+        rows.append(("at the validation poses", "", *sizes, f"{100 * bounds.inside_share:.0f} %"))
+    columns = ("predicted", "mean", "95 %", "observed 95 %", "below their own 95 %")
+    return Table(columns, tuple(rows), "Predicted position error of the arm, mm", shown_in=PAGE)
 
 
 def _uncertainty(result: CalibrationResult) -> tuple[Block, ...]:
@@ -217,7 +234,7 @@ def _in_short(adequacy: str) -> str:
 
 def _noise(result: CalibrationResult) -> str:
     found = result.identification
-    sigma_m, rotation, predicted = found.sigma_m, rotation_noise_rad(found), result.verdict.workspace.rms_m
+    sigma_m, rotation, region = found.sigma_m, rotation_noise_rad(found), result.verdict.region
     if not np.isfinite(sigma_m):
         return "The noise is unknown, so the parameters have no uncertainty."
     rotations = f" and {short(1e3 * rotation)} mrad" if np.isfinite(rotation) else ""
@@ -229,10 +246,10 @@ def _noise(result: CalibrationResult) -> str:
         text += f" Beside it ({found_by}): {'; '.join(shared.words)}. Weights, intervals and tests are those of both."
     if result.fit.instrument is not None and result.fit.adequacy.by != "distances":
         text += f" {capital(result.fit.instrument.words)}."
-    if np.isfinite(predicted):
+    if np.isfinite(region.rms_m):
         text += (
-            f" The parameters' covariance alone predicts a position error of {short(1e3 * predicted)} mm "
-            "(RMS over the workspace)."
+            f" The parameters' covariance alone predicts a position error of {short(1e3 * region.rms_m)} mm "
+            f"(RMS {region.words})."
         )
     return text
 

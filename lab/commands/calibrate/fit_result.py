@@ -12,12 +12,14 @@ from lab.calibration.noise.shared_errors import row_times
 from lab.calibration.observations.protocol import observation_of, only_positions
 from lab.calibration.residual.estimation import ExpectedGain, expected_gain
 from lab.calibration.residual.process import JointProcess, PredictedBy
+from lab.calibration.residual_spread import ResidualSpread, residual_spread
 from lab.calibration.statistics.explained_error import ExplainedError, explained_errors
 from lab.calibration.statistics.goodness_of_fit import GoodnessOfFit
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.statistics.model_selection import Selection
 from lab.calibration.statistics.outliers import HeldOut, Outliers
 from lab.calibration.statistics.remaining_error import NEARLY, RemainingError, remaining_error
+from lab.calibration.validation import configurations
 from lab.core.measurements import Measurements
 from lab.kinematics.effects.arm import ArmWithEffects
 from lab.kinematics.serial.arm import SerialArm
@@ -80,6 +82,14 @@ class FitReport:
         """The joints' offsets that no group explains; None where they were not asked for."""
         found = self.identification.process
         return found.process if isinstance(found, PredictedBy) else None
+
+    @cached_property
+    def residual_spread(self) -> ResidualSpread:
+        """What the fit leaves of the measured positions, with configurations as clusters."""
+        shared, lacks = self.noise.shared, self.adequacy.adequate is False
+        independent_m = None if shared is None else shared.independent_m
+        labels = configurations(self.rows.joints)
+        return residual_spread(self.identification, labels, lack_of_fit=lacks, independent_m=independent_m)
 
     @cached_property
     def remaining(self) -> RemainingError | None:

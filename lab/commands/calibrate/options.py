@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
@@ -10,7 +10,8 @@ from lab.calibration.observations.options import FitInputs, ObservationOptions
 from lab.campaign.observation_kinds import KindName, configured_kind
 from lab.campaign.option_groups import Fitting
 from lab.campaign.option_types import Names
-from lab.campaign.options import VirtualCampaign, check_common
+from lab.campaign.options import VirtualCampaign, check_common, check_region
+from lab.campaign.task_region import REGION_HELP
 from lab.core.errors import LabError
 
 if TYPE_CHECKING:
@@ -37,13 +38,16 @@ class _MeasurementFile:
     noise_mm: float | None = None
     """Weigh the points by this noise (1σ per axis); without either it is estimated."""
     holdout: float | None = None
-    """Hold out this share of the poses, and validate on them."""
+    """Hold out this share of the poses, at random, and validate on them."""
+    holdout_last: float | None = None
+    """Hold out this share of the poses, the last by time_s or else in the file, and validate on them."""
     validate: Path | None = None
     """Judge by this file."""
     refit: Names = ()
     """What each session of that file may place anew: base, tool, or base,tool."""
     gate_mm: float | None = None
     """A larger mean error on poses not fitted is a bad result; by default the result is judged without a gate."""
+    region: Annotated[str, tyro.conf.arg(help=REGION_HELP)] = "measured"
     require: Literal["good"] | None = None
     """Exit with 1 also where the verdict is doubtful or nothing was validated."""
     date: str | None = None
@@ -64,11 +68,12 @@ class MeasuredCampaign(ObservationOptions, _MeasurementFile):
         check_common(self.fitting, self.seed, self.gate_mm, self.noise_mm, self.date)
         if self.noise_mm is not None and self.instrument is not None:
             raise LabError("--instrument and --noise-mm both say what the noise is; give one")
-        if self.holdout is not None and self.validate is not None:
-            raise LabError("--holdout and --validate both say what to validate on; give one")
+        judging = {"--holdout": self.holdout, "--holdout-last": self.holdout_last, "--validate": self.validate}
+        if len(given := [flag for flag, value in judging.items() if value is not None]) > 1:
+            raise LabError(f"{given[0]} and {given[1]} both say what to validate on; give one")
         if self.refit and self.validate is None:
             raise LabError("--refit says what a validation file may fit anew; give --validate FILE too")
-        self.kind()
+        check_region(self.region, self.kind())
 
     def kind(self) -> "ObservationKind":
         """The kind of observation that is asked for, with its options.

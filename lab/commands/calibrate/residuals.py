@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification
@@ -20,6 +21,7 @@ from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.statistics.linearized import NoiseDistribution, linearized
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M
 from lab.calibration.statistics.replicates import repeats
+from lab.calibration.validation import configurations
 from lab.calibration.weights import Noise, weighed
 from lab.core.instruments import is_isotropic
 from lab.core.measurements import Measurements, seen_mask
@@ -100,7 +102,7 @@ def with_own_intervals(
     )
     if _is_of_the_instrument(found, observations):
         words = seen.words
-    if believed or len(observations.inputs) <= len(found.fit.free):
+    if believed or len(np.unique(_clusters(found, observations))) <= len(found.fit.free):
         return found, [words]
     trusted = _of_whole_poses(found, observations)
     return trusted, [f"{words}; the intervals given are those of the poses' own residuals"]
@@ -114,7 +116,7 @@ def with_intervals_of_poses(
     Args:
         model: as it was asked for.
     """
-    if len(observations.inputs) <= len(found.fit.free):
+    if len(np.unique(_clusters(found, observations))) <= len(found.fit.free):
         return found, []
     words = (
         "the numbers of a pose err together, and what is left comes back with the joints: scatter and what the model "
@@ -129,9 +131,16 @@ def _search_advice(model: str, before: str) -> str:
 
 
 def _of_whole_poses(found: Identification, observations: Observations) -> Identification:
-    """The identification with the covariance that each pose's own residuals say."""
-    own = sandwich(linearized(found.model, observations, found.values, found.fit.free))
+    """The identification with the covariance of each configuration's own residuals: repeats are one cluster."""
+    linear = linearized(found.model, observations, found.values, found.fit.free)
+    own = sandwich(linear.by_cluster(_clusters(found, observations)))
     return replace(found, covariance=own.covariance, dof_each=own.dof)
+
+
+def _clusters(found: Identification, observations: Observations) -> NDArray[np.int_]:
+    """Label the configurations of the poses."""
+    joints = observations.inputs.shape[1] - len(found.model.conditions)
+    return configurations(observations.inputs[:, :joints])
 
 
 def _is_of_the_instrument(found: Identification, observations: Observations) -> bool:

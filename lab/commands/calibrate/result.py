@@ -43,6 +43,7 @@ from lab.commands.calibrate.range_dict import (
     measured_range_to_dict,
     write_cover,
 )
+from lab.commands.calibrate.regions import ValidationBounds, region_to_dict
 from lab.commands.calibrate.residual_file import RESIDUAL_FILE, residual_columns, residual_to_dict, write_residual
 from lab.commands.result import Result
 from lab.commands.values import ErrorStatistics, error_statistics, number
@@ -77,6 +78,7 @@ class CalibrationResult(Result):
         validation: the errors at poses that were not fitted.
         seconds: of the identification and its validation.
         real, comparison: of a virtual robot only; so are ``bad``, the ids of its simulated outliers.
+        bounds: how the predictions meet the errors at the validation poses; None where there are none.
     """
 
     options: VirtualCampaign | MeasuredCampaign
@@ -93,6 +95,7 @@ class CalibrationResult(Result):
     real: TrueRobot | None = None
     comparison: TruthComparison | None = None
     bad: frozenset[str] = frozenset()
+    bounds: ValidationBounds | None = None
 
     @property
     def command(self) -> str:
@@ -194,6 +197,9 @@ class CalibrationResult(Result):
             "freedom": identification.dof,
             "predicted_mm": number(1e3 * self.verdict.workspace.rms_m),
             "predicted_95_mm": number(1e3 * self.verdict.workspace.p95_m),
+            "prediction": region_to_dict(self.verdict.region),
+            "prediction_elsewhere": region_to_dict(self.verdict.elsewhere),
+            "validation_bounds": None if self.bounds is None else self.bounds.to_dict(),
             "remaining_error": _remaining_to_dict(self.fit.remaining, self.fit.gain),
             "measured_range": measured_range_to_dict(self.fit.measured, self.robot.chain),
             "extrapolation": self._extrapolation,

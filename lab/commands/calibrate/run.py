@@ -17,6 +17,7 @@ from lab.calibration.validation import (
     compare_with_truth,
     errors_of,
     hold_out,
+    hold_out_last,
     shared_rows,
     validate_file,
     validate_folds,
@@ -24,6 +25,7 @@ from lab.calibration.validation import (
 )
 from lab.calibration.verdict import verdict
 from lab.calibration.weights import Noise
+from lab.calibration.workspace_prediction import own_tolerance
 from lab.campaign.instruments import named_instrument
 from lab.campaign.observed_truth import truth_as_observed
 from lab.campaign.options import VirtualCampaign
@@ -37,9 +39,10 @@ from lab.commands.calibrate.joint_signs import of_joint_signs
 from lab.commands.calibrate.measured_rows import read_rows, robot_of
 from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.calibrate.plausibility import doubted, noise_in_another_unit, points_in_another_scale
+from lab.commands.calibrate.regions import bounds_at, regions_of, spread_of_later
 from lab.commands.calibrate.result import CalibrationResult
 from lab.commands.calibrate.simulate import MeasuringDay, measuring_day
-from lab.commands.calibrate.warnings import of_limits, of_several_sessions, of_validation_beyond
+from lab.commands.calibrate.warnings import of_elsewhere, of_limits, of_several_sessions, of_validation_beyond
 from lab.commands.keywords import options_of, takes
 from lab.commands.payload.known_payload import carrying
 from lab.core.errors import LabError, error_context
@@ -216,6 +219,8 @@ def _of_measurements(
     held = test if len(test) else None
     if options.holdout is not None:
         rows, held = hold_out(fitter.model_with(()), rows, options.holdout, options.seed)
+    if options.holdout_last is not None:
+        rows, held = hold_out_last(fitter.model_with(()), rows, options.holdout_last)
     stage("2 of 3, fitting")
     with error_context(options.file):
         fit = fitter(rows, held)
@@ -355,6 +360,8 @@ def _outcome(
     gate_m = None if options.gate_mm is None else options.gate_mm / 1e3
     noise = replace(fitter.noise, shared=fit.noise.shared)
     prediction = check_prediction(identification, validation, noise, fit.measured, seed=options.seed)
+    poses, region = regions_of(fitter, fit, options.region)
+    left = fit.residual_spread
     word = verdict(
         identification,
         validation,
@@ -364,13 +371,21 @@ def _outcome(
         measured=fit.measured,
         findings=fit.findings,
         prediction=prediction,
+        poses=poses,
+        region=region,
+        left=left,
     )
+    if isinstance(options, MeasuredCampaign) and options.holdout_last is not None:
+        left = spread_of_later(fitter, fit, word.region.uncalibrated_rms_m)
+    own = own_tolerance(identification, fitter.tolerance, poses)
+    bounds = bounds_at(identification, left, validation, fit.measured, own)
     warnings = of_joint_signs(fitter, fit.rows) if real is None and word.word == "bad" else []
     warnings += [*robot.warnings, *identification.warnings, *fit.warnings, *validation.warnings]
     if blank := int((~fitter.kind.rows(data)).sum()):
         warnings.append(f"{blank} of {len(data)} rows {be(blank)} left out: no {fitter.kind.words.reading} is in them")
     warnings += of_limits(robot, data)
     warnings += of_validation_beyond(identification, fit.measured, validation.rows)
+    warnings += of_elsewhere(word)
     if fitter.kind.in_instrument_frame and "sessions" not in fit.groups:
         warnings += of_several_sessions(fit.rows)
     if validation.errors is not None:
@@ -392,4 +407,5 @@ def _outcome(
         real,
         comparison,
         bad,
+        bounds,
     )

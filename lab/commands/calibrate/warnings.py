@@ -11,6 +11,7 @@ from lab.calibration.identify import Identification
 from lab.calibration.noise.shared_errors import NOTABLE
 from lab.calibration.observations.fixtures import Fixtures
 from lab.calibration.observations.protocol import observation_of
+from lab.calibration.pose_cover import MOST_UNCOVERED
 from lab.calibration.prior import Tolerance, prior_of
 from lab.calibration.residual.process import PredictedBy
 from lab.calibration.statistics.alternatives import Alternative
@@ -18,6 +19,7 @@ from lab.calibration.statistics.joint_lag import lagging
 from lab.calibration.statistics.joint_rounding import by_joint_positions, counting, rounding
 from lab.calibration.statistics.model_selection import Selection
 from lab.calibration.statistics.outliers import Outliers, would_matter
+from lab.calibration.verdict import Verdict
 from lab.campaign.robot import Robot
 from lab.commands.calibrate.advice import changes
 from lab.commands.calibrate.fit_result import Named
@@ -35,6 +37,7 @@ from lab.kinematics.parameter import targets_of
 from lab.kinematics.serial.chain import Chain
 
 __all__ = [
+    "of_elsewhere",
     "of_export",
     "of_groups",
     "of_held_out",
@@ -57,6 +60,7 @@ _STRANGE = 0.05  # m or rad from the nominal value
 _SURPRISING = 5.0  # standard deviations of the prior
 _BEYOND = 0.02  # rad or m: a pose that is nearer to the measured range is at its edge
 _MOST_POSES = 20_000  # by which joint positions are looked at
+_MUCH_WORSE = 2.0  # times the predicted error where poses were measured
 _RELEVANT = 0.5  # of sigma: what a lag makes of the observations, root mean square
 
 
@@ -101,6 +105,20 @@ def of_validation_beyond(found: Identification, measured: MeasuredRange | None, 
         f"{len(outside)} of {counted(len(rows), 'validation pose')} {be(len(outside))} beyond the fitted joint "
         f"positions ({part.ids[0]} the first): there the model may be off by up to {1e3 * size:.2g} mm more "
         "(1σ), as the edges of the measured range say",
+    ]
+
+
+def of_elsewhere(judged: Verdict) -> list[str]:
+    """Warn that most of the workspace is extrapolated, and is predicted much worse than where poses were measured."""
+    region, elsewhere = judged.region, judged.elsewhere
+    if elsewhere is None or region.kind != "measured" or elsewhere.extrapolated_share <= MOST_UNCOVERED:
+        return []
+    if not elsewhere.p95_m > _MUCH_WORSE * region.p95_m:
+        return []
+    return [
+        f"{100 * elsewhere.extrapolated_share:.0f} % of the workspace is extrapolated: the verdict holds where poses "
+        f"were measured (95 % error {1e3 * region.p95_m:.3g} mm), elsewhere {1e3 * elsewhere.p95_m:.3g} mm is "
+        "predicted; --region names where the task is"
     ]
 
 

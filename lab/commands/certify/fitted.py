@@ -7,7 +7,7 @@ import numpy as np
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.observations.protocol import observation_of
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M
-from lab.calibration.validation import hold_out
+from lab.calibration.validation import hold_out, hold_out_last
 from lab.calibration.weights import Noise, root_mean_square_sigma, weighed
 from lab.commands.calibrate.load_run import Calibrated
 from lab.commands.calibrate.options import MeasuredCampaign
@@ -100,8 +100,11 @@ def _split(calibrated: Calibrated) -> tuple[Measurements, Measurements | None]:
         raise LabError(f"{path}: has no target {unknown[0]}, which the run identified; make the run again")
     read = read.take(np.flatnonzero(read.seen.any(axis=1)))
     rows, judged = read.only("calibrate"), read.only("test")
-    if isinstance(calibrated.options, MeasuredCampaign) and (share := calibrated.options.holdout) is not None:
-        rows, judged = hold_out(calibrated.arm, rows, share, calibrated.options.seed)
+    if isinstance(options := calibrated.options, MeasuredCampaign):
+        if options.holdout is not None:
+            rows, judged = hold_out(calibrated.arm, rows, options.holdout, options.seed)
+        if options.holdout_last is not None:
+            rows, judged = hold_out_last(calibrated.arm, rows, options.holdout_last)
     if result.outliers_left_out:
         rows = rows.without([each.id for each in result.outliers if not each.held_out])
     if not len(rows):

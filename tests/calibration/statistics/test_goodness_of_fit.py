@@ -232,3 +232,38 @@ def test_a_sandwich_is_unbiased_where_the_weights_are_right() -> None:
     ]
     ratio = np.diag(np.mean(draws, axis=0)) / np.diag(solution.unit_covariance())
     np.testing.assert_allclose(ratio, 1, atol=0.06)  # a variance of 10 to 20 degrees has sd 0.4: 4 sigma is 0.06
+
+
+def test_repeats_of_a_configuration_are_one_cluster_of_a_sandwich() -> None:
+    """Ten copies of each pose say no more than one; as poses of their own they would claim a tenth of the variance."""
+    truth, joints, rng = robot(4, 40)
+    seen, solution = fitted(GAUSSIAN, truth, joints, rng, known=True)
+    alone = sandwich(linearized(ARM, seen, solution.values, FREE))
+    linear = linearized(ARM, seen.take(np.repeat(np.arange(40), 10)), solution.values, FREE)
+    together = sandwich(linear.by_cluster(np.repeat(np.arange(40), 10)))
+    np.testing.assert_allclose(together.covariance, alone.covariance, rtol=1e-6, atol=1e-9 * alone.covariance.max())
+    np.testing.assert_allclose(together.dof, alone.dof, rtol=1e-6)
+    assert np.median(np.diag(sandwich(linear).covariance) / np.diag(alone.covariance)) < 0.2
+
+
+def test_a_cluster_keeps_what_its_poses_say_each_and_the_other_rows() -> None:
+    """The normal equations are the same where the poses of a cluster differ, numbers are missing, more is known."""
+    truth, joints, rng = robot(5, 30)
+    seen, solution = fitted(GAUSSIAN, truth, joints, rng, known=True)
+    more = np.zeros((4, len(truth)))
+    more[np.arange(4), list(FREE)[:4]] = 1e3
+    linear = linearized(ARM, seen, solution.values, FREE, lambda values: (np.ones(4), more))
+    linear.mask[3] = False
+    linear.residual[3], linear.jacobian[3] = 0.0, 0.0
+    merged = linear.by_cluster(np.arange(30) // 7)
+    assert merged.poses == 5 and len(merged.mask) == 5 + len(linear.mask) - 30
+    before, after = (
+        [
+            np.einsum("ijf,ijg->fg", each.jacobian, right)
+            for each, right in ((x, x.residual[..., None]), (x, x.jacobian))
+        ]
+        for x in (linear, merged)
+    )
+    np.testing.assert_allclose(after[0], before[0], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(after[1], before[1], rtol=1e-9, atol=1e-9)
+    assert linear.by_cluster(np.arange(30)) is linear

@@ -1,0 +1,199 @@
+"""The poses over which the errors of a calibrated arm are predicted.
+
+By default these are the measured configurations, each as a new one: predicted by the fit of all others, its covariance
+is larger by the leverage that the configuration has in its own prediction (Cook & Weisberg 1982, section 2.2). A task
+names its own region by points, which the arm reaches from the measured configuration whose point is nearest. Hinges are
+taken modulo a turn where the model is.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.calibration.gauss_newton import Observations
+from lab.calibration.identify import Identification
+from lab.calibration.observations.protocol import observation_of
+from lab.calibration.pose_cover import neighbours
+from lab.calibration.statistics.joint_rounding import by_joint_positions
+from lab.calibration.statistics.linearized import linearized
+from lab.calibration.validation import configurations
+from lab.core.errors import LabError
+from lab.core.measurements import evenly
+from lab.core.random import rng_for
+from lab.core.se3 import Array
+from lab.kinematics.effects.stations import at_first_station
+from lab.kinematics.joints import JointSpec
+from lab.kinematics.model import Model
+
+__all__ = ["REGION_POSES", "Region", "RegionKind", "measured_region", "region_of_points", "workspace_region"]
+
+REGION_POSES = 200
+RegionKind = Literal["measured", "workspace", "box", "targets"]
+_MAX_POSES = 20_000  # by which leverages are judged
+_MAX_STARTS = 4_000  # measured poses from which points are reached
+_LEAST_LEFT = 1e-6  # of a direction's variance, that the other configurations leave
+_SAME_POINT = 1e-9  # m: a turn that moves the target by less has no meaning
+_TURN_POSES = 5  # at which a turn is tried
+_STEPS, _REACHED = 60, 1e-6  # Gauss-Newton steps to a point, and how near (m) it comes
+_LONGEST_STEP = 0.3  # rad or m of a joint
+_DAMPING = 1e-6  # of the largest eigenvalue
+
+_WORDS: dict[RegionKind, str] = {
+    "measured": "where poses were measured",
+    "workspace": "over the workspace",
+    "box": "in the box of the task",
+    "targets": "at the targets of the task",
+}
+
+
+@dataclass(frozen=True)
+class Region:
+    """Poses of a part of the workspace.
+
+    Attributes:
+        kind: how the region was named.
+        inputs: ``(n, joints + conditions)`` its poses.
+        factors: ``(n,)`` how many times the parameters' covariance is larger at each, as it was fitted; None for once.
+    """
+
+    kind: RegionKind
+    inputs: Array
+    factors: Array | None = None
+
+    @property
+    def words(self) -> str:
+        """Name the region at the end of a sentence."""
+        return _WORDS[self.kind]
+
+
+def measured_region(found: Identification, observed: Observations, turning: NDArray[np.bool_]) -> Region:
+    """Return poses like the measured ones: some of these, each as if it had not been fitted.
+
+    Where a process predicts the offsets of the joints, which it follows at each measured pose, these are poses between
+    neighbouring measured ones and as far beyond them.
+
+    Args:
+        found: the fit.
+        observed: its measurements, weighted as they were.
+        turning: ``(joints,)`` which joints are hinges.
+    """
+    observed, size = observed.thinned(_MAX_POSES), len(turning)
+    labels = configurations(observed.inputs[:, :size])
+    first = np.unique(labels, return_index=True)[1]
+    rng = rng_for(0, "bootstrap")
+    if found.process is not None:
+        return Region("measured", _between_neighbours(observed.inputs[first], turning, rng))
+    some = np.sort(rng.permutation(len(first))[:REGION_POSES])
+    inputs = observed.inputs[first[some]]
+    if not observation_of(found.model).positions:
+        return Region("measured", inputs)
+    linear = linearized(found.model, observed, found.values, found.fit.free, found.extra_residuals).by_cluster(labels)
+    whole = linear.everywhere()
+    own = linear.jacobian[some] @ whole.directions  # (n, m, rank) Q_i
+    slopes = found.model.observe(inputs, found.values)[1][:, 0][..., list(found.fit.free)]
+    there = slopes / linear.scale @ whole.directions
+    left = np.eye(own.shape[1]) - own @ np.swapaxes(own, 1, 2)
+    spread, axes = np.linalg.eigh(left)
+    turned = np.swapaxes(axes, 1, 2) @ own @ np.swapaxes(there, 1, 2)  # what the configuration tells of its own point
+    more = ((turned**2).sum(axis=2) / np.maximum(spread, _LEAST_LEFT)).sum(axis=1)
+    return Region("measured", inputs, np.asarray(1 + more / np.maximum((there**2).sum(axis=(1, 2)), 1e-300)))
+
+
+def _between_neighbours(inputs: Array, turning: NDArray[np.bool_], rng: np.random.Generator) -> Array:
+    """Move each of distinct poses up to the whole way to or from one of its neighbours, within the range of each."""
+    size = len(turning)
+    joints, near = inputs[:, :size], neighbours(inputs[:, :size], turning)
+    order = np.concatenate([rng.permutation(len(inputs)) for _ in range(-(-REGION_POSES // len(inputs)))])[
+        :REGION_POSES
+    ]
+    drawn = inputs[order].copy()
+    if near.shape[1]:
+        way = joints[near[order, rng.integers(near.shape[1], size=len(order))]] - joints[order]
+        way = np.where(turning, np.remainder(way + np.pi, 2 * np.pi) - np.pi, way)
+        moved = joints[order] + rng.uniform(-1, 1, (len(order), 1)) * way
+        drawn[:, :size] = np.clip(moved, joints.min(axis=0), joints.max(axis=0))
+    return np.asarray(drawn)
+
+
+def workspace_region(
+    model: Model, values: Array, measured: Array | None = None, turning: NDArray[np.bool_] | None = None
+) -> Region:
+    """Draw random poses within the joints' limits; with measured ones, hinges are turned by whole turns toward these.
+
+    Args:
+        model: of the arm.
+        values: ``(p,)`` its parameters.
+        measured: ``(n, joints)`` the measured positions.
+        turning: ``(joints,)`` which joints are hinges.
+    """
+    inputs = at_first_station(model.conditions, model.structure_joints(REGION_POSES, rng_for(0, "structure")))
+    if measured is None or turning is None:
+        return Region("workspace", inputs)
+    return Region("workspace", _turned_toward(model, values, inputs, measured, turning))
+
+
+def _turned_toward(model: Model, values: Array, inputs: Array, measured: Array, turning: NDArray[np.bool_]) -> Array:
+    """Turn hinges by whole turns to the measured range, where the model is the same after a turn."""
+    size, turned = len(turning), inputs.copy()
+    few = inputs[:_TURN_POSES]
+    points = model.points(few, values)
+    middle = (measured.min(axis=0) + measured.max(axis=0)) / 2
+    for joint in np.flatnonzero(turning):
+        after = few.copy()
+        after[:, joint] += 2 * np.pi
+        if np.allclose(model.points(after, values), points, rtol=0, atol=_SAME_POINT, equal_nan=True):
+            turned[:, joint] -= 2 * np.pi * np.round((turned[:, joint] - middle[joint]) / (2 * np.pi))
+    assert size <= inputs.shape[1]
+    return turned
+
+
+def region_of_points(
+    kind: RegionKind,
+    points: Array,
+    *,
+    model: Model,
+    values: Array,
+    inputs: Array,
+    joints: JointSpec,
+    name: str,
+) -> Region:
+    """Find poses in which the first target is at points, each near the measured pose whose target is nearest to it.
+
+    Args:
+        kind: how the points were named.
+        points: ``(m, 3)`` m, in the frame of the measurements.
+        model: of the arm.
+        values: ``(p,)`` its parameters.
+        inputs: ``(n, joints + conditions)`` the measured poses.
+        joints: their limits.
+        name: what an error calls the region.
+
+    Raises:
+        LabError: the arm reaches none of the points.
+    """
+    inputs = at_first_station(model.conditions, inputs)
+    if (some := evenly(len(inputs), _MAX_STARTS)) is not None:
+        inputs = inputs[some]
+    there = model.points(inputs, values)[:, 0]
+    inputs, there = inputs[np.isfinite(there).all(axis=1)], there[np.isfinite(there).all(axis=1)]
+    nearest = ((points[:, None] - there) ** 2).sum(axis=2).argmin(axis=1)
+    size, found = joints.size, inputs[nearest].copy()
+    off = points - model.points(found, values)[:, 0]
+    for _ in range(_STEPS):
+        slopes = by_joint_positions(model, found, values, size)[:, 0]
+        square = slopes @ np.swapaxes(slopes, 1, 2)
+        damping = _DAMPING * np.trace(square, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+        step = (np.swapaxes(slopes, 1, 2) @ np.linalg.solve(square + damping, off[..., None]))[..., 0]
+        longest = np.abs(step).max(axis=1, keepdims=True)
+        found[:, :size] += step * np.minimum(1.0, _LONGEST_STEP / np.maximum(longest, 1e-300))
+        off = points - model.points(found, values)[:, 0]
+        if np.nanmax(np.abs(off), initial=0.0) < _REACHED:
+            break
+    reached = (np.abs(off) < _REACHED).all(axis=1) & ~joints.beyond_limits(found[:, :size], _REACHED).any(axis=1)
+    if not reached.any():
+        raise LabError(
+            f"{name}: the arm reaches none of its {len(points)} points near the measured poses; name another"
+        )
+    return Region(kind, found[reached])

@@ -1,0 +1,82 @@
+"""The region in which an arm is to be known, as an option names it: by a word, a box, or a file of targets."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from lab.core.errors import LabError, error_context
+from lab.core.random import rng_for
+from lab.core.ranges import OPTION_SIZE
+from lab.core.se3 import Array, transform
+from lab.formats.target_csv import read_targets
+
+__all__ = ["REGION_HELP", "TaskRegion", "task_region"]
+
+REGION_HELP = (
+    "Where the arm is to be known, and the verdict holds: measured (where poses were), workspace (within the joints' "
+    "limits), a box x0,x1,y0,y1,z0,z1 in mm in the robot's frame 0, or a CSV file of targets, as lab compensate takes"
+)
+_BOX_POINTS = 200
+_NUMBERS = 6
+
+
+@dataclass(frozen=True)
+class TaskRegion:
+    """A region that an option names.
+
+    Attributes:
+        kind: how it is named.
+        box_m: ``(3, 2)`` m, the ends of a box along each axis of frame 0; None of another kind.
+        file: of targets; None of another kind.
+    """
+
+    kind: Literal["measured", "workspace", "box", "targets"]
+    box_m: Array | None = None
+    file: Path | None = None
+
+    def points(self, T_instrument_frame0: Array, joint_names: Sequence[str], prismatic: Sequence[bool]) -> Array:
+        """Return points ``(n, 3)`` m of the box or the file, in the frame of the measurements; none of another kind.
+
+        Args:
+            T_instrument_frame0: ``(4, 4)`` pose of frame 0 in the frame of the measurements.
+            joint_names, prismatic: of the robot.
+
+        Raises:
+            LabError: the file cannot be read.
+        """
+        if self.box_m is not None:
+            low, high = self.box_m.T
+            drawn = low + (high - low) * rng_for(0, "places").random((_BOX_POINTS, 3))
+            return np.asarray(transform(T_instrument_frame0, drawn))
+        if self.file is not None:
+            with error_context("--region"):
+                return read_targets(self.file, joint_names, prismatic).positions
+        return np.empty((0, 3))
+
+
+def task_region(text: str) -> TaskRegion:
+    """Read the option.
+
+    Raises:
+        LabError: it is no word, box or file.
+    """
+    if text in ("measured", "workspace"):
+        return TaskRegion("measured" if text == "measured" else "workspace")
+    wrong = LabError(
+        f"--region {text}: give measured, workspace, a box x0,x1,y0,y1,z0,z1 in mm, or a CSV file of targets"
+    )
+    try:
+        numbers = [float(each) for each in text.split(",")]
+    except ValueError:
+        if Path(text).suffix.lower() != ".csv":
+            raise wrong from None
+        return TaskRegion("targets", file=Path(text))
+    box = np.array(numbers).reshape(-1, 2) / 1e3 if len(numbers) == _NUMBERS else np.empty((0, 2))
+    if not len(box) or not all(abs(each) in OPTION_SIZE for each in numbers):
+        raise wrong
+    if not (box[:, 0] < box[:, 1]).all():
+        raise LabError(f"--region {text}: each axis of the box goes from a smaller to a larger coordinate")
+    return TaskRegion("box", box)
