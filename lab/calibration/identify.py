@@ -12,10 +12,10 @@ from typing import Protocol
 import numpy as np
 
 from lab.calibration.gauss_newton import ExtraResiduals, Fit, Observations, Status, fit
-from lab.calibration.identifiability import poses_needed
+from lab.calibration.identifiability import poses_needed, scaled_condition
 from lab.calibration.initial_guess import columns_of
 from lab.calibration.observations.protocol import Observation, observation_of
-from lab.calibration.prior import Tolerance, prior_of
+from lab.calibration.prior import ActingPrior, Prior, Tolerance, directions_of, prior_of
 from lab.calibration.stations import few_points_of_a_station
 from lab.calibration.weights import Noise, joined, root_mean_square_sigma, weighed, weighted_constraints
 from lab.core import se3
@@ -42,6 +42,9 @@ __all__ = [
 
 Solve = Callable[[Observation, Observations, Sequence[int], Array], Fit]
 _FIRST_POSES = 4_000  # of very many, by which a fit finds where to start, and most often what they tell apart
+_PRIOR_ROUNDS = 4  # of the directions and the scale of an automatic prior, and the fit by these
+_SETTLED_SCALE = 0.05  # of itself, by which the scale of the tolerances still changes
+_LEAST_SIGMA = 1e-9  # m: residuals below are those of the arithmetic
 _MOST_NAMED = 8  # weak parameters in a warning
 WEAK = 1e-3  # m or rad: a parameter with a larger standard deviation is weak
 PLAUSIBLE_SPREAD = (0.5, 2.0)  # of the measured points, to those of the nominal model in the same poses
@@ -54,6 +57,7 @@ class IdentifyOptions:
     Attributes:
         fix, free: names or patterns of parameters to hold at nominal, or to keep though usually fixed.
         tolerance: of manufacture, as a prior (MAP); None for none.
+        automatic: whether that prior acts only where the measurements say little, at a scale that they tell.
         solve: another way to fit the free parameters than all at once (``sequential``); None for that.
         near: where to start from, by parameters' names; the others start at nominal, base and tool from no idea.
     """
@@ -61,6 +65,7 @@ class IdentifyOptions:
     fix: tuple[str, ...] = ()
     free: tuple[str, ...] = ()
     tolerance: Tolerance | None = None
+    automatic: bool = False
     solve: Solve | None = None
     near: Mapping[str, float] = field(default_factory=dict)
 
@@ -101,6 +106,7 @@ class Identification:
         extra_residuals: what was known beside the measurements, weighted as they are: constraints, a prior.
         dof_each: ``(f,)`` of each parameter's interval, where the covariance is not that of one sigma alone.
         process: covariances of predicted points, where what the parameters do not explain is predicted too.
+        prior: the prior that takes part in the fit; None where none does.
         residuals: ``(n, k, d)`` measured less predicted (m of points), NaN where not observed.
         spread: of the measured points, to that of the nominal model's in the same poses: a wrong unit shows here.
     """
@@ -121,6 +127,7 @@ class Identification:
     extra_residuals: ExtraResiduals
     dof_each: Array | None = None
     process: PredictedCovariance | None = None
+    prior: ActingPrior | None = None
 
     @property
     def status(self) -> Status:
@@ -139,6 +146,11 @@ class Identification:
             return np.full(len(self.fit.free), 1.959963984540054)
         dof = np.full(len(self.fit.free), self.dof) if self.dof_each is None else self.dof_each
         return np.asarray(np.where(dof > 0, t_ppf(0.975, np.maximum(dof, 1)), np.nan))
+
+    @property
+    def plain_condition(self) -> float:
+        """The condition number of the measurements' Jacobian; of the fit's it is another where a prior takes part."""
+        return self.fit.condition if self.prior is None else self.prior.plain_condition
 
     @property
     def plausible(self) -> bool:
@@ -200,22 +212,27 @@ def identify(
     known_rows = observation.extra_residuals(model.rank_point(aligned))[1]
     structure = base_set(model, aligned, fix=request.fix, free=request.free, known=known_rows)
     free = _identifiable(model, observed, aligned, structure, known_rows)
-    if request.tolerance is None and len(free) < len(structure.kept):
+    if (request.tolerance is None or request.automatic) and len(free) < len(structure.kept):
         _refuse_few_poses(model, data, aligned, structure)
     start = _start(model, aligned, nominal, structure, free, request.near)
     solve = request.solve or partial(_all_at_once, extra_residuals)
     solution = _canonical(model, solve(observation, observed, free, start))
     residuals = data.points - model.points(observed.inputs, solution.values)
     dof, estimated = _residual_sigma(observation, observed, solution, residuals)
-    if request.tolerance is not None:
-        if not (known or np.isfinite(estimated)):
-            raise LabError("--prior: the measurements leave no residuals to say what the noise is; give --noise-mm")
-        prior = prior_of(model, structure, nominal, request.tolerance)
-        extra_residuals = joined(extra_residuals, prior.rows(1.0 if known else estimated))
-        solution = _canonical(model, fit(model, observed, structure.kept, start, extra_residuals=extra_residuals))
-        residuals = data.points - model.points(observed.inputs, solution.values)
+    acting = None
+    if request.tolerance is not None and request.solve is None:
+        problem = _MAPProblem(observation, observed, structure, extra_residuals, start, known)
+        if request.automatic:
+            prior = prior_of(model, structure, nominal, request.tolerance, links_alone=True)
+            found = problem.automatically(prior, solution, dof, estimated)
+        else:
+            found = problem.with_whole(prior_of(model, structure, nominal, request.tolerance), dof, estimated)
+        if found is not None:
+            acting, solution, dof, estimated = found.prior, found.fit, found.dof, found.sigma
+            extra_residuals = joined(extra_residuals, acting.rows(found.weight))
+            residuals = data.points - model.points(observed.inputs, solution.values)
     given = root_mean_square_sigma(observed, observation.positions) if known else 1.0
-    found = Identification(
+    identified = Identification(
         model,
         aligned,
         solution.values,
@@ -230,8 +247,119 @@ def identify(
         spread=_relative_spread(observation, observed, aligned, nominal),
         warnings=data.warnings,
         extra_residuals=extra_residuals,
+        prior=acting,
     )
-    return replace(found, warnings=(*found.warnings, *_warnings(found, weighed_prior=request.tolerance is not None)))
+    return replace(identified, warnings=(*identified.warnings, *_warnings(identified)))
+
+
+@dataclass(frozen=True)
+class _MAPFit:
+    """A fit in which a prior takes part.
+
+    Attributes:
+        sigma: that the residuals say, in units of the weights.
+        weight: the sigma by which the prior is weighed.
+    """
+
+    prior: ActingPrior
+    fit: Fit
+    dof: int
+    sigma: float
+    weight: float
+
+
+@dataclass(frozen=True)
+class _MAPProblem:
+    """The measurements of a base set, to be fitted with a prior of its links.
+
+    Attributes:
+        known: whether the measurements' weights stand on a known sigma.
+    """
+
+    observation: Observation
+    observed: Observations
+    structure: BaseSet
+    constraints: ExtraResiduals
+    start: Array
+    known: bool
+
+    def with_whole(self, prior: Prior, dof: int, sigma: float) -> _MAPFit:
+        """With a prior in all directions, as wide as the tolerances are given."""
+        if not (self.known or np.isfinite(sigma)):
+            raise LabError("--prior: the measurements leave no residuals to say what the noise is; give --noise-mm")
+        model, weight = self.observation.model, 1.0 if self.known else sigma
+        rows = np.zeros((len(prior.of), len(model.names)))
+        rows[:, list(prior.of)] = prior.whiten
+        acting = ActingPrior(model.names, prior.mean, rows, 1.0, 0, len(rows), float("nan"))
+        kept = self.structure.kept
+        solution = self._fitted(acting, weight, kept, self.start)
+        acting = replace(acting, plain_condition=scaled_condition(self._triangle(kept, solution.values)))
+        return _MAPFit(acting, solution, dof, sigma, weight)
+
+    def automatically(self, prior: Prior, plain: Fit, dof: int, sigma: float) -> _MAPFit | None:
+        """With the prior where the measurements say little; None where they say enough.
+
+        Directions, sigma and scale are taken at the fit that they lead to, and so found in a few rounds.
+
+        Args:
+            plain: the fit without a prior.
+            dof, sigma: of its residuals; a sigma of NaN where nothing is left over.
+        """
+        kept, usable = self.structure.kept, plain.status == "converged"
+        if not prior.of or not (self.known or sigma > 0):
+            return None
+        if usable and set(plain.free) == set(kept):  # with every direction well measured it stays exactly as it is
+            triangle = plain.triangle * plain.scale / self._weight(sigma)
+            found = directions_of(prior, triangle, plain.free, plain.values)
+            if not found.weak(found.scale()[0]).any():
+                return None
+        columns = tuple(i for i in kept if i in plain.free or i in prior.of)
+        values = plain.values if usable else self.start
+        best: _MAPFit | None = None
+        for _ in range(_PRIOR_ROUNDS):
+            weight, triangle = self._weight(sigma), self._triangle(columns, values)
+            directions = directions_of(prior, triangle / weight, columns, values)
+            scale, told_by = directions.scale()
+            weak = directions.weak(scale)
+            if not weak.any():
+                return best
+            rows = directions.by_parameter[weak] / scale
+            condition = scaled_condition(triangle)
+            acting = ActingPrior(
+                self.observation.model.names, prior.mean, rows, scale, told_by, len(weak), condition
+            )
+            solution = self._fitted(acting, weight, columns, values)
+            if solution.status != "converged" and (usable or best is not None):
+                return best
+            if not usable:
+                left = directions.left_by_prior(scale)
+                residuals = self.observed.points - self.observation.model.points(
+                    self.observed.inputs, solution.values
+                )
+                dof, sigma = _residual_sigma(self.observation, self.observed, solution, residuals, left)
+            before, best = best, _MAPFit(acting, solution, dof, sigma, weight)
+            values = solution.values
+            if before is not None and before.prior.acts_in == acting.acts_in and (
+                abs(acting.scale / before.prior.scale - 1) < _SETTLED_SCALE
+            ):
+                break
+        return best
+
+    def _weight(self, sigma: float) -> float:
+        """What a prior weighs as: sigma, and where that is known, more if the residuals are."""
+        return max(sigma, 1.0) if self.known and np.isfinite(sigma) else 1.0 if self.known else max(sigma, _LEAST_SIGMA)
+
+    def _fitted(self, acting: ActingPrior, weight: float, columns: Sequence[int], start: Array) -> Fit:
+        extra = joined(self.constraints, acting.rows(weight))
+        model = self.observation.model
+        return _canonical(model, fit(model, self.observed, columns, start, extra_residuals=extra))
+
+    def _triangle(self, columns: Sequence[int], values: Array) -> Array:
+        """R ``(r, c)`` of the measurements' whitened rows and the constraints."""
+        index = list(columns)
+        observed, model = self.observed, self.observation.model
+        parts = [each.apply(model.observe(each.inputs, values)[1][..., index]) for each in observed.blocks()]
+        return triangle_of([*parts, self.constraints(values)[1][:, index]])
 
 
 def _start(
@@ -279,13 +407,18 @@ def _all_at_once(
 
 
 def _residual_sigma(
-    observation: Observation, observed: Observations, solution: Fit, residuals: Array
+    observation: Observation, observed: Observations, solution: Fit, residuals: Array, by_prior: float = 0.0
 ) -> tuple[int, float]:
-    """Residual degrees of freedom, and the sigma that least squares' residuals say; NaN where nothing is left over."""
+    """Residual degrees of freedom, and the sigma that least squares' residuals say; NaN where nothing is left over.
+
+    Args:
+        by_prior: degrees of freedom of the parameters that a prior determines in the place of the measurements.
+    """
     if solution.other is not None:
         residuals = observed.points - observation.model.points(observed.inputs, solution.least_squares)
     white = observed.apply(residuals)
     dof = len(white) + len(observation.extra_residuals(solution.values)[0]) - len(solution.free)
+    dof += int(by_prior)
     return dof, float(np.sqrt(white @ white / dof)) if dof > 0 else float("nan")
 
 
@@ -365,18 +498,18 @@ def spread(points: Array) -> float:
     return float(np.sqrt(np.vdot(off, off) / len(off)))
 
 
-def _warnings(found: Identification, *, weighed_prior: bool) -> list[str]:
+def _warnings(found: Identification) -> list[str]:
     warnings, steps = [], f"{found.fit.iterations} steps"
     weak = ", ".join([*found.weak[:_MOST_NAMED], *(["others"] if len(found.weak) > _MOST_NAMED else [])])
     if found.status == "in a valley":
         warnings.append(
             f"the fit ended after {steps} in a valley, along which the measurements say next to nothing"
-            f"{weak and f', of {weak}'}: the result is not to be used; measure in poses that differ more, or --prior"
+            f"{weak and f', of {weak}'}: the result is not to be used; measure in poses that differ more, or --prior on"
         )
     elif found.status != "converged":
         warnings.append(
             f"Gauss-Newton did not converge in {steps}: the result is not to be used; where the measurements say too "
-            "little, --prior weighs the nominal model's tolerances"
+            "little, --prior on weighs the nominal model's tolerances"
         )
     if unobservable := [found.model.names[i] for i in found.unobservable]:
         warnings.append(
@@ -384,7 +517,7 @@ def _warnings(found: Identification, *, weighed_prior: bool) -> list[str]:
             "move every joint through more of its range, and vary what effects come from (payload, approach, time)"
         )
     elif found.status != "in a valley" and found.fit.ill_conditioned:
-        weigh = "" if weighed_prior else ", or weigh tolerances (--prior)"
+        weigh = "" if found.prior is not None else ", or weigh tolerances (--prior on)"
         warnings.append(
             f"the condition is {found.fit.condition:.0f}: these measurements barely tell the parameters apart"
             f"{weak and f', and leave {weak} unsure by more than 1 mm or 1 mrad'}; positions near the measured ones "

@@ -4,11 +4,17 @@ Tolerances of manufacture are a normal prior of *all* parameters. Of the base se
 what those are: an error of a fixed parameter goes into them, so theirs are wider, and correlated.
 Whichever representative of an aliased group is kept, the prior, the posterior and the arm that is
 lifted from it are the same.
+
+A prior of all parameters pulls what is well measured, too, if an arm is far outside its tolerances. So an automatic
+prior acts only along directions that the measurements hardly determine, and the size of the tolerances is estimated
+from the other directions, which it leaves as they are (empirical Bayes: Efron & Morris 1973).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import ExtraResiduals
 from lab.core.se3 import Array
@@ -16,7 +22,21 @@ from lab.kinematics.gauge import BaseSet
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import TOLERANCE_M, TOLERANCE_RAD
 
-__all__ = ["Prior", "Tolerance", "alias_matrix", "prior_of", "standard_deviations"]
+__all__ = [
+    "ActingPrior",
+    "Directions",
+    "Prior",
+    "Tolerance",
+    "alias_matrix",
+    "directions_of",
+    "prior_of",
+    "standard_deviations",
+]
+
+WEAK_SHARE = 0.3  # of a direction's prior standard deviation: measured better, a prior lowers its variance by under 9 %
+WELL_MEASURED = 0.5  # of a tolerance: directions measured better say how large the tolerances are
+LEAST_SCALE = 1.0  # of the tolerances as they are given
+NO_SLOPE = 1e-12  # of the largest singular value: below, there is none
 
 
 @dataclass(frozen=True)
@@ -54,19 +74,133 @@ class Prior:
         return off
 
 
+@dataclass(frozen=True)
+class ActingPrior:
+    """A prior as it takes part in a fit: along some directions, at some scale of the tolerances.
+
+    Attributes:
+        names: of the parameters ``(p,)``.
+        mean: ``(p,)``.
+        rows_by_parameter: ``(w, p)`` of each direction, in its prior standard deviations.
+        scale: the tolerances that it takes, in those that were given.
+        scale_from: how many well measured directions the scale was estimated from; none where it was not.
+        directions: how many there are in all.
+        plain_condition: the condition number of the measurements' Jacobian alone.
+    """
+
+    names: tuple[str, ...]
+    mean: Array
+    rows_by_parameter: Array
+    scale: float
+    scale_from: int
+    directions: int
+    plain_condition: float
+
+    @property
+    def acts_in(self) -> int:
+        """How many directions it acts in."""
+        return len(self.rows_by_parameter)
+
+    def rows(self, sigma: float, names: Sequence[str] | None = None) -> ExtraResiduals:
+        """The prior as residuals beside measurements that weigh as one over ``sigma`` of theirs.
+
+        Args:
+            names: of another model's parameters, among which are these; by default of this one's.
+        """
+        jacobian, mean = self.rows_by_parameter * sigma, self.mean
+        if names is not None and tuple(names) != self.names:
+            at = {name: i for i, name in enumerate(self.names)}
+            of = [at.get(name, -1) for name in names]  # the last column, of zeros, for parameters without a prior
+            jacobian = np.column_stack([jacobian, np.zeros(len(jacobian))])[:, of]
+            mean = np.append(mean, 0.0)[of]
+        return lambda values: (jacobian @ (mean - values), jacobian)
+
+
+@dataclass(frozen=True)
+class Directions:
+    """Directions of the parameters with a prior, independent of each other by prior and by measurements.
+
+    Attributes:
+        by_parameter: ``(m, p)`` of each direction: parameters to its prior standard deviations.
+        stds: ``(m,)`` of its measurement, whatever the parameters without a prior are; infinite where there is none.
+        values: ``(m,)`` where the parameters are along it, from the prior's mean.
+    """
+
+    by_parameter: Array
+    stds: Array
+    values: Array
+
+    def weak(self, scale: float) -> NDArray[np.bool_]:
+        """``(m,)`` which are measured hardly better than a prior of this scale knows them."""
+        return np.asarray(self.stds > WEAK_SHARE * scale)
+
+    def left_by_prior(self, scale: float) -> float:
+        """How many degrees of freedom a prior of this scale takes from the fit."""
+        stds = self.stds[self.weak(scale)]
+        return float(np.sum(1 / (1 + (scale / stds) ** 2)))
+
+    def scale(self) -> tuple[float, int]:
+        """The scale that the well measured directions have, at least one, and how many these are.
+
+        The root mean square of what is left when the measurements' variance is taken off: an arm with a few large
+        errors is not pulled by what its small ones say.
+        """
+        well = self.stds < WELL_MEASURED
+        if not well.any():
+            return LEAST_SCALE, 0
+        square = float(np.mean(self.values[well] ** 2 - self.stds[well] ** 2))
+        return max(float(np.sqrt(max(square, 0.0))), LEAST_SCALE), int(well.sum())
+
+
+def directions_of(prior: Prior, triangle: Array, columns: Sequence[int], values: Array) -> Directions:
+    """Directions in which prior and measurements are both diagonal (a generalized singular value decomposition).
+
+    Args:
+        triangle: ``(r, c)`` R of the measurements' rows, as the prior weighs beside them.
+        columns: the parameters ``(c,)`` of its columns, those of the prior among them.
+        values: ``(p,)``.
+    """
+    links = [columns.index(i) for i in prior.of]
+    others = [j for j in range(len(columns)) if j not in set(links)]
+    slopes = triangle[:, links]
+    if others:
+        basis, sizes, _ = np.linalg.svd(_unit(triangle[:, others]), full_matrices=False)
+        basis = basis[:, sizes > NO_SLOPE * sizes.max(initial=0.0)]
+        slopes = slopes - basis @ (basis.T @ slopes)
+    _, sizes, turn = np.linalg.svd(np.linalg.solve(prior.whiten.T, slopes.T).T)
+    sizes = np.append(sizes, np.zeros(len(links) - len(sizes)))
+    floor = NO_SLOPE * max(float(sizes.max(initial=0.0)), 1e-300)
+    stds = np.where(sizes > floor, 1 / np.maximum(sizes, floor), np.inf)
+    rows = np.zeros((len(links), len(values)))
+    rows[:, list(prior.of)] = turn @ prior.whiten
+    return Directions(rows, stds, rows @ (values - prior.mean))
+
+
+def _unit(columns: Array) -> Array:
+    size = np.linalg.norm(columns, axis=0)
+    return np.asarray(columns / np.where(size > 0, size, 1.0))
+
+
 def standard_deviations(model: Model, tolerance: Tolerance) -> Array:
     """One standard deviation ``(p,)`` of each parameter: tolerances of links, sizes of effects, else infinite."""
     links = {True: tolerance.angle_rad, False: tolerance.length_m}
     return np.array([links[each.is_angle] if each.is_link else each.scale for each in model.parameters])
 
 
-def prior_of(model: Model, structure: BaseSet, nominal: Array, tolerance: Tolerance) -> Prior:
+def prior_of(
+    model: Model, structure: BaseSet, nominal: Array, tolerance: Tolerance, *, links_alone: bool = False
+) -> Prior:
     """The prior of the base set that the tolerances of all parameters make.
 
     What has no nominal value (base, tool, fixtures) has no prior; an error of a link that goes into it alone tells
     nothing.
+
+    Args:
+        links_alone: whether effects have none either: whether there are any is for a test to say.
     """
     sigma = standard_deviations(model, tolerance)
+    if links_alone:
+        sigma[[not each.is_link for each in model.parameters]] = np.inf
     of = tuple(i for i in structure.kept if np.isfinite(sigma[i]))
     drawn = np.isfinite(sigma)
     wide = alias_matrix(structure, len(model.names))[[structure.kept.index(i) for i in of]][:, drawn]

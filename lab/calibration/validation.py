@@ -53,7 +53,7 @@ __all__ = [
 
 SAME_CONFIGURATION = 0.01  # rad (m for a slide): joint positions this near are repeats of one configuration
 _MANY_ROWS, _CELLS = 20_000, 8  # more rows are looked at by cells, so many to the width of a configuration
-_CREEPING = "the errors at their poses may be too large; --prior helps where the measurements say too little"
+_CREEPING = "the errors at their poses may be too large; --prior on helps where the measurements say too little"
 _UNIDENTIFIED = "not validated: without a fold, the other poses do not identify all parameters"
 FOLDS, LEAST_FOLDS = 5, 3
 ROWS_PER_PARAMETER = 1.5  # what each fold must leave to fit

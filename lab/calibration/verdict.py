@@ -235,9 +235,9 @@ class _Judging:
             times = f"{found.spread:.3g} times as far as the robot's do in these poses"
             return [_cannot_be(f"the measured points spread {times}: wrong unit, or another robot")]
         if found.status == "in a valley":
-            return [_cannot_be("the fit ended in a valley, along which the measurements say next to nothing (--prior)")]
+            return [_cannot_be("the fit ended in a valley, along which the measurements say next to nothing (--prior on)")]
         if found.status != "converged":
-            why = "wrong robot, signs or axes, or too little measured for these (--prior)?"
+            why = "wrong robot, signs or axes, or too little measured for these (--prior on)?"
             return [_cannot_be(f"Gauss-Newton did not converge: {why}")]
         if words := self._strange_rotations() or self._unconstrained_links():
             return [_cannot_be(words)]
@@ -268,7 +268,7 @@ class _Judging:
             return ""
         return (
             f"a link is estimated {1e3 * off:.3g} mm from its nominal length: these fixtures do not constrain the arm; "
-            "wrong columns or rows, or is --prior needed?"
+            "wrong columns or rows, or is --prior on needed?"
         )
 
     def accuracy(self) -> tuple[Answer, list[Reason]]:
@@ -408,7 +408,7 @@ class _Judging:
             elsewhere: the prediction over the extrapolated part of the workspace, which is reported and not judged.
         """
         far = [each for each in self.distances if each.size > self._largest(each)]
-        surely = [each for each in far if each.sure > self._largest(each)]
+        surely = [each for each in far if each.sure > self._largest(each) and self._is_felt(each)]
         if surely and observation_of(self.identification.model).positions:
             words = f"{_far(surely[0])}: is the nominal model that of this robot?"
             return Answer("bad", words), [Reason(words, surely[0].size / self._largest(surely[0]), "bad")]
@@ -430,6 +430,17 @@ class _Judging:
         elif reasons and self.gate_m is not None and predicted <= self.gate_m:
             return Answer("does not matter", f"{said}; {reasons[0].words}"), []
         return Answer("doubtful" if reasons else "holds", said), reasons
+
+    def _is_felt(self, of: Distance) -> bool:
+        """Whether positions show that a link is another one: more than tolerances make of an arm, and than nominal links.
+
+        What a point near an axis hardly shows harms no prediction, however far from nominal it is estimated.
+        """
+        errors, most = self.validation.errors, self.workspace.tolerance_rms_m
+        nominal = np.inf
+        if errors is not None and np.isfinite(errors.before).any():
+            nominal = float(np.sqrt(np.nanmean(errors.before**2)))
+        return not min(of.felt_m, nominal) <= most
 
     def _largest(self, of: Distance) -> float:
         """A link that is farther from its nominal value is of another robot."""

@@ -141,6 +141,7 @@ class Distance:
         sure: as much of it as is left when two standard deviations are taken off.
         tolerances: ``size`` in the standard deviations that the tolerances of all links give this parameter.
         sure_tolerances: ``sure`` in these.
+        felt_m: root mean square error (m) of the measured points if it were nominal and the others made up for it.
         is_angle: whether it is in rad.
     """
 
@@ -150,6 +151,7 @@ class Distance:
     tolerances: float
     sure_tolerances: float
     is_angle: bool
+    felt_m: float = float("inf")
 
 
 def predict_over_workspace(
@@ -349,8 +351,9 @@ def distances_from_nominal(identification: Identification, tolerance: Tolerance)
     model, structure = identification.model, identification.base_set
     free, std = list(identification.fit.free), identification.std
     spread = _spread_of_kept(model, structure, tolerance)
+    felt = _felt_per_unit(identification)
     found = []
-    for i, deviation in zip(free, np.nan_to_num(std), strict=True):
+    for i, deviation, effect in zip(free, np.nan_to_num(std), felt, strict=True):
         parameter = model.parameters[i]
         if not parameter.is_link:
             continue
@@ -359,8 +362,21 @@ def distances_from_nominal(identification: Identification, tolerance: Tolerance)
             size = float(np.remainder(size + np.pi, 2 * np.pi) - np.pi)
         sure = max(abs(size) - 2 * float(deviation), 0.0)
         wide = spread[structure.kept.index(i)]
-        found.append(Distance(parameter.name, abs(size), sure, abs(size) / wide, sure / wide, parameter.is_angle))
+        far = abs(size) / wide, sure / wide
+        found.append(Distance(parameter.name, abs(size), sure, *far, parameter.is_angle, abs(size) * float(effect)))
     return tuple(sorted(found, key=lambda each: -each.tolerances))
+
+
+def _felt_per_unit(identification: Identification) -> Array:
+    """Root mean square error (m) of the points ``(f,)`` by a unit of each free parameter, the others refitted.
+
+    It is one over the parameter's standard deviation, where the noise is one and the points are as many as there are.
+    """
+    found = identification
+    numbers = max(found.dof + len(found.fit.free), 1)
+    sigma = found.sigma_m if found.sigma_known else 1.0
+    unit = np.sqrt(np.maximum(np.diag(found.fit.unit_covariance()), np.finfo(float).tiny))
+    return np.asarray(np.sqrt(3 / numbers) * sigma / unit)
 
 
 def _spread_of_kept(model: Model, structure: BaseSet, tolerance: Tolerance) -> Array:

@@ -6,7 +6,7 @@ from typing import Annotated, TypeVar
 
 import tyro
 
-from lab.campaign.option_types import Flag, Names, Numbers
+from lab.campaign.option_types import PRIOR_MODES, Flag, Names, Numbers, PriorMode
 from lab.core.errors import LabError
 from lab.core.numbers import positive
 from lab.kinematics.effects.registry import EffectOptions, fitted_groups
@@ -33,8 +33,9 @@ class Fitting:
     """Fix these parameters at nominal: names or patterns, e.g. link4.d,tool.*."""
     free: Names = ()
     """Identify these parameters, which are usually fixed, in the place of fixed ones."""
-    prior: Flag = False
-    """Weigh the manufacturing tolerances as a prior (MAP): for parameters that are weakly observable."""
+    prior: PriorMode = "auto"
+    """Manufacturing tolerances as a prior (MAP): auto, only where the measurements say little, at a scale that they
+    tell; on (also the bare flag), in all directions, as wide as they are given; off, not at all."""
     tolerance_mm: float = 0.5
     """Manufacturing tolerance of lengths (1σ): of the prior, and by which aliased errors are shared in exports."""
     tolerance_mrad: float = 1.5
@@ -44,14 +45,21 @@ class Fitting:
     accept_edited: Flag = False
     """Take --load from a run too whose files were changed since it was written."""
 
+    def __post_init__(self) -> None:
+        """Take the truth values of older runs and calls for on and off."""
+        if isinstance(self.prior, bool):
+            object.__setattr__(self, "prior", "on" if self.prior else "off")
+
     def check(self) -> None:
         """Refuse numbers that make no sense, with a LabError that names the option."""
+        if self.prior not in PRIOR_MODES:
+            raise LabError(f"--prior {self.prior}: give {', '.join(PRIOR_MODES)}")
         positive("--tolerance-mm", self.tolerance_mm)
         positive("--tolerance-mrad", self.tolerance_mrad)
         named = self.model.split("+")
         if not all(named) or len(set(named)) < len(named):
             raise LabError(f"--model {self.model}: give geometric, auto, or different groups joined by +")
-        if self.residual and self.prior:
+        if self.residual and self.prior == "on":
             raise LabError("--prior: the group residual knows no prior of the parameters; leave one of them out")
 
     @property

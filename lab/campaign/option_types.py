@@ -1,13 +1,13 @@
 """The types of options that commands share: flags, lists in one argument, and numbers with a plain refusal."""
 
 from collections.abc import Callable
-from typing import Annotated, TypeVar
+from typing import Annotated, Literal, TypeVar, get_args
 
 import tyro
 
 from lab.core.errors import LabError
 
-__all__ = ["Flag", "Names", "Numbers", "number", "whole_number"]
+__all__ = ["PRIOR_MODES", "Flag", "Names", "Numbers", "PriorMode", "number", "whole_number"]
 
 _Read = TypeVar("_Read", int, float)
 
@@ -62,3 +62,5 @@ Flag = Annotated[
     tyro.conf.FlagCreatePairsOff,
     tyro.conf.arg(help_behavior_hint=lambda default: "" if default == "False" else "(given)"),  # by --config
 ]
+PriorMode = Literal["auto", "on", "off"]
+PRIOR_MODES: tuple[str, ...] = get_args(PriorMode)

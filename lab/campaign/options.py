@@ -103,7 +103,7 @@ class VirtualCampaign(ObservationOptions, MeasuringSetup, _VirtualDay):
         Raises:
             LabError: there is no such kind, or an option of it makes no sense or is of another kind.
         """
-        return configured_kind(self.observe, self, FitInputs(self.noise_mm, self.fitting.prior))
+        return configured_kind(self.observe, self, FitInputs(self.noise_mm, self.fitting.prior == "on"))
 
     def check(self) -> None:
         """Refuse numbers that make no sense, with a LabError that names the option."""

@@ -4,6 +4,7 @@ import shutil
 import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, make_dataclass
+from itertools import zip_longest
 from pathlib import Path
 from types import NoneType
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
@@ -52,6 +53,7 @@ def parsed(command: Command, arguments: Sequence[str]) -> Arguments:
     """
     kind = command.load_options()
     rest, default = _configured(command, kind, arguments)
+    rest = _with_switches_on(kind, rest)
     titled = Annotated[kind, tyro.conf.arg(name="")]  # type: ignore[valid-type]
     given = tyro.conf.OmitArgPrefixes[titled]
     options = ("options", given) if default is None else ("options", given, field(default=default))
@@ -87,6 +89,28 @@ def _configured(command: Command, kind: type[Any], arguments: Sequence[str]) -> 
     if at + 1 == len(found):
         raise LabError(f"{_CONFIG}: give the config.json of an earlier run")
     return [*found[:at], *found[at + 2 :]], read_options(Path(found[at + 1]), command.name, kind)
+
+
+def _with_switches_on(kind: type[Any], arguments: Sequence[str]) -> list[str]:
+    """The arguments, where options that may be ``on`` and are given without a value have that one."""
+    choices = {f"--{name.replace('_', '-')}": words for name, words in _words(kind) if "on" in words}
+    found = list[str]()
+    for argument, following in zip_longest(arguments, arguments[1:]):
+        found.append(argument)
+        if argument in choices and following not in choices[argument]:
+            found.append("on")
+    return found
+
+
+def _words(kind: Any) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """The options that take one of some words, with these; those of groups among them."""
+    hints = get_type_hints(kind)
+    for each in fields(kind):
+        hint = hints[each.name]
+        if is_dataclass(hint):
+            yield from _words(hint)
+        elif get_origin(hint) is Literal:
+            yield each.name, get_args(hint)
 
 
 def _split(argument: str) -> tuple[str, ...]:

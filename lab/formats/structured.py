@@ -135,6 +135,8 @@ def _choice(value: object, kind: Any) -> object:
     if value is None and type(None) in get_args(kind):
         return None
     allowed = _allowed(kind)
+    if isinstance(value, bool) and {"on", "off"} <= set(allowed):  # an option that was a flag in an older version
+        return "on" if value else "off"
     if not isinstance(value, str) or value not in allowed:
         raise _InvalidError(value, f"one of {', '.join(map(str, allowed))}")
     return value

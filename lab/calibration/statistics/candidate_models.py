@@ -155,7 +155,7 @@ class FullModel:
             clusters=clusters,
             configurations=configurations(task.data.joints),
             loads=np.nan_to_num(task.data.conditions.get(PAYLOAD, np.zeros(len(task.data)))),
-            extra_residuals=_known(task, observation, observed, start, at, alone.sigma_m if not known else 1.0),
+            extra_residuals=_known(task, observation, observed, start, at, alone, alone.sigma_m if not known else 1.0),
             floor=1.0 if known else LEAST_SIGMA_M,
         )
 
@@ -237,12 +237,23 @@ class FullModel:
 
 
 def _known(
-    task: SelectionTask, observation: Observation, observed: Observations, start: Array, at: Array, sigma: float
+    task: SelectionTask,
+    observation: Observation,
+    observed: Observations,
+    start: Array,
+    at: Array,
+    alone: Identification,
+    sigma: float,
 ) -> ExtraResiduals:
-    """What is known beside the measurements: of the observation, and the whole model's prior if one is requested."""
+    """What is known beside the measurements: of the observation, and the whole model's prior if one is requested.
+
+    An automatic prior is that of geometry alone.
+    """
     beside = weighted_constraints(observation, observed)
     if task.request.tolerance is None:
         return beside
+    if task.request.automatic:
+        return beside if alone.prior is None else joined(beside, alone.prior.rows(sigma, observation.model.names))
     structure = base_set(observation.model, at, known=observation.extra_residuals(at)[1])
     return joined(beside, prior_of(observation.model, structure, start, task.request.tolerance).rows(sigma))
 

@@ -137,8 +137,9 @@ class Fitter:
     def request(self) -> IdentifyOptions:
         """What is asked of the identification."""
         chosen = self.options
-        tolerance = self.tolerance if chosen.prior else None
-        return IdentifyOptions(chosen.fix, chosen.free, tolerance, self.kind.solve)
+        automatic = chosen.prior == "auto"  # what the joints' offsets explain is fitted to parameters without a prior
+        tolerance = self.tolerance if chosen.prior == "on" or (automatic and not chosen.residual) else None
+        return IdentifyOptions(chosen.fix, chosen.free, tolerance, automatic, self.kind.solve)
 
     @property
     def tolerance(self) -> Tolerance:
@@ -256,10 +257,11 @@ class Fitter:
         warnings += [] if robust else of_outliers(found, observations, outliers, model)
         trusted = search.corrected(found)
         cause: list[str] = []  # of intervals that are those of whole poses
-        if search.undecided and not self.options.prior and not self.options.residual:
+        if search.undecided and found.prior is None and not self.options.residual:
             trusted, cause = with_intervals_of_poses(found, observations, model)
         elif only_positions(observation) and search.shared is None:
-            trusted, cause = with_own_intervals(found, observations, self.noise, model, known or self.options.prior)
+            believed = known or found.prior is not None
+            trusted, cause = with_own_intervals(found, observations, self.noise, model, believed)
         warnings += cause
         warnings += of_held_out(off)
         warnings += of_stuck_search(outliers) + of_groups(groups, selection, self.data)
@@ -268,7 +270,7 @@ class Fitter:
             warnings += [f"{name} is not tried, for rows to judge by: {why}" for name, why in refused.items() if why]
             if len(rows) > _MOST_CHOSEN_BY:
                 warnings.append(f"groups were chosen by {_MOST_CHOSEN_BY:,} of the {len(rows):,} poses, taken evenly")
-        if self.options.prior:
+        if self.options.prior == "on":
             warnings += of_prior(found, self.nominal(found.model), self.tolerance)
         warnings += of_nominal(found, self.nominal(found.model))
         warnings += of_size(found)

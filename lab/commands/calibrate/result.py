@@ -172,6 +172,8 @@ class CalibrationResult(Result):
             "identifiable": len(identification.base_set.kept),
             "rank": identification.fit.rank,
             "condition": number(identification.fit.condition),
+            "plain_condition": number(identification.plain_condition),
+            "prior": self._prior,
             "status": identification.status,
             "iterations": identification.fit.iterations,
             "seconds": round(self.seconds, 4),
@@ -220,6 +222,20 @@ class CalibrationResult(Result):
         if self.comparison is not None:
             result["truth"] = _truth_to_dict(self, self.comparison)
         return result
+
+    @property
+    def _prior(self) -> dict[str, Any]:
+        """What ``result.json`` says of the tolerances as a prior: directions, of so many, that it acts in."""
+        mode, acting = self.options.fitting.prior, self.identification.prior
+        if acting is None:
+            return {"mode": mode, "acts_in": 0}
+        return {
+            "mode": mode,
+            "acts_in": acting.acts_in,
+            "directions": acting.directions,
+            "scale": acting.scale,
+            "scale_from": acting.scale_from,
+        }
 
     @property
     def _extrapolation(self) -> dict[str, Any] | None:

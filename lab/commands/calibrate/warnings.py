@@ -145,7 +145,7 @@ def of_stuck_search(outliers: Outliers) -> list[str]:
         return []
     return [
         f"the fit without outliers did not converge in {outliers.fit.iterations} steps: which poses are off is not "
-        "sure; --prior helps where the measurements say too little"
+        "sure; --prior on helps where the measurements say too little"
     ]
 
 
@@ -177,8 +177,8 @@ def of_prior(found: Identification, nominal: Array, tolerance: Tolerance) -> lis
         return []
     name = found.model.names[prior.of[int(off.argmax())]]
     return [
-        f"{name} is {off.max():.0f} tolerances from its nominal value: --prior holds it back; give larger "
-        "--tolerance-mm and --tolerance-mrad, or leave it out"
+        f"{name} is {off.max():.0f} tolerances from its nominal value: --prior on holds it back; give larger "
+        "--tolerance-mm and --tolerance-mrad, or --prior auto"
     ]
 
 
