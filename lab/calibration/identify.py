@@ -3,7 +3,7 @@
 It sees an arm only through ``Model``: joints and parameters in, points and derivatives out.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from functools import partial
@@ -290,10 +290,10 @@ class _MAPProblem:
         model, weight = self.observation.model, 1.0 if self.known else sigma
         rows = np.zeros((len(prior.of), len(model.names)))
         rows[:, list(prior.of)] = prior.whiten
-        acting = ActingPrior(model.names, prior.mean, rows, 1.0, 0, len(rows), float("nan"))
+        acting = ActingPrior(model.names, prior.mean, rows, 1.0, 0, len(rows), float("nan"), automatic=False)
         kept = self.structure.kept
         solution = self._fitted(acting, weight, kept, self.start)
-        acting = replace(acting, plain_condition=scaled_condition(self._triangle(kept, solution.values)))
+        acting = replace(acting, plain_condition=scaled_condition(self._linear(kept, solution.values)[0]))
         return _MAPFit(acting, solution, dof, sigma, weight)
 
     def automatically(self, prior: Prior, plain: Fit, dof: int, sigma: float) -> _MAPFit | None:
@@ -310,15 +310,16 @@ class _MAPProblem:
             return None
         if usable and set(plain.free) == set(kept):  # with every direction well measured it stays exactly as it is
             triangle = plain.triangle * plain.scale / self._weight(sigma)
-            found = directions_of(prior, triangle, plain.free, plain.values)
+            found = directions_of(prior, triangle, np.zeros(len(triangle)), plain.free, plain.values)
             if not found.weak(found.scale()[0]).any():
                 return None
         columns = tuple(i for i in kept if i in plain.free or i in prior.of)
         values = plain.values if usable else self.start
         best: _MAPFit | None = None
         for _ in range(_PRIOR_ROUNDS):
-            weight, triangle = self._weight(sigma), self._triangle(columns, values)
-            directions = directions_of(prior, triangle / weight, columns, values)
+            weight = self._weight(sigma)
+            triangle, right = self._linear(columns, values)
+            directions = directions_of(prior, triangle / weight, right / weight, columns, values)
             scale, told_by = directions.scale()
             weak = directions.weak(scale)
             if not weak.any():
@@ -354,12 +355,18 @@ class _MAPProblem:
         model = self.observation.model
         return _canonical(model, fit(model, self.observed, columns, start, extra_residuals=extra))
 
-    def _triangle(self, columns: Sequence[int], values: Array) -> Array:
-        """R ``(r, c)`` of the measurements' whitened rows and the constraints."""
-        index = list(columns)
-        observed, model = self.observed, self.observation.model
-        parts = [each.apply(model.observe(each.inputs, values)[1][..., index]) for each in observed.blocks()]
-        return triangle_of([*parts, self.constraints(values)[1][:, index]])
+    def _linear(self, columns: Sequence[int], values: Array) -> tuple[Array, Array]:
+        """R ``(r, c)`` of the measurements' whitened rows and the constraints, and Q'r ``(r,)`` of their residuals."""
+        index, more = list(columns), self.constraints(values)
+
+        def parts() -> Iterator[Array]:
+            for each in self.observed.blocks():
+                points, slopes = self.observation.model.observe(each.inputs, values)
+                yield np.column_stack([each.apply(slopes[..., index]), each.apply(each.points - points)])
+            yield np.column_stack([more[1][:, index], more[0]])
+
+        both = triangle_of(parts())
+        return both[: len(index), :-1], both[: len(index), -1]
 
 
 def _start(

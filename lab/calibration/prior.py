@@ -7,7 +7,7 @@ lifted from it are the same.
 
 A prior of all parameters pulls what is well measured, too, if an arm is far outside its tolerances. So an automatic
 prior acts only along directions that the measurements hardly determine, and the size of the tolerances is estimated
-from the other directions, which it leaves as they are (empirical Bayes: Efron & Morris 1973).
+from all directions, each as well as it is measured (empirical Bayes: Efron & Morris 1973).
 """
 
 from collections.abc import Sequence
@@ -33,9 +33,8 @@ __all__ = [
     "standard_deviations",
 ]
 
-WEAK_SHARE = 0.3  # of a direction's prior standard deviation: measured better, a prior lowers its variance by under 9 %
-WELL_MEASURED = 0.5  # of a tolerance: directions measured better say how large the tolerances are
-LEAST_SCALE = 1.0  # of the tolerances as they are given
+WEAK = 1.0  # of a direction's prior standard deviation: measured better, the measurements know more than the prior
+SCALES = np.geomspace(1.0, 1e4, 369)  # of the tolerances as they are given, by 2.5 %: none is below one
 NO_SLOPE = 1e-12  # of the largest singular value: below, there is none
 
 
@@ -86,6 +85,7 @@ class ActingPrior:
         scale_from: how many well measured directions the scale was estimated from; none where it was not.
         directions: how many there are in all.
         plain_condition: the condition number of the measurements' Jacobian alone.
+        automatic: whether directions and scale were found from the measurements.
     """
 
     names: tuple[str, ...]
@@ -95,6 +95,7 @@ class ActingPrior:
     scale_from: int
     directions: int
     plain_condition: float
+    automatic: bool = True
 
     @property
     def acts_in(self) -> int:
@@ -123,7 +124,7 @@ class Directions:
     Attributes:
         by_parameter: ``(m, p)`` of each direction: parameters to its prior standard deviations.
         stds: ``(m,)`` of its measurement, whatever the parameters without a prior are; infinite where there is none.
-        values: ``(m,)`` where the parameters are along it, from the prior's mean.
+        values: ``(m,)`` where the measurements alone place the parameters along it, from the prior's mean.
     """
 
     by_parameter: Array
@@ -132,7 +133,7 @@ class Directions:
 
     def weak(self, scale: float) -> NDArray[np.bool_]:
         """``(m,)`` which are measured hardly better than a prior of this scale knows them."""
-        return np.asarray(self.stds > WEAK_SHARE * scale)
+        return np.asarray(self.stds > WEAK * scale)
 
     def left_by_prior(self, scale: float) -> float:
         """How many degrees of freedom a prior of this scale takes from the fit."""
@@ -140,23 +141,24 @@ class Directions:
         return float(np.sum(1 / (1 + (scale / stds) ** 2)))
 
     def scale(self) -> tuple[float, int]:
-        """The scale that the well measured directions have, at least one, and how many these are.
+        """The most likely scale, at least one, and how many directions are measured better than that.
 
-        The root mean square of what is left when the measurements' variance is taken off: an arm with a few large
-        errors is not pulled by what its small ones say.
+        Of the marginal likelihood: a value is normal with the variance of the tolerances and that of its measurement.
         """
-        well = self.stds < WELL_MEASURED
-        if not well.any():
-            return LEAST_SCALE, 0
-        square = float(np.mean(self.values[well] ** 2 - self.stds[well] ** 2))
-        return max(float(np.sqrt(max(square, 0.0))), LEAST_SCALE), int(well.sum())
+        told = np.isfinite(self.stds)
+        variance = SCALES[:, None] ** 2 + self.stds[told] ** 2
+        scale = float(SCALES[np.argmin((np.log(variance) + self.values[told] ** 2 / variance).sum(axis=1))])
+        return scale, int((self.stds < scale).sum())
 
 
-def directions_of(prior: Prior, triangle: Array, columns: Sequence[int], values: Array) -> Directions:
+def directions_of(
+    prior: Prior, triangle: Array, right: Array, columns: Sequence[int], values: Array
+) -> Directions:
     """Directions in which prior and measurements are both diagonal (a generalized singular value decomposition).
 
     Args:
         triangle: ``(r, c)`` R of the measurements' rows, as the prior weighs beside them.
+        right: ``(r,)`` Q'r of the residuals at ``values``, weighed alike.
         columns: the parameters ``(c,)`` of its columns, those of the prior among them.
         values: ``(p,)``.
     """
@@ -166,14 +168,17 @@ def directions_of(prior: Prior, triangle: Array, columns: Sequence[int], values:
     if others:
         basis, sizes, _ = np.linalg.svd(_unit(triangle[:, others]), full_matrices=False)
         basis = basis[:, sizes > NO_SLOPE * sizes.max(initial=0.0)]
-        slopes = slopes - basis @ (basis.T @ slopes)
-    _, sizes, turn = np.linalg.svd(np.linalg.solve(prior.whiten.T, slopes.T).T)
+        slopes, right = slopes - basis @ (basis.T @ slopes), right - basis @ (basis.T @ right)
+    left, sizes, turn = np.linalg.svd(np.linalg.solve(prior.whiten.T, slopes.T).T)
+    toward = np.zeros(len(links))
+    toward[: len(sizes)] = left[:, : len(sizes)].T @ right
     sizes = np.append(sizes, np.zeros(len(links) - len(sizes)))
     floor = NO_SLOPE * max(float(sizes.max(initial=0.0)), 1e-300)
     stds = np.where(sizes > floor, 1 / np.maximum(sizes, floor), np.inf)
     rows = np.zeros((len(links), len(values)))
     rows[:, list(prior.of)] = turn @ prior.whiten
-    return Directions(rows, stds, rows @ (values - prior.mean))
+    measured = rows @ (values - prior.mean) + toward * np.where(np.isfinite(stds), stds, 0.0)
+    return Directions(rows, stds, measured)
 
 
 def _unit(columns: Array) -> Array:

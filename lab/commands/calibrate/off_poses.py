@@ -4,16 +4,19 @@ from functools import partial
 
 import numpy as np
 
+from lab.calibration.gauss_newton import ExtraResiduals, Observations
 from lab.calibration.identify import Identification
 from lab.calibration.noise.tails import tail_dof
 from lab.calibration.observations.protocol import observation_of, only_positions
 from lab.calibration.statistics.linearized import NoiseDistribution, linearized
-from lab.calibration.statistics.outliers import HeldOut, Outliers, find_outliers, off_held_out
-from lab.calibration.weights import Noise, weighed
+from lab.calibration.statistics.outliers import LEAST_SIGMA_M, HeldOut, Outliers, find_outliers, off_held_out
+from lab.calibration.weights import Noise, joined, weighed, weighted_constraints
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
 
 __all__ = ["off_among_fitted", "off_among_held", "tail_of"]
+
+NORMAL_QUARTILE = 0.6744897501960817  # half of normal errors are smaller, in their standard deviations
 
 
 def off_among_fitted(
@@ -27,7 +30,7 @@ def off_among_fitted(
     """
     observation = observation_of(start.model)
     observations, known = weighed(observation, rows, noise)
-    alone, extra = observations.pose_by_pose(), start.extra_residuals
+    alone, extra = observations.pose_by_pose(), _known_beside(start, observations, known=known)
     search = partial(
         find_outliers,
         start.model,
@@ -45,6 +48,16 @@ def off_among_fitted(
     if np.isinf(tail):
         return found
     return search(rng=rng_for(seed, "null"), shape=NoiseDistribution("student", dof=tail))
+
+
+def _known_beside(start: Identification, observations: Observations, *, known: bool) -> ExtraResiduals:
+    """What is known beside the measurements, an automatic prior weighed by a sigma that outliers do not inflate."""
+    prior = start.prior
+    if prior is None or not prior.automatic:
+        return start.extra_residuals
+    white = observations.apply(observations.points - start.model.points(observations.inputs, start.values))
+    sigma = 1.0 if known else max(float(np.median(np.abs(white))) / NORMAL_QUARTILE, LEAST_SIGMA_M)
+    return joined(weighted_constraints(observation_of(start.model), observations), prior.rows(sigma))
 
 
 def off_among_held(found: Identification, rows: Measurements, held: Measurements, noise: Noise, tail: float) -> HeldOut:
