@@ -326,22 +326,20 @@ class _MAPProblem:
                 return best
             rows = directions.by_parameter[weak] / scale
             condition = scaled_condition(triangle)
-            acting = ActingPrior(
-                self.observation.model.names, prior.mean, rows, scale, told_by, len(weak), condition
-            )
+            acting = ActingPrior(self.observation.model.names, prior.mean, rows, scale, told_by, len(weak), condition)
             solution = self._fitted(acting, weight, columns, values)
             if solution.status != "converged" and (usable or best is not None):
                 return best
             if not usable:
                 left = directions.left_by_prior(scale)
-                residuals = self.observed.points - self.observation.model.points(
-                    self.observed.inputs, solution.values
-                )
+                residuals = self.observed.points - self.observation.model.points(self.observed.inputs, solution.values)
                 dof, sigma = _residual_sigma(self.observation, self.observed, solution, residuals, left)
             before, best = best, _MAPFit(acting, solution, dof, sigma, weight)
             values = solution.values
-            if before is not None and before.prior.acts_in == acting.acts_in and (
-                abs(acting.scale / before.prior.scale - 1) < _SETTLED_SCALE
+            if (
+                before is not None
+                and before.prior.acts_in == acting.acts_in
+                and (abs(acting.scale / before.prior.scale - 1) < _SETTLED_SCALE)
             ):
                 break
         return best

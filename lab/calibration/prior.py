@@ -151,9 +151,7 @@ class Directions:
         return scale, int((self.stds < scale).sum())
 
 
-def directions_of(
-    prior: Prior, triangle: Array, right: Array, columns: Sequence[int], values: Array
-) -> Directions:
+def directions_of(prior: Prior, triangle: Array, right: Array, columns: Sequence[int], values: Array) -> Directions:
     """Directions in which prior and measurements are both diagonal (a generalized singular value decomposition).
 
     Args:

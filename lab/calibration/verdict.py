@@ -235,7 +235,9 @@ class _Judging:
             times = f"{found.spread:.3g} times as far as the robot's do in these poses"
             return [_cannot_be(f"the measured points spread {times}: wrong unit, or another robot")]
         if found.status == "in a valley":
-            return [_cannot_be("the fit ended in a valley, along which the measurements say next to nothing (--prior on)")]
+            return [
+                _cannot_be("the fit ended in a valley, along which the measurements say next to nothing (--prior on)")
+            ]
         if found.status != "converged":
             why = "wrong robot, signs or axes, or too little measured for these (--prior on)?"
             return [_cannot_be(f"Gauss-Newton did not converge: {why}")]
@@ -432,7 +434,7 @@ class _Judging:
         return Answer("doubtful" if reasons else "holds", said), reasons
 
     def _is_felt(self, of: Distance) -> bool:
-        """Whether positions show that a link is another one: more than tolerances make of an arm, and than nominal links.
+        """Whether positions show that a link is another one, by more than tolerances make of an arm.
 
         What a point near an axis hardly shows harms no prediction, however far from nominal it is estimated.
         """

@@ -158,7 +158,7 @@ class _Fitted:
     @classmethod
     def of(cls, study: Study, cell: Cell, robot: Robot) -> "_Fitted":
         asked = Fitting() if cell.parameters == USUAL else study.parameters[cell.parameters]
-        if asked != Fitting(fix=asked.fix, free=asked.free):
+        if asked != Fitting(fix=asked.fix, free=asked.free, prior=asked.prior) or asked.prior == "on":
             raise LabError(f"parameters.{cell.parameters}: a study fits geometry alone, by fix and free")
         arm, model = robot.arm(study.targets), robot.model
         nominal = model.values_before(arm, model.T_world_tracker)

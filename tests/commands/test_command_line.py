@@ -17,6 +17,7 @@ from lab.commands.measurements import read_measurements, world_frames, write_mea
 from lab.commands.registry import COMMANDS, Command, command_named
 from lab.core import se3
 from lab.core.errors import LabError
+from lab.formats.structured import structured
 
 
 @dataclass(frozen=True)
@@ -120,3 +121,26 @@ def test_a_robot_without_its_option_is_told_how_it_is_given(name: str, says: str
     """Where a robot stands without an option, one word more is none."""
     with pytest.raises(LabError, match=re.escape(says)):
         parsed(command_named(name), ["irb120", "tx40"][name == "design" :])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "mode"),
+    [
+        ("a", "auto"), ("a --prior", "on"), ("--prior a", "on"), ("a --prior --size 2", "on"), ("a --prior on", "on"),
+        ("a --prior off", "off"), ("a --prior=off", "off"), ("--prior auto a", "auto"),
+    ],
+)  # fmt: skip
+def test_a_bare_prior_is_on(throw_away: Command, arguments: str, mode: str) -> None:
+    found = parsed(throw_away, arguments.split()).options
+    assert found.fitting.prior == mode and found.file == Path("a")
+
+
+def test_truth_values_of_older_calls_and_runs_are_read() -> None:
+    for given, mode in ((True, "on"), (False, "off"), ("auto", "auto"), ("on", "on"), ("off", "off")):
+        assert Fitting(prior=given).prior == mode
+        assert structured("", Fitting, {"prior": given}).prior == mode
+        assert options_of("lab.identify", ThrowAwayOptions, {"file": "a", "prior": given}).fitting.prior == mode
+    with pytest.raises(LabError, match="'sometimes' is no value of option 'prior'; give one of auto, on, off"):
+        structured("", Fitting, {"prior": "sometimes"})
+    with pytest.raises(LabError, match="--prior sometimes: give auto, on, off"):
+        Fitting(prior="sometimes").check()

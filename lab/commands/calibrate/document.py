@@ -7,6 +7,7 @@ import numpy as np
 
 from lab.calibration.identifiability import Direction
 from lab.calibration.observations.kind import ObservationWords
+from lab.calibration.prior import ActingPrior
 from lab.calibration.statistics.explained_error import ExplainedError
 from lab.calibration.verdict import Answer, Verdict, Word, gate_words, rotation_noise_rad
 from lab.commands.calibrate.figure_blocks import (
@@ -396,9 +397,23 @@ def _identifiable(result: CalibrationResult) -> str:
     which = "all of them" if count == rank else str(rank)
     poorly = ", but hardly" if np.isfinite(condition) and found.fit.ill_conditioned else ""
     number = f" (condition number {short(condition)})" if np.isfinite(condition) else ""
+    with_prior = "" if found.prior is None else ", with the tolerances as a prior,"
     return (
         f"Of {len(result.parameters)} parameters, {count} are identifiable on such a robot with such measurements; "
-        f"these poses identify {which}{poorly}{number}."
+        f"these poses{with_prior} identify {which}{poorly}{number}.{_of_prior(found.prior)}"
+    )
+
+
+def _of_prior(prior: ActingPrior | None) -> str:
+    """Where tolerances take part in the fit, and the condition number without them; empty where they do not."""
+    if prior is None:
+        return ""
+    large = f"{short(prior.scale)} times as large as given, " if prior.scale > 1 else ""
+    plain = f"{short(prior.plain_condition)}" if np.isfinite(prior.plain_condition) else "infinite"
+    return (
+        f" The tolerances, {large}act in {prior.acts_in} of {counted(prior.directions, 'direction')}"
+        f"{', which these measurements hardly determine' if prior.automatic else ''}; the condition number of the "
+        f"measurements alone is {plain}."
     )
 
 

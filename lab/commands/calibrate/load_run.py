@@ -139,6 +139,12 @@ class Calibrated:
         return float(np.sqrt(max(residual_m**2 - noise_m**2, 0.0))), larger, result.freedom
 
     @property
+    def prior_took_part(self) -> bool:
+        """Whether tolerances of manufacture took part in the fit."""
+        found = self.result.prior
+        return self.options.fitting.prior == "on" if found is None else found.acts_in > 0
+
+    @property
     def shared(self) -> SharedErrors | None:
         """Errors that the numbers of a measurement share, beside the instrument's."""
         values = dict(zip(self.arm.names, self.values.tolist(), strict=True))

@@ -81,5 +81,7 @@ class MeasuredCampaign(ObservationOptions, _MeasurementFile):
         Raises:
             LabError: there is no such kind, or an option of it makes no sense or is of another kind.
         """
-        fit = FitInputs(self.noise_mm, self.fitting.prior == "on", self.instrument is not None, self.validate is not None)
+        fit = FitInputs(
+            self.noise_mm, self.fitting.prior == "on", self.instrument is not None, self.validate is not None
+        )
         return configured_kind(self.observe, self, fit)

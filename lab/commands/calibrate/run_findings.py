@@ -10,7 +10,7 @@ from lab.commands.calibrate.range_dict import Extrapolation
 from lab.commands.calibrate.residual_file import ResidualSizes
 from lab.core.errors import LabError
 
-__all__ = ["Findings", "NamedOutlier"]
+__all__ = ["ActingTolerances", "Findings", "NamedOutlier"]
 
 _STATISTICS = {"mean", "rms", "p95", "max", "count"}
 
@@ -21,6 +21,13 @@ class NamedOutlier:
 
     id: str
     held_out: bool = False
+
+
+@dataclass(frozen=True)
+class ActingTolerances:
+    """What tolerances of manufacture did in a fit: how many directions of the parameters they took part in."""
+
+    acts_in: int
 
 
 @dataclass(frozen=True)
@@ -38,6 +45,7 @@ class Findings:
         noise_tail_freedom: degrees of freedom of its tails, of Student's t; None where Gaussian's will do.
         measured_range: the joint positions that were fitted (``measured_range_to_dict``); None where it is not known.
         extrapolation: what the model may lack where nothing was measured (``extrapolation_to_dict``); None likewise.
+        prior: of tolerances; None for a run of an older version.
         residual: sizes of the joints' offsets that no group explains (``residual_to_dict``); None where not fitted.
     """
 
@@ -61,6 +69,7 @@ class Findings:
     measured_range: Mapping[str, Mapping[str, float]] | None = None
     extrapolation: Extrapolation | None = None
     residual: ResidualSizes | None = None
+    prior: ActingTolerances | None = None
     reasons: tuple[str, ...] = ()
     gate_mm: float | None = None
     schema: int = 0

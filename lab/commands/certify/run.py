@@ -124,7 +124,7 @@ def _propagation(calibrated: Calibrated, fitted: FittedRows) -> Propagation:
         fitted.observed,
         calibrated.values,
         free,
-        calibrated.covariance if calibrated.options.fitting.prior else None,
+        calibrated.covariance if calibrated.prior_took_part else None,
     )
 
 

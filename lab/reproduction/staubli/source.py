@@ -162,7 +162,7 @@ STAUBLI = Source(
         Item("Equation 1.1", "The direct model with base and tool", _whole, "lab kinematics rx130 --tool-mm 30,20,100"),
         Item("Equation 1.2", "The matrix of a link", _link, "lab kinematics rx130 --symbolic"),
         Item("Equations 1.3, 1.5", "Base and tool in six parameters", _frames,
-             "lab calibrate --robot rx130 --out base_and_tool",
+             "lab calibrate --robot rx130 --prior off --out base_and_tool",
              "parameters.json of the run has base and tool in these six as well."),
         Item("Equations 1.4, 1.6", "Grouped parameters", _grouped, "lab inspect rx130"),
         Item("Table 1", "Geometric parameters", _table, "lab inspect rx130",

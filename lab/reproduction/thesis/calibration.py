@@ -250,7 +250,7 @@ def _cross() -> tuple[Array, dict[str, Array]]:
 
 CALIBRATION_ITEMS = (
     Item("Equations IV.5 to IV.9, IV.25, IV.26", "Linearised errors and least squares", _least_squares,
-         "lab calibrate --robot irb120"),
+         "lab calibrate --robot irb120 --prior off"),
     Item("Equation IV.12", "The derivative of a link's matrix by θ", _link_rate, "lab kinematics irb120 --symbolic"),
     Item("Equations IV.13 to IV.18", "The matrices Q", _generators, "lab kinematics irb120 --symbolic"),
     Item("Equations IV.7, IV.19 to IV.24", "The Jacobian by U and Q", _jacobian, "lab inspect irb120"),

@@ -82,7 +82,7 @@ def _ellipse() -> tuple[Picture, ...]:
 INDEX_ITEMS = (
     Item("Equations II.1 to II.4", "Singular values bound the errors", _bounds, "lab inspect irb120",
          "At 20 random poses and 1,000 random errors of the 19 parameters."),
-    Item("Figure II.1", "The ellipsoid of errors", command="lab calibrate --robot irb120 --out ellipsoids",
+    Item("Figure II.1", "The ellipsoid of errors", command="lab calibrate --robot irb120 --prior off --out ellipsoids",
          note="Two parameters of one pose: the circle of unit errors (a2, d4; mm) becomes an ellipse (mm). Every run's "
          "report and recording has the ellipsoids of its own poses.", pictures=_ellipse),
     Item("Equations II.5 to II.9", "The indices O1 to O5", _indices, "lab design --robot irb120 --criterion O1",

@@ -1,0 +1,232 @@
+"""The automatic prior: tolerances act only where the measurements say little, at a scale that the measurements tell."""
+
+import numpy as np
+import pytest
+from helpers.robots import IRB120, data_file, perturbed, somewhere
+
+from lab.calibration.identify import IdentifyOptions, identify
+from lab.calibration.prior import ActingPrior, Directions, Prior, Tolerance, directions_of, prior_of
+from lab.calibration.sequential import fit_sequentially
+from lab.calibration.statistics.linearized import NoiseDistribution
+from lab.calibration.weights import Noise
+from lab.commands.calibrate.off_poses import off_among_fitted
+from lab.core.errors import LabError
+from lab.core.measurements import Measurements, measured
+from lab.kinematics.gauge import base_set
+from lab.kinematics.serial.arm import SerialArm
+
+ARM = SerialArm(IRB120.chain)
+NOMINAL = ARM.nominal(IRB120.tool)
+FRESH = IRB120.chain.random_joints(200, np.random.default_rng(99))
+AUTO, ON = IdentifyOptions(tolerance=Tolerance(), automatic=True), IdentifyOptions(tolerance=Tolerance())
+NEAR_AXIS, AWAY = (1e-3, 0.0, 0.1), (0.05, 0.0, 0.1)  # m, of a target: weakly observable, or not
+
+
+def campaign(
+    seed: int, poses: int, sigma_m: float, target=NEAR_AXIS, times: float = 1.0, still: int | None = None
+) -> tuple[Measurements, np.ndarray]:
+    """Measured poses of an arm so many times its tolerances off nominal, with one joint that does not move."""
+    rng = np.random.default_rng(seed)
+    values = somewhere(ARM, rng)
+    values[-3:] = target
+    true = perturbed(ARM, values, rng, times * 0.5e-3, times * 1.5e-3)
+    joints = IRB120.chain.random_joints(poses, rng)
+    if still is not None:
+        joints[:, still] = 0.3
+    points = ARM.points(joints, true) + sigma_m * rng.normal(size=(poses, 1, 3))
+    return measured(IRB120.chain.joint_names, joints, ("p1",), points), true
+
+
+def error_mm(found, true: np.ndarray) -> float:
+    difference = ARM.points(FRESH, found.values) - ARM.points(FRESH, true)
+    return 1e3 * float(np.linalg.norm(difference, axis=2).mean())
+
+
+def test_directions_have_closed_forms() -> None:
+    """Two links and a parameter without a prior: what the latter explains says nothing of the former."""
+    prior = Prior(np.array([0.0, 1.0, 2.0]), (1, 2), np.diag([1 / 2.0, 1 / 4.0]))
+    rows = np.array([[1.0, 0.0, 0.0], [0.0, 10.0, 0.0], [7.0, 0.0, 0.5]])
+    values = np.array([5.0, 1.2, 3.0])
+    found = directions_of(prior, rows, np.zeros(3), (0, 1, 2), values)
+    left = 0.5 * np.sqrt(1 / 50)  # of the last column, beside the first
+    np.testing.assert_allclose(found.stds, [1 / (10 * 2), 1 / (left * 4)])
+    np.testing.assert_allclose(np.abs(found.values), [0.1, 0.25])
+    np.testing.assert_allclose(found.weak(0.04), [True, True])
+    np.testing.assert_allclose(found.weak(1.0), [False, True])
+    far = directions_of(prior, rows, rows @ [0.0, 0.3, 0.8], (0, 1, 2), values - [0.0, 0.3, 0.8])
+    np.testing.assert_allclose(np.abs(far.values), [0.1, 0.25])  # the measurements' own, wherever the fit stands
+    blind = directions_of(prior, rows[:2], np.zeros(2), (0, 1, 2), values)
+    assert np.isinf(blind.stds[1]) and blind.left_by_prior(1.0) == 1.0
+
+
+def test_the_scale_is_the_most_likely_one_and_never_below_one() -> None:
+    rng = np.random.default_rng(0)
+    nothing = np.zeros((400, 0))
+    stds = rng.uniform(0.01, 3, 400)
+    for scale in (0.2, 1.0, 5.0):
+        values = scale * rng.normal(size=400) + stds * rng.normal(size=400)
+        assert Directions(nothing, stds, values).scale()[0] == pytest.approx(max(scale, 1.0), rel=0.15)
+    far = np.append(rng.normal(size=20), 2_000.0), np.append(np.full(20, 0.1), 1_000.0)
+    assert Directions(nothing, far[1], far[0]).scale()[0] < 1.5  # what is hardly measured says nothing of the scale
+
+
+def test_a_fit_that_is_measured_well_stays_exactly_as_it_is() -> None:
+    data, _ = campaign(0, 50, 8e-6, AWAY)
+    for noise in (None, Noise(sigma_m=8e-6)):
+        plain, found = identify(ARM, data, NOMINAL, noise), identify(ARM, data, NOMINAL, noise, AUTO)
+        assert found.prior is None
+        np.testing.assert_array_equal(plain.values, found.values)
+        np.testing.assert_array_equal(plain.covariance, found.covariance)
+        np.testing.assert_array_equal(plain.fit.singular_values, found.fit.singular_values)
+
+
+@pytest.mark.parametrize("target", [NEAR_AXIS, AWAY])
+def test_without_noise_the_arm_is_found_exactly(target) -> None:
+    data, true = campaign(1, 40, 0.0, target, 3.0)
+    found = identify(ARM, data, NOMINAL, None, AUTO)
+    assert found.prior is None and error_mm(found, true) < 1e-6
+
+
+def test_what_positions_hardly_show_stays_near_nominal() -> None:
+    """Along other directions the fit is the same, to a part of what noise makes of it."""
+    data, true = campaign(2, 40, 1e-4)
+    noise = Noise(sigma_m=1e-4)
+    plain, found = identify(ARM, data, NOMINAL, noise), identify(ARM, data, NOMINAL, noise, AUTO)
+    assert found.prior is not None and 1 <= found.prior.acts_in <= 3 and found.status == "converged"
+    assert found.fit.condition < 0.5 * plain.fit.condition
+    assert found.plain_condition == pytest.approx(plain.fit.condition, rel=0.3)
+    free = list(found.fit.free)
+    assert free == list(plain.fit.free)
+    i = free.index(ARM.names.index("link5.theta"))
+    assert found.std[i] < 0.7 * plain.std[i] and found.std[i] < 2.5e-3
+    rows = ARM.observe(data.joints, found.values)[1].reshape(-1, len(ARM.names))[:, free] / 1e-4
+    moved = rows @ (found.values - plain.values)[free]
+    assert np.sqrt(moved @ moved) < 3.0  # chi squared of as few directions, not of 27
+    assert error_mm(found, true) < 1.1 * error_mm(plain, true)
+
+
+def test_less_noise_needs_less_of_it() -> None:
+    acting = []
+    for sigma in (3e-4, 8e-6, 1e-6):
+        found = identify(ARM, campaign(3, 30, sigma)[0], NOMINAL, Noise(sigma_m=sigma), AUTO)
+        acting.append(0 if found.prior is None else found.prior.acts_in)
+    assert acting[0] > acting[1] > acting[2] == 0
+
+
+def test_links_of_a_joint_that_did_not_move_stay_near_nominal() -> None:
+    """Without a prior they are held there, as if they were known exactly."""
+    data, true = campaign(4, 40, 1e-5, AWAY, still=1)
+    plain = identify(ARM, data, NOMINAL)
+    found = identify(ARM, data, NOMINAL, None, AUTO)
+    named = {ARM.names[i] for i in plain.unobservable}
+    assert named and not {ARM.names[i] for i in found.unobservable} & {n for n in named if n.startswith("link")}
+    assert found.prior is not None and np.isinf(found.plain_condition) and found.fit.condition < 1e6
+    fresh = FRESH.copy()
+    for stood, least in ((0.3, 0.0), (1.3, 1e-4)):  # where it was, and where it was not
+        fresh[:, 1] = stood
+        rows = ARM.observe(fresh, found.values)[1][:, 0][..., list(found.fit.free)]
+        std = np.sqrt(np.diagonal(rows @ found.covariance @ rows.swapaxes(1, 2), axis1=1, axis2=2))
+        error = np.abs(ARM.points(fresh, found.values) - ARM.points(fresh, true))[:, 0]
+        assert np.median(std) > least and np.sqrt(np.mean((error / std) ** 2)) < 2
+    few, _ = campaign(4, 6, 1e-5)
+    with pytest.raises(LabError, match="6 poses, but the 27 identifiable parameters need"):
+        identify(ARM, few, NOMINAL, Noise(sigma_m=1e-5), AUTO)
+
+
+@pytest.mark.parametrize("noise", [Noise(), Noise(sigma_m=8e-6)])
+def test_outliers_are_found_beside_it(noise: Noise) -> None:
+    """They inflate the residuals, by which the fit weighs the prior; the search for them weighs it by the others."""
+    data, _ = campaign(5, 50, 8e-6, AWAY)
+    rng = np.random.default_rng(1)
+    off = [4, 17, 29, 41]
+    data.points[off] += rng.uniform(5e-3, 50e-3, (4, 1, 1)) * rng.normal(size=(4, 1, 3))
+    found = identify(ARM, data, NOMINAL, noise, AUTO)
+    assert found.prior is not None and found.prior.acts_in > 3
+    assert sorted(off_among_fitted(found, data, noise, NoiseDistribution(), 0).rows) == off
+    without = identify(ARM, data.take(np.setdiff1d(np.arange(50), off)), NOMINAL, noise, AUTO)
+    assert without.prior is None
+
+
+def test_the_sequential_method_takes_none() -> None:
+    """Its angles are fitted without the lengths, so no row of a prior is of its parameters alone."""
+    from helpers.pose_data import measured_poses
+
+    observation, data, _ = measured_poses(ARM, 30, 0, 1e-4, 1e-4)
+    request = IdentifyOptions(solve=fit_sequentially)
+    plain = identify(observation, data, ARM.nominal(), request=request)
+    both = IdentifyOptions(tolerance=Tolerance(), automatic=True, solve=fit_sequentially)
+    found = identify(observation, data, ARM.nominal(), request=both)
+    assert found.prior is None
+    np.testing.assert_array_equal(plain.values, found.values)
+
+
+def test_rows_are_of_another_model_s_parameters_by_name() -> None:
+    acting = ActingPrior(("a", "b"), np.array([1.0, 2.0]), np.array([[3.0, 4.0]]), 1.0, 5, 2, 10.0)
+    residual, jacobian = acting.rows(0.5, ("b", "soft", "a"))(np.array([2.5, 7.0, 1.0]))
+    np.testing.assert_allclose(jacobian, [[2.0, 0.0, 1.5]])
+    np.testing.assert_allclose(residual, [-1.0])
+    own = acting.rows(0.5)(np.array([1.0, 2.5]))
+    np.testing.assert_allclose(own[0], residual)
+
+
+def test_effects_have_no_part_in_it() -> None:
+    model = IRB120.arm_with(("p1",), ("compliance",))
+    values = np.concatenate([NOMINAL, np.zeros(len(model.names) - len(NOMINAL))])
+    structure = base_set(model, values)
+    links = prior_of(model, structure, values, Tolerance(), links_alone=True)
+    assert {model.parameters[i].is_link for i in links.of} == {True}
+    assert len(prior_of(model, structure, values, Tolerance()).of) > len(links.of)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("times", "target", "sigma_m", "poses"), [
+    (1.0, NEAR_AXIS, 5e-5, 30), (3.0, NEAR_AXIS, 5e-5, 30), (1.0, AWAY, 2e-4, 14), (3.0, AWAY, 2e-4, 14),
+])  # fmt: skip
+def test_intervals_hold_and_accuracy_is_never_the_price(times, target, sigma_m, poses) -> None:
+    """Intervals at fresh poses of 60 arms within, or three times beyond, their tolerances; errors beside no prior's."""
+    inside, errors = [], []
+    for seed in range(60):
+        data, true = campaign(seed, poses, sigma_m, target, times)
+        noise = Noise(sigma_m=sigma_m)
+        plain, found = identify(ARM, data, NOMINAL, noise), identify(ARM, data, NOMINAL, noise, AUTO)
+        errors.append((error_mm(found, true), error_mm(plain, true)))
+        rows = ARM.observe(FRESH, found.values)[1][:, 0][..., list(found.fit.free)]
+        std = np.sqrt(np.diagonal(rows @ found.covariance @ rows.swapaxes(1, 2), axis1=1, axis2=2))
+        off = np.abs(ARM.points(FRESH, found.values) - ARM.points(FRESH, true))[:, 0]
+        inside.append((off <= 1.96 * std).mean())
+    assert 0.93 <= np.mean(inside) <= 0.98
+    mine, plain_errors = np.mean(errors, axis=0)
+    assert mine < (0.97 if times == 1 else 1.005) * plain_errors
+
+
+def test_a_tight_prior_on_all_directions_costs_accuracy() -> None:
+    """Beside it: what the bare flag does to an arm three times beyond its tolerances."""
+    on, plain = [], []
+    for seed in range(8):
+        data, true = campaign(seed, 14, 2e-4, AWAY, 3.0)
+        noise = Noise(sigma_m=2e-4)
+        on.append(error_mm(identify(ARM, data, NOMINAL, noise, ON), true))
+        plain.append(error_mm(identify(ARM, data, NOMINAL, noise), true))
+    assert np.mean(on) > 1.1 * np.mean(plain)
+
+
+def ur5(**options):
+    import lab
+
+    return lab.identify(
+        data_file("ur5_jacobi_20.csv"), robot="ur5", validate=data_file("ur5_jacobi_1000.csv"), **options
+    )
+
+
+@pytest.mark.thorough
+def test_a_ur5_is_led_out_of_its_valley() -> None:
+    """20 poses with the reflector near the last axis: link5.theta 28° off without a prior."""
+    found, plain = ur5().to_dict(), ur5(prior="off").to_dict()
+    assert plain["verdict"] == "bad" and plain["status"] == "in a valley" and plain["prior"] == {
+        "mode": "off", "acts_in": 0,
+    }  # fmt: skip
+    assert found["verdict"] != "bad" and found["status"] == "converged"
+    assert found["condition"] < 1_000 < 100_000 < found["plain_condition"]
+    assert found["prior"]["acts_in"] == 2 and 1 < found["prior"]["scale"] < 3
+    assert found["after_mm"]["mean"] < 1.02 * plain["after_mm"]["mean"] < 0.3 * found["before_mm"]["mean"]
+    assert "act in 2 of 18 directions" in ur5().summary()
