@@ -1,5 +1,7 @@
 """The automatic prior: tolerances act only where the measurements say little, at a scale that the measurements tell."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from helpers.robots import IRB120, data_file, perturbed, somewhere
@@ -8,6 +10,8 @@ from lab.calibration.identify import IdentifyOptions, identify
 from lab.calibration.prior import ActingPrior, Directions, Prior, Tolerance, directions_of, prior_of
 from lab.calibration.sequential import fit_sequentially
 from lab.calibration.statistics.linearized import NoiseDistribution
+from lab.calibration.validation import Errors, Validation
+from lab.calibration.verdict import verdict
 from lab.calibration.weights import Noise
 from lab.commands.calibrate.off_poses import off_among_fitted
 from lab.core.errors import LabError
@@ -208,6 +212,23 @@ def test_a_tight_prior_on_all_directions_costs_accuracy() -> None:
         on.append(error_mm(identify(ARM, data, NOMINAL, noise, ON), true))
         plain.append(error_mm(identify(ARM, data, NOMINAL, noise), true))
     assert np.mean(on) > 1.1 * np.mean(plain)
+
+
+@pytest.mark.parametrize(
+    ("link", "before_mm", "bad"),
+    [("link5.theta", 500.0, False), ("link2.theta", 500.0, True), ("link2.theta", 0.5, False)],
+)
+def test_a_link_far_from_nominal_is_bad_only_where_positions_show_it(link: str, before_mm: float, bad: bool) -> None:
+    """Half a radian, and sure: near the last axis no point shows it; nor is it so where nominal links fit."""
+    data, _ = campaign(6, 50, 1e-5)
+    found = identify(ARM, data, NOMINAL, Noise(sigma_m=1e-5))
+    values = found.nominal_aligned.copy()
+    values[ARM.names.index(link)] += 0.5
+    surely = replace(found, values=values, covariance=1e-12 * np.eye(len(found.fit.free)))
+    errors = Errors(np.full((20, 1), 1e-3 * before_mm), np.full((20, 1), 2e-5))
+    judged = verdict(surely, Validation("holdout", errors), None)
+    assert judged.farthest is not None and judged.farthest.name == link
+    assert (judged.word == "bad") is bad and link in judged.reason
 
 
 def ur5(**options):
