@@ -20,7 +20,7 @@ from lab.calibration.stations import few_points_of_a_station
 from lab.calibration.weights import Noise, joined, root_mean_square_sigma, weighed, weighted_constraints
 from lab.core import se3
 from lab.core.errors import LabError
-from lab.core.linear_model import triangle_of
+from lab.core.linear_model import WELL_CONDITIONED, condition_bound, triangle_of
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.probabilities import t_ppf
 from lab.core.se3 import Array
@@ -309,7 +309,13 @@ class _MAPProblem:
         if not prior.of or not (self.known or sigma > 0):
             return None
         if usable and set(plain.free) == set(kept):  # with every direction well measured it stays exactly as it is
-            triangle = plain.triangle * plain.scale / self._weight(sigma)
+            weight = self._weight(sigma)
+            if condition_bound(plain.triangle) < WELL_CONDITIONED:
+                links = [plain.free.index(i) for i in prior.of]
+                covariance = weight**2 * plain.unit_covariance()[np.ix_(links, links)]
+                if prior.knows_less(covariance):
+                    return None
+            triangle = plain.triangle * plain.scale / weight
             found = directions_of(prior, triangle, np.zeros(len(triangle)), plain.free, plain.values)
             if not found.weak(found.scale()[0]).any():
                 return None

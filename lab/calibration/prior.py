@@ -66,6 +66,10 @@ class Prior:
         jacobian[:, list(self.of)] = self.whiten * sigma
         return lambda values: (jacobian @ (self.mean - values), jacobian)
 
+    def knows_less(self, covariance: Array) -> bool:
+        """Whether measurements with this covariance ``(m, m)`` surely know more in every direction, at any scale."""
+        return bool(np.trace(self.whiten @ covariance @ self.whiten.T) < WEAK**2)
+
     def surprise(self, values: Array) -> Array:
         """How far each parameter of ``of`` is from its nominal value ``(m,)``, in its own standard deviations."""
         covariance = np.linalg.inv(self.whiten.T @ self.whiten)

@@ -19,6 +19,7 @@ from lab.core.probabilities import chi2_sf, f_sf, t_ppf
 from lab.core.se3 import Array
 
 __all__ = [
+    "WELL_CONDITIONED",
     "LinearModel",
     "condition_bound",
     "half_width_95",

@@ -41,12 +41,13 @@ def test_ur10_random_poses() -> None:
     outcome = identify(MeasuredCampaign(data_file("ur10_ipa_C.csv"), "ur10", holdout=0.3))
     errors = outcome.validation.errors
     assert errors is not None and 0.3 < mean_mm(errors.after) <= 0.47 < mean_mm(errors.before)
-    assert outcome.verdict.word == "doubtful"  # the probe's centre lies near axis 6, so link5.theta may be anything
+    assert outcome.verdict.word == "doubtful"
+    found = outcome.to_dict()  # the probe's centre lies near axis 6: without a prior link5.theta may be anything
+    assert found["condition"] < 1_000 < 10_000 < found["plain_condition"] and found["farthest_link"]["tolerances"] < 10
     said = sorted(outcome.verdict.reasons)
-    assert len(said) == 4 and said[0].startswith("100 % of the workspace is extrapolated: not covered")
+    assert len(said) == 3 and said[0].startswith("100 % of the workspace is extrapolated: not covered")
     assert said[1].startswith("lack of fit: the residuals vary with the joints")  # as the waves of its gears make them
-    assert said[2].startswith("link5.theta is estimated")
-    assert "beyond the measured joint positions" in said[3]  # joint 2 moved over a sixth of a turn
+    assert "beyond the measured joint positions" in said[2]  # joint 2 moved over a sixth of a turn
 
 
 @pytest.mark.thorough
