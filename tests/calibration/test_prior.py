@@ -142,8 +142,8 @@ def test_outliers_are_found_beside_it(noise: Noise) -> None:
     """They inflate the residuals, by which the fit weighs the prior; the search for them weighs it by the others."""
     data, _ = campaign(5, 50, 8e-6, AWAY)
     rng = np.random.default_rng(1)
-    off = [4, 17, 29, 41]
-    data.points[off] += rng.uniform(5e-3, 50e-3, (4, 1, 1)) * rng.normal(size=(4, 1, 3))
+    off = [4, 11, 17, 23, 29, 35, 41]
+    data.points[off] += rng.uniform(5e-3, 50e-3, (7, 1, 1)) * rng.normal(size=(7, 1, 3))
     found = identify(ARM, data, NOMINAL, noise, AUTO)
     assert found.prior is not None and found.prior.acts_in > 3
     assert sorted(off_among_fitted(found, data, noise, NoiseDistribution(), 0).rows) == off

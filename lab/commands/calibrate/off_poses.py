@@ -4,7 +4,7 @@ from functools import partial
 
 import numpy as np
 
-from lab.calibration.gauss_newton import ExtraResiduals, Observations
+from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification
 from lab.calibration.noise.tails import tail_dof
 from lab.calibration.observations.protocol import observation_of, only_positions
@@ -15,8 +15,6 @@ from lab.core.measurements import Measurements
 from lab.core.random import rng_for
 
 __all__ = ["off_among_fitted", "off_among_held", "tail_of"]
-
-NORMAL_QUARTILE = 0.6744897501960817  # half of normal errors are smaller, in their standard deviations
 
 
 def off_among_fitted(
@@ -30,17 +28,23 @@ def off_among_fitted(
     """
     observation = observation_of(start.model)
     observations, known = weighed(observation, rows, noise)
-    alone, extra = observations.pose_by_pose(), _known_beside(start, observations, known=known)
-    search = partial(
+    alone, extra = observations.pose_by_pose(), start.extra_residuals
+    searched = partial(
         find_outliers,
         start.model,
         alone,
         start.fit.free,
         start.nominal_aligned,
         known=known,
-        extra_residuals=extra,
         things=observation.positions or None,
     )
+    if start.prior is not None and start.prior.automatic:  # the fit weighs it by a sigma that outliers inflate
+        beside, sigma = weighted_constraints(observation, observations), 1.0
+        if not known:
+            unweighted = joined(beside, start.prior.rows(LEAST_SIGMA_M))
+            sigma = _sigma_without(searched(extra_residuals=unweighted, rng=rng_for(seed, "null"), shape=shape), alone)
+        extra = joined(beside, start.prior.rows(sigma))
+    search = partial(searched, extra_residuals=extra)
     found = search(rng=rng_for(seed, "null"), shape=shape)
     if not len(found.rows) or not only_positions(observation):
         return found
@@ -50,14 +54,12 @@ def off_among_fitted(
     return search(rng=rng_for(seed, "null"), shape=NoiseDistribution("student", dof=tail))
 
 
-def _known_beside(start: Identification, observations: Observations, *, known: bool) -> ExtraResiduals:
-    """What is known beside the measurements, an automatic prior weighed by a sigma that outliers do not inflate."""
-    prior = start.prior
-    if prior is None or not prior.automatic:
-        return start.extra_residuals
-    white = observations.apply(observations.points - start.model.points(observations.inputs, start.values))
-    sigma = 1.0 if known else max(float(np.median(np.abs(white))) / NORMAL_QUARTILE, LEAST_SIGMA_M)
-    return joined(weighted_constraints(observation_of(start.model), observations), prior.rows(sigma))
+def _sigma_without(found: Outliers, observations: Observations) -> float:
+    """The sigma that the residuals of all poses say that are not off."""
+    inside = np.ones(len(observations.inputs), dtype=np.bool_)
+    inside[found.rows] = False
+    dof = int(observations.seen[inside].sum()) * observations.points.shape[2] - found.fit.rank
+    return max(float(np.sqrt(2 * found.fit.cost_trace[-1] / max(dof, 1))), LEAST_SIGMA_M)
 
 
 def off_among_held(found: Identification, rows: Measurements, held: Measurements, noise: Noise, tail: float) -> HeldOut:
