@@ -27,6 +27,7 @@ from lab.kinematics.parameter import frame_rotations, targets_of
 from lab.kinematics.serial.axes_to_dh import Truth
 
 __all__ = [
+    "FOLDS",
     "ROWS_PER_PARAMETER",
     "SAME_CONFIGURATION",
     "Errors",

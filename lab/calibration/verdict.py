@@ -36,6 +36,8 @@ from lab.calibration.workspace_prediction import (
     predict_over_region,
     predict_over_workspace,
 )
+from lab.kinematics.gauge import base_set
+from lab.kinematics.parameter import indices_of_groups
 
 __all__ = ["MOST_TOLERANCES", "Answer", "Reason", "Verdict", "Word", "gate_words", "rotation_noise_rad", "verdict"]
 
@@ -439,8 +441,11 @@ class _Judging:
         What a point near an axis hardly shows harms no prediction, however far from nominal it is estimated.
         """
         errors, most = self.validation.errors, self.workspace.tolerance_rms_m
-        nominal = np.inf
-        if errors is not None and np.isfinite(errors.before).any():
+        model, nominal = self.identification.model, np.inf
+        placed = set(indices_of_groups(model.parameters, ("base", "tool")))
+        fixed = placed & set(self.identification.base_set.fixed)  # in their place a link was freed on request
+        asked = fixed and fixed - set(base_set(model, self.identification.nominal_aligned).fixed)
+        if not asked and errors is not None and np.isfinite(errors.before).any():
             nominal = float(np.sqrt(np.nanmean(errors.before**2)))
         return not min(of.felt_m, nominal) <= most
 
