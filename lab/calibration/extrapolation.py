@@ -248,21 +248,24 @@ def _excess(estimates: Array, variances: Array, dof: int) -> float:
     return float(np.sqrt(excess * count / (count - 2)))
 
 
-def position_covariances(found: Identification, measured: MeasuredRange | None, inputs: Array) -> Array:
+def position_covariances(
+    found: Identification, measured: MeasuredRange | None, inputs: Array, targets: int | None = None
+) -> Array:
     """Covariances ``(n, k, 3, 3)`` (m^2) of the predicted points' errors at some poses, the instrument's noise aside.
 
     Args:
         found: of points.
         measured: what the model may lack where nothing was measured.
         inputs: ``(n, joints + conditions)``.
+        targets: how many, from the first; all where None.
     """
     if found.process is not None:
-        squares = found.process.covariances(inputs)
+        squares = found.process.covariances(inputs, targets)
     else:
-        slopes = found.model.observe(inputs, found.values)[1][..., list(found.fit.free)]
+        slopes = found.model.observe(inputs, found.values)[1][:, :targets][..., list(found.fit.free)]
         squares = slopes @ found.covariance @ np.swapaxes(slopes, 2, 3)
     if measured is not None and measured.is_worse_beyond:
-        unknown = measured.unknown(found.model, inputs, found.values)
+        unknown = measured.unknown(found.model, inputs, found.values)[:, :targets]
         squares = squares + unknown @ np.swapaxes(unknown, 2, 3)
     return np.asarray(squares)
 

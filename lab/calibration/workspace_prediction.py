@@ -174,7 +174,7 @@ def predict_over_workspace(
     inputs, jacobian = _target_jacobian(model, identification.values)
     placed = indices_of_groups(model.parameters, ("base", "tool"))
     of_tolerances = float(np.sqrt(np.mean(tolerance_rms(model, jacobian, tolerance, placed) ** 2)))
-    squares = position_covariances(identification, measured, inputs)[:, 0]
+    squares = position_covariances(identification, measured, inputs, 1)[:, 0]
     if not np.isfinite(squares).all():
         return WorkspacePrediction(nothing, nothing, nothing, of_tolerances)
     beyond = uncovered = 0.0
@@ -323,7 +323,7 @@ def predicted_errors(
     if not observation_of(model).positions:
         return None
     inputs, _ = _target_jacobian(model, identification.values)
-    squares = np.trace(position_covariances(identification, measured, inputs)[:, 0], axis1=1, axis2=2)
+    squares = np.trace(position_covariances(identification, measured, inputs, 1)[:, 0], axis1=1, axis2=2)
     known = np.isfinite(squares)
     return (inputs[known], np.sqrt(np.maximum(squares[known], 0.0))) if known.any() else None
 

@@ -22,6 +22,8 @@ __all__ = ["implausible_dynamics"]
 
 _STATES = 200
 _OTHER_UNIT = 30.0  # times what the nominal masses ask for: no arm of its kind
+_WEAK = 5.0  # times less than the nominal masses need along random states
+_STRONG = 10.0  # times the largest torque that they need: no friction and no motor adds so much
 _UNEXPLAINED = 0.5  # of what torques change by
 _CHANGES = 1e-9  # of their size: torques that change by less are constant
 _SHOWS = 1e-6  # Nm or N: less gravity is none
@@ -40,7 +42,12 @@ def implausible_dynamics(
     with np.errstate(all="ignore"):  # what cannot be may overflow
         said = [
             Implausibility(words)
-            for words in (*_of_fit(found), *_of_weight(found, model, nominal), *_of_bodies(nearest))
+            for words in (
+                *_of_fit(found),
+                *_of_weight(found, model, nominal),
+                *_of_drives(found, model, nominal),
+                *_of_bodies(nearest),
+            )
         ]
         return (*said, *(() if found.load is None else implausibilities(found.load, arm)))
 
@@ -72,6 +79,21 @@ def _of_weight(found: DynamicsEstimate, model: DynamicModel, nominal: Array | No
     if 1 / _OTHER_UNIT < times / 1e3 < _OTHER_UNIT:
         cause = "are torques in Nmm?"
     yield f"gravity asks {times:.3g} times what it asks of the arm's nominal masses: {cause}"
+
+
+def _of_drives(found: DynamicsEstimate, model: DynamicModel, nominal: Array | None) -> Iterator[str]:
+    """Drives whose torques are far less than their links need, or far more than any link does."""
+    if nominal is None or not found.identified.all():
+        return
+    states = random_states(model.arm, _STATES, rng_for(0, "structure", 3))
+    seen, expected = (np.sqrt((model.torques(each, states) ** 2).mean(axis=0)) for each in (found.values, nominal))
+    for name, some, least in zip(model.chain.joint_names, seen, expected, strict=True):
+        cause = "is its torque in another unit, a current, or without the gear ratio?"
+        if some < least / _WEAK and least > _SHOWS:
+            yield f"the drive of {name} gives {some / least:.2g} times the torque that the nominal masses need: {cause}"
+        elif some > _STRONG * expected.max() > _SHOWS:
+            times = some / expected.max()
+            yield f"the drive of {name} gives {times:.2g} times the largest torque that nominal masses need: {cause}"
 
 
 def _of_bodies(nearest: PhysicalFit | None) -> Iterator[str]:

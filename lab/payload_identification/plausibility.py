@@ -5,10 +5,11 @@ a row late a payload that is none. A payload is judged by what arms carry and by
 badly or cannot be, the fit is repeated as if the file had been written otherwise. What then fits far better is named.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lab.core.errors import LabError
 from lab.core.load_samples import PayloadSamples
@@ -19,7 +20,7 @@ from lab.kinematics.serial.chain import COLUMNS, Chain
 from lab.payload_identification.estimate import LoadEstimate
 from lab.payload_identification.row_shift import Upward, likely_shifts
 
-__all__ = ["ArmSize", "Implausibility", "implausibilities"]
+__all__ = ["ArmSize", "Implausibility", "implausibilities", "misplaced_points", "not_of_the_arm", "stuck_channels"]
 
 MOST_OF_ARM = 1.5  # times its own mass that an arm carries: the strongest carry half of it
 MOST_KG = 1000.0  # where the arm's mass is not known
@@ -29,6 +30,13 @@ FITS_BADLY = 0.3  # of what was to be explained that is left
 FAR_BETTER = 0.5  # times as much left
 NEAR_SHIFTS = (1, -1, 2, -2)  # rows, which are tried in any case
 FAR_SHIFTS = 8  # that a cross-correlation finds likeliest
+FAR_M = 0.03  # root mean square of points from where the arm has them: no arm sags so far
+BEARS = 0.2  # of the largest torque of the arm's own weight: of less, friction may hide it
+ANOTHER = 0.03  # more alike to another drive's weight: the columns are exchanged
+ALIKE = 0.5  # correlation of a drive's torque with that of nominal masses, at least
+LEAST_STUCK = 5  # rows of one and the same reading that no noise makes
+MOST_AT_END = 0.05  # of the rows of a run that may have its largest, or its smallest, reading
+LEAST_READINGS = 20  # different ones, of a channel that is not rounded coarsely
 _DEGREE = np.pi / 180
 
 Fit = Callable[[PayloadSamples], LoadEstimate]
@@ -59,6 +67,77 @@ class Implausibility:
     """Why a payload is not to be believed, with what would make it plausible, if anything was found."""
 
     words: str
+
+
+def stuck_channels(
+    samples: PayloadSamples, names: Sequence[str], shows: NDArray[np.bool_]
+) -> tuple[Implausibility, ...]:
+    """Channels of torques or of a wrench that are constant in a run, or stay at one end of it.
+
+    Args:
+        samples: with ``names`` for the channels of the wrench, or of the torques where there is none.
+        shows: ``(d,)`` which channels have to change, by a model.
+    """
+    readings = samples.torques if samples.wrench is None else samples.wrench
+    assert readings is not None
+    said = []
+    for loaded, run in ((True, "loaded"), (False, "unloaded")):
+        rows = readings[samples.loaded == loaded]
+        if len(rows) < LEAST_STUCK:
+            continue
+        for name, channel in zip(np.array(names)[shows], rows.T[shows], strict=True):
+            if channel.min() == channel.max():
+                words = f"{name} is {channel[0]:.4g} in all {len(rows)} rows of the {run} run"
+                said.append(f"{words}: is its sensor connected, and is the column the right one?")
+            elif len(np.unique(channel)) >= LEAST_READINGS:
+                count = max(int((channel == end).sum()) for end in (channel.min(), channel.max()))
+                if count > max(MOST_AT_END * len(rows), LEAST_STUCK):
+                    words = f"{name} stays at the end of its range in {count} of the {len(rows)} rows of the {run} run"
+                    said.append(f"{words}: it saturates; move more slowly, or with a smaller load")
+    return tuple(Implausibility(words) for words in dict.fromkeys(said))
+
+
+def not_of_the_arm(measured: Array, expected: Array, names: Sequence[str]) -> tuple[Implausibility, ...]:
+    """Drives whose torques at rest do not follow the arm's own weight, whatever their scale and offset.
+
+    Args:
+        measured: ``(n, J)`` torques without a load, at rest.
+        expected: ``(n, J)`` by the nominal masses.
+    """
+    if len(measured) < LEAST_STUCK:
+        return ()
+    seen, weight = measured - measured.mean(axis=0), expected - expected.mean(axis=0)
+    size = np.sqrt((weight**2).mean(axis=0))
+    bears = [int(drive) for drive in np.flatnonzero(size >= BEARS * size.max())]
+    lengths = np.linalg.norm(seen, axis=0)[bears, None] * np.linalg.norm(weight, axis=0)[bears]
+    alike, said = seen[:, bears].T @ weight[:, bears] / np.maximum(lengths, 1e-300), []
+    for row, drive in enumerate(bears):
+        other = int(alike[row].argmax())
+        if alike[row, row] < ALIKE or alike[row, other] > alike[row, row] + ANOTHER:
+            like = "" if other == row else f", and that of {names[bears[other]]} is {alike[row, other]:.2g}"
+            said.append(
+                f"without a load, the torque of {names[drive]} does not follow the arm's own weight (correlation "
+                f"{alike[row, row]:.2g}{like}): are signs and order of the torques right, and the joint positions?"
+            )
+    return tuple(Implausibility(words) for words in said)
+
+
+def misplaced_points(predicted: Array, *measured: Array) -> tuple[Implausibility, ...]:
+    """Points of a soft arm that are not where it is: another frame, other axes or another unit.
+
+    Args:
+        predicted: ``(n, k, 3)`` m, without the sag.
+        measured: ``(n, k, 3)`` m each, without and with a load; NaN where not seen.
+    """
+    apart = max(float(np.sqrt(np.nanmean(((each - predicted) ** 2).sum(axis=2)))) for each in measured)
+    if not apart > FAR_M:
+        return ()
+    return (
+        Implausibility(
+            f"the points are {1e3 * apart:.3g} mm from where the calibrated arm has them: are they in the frame, the "
+            "axes and the unit of the run? Measure from the same base frame, or calibrate again"
+        ),
+    )
 
 
 def implausibilities(

@@ -1,72 +1,134 @@
 """How large the processes of the joints' offsets are, and what they make of an identification.
 
 The variances are those of the largest restricted likelihood (Patterson & Thompson 1971), found by a fixed point that
-never lowers it (Zhou, Hu, Zhou & Lange 2019). A variance at its bound of zero has an error too: on the linear scale, by
-the average information (Gilmour, Thompson & Cullis 1995), whose upper quartile the predictions' covariances are by.
+never lowers it (Zhou, Hu, Zhou & Lange 2019), in steps that are extrapolated (Varadhan & Roland 2008). A variance at
+its bound of zero has an error too: on the linear scale, by the expected information.
 """
 
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import scipy  # its parts are loaded at their first use, which not every process comes to
 from numpy.typing import NDArray
 
 from lab.calibration.identify import Identification
-from lab.calibration.residual.kernels import COMPONENTS, JointKernels
-from lab.calibration.residual.process import JointProcess, PredictedBy, precisions, total_covariance
+from lab.calibration.residual.kernels import JointKernels
+from lab.calibration.residual.left_out import LeftOut, bound_factor, left_out
+from lab.calibration.residual.pose_numbers import PoseNumbers, Reduction, unit_covariances
+from lab.calibration.residual.process import JointProcess, PredictedBy, Support, precisions
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.validation import configurations
 from lab.core.errors import LabError
 from lab.core.linear_model import unit_columns
-from lab.core.measurements import Measurements, thinned
+from lab.core.measurements import Measurements, evenly, thinned
 from lab.core.se3 import Array
 from lab.kinematics.effects.arm import ArmWithEffects
 from lab.kinematics.serial.arm import SerialArm
 
 __all__ = ["ExpectedGain", "expected_gain", "with_residual"]
 
-_MOST_NUMBERS = 2_100  # that the process is conditioned on: its time grows with the third power
+_MOST_NUMBERS = 8_400  # that the process is conditioned on: its time grows with the third power
 _MOST_ESTIMATING = 900  # that the variances come from
 _LEAST_SPARE = 30  # numbers beyond the parameters, of which so many variances can be told
 _LEAST_TOLD = 1e-6  # of what is known best: a mixture of variances that is told less well is not told at all
-_STEPS, _SETTLED = 40, 2e-3
+_CYCLES, _SETTLED = 12, 2e-3
+_LONGEST = 16.0  # of an extrapolated step
+_LEAST_SHARE = 1e-6  # of the residuals' variance, that a component has at least
 _MOST_STEPS, _CONVERGED_M = 8, 1e-8
 _MOST_LEFT_OUT = 450  # numbers by which the gain is told
 _RATIOS = np.logspace(-2.0, 5.0, 29)  # of the process' variance to the noise's, of which the likeliest tells the gain
 _LEAST_GAIN = 0.1  # of the error: less is not worth a group that names no cause
-_QUARTILE = 0.6744897501960817  # of a standard normal
 
 
 @dataclass(frozen=True)
 class _Rows:
-    """Some poses of an identification, as numbers that were seen.
+    """Some poses of an identification.
 
     Attributes:
-        kinds: unit covariances of all components.
-        columns: derivatives by the free parameters, of unit norm.
-        residual: measured less predicted (m).
+        kernels: of the arm's joints.
+        joints: ``(n, joints)``.
+        slopes: ``(n, 3 k, joints)`` derivatives of all numbers by the joint positions.
+        columns: ``(n, 3 k, f)`` those by the free parameters.
+        residual: ``(n, 3 k)`` measured less predicted (m).
+        seen: ``(n, k)``.
+    """
+
+    kernels: JointKernels
+    joints: Array
+    slopes: Array
+    columns: Array
+    residual: Array
+    seen: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, found: Identification, data: Measurements) -> "_Rows":
+        """Of some rows, at the identified parameters."""
+        model = found.model
+        assert isinstance(model, SerialArm | ArmWithEffects)
+        turning = ~np.array(model.rigid.chain.prismatic, dtype=np.bool_)
+        inputs, n, size = data.inputs(model.conditions), len(data), len(turning)
+        points, jacobian = model.observe(inputs, found.values)
+        slopes = by_joint_positions(model, inputs, found.values, size).reshape(n, -1, size)
+        columns = jacobian[..., list(found.fit.free)].reshape(n, 3 * len(data.targets), -1)
+        residual = (data.points - points).reshape(n, -1)
+        return cls(JointKernels(turning), inputs[:, :size], slopes, columns, residual, data.seen)
+
+    def take(self, rows: NDArray[np.int_]) -> "_Rows":
+        """Some of the poses."""
+        some = self.joints[rows], self.slopes[rows], self.columns[rows], self.residual[rows]
+        return _Rows(self.kernels, *some, self.seen[rows])
+
+    @cached_property
+    def reduction(self) -> Reduction:
+        """To the numbers that the joints' offsets move."""
+        return Reduction.of(self.joints, self.slopes, self.seen)
+
+    def reduced(self) -> "_Numbers":
+        """The numbers that the joints' offsets move, and those with the noise alone."""
+        columns, alone = self.reduction(self.columns)
+        residual, left = self.reduction(self.residual)
+        kinds = unit_covariances(self.kernels, self.reduction.numbers)
+        units, _ = unit_columns(np.concatenate([columns, alone]))
+        return _Numbers(kinds, units[: len(columns)], units[len(columns) :], residual, left)
+
+    def plain(self) -> "_Numbers":
+        """The numbers as they were measured."""
+        kept = np.repeat(self.seen, 3, axis=1).ravel()
+        whole = PoseNumbers.whole(self.joints, self.slopes)
+        numbers = PoseNumbers(self.joints, whole.pose[kept], whole.slopes[kept])
+        units, _ = unit_columns(self.columns.reshape(len(kept), -1)[kept])
+        kinds = unit_covariances(self.kernels, numbers)
+        return _Numbers(kinds, units, units[:0], self.residual.ravel()[kept], np.zeros(0))
+
+
+@dataclass(frozen=True)
+class _Numbers:
+    """Numbers of some poses with unit covariances of all components.
+
+    Attributes:
+        kinds: ``(N, N)`` of the numbers that the joints' offsets move, one a component.
+        columns, noise_columns: derivatives ``(N, f)`` and, of numbers with the noise alone, ``(M, f)`` by the
+            parameters; of unit norm together.
+        residual, noise_residual: measured less predicted ``(N,)`` and ``(M,)`` (m).
     """
 
     kinds: tuple[Array, ...]
     columns: Array
-    scale: Array
+    noise_columns: Array
     residual: Array
+    noise_residual: Array
 
-    @classmethod
-    def of(cls, found: Identification, values: Array, data: Measurements, turning: NDArray[np.bool_]) -> "_Rows":
-        """Of some rows, at parameters ``(p,)``."""
-        model = found.model
-        inputs = data.inputs(model.conditions)
-        points, jacobian = model.observe(inputs, values)
-        kept = np.flatnonzero(np.repeat(data.seen.ravel(), 3))
-        n, size = len(data), len(turning)
-        slopes = by_joint_positions(model, inputs, values, size).reshape(n, -1, size)
-        here, kernels, pairs = (inputs[:, :size], slopes), JointKernels(turning), np.ix_(kept, kept)
-        scatter = total_covariance(kernels, np.array([0.0, 1.0, *[0.0] * (len(COMPONENTS) - 2)]), here)[pairs]
-        kinds = (np.eye(len(kept)), scatter, *(kind[pairs] for kind in kernels.of_numbers(here, here)))
-        free = list(found.fit.free)
-        columns, scale = unit_columns(jacobian[..., free].reshape(-1, len(free))[kept])
-        return cls(kinds, columns, scale, (data.points - points).reshape(-1)[kept])
+    @property
+    def squares(self) -> float:
+        """Sum of all squared residuals (m^2)."""
+        return float(self.residual @ self.residual + self.noise_residual @ self.noise_residual)
+
+    @property
+    def dof(self) -> int:
+        """Numbers beyond the parameters."""
+        return len(self.residual) + len(self.noise_residual) - int(self.columns.shape[1])
 
 
 @dataclass(frozen=True)
@@ -105,13 +167,11 @@ def expected_gain(found: Identification, data: Measurements) -> ExpectedGain | N
     Returns:
         None where too few numbers are left, or where it would gain less than a tenth.
     """
-    model = found.model
-    assert isinstance(model, SerialArm | ArmWithEffects)
     numbers = 3 * max(int(data.seen.sum(axis=1).max()), 1)
     some = thinned(data, _MOST_LEFT_OUT // numbers)
     if 3 * int(some.seen.sum()) - len(found.fit.free) < _LEAST_SPARE:
         return None
-    rows = _Rows.of(found, found.values, some, ~np.array(model.rigid.chain.prismatic, dtype=np.bool_))
+    rows = _Rows.of(found, some).plain()
     kind = np.sum([each * len(each) / max(np.trace(each), 1e-300) for each in rows.kinds[2:]], axis=0)
     beside = scipy.linalg.null_space(rows.columns.T)
     sizes, axes = np.linalg.eigh(beside.T @ kind @ beside)
@@ -137,7 +197,7 @@ def _left_out(weighted: Array, root: Array, turned: Array, labels: NDArray[np.in
     return float(np.linalg.norm(errors.reshape(-1, 3), axis=1).mean())
 
 
-def with_residual(found: Identification, data: Measurements) -> Identification:
+def with_residual(found: Identification, data: Measurements, estimated: JointProcess | None = None) -> Identification:
     """An identification with what its parameters do not explain, as offsets of the joints.
 
     Its parameters and their covariance are those of generalized least squares beside the process, which is
@@ -146,28 +206,30 @@ def with_residual(found: Identification, data: Measurements) -> Identification:
     Args:
         found: of points of a serial arm.
         data: the rows that it comes from. Of very many the process is conditioned on some, evenly spaced.
+        estimated: a process of these and other rows, whose variances are taken; without it they are estimated, and
+            poses are left out in turn for the factor of the bounds.
 
     Raises:
         LabError: there are too few poses.
     """
     model = found.model
     assert isinstance(model, SerialArm | ArmWithEffects)
-    numbers = 3 * max(int(data.seen.sum(axis=1).max()), 1)
-    support = thinned(data, _MOST_NUMBERS // numbers)
-    few = thinned(support, _MOST_ESTIMATING // numbers)
-    if 3 * int(_seen_at_poses(few).sum()) - len(found.fit.free) < _LEAST_SPARE:
+    per_pose = min(3 * max(int(data.seen.sum(axis=1).max()), 1), data.joints.shape[1])
+    data_used = thinned(data, _MOST_NUMBERS // per_pose)
+    if 3 * int(_seen_at_poses(data_used).sum()) - len(found.fit.free) < _LEAST_SPARE:
         count = len(_seen_at_poses(data))
         raise LabError(f"{count} distinct poses are too few for the group residual; measure more, or leave it out")
-    turning = ~np.array(model.rigid.chain.prismatic, dtype=np.bool_)
-    known = found.sigma_m**2 if found.sigma_known else None
-    variances, upper, p = _variances(_Rows.of(found, found.values, few, turning), known)
-    values, covariance, left = _beside(found, support, turning, variances)
-    inputs = support.inputs(model.conditions)
-    spread = np.zeros(support.points.shape)
-    spread[support.seen] = left.reshape(-1, 3)
-    slopes = by_joint_positions(model, inputs, values, len(turning))
-    weights = np.einsum("nki,nkij->nj", spread, slopes)
-    process = JointProcess(inputs, support.seen, variances, upper, weights, turning, p)
+    rows = _Rows.of(found, data_used)
+    if estimated is None:
+        known = found.sigma_m**2 if found.sigma_known else None
+        some = evenly(len(data_used), _MOST_ESTIMATING // per_pose)
+        variances, errors, p = _variances((rows if some is None else rows.take(some)).reduced(), known)
+    else:
+        variances, errors, p = estimated.variances, estimated.errors, estimated.p
+    values, covariance, weights, poses = _beside(found, data_used, rows, variances)
+    factor = _factor(rows, variances, poses) if estimated is None else estimated.factor
+    inputs = data_used.inputs(model.conditions)
+    process = JointProcess(inputs, data_used.seen, variances, errors, weights, rows.kernels.turning, p, factor)
     return _replaced(found, data, process, values, covariance)
 
 
@@ -180,26 +242,46 @@ def _seen_at_poses(data: Measurements) -> NDArray[np.bool_]:
 
 
 def _beside(
-    found: Identification, data: Measurements, turning: NDArray[np.bool_], variances: Array
-) -> tuple[Array, Array, Array]:
-    """Parameters ``(p,)`` beside a process, by Gauss-Newton, their covariance, and V^-1 of what they leave."""
-    values, free = found.values.copy(), list(found.fit.free)
-    near = precisions([found.model.parameters[i] for i in free])
-    for _ in range(_MOST_STEPS):
-        rows = _Rows.of(found, values, data, turning)
-        covariance = sum(size * kind for size, kind in zip(variances, rows.kinds, strict=True))
-        factor = scipy.linalg.cho_factor(covariance, lower=True)
-        whitened = scipy.linalg.cho_solve(factor, rows.columns)
-        precision = near / rows.scale**2
-        information = rows.columns.T @ whitened + np.diag(precision)
-        away = (values - found.values)[free] * rows.scale
-        step = np.linalg.solve(information, whitened.T @ rows.residual - precision * away)
-        moved = rows.columns @ step
-        values[free] += step / rows.scale
-        if np.sqrt(np.mean(moved**2)) < _CONVERGED_M:
+    found: Identification, data: Measurements, rows: _Rows, variances: Array
+) -> tuple[Array, Array, Array, Iterator[LeftOut]]:
+    """Parameters ``(p,)`` beside a process, their covariance, the offsets' weights, and the poses left out in turn.
+
+    Covariance matrix and derivatives are those at the first parameters: both change by far less than they are.
+    """
+    model, values, free = found.model, found.values.copy(), list(found.fit.free)
+    near = precisions([model.parameters[i] for i in free])
+    inputs = data.inputs(model.conditions)
+    flat = rows.columns.reshape(-1, len(free))
+    support = Support.of(rows.reduction, rows.kernels, variances, flat, near)
+    for step in range(_MOST_STEPS):
+        residual, alone = rows.reduction((data.points - model.points(inputs, values)).reshape(len(data), -1))
+        half = scipy.linalg.solve_triangular(support.root, residual, lower=True, check_finite=False)
+        away = (values - found.values)[free] * support.scale
+        gradient = support.half_columns.T @ half + support.noise_columns.T @ alone / variances[0]
+        change = np.linalg.solve(support.information, gradient - support.precision * away)
+        values[free] += change / support.scale
+        moved = np.concatenate([support.columns, support.noise_columns]) @ change
+        if np.sqrt(np.mean(moved**2)) < _CONVERGED_M or step == _MOST_STEPS - 1:
             break
-    left = scipy.linalg.cho_solve(factor, rows.residual - moved)
-    return values, np.linalg.inv(information) / np.outer(rows.scale, rows.scale), left
+    half -= support.half_columns @ change
+    left = scipy.linalg.solve_triangular(support.root, half, lower=True, trans="T", check_finite=False)
+    weights = rows.reduction.numbers.per_joint(left[:, None])[..., 0].T
+    covariance = np.linalg.inv(support.information) / np.outer(support.scale, support.scale)
+    rest = (alone - support.noise_columns @ change) / variances[0]
+    labels = configurations(rows.joints)
+    poses = left_out(support, rows.reduction, variances[0], (left, rest), labels)
+    return values, covariance, np.ascontiguousarray(weights), poses
+
+
+def _factor(rows: _Rows, variances: Array, poses: Iterable[LeftOut]) -> float:
+    """The factor of the predicted variances, from poses that are left out in turn."""
+    errors, covariances, priors = [], [], []
+    for each in poses:
+        slopes = rows.slopes[each.pose].reshape(-1, 3, rows.slopes.shape[-1])[rows.seen[each.pose]]
+        priors += [variances[1:].sum() * float((part**2).sum()) for part in slopes]
+        errors += list(each.error.reshape(-1, 3))
+        covariances += [each.covariance[i : i + 3, i : i + 3] for i in range(0, len(each.error), 3)]
+    return bound_factor(np.array(errors), np.array(covariances), variances[0], np.array(priors))
 
 
 def _replaced(
@@ -226,47 +308,113 @@ def _replaced(
     )
 
 
-def _variances(rows: _Rows, known: float | None) -> tuple[Array, Array, float]:
-    """The likeliest variances ``(c,)``, the upper quartile of each, and the p-value of all but noise and scatter."""
-    sizes, deviance, information = _likeliest(rows, known, len(rows.kinds))
-    alone = _likeliest(rows, known, 2)[1]
-    ratio = max(alone - deviance, 0.0)
-    estimated = np.arange(len(sizes)) >= (known is not None)
-    errors = np.zeros(len(sizes))
+def _variances(numbers: _Numbers, known: float | None) -> tuple[Array, Array, float]:
+    """The likeliest variances ``(c,)``, the covariance of their estimates, and the p-value of the offsets."""
+    count = len(numbers.kinds)
+    sizes, deviance = _likeliest(numbers, known, count)
+    alone = _likeliest(numbers, known, 2)[1]
+    information = _Projector.of(numbers, sizes).information(numbers.kinds)
+    estimated = np.arange(count) >= (known is not None)
+    errors = np.zeros((count, count))
     known_so_well = np.sqrt(np.diag(information)[estimated])
-    relative = information[np.ix_(estimated, estimated)] / np.outer(known_so_well, known_so_well)
-    inverse = np.linalg.pinv(relative, rcond=_LEAST_TOLD, hermitian=True)
-    errors[estimated] = np.sqrt(np.diag(inverse)) / known_so_well
-    p = float(scipy.stats.chi2.sf(ratio, len(rows.kinds) - 2)) / 2 if ratio > 0 else 1.0
-    return sizes, sizes + _QUARTILE * errors, p
+    scale = np.outer(known_so_well, known_so_well)
+    relative = information[np.ix_(estimated, estimated)] / scale
+    errors[np.ix_(estimated, estimated)] = np.linalg.pinv(relative, rcond=_LEAST_TOLD, hermitian=True) / scale
+    ratio = max(alone - deviance, 0.0)
+    p = float(scipy.stats.chi2.sf(ratio, count - 2)) / 2 if ratio > 0 else 1.0
+    return sizes, errors, p
 
 
-def _likeliest(rows: _Rows, known: float | None, count: int) -> tuple[Array, float, Array]:
-    """Variances of the first components, minus twice their restricted log-likelihood, and the average information."""
-    kinds, residual = rows.kinds[:count], rows.residual
-    dof = len(residual) - rows.columns.shape[1]
-    mean = np.array([np.trace(kind) / len(residual) for kind in kinds])
-    whole = float(residual @ residual) / dof
-    sizes = whole / (len(kinds) * mean)
-    fixed = known is not None
-    for step in range(_STEPS + 1):
-        if fixed:
-            sizes[0] = known
-        covariance = sum(size * kind for size, kind in zip(sizes, kinds, strict=True))
-        triangle = np.linalg.cholesky(covariance)
+def _likeliest(numbers: _Numbers, known: float | None, count: int) -> tuple[Array, float]:
+    """Variances of the first components, and minus twice their restricted log-likelihood."""
+    kinds = numbers.kinds[:count]
+    mean = np.array([np.trace(kind) / len(numbers.residual) for kind in kinds])
+    whole = numbers.squares / numbers.dof
+    least = _LEAST_SHARE * whole / mean
+
+    def step(sizes: Array) -> tuple[Array, float]:
+        projector = _Projector.of(numbers, sizes)
+        squares, traces = projector.gains(kinds)
+        moved = np.maximum(sizes * np.sqrt(squares / np.maximum(traces, 1e-300)), least)
+        moved[0] = moved[0] if known is None else known
+        return moved, projector.deviance
+
+    def settled(first: Array, second: Array) -> bool:
+        return bool(np.abs(np.sqrt(first * mean) - np.sqrt(second * mean)).max() < _SETTLED * np.sqrt(whole))
+
+    sizes = whole / (count * mean)
+    if known is not None:
+        sizes[0] = known
+    for _ in range(_CYCLES):
+        first, deviance = step(sizes)
+        if settled(first, sizes):
+            return sizes, deviance
+        second, deviance_first = step(first)
+        if settled(second, first):
+            return first, deviance_first
+        change, bend = np.log(first / sizes), np.log(second / first) - np.log(first / sizes)
+        ratio = float(np.linalg.norm(change)) / max(float(np.linalg.norm(bend)), 1e-300)
+        length = min(max(ratio, 1.0), _LONGEST)
+        far = np.clip(sizes * np.exp(2 * length * change + length**2 * bend), least, whole / mean)
+        if known is not None:
+            far[0] = known
+        again, deviance_far = step(far)
+        sizes = again if deviance_far < deviance_first else second
+    return sizes, step(sizes)[1]
+
+
+@dataclass(frozen=True)
+class _Projector:
+    """The matrix P of a restricted likelihood, V^-1 less what the parameters take up, in parts.
+
+    Attributes:
+        moved: ``(N, N)`` of the numbers that the joints' offsets move.
+        across: ``(N, M)`` between these and those with the noise alone.
+        alone: ``(M, M)`` of those with the noise alone.
+        left: P times the residuals ``(N,)`` and ``(M,)``.
+        deviance: minus twice the restricted log-likelihood.
+    """
+
+    moved: Array
+    across: Array
+    alone: Array
+    left: tuple[Array, Array]
+    deviance: float
+
+    @classmethod
+    def of(cls, numbers: _Numbers, sizes: Array) -> "_Projector":
+        """By variances of the first components."""
+        triangle = np.linalg.cholesky(sum(size * kind for size, kind in zip(sizes, numbers.kinds, strict=False)))
         inverse = scipy.linalg.lapack.dpotri(triangle, lower=1)[0]
         inverse = np.tril(inverse) + np.tril(inverse, -1).T
-        whitened = inverse @ rows.columns
-        information = rows.columns.T @ whitened
-        projector = inverse - whitened @ np.linalg.solve(information, whitened.T)
-        left = projector @ residual
-        gains = np.array([(left @ kind @ left) / max(float((projector * kind).sum()), 1e-300) for kind in kinds])
-        moved = sizes * np.sqrt(np.maximum(gains, 0.0))
-        settled = np.abs(np.sqrt(moved * mean) - np.sqrt(sizes * mean)).max() < _SETTLED * np.sqrt(whole)
-        if settled or step == _STEPS:
-            break
-        sizes = moved
-    deviance = 2 * float(np.log(np.diag(triangle)).sum()) + float(np.linalg.slogdet(information)[1] + residual @ left)
-    products = [projector @ kind for kind in kinds] if count == len(rows.kinds) else []
-    average = np.array([[0.5 * float((a * b.T).sum()) for b in products] for a in products])
-    return sizes, deviance, average
+        whitened, alone = inverse @ numbers.columns, numbers.noise_columns / sizes[0]
+        information = numbers.columns.T @ whitened + numbers.noise_columns.T @ alone
+        gradient = whitened.T @ numbers.residual + alone.T @ numbers.noise_residual
+        fitted, back = np.linalg.solve(information, gradient), np.linalg.solve(information, whitened.T)
+        pulled, rest = inverse @ numbers.residual, numbers.noise_residual / sizes[0]
+        deviance = 2 * float(np.log(np.diag(triangle)).sum()) + len(alone) * float(np.log(sizes[0]))
+        deviance += float(np.linalg.slogdet(information)[1] - gradient @ fitted)
+        deviance += float(numbers.residual @ pulled + numbers.noise_residual @ rest)
+        among = np.eye(len(alone)) / sizes[0] - alone @ np.linalg.solve(information, alone.T)
+        left = pulled - whitened @ fitted, rest - alone @ fitted
+        return cls(inverse - whitened @ back, -back.T @ alone.T, among, left, deviance)
+
+    def gains(self, kinds: Sequence[Array]) -> tuple[Array, Array]:
+        """Quadratic forms ``(c,)`` of ``left`` by each component, and the traces of P times it."""
+        first, second = self.left
+        squares = np.array([first @ kind @ first for kind in kinds])
+        traces = np.array([float((self.moved * kind).sum()) for kind in kinds])
+        squares[0] += second @ second
+        traces[0] += np.trace(self.alone)
+        return squares, traces
+
+    def information(self, kinds: Sequence[Array]) -> Array:
+        """Expected information ``(c, c)`` of the variances: halves of the traces of P K P K'."""
+        products = [self.moved, *(self.moved @ kind for kind in kinds[1:])]
+        found = np.array([[0.5 * float((one * other.T).sum()) for other in products] for one in products])
+        between = self.across @ self.across.T
+        shared = np.array([0.5 * float((between * kind).sum()) for kind in kinds])
+        found[0] += shared
+        found[:, 0] += shared
+        found[0, 0] += 0.5 * float((self.alone**2).sum())
+        return found

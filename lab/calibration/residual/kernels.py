@@ -2,8 +2,9 @@
 
 Each joint is off by the sum of a function of its own position, as gears are, and one of all positions, as what gives
 way is. Either is a sum of stationary Gaussian processes of several lengths (Rasmussen & Williams 2006, section 4.2):
-Matern's with 3/2 of the own position, with 1/2 of all, which trusts no smoothness that nobody measured. Distances of
-hinges are chords, 2 sin(d / 2), so that a whole turn leads back; a slide's are in units of 0.3 m.
+Matern's with 3/2 of the own position; with 1/2 of all, which trusts no smoothness that nobody measured, and beside it
+with 5/2 and longer lengths, as the sag of springs varies: the data choose how much of each. Distances of hinges are
+chords, 2 sin(d / 2), so that a whole turn leads back; a slide's are in units of 0.3 m.
 """
 
 from collections.abc import Iterator
@@ -19,7 +20,13 @@ __all__ = ["COMPONENTS", "JointKernels"]
 
 _OWN = (0.05, 0.2, 0.8)  # rad: lengths of the functions of a joint's own position
 _ALL = (0.1, 0.4, 1.6)  # of those of all positions
-COMPONENTS = ("noise", "scatter", *(f"own {size:g}" for size in _OWN), *(f"all {size:g}" for size in _ALL))
+_SMOOTH = (1.0, 4.0)  # of smooth functions of all positions
+COMPONENTS = (
+    *("noise", "scatter"),
+    *(f"own {size:g}" for size in _OWN),
+    *(f"all {size:g}" for size in _ALL),
+    *(f"smooth {size:g}" for size in _SMOOTH),
+)
 
 
 @dataclass(frozen=True)
@@ -47,15 +54,19 @@ class JointKernels:
             yield True, (1 + scaled) * np.exp(-scaled)
         for size in _ALL:
             yield False, np.exp(-whole / size)
+        for size in _SMOOTH:
+            scaled = np.sqrt(5) * whole / size
+            yield False, (1 + scaled + scaled**2 / 3) * np.exp(-scaled)
 
-    def of_numbers(self, first: tuple[Array, Array], second: tuple[Array, Array]) -> Iterator[Array]:
-        """Unit covariances ``(n d, m d)`` of observed numbers, one a length.
+    def of_joints(self, sizes: Array, first: Array, second: Array) -> Array:
+        """Covariances ``(joints, n, m)`` of each joint's offsets: the sum of all lengths with these variances.
 
         Args:
-            first, second: joint positions ``(n, joints)`` and derivatives by them ``(n, d, joints)``.
+            sizes: ``(lengths,)`` in the order of ``of_offsets``.
+            first, second: joint positions ``(n, joints)`` and ``(m, joints)``.
         """
-        (here, by_here), (there, by_there) = first, second
-        shape = by_here.shape[0] * by_here.shape[1], by_there.shape[0] * by_there.shape[1]
-        for own, kernel in self.of_offsets(here, there):
-            rows = "nij,nmj,mkj->nimk" if own else "nij,nm,mkj->nimk"
-            yield np.einsum(rows, by_here, kernel, by_there, optimize=True).reshape(shape)
+        found = np.zeros((first.shape[1], len(first), len(second)))
+        for (own, kernel), size in zip(self.of_offsets(first, second), sizes, strict=True):
+            if size > 0:
+                found += size * (np.moveaxis(kernel, 2, 0) if own else kernel)
+        return found

@@ -2,8 +2,10 @@
 
 What is measured is y = X b + Z f + e: parameters b without a prior, offsets f of the joints (``kernels``) through the
 derivatives Z by their positions, and noise. The best linear unbiased prediction and its covariance are those of
-universal kriging (Cressie 1993, section 3.4). The variances of f are estimates themselves: the offsets are predicted
-by the likeliest, the covariance of their error is by the upper quartile of each.
+universal kriging (Cressie 1993, section 3.4). The variances of f are estimates themselves. With fixed weights the
+variance of a predicted point is a linear function of them, and the upper quartile of this function follows from the
+covariance matrix of the estimated variances. It counts far from all measured poses. Near them a factor of the predicted
+variance is chosen so that 95 % of the poses that are left out in turn lie within their 95 % bounds (``left_out``).
 """
 
 from collections.abc import Sequence
@@ -15,19 +17,23 @@ import scipy  # its parts are loaded at their first use, which not every process
 from numpy.typing import NDArray
 
 from lab.calibration.residual.kernels import JointKernels
+from lab.calibration.residual.pose_numbers import PoseNumbers, Reduction, covariance
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.core.linear_model import unit_columns
+from lab.core.measurements import evenly
 from lab.core.se3 import Array
 from lab.kinematics.effects.arm import Arm, ArmWithEffects, affected
 from lab.kinematics.effects.effect import Effect
 from lab.kinematics.model import RigidArm
 from lab.kinematics.parameter import Parameter
 
-__all__ = ["GROUP", "SHARE", "JointProcess", "PredictedBy", "precisions", "total_covariance"]
+__all__ = ["GROUP", "SHARE", "UPPER_QUARTILE", "JointProcess", "PredictedBy", "Support", "precisions", "scaled_by"]
 
 GROUP = "residual"
 SHARE = Parameter(GROUP, "share", GROUP, "ratio", "", 1.0)
 _BLOCK = 400  # poses that are worked out at once
+UPPER_QUARTILE = 0.6744897501960817  # of a standard normal
+_MAX_COVARIANCE_NUMBERS = 4_500  # measured, by which covariances are predicted: their time grows with the square
 _AWAY = (5e-3, 15e-3)  # m and rad: one standard deviation of how far a link is from where least squares alone puts it
 
 
@@ -38,25 +44,32 @@ class JointProcess:
     Attributes:
         inputs: ``(s, joints + conditions)`` the poses that say it.
         seen: ``(s, k)`` which targets were measured there.
-        variances, upper: ``(c,)`` of ``kernels.COMPONENTS``, m^2 of the noise and rad^2 (m^2 of a slide) of the others:
-            the likeliest, and the upper quartile of each.
+        variances: ``(c,)`` of ``kernels.COMPONENTS``, m^2 of the noise and rad^2 (m^2 of a slide) of the others.
+        errors: ``(c, c)`` covariance of their estimates.
         weights: ``(s, joints)`` by which the processes' covariances with these poses give the offsets.
         turning: ``(joints,)`` which joints turn.
         p: the chance of as large a likelihood if there were noise and scatter alone.
+        factor: of the predicted variances, by which 95 % of the poses left out lie within their bounds.
     """
 
     inputs: Array
     seen: NDArray[np.bool_]
     variances: Array
-    upper: Array
+    errors: Array
     weights: Array
     turning: NDArray[np.bool_]
     p: float
+    factor: float = 1.0
 
     @property
     def kernels(self) -> JointKernels:
         """Of its joints."""
         return JointKernels(self.turning)
+
+    @property
+    def upper(self) -> Array:
+        """``(c,)`` the upper quartile of each variance."""
+        return np.asarray(self.variances + UPPER_QUARTILE * np.sqrt(np.diag(self.errors)))
 
     @property
     def noise_m(self) -> float:
@@ -79,6 +92,10 @@ class JointProcess:
                 found[first : first + _BLOCK] += size * np.einsum(rows, kernel, self.weights)
         return found
 
+    def prior(self, slopes: Array) -> Array:
+        """Variances ``(q,)`` of numbers by the offsets before any measurement, from derivatives ``(q, joints)``."""
+        return np.asarray(self.variances[1:].sum() * (slopes**2).sum(axis=1))
+
     def effect(self) -> Effect:
         """The offsets as a group of one parameter: the share of them that is taken, zero in the nominal model."""
 
@@ -96,34 +113,20 @@ class JointProcess:
         return added
 
 
+def scaled_by(factor: float, share: Array) -> Array:
+    """The factor of predicted variances that are a ``share`` of what they were before any measurement.
+
+    More is more everywhere. Less is less only as far as measurements nearby tell the offsets: they showed that.
+    """
+    return np.asarray(factor + max(1 - factor, 0.0) * np.clip(share, 0.0, 1.0))
+
+
 def precisions(parameters: Sequence[Parameter]) -> Array:
     """``(f,)`` how surely each parameter is near where least squares alone puts it: links to ten usual tolerances.
 
     A direction that the poses hardly tell would else take up what the process does not, and lead far away.
     """
     return np.array([1 / _AWAY[each.is_angle] ** 2 if each.is_link else 0.0 for each in parameters])
-
-
-def total_covariance(
-    kernels: JointKernels, sizes: Array, first: tuple[Array, Array], second: tuple[Array, Array] | None = None
-) -> Array:
-    """Covariance ``(n d, m d)`` of observed numbers, the noise aside, of processes with these variances.
-
-    Args:
-        sizes: ``(c,)`` as ``JointProcess.variances``.
-        first, second: joint positions ``(n, joints)`` and derivatives ``(n, d, joints)``; of one set without
-            ``second``, and then with the scatter of each pose.
-    """
-    other = first if second is None else second
-    found = np.zeros((first[1].shape[0] * first[1].shape[1], other[1].shape[0] * other[1].shape[1]))
-    for size, kernel in zip(sizes[2:], kernels.of_numbers(first, other), strict=True):
-        found += size * kernel
-    if second is None:
-        slopes = first[1]
-        n, d = slopes.shape[:2]
-        blocks = found.reshape(n, d, n, d)
-        blocks[np.arange(n), :, np.arange(n)] += sizes[1] * (slopes @ np.swapaxes(slopes, 1, 2))
-    return np.asarray(found)
 
 
 @dataclass(frozen=True)
@@ -141,89 +144,129 @@ class PredictedBy:
     values: Array
     free: tuple[int, ...]
 
-    def covariances(self, inputs: Array) -> Array:
-        """Covariances ``(n, k, 3, 3)`` (m^2) of the predicted points' errors at poses ``(n, joints + conditions)``."""
-        k = len(self.model.targets)
+    def covariances(self, inputs: Array, targets: int | None = None) -> Array:
+        """Covariances ``(n, k, 3, 3)`` (m^2) of the predicted points' errors at poses ``(n, joints + conditions)``.
+
+        Args:
+            targets: how many, from the first; all where None.
+        """
+        k = len(self.model.targets) if targets is None else targets
         found = np.empty((len(inputs), k, 3, 3))
         for first in range(0, len(inputs), _BLOCK // k):
             some = inputs[first : first + _BLOCK // k]
             n = len(some)
-            whole = self.covariance(some).reshape(n, k, 3, n, k, 3)
+            whole = self.covariance(some, k).reshape(n, k, 3, n, k, 3)
             rows, target = np.meshgrid(np.arange(n), np.arange(k), indexing="ij")
             found[first : first + n] = whole[rows, target, :, rows, target]
         return found
 
-    def covariance(self, inputs: Array) -> Array:
+    def covariance(self, inputs: Array, targets: int | None = None) -> Array:
         """Covariance ``(n k 3, n k 3)`` (m^2) of the predicted points' errors, of all poses together."""
-        here, columns = self._at(inputs)
-        there, support, kernels = self._there, self._support, self.process.kernels
-        weights = total_covariance(kernels, self.process.variances, here, there)[:, self._rows]
-        weights = scipy.linalg.cho_solve(support.factor, weights.T).T
-        lacking = columns / support.scale - weights @ support.columns
-        weights = weights + lacking @ np.linalg.solve(support.information, support.whitened.T)
-        biased = (columns / support.scale - weights @ support.columns)[:, support.precision > 0]
-        upper = self.process.upper
-        crossed = weights @ total_covariance(kernels, upper, here, there)[:, self._rows].T
-        return np.asarray(
-            total_covariance(kernels, upper, here)
-            - crossed
-            - crossed.T
-            + weights @ support.upper @ weights.T
-            + (biased / support.precision[support.precision > 0]) @ biased.T
-        )
+        (joints, slopes), columns = self._at(inputs, targets)
+        here, kernels, support = PoseNumbers.whole(joints, slopes), self.process.kernels, self._support
+        crossed = covariance(kernels, self.process.variances, support.numbers, here)
+        half = scipy.linalg.solve_triangular(support.root, crossed, lower=True, check_finite=False)
+        lacking = (columns / support.scale).T - support.half_columns.T @ half
+        by_parameters = np.linalg.solve(support.information, lacking)
+        found = covariance(kernels, self.process.variances, here) - half.T @ half + lacking.T @ by_parameters
+        half += support.half_columns @ by_parameters
+        weights = scipy.linalg.solve_triangular(support.root, half, lower=True, trans="T", check_finite=False)
+        alone = support.noise_columns @ by_parameters / self.process.variances[0]
+        parts = self._by_component(here, weights, alone).reshape(len(self.process.variances), -1, 3).sum(axis=2)
+        errors = np.sqrt(np.maximum(np.einsum("cq,cd,dq->q", parts, self.process.errors, parts), 0.0))
+        sizes = np.maximum(np.diag(found).reshape(-1, 3).sum(axis=1), 1e-300)
+        before = np.maximum(self.process.prior(here.slopes).reshape(-1, 3).sum(axis=1), 1e-300)
+        share = np.minimum(sizes / before, 1.0)
+        wider = (1 + UPPER_QUARTILE * share * errors / sizes) * scaled_by(self.process.factor, share)
+        root = np.sqrt(wider).repeat(3)
+        return np.asarray(found * root[:, None] * root)
 
-    def _at(self, inputs: Array) -> tuple[tuple[Array, Array], Array]:
+    def _by_component(self, here: PoseNumbers, weights: Array, alone: Array) -> Array:
+        """Error variances ``(c, q)`` of q predicted numbers, by components with a variance of one, with fixed weights.
+
+        Args:
+            weights: ``(N, q)`` of the measured numbers that the offsets move.
+            alone: ``(M, q)`` of those that have the noise alone.
+        """
+        numbers, kernels = self._support.numbers, self.process.kernels
+        pulled = numbers.per_joint(weights.astype(np.float32))  # a few digits of the width of a bound are enough
+        slopes, pose = here.slopes.astype(np.float32), here.pose
+        own = (slopes**2).sum(axis=1)
+        found = [(weights**2).sum(axis=0) + (alone**2).sum(axis=0), own + (pulled**2).sum(axis=(0, 1))]
+        between = kernels.of_offsets(numbers.joints, numbers.joints)
+        across = kernels.of_offsets(numbers.joints, here.joints)
+        for (each, kernel), (_, crossed) in zip(between, across, strict=True):
+            total = own.copy()
+            for joint, part in enumerate(pulled):
+                inner, outer = (k[..., joint] if each else k for k in (kernel, crossed))
+                moved = inner.astype(np.float32) @ part - 2 * slopes[:, joint] * outer.astype(np.float32)[:, pose]
+                total += np.einsum("nq,nq->q", moved, part)
+            found.append(np.maximum(total, 0.0))
+        return np.array(found, dtype=np.float64)
+
+    def _at(self, inputs: Array, targets: int | None = None) -> tuple[tuple[Array, Array], Array]:
         """Joint positions with derivatives ``(n, k 3, joints)`` by them, and ``(n k 3, f)`` by the parameters."""
         size, n = len(self.process.turning), len(inputs)
-        jacobian = self.model.observe(inputs, self.values)[1][..., list(self.free)]
-        slopes = by_joint_positions(self.model, inputs, self.values, size)
+        jacobian = self.model.observe(inputs, self.values)[1][:, :targets][..., list(self.free)]
+        slopes = by_joint_positions(self.model, inputs, self.values, size)[:, :targets]
         return (inputs[:, :size], slopes.reshape(n, -1, size)), jacobian.reshape(-1, len(self.free))
 
     @cached_property
-    def _rows(self) -> NDArray[np.int_]:
-        return np.flatnonzero(np.repeat(self.process.seen.ravel(), 3))
-
-    @cached_property
-    def _there(self) -> tuple[Array, Array]:
-        return self._at(self.process.inputs)[0]
-
-    @cached_property
-    def _support(self) -> "_Support":
-        here, columns = self._at(self.process.inputs)
-        kept = np.ix_(self._rows, self._rows)
-        likely, upper = (
-            total_covariance(self.process.kernels, sizes, here)[kept] + sizes[0] * np.eye(len(self._rows))
-            for sizes in (self.process.variances, self.process.upper)
-        )
+    def _support(self) -> "Support":
+        inputs, seen = self.process.inputs, self.process.seen
+        per_pose = min(3 * int(seen.sum(axis=1).max()), len(self.process.turning))
+        some = evenly(len(inputs), _MAX_COVARIANCE_NUMBERS // per_pose)
+        if some is not None:
+            inputs, seen = inputs[some], seen[some]
+        (joints, slopes), columns = self._at(inputs)
         near = precisions([self.model.parameters[i] for i in self.free])
-        return _Support.of(likely, upper, columns[self._rows], near)
+        reduction = Reduction.of(joints, slopes, seen)
+        return Support.of(reduction, self.process.kernels, self.process.variances, columns, near)
 
 
 @dataclass(frozen=True)
-class _Support:
-    """What the poses of a process say, rows of the numbers that were seen.
+class Support:
+    """Measured numbers with their covariance matrix, factorized, beside parameters.
 
     Attributes:
-        factor: of their covariance, by Cholesky.
-        upper: that covariance by the upper quartiles.
-        columns, scale: derivatives by the parameters as unit columns, and the norms that they had.
-        whitened: the covariance's inverse times ``columns``.
-        precision: of the parameters beforehand, in these units.
-        information: of the parameters, in these units, ``precision`` included.
+        numbers: the N numbers that the joints' offsets move.
+        root: ``(N, N)`` the Cholesky factor of their covariance matrix, lower.
+        columns: ``(N, f)`` derivatives by the parameters, scaled to unit norm over all numbers.
+        scale: ``(f,)`` the norms that they had.
+        half_columns: the factor's inverse times ``columns``.
+        noise_columns: ``(M, f)`` the derivatives of the numbers that have the noise alone.
+        precision: ``(f,)`` of the parameters beforehand, in these units.
+        information: ``(f, f)`` of the parameters, in these units, ``precision`` included.
     """
 
-    factor: tuple[Array, bool]
-    upper: Array
+    numbers: PoseNumbers
+    root: Array
     columns: Array
     scale: Array
-    whitened: Array
+    half_columns: Array
+    noise_columns: Array
     precision: Array
     information: Array
 
     @classmethod
-    def of(cls, likely: Array, upper: Array, columns: Array, near: Array) -> "_Support":
-        factor = scipy.linalg.cho_factor(likely, lower=True)
-        units, scale = unit_columns(columns)
-        whitened = scipy.linalg.cho_solve(factor, units)
+    def of(
+        cls, reduction: Reduction, kernels: JointKernels, variances: Array, columns: Array, near: Array
+    ) -> "Support":
+        """Of poses.
+
+        Args:
+            variances: ``(c,)`` of ``kernels.COMPONENTS``.
+            columns: ``(n k 3, f)`` derivatives of all numbers by the parameters.
+            near: ``(f,)`` precisions of the parameters beforehand.
+        """
+        numbers = reduction.numbers
+        some = reduction(columns.reshape(len(numbers.joints), -1, columns.shape[1]))
+        units, scale = unit_columns(np.concatenate(some))
+        moved, alone = units[: len(numbers.pose)], units[len(numbers.pose) :]
+        whole = covariance(kernels, variances, numbers)
+        whole[np.diag_indices_from(whole)] += variances[0]
+        root = scipy.linalg.cholesky(whole, lower=True, overwrite_a=True, check_finite=False)
+        half = scipy.linalg.solve_triangular(root, moved, lower=True, check_finite=False)
         precision = near / scale**2
-        return cls(factor, upper, units, scale, whitened, precision, units.T @ whitened + np.diag(precision))
+        information = half.T @ half + alone.T @ alone / variances[0] + np.diag(precision)
+        return cls(numbers, root, moved, scale, half, alone, precision, information)

@@ -16,7 +16,7 @@ from lab.calibration.observations.kind import ObservationKind
 from lab.calibration.observations.protocol import observation_of, only_positions
 from lab.calibration.prior import Tolerance
 from lab.calibration.residual.estimation import with_residual
-from lab.calibration.residual.process import GROUP
+from lab.calibration.residual.process import GROUP, JointProcess
 from lab.calibration.stations import named_stations
 from lab.calibration.statistics.candidate_models import SelectionTask
 from lab.calibration.statistics.goodness_of_fit import NOT_TESTED, GoodnessOfFit
@@ -354,10 +354,16 @@ class Fitter:
                     made.append(task.derivatives(name, found))
         return made
 
-    def predicting(self, rows: Measurements, groups: Sequence[str], held: Sequence[str]) -> Identification:
-        """One identification, outliers left out if asked for, with what no group explains where that is asked for."""
+    def predicting(
+        self, rows: Measurements, groups: Sequence[str], held: Sequence[str], process: JointProcess | None = None
+    ) -> Identification:
+        """One identification, outliers left out if asked for, with what no group explains where that is asked for.
+
+        Args:
+            process: of all rows, whose variances are taken.
+        """
         found, clean, _ = self.identified(rows, groups, held)
-        return with_residual(found, clean) if self.options.residual else found
+        return with_residual(found, clean, process) if self.options.residual else found
 
     def _selected(self, rows: Measurements) -> Selection | None:
         """The groups that the rows call for, or that are asked for; None for geometry alone."""

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from lab.calibration.residual.kernels import COMPONENTS
-from lab.calibration.residual.process import GROUP, JointProcess
+from lab.calibration.residual.process import GROUP, UPPER_QUARTILE, JointProcess
 from lab.core.errors import LabError
 from lab.core.ranges import NUMBER_SIZE
+from lab.core.se3 import Array
 from lab.formats.csv_table import CsvTable, write_columns
 from lab.formats.structured import structured
 from lab.kinematics.joints import JointSpec
@@ -27,15 +28,34 @@ class ResidualSizes:
     p: float
     variances: Mapping[str, float]
     upper_quartiles: Mapping[str, float]
+    variance_errors: Sequence[Sequence[float]] | None = None
+    bound_factor: float = 1.0
 
     def __post_init__(self) -> None:
         """Refuse what lacks a component, or has a variance below zero, with a LabError."""
         for name in ("variances", "upper_quartiles"):
             sizes = getattr(self, name)
-            if missing := [each for each in COMPONENTS if each not in sizes]:
+            if missing := [each for each in self.components if each not in sizes]:
                 raise LabError(f"residual.{name}: '{missing[0]}' is missing")
             if min(sizes.values()) < 0:
                 raise LabError(f"residual.{name}: a variance is not below zero")
+        if not self.bound_factor > 0:
+            raise LabError("residual.bound_factor: a factor of variances is above zero")
+        if self.variance_errors is not None and np.shape(self.variance_errors) != (len(COMPONENTS),) * 2:
+            raise LabError(f"residual.variance_errors: not {len(COMPONENTS)} rows of {len(COMPONENTS)} numbers")
+
+    @property
+    def components(self) -> tuple[str, ...]:
+        """Those that the run has: one of an older version has no smooth ones, and no covariance of its variances."""
+        return COMPONENTS if self.variance_errors is not None else tuple(c for c in COMPONENTS if c[:6] != "smooth")
+
+    @property
+    def errors(self) -> Array:
+        """``(c, c)`` covariance of the variances; of an older run as its upper quartiles say, fully correlated."""
+        if self.variance_errors is not None:
+            return np.array(self.variance_errors)
+        apart = [self.upper_quartiles.get(c, 0.0) - self.variances.get(c, 0.0) for c in COMPONENTS]
+        return np.outer(apart, apart) / UPPER_QUARTILE**2
 
 
 def residual_to_dict(process: JointProcess | None) -> dict[str, Any] | None:
@@ -49,6 +69,8 @@ def residual_to_dict(process: JointProcess | None) -> dict[str, Any] | None:
         "joint_scatter_mrad": 1e3 * process.scatter_rad,
         "variances": dict(zip(COMPONENTS, process.variances.tolist(), strict=True)),
         "upper_quartiles": dict(zip(COMPONENTS, process.upper.tolist(), strict=True)),
+        "variance_errors": process.errors.tolist(),
+        "bound_factor": process.factor,
     }
 
 
@@ -101,8 +123,6 @@ def read_residual(
     size, first = chain.size, chain.size + len(conditions)
     seen = rows[:, first : first + len(targets)] > 0
     turning = ~np.array(chain.prismatic, dtype=np.bool_)
-    likely, upper = (
-        np.array([sizes[name] for name in COMPONENTS]) for sizes in (found.variances, found.upper_quartiles)
-    )
+    likely = np.array([found.variances.get(name, 0.0) for name in COMPONENTS])
     inputs, weights = map(np.ascontiguousarray, (rows[:, :first], rows[:, -size:]))  # as in memory: sums round alike
-    return JointProcess(inputs, seen, likely, upper, weights, turning, found.p)
+    return JointProcess(inputs, seen, likely, found.errors, weights, turning, found.p, found.bound_factor)

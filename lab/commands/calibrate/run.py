@@ -263,7 +263,8 @@ def _judged_by_rows(
         validation = replace(validation, warnings=(*validation.warnings, *sorted(said)))
         return validation.naming([pose.id for pose in fit.outliers if pose.held_out])
     with error_context(options.file):
-        again = partial(fitter.knowing(fit.noise.shared).predicting, groups=fit.groups, held=fit.unshown)
+        some = fitter.knowing(fit.noise.shared)
+        again = partial(some.predicting, groups=fit.groups, held=fit.unshown, process=fit.process)
         validation = validate_folds(again, fit.identification, rows, options.seed, progress)
         return validation.naming([pose.id for pose in fit.outliers])
 

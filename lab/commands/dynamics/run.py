@@ -28,7 +28,7 @@ from lab.formats.toml import read_toml
 from lab.kinematics.dynamics.arm_dynamics import ArmDynamics, khalil_chain
 from lab.kinematics.dynamics.base_parameters import base_parameters
 from lab.kinematics.dynamics.rigid_body import LOAD
-from lab.payload_identification.plausibility import ArmSize, Implausibility
+from lab.payload_identification.plausibility import ArmSize, Implausibility, stuck_channels
 from lab.simulation.link_masses import link_inertias
 from lab.simulation.payload import drawn_mounting
 
@@ -140,7 +140,10 @@ def _measured(described: DynamicsResult, samples: PayloadSamples, other: Payload
         raise LabError("--physical: not every base parameter is identified; move more joints, or leave it out")
     size = ArmSize.of(robot.serial_model.chain, robot.loads)
     nominal = None if links is None else _nominal(model, links)
-    strange = implausible_dynamics(estimate, model, size, nominal, bodies)
+    every = np.ones(robot.chain.size, dtype=np.bool_)
+    names = [f"the torque of {name}" for name in robot.chain.joint_names]
+    stuck = stuck_channels(replace(samples, wrench=None), names, every)
+    strange = (*stuck, *implausible_dynamics(estimate, model, size, nominal, bodies))
     said = (*described.warnings, *samples.warnings, *_warnings(estimate, strange))
     return replace(described, samples=samples, estimate=estimate, physical=bodies, warnings=said, implausible=strange)
 

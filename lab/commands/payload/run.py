@@ -1,6 +1,7 @@
 """The payload at the flange, from a file: by the joints' torques, a wrist sensor's wrench, or the arm's sag."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +20,7 @@ from lab.core.load_samples import Mounting, PayloadSamples
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.formats.load_csv import read_loads, read_mounting
+from lab.formats.load_csv import WRENCH, read_loads, read_mounting
 from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.dynamics.rigid_body import torque_regressor
 from lab.kinematics.serial.arm import SerialArm
@@ -28,7 +29,14 @@ from lab.payload_identification.from_sag import CompliantArm, from_sag
 from lab.payload_identification.from_torques import from_torques
 from lab.payload_identification.from_wrench import from_wrench
 from lab.payload_identification.physical_consistency import physical_estimate
-from lab.payload_identification.plausibility import ArmSize, Implausibility, implausibilities
+from lab.payload_identification.plausibility import (
+    ArmSize,
+    Implausibility,
+    implausibilities,
+    misplaced_points,
+    not_of_the_arm,
+    stuck_channels,
+)
 from lab.payload_identification.sag_uncertainty import sag_uncertainty
 from lab.simulation.collisions import random_poses
 from lab.simulation.payload import drawn_mounting, own_dynamics
@@ -39,6 +47,7 @@ if TYPE_CHECKING:
 __all__ = ["payload"]
 
 _REHEARSED_KG = 1.0
+_LEAST_LEVER = 0.1  # m, times gravity: a drive whose torque a load changes by less may stand still
 COSTED = 200  # poses over which the cost of an uncertain load is averaged
 SAME_RAD = 1e-6  # rad or m: joint positions of one pose
 
@@ -93,12 +102,15 @@ def _payload(options: PayloadOptions, nominal: str | Robot, run: Calibrated | No
         np.errstate(all="ignore"),
     ):  # numbers of a nonsensical file may overflow
         fitted = _fitted(options, robot, samples, mounting, method)
-        strange = implausibilities(
-            fitted,
-            ArmSize.of(robot.serial_model.chain, robot.loads),
-            samples,
-            lambda other: _fitted(options, robot, other, mounting, method),
-            lambda joints: arm.flange(joints, arm.nominal(robot.tool))[:, 2, :3],
+        strange = (
+            *_stuck(robot, samples, mounting, method),
+            *implausibilities(
+                fitted,
+                ArmSize.of(robot.serial_model.chain, robot.loads),
+                samples,
+                lambda other: _fitted(options, robot, other, mounting, method),
+                lambda joints: arm.flange(joints, arm.nominal(robot.tool))[:, 2, :3],
+            ),
         )
         _refuse_senseless(fitted, strange)
     estimate = physical_estimate(fitted) if options.physical else fitted
@@ -156,6 +168,24 @@ def _fitted(
     return from_torques(arm, values, samples, mounting.gravity, own=own, friction=options.friction, delay=options.delay)
 
 
+def _stuck(robot: Robot, samples: PayloadSamples, mounting: Mounting, method: str) -> tuple[Implausibility, ...]:
+    """Channels that do not change, or do not follow the arm's own weight, where load and arm make them."""
+    if method == "wrench":
+        return stuck_channels(samples.run(True), [f"the column {name}" for name in WRENCH], np.ones(6, dtype=np.bool_))
+    arm = robot.serial_arm(("p1",))
+    joints, rest = samples.joints, np.zeros_like(samples.joints)
+    weight = torque_regressor(arm, arm.nominal(robot.tool), joints, rest, rest, mounting.gravity)[..., :4]
+    shows = (np.ptp(weight, axis=0) > _LEAST_LEVER).any(axis=1)
+    names = [f"the torque of {name}" for name in robot.chain.joint_names]
+    said = stuck_channels(replace(samples, wrench=None), names, np.asarray(shows, dtype=np.bool_))
+    still = samples.run(False)
+    if samples.time_s is not None or still.torques is None:
+        return said
+    nothing = np.zeros_like(still.joints)
+    expected = own_dynamics(robot.serial_model, mounting.gravity)(still.joints, nothing, nothing)
+    return said + not_of_the_arm(still.torques, expected, robot.chain.joint_names)
+
+
 def _refuse_senseless(found: LoadEstimate, strange: Sequence[Implausibility]) -> None:
     """Refuse an estimate of nothing at all, or of a mass below zero."""
     if not found.identified:
@@ -189,7 +219,10 @@ def _by_sag(options: PayloadOptions, run: Calibrated) -> PayloadResult:
     joints, unloaded, loaded, said = _paired(options, data)
     with error_context(options.file), np.errstate(all="ignore"):  # numbers of a nonsensical file may overflow
         fitted = from_sag(arm, values, CompliantArm(compliance, robot.loads), joints, unloaded, loaded)
-        strange = implausibilities(fitted, ArmSize.of(robot.serial_model.chain, robot.loads))
+        strange = (
+            *misplaced_points(arm.points(joints, values), unloaded, loaded),
+            *implausibilities(fitted, ArmSize.of(robot.serial_model.chain, robot.loads)),
+        )
         _refuse_senseless(fitted, strange)
     estimate = physical_estimate(fitted) if options.physical else fitted
     mounting = Mounting(robot.loads.gravity)

@@ -13,7 +13,8 @@ from lab.calibration.extrapolation import prediction_squares
 from lab.calibration.identify import identify
 from lab.calibration.residual.estimation import with_residual
 from lab.calibration.residual.kernels import COMPONENTS, JointKernels
-from lab.calibration.residual.process import JointProcess, PredictedBy, precisions, total_covariance
+from lab.calibration.residual.pose_numbers import Reduction, covariance, unit_covariances
+from lab.calibration.residual.process import UPPER_QUARTILE, JointProcess, PredictedBy, precisions, scaled_by
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.commands.calibrate.residual_file import read_residual, residual_columns, residual_to_dict, write_residual
 from lab.core.errors import LabError
@@ -23,7 +24,22 @@ from lab.core.se3 import Array
 ARM = IRB120.arm(("p1",))
 NOMINAL = ARM.nominal(IRB120.tool)
 TURNING = np.ones(6, dtype=np.bool_)
-SIZES = 1e-10 * np.array([1.0, 0.3, 2.0, 4.0, 8.0, 1.0, 3.0, 5.0])
+SIZES = 1e-10 * np.array([1.0, 0.3, 2.0, 4.0, 8.0, 1.0, 3.0, 5.0, 2.0, 6.0])
+NO_ERRORS = np.zeros((10, 10))
+
+
+def dense(there: Array, slopes: Array) -> Array:
+    """The covariance matrix ``(n d, n d)`` of numbers, the noise aside, written out number by number."""
+    n, d, size = slopes.shape
+    by_length = list(JointKernels(TURNING).of_offsets(there, there))
+    whole = np.zeros((n, d, n, d))
+    for i in range(n):
+        for m in range(n):
+            offsets = np.full(size, SIZES[1] * (i == m))
+            for (own, kernel), variance in zip(by_length, SIZES[2:], strict=True):
+                offsets += variance * (kernel[i, m] if own else np.full(size, kernel[i, m]))
+            whole[i, :, m] = slopes[i] @ np.diag(offsets) @ slopes[m].T
+    return whole.reshape(n * d, n * d)
 
 
 def waving(joints: Array) -> Array:
@@ -52,13 +68,13 @@ def test_it_predicts_as_the_joint_distribution_of_all_numbers_does() -> None:
     near = precisions([ARM.parameters[i] for i in free])
     assert (near[:3] == 0).all() and near[3] in (1 / 5e-3**2, 1 / 15e-3**2)
     prior = np.where(near > 0, 1 / np.where(near > 0, near, 1.0), 1e-1)
-    whole = total_covariance(JointKernels(TURNING), SIZES, (both, slopes)) + (columns * prior) @ columns.T
+    whole = dense(both, slopes) + (columns * prior) @ columns.T
     split = 3 * len(there)
     noisy = whole[:split, :split] + SIZES[0] * np.eye(split)
     rows = rng.standard_normal(split) * 1e-4
     gain = np.linalg.solve(noisy, whole[:split, split:]).T
     expected, left = gain @ rows, whole[split:, split:] - gain @ whole[:split, split:]
-    process = JointProcess(there, np.ones((14, 1), bool), SIZES, SIZES, np.zeros((14, 6)), TURNING, 0.0)
+    process = JointProcess(there, np.ones((14, 1), bool), SIZES, NO_ERRORS, np.zeros((14, 6)), TURNING, 0.0)
     by = PredictedBy(process, ARM, NOMINAL, free)
     assert np.allclose(by.covariance(here), left, rtol=2e-4, atol=1e-4 * left.max())
     assert np.allclose(by.covariances(here)[1, 0], left[3:6, 3:6], rtol=2e-4, atol=1e-4 * left.max())
@@ -67,7 +83,7 @@ def test_it_predicts_as_the_joint_distribution_of_all_numbers_does() -> None:
     information = columns[:split].T @ inverse @ columns[:split] + np.diag(near)
     b = np.linalg.solve(information, columns[:split].T @ inverse @ rows)
     weights = np.einsum("ni,nij->nj", (inverse @ (rows - columns[:split] @ b)).reshape(-1, 3), slopes[:14])
-    offsets = JointProcess(there, process.seen, SIZES, SIZES, weights, TURNING, 0.0).offsets(here)
+    offsets = JointProcess(there, process.seen, SIZES, NO_ERRORS, weights, TURNING, 0.0).offsets(here)
     predicted = columns[split:] @ b + np.einsum("nij,nj->ni", slopes[14:], offsets).ravel()
     assert np.allclose(predicted, expected, rtol=0, atol=2e-4 * np.abs(expected).max())
 
@@ -85,10 +101,7 @@ def test_what_no_group_has_is_predicted_and_its_bounds_hold() -> None:
     assert isinstance(better.process, PredictedBy) and better.process.process.p < 1e-6
     squares = prediction_squares(better, None, fresh.joints, fresh.points)[0]
     assert (squares < 3 * stats.f.ppf(0.95, 3, better.dof)).mean() > 0.93
-    assert 0.15 < squares.mean() / 3 < 1.2  # by the upper quartile of each variance: wide rather than narrow
-    likely = replace(better.process, process=replace(better.process.process, upper=better.process.process.variances))
-    squares = prediction_squares(replace(better, process=likely), None, fresh.joints, fresh.points)[0]
-    assert 0.7 < squares.mean() / 3 < 1.3  # by the likeliest: as the errors are, where the truth is like the process
+    assert 0.6 < squares.mean() / 3 < 1.3
     assert better.values[-1] == 1 and better.nominal_aligned[-1] == 0
 
 
@@ -122,18 +135,38 @@ def test_a_rigid_arm_has_none_to_speak_of() -> None:
 def test_a_file_gives_the_same_process_and_one_that_was_cut_is_refused(tmp_path: Path) -> None:
     rng = np.random.default_rng(5)
     process = JointProcess(
-        rng.standard_normal((4, 6)), rng.random((4, 1)) < 2, SIZES, 2 * SIZES, rng.standard_normal((4, 6)), TURNING, 0.1
+        *(rng.standard_normal((4, 6)), rng.random((4, 1)) < 2, SIZES, np.diag(SIZES**2)),
+        *(rng.standard_normal((4, 6)), TURNING, 0.1, 0.7),
     )
     write_residual(tmp_path / "residual.csv", process, residual_columns(IRB120.chain, (), ("p1",)))
     content = residual_to_dict(process)
     read = read_residual(tmp_path, content, IRB120.chain, (), ("p1",))
-    for name in ("inputs", "seen", "variances", "upper", "weights", "turning"):
+    for name in ("inputs", "seen", "variances", "errors", "weights", "turning", "factor"):
         assert np.array_equal(getattr(read, name), getattr(process, name)), name
     with pytest.raises(LabError, match=r"residual\.csv: its columns are not"):
         read_residual(tmp_path, content, IRB120.chain, (), ("p2",))
     assert content is not None
     with pytest.raises(LabError, match="run lab calibrate or lab identify again"):
         read_residual(tmp_path, {**content, "variances": {}}, IRB120.chain, (), ("p1",))
+    with pytest.raises(LabError, match="variance_errors"):
+        read_residual(tmp_path, {**content, "variance_errors": [[1.0]]}, IRB120.chain, (), ("p1",))
+
+
+def test_a_run_of_an_older_version_has_no_smooth_components_and_upper_quartiles_alone(tmp_path: Path) -> None:
+    process = JointProcess(
+        np.zeros((2, 6)), np.ones((2, 1), bool), SIZES, np.diag(SIZES**2), np.zeros((2, 6)), TURNING, 0.1
+    )
+    write_residual(tmp_path / "residual.csv", process, residual_columns(IRB120.chain, (), ("p1",)))
+    content = residual_to_dict(process)
+    assert content is not None
+    old = {name: content[name] for name in ("poses", "p", "noise_mm", "joint_scatter_mrad")}
+    for name in ("variances", "upper_quartiles"):
+        old[name] = {key: size for key, size in content[name].items() if not key.startswith("smooth")}
+    read = read_residual(tmp_path, old, IRB120.chain, (), ("p1",))
+    assert np.array_equal(read.variances, [*SIZES[:8], 0.0, 0.0]) and read.factor == 1.0
+    assert np.allclose(read.upper[:8], process.upper[:8]) and not read.upper[8:].any()
+    with pytest.raises(LabError, match="'smooth 1' is missing"):
+        read_residual(tmp_path, {**old, "variance_errors": content["variance_errors"]}, IRB120.chain, (), ("p1",))
 
 
 def test_components_have_names_of_their_own() -> None:
@@ -155,9 +188,60 @@ def test_what_has_no_such_offsets_is_refused_in_one_line(robot: str, observe: st
         lab.calibrate(robot, poses=9, observe=observe, model="residual")
 
 
-def test_offsets_of_one_joint_are_smooth_and_those_of_all_are_not() -> None:
-    """Matern's 3/2 falls by the square of a small distance, 1/2 by the distance itself."""
+def test_offsets_of_one_joint_are_smooth_and_those_of_all_are_both() -> None:
+    """Matern's 3/2 and 5/2 fall by the square of a small distance, 1/2 by the distance itself."""
     near, here = np.array([[1e-4, 0.0]]), np.zeros((1, 2))
-    for own, kernel in JointKernels(np.ones(2, dtype=bool)).of_offsets(near, here):
+    found = JointKernels(np.ones(2, dtype=bool)).of_offsets(near, here)
+    for name, (own, kernel) in zip(COMPONENTS[2:], found, strict=True):
         fall = 1 - (kernel[0, 0, 0] if own else kernel[0, 0])
-        assert (fall < 1e-5) == own and fall > 0
+        assert own == name.startswith("own")
+        assert (fall < 1e-5) != name.startswith("all") and fall > 0
+
+
+def test_numbers_of_a_pose_are_turned_and_their_distribution_is_the_same() -> None:
+    """Three targets, one of them unseen twice: six numbers of a pose have all that its joints' offsets do."""
+    rng = np.random.default_rng(7)
+    joints, slopes = IRB120.chain.random_joints(5, rng), rng.standard_normal((5, 9, 6))
+    seen = np.ones((5, 3), dtype=np.bool_)
+    seen[1, 2] = seen[3, 0] = seen[3, 1] = False
+    reduction, values = Reduction.of(joints, slopes, seen), rng.standard_normal((5, 9))
+    kept = np.repeat(seen, 3, axis=1).ravel()
+    moved, alone = reduction(values)
+    assert [len(moved), len(alone)] == [6 + 6 + 6 + 3 + 6, 3 + 0 + 3 + 0 + 3]
+    whole = (dense(joints, slopes) + SIZES[0] * np.eye(45))[np.ix_(kept, kept)]
+    part = covariance(JointKernels(TURNING), SIZES, reduction.numbers) + SIZES[0] * np.eye(len(moved))
+    squares = values.ravel()[kept] @ np.linalg.solve(whole, values.ravel()[kept])
+    assert moved @ np.linalg.solve(part, moved) + alone @ alone / SIZES[0] == pytest.approx(squares)
+    halves = np.linalg.slogdet(part)[1] + len(alone) * np.log(SIZES[0]), np.linalg.slogdet(whole)[1]
+    assert halves[0] == pytest.approx(halves[1])
+    kinds = unit_covariances(JointKernels(TURNING), reduction.numbers)
+    assert np.allclose(sum(size * kind for size, kind in zip(SIZES, kinds, strict=True)), part)
+    pose = np.concatenate([moved[reduction.numbers.pose == 1], alone[reduction.alone == 1]])
+    assert np.allclose(reduction.back(1, pose), values[1, :6])
+
+
+def test_the_bounds_widen_by_the_error_of_the_variances_together() -> None:
+    """A bound is the upper quartile of the variance of a predicted point, which is linear in the variances."""
+    rng = np.random.default_rng(8)
+    there, here = IRB120.chain.random_joints(9, rng), IRB120.chain.random_joints(2, rng)
+    process = JointProcess(there, np.ones((9, 1), bool), SIZES, NO_ERRORS, np.zeros((9, 6)), TURNING, 0.0)
+
+    def size(process: JointProcess) -> Array:
+        found = PredictedBy(process, ARM, NOMINAL, (0, 1, 2)).covariances(here)[:, 0]
+        return np.asarray(np.trace(found, axis1=1, axis2=2))
+
+    plain = size(process)
+    wider = size(replace(process, errors=np.outer(SIZES, SIZES)))  # all by the same share: so is the variance
+    assert np.allclose(wider, (1 + UPPER_QUARTILE) * plain, rtol=1e-4)
+    one = np.eye(10)[1]  # as much more of the scatter as less of the offsets that change at once
+    apart = 1e-12 * (one - np.eye(10)[5])
+    confounded, alone = (
+        size(replace(process, errors=np.outer(apart, apart))),
+        size(replace(process, errors=1e-24 * np.outer(one, one))),
+    )
+    assert ((confounded - plain) < 0.3 * (alone - plain)).all()  # the sum of both is known
+
+
+def test_less_is_less_only_where_measurements_are_near() -> None:
+    assert np.allclose(scaled_by(0.5, np.array([0.0, 0.5, 1.0])), [0.5, 0.75, 1.0])
+    assert np.allclose(scaled_by(2.0, np.array([0.0, 0.5, 1.0])), 2.0)

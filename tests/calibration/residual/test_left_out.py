@@ -1,0 +1,149 @@
+"""Errors of poses left out by formulas against leaving them out, and the factor of the bounds by them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.robots import IRB120
+from numpy.typing import NDArray
+from scipy import stats
+
+from lab.calibration.extrapolation import prediction_squares
+from lab.calibration.identify import identify
+from lab.calibration.residual.estimation import with_residual
+from lab.calibration.residual.kernels import JointKernels
+from lab.calibration.residual.left_out import bound_factor, left_out
+from lab.calibration.residual.pose_numbers import Reduction, covariance
+from lab.calibration.residual.process import PredictedBy, Support
+from lab.core.measurements import Measurements, measured
+from lab.core.se3 import Array
+
+TARGETS = ("p1", "p2", "p3")
+SIZES = 1e-10 * np.array([1.0, 0.3, 2.0, 4.0, 8.0, 1.0, 3.0, 5.0, 2.0, 6.0])
+KERNELS = JointKernels(np.ones(6, dtype=np.bool_))
+
+
+def test_errors_of_poses_left_out_are_those_of_leaving_them_out() -> None:
+    rng = np.random.default_rng(0)
+    joints, slopes = IRB120.chain.random_joints(12, rng), rng.standard_normal((12, 9, 6))
+    joints[7] = joints[3]  # a repeat, left out with its configuration
+    labels = np.arange(12)
+    labels[7], labels[8:] = 3, np.arange(7, 11)
+    seen = np.ones((12, 3), dtype=np.bool_)
+    seen[5, 0] = False
+    columns, residual = rng.standard_normal((12, 9, 4)), 1e-4 * rng.standard_normal((12, 9))
+    reduction = Reduction.of(joints, slopes, seen)
+    support = Support.of(reduction, KERNELS, SIZES, columns.reshape(-1, 4), np.zeros(4))
+
+    def fitted(poses: NDArray[np.int_]) -> tuple[Array, Array, Array]:
+        """The inverse of the covariance matrix of some poses, their derivatives, and the parameters by them."""
+        some = Reduction.of(joints[poses], slopes[poses], seen[poses])
+        whole = covariance(KERNELS, SIZES, some.numbers)
+        count, (moved, alone) = len(whole), some(columns[poses])
+        inverse = np.eye(count + len(alone)) / SIZES[0]
+        inverse[:count, :count] = np.linalg.inv(whole + SIZES[0] * np.eye(count))
+        x, y = np.concatenate([moved, alone]), np.concatenate(some(residual[poses]))
+        return inverse, x, np.linalg.solve(x.T @ inverse @ x, x.T @ inverse @ y)
+
+    inverse, x, by_all = fitted(np.arange(12))
+    left = inverse @ (np.concatenate(reduction(residual)) - x @ by_all)
+    count = len(reduction.numbers.pose)
+    found = {each.pose: each for each in left_out(support, reduction, SIZES[0], (left[:count], left[count:]), labels)}
+    assert sorted(found) == list(range(12))
+    for pose in (3, 5, 7, 11):
+        rest = np.flatnonzero(labels != labels[pose])
+        inverse, x, parameters = fitted(rest)
+        some, own = (
+            Reduction.of(joints[rest], slopes[rest], seen[rest]),
+            Reduction.of(*(a[[pose]] for a in (joints, slopes, seen))),
+        )
+        kept = np.repeat(seen[pose], 3)
+        crossed = np.zeros((kept.sum(), len(inverse)))
+        turned = covariance(KERNELS, SIZES, own.numbers, some.numbers)
+        crossed[:, : turned.shape[1]] = own.back(
+            0, np.concatenate([turned, np.zeros((kept.sum() - len(turned), turned.shape[1]))])
+        )
+        rows = columns[pose][kept]
+        error = residual[pose][kept] - rows @ parameters
+        error -= crossed @ inverse @ (np.concatenate(some(residual[rest])) - x @ parameters)
+        assert np.allclose(found[pose].error, error, rtol=1e-7, atol=1e-12)
+        lacking = rows - crossed @ inverse @ x
+        expected = slopes[pose][kept] @ slopes[pose][kept].T * SIZES[1:].sum() + SIZES[0] * np.eye(kept.sum())
+        expected += lacking @ np.linalg.solve(x.T @ inverse @ x, lacking.T) - crossed @ inverse @ crossed.T
+        assert np.allclose(found[pose].covariance, expected, rtol=1e-6, atol=1e-15)
+
+
+@pytest.mark.parametrize("wider", [0.5, 1.0, 2.0])
+def test_the_factor_puts_95_percent_inside(wider: float) -> None:
+    rng, noise = np.random.default_rng(1), 1e-10
+    made = rng.standard_normal((2000, 3, 3))
+    predicted = 1e-9 * (made @ np.swapaxes(made, 1, 2) + np.eye(3))
+    true = wider * predicted + noise * np.eye(3)
+    errors = np.einsum("nij,nj->ni", np.linalg.cholesky(true), rng.standard_normal((2000, 3)))
+    far = 1e3 * np.trace(predicted, axis1=1, axis2=2)  # what was known before any measurement: nothing
+    assert bound_factor(errors, predicted + noise * np.eye(3), noise, far) == pytest.approx(wider, rel=0.15)
+    few = bound_factor(errors[:25], predicted[:25] + noise * np.eye(3), noise, far[:25])
+    assert few >= 1.0  # they say too little of the largest errors to make bounds narrower
+    assert bound_factor(errors[:10], predicted[:10] + noise * np.eye(3), noise, far[:10]) == 1.0
+
+
+def springs_and_gears(joints: Array) -> Array:
+    """Offsets of an arm with waves of gears and joints that give way."""
+    raised = joints[:, 1] + joints[:, 2]
+    own = (
+        1e-4 * np.sin(joints + 0.3)
+        + 6e-5 * np.sin(2 * joints + 1)
+        + 4e-5 * np.sin(9 * joints)
+        + 3e-5 * np.sin(22 * joints)
+    )
+    own[:, 1] += 5e-5 * (20 * np.sin(joints[:, 1]) + 12 * np.cos(raised))
+    own[:, 2] += 5e-5 * 12 * np.cos(raised)
+    own[:, 4] += 8e-5 * 1.5 * np.cos(raised + joints[:, 4])
+    return np.asarray(own)
+
+
+def campaign(poses: int, targets: tuple[str, ...], seed: int) -> Measurements:
+    rng, arm = np.random.default_rng(seed), IRB120.arm(targets)
+    joints = IRB120.chain.random_joints(poses, rng)
+    scatter = 2e-5 * rng.standard_normal(joints.shape)
+    points = arm.points(joints + springs_and_gears(joints) + scatter, arm.nominal(IRB120.tool))
+    return measured(IRB120.chain.joint_names, joints, targets, points + 1.5e-5 * rng.standard_normal(points.shape))
+
+
+def of_fresh(poses: int, targets: tuple[str, ...], seed: int, fresh: int) -> tuple[PredictedBy, float, float, float]:
+    """The process, mean errors without and with it (m), and the share of fresh points inside their 95 % bounds."""
+    data, other, arm = campaign(poses, targets, seed), campaign(fresh, targets, seed + 1000), IRB120.arm(targets)
+    found = identify(arm, data, arm.nominal(IRB120.tool))
+    better = with_residual(found, data)
+    before, after = (
+        float(np.linalg.norm(each.model.points(other.joints, each.values) - other.points, axis=2).mean())
+        for each in (found, better)
+    )
+    squares = prediction_squares(better, None, other.joints, other.points)[0]
+    inside = float((squares < 3 * stats.f.ppf(0.95, 3, better.dof)).mean())
+    assert isinstance(better.process, PredictedBy)
+    return better.process, before, after, inside
+
+
+@pytest.mark.thorough
+def test_three_targets_have_honest_bounds() -> None:
+    process, before, after, inside = of_fresh(100, TARGETS, 1, 200)
+    assert len(process.process.inputs) == 100 and after < 0.5 * before
+    assert inside > 0.9  # of a quantile of 100 poses the share inside has a standard deviation of 2 %
+    wide = replace(process.process, factor=1.0, errors=np.diag(np.diag(process.process.errors)))
+    sizes = [
+        np.trace(replace(process, process=each).covariances(campaign(20, TARGETS, 5).joints), axis1=2, axis2=3)
+        for each in (process.process, wide)
+    ]
+    assert (sizes[0] < sizes[1]).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
+def test_seven_hundred_poses_of_three_targets_are_all_used(seed: int) -> None:
+    """As of one target: the noise and the scatter of the joints (0.04 mm) bound the error of both."""
+    one, _, alone, _ = of_fresh(700, TARGETS[:1], seed, 300)
+    process, before, after, inside = of_fresh(700, TARGETS, seed, 300)
+    assert len(process.process.inputs) == len(one.process.inputs) == 700
+    assert 0.92 < inside < 0.98
+    assert after < 0.3 * before and after < 1.05 * alone and after < 5.5e-5
