@@ -18,6 +18,7 @@ __all__ = [
     "indices_of_groups",
     "is_reserved_owner",
     "joint_parameter",
+    "link_end_parameter",
     "link_parameter",
     "names_of",
     "placed_parameters",
@@ -81,7 +82,8 @@ class Parameter:
         nominal: its value in the nominal model, in its unit.
         joint: the joint that it is of, from 0; None where it is of none.
         target: the target that it locates; empty where it locates none.
-        wave: of an effect that is periodic in its joint's position, how often it comes back in a turn; 0 of others.
+        wave: of an effect that is periodic in a joint's position, how often it comes back in a turn; 0 of others.
+        turning: the joint in whose position it is periodic, from 0; None where that is ``joint``.
     """
 
     owner: str
@@ -94,6 +96,7 @@ class Parameter:
     joint: int | None = None
     target: str = ""
     wave: int = 0
+    turning: int | None = None
 
     @property
     def name(self) -> str:
@@ -176,6 +179,7 @@ def joint_parameter(
     unit: str = "",
     scale: float | None = None,
     wave: int = 0,
+    turning: int | None = None,
 ) -> Parameter:
     """A parameter of an effect in one joint, which counts from 0 here and from 1 in its name.
 
@@ -183,9 +187,17 @@ def joint_parameter(
         unit: where it is not the kind's own.
         scale: where it is not usual for the kind.
         wave: how often it comes back in a turn of the joint; 0 where it is not periodic.
+        turning: the joint, from 0, of whose turn that is; the joint itself where None.
     """
     size = EFFECT_SCALES[kind] if scale is None else scale
-    return Parameter(f"joint{joint + 1}", symbol, group, kind, unit or UNITS[kind], size, joint=joint, wave=wave)
+    return Parameter(
+        f"joint{joint + 1}", symbol, group, kind, unit or UNITS[kind], size, joint=joint, wave=wave, turning=turning
+    )
+
+
+def link_end_parameter(group: str, link: int, symbol: str, kind: Literal["length", "angle"], turning: int) -> Parameter:
+    """A displacement of a link's far end that comes back once a turn of a joint; both count from 0 here."""
+    return Parameter(f"link{link + 1}", symbol, group, kind, UNITS[kind], EFFECT_SCALES[kind], wave=1, turning=turning)
 
 
 def section_parameter(group: str, link: int, symbol: str) -> Parameter:

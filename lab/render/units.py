@@ -34,11 +34,11 @@ _UNITS: Final = {
     "rad/(Nm)^3": DisplayUnit(1e9, "nrad/(Nm)³", 4),
     "m/N^3": DisplayUnit(1e9, "nm/N³", 4),
 }
-_JOINT_ANGLE: Final = DisplayUnit(1e3, "mrad", 4)  # of an effect in a joint, which is small
+_JOINT_ANGLE: Final = DisplayUnit(1e3, "mrad", 4)  # of an effect, which is small
 
 
 def display_unit(parameter: Parameter) -> DisplayUnit:
     """In what a person reads this parameter."""
-    if parameter.is_angle and parameter.joint is not None:
+    if parameter.is_angle and (parameter.joint is not None or parameter.wave):
         return _JOINT_ANGLE
     return _UNITS[parameter.unit]

@@ -305,9 +305,12 @@ class _Growth:
     def _search_at(self, table: TermTable) -> TermSearch:
         task, found = self.task, self.found
         observed, known = weighed(observation_of(task.model_with(self.taken)).within(task.data), task.data, task.noise)
+        ends = (table.names[group] for group in table.showing_ends.values())
+        with_ends = observation_of(task.model_with(tuple(dict.fromkeys((*self.taken, *ends))))).within(task.data)
         return TermSearch.at(
             table,
             found.model,
+            with_ends.model,
             observed,
             found.values,
             found.fit.free,

@@ -1,8 +1,8 @@
 """Which of hundreds of small groups of parameters a robot has: a search on the linearized problem, with one level.
 
-A group here is one joint's: its error is a few functions of the pose, such as the sine and cosine of twenty times the
-joint's angle. All are tried at once by how much of the residual they explain beyond what is fitted already (the score
-test), the best is taken, and so on: orthogonal matching pursuit (Pati, Rezaiifar & Krishnaprasad 1993).
+A group here is one joint's or link's: its error is a few functions of the pose, such as the sine and cosine of twenty
+times the joint's angle. All are tried at once by how much of the residual they explain beyond what is fitted already
+(the score test), the best is taken, and so on: orthogonal matching pursuit (Pati, Rezaiifar & Krishnaprasad 1993).
 
 The level is that of the whole search. How far the best of all groups lowers the squares by chance is found by flipping
 the signs of whole configurations' residuals (Hemerik, Goeman & Finos 2020). So the level holds where the noise is no
@@ -12,6 +12,7 @@ tails, or differ over the workspace.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +34,7 @@ FLIPS = 999  # of signs: the level is exact for so many and one
 _STAGE = 8  # groups that are taken before all others are looked at anew
 _POOL = 48  # groups that a stage chooses from
 _LEFT = 1e-3  # share of a column's squares that what is fitted has to leave
+_TIE = 1e-6  # share of a fall by which groups that say the same differ: the first of the table is taken
 _APART = 1e-3  # share of the squares that two columns of a group have apart
 
 
@@ -50,39 +52,74 @@ class FoundTerm:
 
 @dataclass(frozen=True)
 class TermTable:
-    """What each group does to the joints at some poses.
+    """What each group does to the joints, or to the far ends of links, at some poses.
 
     Attributes:
         names: of the groups, g of them.
-        functions: ``(n, p)`` rad (m of a slide) a unit of each of their parameters.
-        joint: ``(p,)`` which joint that moves, from 0.
+        functions: ``(n, p)`` rad or m a unit of each of their parameters.
+        motion: ``(p,)`` what that moves: a joint, from 0, or, beyond the joints, one of six motions of each link's far
+            end.
+        joints: how many joints there are.
         owner: ``(p,)`` the group that each parameter is of; one has one parameter or two.
         parameters: the names of each group's parameters.
     """
 
     names: tuple[str, ...]
     functions: Array
-    joint: NDArray[np.int_]
+    motion: NDArray[np.int_]
+    joints: int
     owner: NDArray[np.int_]
     parameters: tuple[tuple[str, ...], ...]
 
     @classmethod
     def of(cls, effects: Mapping[str, Effect], data: Measurements) -> "TermTable":
-        """Of effects that are linear in their parameters, each of which moves one joint."""
+        """Of effects that are linear in their parameters, each of which moves one joint or displaces one link's end."""
         size = data.joints.shape[1]
-        functions, joint, owner = [], [], []
+        functions, motion, owner = [], [], []
         for i, effect in enumerate(effects.values()):
             conditions = data.inputs(effect.conditions)[:, size:]
             moved = effect.offsets(data.joints, conditions, np.zeros(len(effect.parameters)))[1]
-            assert effect.moves == "joints" and len(effect.parameters) <= 2
-            for k, parameter in enumerate(effect.parameters):
-                assert parameter.joint is not None
-                functions.append(moved[:, parameter.joint, k])
-                joint.append(parameter.joint)
+            assert effect.moves in ("joints", "links") and len(effect.links) <= 1 and len(effect.parameters) <= 2
+            first = size + 6 * effect.links[0] if effect.links else 0
+            for k in range(len(effect.parameters)):
+                component = int(np.abs(moved[..., k]).sum(axis=0).argmax())
+                functions.append(moved[:, component, k])
+                motion.append(first + component)
                 owner.append(i)
         columns = np.stack(functions, axis=1) if functions else np.empty((len(data), 0))
         parameters = tuple(names_of(effect.parameters) for effect in effects.values())
-        return cls(tuple(effects), columns, np.array(joint, np.int_), np.array(owner, np.int_), parameters)
+        return cls(tuple(effects), columns, np.array(motion, np.int_), size, np.array(owner, np.int_), parameters)
+
+    @cached_property
+    def showing_ends(self) -> dict[int, int]:
+        """For each motion of a link's end that a group has, the first such group."""
+        found: dict[int, int] = {}
+        for column in np.flatnonzero(self.motion >= self.joints).tolist():
+            found.setdefault(int(self.motion[column]), int(self.owner[column]))
+        return found
+
+    def slopes(self, model: Model, with_ends: Model, observed: Observations, values: Array) -> Array:
+        """Derivatives ``(n, k, d, motions)`` of what is observed by each motion; zero where no group has it.
+
+        Args:
+            with_ends: the model with the groups ``showing_ends`` beside, whose columns are a motion times waves: they
+                give the motion by least squares, pose by pose.
+            values: ``(p,)`` of the model.
+        """
+        by_joints = by_joint_positions(model, observed.inputs, values, self.joints)
+        if not self.showing_ends:
+            return by_joints
+        start = dict(zip(model.names, values.tolist(), strict=True))
+        at = np.array([start.get(name, 0.0) for name in with_ends.names])
+        jacobian = with_ends.observe(observed.inputs, at)[1]
+        slopes = np.zeros((*by_joints.shape[:3], max(self.showing_ends) + 1))
+        slopes[..., : self.joints] = by_joints
+        for motion, group in self.showing_ends.items():
+            functions = self.functions[:, self.owner == group]
+            columns = jacobian[..., [with_ends.names.index(name) for name in self.parameters[group]]]
+            weights = functions / (functions**2).sum(axis=1, keepdims=True)
+            slopes[..., motion] = np.einsum("nkdp,np->nkd", columns, weights)
+        return slopes
 
 
 @dataclass
@@ -123,6 +160,7 @@ class TermSearch:
         cls,
         table: TermTable,
         model: Model,
+        with_ends: Model,
         observed: Observations,
         values: Array,
         free: Sequence[int],
@@ -135,6 +173,7 @@ class TermSearch:
         """Near ``values`` ``(p,)``, of which those ``free`` are fitted; what is in the model is not tried again.
 
         Args:
+            with_ends: the model with the table's groups ``showing_ends`` beside.
             configurations: ``(n,)`` labels of the poses from 0 on; repeats of one pose share theirs.
             floor: the least standard deviation of a whitened residual.
         """
@@ -145,10 +184,9 @@ class TermSearch:
         order, starts = clusters_first(configurations[pose], len(pose) + len(known))
         fitted = np.concatenate([observed.apply(jacobian[..., index]), slopes[:, index]])[order]
         left = np.concatenate([observed.apply(observed.points - predicted), known])[order]
-        joints = int(table.joint.max(initial=-1)) + 1
-        slope = observed.apply(by_joint_positions(model, observed.inputs, values, joints))
-        columns = np.zeros((len(order), len(table.joint)))
-        columns[: len(pose)] = slope[:, table.joint] * table.functions[pose]
+        slope = observed.apply(table.slopes(model, with_ends, observed, values))
+        columns = np.zeros((len(order), len(table.motion)))
+        columns[: len(pose)] = slope[:, table.motion] * table.functions[pose]
         basis = np.linalg.qr(unit_columns(fitted)[0])[0]
         taken = [bool(set(own) & set(model.names)) for own in table.parameters]
         return cls(
@@ -199,7 +237,7 @@ class TermSearch:
             pairs = np.arange(len(index)).reshape(-1, 2)
             gram, products = _products_of_pairs(own, pairs), (own.T @ self.residual)[pairs]
             fall = _quadratic(products, gram)
-            best = int(fall.argmax())
+            best = min(np.flatnonzero(fall >= (1 - _TIE) * fall.max()).tolist(), key=pool.__getitem__)
             if fall[best] <= threshold:
                 break
             scores = cluster_sums(own[:, pairs[best]] * jackknifed(self.residual, self.basis)[:, None], self.starts)

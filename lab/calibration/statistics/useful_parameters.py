@@ -29,11 +29,10 @@ def largest_useful_std(parameters: Sequence[Parameter], joints: Array) -> Array:
         joints: ``(n, joints)`` measured positions (rad, m of a slide).
     """
     turns = np.ptp(joints, axis=0) / (2 * np.pi)
-    return np.array(
-        [
-            TELLING
-            if each.wave and each.joint is not None and each.wave * turns[each.joint] < _SUPPORTED
-            else _USEFUL.get(each.kind, WEAK)
-            for each in parameters
-        ]
-    )
+    return np.array([TELLING if _is_slow(each, turns) else _USEFUL.get(each.kind, WEAK) for each in parameters])
+
+
+def _is_slow(wave: Parameter, turns: Array) -> bool:
+    """Whether less than half of a parameter's wave lies in the measured range, ``(joints,)`` turns."""
+    turning = wave.joint if wave.turning is None else wave.turning
+    return bool(wave.wave and turning is not None and wave.wave * turns[turning] < _SUPPORTED)

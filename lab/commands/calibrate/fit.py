@@ -34,6 +34,7 @@ from lab.commands.calibrate.noise import noise_of
 from lab.commands.calibrate.off_poses import off_among_fitted, off_among_held, tail_of
 from lab.commands.calibrate.residuals import adequacy_of, with_intervals_of_poses, with_own_intervals
 from lab.commands.calibrate.warnings import (
+    of_approaches,
     of_export,
     of_groups,
     of_held_out,
@@ -51,6 +52,7 @@ from lab.core.errors import LabError
 from lab.core.measurements import Measurements, thinned
 from lab.core.se3 import Array
 from lab.kinematics.effects.arm import Arm
+from lab.kinematics.effects.backlash import approached_groups
 from lab.kinematics.effects.conditions import CHANGING_WITH_TIME
 from lab.kinematics.effects.effect import ArmFacts, SessionInfo
 from lab.kinematics.effects.registry import CANDIDATES, expected_terms, said_of_term, searched_terms
@@ -265,8 +267,10 @@ class Fitter:
         warnings += cause
         warnings += of_held_out(off)
         warnings += of_stuck_search(outliers) + of_groups(groups, selection, self.data)
+        if model == "auto" or "backlash" in self.options.groups:
+            warnings += of_approaches(self.robot.chain, self.data, searched=model == "auto")
         if model == "auto":
-            refused = {name: self.unanswerable(name) for name in CANDIDATES}
+            refused = {name: self.unanswerable(name) for name in self._approached(CANDIDATES)}
             warnings += [f"{name} is not tried, for rows to judge by: {why}" for name, why in refused.items() if why]
             if len(rows) > _MOST_CHOSEN_BY:
                 warnings.append(f"groups were chosen by {_MOST_CHOSEN_BY:,} of the {len(rows):,} poses, taken evenly")
@@ -369,7 +373,10 @@ class Fitter:
         """The groups that the rows call for, or that are asked for; None for geometry alone."""
         if self.options.parametric == "geometric":
             return None
-        groups, task = self.options.groups, SelectionTask(self.model_with, self.nominal, rows, self.noise, self.request)
+        groups, task = (
+            self._approached(self.options.groups),
+            SelectionTask(self.model_with, self.nominal, rows, self.noise, self.request),
+        )
         task.refuse_unknown_wishes(CANDIDATES if self.options.parametric == "auto" else groups)
         found, clean, outliers = self.identified(rows, groups)
         if self.options.parametric != "auto":
@@ -392,7 +399,7 @@ class Fitter:
         selection, rows = None, thinned(rows, _MOST_CHOSEN_BY)
         for _ in range(_BALANCINGS):
             before, weighed_so = selection, self._weighed_as(found)
-            tried = [name for name in CANDIDATES if not self.unanswerable(name)]
+            tried = [name for name in self._approached(CANDIDATES) if not self.unanswerable(name)]
             facts = ArmFacts(self.robot.chain, self.robot.loads, self.course)
             asked = weighed_so.model_with, rows, self.nominal, self.noise, self.request
             terms, first = searched_terms(facts), expected_terms(facts)
@@ -402,6 +409,11 @@ class Fitter:
             found, _, _ = self.identified(rows, selection.chosen, selection.held)
         assert selection is not None
         return selection
+
+    def _approached(self, groups: Sequence[str]) -> tuple[str, ...]:
+        """The groups, with backlash of those joints alone whose direction of approach the file has, if it has some."""
+        play = approached_groups(self.robot.chain, self.data.conditions)
+        return tuple(dict.fromkeys(each for name in groups for each in (play if name == "backlash" else (name,))))
 
     def unanswerable(self, group: str) -> str:
         """What is missing for a group in the rows that are to be judged by; empty if nothing is."""

@@ -30,13 +30,16 @@ from lab.core.se3 import Array
 from lab.core.significance import MODEL_GROUPS
 from lab.core.wording import be, counted
 from lab.kinematics.dynamics.link_loads import link_ends
+from lab.kinematics.effects.conditions import approach_of
 from lab.kinematics.effects.effect import SessionInfo
 from lab.kinematics.effects.stations import at_first_station
 from lab.kinematics.encoders import Encoders
+from lab.kinematics.joints import JointSpec
 from lab.kinematics.parameter import targets_of
 from lab.kinematics.serial.chain import Chain
 
 __all__ = [
+    "of_approaches",
     "of_elsewhere",
     "of_export",
     "of_groups",
@@ -270,6 +273,24 @@ def of_groups(groups: tuple[str, ...], selection: Selection | None, data: Measur
         ]
         said += [_told_apart(each, selection.identification, data) for each in selection.alternatives]
     return said
+
+
+def of_approaches(chain: JointSpec, data: Measurements, *, searched: bool) -> list[str]:
+    """For which joints backlash is fitted or tested, where the file has directions of approach of some alone.
+
+    Args:
+        searched: whether groups are searched for, or were given.
+    """
+    columns = {name: approach_of(name) for name in chain.joint_names}
+    known = [name for name, column in columns.items() if column in data.conditions]
+    missing = [column for name, column in columns.items() if name not in known]
+    if not (known and missing):
+        return []
+    of, are = ("joint" if len(known) == 1 else "joints"), be(len(missing))
+    return [
+        f"backlash is {'tested' if searched else 'fitted'} for {of} {', '.join(known)} only: "
+        f"{'column' if len(missing) == 1 else 'columns'} {', '.join(missing)} {are} missing"
+    ]
 
 
 def of_twist(robot: Robot, found: Identification) -> list[str]:

@@ -1,6 +1,6 @@
 """Play of full width b_i: joint i is at q_i + a_i b_i / 2, where a_i, its direction of approach, is 1 or -1."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
@@ -14,15 +14,16 @@ from lab.kinematics.effects.effect import (
     FittedGroup,
     MovesJoints,
     SimulatedEffect,
+    TermFamily,
     VirtualEffect,
     by_joint,
     levers,
     refuse_negative,
 )
 from lab.kinematics.joints import JointSpec
-from lab.kinematics.parameter import Kind, joint_parameter
+from lab.kinematics.parameter import Kind, Parameter, joint_parameter
 
-__all__ = ["Backlash", "Play", "backlash", "fitted_widths"]
+__all__ = ["Backlash", "Play", "approached_groups", "backlash", "fitted_widths"]
 
 _SCALE = 1e-3  # rad, m of a slide
 
@@ -38,10 +39,43 @@ def fitted_widths(group: str, chain: JointSpec, direction_of: Callable[[str], st
     Args:
         direction_of: from a joint's name to the condition that is its direction.
     """
-    kinds: list[Kind] = ["length" if slides else "angle" for slides in chain.prismatic]
-    parameters = tuple(joint_parameter(group, i, group, kind, scale=_SCALE) for i, kind in enumerate(kinds))
+    parameters = tuple(_width(group, chain, i, group) for i in range(chain.size))
     conditions = tuple(map(direction_of, chain.joint_names))
     return Effect(group, parameters, lambda _, direction, values: by_joint(direction / 2, values), conditions)
+
+
+def approached_groups(chain: JointSpec, columns: Container[str]) -> tuple[str, ...]:
+    """The groups that stand for ``backlash`` where measurements have some columns alone.
+
+    Args:
+        columns: the names of the measurements' conditions.
+
+    Returns:
+        A group for each joint whose direction of approach is among the columns, where others' are not; else
+        ``backlash`` itself.
+    """
+    known = [joint for joint, name in enumerate(chain.joint_names) if approach_of(name) in columns]
+    return tuple(map(PLAY.name, known)) if 0 < len(known) < chain.size else ("backlash",)
+
+
+def _width(group: str, chain: JointSpec, joint: int, symbol: str) -> Parameter:
+    kind: Kind = "length" if chain.prismatic[joint] else "angle"
+    return joint_parameter(group, joint, symbol, kind, scale=_SCALE)
+
+
+def _of_one_joint(arm: ArmFacts, joint: int, _: int) -> Effect:
+    name, size = PLAY.name(joint), arm.chain.size
+
+    def offsets(joints: Array, direction: Array, values: Array) -> tuple[Array, Array]:
+        derivative = np.zeros((len(joints), size, 1))
+        derivative[:, joint] = direction / 2
+        return derivative @ values, derivative
+
+    width = _width(name, arm.chain, joint, "backlash")
+    return Effect(name, (width,), offsets, (approach_of(arm.chain.joint_names[joint]),))
+
+
+PLAY = TermFamily("backlash", "", _of_one_joint, lambda _: (), lambda joint, _: f"joint {joint} has play")
 
 
 @dataclass(frozen=True)
@@ -85,6 +119,7 @@ class Backlash(VirtualEffect):
 
     draws: ClassVar[int] = 1
     groups: ClassVar[tuple[FittedGroup, ...]] = (FittedGroup("backlash", lambda arm: backlash(arm.chain)),)
+    terms: ClassVar[tuple[TermFamily, ...]] = (PLAY,)
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
         """Each joint's between half the mean and one and a half of it."""

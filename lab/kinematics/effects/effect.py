@@ -142,17 +142,19 @@ class FittedGroup:
 
 @dataclass(frozen=True)
 class TermFamily:
-    """Groups of one joint each, with a joint and a number in their names: ``joint2.harmonic20``.
+    """Groups of one joint or link each, with that and a number in their names: ``joint2.harmonic20``.
 
     There are too many to try each by an exact fit: ``--model auto`` searches all of them at once.
 
     Attributes:
         symbol: what stands between the two numbers.
-        number: what the second one counts, for the help.
-        fitted: the group of a joint, from 0, and a number; a LabError where the arm has no such.
+        number: what the second one counts, for the help; empty where a name has none (``joint2.backlash``).
+        fitted: the group of a joint, from 0, and a number (0 where a name has none); a LabError where the arm has no
+            such.
         searched: the pairs of a joint, from 0, and a number that are searched for an arm.
         words: what such a group says of the arm, from the two numbers of its name.
         expected: those of the pairs that the robot's description leads one to expect: the search begins with them.
+        owner: what the first number counts, ``joint`` or ``link``.
     """
 
     symbol: str
@@ -161,10 +163,11 @@ class TermFamily:
     searched: Callable[[ArmFacts], Sequence[tuple[int, int]]]
     words: Callable[[int, int], str]
     expected: Callable[[ArmFacts], Sequence[tuple[int, int]]] = lambda _: ()
+    owner: Literal["joint", "link"] = "joint"
 
-    def name(self, joint: int, number: int) -> str:
-        """Of the group of a joint, from 0, and a number."""
-        return f"joint{joint + 1}.{self.symbol}{number}"
+    def name(self, joint: int, number: int = 0) -> str:
+        """Of the group of a joint or link, from 0, and a number."""
+        return f"{self.owner}{joint + 1}.{self.symbol}{number or ''}"
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from lab.kinematics.effects.campaign import Duration, Payloads
 from lab.kinematics.effects.compensator import Compensator
 from lab.kinematics.effects.compliance import Compliance
 from lab.kinematics.effects.coupling import Coupling, FullCoupling
+from lab.kinematics.effects.cross_harmonics import CrossHarmonics
 from lab.kinematics.effects.drift import Drift
 from lab.kinematics.effects.effect import (
     NO_SESSIONS,
@@ -62,6 +63,7 @@ Kind = TypeVar("Kind", bound=VirtualEffect)
 
 @dataclass(frozen=True)
 class EffectOptions(  # a dataclass takes the fields of its last base first: a new effect is a new first line
+    CrossHarmonics,
     ZerosByTemperature,
     Temperature,
     Hardening,
@@ -112,7 +114,8 @@ _FITTED = {group.name: group for kind in EFFECTS for group in kind.groups}
 GROUPS = tuple(_FITTED)
 CANDIDATES = tuple(group.name for group in _FITTED.values() if group.is_candidate)  # that --model auto tries
 TERM_FAMILIES = tuple(family for kind in EFFECTS for family in kind.terms)
-_TERM = re.compile(rf"joint([1-9]\d*)\.({'|'.join(family.symbol for family in TERM_FAMILIES)})([1-9]\d*)")
+_FAMILIES = {(str(family.owner), family.symbol, bool(family.number)): family for family in TERM_FAMILIES}
+_TERM = re.compile(r"(joint|link)([1-9]\d*)\.([a-z_]+)([1-9]\d*)?")
 CAMPAIGN_SPECIFIC = tuple(group.name for group in _FITTED.values() if group.of_one_campaign)  # nothing of another day
 
 
@@ -136,10 +139,10 @@ def effect(
     if (term := _term(name)) is not None:
         family, joint, number = term
         if joint > chain.size:
-            raise LabError(f"--model {name}: robot {chain.name} has joints 1 to {chain.size}")
+            raise LabError(f"--model {name}: robot {chain.name} has {family.owner}s 1 to {chain.size}")
         return family.fitted(facts, joint - 1, number)
     if name not in _FITTED:
-        terms = ", ".join(f"joint1.{family.symbol}2" for family in TERM_FAMILIES)
+        terms = ", ".join(family.name(0, 2 if family.number else 0) for family in TERM_FAMILIES)
         raise LabError(f"--model {name}: no such group; there are geometric, auto, {', '.join(GROUPS)}, and {terms}")
     found = _FITTED[name].fitted(facts)
     if not found.parameters:
@@ -148,7 +151,7 @@ def effect(
 
 
 def searched_terms(facts: ArmFacts) -> dict[str, Effect]:
-    """The groups of single joints that ``--model auto`` searches for an arm, by name."""
+    """The groups of single joints and links that ``--model auto`` searches for an arm, by name."""
     names = (family.name(*pair) for family in TERM_FAMILIES for pair in family.searched(facts))
     return {name: effect(name, facts.chain, facts.loads, facts.sessions) for name in names}
 
@@ -159,7 +162,7 @@ def expected_terms(facts: ArmFacts) -> tuple[str, ...]:
 
 
 def said_of_term(name: str) -> str:
-    """What a group of a single joint says of the arm; empty of any other group."""
+    """What a group of a single joint or link says of the arm; empty of any other group."""
     if (term := _term(name)) is None:
         return ""
     family, joint, number = term
@@ -167,8 +170,8 @@ def said_of_term(name: str) -> str:
 
 
 def _term(name: str) -> tuple[TermFamily, int, int] | None:
-    """The family, the joint from 1 and the number of such a name."""
-    if (match := _TERM.fullmatch(name)) is None:
+    """The family, the joint or link from 1 and the number of such a name; 0 where it has none."""
+    match = _TERM.fullmatch(name)
+    if match is None or (family := _FAMILIES.get((match[1], match[3], match[4] is not None))) is None:
         return None
-    family = next(family for family in TERM_FAMILIES if family.symbol == match[2])
-    return family, int(match[1]), int(match[3])
+    return family, int(match[2]), int(match[4] or 0)

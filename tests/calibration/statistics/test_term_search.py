@@ -14,9 +14,11 @@ from lab.calibration.statistics.term_search import TermSearch, TermTable
 from lab.calibration.validation import configurations
 from lab.core.measurements import Measurements, measured
 from lab.core.significance import TERM_SEARCH
+from lab.kinematics.effects.arm import ArmWithEffects
 from lab.kinematics.effects.effect import ArmFacts, Effect
 from lab.kinematics.effects.registry import expected_terms, said_of_term, searched_terms
 from lab.kinematics.gauge import base_set
+from lab.kinematics.serial.arm import SerialArm
 
 SIGMA = 8e-6
 TERMS = searched_terms(ArmFacts(IRB120.chain, IRB120.loads))
@@ -61,9 +63,12 @@ def search_of(
     terms: Mapping[str, Effect] = TERMS,
 ) -> TermSearch:
     table = TermTable.of({name: terms[name] for name in names or terms}, data)
+    ends = [table.names[group] for group in table.showing_ends.values()]
+    assert isinstance(found.model, SerialArm | ArmWithEffects)
     return TermSearch.at(
         table,
         found.model,
+        IRB120.arm_with(data.targets, list(dict.fromkeys([*found.model.groups, *ends]))),
         Observations.unweighted(data),
         found.values,
         found.fit.free,
