@@ -7,7 +7,7 @@ Displacements in any direction are sums of these, but for the last link, whose e
 and about y, too.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import ClassVar, Literal, Self
@@ -98,7 +98,7 @@ def _link_pairs(direction: str, arm: ArmFacts) -> list[tuple[int, int]]:
     if not isinstance(chain, Chain):
         return []
     last = chain.size - 1
-    own = {
+    own: dict[str, Callable[[int], bool]] = {
         "y": lambda link: link == last,
         "ry": lambda link: link == last or chain.joins_parallel_axes(link),
         "z": lambda link: not chain.prismatic[link],

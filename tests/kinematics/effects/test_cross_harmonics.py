@@ -1,0 +1,106 @@
+"""Harmonics of one joint's turn in another joint's frame: their derivatives, and that a search finds them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.robots import IRB120, SCARA
+
+import lab
+from lab.core.errors import LabError
+from lab.core.measurements import Measurements, measured
+from lab.kinematics.effects.cross_harmonics import CROSS_FAMILIES, CrossHarmonics
+from lab.kinematics.effects.effect import ArmFacts
+from lab.kinematics.effects.registry import effect, said_of_term, searched_terms
+from lab.kinematics.gauge import base_set
+
+FACTS = ArmFacts(IRB120.chain, IRB120.loads)
+CROSSED = [name for name in searched_terms(FACTS) if "cross" in name]
+SIGMA_M = 8e-6
+
+
+def session(seed: int, group: str, size: float, poses: int = 80) -> tuple[Measurements, Measurements]:
+    """Measurements of an arm off by usual tolerances that has one such group, and exact points elsewhere."""
+    rng = np.random.default_rng(seed)
+    arm, rigid = IRB120.arm_with(("p1",), [group]), IRB120.arm(("p1",))
+    values = np.zeros(len(arm.names))
+    values[: len(rigid.names)] = rigid.nominal(IRB120.tool)
+    values[list(base_set(rigid, values[: len(rigid.names)]).kept)] += 5e-4 * rng.normal(size=27)
+    phase = rng.uniform(0, 2 * np.pi)
+    values[len(rigid.names) :] = size * np.sin(phase), size * np.cos(phase)
+    found = []
+    for count, sigma_m in ((poses, SIGMA_M), (100, 0.0)):
+        joints = IRB120.chain.random_joints(count, rng)
+        points = arm.points(joints, values) + sigma_m * rng.normal(size=(count, 1, 3))
+        found.append(replace(measured(IRB120.chain.joint_names, joints, ("p1",), points), robot="irb120"))
+    return found[0], found[1]
+
+
+@pytest.mark.sampled(8)
+@pytest.mark.parametrize("name", CROSSED)
+def test_points_move_as_the_derivatives_say(name: str) -> None:
+    arm = IRB120.arm_with(("p1", "p2"), [name])
+    rng = np.random.default_rng(0)
+    values = 1e-3 * rng.normal(size=len(arm.names))
+    values += np.array([*IRB120.arm(("p1", "p2")).nominal(IRB120.tool), 0.0, 0.0])
+    joints = IRB120.chain.random_joints(5, rng)
+    jacobian = arm.observe(joints, values)[1]
+    for i in (-2, -1):
+        step = 1e-6 * (np.arange(len(values)) == len(values) + i)
+        slope = (arm.points(joints, values + step) - arm.points(joints, values - step)) / 2e-6
+        assert np.allclose(slope, jacobian[..., i], atol=1e-8) and np.abs(slope).max() > 1e-6
+    assert said_of_term(name)
+
+
+def test_a_joint_is_not_crossed_by_itself_nor_by_a_slide() -> None:
+    for name in ("joint2.cross2", "joint2.cross9", "link2.y_cross3", "link1.ry_cross2"):
+        with pytest.raises(LabError, match="--model"):
+            effect(name, IRB120.chain, IRB120.loads)
+    scara = ArmFacts(SCARA, None)
+    names = [name for family in CROSS_FAMILIES for name in (family.name(*pair) for pair in family.searched(scara))]
+    slides = [i + 1 for i, slide in enumerate(SCARA.prismatic) if slide]
+    assert names and not [name for name in names if name.endswith(tuple(f"cross{i}" for i in slides))]
+
+
+@pytest.mark.sampled(2)
+@pytest.mark.parametrize("group", ["joint2.cross6", "joint5.cross3", "link2.x_cross6", "link5.rx_cross4"])
+def test_auto_finds_it_and_the_error_falls_to_the_noise(group: str) -> None:
+    for seed in (0, 1):
+        data, elsewhere = session(seed, group, 0.4e-3)
+        alone, found = (
+            lab.identify(data, robot="irb120", model=model, validate=elsewhere) for model in ("geometric", "auto")
+        )
+        assert any("cross" in name for name in found.fit.groups), found.fit.groups
+        assert alone.after.mean > 0.04 and found.after.mean < 0.015
+        assert alone.verdict.word != "good"
+
+
+def test_a_virtual_arm_has_it_only_where_it_is_asked_for() -> None:
+    rngs = [np.random.default_rng(0)]
+    assert not CrossHarmonics().simulated(FACTS, rngs).cross_rad.any()
+    drawn = CrossHarmonics(0.3).simulated(FACTS, rngs).cross_rad
+    assert np.allclose(np.linalg.norm(drawn, axis=2).max(axis=1), 0.3e-3) and not np.diagonal(drawn).any()
+    found = lab.calibrate("irb120", poses=80, seed=3, cross_harmonic_mrad=0.3, model="auto")
+    assert sum("cross" in name for name in found.fit.groups) >= 4
+    assert found.after.mean < 0.25 * lab.calibrate("irb120", poses=80, seed=3, cross_harmonic_mrad=0.3).after.mean
+
+
+def test_play_is_found_for_the_one_joint_whose_approach_is_known() -> None:
+    """A file with the direction of approach of one joint alone; and nothing is found where there is no play."""
+    rng = np.random.default_rng(0)
+    for joint, width in ((1, 0.3e-3), (4, 0.3e-3), (1, 0.0)):
+        data, _ = session(joint, "joint2.cross6", 0.0)
+        side = rng.choice([-1.0, 1.0], len(data))
+        name = IRB120.chain.joint_names[joint]
+        play = width / 2 * side[:, None] * np.eye(6)[joint]
+        arm = IRB120.arm(("p1",))
+        nominal = arm.nominal(IRB120.tool)
+        moved = arm.points(data.joints + play, nominal) - arm.points(data.joints, nominal)
+        given = replace(data, points=data.points + moved, conditions={f"approach_{name}": side})
+        for model in ("auto", "backlash"):
+            found = lab.identify(given, robot="irb120", model=model)
+            assert (f"joint{joint + 1}.backlash" in found.fit.groups) is (width > 0 or model == "backlash")
+            named = dict(zip(found.identification.model.names, found.identification.values, strict=True))
+            if width:
+                assert named[f"joint{joint + 1}.backlash"] == pytest.approx(width, rel=0.1)
+            assert [each for each in found.warnings if f"for joint {name} only: columns approach_" in each]
