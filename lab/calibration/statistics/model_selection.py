@@ -113,6 +113,7 @@ def select(
     terms: Mapping[str, Effect] = _NO_TERMS,
     expected: Sequence[str] = (),
     seed: int = 0,
+    enough: int | None = None,
 ) -> Selection:
     """Identify with geometry alone, then with whatever groups the measurements call for.
 
@@ -126,6 +127,8 @@ def select(
         terms: groups of single joints to search, by names that ``model_with`` knows.
         expected: those of them that the search begins with.
         seed: of the folds, and of the search's level.
+        enough: how many groups end the search, where they only have to show that the model lacks something; all that
+            the measurements call for where None.
 
     Raises:
         LabError: geometry alone cannot be identified.
@@ -138,7 +141,7 @@ def select(
         for name in candidates
         if (why := task.refusal(name)) is not None
     }
-    growth = _Growth(task, tuple(name for name in candidates if name not in refused), alone, seed)
+    growth = _Growth(task, tuple(name for name in candidates if name not in refused), alone, seed, enough)
     growth.grow()
     if terms:
         growth.search(terms, expected)
@@ -146,7 +149,7 @@ def select(
     chosen = [replace(rows[name], chosen=True) for name in growth.taken]
     others = (rows[name] for name in candidates if name not in growth.taken)
     held = [parameter for name in rows for parameter in rows[name].held]
-    same = alternatives(task, growth.taken, growth.found, growth.candidates, held)
+    same = () if enough else alternatives(task, growth.taken, growth.found, growth.candidates, held)
     return Selection(growth.taken, growth.found, (rows[_GEOMETRY], *chosen, *others), same)
 
 
@@ -191,6 +194,7 @@ class _Growth:
 
     Attributes:
         candidates: groups that can be tried.
+        enough: how many groups end the growth; None where nothing does.
         found: the arm with the groups that are taken.
         rows: of the table, by group.
         stuck: groups that the fit does not converge with.
@@ -200,6 +204,7 @@ class _Growth:
     candidates: tuple[str, ...]
     alone: Identification
     seed: int
+    enough: int | None = None
     taken: tuple[str, ...] = ()
     rows: dict[str, GroupTrial] = field(default_factory=dict)
     stuck: dict[str, GroupTrial] = field(default_factory=dict)
@@ -225,8 +230,15 @@ class _Growth:
                 if moved == self.taken:
                     break
                 continue
+            if self.has_enough:
+                break
             table = self.around(large)
         self.rows |= self.stuck
+
+    @property
+    def has_enough(self) -> bool:
+        """Whether as many groups were taken as are wanted."""
+        return self.enough is not None and len(self.taken) >= self.enough
 
     def moved_to(self, groups: tuple[str, ...]) -> bool:
         """Identify with these groups, if the fit converges; else the last one is stuck."""
@@ -274,10 +286,12 @@ class _Growth:
 
     def _search_some(self, table: TermTable, only: Sequence[str] | None, level: float) -> None:
         """Add what the residuals show of some groups of single joints, or of all."""
-        for _ in range(_SEARCHES):
+        for _ in range(0 if self.has_enough else _SEARCHES):
             new = self._found_terms(table, only, level)
             self.rows |= {term.name: GroupTrial(term.name, 0, np.nan, term.p, np.nan, True) for term in new}
             if not new or not self.moved_to((*self.taken, *(term.name for term in new))):
+                break
+            if self.has_enough:
                 break
             self.grow()
 
@@ -300,7 +314,8 @@ class _Growth:
         if self._search is None or self._search[0] is not self.found:
             self._search = self.found, self._search_at(table)
         room = self.large().least_rows / ROWS_PER_PARAMETER - len(self.found.fit.free)
-        return self._search[1].run(rng_for(self.seed, "flips"), int(room) // 2, only, level)
+        most = int(room) // 2 if self.enough is None else min(int(room) // 2, self.enough - len(self.taken))
+        return self._search[1].run(rng_for(self.seed, "flips"), most, only, level)
 
     def _search_at(self, table: TermTable) -> TermSearch:
         task, found = self.task, self.found

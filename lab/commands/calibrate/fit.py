@@ -64,7 +64,8 @@ __all__ = ["Fitter"]
 
 _CLEANINGS = 5  # of the poses and what they are validated on
 _BALANCINGS = 3  # of the weights of poses and the choice of groups by each other
-_MOST_NAMED = 3  # effects in a sentence
+_MOST_NAMED = 3  # effects that a model lacks, in a sentence: more are not looked for
+_MOST_TESTED = 1_000  # poses by which such effects are looked for: of more than that each shows hardly more
 _MOST_CHOSEN_BY = 8_000  # poses by which groups are chosen: 1 GB
 
 
@@ -310,7 +311,8 @@ class Fitter:
         if not only_positions(observation) or found.status != "converged":
             return ()
         findings = shared_error_findings(found, rows, shared, adequacy, repeats(rows))
-        beside = None if self.options.parametric == "auto" else self._with_missing_effects(rows, selection)
+        tested = self.options.parametric == "auto" or (adequacy.by == "chi2" and adequacy.adequate is True)
+        beside = None if tested else self._with_missing_effects(rows, selection)
         if not any(each.kind in ("step", "drift", "correlated") for each in findings):
             fullest = found if beside is None else beside.identification  # what an effect explains did not change
             observed, _ = weighed(observation_of(fullest.model), rows, self._independent_noise)
@@ -329,13 +331,13 @@ class Fitter:
         return self.noise if shared is None or shared.is_known else replace(self.noise, shared=None)
 
     def _with_missing_effects(self, rows: Measurements, selection: Selection | None) -> Selection | None:
-        """The effects that ``auto`` would add to the model, the test of lack of fit of every model; None if none."""
+        """The first effects that ``auto`` would add to the model: a test of lack of fit; None where it adds none."""
         groups, held = (selection.chosen, selection.held) if selection else ((), ())
         facts = ArmFacts(self.robot.chain, self.robot.loads, self.course)
         try:
             beside = select(
                 lambda more: self.model_with((*groups, *more)),
-                thinned(rows, _MOST_CHOSEN_BY),
+                thinned(rows, _MOST_TESTED),
                 self.nominal,
                 self._independent_noise,
                 self.modelled(groups, held)[1],
@@ -343,6 +345,7 @@ class Fitter:
                 terms=searched_terms(facts),
                 expected=expected_terms(facts),
                 seed=self.seed,
+                enough=_MOST_NAMED,
             )
         except LabError:  # too few rows to add anything
             return None
@@ -490,9 +493,7 @@ def _missing(beside: Selection) -> NoiseFinding:
         beside: the selection that found them.
     """
     before, after = beside.groups[0].holdout_m, beside.groups[len(beside.chosen)].holdout_m
-    names = [said_of_term(name) or name for name in beside.chosen[:_MOST_NAMED]]
-    more = len(beside.chosen) - _MOST_NAMED
-    named = ", ".join(names) + (f" and {more} more" if more > 0 else "")
+    named = ", ".join(said_of_term(name) or name for name in beside.chosen)
     words = (
         f"lack of fit: {named} would explain errors that are called noise (mean error of held-out poses "
         f"{1e3 * before:.3g} mm without, {1e3 * after:.3g} mm with): fit with --model auto"
