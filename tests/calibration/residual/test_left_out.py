@@ -15,6 +15,7 @@ from lab.calibration.residual.kernels import JointKernels
 from lab.calibration.residual.left_out import bound_factor, left_out
 from lab.calibration.residual.pose_numbers import Reduction, covariance
 from lab.calibration.residual.process import PredictedBy, Support
+from lab.calibration.residual_spread import residual_spread
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
 
@@ -119,7 +120,7 @@ def of_fresh(poses: int, targets: tuple[str, ...], seed: int, fresh: int) -> tup
         float(np.linalg.norm(each.model.points(other.joints, each.values) - other.points, axis=2).mean())
         for each in (found, better)
     )
-    squares = prediction_squares(better, None, other.joints, other.points)[0]
+    squares = prediction_squares(better, None, other.joints, other.points, residual_spread(better))[0]
     inside = float((squares < 3 * stats.f.ppf(0.95, 3, better.dof)).mean())
     assert isinstance(better.process, PredictedBy)
     return better.process, before, after, inside

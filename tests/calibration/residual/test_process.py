@@ -15,6 +15,7 @@ from lab.calibration.residual.estimation import with_residual
 from lab.calibration.residual.kernels import COMPONENTS, JointKernels
 from lab.calibration.residual.pose_numbers import Reduction, covariance, unit_covariances
 from lab.calibration.residual.process import UPPER_QUARTILE, JointProcess, PredictedBy, precisions, scaled_by
+from lab.calibration.residual_spread import residual_spread
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.commands.calibrate.residual_file import read_residual, residual_columns, residual_to_dict, write_residual
 from lab.core.errors import LabError
@@ -99,7 +100,7 @@ def test_what_no_group_has_is_predicted_and_its_bounds_hold() -> None:
     ]
     assert errors[1] < 0.75 * errors[0]
     assert isinstance(better.process, PredictedBy) and better.process.process.p < 1e-6
-    squares = prediction_squares(better, None, fresh.joints, fresh.points)[0]
+    squares = prediction_squares(better, None, fresh.joints, fresh.points, residual_spread(better))[0]
     assert (squares < 3 * stats.f.ppf(0.95, 3, better.dof)).mean() > 0.93
     assert 0.6 < squares.mean() / 3 < 1.3
     assert better.values[-1] == 1 and better.nominal_aligned[-1] == 0
@@ -115,7 +116,7 @@ def test_it_knows_less_where_nothing_was_measured() -> None:
     sizes = np.sqrt(np.trace(found.process.covariances(fresh.joints)[:, 0], axis1=1, axis2=2))
     there = fresh.joints[:, 0] < 0
     assert np.median(sizes[~there]) > 1.15 * np.median(sizes[there])
-    squares = prediction_squares(found, None, fresh.joints, fresh.points)[0]
+    squares = prediction_squares(found, None, fresh.joints, fresh.points, residual_spread(found))[0]
     assert (squares[~there] < 3 * stats.f.ppf(0.95, 3, found.dof)).mean() > 0.93
 
 

@@ -14,12 +14,14 @@ from lab.core.covariance import whitening
 from lab.core.instruments import INSTRUMENTS, Instrument
 from lab.core.se3 import Array
 from lab.core.significance import LACK_OF_FIT
+from lab.core.tracker_errors import TrackerErrors
 from lab.kinematics.gauge import base_set
 from lab.kinematics.serial.arm import SerialArm
 
 ARM = SerialArm(IRB120.chain)
 FREE = base_set(ARM, ARM.nominal()).kept
-UNIFORM, GAUSSIAN, TRACKER = (INSTRUMENTS[name] for name in ("uniform-8um", "optical-cmm", "leica-at960"))
+UNIFORM, GAUSSIAN, PRESET = (INSTRUMENTS[name] for name in ("uniform-8um", "optical-cmm", "leica-at960"))
+TRACKER = replace(PRESET, errors=TrackerErrors())  # what its readings draw: nest and range are found in each pose
 
 
 def robot(seed: int, poses: int) -> tuple[Array, Array, np.random.Generator]:

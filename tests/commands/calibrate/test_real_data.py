@@ -44,10 +44,12 @@ def test_ur10_random_poses() -> None:
     assert outcome.verdict.word == "doubtful"
     found = outcome.to_dict()  # the probe's centre lies near axis 6: without a prior link5.theta may be anything
     assert found["condition"] < 1_000 < 10_000 < found["plain_condition"] and found["farthest_link"]["tolerances"] < 10
-    said = sorted(outcome.verdict.reasons)
-    assert len(said) == 3 and said[0].startswith("100 % of the workspace is extrapolated: not covered")
-    assert said[1].startswith("lack of fit: the residuals vary with the joints")  # as the waves of its gears make them
-    assert "beyond the measured joint positions" in said[2]  # joint 2 moved over a sixth of a turn
+    said = outcome.verdict.reasons
+    assert "joint 2 runs out 20 times a turn" in said[0] and said[0].endswith(
+        "fit with --model auto"
+    )  # its gear's wave
+    assert any(each.startswith("lack of fit: the residuals vary with the joints") for each in said)
+    assert any("in the extrapolated 100 % of the workspace" in each for each in said)  # joint 2 moved a sixth of a turn
 
 
 @pytest.mark.thorough
@@ -183,8 +185,9 @@ def test_ur10_as_poses(every: int, tmp_path) -> None:
     assert errors is not None and errors.after.shape[1] == 1 and 0.2 < mean_mm(errors.after) < 0.5
     assert outcome.identification.fit.condition < 200 and len(outcome.identification.fit.free) == 30
     assert 0.3 < outcome.to_dict()["noise_mrad"] < 1.5 and outcome.verdict.word == "doubtful"
-    (reason,) = outcome.verdict.reasons
-    assert reason.startswith("lack of fit: the residuals vary with the joints")  # as the waves of its gears make them
+    assert any(  # as the waves of its gears make them
+        each.startswith("lack of fit: the residuals vary with the joints") for each in outcome.verdict.reasons
+    )
 
 
 def few_poses(folder) -> MeasuredCampaign:
