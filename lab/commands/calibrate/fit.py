@@ -317,12 +317,9 @@ class Fitter:
             fullest = found if beside is None else beside.identification  # what an effect explains did not change
             observed, _ = weighed(observation_of(fullest.model), rows, self._independent_noise)
             findings += changes_in_time(fullest, observed, rows)
-        missing = [] if beside is None else [_missing(beside)]
-        return (
-            *(each for each in findings if each.between),
-            *missing,
-            *(each for each in findings if not each.between),
-        )
+        first = [each for each in findings if each.between] + ([] if beside is None else [_missing(beside)])
+        first.sort(key=lambda each: -each.size_m)
+        return (*first, *(each for each in findings if not each.between))
 
     @property
     def _independent_noise(self) -> Noise:
