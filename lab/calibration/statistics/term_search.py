@@ -34,7 +34,7 @@ FLIPS = 999  # of signs: the level is exact for so many and one
 _STAGE = 8  # groups that are taken before all others are looked at anew
 _POOL = 48  # groups that a stage chooses from
 _LEFT = 1e-3  # share of a column's squares that what is fitted has to leave
-_TIE = 1e-6  # share of a fall by which groups that say the same differ: the first of the table is taken
+_TIE = 1e-3  # share of a fall by which groups that say the same differ beside geometry: the table's first is taken
 _APART = 1e-3  # share of the squares that two columns of a group have apart
 
 

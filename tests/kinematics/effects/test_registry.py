@@ -122,7 +122,9 @@ def test_conditions_come_in_the_order_of_a_files_columns() -> None:
     assert in_order(mixed) == ("payload_kg", "approach_q2", "approach_q1", "time_s", "session 2")
 
 
-@pytest.mark.parametrize("options", [{"ripple_mrad": 0.1}, {"full_coupling_ppm": 50.0}], ids=str)
+@pytest.mark.parametrize(
+    "options", [{"ripple_mrad": 0.1}, {"full_coupling_ppm": 50.0}, {"cross_harmonic_mrad": 0.3}], ids=str
+)
 def test_a_simulated_effect_is_what_single_joints_groups_fit(options: dict[str, float]) -> None:
     """With the true parameters, the groups of single joints move the joints as the simulation does."""
     part = next(
@@ -147,4 +149,4 @@ def test_a_simulated_effect_is_what_single_joints_groups_fit(options: dict[str, 
         each.refuse_unfit(SCARA)
         if isinstance(each, MovesJoints) and any(each.true_parameters().values()):
             moved = each.joint_offsets(joints[:, :4], PoseConditions({}, 30, SCARA.joint_names))
-            assert not moved[:, 2].any() and moved[:, 0].any()
+            assert moved[:, 0].any() and moved[:, 2].any() == ("cross_harmonic_mrad" in options)
