@@ -84,10 +84,8 @@ MUTATIONS = [
         "heights.max() - heights[-1] >",
         "tests/calibration/noise/test_tails.py",
     ),
-    Mutation(
-        "calibration/residual/process.py", "weights = weights + lacking @", "weights = weights - lacking @", PROCESS
-    ),
-    Mutation(GAUSSIAN, "            - crossed.T\n", "            + crossed.T\n", PROCESS),
+    Mutation(GAUSSIAN, "+ lacking.T @ by_parameters", "- lacking.T @ by_parameters", PROCESS),
+    Mutation(GAUSSIAN, "- half.T @ half", "+ half.T @ half", PROCESS),
     Mutation(KERNELS, "(1 + scaled) * np.exp(-scaled)", "np.exp(-scaled)", PROCESS),
     Mutation(COVER, "k=_NEAREST)[0][:, -1]", "k=_NEAREST)[0][:, 0] / 3", BEYOND),
     Mutation(RANGE, "np.maximum(self.lower - joints, joints - self.upper)", "joints - self.upper", BEYOND),
