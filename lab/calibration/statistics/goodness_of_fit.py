@@ -302,7 +302,8 @@ def isotropy(model: Model, observed: Observations, fit: Fit) -> Isotropy:
     linear = linearized(model, observed, fit.values, fit.free)
     within = linear.everywhere()
     shape = observed.points.shape
-    sight = np.nan_to_num(observed.points / np.linalg.norm(observed.points, axis=2, keepdims=True))
+    distance = np.linalg.norm(observed.points, axis=2, keepdims=True)
+    sight = np.nan_to_num(observed.points / np.maximum(distance, 1e-300))  # a point at the head has no line
     along = (linear.residual.reshape(shape) * sight).sum(axis=2)
     rank = within.directions.shape[1]
     taken = np.zeros((rank, rank))

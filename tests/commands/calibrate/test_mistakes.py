@@ -1,5 +1,6 @@
 """Mistakes of a measurement session are not called noise: the verdict is not good, and says what happened."""
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -71,6 +72,14 @@ def test_scatter_is_supported_by_repeated_poses_alone() -> None:
         found = identified(replace(data, points=data.points + 9e-6 * rng.normal(size=data.points.shape)))
         words[visits] = found.verdict.word, [(each.kind, each.supported) for each in found.fit.findings]
     assert words == {1: ("doubtful", [("scatter", False)]), 3: ("good", [("scatter", True)])}
+
+
+def test_points_that_are_all_zero_are_bad_without_a_warning_of_arithmetic() -> None:
+    data, _ = session_with_noise(5, 30)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = identified(replace(data, points=0 * data.points))
+    assert found.verdict.word == "bad" and "the same in every pose" in found.verdict.reasons[0]
 
 
 @pytest.mark.slow
