@@ -105,6 +105,20 @@ class Observations:
         flat = rows.reshape(*rows.shape[:3], -1)
         return np.asarray(np.linalg.solve(self.whiten, flat)).reshape(rows.shape)
 
+    def in_metres(self, rows: Array) -> Array:
+        """Return whitened rows ``(N, h)`` of observed positions in metres, with the errors that they share.
+
+        The inverse of ``apply``.
+        """
+        if self.correlation is not None:
+            n, k, d = self.points.shape
+            blocks, spread = np.zeros((n, k * d, rows.shape[1])), np.repeat(self.seen, d, axis=1)
+            blocks[spread] = rows
+            rows = self.correlation.coloured(blocks)[spread]
+        whiten, triples = self.whiten[self.seen], rows.reshape(len(rows) // 3, 3, -1)
+        metres = triples / whiten[:, None, None] if whiten.ndim == 1 else np.linalg.solve(whiten, triples)
+        return np.asarray(metres.reshape(rows.shape))
+
     def take(self, rows: NDArray[np.int_]) -> "Observations":
         """Some of the poses."""
         correlation = None if self.correlation is None else self.correlation.take(rows)

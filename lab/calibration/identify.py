@@ -351,7 +351,7 @@ class _MAPProblem:
         return best
 
     def _weight(self, sigma: float) -> float:
-        """What a prior weighs as: sigma, and where that is known, more if the residuals are."""
+        """Return the sigma by which a prior is weighted: where it is known, more if the residuals are."""
         return max(sigma, 1.0) if self.known and np.isfinite(sigma) else 1.0 if self.known else max(sigma, _LEAST_SIGMA)
 
     def _fitted(self, acting: ActingPrior, weight: float, columns: Sequence[int], start: Array) -> Fit:

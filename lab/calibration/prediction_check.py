@@ -15,6 +15,7 @@ from lab.calibration.identify import Identification
 from lab.calibration.observations.protocol import observation_of, only_positions
 from lab.calibration.validation import FOLDS, Validation
 from lab.calibration.weights import Noise, weighed
+from lab.core.covariance import covariance_root
 from lab.core.measurements import Measurements, evenly
 from lab.core.random import rng_for
 from lab.core.se3 import Array
@@ -44,7 +45,7 @@ class PredictionCheck:
 
     @property
     def exceeded(self) -> bool:
-        """Whether the errors are larger than the prediction and its sampling allow."""
+        """True where the errors are larger than the prediction and its sampling allow."""
         return self.observed_p95_m > self.allowed_p95_m + ROUNDING_M
 
     def to_dict(self) -> dict[str, Any]:
@@ -77,7 +78,7 @@ def check_prediction(
     if rows is None or errors is None or not only_positions(observation_of(identification.model)):
         return None
     after = errors.after
-    if after.shape != rows.points.shape[:2] or validation.fitted_share > 0 or not np.isfinite(after).any():
+    if after.shape != rows.points.shape[:2] or validation.fitted_share > 0:
         return None
     if (some := evenly(len(rows), MAX_POSES)) is not None:
         rows, after = rows.take(some), after[some]
@@ -106,10 +107,10 @@ def _errors_of_parameters(
     inputs = rows.inputs(found.model.conditions)
     n, k = rows.points.shape[:2]
     if found.process is not None:
-        root = _root(found.process.covariance(inputs))
+        root = covariance_root(found.process.covariance(inputs))
         return np.asarray((root @ rng.standard_normal((len(root), DRAWS))).reshape(n, k, 3, DRAWS))
     slopes = found.model.observe(inputs, found.values)[1][..., list(found.fit.free)]
-    drawn = slopes @ (_root(found.covariance) @ rng.standard_normal((slopes.shape[-1], DRAWS)))
+    drawn = slopes @ (covariance_root(found.covariance) @ rng.standard_normal((slopes.shape[-1], DRAWS)))
     if measured is not None and measured.is_worse_beyond:
         unknown = measured.unknown(found.model, inputs, found.values)
         drawn = drawn + unknown @ rng.standard_normal((unknown.shape[-1], DRAWS))
@@ -119,32 +120,18 @@ def _errors_of_parameters(
 def _errors_of_noise(found: Identification, noise: Noise, rows: Measurements, rng: np.random.Generator) -> Array:
     """``(n, k, 3, draws)`` errors (m) of the measured points."""
     observed, known = weighed(observation_of(found.model), rows, noise)
-    n, k, d = observed.points.shape
-    white: Array = rng.standard_normal((n, k * d, DRAWS))
-    drawn: Array
-    if observed.correlation is not None:
-        white = observed.correlation.coloured(white)
-    white = white.reshape(n, k, d, DRAWS)
-    if observed.whiten.ndim == 2:
-        drawn = np.asarray(white / observed.whiten[..., None, None])
-    else:
-        whiten = np.where(observed.seen[..., None, None], observed.whiten, np.eye(d))
-        drawn = np.asarray(np.linalg.solve(whiten, white))
+    drawn = np.zeros((*observed.points.shape, DRAWS))
+    white = rng.standard_normal((3 * int(observed.seen.sum()), DRAWS))
+    drawn[observed.seen] = observed.in_metres(white).reshape(-1, 3, DRAWS)
     if known:
-        return np.asarray(drawn)
+        return drawn
     sigma = found.sigma_m if noise.shared is None else noise.shared.sigma_m
     return np.asarray(sigma * drawn)
 
 
 def _scale(found: Identification, rng: np.random.Generator) -> Array:
-    """What an estimated standard deviation may be off ``(draws,)``: one where it was given."""
+    """Draw the true over the estimated standard deviation ``(draws,)``: one where it was given."""
     if found.sigma_known:
         return np.ones(DRAWS)
     dof = max(found.dof, 1)
     return np.asarray(np.sqrt(dof / np.maximum(rng.chisquare(dof, DRAWS), 1e-300)))
-
-
-def _root(covariance: Array) -> Array:
-    """A root of a covariance that may be singular."""
-    sizes, axes = np.linalg.eigh((covariance + covariance.T) / 2)
-    return np.asarray(axes * np.sqrt(np.maximum(sizes, 0.0)))

@@ -67,7 +67,7 @@ class Prior:
         return lambda values: (jacobian @ (self.mean - values), jacobian)
 
     def knows_less(self, covariance: Array) -> bool:
-        """Whether measurements with this covariance ``(m, m)`` surely know more in every direction, at any scale."""
+        """Decide whether measurements of this covariance ``(m, m)`` know every direction better, at any scale."""
         return bool(np.trace(self.whiten @ covariance @ self.whiten.T) < WEAK**2)
 
     def surprise(self, values: Array) -> Array:
@@ -103,7 +103,7 @@ class ActingPrior:
 
     @property
     def acts_in(self) -> int:
-        """How many directions it acts in."""
+        """Count the directions in which the prior acts."""
         return len(self.rows_by_parameter)
 
     def rows(self, sigma: float, names: Sequence[str] | None = None) -> ExtraResiduals:
@@ -140,7 +140,7 @@ class Directions:
         return np.asarray(self.stds > WEAK * scale)
 
     def left_by_prior(self, scale: float) -> float:
-        """How many degrees of freedom a prior of this scale takes from the fit."""
+        """Return the degrees of freedom that a prior of this scale takes from the fit."""
         stds = self.stds[self.weak(scale)]
         return float(np.sum(1 / (1 + (scale / stds) ** 2)))
 

@@ -136,8 +136,7 @@ def workspace_region(
 
 def _turned_toward(model: Model, values: Array, inputs: Array, measured: Array, turning: NDArray[np.bool_]) -> Array:
     """Turn hinges by whole turns to the measured range, where the model is the same after a turn."""
-    size, turned = len(turning), inputs.copy()
-    few = inputs[:_TURN_POSES]
+    turned, few = inputs.copy(), inputs[:_TURN_POSES]
     points = model.points(few, values)
     middle = (measured.min(axis=0) + measured.max(axis=0)) / 2
     for joint in np.flatnonzero(turning):
@@ -145,7 +144,6 @@ def _turned_toward(model: Model, values: Array, inputs: Array, measured: Array, 
         after[:, joint] += 2 * np.pi
         if np.allclose(model.points(after, values), points, rtol=0, atol=_SAME_POINT, equal_nan=True):
             turned[:, joint] -= 2 * np.pi * np.round((turned[:, joint] - middle[joint]) / (2 * np.pi))
-    assert size <= inputs.shape[1]
     return turned
 
 

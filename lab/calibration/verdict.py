@@ -356,7 +356,7 @@ class _Judging:
         return reasons
 
     def _beyond_prediction(self) -> list[Reason]:
-        """That errors at poses that were not fitted are larger than predicted: no gate makes that good."""
+        """Report errors at poses that were not fitted that are larger than predicted: no gate makes that good."""
         found = self.prediction
         if found is None or not found.exceeded:
             return []
@@ -436,7 +436,7 @@ class _Judging:
         return Answer("doubtful" if reasons else "holds", said), reasons
 
     def _is_felt(self, of: Distance) -> bool:
-        """Whether positions show that a link is another one, by more than tolerances make of an arm.
+        """Decide whether positions show that a link is another one, by more than the tolerances explain.
 
         What a point near an axis hardly shows harms no prediction, however far from nominal it is estimated.
         """

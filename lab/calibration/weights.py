@@ -1,6 +1,6 @@
 """How measurements are weighed: by an instrument's noise, a given sigma, a row's own, or all alike."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,6 +28,11 @@ class Noise:
     sigma_m: float | None = None
     readings: int = 1
     shared: SharedErrors | None = None
+
+    @property
+    def independent(self) -> "Noise":
+        """The same without shared errors that were estimated from residuals."""
+        return self if self.shared is None or self.shared.is_known else replace(self, shared=None)
 
 
 def weighed(observation: Observation, data: Measurements, noise: Noise) -> tuple[Observations, bool]:

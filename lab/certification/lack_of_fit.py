@@ -55,7 +55,7 @@ class ValidationErrors:
 
 @dataclass(frozen=True)
 class LackOfFit:
-    """What validation shows beside what a budget predicts.
+    """The errors of a validation beside those that a budget predicts.
 
     Attributes:
         observed_rms_m, expected_rms_m: root mean square error of the validation, and as the budget predicts it.

@@ -179,14 +179,14 @@ def _day(text: str) -> date | None:
 
 
 def _names(name: str, text: str) -> bool:
-    """Whether a name, its runs of letters and digits however separated, stands in a text as whole words."""
+    """Decide whether a text contains a name as whole words, its letters and digits however separated."""
     runs = re.findall(r"[a-z]+|\d+", name.lower())
     pattern = r"(?<![a-z0-9])" + r"[^a-z0-9]*".join(runs) + r"(?![a-z0-9])"
     return bool(runs) and re.search(pattern, text.lower()) is not None
 
 
 def _shares_a_word(text: str, other: str) -> bool:
-    """Whether two names have a word in common; where both have words with numbers, one of these."""
+    """Decide whether two names share a word; where both have words with numbers, one of these."""
     words = [set(re.findall(r"[a-z]*\d+[a-z]*|[a-z]{2,}", each.lower())) for each in (text, other)]
     numbered = [{word for word in each if re.search(r"\d", word)} for each in words]
     first, second = numbered if all(numbered) else words

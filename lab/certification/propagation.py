@@ -12,7 +12,7 @@ from lab.core.measurements import seen_mask
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 
-__all__ = ["Propagation", "independent_shifts"]
+__all__ = ["Propagation"]
 
 _POSES = 200
 
@@ -89,16 +89,3 @@ class Propagation:
         whitened = alone.in_units_of_noise(roots)[seen_mask(alone.points)]  # (points, 3, 3)
         blocks = self.gain.reshape(len(self.gain), -1, 3).transpose(1, 0, 2) @ whitened
         return np.asarray(np.einsum("pfi,pgi->fg", blocks, blocks))
-
-
-def independent_shifts(covariance: Array) -> Array:
-    """Shifts ``(f, f)`` of the identified parameters by independent numbers of variance one, from their covariance."""
-    scale = _scale(covariance)
-    sizes, axes = np.linalg.eigh(covariance / np.outer(scale, scale))
-    return np.asarray(scale[:, None] * axes * np.sqrt(np.maximum(sizes, 0.0)))
-
-
-def _scale(covariance: Array) -> Array:
-    """Standard deviations ``(f,)``, ones where there are none."""
-    sizes = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    return np.where(sizes > 0, sizes, 1.0)

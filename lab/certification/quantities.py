@@ -7,7 +7,8 @@ from typing import Literal
 import numpy as np
 
 from lab.certification.budget import InputQuantity
-from lab.certification.propagation import Propagation, independent_shifts
+from lab.certification.propagation import Propagation
+from lab.core.covariance import covariance_root
 from lab.core.distributions import Uncertain
 from lab.core.measurements import seen_mask
 from lab.core.probabilities import normal_ppf
@@ -90,7 +91,7 @@ class RandomErrors:
 
 @dataclass(frozen=True)
 class FrameMotion:
-    """How far the frame of the measurements moved while they were made.
+    """A motion of the measurements' frame during the campaign.
 
     Attributes:
         offset_m: from where the calibrated positions are to where they were at one end of the campaign.
@@ -122,14 +123,14 @@ def quantities_of(
     sigma = chance.noise.uncertainty
     words = "identified parameters: random errors of the measurements"
     said = "parameters", words, chance.noise.source, "µm", 1e6, sigma
-    found.append(_fitted(propagation, independent_shifts(covariance) / sigma.standard, *said))
+    found.append(_fitted(propagation, covariance_root(covariance) / sigma.standard, *said))
     each = np.broadcast_to(np.eye(3), (len(propagation.positions), 3, 3))
     if (robot := chance.repeatability) is not None:
         said = "repeatability", "repeatability of the robot", robot.source, "µm", 1e6, robot.uncertainty
         found.append(InputQuantity(*said, each, anew=True))
         if not chance.scatter_counted:
             alike = np.broadcast_to(np.eye(3), (*propagation.observed.points.shape, 3))
-            shifts = independent_shifts(propagation.covariance_of(alike))
+            shifts = covariance_root(propagation.covariance_of(alike))
             said = "repeatability", "repeatability in the measurements", *said[2:]
             found.append(_fitted(propagation, shifts, *said))
     if (lack := chance.model) is not None:
@@ -203,7 +204,7 @@ def _placements(propagation: Propagation, errors: TrackerErrors, source: str) ->
         quantity = errors.quantity(term)
         group = "misalignment" if term.name == "lock_on" else "reflector"
         covariance = propagation.covariance_of(errors.placement_covariance(_seen(propagation), (term,)))
-        shifts = independent_shifts(covariance) / quantity.standard
+        shifts = covariance_root(covariance) / quantity.standard
         said = group, term.words, source, term.unit, term.factor, quantity
         yield _fitted(propagation, shifts, *said), covariance
 

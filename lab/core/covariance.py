@@ -1,11 +1,11 @@
-"""What a matrix must be to be a covariance, and what makes noise of one white."""
+"""What a matrix must be to be a covariance, and what makes noise of one white, or white numbers noise of one."""
 
 import numpy as np
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 
-__all__ = ["refuse_impossible_covariance", "whitening"]
+__all__ = ["covariance_root", "refuse_impossible_covariance", "whitening"]
 
 _ROUNDING = 1e-9  # relative to the standard deviations: what writing, reading and projecting a matrix may change
 
@@ -34,6 +34,14 @@ def refuse_impossible_covariance(where: object, matrix: Array) -> None:
         raise LabError(f"{where}: the covariance is not symmetric; identify again")
     if len(matrix) and np.linalg.eigvalsh((correlation + correlation.T) / 2)[0] < -_ROUNDING * len(matrix):
         raise LabError(f"{where}: the covariance is not positive semidefinite; identify again")
+
+
+def covariance_root(covariance: Array) -> Array:
+    """Return a square root ``(f, f)`` of a covariance, which may be singular, of parameters in several units."""
+    scale = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    scale = np.where(scale > 0, scale, 1.0)
+    sizes, axes = np.linalg.eigh(covariance / np.outer(scale, scale))
+    return np.asarray(scale[:, None] * axes * np.sqrt(np.maximum(sizes, 0.0)))
 
 
 def whitening(covariance: Array) -> Array:

@@ -141,7 +141,7 @@ class CertificateDetails:
 
     @property
     def scale(self) -> Uncertain | None:
-        """How well the instrument's scale is known, relative; None where it is not stated."""
+        """The relative uncertainty of the instrument's scale; None where it is not stated."""
         stated = self.instrument.scale_ppm
         return None if stated is None else stated.quantity(1e6)
 

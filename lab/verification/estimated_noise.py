@@ -16,7 +16,7 @@ from lab.calibration.gauss_newton import Observations
 from lab.calibration.noise.small_samples import ComponentErrors
 from lab.core.measurements import seen_mask
 from lab.core.se3 import Array
-from lab.verification.prediction import CalibrationPrediction, in_metres
+from lab.verification.prediction import CalibrationPrediction
 
 __all__ = ["MOST_POSES", "STEP", "with_estimated_noise"]
 
@@ -63,7 +63,7 @@ def with_estimated_noise(
 
 def _noise(observed: Observations, numbers: int) -> Array:
     """Covariance ``(numbers, numbers)`` (m^2) of the measurements' errors."""
-    root = in_metres(observed, np.eye(numbers))
+    root = observed.in_metres(np.eye(numbers))
     return root @ root.T
 
 

@@ -15,6 +15,7 @@ from scipy.optimize import brentq
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.initial_guess import initial_guess
 from lab.calibration.weights import root_mean_square_sigma
+from lab.core.covariance import covariance_root
 from lab.core.errors import LabError
 from lab.core.linear_model import LinearModel, p_value_of_squares, triangle_of
 from lab.core.measurements import seen_mask
@@ -31,7 +32,6 @@ __all__ = [
     "RefitSolution",
     "VerificationProblem",
     "WhitenedSystem",
-    "in_metres",
 ]
 
 _POWER = 0.95  # with which a change that "would be noticed" is
@@ -249,7 +249,7 @@ class VerificationProblem:
 
         Their covariance is S^1/2 (1 - Q Q') S^1/2, with Q the basis of what was fitted, and S^1/2 Q is J B.
         """
-        rows = triangle_of(in_metres(each, jacobian) for each, _, jacobian in self.parts(fit.values))
+        rows = triangle_of(each.in_metres(jacobian) for each, _, jacobian in self.parts(fit.values))
         known, taken = (float(((rows @ part) ** 2).sum()) for part in (fit.there.known, fit.back))
         noise = self.numbers * root_mean_square_sigma(self.observed, 0) ** 2 + self._shared_squares()
         return float(np.sqrt(max(noise + known - taken, 0.0) * 3 / self.numbers))
@@ -261,12 +261,12 @@ class VerificationProblem:
         alone = replace(self.observed, correlation=None)
         mask = np.repeat(seen_mask(self.observed.points), 3, axis=1)
         parts = (shared.scatter, shared.shift, shared.trend)
-        return sum(float((in_metres(alone, part[mask]) ** 2).sum()) for part in parts if part.size)
+        return sum(float((alone.in_metres(part[mask]) ** 2).sum()) for part in parts if part.size)
 
     def _at(self, values: Array) -> WhitenedSystem:
         both = triangle_of(np.column_stack([jacobian, part]) for _, part, jacobian in self.parts(values))
         jacobian, free = both[:, :-1], list(self.prediction.free)
-        root = _root(self.prediction.covariance)
+        root = covariance_root(self.prediction.covariance)
         axes, sizes, turned = np.linalg.svd(jacobian[:, free] @ root, full_matrices=False)
         known = np.zeros((len(values), len(sizes)))
         known[free] = root @ turned.T
@@ -279,25 +279,3 @@ class VerificationProblem:
         pull = model.coordinates(residual)
         here = RefitSolution(values, float(residual @ residual), self.numbers, model, directions, there)
         return here, here.back @ pull, float(np.linalg.norm(pull))
-
-
-def in_metres(observed: Observations, rows: Array) -> Array:
-    """Rows ``(N, h)`` of the numbers that were observed, in units of the noise, in metres."""
-    mask = seen_mask(observed.points)
-    if observed.correlation is not None:  # with the errors that they share, in units of the instrument's noise
-        blocks = np.zeros((len(mask), 3 * mask.shape[1], rows.shape[1]))
-        spread = np.repeat(mask, 3, axis=1)
-        blocks[spread] = rows
-        rows = observed.correlation.coloured(blocks)[spread]
-    whiten, triples = observed.whiten[mask], rows.reshape(len(rows) // 3, 3, -1)
-    metres = triples / whiten[:, None, None] if whiten.ndim == 1 else np.linalg.solve(whiten, triples)
-    return np.asarray(metres.reshape(rows.shape))
-
-
-def _root(covariance: Array) -> Array:
-    """A square root ``(f, f)`` of a covariance of parameters in several units."""
-    scale = np.sqrt(np.diag(covariance))
-    scale[scale == 0] = 1.0
-    sizes, axes = np.linalg.eigh(covariance / np.outer(scale, scale))
-    root: Array = scale[:, None] * axes * np.sqrt(np.maximum(sizes, 0.0))
-    return root

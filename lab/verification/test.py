@@ -32,7 +32,7 @@ from lab.verification.hypotheses import (
     refitted,
     sized,
 )
-from lab.verification.prediction import FULL_RANK, CalibrationPrediction, RefitSolution, VerificationProblem, in_metres
+from lab.verification.prediction import FULL_RANK, CalibrationPrediction, RefitSolution, VerificationProblem
 
 __all__ = ["Hypothesis", "Verified", "verify"]
 
@@ -276,7 +276,7 @@ def _metres_of(block: Observations, rows: NDArray[np.int_]) -> Array:
     """What some numbers ``(m, m)`` of a block are in metres."""
     units = np.zeros((3 * int(seen_mask(block.points).sum()), len(rows)))
     units[rows] = np.eye(len(rows))
-    return in_metres(block, units)[rows]
+    return block.in_metres(units)[rows]
 
 
 def _judged(

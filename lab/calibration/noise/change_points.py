@@ -15,7 +15,16 @@ from numpy.typing import NDArray
 from lab.core.probabilities import f_sf
 from lab.core.se3 import Array
 
-__all__ = ["ANOTHER_DAY", "APART", "ChangePoint", "Found", "before_and_after", "likeliest_change", "session_of"]
+__all__ = [
+    "ANOTHER_DAY",
+    "APART",
+    "ChangePoint",
+    "Found",
+    "before_and_after",
+    "likeliest_change",
+    "rows_around",
+    "session_of",
+]
 
 APART = 1e9  # times, from the first pose of a session to the first of the next
 _LEAST_ROWS = 8  # on either side in a session: of fewer with heavy tails the mean is none of a normal distribution
@@ -60,6 +69,14 @@ def before_and_after(times: Array, changes: Sequence[ChangePoint]) -> Array:
     """What a shift of one does to rows ``(n, changes)``: its part of the rows before a change, the rest after."""
     time, share = np.array([(each.time, each.share) for each in changes]).reshape(-1, 2).T
     return np.asarray((times[:, None] >= time) - share)
+
+
+def rows_around(times: Array, time: float) -> tuple[int, int]:
+    """Return the last row before a time, and the first one after it."""
+    last, first = (
+        int(np.argmax(np.where(rows, sign * times, -np.inf))) for rows, sign in ((times < time, 1), (times > time, -1))
+    )
+    return last, first
 
 
 def session_of(times: Array) -> NDArray[np.int_]:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification
-from lab.calibration.noise.change_points import likeliest_change, session_of
+from lab.calibration.noise.change_points import likeliest_change, rows_around, session_of
 from lab.calibration.noise.shared_errors import SharedErrors, row_times
 from lab.calibration.statistics.goodness_of_fit import GoodnessOfFit
 from lab.calibration.statistics.joint_rounding import by_joint_positions
@@ -106,9 +106,8 @@ def shared_error_findings(
         return []
     repeated = adequacy.by == "repeats" and adequacy.adequate is True
     revisited = repeated and _revisited(rows, labels)
-    # errors that the stated noise of an instrument explains as well are that instrument's
     stated = found.sigma_known and adequacy.adequate is not False
-    findings = []
+    findings = []  # scatter and correlated errors that the stated noise explains as well are the instrument's
     if shared is not None:
         for move in shared.moves:
             words = f"{move.words}: measure again in one set-up, or give the rows after it a session of their own"
@@ -161,7 +160,6 @@ def changes_in_time(found: Identification, observed: Observations, rows: Measure
         observed, rows, times = observed.take(some), rows.take(some), times[some]
     linear = linearized(found.model, observed, found.values, found.fit.free, found.extra_residuals)
     white = np.concatenate([linear.jacobian, linear.residual[..., None]], axis=2)[: linear.poses]
-    order = np.argsort(times, kind="stable")
     tried, best = 1, None
     for what, columns in _changing(found, linear, observed, rows).items():
         scan = likeliest_change(white, columns, times)
@@ -173,13 +171,13 @@ def changes_in_time(found: Identification, observed: Observations, rows: Measure
     size = _change_of_size(linear, times)
     if best is not None and tried * best[1].p < CHANGE_IN_TIME and (size is None or best[1].p <= size.p):
         what, scan, columns = best
-        before, after = _neighbours(times, order, rows, scan.change.time)
+        before, after = (rows.ids[i] for i in rows_around(times, scan.change.time))
         moved_m = _size_of(found, linear, observed, white, columns, times, scan.change.time)
         where = f"between poses {before} and {after}"
         words = f"{what} changed by {short_length(moved_m)} {where}: look what happened there"
         return [NoiseFinding("change", moved_m, False, words, (before, after))]
     if size is not None and tried * size.p < CHANGE_IN_TIME:
-        before, after = _neighbours(times, order, rows, size.time)
+        before, after = (rows.ids[i] for i in rows_around(times, size.time))
         larger = f"from pose {after} on as before" if size.grows else f"up to pose {before} as after it"
         words = f"errors are {size.ratio:.2g} times as large {larger}: measure all poses in one way"
         return [NoiseFinding("change", size.ratio * found.residual_sigma_m, False, words, (before, after))]
@@ -193,7 +191,7 @@ def _finding(kind: FindingKind, size_m: float, supported: bool, words: str) -> N
 
 
 def _revisited(rows: Measurements, labels: NDArray[np.int_]) -> bool:
-    """Whether some pose was measured again after half of the campaign, so that its repeats show what time does."""
+    """Find a pose that was measured again after half of the campaign, so that its repeats show what time does."""
     times = row_times(rows)
     session = session_of(times)
     for each in np.unique(session):
@@ -231,7 +229,7 @@ def _changing(
 
 
 def _spans(columns: Array, own: Array) -> bool:
-    """Whether one column ``(n, m, 1)`` is a sum of others ``(n, m, c)``."""
+    """Decide whether one column ``(n, m, 1)`` is a linear combination of others ``(n, m, c)``."""
     flat, wanted = columns.reshape(-1, columns.shape[2]), own.ravel()
     left = wanted - flat @ np.linalg.lstsq(flat, wanted, rcond=None)[0]
     return bool(np.linalg.norm(left) <= _SPANNED * np.linalg.norm(wanted))
@@ -239,9 +237,10 @@ def _spans(columns: Array, own: Array) -> bool:
 
 @dataclass(frozen=True)
 class _ChangeOfSize:
-    """Where the size of the errors changes.
+    """A change of the size of the errors.
 
     Attributes:
+        time: when it happened, between two rows.
         p: the chance of as large a ratio at any candidate, where nothing changed.
         ratio: of the larger size to the smaller.
         grows: whether the errors after it are the larger ones.
@@ -285,12 +284,6 @@ def _change_of_size(linear: LinearizedFit, times: Array) -> _ChangeOfSize | None
     time = float(ordered[starts[best] - 1 : starts[best] + 1].mean())
     chance = min(1.0, 2 * float(p[best]) * len(starts))
     return _ChangeOfSize(time, chance, float(np.sqrt(larger)), bool(ratio[best] >= 1))
-
-
-def _neighbours(times: Array, order: NDArray[np.int_], rows: Measurements, time: float) -> tuple[str, str]:
-    """Ids of the last row before a time and of the first after it."""
-    first = int((times < time).sum())
-    return rows.ids[order[first - 1]], rows.ids[order[first]]
 
 
 def _size_of(

@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from lab.calibration.identify import Identification
+from lab.calibration.noise.change_points import rows_around
 from lab.calibration.noise.estimation import ComponentTrial, Estimate, chosen_components
 from lab.calibration.noise.likelihood import Components, ErrorShapes, RestrictedProblem
 from lab.calibration.noise.shared_errors import Clock, Move, SharedErrors, error_shapes, row_times
@@ -75,12 +76,13 @@ def search_noise(found: Identification, data: Measurements, noise: Noise) -> Noi
             aside.
     """
     observation = observation_of(found.model)
-    known_errors = noise.shared if noise.shared is not None and noise.shared.is_known else None
+    noise = noise.independent
+    known_errors = noise.shared
     nothing = NoiseSearch(known_errors, (), float("nan"))
     if not only_positions(observation) or len(data) < _LEAST_POSES or found.dof < _LEAST_DOF:
         return nothing
     model = observation.model
-    observed, known = weighed(observation, data, replace(noise, shared=known_errors))
+    observed, known = weighed(observation, data, noise)
     linear = linearized(model, observed, found.values, found.fit.free, found.extra_residuals)
     if not linear.everywhere().full_rank:
         return nothing
@@ -122,10 +124,7 @@ def _moves(estimate: Estimate, data: Measurements, times: Array) -> tuple[Move, 
     found = []
     shifts = estimate.problem.shifts(estimate.components)
     for change, shift in zip(estimate.problem.shapes.changes, shifts, strict=True):
-        before, after = times < change.time, times > change.time
-        last, first = (
-            int(np.argmax(np.where(rows, sign * times, -np.inf))) for rows, sign in ((before, 1), (after, -1))
-        )
+        last, first = rows_around(times, change.time)
         found.append(Move(change, data.ids[last], data.ids[first], float(np.linalg.norm(shift))))
     return tuple(sorted(found, key=lambda move: move.change.time))
 

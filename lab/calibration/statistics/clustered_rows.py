@@ -37,7 +37,7 @@ class ClusterTest:
 
     @property
     def has_freedom(self) -> bool:
-        """Whether the clusters are enough for the test to reject anything."""
+        """True where the clusters are enough for the test to reject anything."""
         return self.dof >= _LEAST_DOF
 
 
@@ -98,7 +98,7 @@ class ClusteredRows:
 
 @dataclass(frozen=True)
 class _Jackknife:
-    """How far leaving out each cluster moves coefficients.
+    """Return how far leaving out each cluster moves coefficients.
 
     Attributes:
         moves: ``(clusters, added)``.

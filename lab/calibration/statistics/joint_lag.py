@@ -44,7 +44,7 @@ class Lag:
 
     @property
     def is_claimed(self) -> bool:
-        """Whether several joints lag beyond what noise does; one alone is as well an error of that joint."""
+        """True where several joints lag beyond the noise; one alone may be an error of that joint."""
         return bool(self.p < UNSOLICITED_WARNING and self.significant.sum() >= _SEVERAL)
 
 

@@ -237,7 +237,7 @@ class _Growth:
 
     @property
     def has_enough(self) -> bool:
-        """Whether as many groups were taken as are wanted."""
+        """True where as many groups were taken as are wanted."""
         return self.enough is not None and len(self.taken) >= self.enough
 
     def moved_to(self, groups: tuple[str, ...]) -> bool:
@@ -403,7 +403,7 @@ def objection(small: Score, big: Score, gain: HeldOutGain, p: float) -> str:
 
 
 def _by_configurations(test: ClusterTest | None, gain: HeldOutGain, groups: int) -> str:
-    """What the configurations, whose errors may be correlated, say against one of so many groups."""
+    """Return the objection of the test by configurations to one of so many groups; empty if it has none."""
     if test is None or test.p * groups < MODEL_GROUPS:
         return ""
     if test.has_freedom:

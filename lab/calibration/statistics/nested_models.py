@@ -41,7 +41,7 @@ class Score:
 
 @dataclass(frozen=True)
 class HeldOutGain:
-    """How far the error at held-out configurations falls, each configuration counted once.
+    """Estimate how far the error at held-out configurations falls, each configuration counted once.
 
     Attributes:
         mean_m: the mean over configurations.
@@ -157,7 +157,7 @@ class NestedModels:
         return self.witnesses.test(*([self.columns.index(i) for i in each] for each in (fitted, added)))
 
     def gain(self, before: Score, after: Score) -> HeldOutGain:
-        """How far the held-out error falls, paired: a configuration counts once, however often it was measured."""
+        """Return the paired fall of the held-out error: a configuration counts once, however often it was measured."""
         count = np.bincount(self.cluster)
         fall = (np.bincount(self.cluster, before.errors - after.errors) / np.maximum(count, 1))[count > 0]
         spread = float(fall.std(ddof=1)) if len(fall) > 1 else 0.0

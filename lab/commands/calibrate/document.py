@@ -405,7 +405,7 @@ def _identifiable(result: CalibrationResult) -> str:
 
 
 def _of_prior(prior: ActingPrior | None) -> str:
-    """Where tolerances take part in the fit, and the condition number without them; empty where they do not."""
+    """Describe where tolerances take part in the fit, and the condition number without them; empty without."""
     if prior is None:
         return ""
     large = f"{short(prior.scale)} times as large as given, " if prior.scale > 1 else ""

@@ -18,7 +18,7 @@ from lab.calibration.prior import Tolerance
 from lab.calibration.residual.estimation import with_residual
 from lab.calibration.residual.process import GROUP, JointProcess
 from lab.calibration.stations import named_stations
-from lab.calibration.statistics.candidate_models import SelectionTask
+from lab.calibration.statistics.candidate_models import ModelWith, SelectionTask
 from lab.calibration.statistics.goodness_of_fit import NOT_TESTED, GoodnessOfFit
 from lab.calibration.statistics.joint_lag import moves_before
 from lab.calibration.statistics.linearized import NoiseDistribution
@@ -315,38 +315,54 @@ class Fitter:
         beside = None if tested else self._with_missing_effects(rows, selection)
         if not any(each.kind in ("step", "drift", "correlated") for each in findings):
             fullest = found if beside is None else beside.identification  # what an effect explains did not change
-            observed, _ = weighed(observation_of(fullest.model), rows, self._independent_noise)
+            observed, _ = weighed(observation_of(fullest.model), rows, self.noise.independent)
             findings += changes_in_time(fullest, observed, rows)
         first = [each for each in findings if each.between] + ([] if beside is None else [_missing(beside)])
         first.sort(key=lambda each: -each.size_m)
         return (*first, *(each for each in findings if not each.between))
 
-    @property
-    def _independent_noise(self) -> Noise:
-        """The noise without shared errors that were estimated from residuals."""
-        shared = self.noise.shared
-        return self.noise if shared is None or shared.is_known else replace(self.noise, shared=None)
-
     def _with_missing_effects(self, rows: Measurements, selection: Selection | None) -> Selection | None:
-        """The first effects that ``auto`` would add to the model: a test of lack of fit; None where it adds none."""
+        """Search the first effects that ``auto`` would add to the model, a test of lack of fit; None if there are none.
+
+        Args:
+            selection: of the model's groups; None for geometry alone.
+        """
         groups, held = (selection.chosen, selection.held) if selection else ((), ())
-        facts = ArmFacts(self.robot.chain, self.robot.loads, self.course)
+        others = [name for name in self._approached(CANDIDATES) if name not in groups]
+        request, some = self.modelled(groups, held)[1], thinned(rows, _MOST_TESTED)
+        plain = self.knowing(self.noise.independent.shared)
         try:
-            beside = select(
-                lambda more: self.model_with((*groups, *more)),
-                thinned(rows, _MOST_TESTED),
-                self.nominal,
-                self._independent_noise,
-                self.modelled(groups, held)[1],
-                candidates=[name for name in CANDIDATES if name not in groups],
-                terms=searched_terms(facts),
-                expected=expected_terms(facts),
-                seed=self.seed,
-                enough=_MOST_NAMED,
-            )
+            beside = plain._searched(lambda more: self.model_with((*groups, *more)), some, request, others, _MOST_NAMED)
         except LabError:  # too few rows to add anything
             return None
         return beside if beside.chosen else None
+
+    def _searched(
+        self,
+        model_with: ModelWith,
+        rows: Measurements,
+        request: IdentifyOptions,
+        candidates: Sequence[str],
+        enough: int | None = None,
+    ) -> Selection:
+        """Select groups and single joints' terms for some rows.
+
+        Args:
+            enough: how many groups end the search; None where nothing does.
+        """
+        facts = ArmFacts(self.robot.chain, self.robot.loads, self.course)
+        return select(
+            model_with,
+            rows,
+            self.nominal,
+            self.noise,
+            request,
+            candidates=candidates,
+            terms=searched_terms(facts),
+            expected=expected_terms(facts),
+            seed=self.seed,
+            enough=enough,
+        )
 
     def _derivatives_by_others(self, found: Identification, groups: Sequence[str], rows: Measurements) -> list[Array]:
         """Derivatives of what rows observe by the parameters of each candidate group that is not in the model."""
@@ -400,10 +416,7 @@ class Fitter:
         for _ in range(_BALANCINGS):
             before, weighed_so = selection, self._weighed_as(found)
             tried = [name for name in self._approached(CANDIDATES) if not self.unanswerable(name)]
-            facts = ArmFacts(self.robot.chain, self.robot.loads, self.course)
-            asked = weighed_so.model_with, rows, self.nominal, self.noise, self.request
-            terms, first = searched_terms(facts), expected_terms(facts)
-            selection = select(*asked, candidates=tried, terms=terms, expected=first, seed=self.seed)
+            selection = self._searched(weighed_so.model_with, rows, self.request, tried)
             if weighed_so is self or (before and before.chosen == selection.chosen):
                 break
             found, _, _ = self.identified(rows, selection.chosen, selection.held)

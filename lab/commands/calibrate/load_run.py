@@ -140,7 +140,7 @@ class Calibrated:
 
     @property
     def prior_took_part(self) -> bool:
-        """Whether tolerances of manufacture took part in the fit."""
+        """True where tolerances of manufacture took part in the fit."""
         found = self.result.prior
         return self.options.fitting.prior == "on" if found is None else found.acts_in > 0
 

@@ -1,6 +1,6 @@
 """The regions of a run over which errors are predicted, and how the predictions meet the validation's errors."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -27,7 +27,7 @@ __all__ = ["ValidationBounds", "bounds_at", "region_to_dict", "regions_of", "spr
 
 @dataclass(frozen=True)
 class ValidationBounds:
-    """How the predictions meet the errors at the validation poses, whose noise is in both.
+    """Predicted and observed errors at the validation poses, the noise of the measurements in both.
 
     Attributes:
         predicted_95_m: the length that 95 % of these errors are predicted not to exceed.
@@ -64,7 +64,7 @@ def spread_of_later(fitter: Fitter, fit: FitReport, uncalibrated_m: float) -> Re
 
 def _weighed_rows(fitter: Fitter, fit: FitReport) -> Observations:
     """Return the fitted rows, weighted as they were."""
-    noise = replace(fitter.noise, shared=fit.noise.shared)
+    noise = fitter.knowing(fit.noise.shared).noise
     return weighed(observation_of(fit.identification.model), fit.rows, noise)[0]
 
 

@@ -359,7 +359,7 @@ def _outcome(
     robot, data, identification = fitter.robot, fitter.data, fit.identification
     noisy = noise_in_another_unit(options.noise_mm, fit.rows, identification)
     gate_m = None if options.gate_mm is None else options.gate_mm / 1e3
-    noise = replace(fitter.noise, shared=fit.noise.shared)
+    noise = fitter.knowing(fit.noise.shared).noise
     prediction = check_prediction(identification, validation, noise, fit.measured, seed=options.seed)
     poses, region = regions_of(fitter, fit, options.region)
     left = fit.residual_spread

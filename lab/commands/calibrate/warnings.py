@@ -276,7 +276,7 @@ def of_groups(groups: tuple[str, ...], selection: Selection | None, data: Measur
 
 
 def of_approaches(chain: JointSpec, data: Measurements, *, searched: bool) -> list[str]:
-    """For which joints backlash is fitted or tested, where the file has directions of approach of some alone.
+    """Name the joints for which backlash is fitted or tested, where the file has approach columns of some alone.
 
     Args:
         searched: whether groups are searched for, or were given.

@@ -123,7 +123,7 @@ def contributions_picture(budget: Budget) -> Picture:
 
 
 def _withheld(result: Certificate) -> tuple[Block, ...]:
-    """That the certificate is not issued, where details are impossible."""
+    """Report that the certificate is not issued, where details are impossible."""
     if result.issued:
         return ()
     why = "; ".join(each.words for each in result.implausible if each.impossible)

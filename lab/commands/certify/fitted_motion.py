@@ -35,7 +35,7 @@ def fitted_motions(calibrated: Calibrated, rows: Measurements, positions: Array)
 
 
 def _spans(rows: Measurements) -> float:
-    """How many units of its rate a drift lasts: hours where the rows are timed, else the whole campaign."""
+    """Return the length of a drift in units of its rate: hours where the rows are timed, else one campaign."""
     times = rows.conditions.get("time_s")
     known = None if times is None else times[np.isfinite(times)]
     return 1.0 if known is None or not known.size else float(np.ptp(known)) / HOUR_S

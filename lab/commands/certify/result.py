@@ -51,7 +51,7 @@ class RobotFound:
 
     @property
     def of_fitted_rows(self) -> bool:
-        """Whether all rows were fitted, so that none shows the accuracy of the calibrated model."""
+        """True where all rows were fitted, so that none shows the accuracy of the calibrated model."""
         return self.after is None
 
 
@@ -110,7 +110,7 @@ class Certificate(Result):
 
     @property
     def issued(self) -> bool:
-        """Whether the details allow a certificate."""
+        """True where the details allow a certificate."""
         return not any(each.impossible for each in self.implausible)
 
     @property

@@ -14,6 +14,7 @@ from lab.certification.quantities import RandomErrors
 from lab.commands.calibrate.load_run import Calibrated
 from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.certify.fitted import FittedRows
+from lab.core.covariance import covariance_root
 from lab.core.measurements import Measurements, thinned
 from lab.core.se3 import Array
 from lab.core.tracker_errors import PLACEMENT
@@ -65,7 +66,7 @@ def validation_errors(
 
 
 def _distinct(calibrated: Calibrated, rows: Measurements) -> int:
-    """How many poses the rows are of."""
+    """Count the poses of some rows."""
     return int(cv_groups_of(calibrated.arm, rows).max()) + 1
 
 
@@ -119,9 +120,8 @@ def _by_folds(
 def _fold_blocks(
     calibrated: Calibrated, sigma_m: float, slopes: Array, seen: NDArray[np.bool_], labels: NDArray[np.int_]
 ) -> Iterator[Array]:
-    """Of each fold the blocks ``(points, 3, 3)`` of (I - H)^-1."""
-    roots = np.linalg.eigh(calibrated.covariance / sigma_m**2)
-    root = roots.eigenvectors * np.sqrt(np.maximum(roots.eigenvalues, 0.0))
+    """Yield the blocks ``(points, 3, 3)`` of (I - H)^-1 of each fold."""
+    root = covariance_root(calibrated.covariance) / sigma_m
     for fold in np.unique(labels):
         here = np.flatnonzero(labels == fold)[:_MOST_ROWS]
         picked = slopes[here][seen[here]]
@@ -133,7 +133,7 @@ def _fold_blocks(
 
 
 def _placed_anew(calibrated: Calibrated, rows: Measurements, shared: Array) -> Array:
-    """What is left of shared errors where the validation places base or targets anew: those of the links."""
+    """Remove from shared errors what placing base or targets anew takes up, so that those of the links are left."""
     options = calibrated.options
     assert isinstance(options, MeasuredCampaign)
     free = [i for i, name in enumerate(calibrated.identified) if name.split(".")[0] in options.refit]
