@@ -66,3 +66,16 @@ def test_an_instrument_that_no_run_can_name_is_refused(ours: Path) -> None:
             lab.simulate(poses=3, instrument=device)
     with pytest.raises(LabError, match="'instrument'"):
         lab.simulate(poses=3, instrument=8)
+
+
+def test_a_file_that_weighs_one_direction_too_much_is_told(tmp_path: Path) -> None:
+    """Interferometers read ranges to 0.5 µm/m; the nest that holds the reflector is no better than some micrometres."""
+    said = {}
+    for nest in ("", "nest_um = { standard = 3 }\nlock_on_um = { standard = 5 }"):
+        path = tmp_path / f"ours{len(said)}.toml"
+        noise = "radial_um = 0\nradial_um_per_m = 0.25\ntransverse_um = 5\ntransverse_um_per_m = 4"
+        path.write_text(f"[noise]\n{noise}\n[systematic]\n{nest}\n")
+        day = lab.simulate(poses=30, seed=3, instrument=path)
+        warnings = lab.identify(day.measurements, instrument=path).fit.warnings
+        said[bool(nest)] = [each for each in warnings if "state nest_um and lock_on_um" in each]
+    assert len(said[False]) == 1 and not said[True]

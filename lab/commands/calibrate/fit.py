@@ -38,6 +38,7 @@ from lab.commands.calibrate.warnings import (
     of_export,
     of_groups,
     of_held_out,
+    of_instrument,
     of_joints,
     of_nominal,
     of_outliers,
@@ -280,6 +281,7 @@ class Fitter:
         warnings += of_nominal(found, self.nominal(found.model))
         warnings += of_size(found)
         if only_positions(observation):
+            warnings += of_instrument(self.noise.instrument, clean.points)
             warnings += of_weakness(self.robot, self.targets, groups, found, observations.inputs, self.course)
         moves, encoders = moves_before(self.data, clean.ids), self.robot.chain.encoders
         omitted = partial(self._derivatives_by_others, found, groups)

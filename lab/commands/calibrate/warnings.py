@@ -25,6 +25,7 @@ from lab.commands.calibrate.advice import changes
 from lab.commands.calibrate.fit_result import Named
 from lab.commands.calibrate.model_words import listed
 from lab.commands.calibrate.range_dict import said_of_extrapolated
+from lab.core.instruments import Instrument, is_isotropic
 from lab.core.measurements import Measurements, evenly, seen_mask
 from lab.core.se3 import Array
 from lab.core.significance import MODEL_GROUPS
@@ -44,6 +45,7 @@ __all__ = [
     "of_export",
     "of_groups",
     "of_held_out",
+    "of_instrument",
     "of_joints",
     "of_limits",
     "of_nominal",
@@ -64,6 +66,7 @@ _SURPRISING = 5.0  # standard deviations of the prior
 _BEYOND = 0.02  # rad or m: a pose that is nearer to the measured range is at its edge
 _MOST_POSES = 20_000  # by which joint positions are looked at
 _MUCH_WORSE = 2.0  # times the predicted error where poses were measured
+_UNEVEN = 10.0  # times as precise along one direction as along another
 _RELEVANT = 0.5  # of sigma: what a lag makes of the observations, root mean square
 
 
@@ -140,6 +143,27 @@ def of_residual(found: Identification) -> list[str]:
             f"residual: of {len(found.residuals)} poses {len(process.inputs)}, evenly spaced, say the joints' offsets"
         )
     return said
+
+
+def of_instrument(device: Instrument | None, points: Array) -> list[str]:
+    """Warn of a file whose instrument is so much better in one direction that a nest's errors would dominate there.
+
+    Args:
+        device: as the noise of the fit was stated; None where it was not.
+        points: ``(n, k, 3)`` m in its frame, NaN where none was seen.
+    """
+    if device is None or not device.source or device.errors.nest.standard or device.errors.lock_on.standard:
+        return []
+    seen = points[np.isfinite(points).all(axis=-1)]
+    if is_isotropic(device) or not len(seen):
+        return []
+    best, _, worst = np.sqrt(np.median(np.linalg.eigvalsh(device.covariance(seen)), axis=0)).tolist()
+    if worst <= _UNEVEN * best:
+        return []
+    return [
+        f"{device.source} states {1e6 * best:.2g} µm in one direction and {1e6 * worst:.2g} µm in another, so errors "
+        "of the reflector's nest weigh too much: state nest_um and lock_on_um in [systematic]"
+    ]
 
 
 def of_stuck_search(outliers: Outliers) -> list[str]:
