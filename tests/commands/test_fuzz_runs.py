@@ -180,7 +180,7 @@ def test_a_run_with_one_value_changed_is_told(name: str, place: Path, capfd: pyt
 @pytest.mark.usefixtures("quick")
 @pytest.mark.parametrize("name", COMMANDS)
 def test_runs_with_values_changed_are_told(name: str, place: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    assert [said for seed in range(2, 40) if (said := wrong_with(name, seed, place, capfd))] == []
+    assert [said for seed in range(2, 12) if (said := wrong_with(name, seed, place, capfd))] == []
 
 
 @pytest.mark.slow
@@ -188,4 +188,4 @@ def test_runs_with_values_changed_are_told(name: str, place: Path, capfd: pytest
 @pytest.mark.parametrize("name", COMMANDS)
 def test_runs_with_many_values_changed_are_told(name: str, place: Path, capfd: pytest.CaptureFixture[str]) -> None:
     most = int(os.environ.get("LAB_FUZZ", "400"))
-    assert [said for seed in range(40, 40 + most) if (said := wrong_with(name, seed, place, capfd))] == []
+    assert [said for seed in range(12, 12 + most) if (said := wrong_with(name, seed, place, capfd))] == []
