@@ -52,6 +52,7 @@ class Jbi(SixAxisLanguage):
     suffix = ".jbi"
     reads = (".jbi",)
     spelling = FIXED_XYZ
+    most_digits = (_DIGITS_MM, _DIGITS_DEG)
     makers = ("motoman", "yaskawa", "gp", "hc", "mh")
     speed = f"{_PER_CENT} % of the joints' speed"
 
