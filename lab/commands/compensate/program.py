@@ -37,7 +37,7 @@ _QUATERNION_DIGITS = 6
 _LISTED = 10  # lines in a warning
 _SHARE = 0.1  # of a target's correction: the most that rounding may take of it
 _COARSE = np.array([0.01, 0.005])  # mm and degrees: digits are added until rounding takes less
-_FINE = np.array([0.001, 0.001])  # mm and degrees: no digit is added where rounding takes less
+_FINE = np.array([1e-4, 1e-4])  # mm and degrees: no digit is added where rounding takes less
 
 
 @dataclass(frozen=True)
