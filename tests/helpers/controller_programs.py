@@ -7,6 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lab.core.se3 import Array
+from lab.formats.programs.postures import ArmShape
 
 LANGUAGES = ("rapid", "krl", "urscript", "fanuc", "val3", "jbi")
 END = {"rapid": ".mod", "krl": ".src", "urscript": ".script", "fanuc": ".ls", "val3": ".dtx", "jbi": ".jbi"}
@@ -52,17 +53,30 @@ def read_back(language: str, values: Array) -> Array:
 
 
 def program(language: str, poses: Array, joints: Array, T_tool: Array, T_base: Array, rng: np.random.Generator,
-            configurations: list[str] | None = None) -> Written:  # fmt: skip
+            configurations: list[str] | None = None, digits: int | None = None) -> Written:  # fmt: skip
     """A program through poses ``(n, 4, 4)`` (m) of the tool in the base, and through joint positions ``(m, 6)`` rad.
 
-    Line ends, digits, indents, comments and their encoding vary.
+    Line ends, indents, comments and their encoding vary, and digits where they are not given.
     """
-    digits, end = int(rng.integers(3, 7)), str(rng.choice(["\r\n", "\n"]))
+    drawn, end = int(rng.integers(3, 7)), str(rng.choice(["\r\n", "\n"]))
+    digits = drawn if digits is None else digits
     where = configurations or [CONFIGURATION[language]] * len(poses)
     lines = WRITERS[language](poses, joints, T_tool, T_base, digits, rng, where)
     encoding = str(rng.choice(["latin-1", "utf-8"]))
     text = end.join(lines) + (end if rng.random() < 0.8 else "")
     return Written(language, text.encode(encoding), poses, joints, T_tool, T_base)
+
+
+def configuration(language: str, shape: ArmShape, joints: Array) -> str:
+    """What a program says of an arm at joint positions ``(6,)``."""
+    front, up = bool(shape.in_front(joints[None])[0]), bool(shape.elbow_up(joints[None])[0])
+    quarters = ",".join(str(int(np.floor(each / (np.pi / 2)))) for each in joints[[0, 3, 5]])
+    return {
+        "rapid": f"[{quarters},{int(joints[4] < 0) + 4 * (not front)}]",
+        "krl": f",S {int(not front) + 4 * int(joints[4] < 0)},T {sum(int(joints[k] < 0) << k for k in range(6))}",
+        "fanuc": f"N U {'T' if front else 'B'}, 0, 0, 0",
+        "jbi": f"{int(abs(joints[3]) > np.pi / 2)},{int(not up)},{int(not front)},0,0,0,0,0",
+    }.get(language, "")
 
 
 CONFIGURATION = {"rapid": "[0,0,0,0]", "krl": "", "urscript": "", "fanuc": "N U T, 0, 0, 0", "val3": "", "jbi": ""}
@@ -132,8 +146,8 @@ def _urscript(poses, joints, T_tool, T_base, digits, rng, where):
 
 
 def _fanuc(poses, joints, T_tool, T_base, digits, rng, where):
-    del T_tool, T_base, digits
-    count = len(poses) + len(joints)
+    del T_tool, T_base
+    digits, count = min(digits, 3), len(poses) + len(joints)
     lines = ["/PROG  GREIFER", "/ATTR", "OWNER\t\t= MNEDITOR;", 'COMMENT\t\t= "Ölwanne";', "PROG_SIZE\t= 2606;",
              f"LINE_COUNT\t= {count + 3};", "DEFAULT_GROUP\t= 1,*,*,*,*;", "CONTROL_CODE\t= 00000000 00000000;", "/MN",
              "   1:  UFRAME_NUM=3 ;", "   2:  UTOOL_NUM=2 ;", "   3:  !L P[1] 5mm/sec ;"]  # fmt: skip
@@ -142,13 +156,13 @@ def _fanuc(poses, joints, T_tool, T_base, digits, rng, where):
         lines.append(f"{i + 3:4d}:{how} P[{i}] {'100% CNT100' if how == 'J' else '250mm/sec FINE'}    ;")
     lines.append("/POS")
     for i, (T, configuration) in enumerate(zip(poses, where, strict=True), start=1):
-        v = spelt("fanuc", T, 3)
+        v = spelt("fanuc", T, digits)
         comment = ':"nah"' if rng.random() < 0.3 else ""
         lines += [f"P[{i}{comment}]{{", "   GP1:", f"\tUF : 3, UT : 2,\t\tCONFIG : '{configuration}',",
                   f"\tX ={v[0]:>10}  mm,\tY ={v[1]:>10}  mm,\tZ ={v[2]:>10}  mm,",
                   f"\tW ={v[3]:>10} deg,\tP ={v[4]:>10} deg,\tR ={v[5]:>10} deg", "};"]  # fmt: skip
     for i, q in enumerate(np.rad2deg(joints), start=len(poses) + 1):
-        j = [f"J{k}={x:>10.3f} deg" for k, x in enumerate(q, start=1)]
+        j = [f"J{k}={x:>10.{digits}f} deg" for k, x in enumerate(q, start=1)]
         lines += [
             f"P[{i}]{{",
             "   GP1:",

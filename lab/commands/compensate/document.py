@@ -82,6 +82,8 @@ def _lead(result: CompensationResult) -> str:
     targets = f"{len(result.targets):,} targets for the arm that {result.run.folder} calibrated"
     if not len(result.reached):
         return f"{targets}: none of them is reached."
+    if result.failed:
+        targets = f"{len(result.reached):,} of {targets}"
     mean, largest = result.mean_and_max_mm(result.correction_m)
     expected, _ = result.mean_and_max_mm(result.predicted_m)
     text = f"{targets} were moved by {short(mean)} mm on average, {short(largest)} mm at most"
@@ -103,6 +105,9 @@ def _totals(result: CompensationResult) -> tuple[Block, ...]:
 
 
 def _failed(result: CompensationResult) -> Table:
+    """The targets that are not reached; those of a program are listed by line, with all else that stays."""
+    if result.program is not None:
+        return Table((), ())
     return Table(("target", "why it is not reached"), result.failed, most_rows=MOST_LISTED)
 
 

@@ -44,7 +44,8 @@ class CompensateOptions:
     pulses_per_deg: Numbers = ()
     """Of a JBI program with positions in pulses: how many make a degree, of the joints S, L, U, R, B and T."""
     digits: int | None = None
-    """Of a program: places behind the point, where its text has fewer; as many as it has, if not given."""
+    """Of a program: places behind the point, at least; those of its text, if not given. Numbers get more where rounding
+    would lose their correction."""
 
     @property
     def source(self) -> Path:

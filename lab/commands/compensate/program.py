@@ -6,7 +6,7 @@ last frame's axes, are wanted where the nominal arm, with the base and the tool 
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +35,9 @@ _BYTES = "latin-1"  # in which every byte is one character, whatever the file's 
 _BASE, _FLANGE = "base", "flange"  # frames of the controller in the lab's frame 0 and last frame
 _QUATERNION_DIGITS = 6
 _LISTED = 10  # lines in a warning
-_COARSE_MM, _COARSE_DEG = 0.01, 0.005  # what rounding may take from a corrected target without being told
+_SHARE = 0.1  # of a target's correction: the most that rounding may take of it
+_COARSE = np.array([0.01, 0.005])  # mm and degrees: digits are added until rounding takes less
+_FINE = np.array([1e-4, 1e-4])  # mm and degrees: no digit is added where rounding takes less
 
 
 @dataclass(frozen=True)
@@ -49,7 +51,8 @@ class CorrectedProgram:
         rows: of the targets in the list of all, which target of the text each one is.
         targets: of the text.
         uncorrected: lines that stay as they are, and why, by line.
-        rounding_mm, rounding_deg: what the printed digits take from a pose at most; None without poses.
+        rounding_mm, rounding_deg: how far the written numbers bring the controller's arm from the exact ones at most;
+            None where no target is corrected.
         ways: what the arm touches on its way from target to target, in words, by line.
     """
 
@@ -67,13 +70,12 @@ class CorrectedProgram:
     def warnings(self) -> tuple[str, ...]:
         """What a reader should be told."""
         said = [f"line {line}: {words}" for line, words in self.ways]
-        if self.rounding_mm is not None and self.rounding_deg is not None:
-            coarse = self.rounding_mm > _COARSE_MM or self.rounding_deg > _COARSE_DEG
-            if coarse:
-                said.append(
-                    f"the digits of {self.name} round places by up to {self.rounding_mm:.2g} mm and angles by "
-                    f"{self.rounding_deg:.2g}°; --digits writes more"
-                )
+        rounding = np.array([self.rounding_mm or 0.0, self.rounding_deg or 0.0])
+        if (rounding > _COARSE).any():
+            said.append(
+                f"the digits of {self.name} round targets by up to {rounding[0]:.2g} mm and {rounding[1]:.2g}°, and "
+                f"{self.language} takes no more"
+            )
         if self.uncorrected:
             lines = ", ".join(str(each.line) for each in self.uncorrected[:_LISTED])
             more = ", …" if len(self.uncorrected) > _LISTED else ""
@@ -102,36 +104,93 @@ class OpenProgram:
     targets: Targets
     left: tuple[Uncorrected, ...]
 
-    def rewritten(self, found: Compensation, digits: int | None, ways: Sequence[tuple[int, str]]) -> CorrectedProgram:
-        """The text with the numbers of what was found."""
-        edits, worst = list[tuple[Number, str]](), [0.0, 0.0]
+    def rewritten(self, found: Compensation, digits: int | None) -> tuple[CorrectedProgram, Compensation]:
+        """Write the corrected targets into the text; a target whose correction its digits would lose stays as it is.
+
+        Args:
+            digits: places behind the point, at least; None for those of the text.
+
+        Returns:
+            The program, and the compensation with the reasons of those targets that stay.
+        """
+        edits, reasons, worst = list[tuple[Number, str]](), list(found.reasons), list[Array]()
         places = self._digits(digits)
-        poses = False
         for i in np.flatnonzero(found.converged).tolist():
             target = self.read.targets[self.rows[i]]
-            parts = _parts(target)
             if target.spelling is None:
                 values = found.joints[i] * np.array(target.per_rad)
+                exact = self._pose(target, values)
             else:
                 T = se3.pose(found.rotations[i], found.positions[i] - found.rotations[i] @ _point(self.nominal))
-                values = target.spelling.spelt(self._of_text(T, target), target.values)
-                poses = True
-                least = [max(places[part], min(each.digits for each in target.numbers[at])) for part, at in parts]
-                worst = [max(a, b) for a, b in zip(worst, _rounding(target, least), strict=True)]
-            for part, at in parts:
-                pairs = zip(target.numbers[at], values[at].tolist(), strict=True)
-                edits += [(number, written(number, value, places[part])) for number, value in pairs]
-        return CorrectedProgram(
+                exact = self._of_text(T, target)
+                values = target.spelling.spelt(exact, target.values)
+            texts, lost, reasons[i] = self._rounded(target, values, exact, places)
+            if not reasons[i]:
+                edits += zip(target.numbers, texts, strict=True)
+                worst.append(lost)
+        stay = [
+            Uncorrected(self.read.targets[row].line, f"{name}: {reason}")
+            for row, name, reason in zip(self.rows.tolist(), self.targets.ids, reasons, strict=True)
+            if reason
+        ]
+        mm, deg = np.max(worst, axis=0).tolist() if worst else (None, None)
+        program = CorrectedProgram(
             self.path.name,
             self.language.name,
             replaced(self.text, edits).encode(_BYTES),
             self.rows,
             self.read.targets,
-            tuple(sorted((*self.read.uncorrected, *self.left), key=lambda each: each.line)),
-            worst[0] if poses else None,
-            worst[1] if poses else None,
-            tuple(ways),
+            tuple(sorted((*self.read.uncorrected, *self.left, *stay), key=lambda each: each.line)),
+            mm,
+            deg,
+            (),
         )
+        return program, replace(found, reasons=tuple(reasons))
+
+    def _rounded(
+        self, target: TargetText, values: Array, exact: Array, places: dict[str, int]
+    ) -> tuple[list[str], Array, str]:
+        """Write exact values of a target with as many digits as its correction takes.
+
+        Args:
+            values: its exact numbers, in the units of the text.
+            exact: the pose ``(4, 4)`` (m) to which they bring the tool of the controller's arm.
+            places: behind the point, of each kind of number.
+
+        Returns:
+            The numbers' texts, what rounding takes (mm, degrees), and why the target stays; "" where it does not.
+        """
+        correction = _apart(self._pose(target, target.values), exact)
+        enough, places, parts = np.clip(_SHARE * correction, _FINE, _COARSE), dict(places), _parts(target)
+        most = {part: max(self._most(target, part), places[part]) for part, _ in parts}
+        while True:
+            texts = [
+                written(number, value, places[part])
+                for part, at in parts
+                for number, value in zip(target.numbers[at], values[at].tolist(), strict=True)
+            ]
+            lost = _apart(self._pose(target, np.array([float(each) for each in texts])), exact)
+            coarse = {"place": lost[0] > enough[0], "rotation": lost[1] > enough[1]}
+            wider = [part for part, _ in parts if coarse.get(part, any(coarse.values())) and places[part] < most[part]]
+            if not wider:
+                break
+            places |= {part: places[part] + 1 for part in wider}
+        kept = lost <= np.maximum(_SHARE * correction, _COARSE)
+        return texts, lost, "" if kept.all() else _lost_in_rounding(target, correction, lost)
+
+    def _most(self, target: TargetText, part: str) -> int:
+        """The most places behind the point that the language takes of a kind of number."""
+        of_length, of_angle = self.language.most_digits
+        return 0 if target.whole else of_length if part == "place" else of_angle
+
+    def _pose(self, target: TargetText, values: Array) -> Array:
+        """The pose ``(4, 4)`` (m) of the tool of the controller's arm for numbers of a target.
+
+        Of a pose it is in its base; of joint positions it is that of the measured point, in the instrument's frame.
+        """
+        if target.spelling is not None:
+            return target.spelling.pose(values)
+        return np.asarray(self.nominal.tool((values / np.array(target.per_rad))[None])[0][0])
 
     def _of_text(self, T_instrument_last: Array, target: TargetText) -> Array:
         """The pose ``(4, 4)`` (m) of a target's tool in its base, as the text has it."""
@@ -261,13 +320,21 @@ def _T_instrument_last(nominal: NominalInverse, read: ProgramText, target: Targe
 def _parts(target: TargetText) -> tuple[tuple[str, slice], ...]:
     """The kinds of a target's numbers, and where they are."""
     if target.spelling is None:
-        return (("pulses" if max(map(abs, target.per_rad)) > 1e3 else "joints", slice(0, 6)),)
+        return (("pulses" if target.whole else "joints", slice(0, 6)),)
     return ("place", slice(0, 3)), ("rotation", slice(3, 3 + target.spelling.parts))
 
 
-def _rounding(target: TargetText, digits: Sequence[int]) -> tuple[float, float]:
-    """What so many digits take from a place (mm) and a rotation (deg), about."""
-    assert target.spelling is not None
-    place = 0.5 * 10.0 ** -digits[0] * 1e3 / target.spelling.per_m * np.sqrt(3)
-    unit = {4: np.rad2deg(2.0), 3: 1.0 if target.spelling.per_m > 1 else np.rad2deg(1.0)}[target.spelling.parts]
-    return float(place), float(0.5 * 10.0 ** -digits[1] * unit)
+def _apart(T_a: Array, T_b: Array) -> Array:
+    """The distance and the angle ``(2,)`` between two poses ``(4, 4)`` (m): mm and degrees."""
+    turn = np.linalg.norm(se3.log(T_a[:3, :3].T @ T_b[:3, :3]))
+    return np.array([1e3 * np.linalg.norm(T_a[:3, 3] - T_b[:3, 3]), np.rad2deg(turn)])
+
+
+def _lost_in_rounding(target: TargetText, correction: Array, lost: Array) -> str:
+    """Why a target stays whose correction its digits would lose; mm and degrees."""
+    digits = "whole pulses" if target.whole else "the digits of its language"
+    more = "" if target.whole else "; --digits writes more, where the controller reads them"
+    return (
+        f"{digits} lose {lost[0]:.2g} mm and {lost[1]:.2g}° of its correction by {correction[0]:.2g} mm and "
+        f"{correction[1]:.2g}°{more}"
+    )

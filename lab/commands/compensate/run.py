@@ -12,7 +12,7 @@ from lab.campaign.reachability import ReachabilityGraph, free_home, reachability
 from lab.commands.calibrate.load_run import Calibrated, calibrated_by, folder_of, read_calibrated
 from lab.commands.calibrate.model_words import listed
 from lab.commands.compensate.options import CompensateOptions
-from lab.commands.compensate.program import open_program
+from lab.commands.compensate.program import OpenProgram, open_program
 from lab.commands.compensate.program_postures import ways_touched
 from lab.commands.compensate.result import CompensationResult
 from lab.commands.keywords import options_of, takes
@@ -98,7 +98,7 @@ def _compensated(options: CompensateOptions, run: Calibrated, given: Targets | N
 def _of_program(options: CompensateOptions, run: Calibrated) -> CompensationResult:
     """Correct the targets of a program, and its text."""
     program = open_program(options, run)
-    done = _corrected(options, run, program.targets, None, _AS_ASKED)
+    done = _corrected(options, run, program.targets, None, program)
     stands = np.full((len(program.read.targets), run.robot.chain.size), np.nan)
     stands[program.rows] = program.targets.joints  # those that are not corrected stay in the text, and are moved to
     stands[program.rows[done.reached]] = done.found.joints[done.reached]
@@ -110,7 +110,8 @@ def _of_program(options: CompensateOptions, run: Calibrated) -> CompensationResu
                 run.robot.model, program.nominal, stands, program.read.moves, names, partial(stage, "ways"),
                 current_keep(),
             )  # fmt: skip
-    return replace(done, program=program.rewritten(done.found, options.digits, ways))
+    assert done.program is not None
+    return replace(done, program=replace(done.program, ways=ways))
 
 
 def _corrected(
@@ -118,13 +119,13 @@ def _corrected(
     run: Calibrated,
     targets: Targets,
     access: ReachabilityGraph | None,
-    bound: str = ASKED_FOR,
+    program: OpenProgram | None = None,
 ) -> CompensationResult:
     """Correct targets for the arm of a run.
 
     Args:
         access: where the arm may go; None where nothing is checked, and of a program, whose ways are its own.
-        bound: why only the solution that joint positions ask for is tried.
+        program: that the targets are of; its text is written too.
 
     Raises:
         LabError: the arm has no such tool, or the targets lack a condition that its effects ask for.
@@ -145,9 +146,12 @@ def _corrected(
     target = run.arm.targets.index(targets.tool)
     wanted = PoseTarget(targets.positions, targets.rotations @ run.R_last_tool.T)
     may_not = refusals(run.robot.model, access) if (checked := _is_checked(options, run)) else None
-    keep = current_keep()
+    keep, bound = current_keep(), ASKED_FOR if program is None else _AS_ASKED
     compensator = Compensator(run.nominal_inverse(target), run.arm, run.values, may_not, bound, keep=keep)
     found, conditions = _in_their_order(compensator, wanted, conditions, targets)
+    corrected = None
+    if program is not None:
+        corrected, found = program.rewritten(found, options.digits)
     inputs = np.concatenate([found.joints, conditions], axis=1)
     without = _without_effects(run, inputs[found.converged], target)
     if without is not None:
@@ -163,7 +167,7 @@ def _corrected(
         with status("checking") as stage:
             way, which = stops_in_order(rated(run.robot.chain)[0], access, way, partial(stage, "ways"), keep)
     stops = Stops(way, which, [targets.ids[i] for i in rows], "target")
-    done = CompensationResult(options, run, targets, wanted, found, inputs, without, stops, checked, said)
+    done = CompensationResult(options, run, targets, wanted, found, inputs, without, stops, checked, said, corrected)
     if run.load is not None and found.converged.any():
         size = float(np.sqrt((done.load_m[found.converged] ** 2).mean()))
         words = f"of the error to expect, {1e6 * size:.2g} µm (1σ, root mean square) is the load's uncertainty"

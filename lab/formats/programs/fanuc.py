@@ -45,6 +45,7 @@ class FanucLs(SixAxisLanguage):
     suffix = ".ls"
     reads = (".ls",)
     spelling = FIXED_XYZ
+    most_digits = (_DIGITS, _DIGITS)
     makers = ("fanuc", "lrmate", "crx", "m10", "m20", "m710", "m900", "r2000")
     speed = f"{_PER_CENT} % of the joints' speed"
 

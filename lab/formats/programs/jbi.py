@@ -6,7 +6,8 @@ of the inverse's solutions is meant: wrist not flipped while joint 4 is within 9
 in front, and of joints 4, 6 and 1 whether they are within 180 degrees. Layout and ``RCONF`` follow the manuals NX100
 "Interface with an Easy Offline Teaching System" (HW0481924, section 4.1) and DX100 (HW0482494); which half of joint 4
 a manipulator calls flipped is in its own manual and could not be verified for each. No date is known here, so the
-job's is the first of the century. No job was tried on a controller.
+job's is the first of the century. Controllers take places to 0.001 mm and angles to 0.0001 degrees (YRC1000, Ethernet
+function, position data); whether a job may have more is not known. No job was tried on a controller.
 """
 
 from collections.abc import Sequence
@@ -52,6 +53,7 @@ class Jbi(SixAxisLanguage):
     suffix = ".jbi"
     reads = (".jbi",)
     spelling = FIXED_XYZ
+    most_digits = (_DIGITS_MM, _DIGITS_DEG)
     makers = ("motoman", "yaskawa", "gp", "hc", "mh")
     speed = f"{_PER_CENT} % of the joints' speed"
 

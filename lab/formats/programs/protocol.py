@@ -7,16 +7,18 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from lab.core.ranges import DIGITS
 from lab.core.se3 import Array
 from lab.formats.programs.postures import Postures
 from lab.formats.programs.reading.program_text import Outside, ProgramText
 from lab.formats.programs.reading.spelling import PoseSpelling
 from lab.kinematics.joints import JointSpec
 
-__all__ = ["PAUSE_S", "Language", "MeasuringTour", "MoveKind", "PathMoves", "TargetMoves"]
+__all__ = ["ANY_DIGITS", "PAUSE_S", "Language", "MeasuringTour", "MoveKind", "PathMoves", "TargetMoves"]
 
 MoveKind = Literal["joint", "line", "via", "circle"]
 
+ANY_DIGITS = (int(DIGITS.most), int(DIGITS.most))  # of a language whose controllers read any floating point number
 PAUSE_S = 3  # how long a program waits at each pose that is measured
 
 
@@ -126,6 +128,10 @@ class Language(Protocol):
     @property
     def spelling(self) -> PoseSpelling:
         """How it writes poses."""
+
+    @property
+    def most_digits(self) -> tuple[int, int]:
+        """How many places behind the point its controllers read of a length, and of an angle or a rotation."""
 
     @property
     def makers(self) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from lab.core import se3
 from lab.core.se3 import Array
-from lab.formats.programs.protocol import PAUSE_S, MeasuringTour, PathMoves, TargetMoves
+from lab.formats.programs.protocol import ANY_DIGITS, PAUSE_S, MeasuringTour, PathMoves, TargetMoves
 from lab.formats.programs.reading.program_text import Outside, ProgramText
 from lab.formats.programs.reading.rapid import read_rapid
 from lab.formats.programs.reading.spelling import QUATERNION
@@ -36,6 +36,7 @@ class Rapid:
     suffix = ".mod"
     reads = (".mod", ".modx", ".prg", ".sys", ".sysx")
     spelling = QUATERNION
+    most_digits = ANY_DIGITS
     makers = ("abb", "irb")
     speed = _SPEED
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lab.core.se3 import Array
-from lab.formats.programs.protocol import PAUSE_S, MeasuringTour, MoveKind, PathMoves, TargetMoves
+from lab.formats.programs.protocol import ANY_DIGITS, PAUSE_S, MeasuringTour, MoveKind, PathMoves, TargetMoves
 from lab.kinematics.joints import JointSpec
 
 __all__ = [
@@ -91,6 +91,7 @@ class SixAxisLanguage:
     """A language whose joint positions have six revolute axes."""
 
     name: str
+    most_digits: tuple[int, int] = ANY_DIGITS
 
     def refusal(self, joints: JointSpec) -> str | None:
         """None for six revolute joints; else why there is no program in this language."""

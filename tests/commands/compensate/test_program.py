@@ -8,7 +8,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.controller_programs import END, LANGUAGES, PULSES, Written, posed, program, read_back, spelt
+from helpers.controller_programs import (
+    END,
+    LANGUAGES,
+    PULSES,
+    Written,
+    configuration,
+    posed,
+    program,
+    read_back,
+    spelt,
+)
 from helpers.robots import IRB120, ROOT
 from scipy.spatial.transform import Rotation
 
@@ -35,18 +45,6 @@ TABLE = posed(Rotation.from_rotvec([0.1, 0.2, 0.3]), np.array([0.3, 0.1, 0.2]))
 @pytest.fixture(scope="module")
 def calibrated(seven: CalibrationResult) -> Calibrated:
     return calibrated_by(seven, Path("run"))
-
-
-def configuration(language: str, shape: ArmShape, joints: Array) -> str:
-    """What a program says of an arm at joint positions ``(6,)``."""
-    front, up = bool(shape.in_front(joints[None])[0]), bool(shape.elbow_up(joints[None])[0])
-    quarters = ",".join(str(int(np.floor(each / (np.pi / 2)))) for each in joints[[0, 3, 5]])
-    return {
-        "rapid": f"[{quarters},{int(joints[4] < 0) + 4 * (not front)}]",
-        "krl": f",S {int(not front) + 4 * int(joints[4] < 0)},T {sum(int(joints[k] < 0) << k for k in range(6))}",
-        "fanuc": f"N U {'T' if front else 'B'}, 0, 0, 0",
-        "jbi": f"{int(abs(joints[3]) > np.pi / 2)},{int(not up)},{int(not front)},0,0,0,0,0",
-    }.get(language, "")
 
 
 def made_program(language: str, run: Calibrated, count: int = 3, seed: int = 2) -> tuple[Written, Array]:

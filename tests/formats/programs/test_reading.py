@@ -154,6 +154,18 @@ def test_half_turns_and_gimbal_lock(language: str, turn: str) -> None:
             assert min(np.abs(values[3:] - was[3:] - shift).max() for shift in shifts(language)) < 0.3
 
 
+def test_a_quaternion_of_two_digits_is_turned_exactly() -> None:
+    """Its length, 1 % from one, stays; what the controller makes of it has the whole turn."""
+    spelling = next(each for each in KNOWN if each.name == "RAPID").spelling
+    was = np.array([100.0, -200.0, 300.0, 0.45, -0.52, 0.72, 0.15])
+    new = spelling.pose(was)
+    new[:3, :3] = new[:3, :3] @ Rotation.from_rotvec([0.02, -0.03, 0.01]).as_matrix()
+    values = spelling.spelt(new, was)
+    assert abs(np.linalg.norm(was[3:]) - 1) > 5e-3
+    np.testing.assert_allclose(np.linalg.norm(values[3:]), np.linalg.norm(was[3:]), atol=1e-12)
+    np.testing.assert_allclose(read_back("rapid", values), new, atol=1e-12)
+
+
 def shifts(language: str) -> list[Array]:
     """What may be added to angles, which stay between minus and plus half a turn."""
     if language not in EULER:

@@ -88,7 +88,7 @@ class _Reader(ProgramReader):
             if not per_deg:
                 raise LabError(f"line {line}: {name} is in pulses; give --pulses-per-deg S,L,U,R,B,T of the controller")
             per_rad = tuple(np.rad2deg(each) for each in per_deg)
-            self.positions[name] = TargetText(name, line, numbers, per_rad=per_rad)
+            self.positions[name] = TargetText(name, line, numbers, per_rad=per_rad, whole=True)
         elif kind not in ("BASE", "ROBOT", "USER"):
             self._leave(at, f"{name} is in the frame {kind or 'of no POSTYPE'}, which moves or is not known")
         else:

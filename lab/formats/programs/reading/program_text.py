@@ -44,6 +44,7 @@ class TargetText:
         spelling: of a pose.
         tool, base: its frames' names; of joint positions they are empty.
         per_rad: of joint positions, ``(6,)``: of the unit in which each is written.
+        whole: whether its numbers have no places behind the point, as motor pulses.
         allowed: which joint positions have the configuration that the text asks for; None where it asks for none.
     """
 
@@ -54,6 +55,7 @@ class TargetText:
     tool: str = ""
     base: str = ""
     per_rad: tuple[float, ...] = (180 / np.pi,) * 6
+    whole: bool = False
     allowed: Allowed | None = field(default=None, repr=False)
 
     @property

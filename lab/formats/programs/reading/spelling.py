@@ -47,7 +47,8 @@ class PoseSpelling:
         Added to the text's numbers is what changes, so that a quaternion that was rounded stays as long as it is.
         """
         same = self.near(self.rotation(was[3:]), was[3:])
-        turned = was[3:] + (self.near(T[:3, :3], was[3:]) - same)
+        length = float(np.linalg.norm(was[3:])) if self.parts == 4 else 1.0
+        turned = was[3:] + length * (self.near(T[:3, :3], was[3:]) - same)
         return np.concatenate([self.per_m * T[:3, 3], turned])
 
 
