@@ -91,6 +91,13 @@ class PlacedPoints:
             return None
         return float(np.sqrt((self.distances_m[self.follows] ** 2).mean()))
 
+    def astray(self, targets: int) -> NDArray[np.bool_]:
+        """``(n,)`` which placed points do not follow the nominal arm; of a pose of several targets all with one."""
+        if self.distances_m is None:
+            return np.zeros(len(self.where), dtype=np.bool_)
+        far = np.isfinite(self.distances_m) & ~self.follows
+        return far if targets == 1 else np.isin(self.where, self.where[far])
+
     def conflicts(self, other: "PlacedPoints") -> NDArray[np.bool_]:
         """``(n,)`` which points the two place in different windows."""
         return _conflicts(self.where, other.where)

@@ -61,7 +61,7 @@ def _match(result: ImportResult) -> tuple[Section, ...]:
 
 def timeline_picture(line: Timeline) -> Picture:
     """When the arm stood still and when points were measured, on the controller's clock from its first stop on."""
-    first, inside = line.starts[0], line.placed.where >= 0
+    first, inside = line.starts[0], line.kept
     starts, ends = line.starts[:_STOPS] - first, line.ends[:_STOPS] - first
     shown = (line.at >= first) & (line.at <= first + ends[-1]) if len(line.starts) > _STOPS else np.isfinite(line.at)
 

@@ -40,14 +40,14 @@ class Timeline:
         at: ``(n,)`` s, of the points; NaN where not said.
         starts, ends: ``(k,)`` s, of the windows in which the arm stood still.
         placed: which window each point falls into, by which offset of the clocks.
-        checked: whether the offset was held against others.
+        kept: ``(n,)`` which points are in the measurements.
     """
 
     at: Array
     starts: Array
     ends: Array
     placed: PlacedPoints
-    checked: bool
+    kept: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -226,14 +226,18 @@ def _by_time(
             compared.check(offset, given=options.clock_offset_s is not None)
         except LabError as error:
             raise LabError(f"{points.path}: {error}") from error
+    astray = placed.astray(len(options.targets))
+    kept = np.where(astray, -1, placed.where)
     left = [
         LeftOut(
             str(points.path), points.lines[i], points.names[i] or f"point {i + 1}",
-            "no time" if np.isnan(at[i]) else "measured while the arm moved, or outside the log",
+            "no time" if np.isnan(at[i]) else
+            f"over {1e3 * placed.tolerance_m:.2g} mm from the nominal arm in the pose of that time" if astray[i] else
+            "measured while the arm moved, or outside the log",
         )
-        for i in np.flatnonzero(placed.where < 0)
+        for i in np.flatnonzero(kept < 0)
     ]  # fmt: skip
-    poses, met = list(_timed_poses(options, points, stops, placed.where)), set(placed.where.tolist())
+    poses, met = list(_timed_poses(options, points, stops, kept)), set(kept.tolist())
     left += [
         LeftOut(str(log.path), stops.lines[k], f"pose {k + 1}", "no point was measured there")
         for k in range(len(stops))
@@ -243,7 +247,7 @@ def _by_time(
     if offset.seconds or offset.drift_ppm:
         drift = f", and {offset.drift_ppm:g} ppm faster" if offset.drift_ppm else ""
         said.append(f"The tracker's clock was taken to be {offset.seconds:g} s ahead of the controller's{drift}.")
-    timeline = Timeline(offset.on_log(at), starts, ends, placed, nominal is not None)
+    timeline = Timeline(offset.on_log(at), starts, ends, placed, kept >= 0)
     return Matching("time", tuple(poses), tuple(left), tuple(said), timeline)
 
 

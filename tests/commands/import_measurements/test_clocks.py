@@ -142,6 +142,20 @@ def test_two_hundred_pairs_of_logs_are_matched_right_or_refused() -> None:
 
 
 @pytest.mark.slow
+def test_lists_of_timed_poses_are_matched_right_or_refused() -> None:
+    """A row for each pose: a moment has no length, so that an offset is found less sharply than the right poses."""
+    found: Counter[str] = Counter()
+    for seed in range(3000, 3100):
+        pair = session(seed, poses=12 if seed % 3 else None)
+        stops = settled_windows(pair.log, pair.robot.chain.prismatic, 0.1, 0.5)
+        count = len(stops)
+        rows = replace(pair.log, names=("",) * count, lines=tuple(range(count)), joints=stops.joints,
+                       seconds=stops.starts + 0.5)  # fmt: skip
+        found[outcome(replace(pair, log=rows)).split()[0].strip(",")] += 1
+    assert set(found) == {"right", "refused"} and found["right"] >= 85, found
+
+
+@pytest.mark.slow
 def test_any_given_offset_is_right_or_refused() -> None:
     """The user gives a wrong offset: whatever is accepted has no point at another pose."""
     accepted = 0
@@ -194,6 +208,14 @@ def test_too_few_poses_need_the_offset() -> None:
     with pytest.raises(LabError, match="cannot tell which is right"):
         pair.matched()
     assert pair.wrong(pair.matched(0.0)) == 0
+
+
+def test_a_point_of_something_else_is_left_out() -> None:
+    pair = session(5, pattern="equal", offset_s=0.0, drift_ppm=0.0, poses=12, lost=0.0)
+    pair.points.positions[3] += [0.3, 0.0, 0.0]
+    found = pair.matched()
+    assert [pose.points["p1"] for pose in found.poses] == [i for i in range(12) if i != 3]
+    assert [each.what for each in found.left_out if "from the nominal arm in the pose" in each.why] == ["P3"]
 
 
 def test_points_of_another_session_are_refused() -> None:
