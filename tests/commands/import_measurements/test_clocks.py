@@ -130,8 +130,14 @@ def outcomes(seeds: range) -> Counter[str]:
 
 
 def test_pairs_of_logs_are_matched_right_or_refused() -> None:
-    found = outcomes(range(4))
-    assert set(found) <= {"right", "refused"} and found["right"] >= 3, found
+    found = outcomes(range(2))
+    assert found == {"right": 2}, found
+
+
+@pytest.mark.thorough
+def test_more_pairs_of_logs_are_matched_right_or_refused() -> None:
+    found = outcomes(range(2, 14))
+    assert set(found) <= {"right", "refused"} and found["right"] >= 10, found
 
 
 @pytest.mark.slow
