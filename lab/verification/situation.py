@@ -157,7 +157,8 @@ class _Trial:
             return None
         words = (
             "this is another arm than the calibrated one, or it was rebuilt or crashed: verify against its own run, or "
-            f"calibrate anew. With base and tool fitted anew errors are {_mm(left)}, those of the nominal model {_mm(by_nominal)}"
+            f"calibrate anew. With base and tool fitted anew errors are {_mm(left)}, those of the nominal model "
+            f"{_mm(by_nominal)}"
         )
         return Situation("another arm", words, (), left)
 
