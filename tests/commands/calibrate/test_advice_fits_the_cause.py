@@ -1,5 +1,7 @@
 """Warnings name what it was: the instrument where its targets show it, the arm before its poses, bad poses as bad."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -28,6 +30,26 @@ def test_who_holds_out_bad_readings_is_never_good(robust: bool) -> None:
             assert found["after_mm"]["mean"] > 5 * found["after_without_outliers_mm"]["mean"]
     clean = identified(0, {**day, "bad_share": 0.0}, holdout=0.3, robust=robust, noise_mm=0.005, gate_mm=100.0)
     assert clean.to_dict()["verdict"] == "good" and clean.validation.outlier_share == 0
+
+
+@pytest.mark.thorough
+def test_one_blunder_that_is_excluded_spoils_no_verdict_but_many_do() -> None:
+    day = lab.simulate("irb120", seed=5, poses=50, instrument="uniform-8um").measurements
+    found = {}
+    for name, bad, robust in (
+        ("clean", [], True),
+        ("one", [10], True),
+        ("kept", [10], False),
+        ("many", range(8), True),
+    ):
+        points = day.points.copy()
+        points[list(bad), 0] += [10.0, 0.0, 0.0]
+        spoilt = replace(day, points=points)
+        found[name] = lab.identify(spoilt, robot="irb120", instrument="uniform-8um", robust=robust).to_dict()
+    assert found["clean"]["verdict"] == found["one"]["verdict"] == "good"
+    assert "--robust excludes 1 outlier from fit and verdict: pose 10 (10,000 mm)" in found["one"]["warnings"]
+    assert found["one"]["after_mm"]["max"] > 9e3 > 1 > found["one"]["after_without_outliers_mm"]["max"]
+    assert found["kept"]["verdict"] == found["many"]["verdict"] == "bad"
 
 
 @pytest.mark.thorough
