@@ -38,7 +38,12 @@ from lab.commands.calibrate.fit_result import FitReport
 from lab.commands.calibrate.joint_signs import of_joint_signs
 from lab.commands.calibrate.measured_rows import read_rows, robot_of
 from lab.commands.calibrate.options import MeasuredCampaign
-from lab.commands.calibrate.plausibility import doubted, noise_in_another_unit, points_in_another_scale
+from lab.commands.calibrate.plausibility import (
+    doubted,
+    in_other_numbers_or_poses,
+    noise_in_another_unit,
+    points_in_another_scale,
+)
 from lab.commands.calibrate.regions import bounds_at, regions_of, spread_of_later
 from lab.commands.calibrate.result import CalibrationResult
 from lab.commands.calibrate.simulate import MeasuringDay, measuring_day
@@ -383,6 +388,9 @@ def _outcome(
         region=region,
         left=left,
     )
+    if real is None and word.word == "bad" and fitter.kind.name == "points" and len(fitter.course.stations) < 2:
+        said = in_other_numbers_or_poses(robot, fit.rows)
+        word = replace(word, reasons=(*said, *word.reasons))
     if isinstance(options, MeasuredCampaign) and options.holdout_last is not None:
         left = spread_of_later(fitter, fit, word.region.uncalibrated_rms_m)
     own = own_tolerance(identification, fitter.tolerance, poses)

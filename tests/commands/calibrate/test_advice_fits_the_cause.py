@@ -88,3 +88,19 @@ def test_where_scatter_cannot_be_told_from_the_arm_the_intervals_are_those_of_wh
     told = identified(3, {**day, "harmonic_mrad": 0.0})
     assert not told.to_dict()["cluster_robust"] and told.to_dict()["noise_model"] is not None
     assert not any("cluster-robust" in words for words in told.to_dict()["warnings"])
+
+
+@pytest.mark.thorough
+def test_numbers_in_another_unit_or_of_other_poses_are_the_first_reason() -> None:
+    day = lab.simulate("irb120", seed=3, poses=40, instrument="uniform-8um").measurements
+    cases = {
+        "wrong unit: the points are in inches where mm are expected": replace(day, points=day.points / 25.4),
+        "wrong unit: the joint positions are in radians": replace(day, joints=np.deg2rad(day.joints)),
+        "the points are mirrored": replace(day, points=day.points[..., [1, 0, 2]]),
+        "wherever base and tool are: rows of other poses": replace(day, points=np.roll(day.points, 1, axis=0)),
+    }
+    for says, data in cases.items():
+        found = lab.identify(data, robot="irb120", instrument="uniform-8um").to_dict()
+        assert found["verdict"] == "bad" and says in found["reasons"][0]
+    gated = lab.identify(day, robot="irb120", instrument="uniform-8um", gate_mm=0.001).to_dict()
+    assert gated["verdict"] == "bad" and "above the gate" in gated["reasons"][0]
