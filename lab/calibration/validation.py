@@ -28,6 +28,7 @@ from lab.kinematics.serial.axes_to_dh import Truth
 
 __all__ = [
     "FOLDS",
+    "MOST_OUTLIERS",
     "ROWS_PER_PARAMETER",
     "SAME_CONFIGURATION",
     "Errors",
@@ -57,6 +58,7 @@ _MANY_ROWS, _CELLS = 20_000, 8  # more rows are looked at by cells, so many to t
 _CREEPING = "the errors at their poses may be too large; --prior on helps where the measurements say too little"
 _UNIDENTIFIED = "not validated: without a fold, the other poses do not identify all parameters"
 FOLDS, LEAST_FOLDS = 5, 3
+MOST_OUTLIERS = 0.05  # of the validation poses, without a doubt about all of them
 ROWS_PER_PARAMETER = 1.5  # what each fold must leave to fit
 UNUSED_REFERENCES = "the validation file has reference rows, which only --refit uses: sessions set up anew need it"
 REFERENCE_EVERY = 3  # the rows that place base or tool anew where a file does not say which
@@ -110,6 +112,16 @@ class Validation:
             return self
         robust = Errors(self.errors.before[others], self.errors.after[others])
         return replace(self, outlier_share=float(1 - others.mean()), robust=robust)
+
+    def without_few(self, outliers: Sequence[str]) -> "Validation":
+        """Return the same without outliers, by their ids, where they are few: one, or up to 5 % of the poses."""
+        if self.robust is None or self.rows is None:
+            return self
+        off = set(outliers)
+        others = [i for i, name in enumerate(self.rows.ids) if name not in off]
+        if len(self.rows) - len(others) > max(1, int(MOST_OUTLIERS * len(self.rows))):
+            return self
+        return replace(self, errors=self.robust, rows=self.rows.take(others))
 
 
 @dataclass(frozen=True)

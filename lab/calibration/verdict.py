@@ -25,7 +25,7 @@ from lab.calibration.regions import Region, workspace_region
 from lab.calibration.residual_spread import ResidualSpread, residual_spread
 from lab.calibration.statistics.goodness_of_fit import GoodnessOfFit
 from lab.calibration.statistics.tolerance_bound import upper_tolerance_bound
-from lab.calibration.validation import Errors, Validation
+from lab.calibration.validation import MOST_OUTLIERS, Errors, Validation
 from lab.calibration.workspace_prediction import (
     Distance,
     RegionPrediction,
@@ -52,7 +52,6 @@ NOISE_FLOOR = 1.5  # times what the noise and the parameters' covariance make of
 KNOWN_BEFORE = 0.5  # of what tolerances make of an arm: a calibration that predicts no less says little
 ROUGHLY = 1.1  # times the predicted mean error: as much a campaign's own differs from what is predicted
 MOST_FITTED = 0.5  # of the validation poses: if more were fitted, they validate nothing
-MOST_OUTLIERS = 0.05  # of the hold-out set
 _FLOOR_M = 1e-7  # errors below are rounding
 
 Word = Literal["good", "doubtful", "bad", "not judged"]

@@ -33,6 +33,7 @@ from lab.verification.hypotheses import (
     sized,
 )
 from lab.verification.prediction import FULL_RANK, CalibrationPrediction, RefitSolution, VerificationProblem
+from lab.verification.situation import Situation, situation
 
 __all__ = ["Hypothesis", "Verified", "verify"]
 
@@ -84,6 +85,7 @@ class Verified:
         moved: the kinds among which the measurements cannot choose; none where the arm is good, or nothing explains.
         refit: how far went what was fitted anew, by its name.
         undetermined: parameters of it that these poses do not determine, and that stay as the run has them.
+        situation: what large errors come from where that is no change of the arm; None if nothing of the kind.
         would_notice: what the test finds in 95 of 100 such files, in the worst direction (m, rad); infinite if nothing.
     """
 
@@ -101,6 +103,7 @@ class Verified:
     refit: tuple[tuple[str, Displacement], ...]
     undetermined: tuple[str, ...]
     would_notice: tuple[tuple[str, float], ...]
+    situation: Situation | None
     words: str
 
     @property
@@ -141,13 +144,16 @@ def verify(
             "measure more, or refit less"
         )
     test = change_test(prediction, fit)
+    promised = problem.promised_m(fit)
     found = _hypotheses(problem, fit, refit, poses) if test.changed else []
     alike = _not_told_apart(found, fit.numbers)
+    explained_small = any(each.kind in ("joint", "reading") for each in alike)
+    cause = situation(prediction, observed, fit.values, promised, refit) if found and not explained_small else None
     predicted = (arm.points(each.inputs, fit.values) for each in observed.blocks())
     errors = np.linalg.norm(observed.points - np.concatenate(list(predicted)), axis=2)
-    promised = problem.promised_m(fit)
-    rms = float(np.sqrt(np.nanmean(errors**2)))
-    words = f"errors of {1e3 * rms:.3g} mm, where {1e3 * promised:.3g} mm are predicted ({test.words(prediction)})"
+    rms_mm = 1e3 * float(np.sqrt(np.nanmean(errors**2)))
+    observed_mm = f"{rms_mm:,.0f}" if rms_mm >= 100 else f"{rms_mm:.3g}"
+    words = f"errors of {observed_mm} mm, where {1e3 * promised:.3g} mm are predicted ({test.words(prediction)})"
     return Verified(
         good=not test.changed,
         statistic=fit.square,
@@ -163,7 +169,10 @@ def verify(
         refit=_placed_anew(prediction, fit, refit),
         undetermined=tuple(arm.names[int(np.argmax(anew[:, j]))] for j in held),
         would_notice=_would_notice(prediction, fit, test, refit),
-        words=f"changed: {words}: {_diagnosis(alike, prediction, fit)}" if test.changed else f"still good: {words}",
+        situation=cause,
+        words=_words(words, cause, _diagnosis(alike, prediction, fit) if alike or cause is None else "")
+        if test.changed
+        else f"still good: {words}",
     )
 
 
@@ -311,6 +320,12 @@ def _not_told_apart(found: Sequence[Hypothesis], numbers: int) -> list[Hypothesi
         if new and each.bic - pays <= best.bic + _GAP:
             alike.append(each)
     return alike
+
+
+def _words(errors: str, cause: Situation | None, diagnosis: str) -> str:
+    """The situation first, where there is one, then the errors and what may have changed."""
+    ending = f"{errors}{diagnosis and f': {diagnosis}'}"
+    return f"changed: {ending}" if cause is None else f"{cause.words}. Changed: {ending}"
 
 
 def _diagnosis(alike: Sequence[Hypothesis], prediction: CalibrationPrediction, fit: RefitSolution) -> str:

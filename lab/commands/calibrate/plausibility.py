@@ -7,14 +7,23 @@ from pathlib import Path
 
 import numpy as np
 
-from lab.calibration.identify import Identification
+from lab.calibration.identify import Identification, spread
+from lab.calibration.other_numbers import PLACED, in_other_numbers, length_words, trimmed_error
 from lab.calibration.verdict import Answer, Verdict
+from lab.campaign.robot import Robot
 from lab.core.copies import copied_rows, said_of_copies
 from lab.core.errors import LabError
-from lab.core.measurements import Measurements
+from lab.core.measurements import Measurements, thinned
 from lab.core.wording import be, counted
 
-__all__ = ["doubted", "noise_beyond", "noise_in_another_unit", "points_in_another_scale", "without_copies"]
+__all__ = [
+    "doubted",
+    "in_other_numbers_or_poses",
+    "noise_beyond",
+    "noise_in_another_unit",
+    "points_in_another_scale",
+    "without_copies",
+]
 
 LEAST_RESIDUAL_M = 1e-7  # below, residuals are rounding, and say nothing of the noise
 LEAST_FREEDOM = 10
@@ -27,6 +36,8 @@ LONG_M = 0.05  # a link that tells a scale: of shorter ones tolerances are as la
 LEAST_LENGTHS = 3
 SCALE = 0.005  # steel is so much longer at 400 K more
 MADE_M = 0.0015  # by which the longest link is to differ, too: three times what links are made to
+FAR = 0.1  # of the points' spread: no robot is so far from its nominal model
+MOST_ROWS = 200  # by which that is tested
 ALIKE = 0.1  # of the squares of what lengths differ by that a common scale may leave
 
 
@@ -121,6 +132,27 @@ def points_in_another_scale(found: Identification) -> list[str]:
         f"all {len(long)} long links ({', '.join(names[i] for i in long)}) are about {100 * abs(scale):.2g} % "
         f"{'longer' if scale > 0 else 'shorter'} than the robot's: look at the scale of the points (the instrument's "
         "unit, its correction for air and temperature), or take the right --robot"
+    ]
+
+
+def in_other_numbers_or_poses(robot: Robot, rows: Measurements) -> list[str]:
+    """Why points are far from the nominal arm wherever its base and tool are; mostly nothing.
+
+    Args:
+        robot: whose they are to be.
+        rows: of points that one instrument measured from one place.
+    """
+    rows = thinned(rows.take(np.flatnonzero(rows.seen.any(axis=1))), MOST_ROWS)
+    arm, slides = robot.arm(rows.targets), robot.chain.prismatic
+    nominal = arm.nominal({target: np.zeros(3) for target in rows.targets})
+    if found := in_other_numbers(arm, slides, rows.joints, rows.points, nominal):
+        return [found.words]
+    left, size = trimmed_error(arm, rows.joints, rows.points, nominal, PLACED), spread(rows.points)
+    if not FAR * size < left < np.inf:
+        return []
+    return [
+        f"the points are {length_words(left)} from the nominal robot wherever base and tool are: rows of other poses, "
+        "joints in another order or direction, or another robot"
     ]
 
 

@@ -38,11 +38,22 @@ from lab.commands.calibrate.fit_result import FitReport
 from lab.commands.calibrate.joint_signs import of_joint_signs
 from lab.commands.calibrate.measured_rows import read_rows, robot_of
 from lab.commands.calibrate.options import MeasuredCampaign
-from lab.commands.calibrate.plausibility import doubted, noise_in_another_unit, points_in_another_scale
+from lab.commands.calibrate.plausibility import (
+    doubted,
+    in_other_numbers_or_poses,
+    noise_in_another_unit,
+    points_in_another_scale,
+)
 from lab.commands.calibrate.regions import bounds_at, regions_of, spread_of_later
 from lab.commands.calibrate.result import CalibrationResult
 from lab.commands.calibrate.simulate import MeasuringDay, measuring_day
-from lab.commands.calibrate.warnings import of_elsewhere, of_limits, of_several_sessions, of_validation_beyond
+from lab.commands.calibrate.warnings import (
+    of_elsewhere,
+    of_excluded,
+    of_limits,
+    of_several_sessions,
+    of_validation_beyond,
+)
 from lab.commands.keywords import options_of, takes
 from lab.commands.payload.known_payload import carrying
 from lab.core.errors import LabError, error_context
@@ -360,12 +371,13 @@ def _outcome(
     noisy = noise_in_another_unit(options.noise_mm, fit.rows, identification)
     gate_m = None if options.gate_mm is None else options.gate_mm / 1e3
     noise = fitter.knowing(fit.noise.shared).noise
-    prediction = check_prediction(identification, validation, noise, fit.measured, seed=options.seed)
+    judged = validation.without_few([pose.id for pose in fit.outliers]) if fit.left_out else validation
+    prediction = check_prediction(identification, judged, noise, fit.measured, seed=options.seed)
     poses, region = regions_of(fitter, fit, options.region)
     left = fit.residual_spread
     word = verdict(
         identification,
-        validation,
+        judged,
         gate_m,
         goodness=fit.adequacy,
         tolerance=fitter.tolerance,
@@ -376,6 +388,9 @@ def _outcome(
         region=region,
         left=left,
     )
+    if real is None and word.word == "bad" and fitter.kind.name == "points" and len(fitter.course.stations) < 2:
+        said = in_other_numbers_or_poses(robot, fit.rows)
+        word = replace(word, reasons=(*said, *word.reasons))
     if isinstance(options, MeasuredCampaign) and options.holdout_last is not None:
         left = spread_of_later(fitter, fit, word.region.uncalibrated_rms_m)
     own = own_tolerance(identification, fitter.tolerance, poses)
@@ -387,6 +402,7 @@ def _outcome(
     warnings += of_limits(robot, data)
     warnings += of_validation_beyond(identification, fit.measured, validation.rows)
     warnings += of_elsewhere(word)
+    warnings += of_excluded(fit.outliers) if judged is not validation else []
     if fitter.kind.in_instrument_frame and "sessions" not in fit.groups:
         warnings += of_several_sessions(fit.rows)
     if validation.errors is not None:

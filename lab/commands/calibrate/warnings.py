@@ -42,6 +42,7 @@ from lab.kinematics.serial.chain import Chain
 __all__ = [
     "of_approaches",
     "of_elsewhere",
+    "of_excluded",
     "of_export",
     "of_groups",
     "of_held_out",
@@ -92,6 +93,14 @@ def of_held_out(off: tuple[Named, ...]) -> list[str]:
     """That some of the poses that are off are of the hold-out set."""
     count = sum(pose.held_out for pose in off)
     return [f"{counted(count, 'pose')} of the hold-out set {be(count)} off: the error is with them"] if count else []
+
+
+def of_excluded(off: Sequence[Named]) -> list[str]:
+    """That the verdict is without the few outliers that --robust excludes, each with its size."""
+    sizes = [1e3 * pose.size_m for pose in off]
+    named = [f"pose {pose.id} ({size:,.0f} mm)" if size >= 100 else f"pose {pose.id} ({size:.3g} mm)"
+             for pose, size in zip(off, sizes, strict=True)]  # fmt: skip
+    return [f"--robust excludes {counted(len(off), 'outlier')} from fit and verdict: {', '.join(named)}"]
 
 
 def of_validation_beyond(found: Identification, measured: MeasuredRange | None, rows: Measurements | None) -> list[str]:

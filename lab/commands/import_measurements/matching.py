@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lab.commands.import_measurements.clocks import ClockComparison, ClockOffset, PlacedPoints
+from lab.commands.import_measurements.nominal_fit import NominalFit
 from lab.commands.import_measurements.options import By, ImportOptions
 from lab.commands.import_measurements.settled import Windows, settled_windows
 from lab.core.errors import LabError
@@ -15,12 +17,10 @@ from lab.formats.joint_log import JointLog
 from lab.formats.loose_table import LeftOut
 from lab.formats.tracker_export import TrackerPoints
 
-__all__ = ["MatchedPose", "Matching", "matched"]
+__all__ = ["MatchedPose", "Matching", "Timeline", "matched"]
 
 _ENDING = re.compile(r"(.+?)[\s_.:/\-]+([^\s_.:/\-]+)")  # pose and target in one name
 _LOG_GAP_S = 1.0  # rows that follow each other faster are a log, not a list of poses
-_TRIED = 200  # points and windows by which an offset of clocks is looked for
-_ENOUGH = 0.8  # of the points that an offset has to place
 
 
 @dataclass(frozen=True)
@@ -33,6 +33,24 @@ class MatchedPose:
 
 
 @dataclass(frozen=True)
+class Timeline:
+    """When points were measured and the arm stood still, on the controller's clock.
+
+    Attributes:
+        at: ``(n,)`` s, of the points; NaN where not said.
+        starts, ends: ``(k,)`` s, of the windows in which the arm stood still.
+        placed: which window each point falls into, by which offset of the clocks.
+        kept: ``(n,)`` which points are in the measurements.
+    """
+
+    at: Array
+    starts: Array
+    ends: Array
+    placed: PlacedPoints
+    kept: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
 class Matching:
     """How points found their poses.
 
@@ -41,16 +59,27 @@ class Matching:
         poses: in the order of the controller's file.
         left_out: points and poses without the other.
         said: how it was done, in sentences.
+        timeline: of points that found their poses by time.
     """
 
     by: By
     poses: tuple[MatchedPose, ...]
     left_out: tuple[LeftOut, ...]
     said: tuple[str, ...]
+    timeline: Timeline | None = None
 
 
-def matched(options: ImportOptions, points: TrackerPoints, log: JointLog, prismatic: tuple[bool, ...]) -> Matching:
+def matched(
+    options: ImportOptions,
+    points: TrackerPoints,
+    log: JointLog,
+    prismatic: tuple[bool, ...],
+    nominal: NominalFit | None = None,
+) -> Matching:
     """Find the pose of each point.
+
+    Args:
+        nominal: the arm by which an offset of the clocks is checked; None to take it as it is given.
 
     Raises:
         LabError: names, counts or times do not go together; the message says how to mend it.
@@ -59,7 +88,7 @@ def matched(options: ImportOptions, points: TrackerPoints, log: JointLog, prisma
     if by == "name":
         return _by_name(options, points, log)
     found = _poses(options, log, prismatic, as_log=_is_log(log))
-    return (_by_order if by == "order" else _by_time)(options, points, log, found)
+    return _by_order(options, points, log, found) if by == "order" else _by_time(options, points, log, found, nominal)
 
 
 def _choice(options: ImportOptions, points: TrackerPoints, log: JointLog) -> By:
@@ -171,42 +200,55 @@ def _pose_name(points: TrackerPoints, i: int, k: int) -> str:
 # By time
 
 
-def _by_time(options: ImportOptions, points: TrackerPoints, log: JointLog, stops: Windows) -> Matching:
+def _by_time(
+    options: ImportOptions, points: TrackerPoints, log: JointLog, stops: Windows, nominal: NominalFit | None
+) -> Matching:
     if not np.isfinite(points.seconds).any():
         raise LabError(f"{points.path}: its points have no times; give --by name or --by order, or --columns")
     if not np.isfinite(log.seconds).all():
         raise LabError(f"{log.path}: its rows have no times; give --by name or --by order, or --columns")
     at, starts, ends, same = _one_clock(points, log, stops)
+    window_of, spans = _windows_by_time(starts, ends, exact=not _is_log(log))
+    compared = ClockComparison(at, *spans, window_of, stops.joints, points.positions, len(options.targets), nominal)
     if not same and options.clock_offset_s is None:
         raise LabError(
             f"{points.path}: its times and those of {log.path} count from different moments; counted from the first "
-            f"of each, {_offset_hint(at, starts, ends)}"
+            f"of each, {compared.proposal()}"
         )
-    said_at, at = at, at - (options.clock_offset_s or 0.0)
-    where = _windows_by_time(starts, ends, exact=not _is_log(log))(at)
-    inside = where >= 0
-    if not inside.any() or np.nanmax(at) < starts[0] or np.nanmin(at) > ends[-1]:
+    offset = ClockOffset(options.clock_offset_s or 0.0, options.clock_drift_ppm)
+    placed = compared.placed_by(offset)
+    if not placed.placed:
         raise LabError(
-            f"{points.path}: no point was measured while the arm of {log.path} stood still; "
-            f"{_offset_hint(said_at, starts, ends)}"
+            f"{points.path}: no point was measured while the arm of {log.path} stood still; {compared.proposal()}"
         )
+    if nominal is not None:
+        try:
+            compared.check(offset, given=options.clock_offset_s is not None)
+        except LabError as error:
+            raise LabError(f"{points.path}: {error}") from error
+    astray = placed.astray(len(options.targets))
+    kept = np.where(astray, -1, placed.where)
     left = [
         LeftOut(
             str(points.path), points.lines[i], points.names[i] or f"point {i + 1}",
-            "no time" if np.isnan(at[i]) else "measured while the arm moved, or outside the log",
+            "no time" if np.isnan(at[i]) else
+            f"over {1e3 * placed.tolerance_m:.2g} mm from the nominal arm in the pose of that time" if astray[i] else
+            "measured while the arm moved, or outside the log",
         )
-        for i in np.flatnonzero(~inside)
+        for i in np.flatnonzero(kept < 0)
     ]  # fmt: skip
-    poses, met = list(_timed_poses(options, points, stops, where)), set(where.tolist())
+    poses, met = list(_timed_poses(options, points, stops, kept)), set(kept.tolist())
     left += [
         LeftOut(str(log.path), stops.lines[k], f"pose {k + 1}", "no point was measured there")
         for k in range(len(stops))
         if k not in met
     ]
     said = [f"Points belong to the poses at which the arm stood when they were measured ({len(stops)} in the log)."]
-    if options.clock_offset_s:
-        said.append(f"The tracker's clock was taken to be {options.clock_offset_s:g} s ahead of the controller's.")
-    return Matching("time", tuple(poses), tuple(left), tuple(said))
+    if offset.seconds or offset.drift_ppm:
+        drift = f", and {offset.drift_ppm:g} ppm faster" if offset.drift_ppm else ""
+        said.append(f"The tracker's clock was taken to be {offset.seconds:g} s ahead of the controller's{drift}.")
+    timeline = Timeline(offset.on_log(at), starts, ends, placed, kept >= 0)
+    return Matching("time", tuple(poses), tuple(left), tuple(said), timeline)
 
 
 def _one_clock(points: TrackerPoints, log: JointLog, stops: Windows) -> tuple[Array, Array, Array, bool]:
@@ -226,8 +268,10 @@ def _one_clock(points: TrackerPoints, log: JointLog, stops: Windows) -> tuple[Ar
     return at - np.nanmin(at), starts - log.seconds[0], ends - log.seconds[0], False
 
 
-def _windows_by_time(starts: Array, ends: Array, *, exact: bool) -> Callable[[Array], NDArray[np.int_]]:
-    """A callable: the window that each of times ``(n,)`` falls into, -1 where none.
+def _windows_by_time(
+    starts: Array, ends: Array, *, exact: bool
+) -> tuple[Callable[[Array], NDArray[np.int_]], tuple[Array, Array]]:
+    """A callable: the window that each of times ``(n,)`` falls into, -1 where none; and when windows begin and end.
 
     Args:
         exact: whether windows are moments: then that one which is nearest, within half the way to its neighbours.
@@ -239,7 +283,7 @@ def _windows_by_time(starts: Array, ends: Array, *, exact: bool) -> Callable[[Ar
             k = np.clip(np.searchsorted(starts, at, side="right") - 1, 0, last)
             return np.where((at >= starts[k]) & (at <= ends[k]), k, -1)
 
-        return around
+        return around, (starts, ends)
     gap = float(np.median(np.diff(starts))) if last else np.inf
     moments, rows = np.unique(starts, return_index=True)
 
@@ -249,21 +293,10 @@ def _windows_by_time(starts: Array, ends: Array, *, exact: bool) -> Callable[[Ar
         k = np.where(np.abs(at - moments[before]) <= np.abs(moments[after] - at), before, after)
         return np.where(np.abs(at - moments[k]) <= gap / 2, rows[k], -1)
 
-    return nearest
-
-
-def _offset_hint(at: Array, starts: Array, ends: Array) -> str:
-    """Which offset of the clocks would place the points, in words."""
-    shown = at[np.isfinite(at)][:_TRIED]
-    middles = (starts + ends)[:_TRIED] / 2
-    apart = (shown[:, None] - middles[None, :]).ravel()
-    window_of, tried = _windows_by_time(starts, ends, exact=bool((ends == starts).all())), np.unique(apart.round(1))
-    counts = [int((window_of(shown - each) >= 0).sum()) for each in tried]
-    best = int(np.argmax(counts))
-    if counts[best] >= _ENOUGH * len(shown):
-        offset = float(tried[best])
-        return f"--clock-offset-s {offset:.10g} would place {counts[best]} of {len(shown)}"
-    return "give --clock-offset-s, the seconds by which the tracker's clock is ahead"
+    reach = np.full(len(moments), max(gap if np.isfinite(gap) else 0.0, 0.0) / 2)
+    before, after = reach.copy(), reach.copy()
+    before[1:] = after[:-1] = np.minimum(np.diff(moments) / 2, reach[1:])
+    return nearest, (moments - before, moments + after)
 
 
 def _timed_poses(

@@ -12,9 +12,10 @@ from lab.core.limits import TARGETS, checked_name
 from lab.core.numbers import positive
 from lab.core.ranges import CLOCKS_S
 
-__all__ = ["By", "ImportOptions"]
+__all__ = ["MAX_DRIFT_PPM", "By", "ImportOptions"]
 
 By = Literal["auto", "name", "order", "time"]
+MAX_DRIFT_PPM = 100.0  # between two quartz clocks
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,10 @@ class ImportOptions:
     columns: Path | None = None
     """A TOML file that says which columns mean what, where their names do not."""
     clock_offset_s: float | None = None
-    """By how much the tracker's clock is ahead of the controller's."""
+    """By how much the tracker's clock is ahead of the controller's, at the first point. Without it they are taken to
+    agree; where the points contradict that, the error proposes an offset."""
+    clock_drift_ppm: float = 0.0
+    """By how many millionths the tracker's clock runs faster than the controller's: up to 100."""
     still_deg_s: float = 0.1
     """In a log: the largest speed of a joint that stands still, °/s (mm/s of a slide)."""
     settled_s: float = 0.5
@@ -61,3 +65,5 @@ class ImportOptions:
             checked_name("--station", self.station)
         if self.clock_offset_s is not None and abs(self.clock_offset_s) not in CLOCKS_S:
             raise LabError("--clock-offset-s: give the seconds between two clocks")
+        if not abs(self.clock_drift_ppm) <= MAX_DRIFT_PPM:
+            raise LabError(f"--clock-drift-ppm {self.clock_drift_ppm:g}: clocks drift by {MAX_DRIFT_PPM:g} ppm at most")

@@ -75,11 +75,26 @@ class ImportResult(Result):
             "conditions": [*data.conditions, *data.other],
             "columns": {"points": self.points.used, "joints": self.log.used},
             "columns_not_used": list(self.points.unused),
+            "clocks": self._clocks(),
             "left_out": [
                 {"file": each.file, "line": each.line or None, "what": each.what, "why": each.why}
                 for each in self.left_out
             ],
             "warnings": list(self.warnings),
+        }
+
+    def _clocks(self) -> dict[str, Any] | None:
+        """The offset of the clocks and what it does; None where points found their poses otherwise."""
+        if (line := self.matching.timeline) is None:
+            return None
+        placed = line.placed
+        return {
+            "offset_s": placed.offset.seconds,
+            "drift_ppm": placed.offset.drift_ppm,
+            "placed": placed.placed,
+            "of": len(placed.where),
+            "stops": len(line.starts),
+            "nominal_arm_rms_mm": None if placed.rms_m is None else 1e3 * placed.rms_m,
         }
 
     def document(self) -> "Document":

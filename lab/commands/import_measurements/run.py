@@ -9,12 +9,14 @@ import numpy as np
 
 from lab.campaign.robot import Robot, load_robot
 from lab.commands.import_measurements.matching import Matching, matched
+from lab.commands.import_measurements.nominal_fit import NominalFit
 from lab.commands.import_measurements.options import ImportOptions
 from lab.commands.import_measurements.result import ImportResult
 from lab.commands.keywords import options_of, takes
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
+from lab.core.wording import counted
 from lab.formats.column_map import read_column_map
 from lab.formats.joint_log import read_joint_log
 from lab.formats.tracker_export import TrackerPoints, read_tracker_points
@@ -23,7 +25,6 @@ __all__ = ["import_measurements"]
 
 _OTHER_UNIT = 15.0  # times the distances that the nominal arm has: another unit
 _SHOWN = 60  # poses by which distances are compared
-_LEAST_CORRELATION = 0.5
 
 
 @takes(ImportOptions)
@@ -48,9 +49,10 @@ def import_measurements(points: str | Path | ImportOptions, **options: Any) -> I
     columns = read_column_map(points.columns)
     seen = read_tracker_points(points.points, columns.points, points.unit, points.coverage)
     log = read_joint_log(points.joints, chain.joint_names, chain.prismatic, columns.joints, points.joint_unit)
-    found = matched(points, seen, log, chain.prismatic)
+    nominal = NominalFit(robot, points.targets, seen.positions)
+    found = matched(points, seen, log, chain.prismatic, nominal)
     data = _measurements(points, robot, seen, found)
-    warnings = _doubts(points, robot, data)
+    warnings = _doubts(points, robot, data, nominal)
     return ImportResult(points, robot, data, seen, log, found, (*robot.warnings, *seen.notes, *warnings))
 
 
@@ -99,40 +101,43 @@ def _unique(names: Sequence[str]) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _doubts(options: ImportOptions, robot: Robot, data: Measurements) -> tuple[str, ...]:
-    """Whether distances between points are those of the nominal arm.
+def _doubts(options: ImportOptions, robot: Robot, data: Measurements, nominal: NominalFit) -> tuple[str, ...]:
+    """Compare the points with the nominal arm.
 
-    The distance of two points of one target hardly depends on where base and tool are. A unit of lengths that is wrong
-    scales all of them; rows that belong to other poses, or joints in another unit or with another sign, shuffle them.
+    The distance of two points of one target hardly depends on where base and tool are: a wrong unit of lengths scales
+    all of them. Points of other poses, or joints in another unit or with another sign, are far from the nominal arm
+    wherever base and tool are.
 
     Raises:
         LabError: the distances are another unit's.
     """
-    arm = robot.arm(("p1",))
-    flange = arm.tool(data.joints[:_SHOWN], arm.nominal({"p1": np.zeros(3)}))[0][:, :3, 3]
+    shown = data.take(np.arange(min(len(data), _SHOWN)))
+    flange = nominal.flanges(shown.joints)
     pairs = [(i, j) for i in range(len(flange)) for j in range(i)]
     if len(pairs) < 3:
         return ()
     one, two = np.array(pairs).T
-    nominal = np.linalg.norm(flange[one] - flange[two], axis=1)
-    apart = np.linalg.norm(data.points[one] - data.points[two], axis=2)
-    kept = np.isfinite(apart) & (nominal[:, None] > 1e-6)
+    expected = np.linalg.norm(flange[one] - flange[two], axis=1)
+    apart = np.linalg.norm(shown.points[one] - shown.points[two], axis=2)
+    kept = np.isfinite(apart) & (expected[:, None] > 1e-6)
     if kept.sum() < 3:
         return ()
     k = int(np.argmax(kept.sum(axis=0)))
-    nominal, apart = nominal[kept[:, k]], apart[kept[:, k], k]
-    ratio = float(np.median(apart) / np.median(nominal))
+    expected, apart = expected[kept[:, k]], apart[kept[:, k], k]
+    ratio = float(np.median(apart) / np.median(expected))
     if not 1 / _OTHER_UNIT < ratio < _OTHER_UNIT:
         raise LabError(
             f"{options.points}: points are {np.median(apart):.3g} m apart where the arm moves its flange by "
-            f"{np.median(nominal):.3g} m (medians): lengths are in another unit; give the right --unit or map"
+            f"{np.median(expected):.3g} m (medians): lengths are in another unit; give the right --unit or map"
         )
-    if len(nominal) < 15 or np.ptp(nominal) == 0 or np.ptp(apart) == 0:
+    pose, target = np.nonzero(data.seen)
+    if not nominal.usable(data.joints[pose]):
         return ()
-    correlation = float(np.corrcoef(nominal, apart)[0, 1])
-    if correlation > _LEAST_CORRELATION:
+    far = nominal.distances(data.joints[pose], target, data.points[pose, target]) > nominal.tolerance_m
+    if not far.any():
         return ()
     return (
-        f"the distances between points do not follow the nominal arm (correlation {correlation:.2f}): rows may belong "
-        "to other poses, or the joints be in another unit, order or direction; check before lab identify",
+        f"{far.sum()} of {counted(len(pose), 'point')} do not follow the nominal arm: {data.ids[pose[far.argmax()]]}, "
+        f"the first, is over {1e3 * nominal.tolerance_m:.2g} mm from it. Rows may belong to other poses, or the joints "
+        "be in another unit, order or direction; check before lab identify",
     )

@@ -11,6 +11,7 @@ from lab.formats.joint_log import JointLog
 __all__ = ["Windows", "settled_windows"]
 
 _SPAN_S = 0.4  # over which a speed is taken: shorter, and the steps of an encoder look like motion
+_ROWS = 2.5  # steps of a log that a speed is taken over at least, where it has few rows a second
 _FEWEST = 3  # rows of a window
 
 
@@ -36,8 +37,9 @@ class Windows:
 def settled_windows(log: JointLog, prismatic: tuple[bool, ...], still: float, least_s: float) -> Windows:
     """Find the windows in which every joint moves more slowly than a bound.
 
-    The speed at a row is the change of a joint over 0.4 s about it, so that the steps of an encoder are no motion. It
-    rises half of that before the arm moves, which keeps the ends of a window clear of the motion.
+    The speed at a row is the change of a joint over 0.4 s about it (in a log of few rows a second: from the row before
+    to the row after), so that the steps of an encoder are no motion. It rises half of that before the arm moves, which
+    keeps the ends of a window clear of the motion.
 
     Args:
         log: with times in every row.
@@ -53,17 +55,21 @@ def settled_windows(log: JointLog, prismatic: tuple[bool, ...], still: float, le
         raise LabError(f"{log.path}: line {log.lines[i]}: the time is missing; a log needs one in every row")
     for i in np.flatnonzero(np.diff(times) < 0):
         raise LabError(f"{log.path}: line {log.lines[i + 1]}: the time falls; give the rows in their order")
-    before = np.searchsorted(times, times - _SPAN_S / 2, side="left")
-    after = np.searchsorted(times, times + _SPAN_S / 2, side="right") - 1
+    span = max(_SPAN_S, _ROWS * float(np.median(np.diff(times)))) if len(times) > 1 else _SPAN_S
+    before = np.searchsorted(times, times - span / 2, side="left")
+    after = np.searchsorted(times, times + span / 2, side="right") - 1
     apart = np.maximum(times[after] - times[before], 1e-9)[:, None]
     unit = np.where(prismatic, 1e-3, np.pi / 180)
     speed = (np.abs(log.joints[after] - log.joints[before]) / apart / unit).max(axis=1)
-    stands = np.concatenate([[False], (speed < still) & (after > before), [False]])
-    edges = np.flatnonzero(np.diff(stands.astype(np.int8)))
+    stands = (speed < still) & (after > before)
+    jumps = (np.abs(np.diff(log.joints, axis=0)) / unit).max(axis=1) > still * span  # between rows far apart in time
+    run = np.cumsum(~stands | np.concatenate([[True], jumps]))
+    _, firsts, counts = np.unique(run[stands], return_index=True, return_counts=True)
+    standing = np.flatnonzero(stands)
     spans = [
-        (first, last)
-        for first, last in edges.reshape(-1, 2).tolist()
-        if last - first >= _FEWEST and times[last - 1] - times[first] >= least_s
+        (first, first + count)
+        for first, count in zip(standing[firsts].tolist(), counts.tolist(), strict=True)
+        if count >= _FEWEST and times[first + count - 1] - times[first] >= least_s
     ]
     if not spans:
         raise LabError(

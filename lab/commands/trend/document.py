@@ -27,7 +27,8 @@ def trend_document(result: TrendResult) -> Document:
     return Document(
         f"{robot.name}: {word} in {len(result.runs)} calibrations",
         (
-            Paragraph((badge, f" between {first.date} and {last.date} {_LEVEL}")),
+            Paragraph((badge, f" {_when(result)} {_LEVEL}")),
+            Paragraph(f"The calibrations are of {first.date} to {last.date}.", "note"),
             Bullets(tuple(_words(result, each) for each in result.changes)),
             Warnings(result.warnings),
             Section("Errors over time", (_runs(result), _errors(result))),
@@ -36,6 +37,12 @@ def trend_document(result: TrendResult) -> Document:
             provenance_section("trend", result.options, robot.sha256),
         ),
     )
+
+
+def _when(result: TrendResult) -> str:
+    """Between which days it changed; of an unchanged robot, between the first and the last."""
+    spans = [(change.after, change.after + 1) for change in result.changes] or [(0, -1)]
+    return " and ".join(f"between {result.runs[i].date} and {result.runs[j].date}" for i, j in spans)
 
 
 def _words(result: TrendResult, change: ChangePoint) -> Text:

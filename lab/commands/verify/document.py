@@ -100,8 +100,8 @@ def _chance(p: float) -> str:
 
 
 def _advice(result: VerificationResult) -> tuple[Block, ...]:
-    """What to do where one thing alone has changed."""
-    moved = result.verified.moved
+    """What to do where one thing alone has changed, and the first sentence does not say so."""
+    moved = () if result.verified.situation is not None else result.verified.moved
     return (Paragraph(sentence(_ADVICE[moved[0]]), shown_in=PAGE | TERMINAL),) if len(moved) == 1 else ()
 
 

@@ -16,6 +16,7 @@ from lab.commands.verify.options import VerifyOptions
 from lab.core.measurements import Measurements
 from lab.core.significance import VERIFICATION
 from lab.verification.hypotheses import Displacement
+from lab.verification.situation import Situation
 from lab.verification.test import Hypothesis, Verified
 
 if TYPE_CHECKING:
@@ -94,6 +95,7 @@ class VerificationResult(Result):
             },
             "promised_mm": 1e3 * found.promised_m,
             "moved": list(found.moved),
+            "situation": _situation(found.situation),
             "words": found.words,
             "hypotheses": [_hypothesis(each) for each in found.hypotheses],
             "refit": {name: _displacement(moved) for name, moved in found.refit},
@@ -138,6 +140,13 @@ class VerificationResult(Result):
         joint = what.removeprefix("joint")
         angular = joint.isdigit() and not self.calibrated.robot.chain.prismatic[int(joint) - 1]
         return "mrad" if angular else "mm"
+
+
+def _situation(each: Situation | None) -> dict[str, Any] | None:
+    """What large errors come from; None where they are small, or come from nothing of the kind."""
+    if each is None:
+        return None
+    return {"kind": each.kind, "words": each.words, "refit": list(each.refit), "left_mm": 1e3 * each.left_m}
 
 
 def _hypothesis(each: Hypothesis) -> dict[str, Any]:

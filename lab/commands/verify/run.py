@@ -39,6 +39,7 @@ from lab.formats.measurement_csv import read_measurements
 from lab.render.progress import Stage, status
 from lab.verification.estimated_noise import MOST_POSES, STEP, with_estimated_noise
 from lab.verification.prediction import CalibrationPrediction
+from lab.verification.situation import another_unit
 from lab.verification.test import Verified
 from lab.verification.test import verify as test
 
@@ -278,9 +279,10 @@ def _refuse_implausible(prediction: CalibrationPrediction, observations: Observa
         len(observations.inputs) >= LEAST_SPREAD
         and not PLAUSIBLE_SPREAD[0] <= spreads[0] / spreads[1] <= PLAUSIBLE_SPREAD[1]
     ):
+        other = another_unit(prediction, observations)
         raise LabError(
             f"the measured points spread {spreads[0] / spreads[1]:.3g} times as far as the robot's do in these poses: "
-            "wrong unit, or another robot"
+            f"{'wrong unit, or another robot' if other is None else other.words}"
         )
 
 

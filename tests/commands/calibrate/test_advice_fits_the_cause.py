@@ -1,5 +1,7 @@
 """Warnings name what it was: the instrument where its targets show it, the arm before its poses, bad poses as bad."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -28,6 +30,26 @@ def test_who_holds_out_bad_readings_is_never_good(robust: bool) -> None:
             assert found["after_mm"]["mean"] > 5 * found["after_without_outliers_mm"]["mean"]
     clean = identified(0, {**day, "bad_share": 0.0}, holdout=0.3, robust=robust, noise_mm=0.005, gate_mm=100.0)
     assert clean.to_dict()["verdict"] == "good" and clean.validation.outlier_share == 0
+
+
+@pytest.mark.thorough
+def test_one_blunder_that_is_excluded_spoils_no_verdict_but_many_do() -> None:
+    day = lab.simulate("irb120", seed=5, poses=50, instrument="uniform-8um").measurements
+    found = {}
+    for name, bad, robust in (
+        ("clean", [], True),
+        ("one", [10], True),
+        ("kept", [10], False),
+        ("many", range(8), True),
+    ):
+        points = day.points.copy()
+        points[list(bad), 0] += [10.0, 0.0, 0.0]
+        spoilt = replace(day, points=points)
+        found[name] = lab.identify(spoilt, robot="irb120", instrument="uniform-8um", robust=robust).to_dict()
+    assert found["clean"]["verdict"] == found["one"]["verdict"] == "good"
+    assert "--robust excludes 1 outlier from fit and verdict: pose 10 (10,000 mm)" in found["one"]["warnings"]
+    assert found["one"]["after_mm"]["max"] > 9e3 > 1 > found["one"]["after_without_outliers_mm"]["max"]
+    assert found["kept"]["verdict"] == found["many"]["verdict"] == "bad"
 
 
 @pytest.mark.thorough
@@ -66,3 +88,19 @@ def test_where_scatter_cannot_be_told_from_the_arm_the_intervals_are_those_of_wh
     told = identified(3, {**day, "harmonic_mrad": 0.0})
     assert not told.to_dict()["cluster_robust"] and told.to_dict()["noise_model"] is not None
     assert not any("cluster-robust" in words for words in told.to_dict()["warnings"])
+
+
+@pytest.mark.thorough
+def test_numbers_in_another_unit_or_of_other_poses_are_the_first_reason() -> None:
+    day = lab.simulate("irb120", seed=3, poses=40, instrument="uniform-8um").measurements
+    cases = {
+        "wrong unit: the points are in inches where mm are expected": replace(day, points=day.points / 25.4),
+        "wrong unit: the joint positions are in radians": replace(day, joints=np.deg2rad(day.joints)),
+        "the points are mirrored": replace(day, points=day.points[..., [1, 0, 2]]),
+        "wherever base and tool are: rows of other poses": replace(day, points=np.roll(day.points, 1, axis=0)),
+    }
+    for says, data in cases.items():
+        found = lab.identify(data, robot="irb120", instrument="uniform-8um").to_dict()
+        assert found["verdict"] == "bad" and says in found["reasons"][0]
+    gated = lab.identify(day, robot="irb120", instrument="uniform-8um", gate_mm=0.001).to_dict()
+    assert gated["verdict"] == "bad" and "above the gate" in gated["reasons"][0]

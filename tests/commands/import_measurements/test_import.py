@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.drawing import nothing_drawn
+from helpers.html_page import Page
 from helpers.tracker_files import plain, polyworks, rows_of_joints, spatial_analyzer
 
 from lab.campaign.robot import load_robot
@@ -209,3 +210,16 @@ def test_mistakes_are_told_in_one_line(
     out, err = capfd.readouterr()
     assert CASES[case] in err and len(err.strip().splitlines()) == 1 and out == ""
     assert not Path("run").exists()
+
+
+@pytest.mark.figures
+def test_the_page_shows_both_files_on_one_clock(tmp_path: Path, day: MeasuringDay) -> None:
+    data = day.measurements
+    middles = controller_log(tmp_path / "log.txt", data.joints)
+    points = leica(tmp_path / "l.csv", [f"L{i}" for i in range(POSES)], data.points[:, 0], np.full((POSES, 3), 1e-5),
+                   middles - middles[0])  # fmt: skip
+    result = import_measurements(ImportOptions(points, tmp_path / "log.txt", by="time", clock_offset_s=-middles[0]))
+    result.save(tmp_path / "run")
+    page, told = Page(tmp_path / "run" / "report.html"), json.loads((tmp_path / "run" / "result.json").read_text())
+    assert "match" in page.figures and f"{POSES} of {POSES}, within" in page.text
+    assert told["clocks"]["offset_s"] == -middles[0] and told["clocks"]["nominal_arm_rms_mm"] < 10

@@ -46,6 +46,7 @@ def test_the_joint_that_moved_is_named_and_dated(history: Path) -> None:
     low, high = change["named"][0]["interval_95"]
     assert low < MOVED_RAD < high and high - low < 0.02e-3
     said = " ".join(found.summary().split())
+    assert "changed between 2026-03-09 and 2026-04-14" in said and "changed between 2026-01-10" not in said
     assert "Between 2026-03-09 (run1) and 2026-04-14 (run0) link3.theta (the zero of joint 3) changed by +0." in said
 
 

@@ -1,0 +1,138 @@
+"""Measured points, or joint positions, that are in another unit or frame than they are taken for.
+
+Base and tool are fitted by ordinary least squares. The worst part of the points is left out of each fit (least trimmed
+squares: Rousseeuw & Van Driessen 2006), so that a few bad readings neither hide a cause nor look like one. What then
+leaves a small part of the points' spread, and far less than the numbers as they are, is what they were meant to be.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.calibration.gauss_newton import Observations, fit
+from lab.calibration.identify import PLAUSIBLE_SPREAD, spread
+from lab.calibration.initial_guess import columns_of, initial_guess
+from lab.core.measurements import seen_mask
+from lab.core.se3 import Array
+from lab.kinematics.model import Model
+
+__all__ = ["PLACED", "OtherNumbers", "in_other_numbers", "length_words", "trimmed_error"]
+
+PLACED = ("base", "tool")
+_NEAR = 0.02  # of the points' spread: a model of this kind of arm in the right unit and frame
+_CLEARLY = 5.0  # times less than as they are
+_KEPT = 0.7  # of the points that are fitted
+_TRIMS = 4
+_LEAST_FREEDOM = 3
+_FACTORS = {
+    1e3: "m where mm are expected",
+    25.4: "inches where mm are expected",
+    1e-3: "mm where m are expected, or in µm where mm are expected",
+    25.4e-3: "inches where m are expected",
+}
+_JOINT_FACTORS = {
+    180 / np.pi: "radians where degrees are expected",
+    np.pi / 180: "degrees where radians are expected",
+}
+
+
+@dataclass(frozen=True)
+class OtherNumbers:
+    """The unit or frame in which numbers are those of the arm.
+
+    Attributes:
+        words: what it is, then what is left: two sentences without the last full stop.
+        left_m: root mean square error that is left then.
+    """
+
+    kind: Literal["unit", "joint unit", "mirrored"]
+    words: str
+    left_m: float
+
+
+def in_other_numbers(
+    model: Model, slides: Sequence[bool], inputs: Array, points: Array, values: Array
+) -> OtherNumbers | None:
+    """Return the unit or frame in which the numbers are those of an arm; None if there is none.
+
+    Args:
+        slides: which joints are prismatic.
+        inputs: ``(n, joints + conditions)``.
+        points: ``(n, k, 3)`` m, NaN where not observed.
+        values: ``(p,)`` of the arm; its base and tool are fitted.
+    """
+    seen = seen_mask(points)
+
+    def size(at: Array) -> float:
+        return spread(np.where(seen[:, :, None], model.points(at, values), np.nan))
+
+    plain = trimmed_error(model, inputs, points, values, PLACED)
+    here = size(inputs)
+    for factor, said in _FACTORS.items():
+        if not PLAUSIBLE_SPREAD[0] <= factor * spread(points) / here <= PLAUSIBLE_SPREAD[1]:
+            continue
+        left = trimmed_error(model, inputs, factor * points, values, PLACED)
+        if left < _NEAR * here and _CLEARLY * left < factor * plain:
+            words = f"wrong unit: the points are in {said}. Times {factor:g} errors are {length_words(left)}"
+            return OtherNumbers("unit", words, left)
+    for factor, said in _JOINT_FACTORS.items():
+        turned = inputs.copy()
+        turned[:, : len(slides)] *= np.where(slides, 1.0, factor)
+        left = trimmed_error(model, turned, points, values, PLACED)
+        if left < _NEAR * size(turned) and _CLEARLY * left < plain:
+            words = f"wrong unit: the joint positions are in {said}. Converted, errors are {length_words(left)}"
+            return OtherNumbers("joint unit", words, left)
+    left = trimmed_error(model, inputs, points * [-1.0, 1.0, 1.0], values, PLACED)
+    if left < _NEAR * here and _CLEARLY * left < plain:
+        words = (
+            "the points are mirrored: two of their axes are swapped, or one is negated; export them in a "
+            f"right-handed frame. Mirrored back errors are {length_words(left)}"
+        )
+        return OtherNumbers("mirrored", words, left)
+    return None
+
+
+def trimmed_error(model: Model, inputs: Array, points: Array, values: Array, groups: Sequence[str]) -> float:
+    """Return the root mean square error (m) of the best part of points, with groups fitted to them.
+
+    It is that of numbers to which nothing was fitted; infinite where the points are too few, or loops do not close.
+
+    Args:
+        inputs, points, values: as for ``in_other_numbers``.
+        groups: ``base``, ``tool``, both, or none.
+    """
+    seen = seen_mask(points)
+    columns, count = list(columns_of(model, groups)) if groups else [], int(seen.sum())
+    kept = max(int(np.ceil(_KEPT * count)), -(-(len(columns) + _LEAST_FREEDOM) // 3))
+    if kept > count or np.isnan(model.points(inputs, values)).any():
+        return float("inf")
+    fitted, least = seen, float("inf")
+    for _ in range(_TRIMS if columns else 1):
+        placed = values
+        if columns:
+            some = _only(Observations(inputs, points, np.ones(seen.shape)), fitted)
+            placed = initial_guess(model, some, values, groups)
+            if len(groups) > 1:
+                placed = fit(model, some, columns, placed, tolerance_m=1e-7, most_steps=20).values
+        errors = np.where(seen, ((points - model.points(inputs, placed)) ** 2).sum(axis=2), np.inf)
+        best = errors <= np.partition(errors[seen], kept - 1)[kept - 1]
+        square = float(errors[best].sum())
+        if not square < least:
+            break
+        least, fitted = square, best
+    return float(np.sqrt(3 * least / (3 * kept - len(columns))))
+
+
+def _only(observed: Observations, seen: NDArray[np.bool_]) -> Observations:
+    """The same with some of the points alone."""
+    rows = np.flatnonzero(seen.any(axis=1))
+    points = np.where(seen[:, :, None], observed.points, np.nan)
+    return replace(observed, points=points).take(rows)
+
+
+def length_words(metres: float) -> str:
+    """A length in mm, for a person."""
+    return f"{1e3 * metres:,.0f} mm" if metres >= 0.1 else f"{1e3 * metres:.3g} mm"

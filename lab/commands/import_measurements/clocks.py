@@ -1,0 +1,347 @@
+"""The offset and drift between a tracker's clock and a controller's, from when points were measured and poses held.
+
+An offset places a point if it moves its time into a window in which the arm stood still. The number of points that are
+placed is a step function of the offset, whose maxima are all found by sorting its steps. Stops that are equally spaced
+have many maxima: the nominal arm tells them apart, as it follows the points of the right poses alone.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.commands.import_measurements.nominal_fit import NominalFit
+from lab.commands.import_measurements.options import MAX_DRIFT_PPM
+from lab.core.errors import LabError
+from lab.core.se3 import Array
+from lab.core.wording import be, counted
+
+__all__ = ["ClockComparison", "ClockOffset", "PlacedPoints"]
+
+_PAIRS = 400_000  # of points and windows by which offsets are searched
+_LEAST_POINTS = 20  # by which they are searched, however many windows there are
+_DRIFT_STEP = 0.25  # of a typical window, by which two drifts that are tried move the last point
+_MAX_DRIFTS = 12  # that are tried in each direction
+_MAX_OFFSETS = 400  # maxima of each drift that are compared
+_MAX_FITS = 16  # offsets at which base and tool are fitted
+_RIVAL = 0.8  # of the best offset's points: another that explains as many is its rival
+_FEW = 0.5  # of the points: an offset that places fewer is not trusted
+_LESS = 0.1  # of the points: an offset that places so many fewer than another is wrong
+_FOLLOW = 0.8  # of the placed points that follow the nominal arm at the right offset
+
+
+@dataclass(frozen=True)
+class ClockOffset:
+    """By how much the tracker's clock is ahead of the controller's.
+
+    Attributes:
+        seconds: at the first point.
+        drift_ppm: by how many millionths the tracker's clock is faster.
+    """
+
+    seconds: float = 0.0
+    drift_ppm: float = 0.0
+
+    def on_log(self, at: Array) -> Array:
+        """Return times ``(n,)`` of the tracker's clock on the controller's (s; NaN stays)."""
+        times: Array = at - self.seconds - 1e-6 * self.drift_ppm * (at - np.nanmin(at))
+        return times
+
+    @property
+    def flags(self) -> str:
+        """The options that apply it."""
+        drift = f" --clock-drift-ppm {self.drift_ppm:.4g}" if self.drift_ppm else ""
+        return f"--clock-offset-s {self.seconds:.10g}{drift}"
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedPoints:
+    """What an offset does to points.
+
+    Attributes:
+        where: ``(n,)`` the window of each point, -1 where none.
+        distances_m: ``(n,)`` of the points from the nominal arm, infinite where not placed; None where too few
+            distinct poses are met to compare.
+        tolerance_m: within which they follow the arm.
+    """
+
+    offset: ClockOffset
+    where: NDArray[np.int_]
+    distances_m: Array | None
+    tolerance_m: float
+
+    @cached_property
+    def placed(self) -> int:
+        """How many points fall into a window."""
+        return int((self.where >= 0).sum())
+
+    @cached_property
+    def follows(self) -> NDArray[np.bool_]:
+        """``(n,)`` which points follow the nominal arm."""
+        if self.distances_m is None:
+            return np.zeros(len(self.where), dtype=np.bool_)
+        return np.asarray(self.distances_m <= self.tolerance_m)
+
+    @property
+    def rms_m(self) -> float | None:
+        """Root mean square distance of the points that follow the nominal arm; None where that is not known."""
+        if self.distances_m is None or not self.follows.any():
+            return None
+        return float(np.sqrt((self.distances_m[self.follows] ** 2).mean()))
+
+    def astray(self, targets: int) -> NDArray[np.bool_]:
+        """``(n,)`` which placed points do not follow the nominal arm; of a pose of several targets all with one."""
+        if self.distances_m is None:
+            return np.zeros(len(self.where), dtype=np.bool_)
+        far = np.isfinite(self.distances_m) & ~self.follows
+        return far if targets == 1 else np.isin(self.where, self.where[far])
+
+    def conflicts(self, other: "PlacedPoints") -> NDArray[np.bool_]:
+        """``(n,)`` which points the two place in different windows."""
+        return _conflicts(self.where, other.where)
+
+    @property
+    def words(self) -> str:
+        """How many points are placed, and how well the nominal arm follows them."""
+        said = f"{self.placed} of {len(self.where)}"
+        if self.rms_m is None:
+            return said
+        number = "" if self.follows.sum() == self.placed else f"{int(self.follows.sum())} of them "
+        return f"{said}, {number}within {1e3 * self.rms_m:.2g} mm (rms) of the nominal arm"
+
+
+@dataclass(frozen=True)
+class ClockComparison:
+    """Points and windows on two clocks.
+
+    Attributes:
+        at: ``(n,)`` s, when points were measured; NaN where not said.
+        starts, ends: ``(k,)`` s, of the windows, in order and apart from each other.
+        window_of: the window of each of some times, -1 where none.
+        joints: ``(k, joints)`` of the windows, by the numbers that ``window_of`` gives them.
+        points: ``(n, 3)`` m.
+        targets: how many of them are measured in each pose, in turn.
+        nominal: the arm that they are to follow; None to compare times alone.
+    """
+
+    at: Array
+    starts: Array
+    ends: Array
+    window_of: Callable[[Array], NDArray[np.int_]]
+    joints: Array
+    points: Array
+    targets: int
+    nominal: NominalFit | None
+
+    def check(self, offset: ClockOffset, *, given: bool) -> None:
+        """Refuse an offset that the points contradict.
+
+        Args:
+            given: whether the user gave it: then it may be one of several that explain the points alike.
+
+        Raises:
+            LabError: another offset places clearly more points or explains them better, two explain them alike, few
+                are placed, or none makes them follow the nominal arm; the message has the option to give.
+        """
+        some = self._some
+        here = some.placed_by(offset)
+        found = [here, *some.candidates(offset)]
+        if any(each.distances_m is not None for each in found):
+            some.judge_by_arm(here, found, given=given)
+        else:
+            some.judge_by_times(here, found, given=given)
+
+    def proposal(self) -> str:
+        """Which offset places the points, in words."""
+        some = self._some
+        best, alike = some.best_of(some.candidates(ClockOffset()))
+        if best is None:
+            return "give --clock-offset-s, the seconds by which the tracker's clock is ahead"
+        return f"{best.offset.flags} would place {best.words}{_or_another(alike)}"
+
+    def placed_by(self, offset: ClockOffset) -> PlacedPoints:
+        """Return the windows of the points, and their distances from the nominal arm."""
+        return self._compared(offset, self.window_of(offset.on_log(self.at)))
+
+    def _compared(self, offset: ClockOffset, where: NDArray[np.int_]) -> PlacedPoints:
+        nominal = self.nominal
+        if nominal is None:
+            return PlacedPoints(offset, where, None, np.inf)
+        rows, targets = self._in_turn(where)
+        joints = self.joints[where[rows]]
+        if not nominal.usable(joints):
+            return PlacedPoints(offset, where, None, nominal.tolerance_m)
+        distances = np.full(len(where), np.inf)
+        distances[rows] = nominal.distances(joints, targets, self.points[rows])
+        return PlacedPoints(offset, where, distances, nominal.tolerance_m)
+
+    def _in_turn(self, where: NDArray[np.int_]) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
+        """The points of windows that hold all targets, and which target each is."""
+        inside = np.flatnonzero(where >= 0)
+        rows = inside[np.argsort(where[inside], kind="stable")]
+        _, first, count = np.unique(where[rows], return_index=True, return_counts=True)
+        turn = np.arange(len(rows)) - np.repeat(first, count)
+        whole = np.repeat(count % self.targets == 0, count)
+        return rows[whole], turn[whole] % self.targets
+
+    @cached_property
+    def _some(self) -> "ClockComparison":
+        """The same with as many points as are enough: blocks of the first, the middle and the last ones."""
+        timed = np.argsort(self.at, kind="stable")[: int(np.isfinite(self.at).sum())]
+        most = max(_LEAST_POINTS, _PAIRS // len(self.starts))
+        if len(timed) > most:
+            each = -(-most // 3)
+            middle = (len(timed) - each) // 2
+            timed = np.concatenate([timed[:each], timed[middle : middle + each], timed[-each:]])
+        timed = np.sort(timed)
+        return ClockComparison(self.at[timed], self.starts, self.ends, self.window_of, self.joints,
+                               self.points[timed], self.targets, self.nominal)  # fmt: skip
+
+    # Search
+
+    def candidates(self, near: ClockOffset) -> list[PlacedPoints]:
+        """Offsets that place points in different windows, those of most points first."""
+        maxima = sorted(
+            (each for drift in self._drifts(near.drift_ppm) for each in self._maxima(drift)),
+            key=lambda each: (-each[0], each[1].drift_ppm != near.drift_ppm, -each[2]),
+        )
+        least = _FEW * maxima[0][0] if maxima else 0.0
+        kept, wheres = list[ClockOffset](), np.zeros((0, len(self.at)), dtype=np.int_)
+        for count, offset, _ in maxima:
+            if count < least or len(kept) >= _MAX_OFFSETS:
+                break
+            where = self.window_of(offset.on_log(self.at))
+            if not len(wheres) or _conflicts(wheres, where).any(axis=1).all():
+                kept.append(offset)
+                wheres = np.vstack([wheres, where])
+        if len(kept) > _MAX_FITS:
+            chosen = np.sort(np.argsort(-self._alike(wheres), kind="stable")[:_MAX_FITS])
+            kept, wheres = [kept[i] for i in chosen], wheres[chosen]
+        return [self._compared(offset, where) for offset, where in zip(kept, wheres, strict=True)]
+
+    def _drifts(self, given: float) -> list[float]:
+        """Return drifts (ppm) to try: none, the given one, and others whose effects differ."""
+        window = max(float(np.median(self.ends - self.starts)), 1e-3)
+        shift = 1e-6 * MAX_DRIFT_PPM * float(np.ptp(self.at))
+        steps = min(int(np.ceil(shift / (_DRIFT_STEP * window))), _MAX_DRIFTS)
+        tried = [MAX_DRIFT_PPM * k / steps for k in range(-steps, steps + 1)] if steps else [0.0]
+        return sorted({0.0, given, *tried})
+
+    def _maxima(self, drift_ppm: float) -> Iterator[tuple[int, ClockOffset, float]]:
+        """Return the offsets between which most points are placed: how many, the middle, and the width (s)."""
+        times = ClockOffset(0.0, drift_ppm).on_log(self.at)
+        enter, leave = (times[:, None] - self.ends).ravel(), (times[:, None] - self.starts).ravel()
+        steps = np.concatenate([enter, leave])
+        order = np.argsort(steps, kind="stable")
+        change = np.where(order < len(enter), 1, -1)
+        steps, counts = steps[order], np.cumsum(change)
+        tops = np.flatnonzero((change[:-1] > 0) & (change[1:] < 0))
+        tops = tops[np.argsort(-counts[tops], kind="stable")[:_MAX_OFFSETS]]
+        for i in tops.tolist():
+            width = float(steps[i + 1] - steps[i])
+            yield int(counts[i]), ClockOffset(_rounded((steps[i] + steps[i + 1]) / 2, width), drift_ppm), width
+
+    def _alike(self, wheres: NDArray[np.int_]) -> Array:
+        """Correlation ``(m,)`` of steps between points with those of the nominal flange; 1 where there is no arm."""
+        if self.nominal is None:
+            return np.ones(len(wheres))
+        flanges = np.nan_to_num(self.nominal.flanges(self.joints))
+        both = (wheres[:, 1:] >= 0) & (wheres[:, :-1] >= 0)
+        measured = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
+        stepped = np.linalg.norm(flanges[wheres[:, 1:]] - flanges[wheres[:, :-1]], axis=2)
+        count = np.maximum(both.sum(axis=1), 1)[:, None]
+        one, two = (np.where(both, each - (both * each).sum(axis=1)[:, None] / count, 0.0)
+                    for each in (np.broadcast_to(measured, both.shape), stepped))  # fmt: skip
+        sizes = np.sqrt((one**2).sum(axis=1) * (two**2).sum(axis=1))
+        return np.asarray(np.divide((one * two).sum(axis=1), sizes, out=np.zeros(len(wheres)), where=sizes > 0))
+
+    # Judgement
+
+    def best_of(self, found: Sequence[PlacedPoints]) -> tuple[PlacedPoints | None, list[PlacedPoints]]:
+        """Return the offset that explains most points, and those that explain them in other windows as well."""
+        by_arm = any(each.distances_m is not None for each in found)
+        if not found:
+            return None, []
+        best = max(found, key=lambda each: (each.follows.sum() if by_arm else 0, each.placed))
+        return best, [each for each in found if _is_rival(each, best, by_arm=by_arm)]
+
+    def judge_by_arm(self, here: PlacedPoints, found: Sequence[PlacedPoints], *, given: bool) -> None:
+        """Judge an offset by the nominal arm."""
+        best, rivals = self.best_of(found)
+        assert best is not None
+        count, follow = len(self.at), int(best.follows.sum())
+        if follow < max(_FOLLOW * best.placed, 1):
+            raise LabError(
+                f"at no offset of the clocks do the points follow the nominal arm (at {best.offset.flags} "
+                f"{follow} of {best.placed} placed ones do); check --robot, and the joints' unit, order and direction, "
+                "or whether the two files are of one session"
+            )
+        lost = follow - int(here.follows.sum())
+        differs = bool(here.conflicts(best).any()) and not (given and here in rivals)
+        if differs or lost > max(1.0, _LESS * count):
+            raise LabError(
+                f"{_called(here, given=given)} places {here.words}; {best.offset.flags} places {best.words}"
+                f"{_or_another(rivals)}"
+            )
+        self._refuse_alike(here, rivals, given=given)
+        self._refuse_few(here, best, count, trusted=given)
+
+    def judge_by_times(self, here: PlacedPoints, found: Sequence[PlacedPoints], *, given: bool) -> None:
+        """Judge an offset by times alone: there are too few poses for the arm to contradict."""
+        best, rivals = self.best_of(found)
+        assert best is not None
+        count = len(self.at)
+        if best.placed - here.placed > max(0.0, _LESS * count):
+            raise LabError(
+                f"{_called(here, given=given)} places {here.words} points; {best.offset.flags} places {best.words}"
+                f"{_or_another(rivals)}"
+            )
+        self._refuse_alike(here, [each for each in found if _is_rival(each, here, by_arm=False)], given=given)
+        self._refuse_few(here, best, count, trusted=given)
+
+    def _refuse_alike(self, here: PlacedPoints, rivals: Sequence[PlacedPoints], *, given: bool) -> None:
+        if rivals and not given:
+            raise LabError(
+                f"{_called(here, given=False)} places {here.words}, and {rivals[0].offset.flags} places "
+                f"{rivals[0].words}: these poses cannot tell which is right; give --clock-offset-s "
+                f"{here.offset.seconds:.10g} if the clocks are known to agree, or --by name or --by order"
+            )
+
+    def _refuse_few(self, here: PlacedPoints, best: PlacedPoints, count: int, *, trusted: bool) -> None:
+        if here.placed < _FEW * count and not trusted:
+            raise LabError(
+                f"only {here.placed} of {counted(count, 'point')} {be(here.placed)} measured while the arm stood "
+                f"still, and no offset of the clocks places more than {best.placed}; give --clock-offset-s "
+                f"{here.offset.seconds:.10g} if the others are of something else"
+            )
+
+
+def _is_rival(each: PlacedPoints, best: PlacedPoints, *, by_arm: bool) -> bool:
+    """Whether an offset that places points in other windows than the best explains about as many."""
+    apart = each.conflicts(best)
+    if not apart.any():
+        return False
+    if not by_arm:
+        return each.placed >= _RIVAL * best.placed
+    explained = each.follows.sum() >= _RIVAL * best.follows.sum()
+    return bool(explained and 2 * each.follows[apart].sum() >= best.follows[apart].sum())
+
+
+def _conflicts(wheres: NDArray[np.int_], where: NDArray[np.int_]) -> NDArray[np.bool_]:
+    return np.asarray((wheres != where) & (wheres >= 0) & (where >= 0))
+
+
+def _called(here: PlacedPoints, *, given: bool) -> str:
+    return here.offset.flags if given else "taking the two clocks for one"
+
+
+def _or_another(rivals: Sequence[PlacedPoints]) -> str:
+    return f"; so does {rivals[0].offset.flags}, and these poses cannot tell which is right" if rivals else ""
+
+
+def _rounded(offset_s: float, width_s: float) -> float:
+    """An offset to as few digits as keep it within a fifth of the width of its interval."""
+    digits = int(np.clip(np.ceil(-np.log10(max(width_s, 1e-6) / 2.5)), 0, 6))
+    return round(float(offset_s), digits)
