@@ -1,0 +1,123 @@
+"""What a person reads of the state of the arms."""
+
+from collections import Counter
+from collections.abc import Mapping
+from typing import Literal
+
+from lab.commands.provenance import provenance_section
+from lab.commands.status.arm import FEWEST_CHECKS, STATES, ArmStatus
+from lab.commands.status.figures import checks_picture
+from lab.commands.status.history import Check
+from lab.commands.status.result import StatusResult
+from lab.commands.trend.document import change_words
+from lab.core.wording import counted
+from lab.render.document import (
+    Badge,
+    Bullets,
+    Code,
+    Document,
+    Figure,
+    Inline,
+    Paragraph,
+    Row,
+    Section,
+    Table,
+    Text,
+    Warnings,
+)
+from lab.render.format import digits_of, fixed, plus_minus, short
+
+__all__ = ["status_document"]
+
+_KINDS: Mapping[str, Literal["good", "doubtful", "bad", "open"]] = {
+    "good": "good",
+    "due": "doubtful",
+    "doubtful": "doubtful",
+    "bad": "bad",
+}
+_MOST_DIGITS = 4
+
+
+def status_document(result: StatusResult) -> Document:
+    """The count of each state, a row for each arm, the checks over time, changes, and what was left out."""
+    counts = Counter(each.state for each in result.arms)
+    said = ", ".join(f"{counts[state]} {state}" for state in reversed(STATES) if counts[state])
+    lead = tuple(_badges(counts))
+    caption = (
+        "Every check of every arm: a stroke is a calibration, its mark and those between the strokes the verdicts. The "
+        f"dotted line is {result.on}."
+    )
+    return Document(
+        f"{counted(len(result.arms), 'arm')} on {result.on}: {said}" if result.arms else "no arm",
+        (
+            Paragraph(lead, "lead"),
+            Warnings(result.warnings),
+            Section("The arms", (_arms(result), Paragraph(_explained(result), "note"))),
+            Section("The checks over time", (Figure("checks", (checks_picture(result),), caption),)),
+            Section("Changes between calibrations", (Bullets(tuple(_changes(each) for each in result.arms)),)),
+            provenance_section("status", result.options, result.model_sha256),
+        ),
+    )
+
+
+def _badges(counts: Mapping[str, int]) -> list[Inline]:
+    parts: list[Inline] = []
+    for state in reversed(STATES):
+        if counts.get(state):
+            parts += [Badge(f"{counts[state]} {state}", _KINDS.get(state, "open")), " "]
+    return parts
+
+
+def _arms(result: StatusResult) -> Table:
+    columns = (
+        "state", "serial", "robot", "calibrated", "verdict", "verified", "verdict", "error then", "error now",
+        "slope a year", "next due",
+    )  # fmt: skip
+    return Table(columns, tuple(_row(each) for each in result.arms), "Mean position errors, mm", most_rows=200)
+
+
+def _row(arm: ArmStatus) -> Row:
+    slope = arm.slope
+    words = "–"
+    if slope is not None:
+        digits = digits_of(slope.half_width, _MOST_DIGITS)
+        words = f"{fixed(slope.per_year, digits, signed=True)} {plus_minus(slope.half_width, digits)}"
+    return (
+        Badge(arm.state, _KINDS.get(arm.state, "open")),
+        "–" if arm.serial is None else Code(arm.serial),
+        arm.robot,
+        *_checked(arm.calibration),
+        *_checked(arm.verification),
+        _length(arm.error_then_mm),
+        _length(arm.error_now_mm),
+        words,
+        "–" if arm.due is None else arm.due.isoformat(),
+    )
+
+
+def _checked(check: Check | None) -> tuple[Text, Text]:
+    if check is None or check.on is None:
+        return "–", "–"
+    return check.on.isoformat(), check.verdict
+
+
+def _length(value: float | None) -> str:
+    return "–" if value is None else short(value)
+
+
+def _explained(result: StatusResult) -> str:
+    return (
+        "The state is the verdict of the last verification of the last calibration, or of that itself. An arm is due "
+        f"{counted(result.options.every_days, 'day')} after its last check. Error then: at validation of the last "
+        f"calibration; now: at its last verification. The slope needs {FEWEST_CHECKS} verifications of one "
+        "calibration; its interval is 95 %."
+    )
+
+
+def _changes(arm: ArmStatus) -> Text:
+    """What changed between the calibrations of an arm, in the words of its trend."""
+    if arm.trend is None:
+        return ""
+    if not arm.trend.changes:
+        return f"{arm.called}: no change in {len(arm.trend.runs)} calibrations."
+    return f"{arm.called}: {' '.join(change_words(arm.trend, each) for each in arm.trend.changes)}"
