@@ -35,7 +35,7 @@ _KINDS: Mapping[str, Literal["good", "doubtful", "bad", "open"]] = {
     "doubtful": "doubtful",
     "bad": "bad",
 }
-_MOST_DIGITS = 4
+_MOST_DIGITS = 6
 
 
 def status_document(result: StatusResult) -> Document:
@@ -71,7 +71,7 @@ def _badges(counts: Mapping[str, int]) -> list[Inline]:
 def _arms(result: StatusResult) -> Table:
     columns = (
         "state", "serial", "robot", "calibrated", "verdict", "verified", "verdict", "error then", "error now",
-        "slope a year", "next due",
+        "slope, mm a year", "next due",
     )  # fmt: skip
     return Table(columns, tuple(_row(each) for each in result.arms), "Mean position errors, mm", most_rows=200)
 
@@ -120,4 +120,6 @@ def _changes(arm: ArmStatus) -> Text:
         return ""
     if not arm.trend.changes:
         return f"{arm.called}: no change in {len(arm.trend.runs)} calibrations."
-    return f"{arm.called}: {' '.join(change_words(arm.trend, each) for each in arm.trend.changes)}"
+    count, said = len(arm.trend.changes), change_words(arm.trend, arm.trend.changes[-1])
+    earlier = "" if count == 1 else f" The last of {count} changes in {len(arm.trend.runs)} calibrations (lab trend)."
+    return f"{arm.called}: {said}{earlier}"

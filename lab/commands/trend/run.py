@@ -37,7 +37,7 @@ def trend(options: TrendOptions) -> TrendResult:
     if not runs:
         why = f" ({'; '.join(left_out)})" if left_out else ""
         raise LabError(
-            f"{options.folder}: holds no dated run of lab calibrate or lab identify{why}; give the folder above those "
+            f"{options.folder}: holds 0 dated runs of lab calibrate or lab identify{why}; give the folder above those "
             "of the runs"
         )
     return followed(options, runs, tuple(left_out))
