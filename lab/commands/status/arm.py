@@ -86,8 +86,10 @@ class ArmStatus:
 
     @property
     def due(self) -> date | None:
-        """The last day for the next check; None where there was none."""
-        return None if self.latest is None or self.latest.on is None else self.latest.on + timedelta(self.every_days)
+        """The last day for the next check, of a bad arm that on which it was found; None where there was none."""
+        if self.latest is None or self.latest.on is None:
+            return None
+        return self.latest.on + timedelta(0 if self.latest.verdict == "bad" else self.every_days)
 
     @property
     def state(self) -> str:

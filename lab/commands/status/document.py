@@ -108,9 +108,9 @@ def _length(value: float | None) -> str:
 def _explained(result: StatusResult) -> str:
     return (
         "The state is the verdict of the last verification of the last calibration, or of that itself. An arm is due "
-        f"{counted(result.options.every_days, 'day')} after its last check. Error then: at validation of the last "
-        f"calibration; now: at its last verification. The slope needs {FEWEST_CHECKS} verifications of one "
-        "calibration; its interval is 95 %."
+        f"{counted(result.options.every_days, 'day')} after its last check, a bad one at once. Error then: at "
+        "validation of the last calibration; now: at its last verification. The slope needs "
+        f"{FEWEST_CHECKS} verifications of one calibration; its interval is 95 %."
     )
 
 

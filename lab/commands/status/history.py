@@ -14,7 +14,7 @@ from lab.core.errors import LabError
 from lab.core.whole_folder import CHECKSUMS, file_digest, is_being_written, place_of_draft
 from lab.formats.structured import read_structured
 
-__all__ = ["Check", "LeftOut", "checks_of"]
+__all__ = ["Check", "LeftOut", "checks_of", "reason_of"]
 
 _RESULT = "result.json"
 _MEND = "make the run again, or remove it"
@@ -77,10 +77,15 @@ def checks_of(folder: Path) -> tuple[tuple[Check, ...], tuple[LeftOut, ...]]:
         try:
             check = _check(run)
         except LabError as error:
-            left_out.append(LeftOut(run, str(error).removeprefix(f"{run}: ")))
+            left_out.append(LeftOut(run, reason_of(error, run)))
             continue
         found += [] if check is None else [check]
     return tuple(found), tuple(left_out)
+
+
+def reason_of(error: LabError, run: Path) -> str:
+    """Return what is wrong with a run, without its folder, and without the options of other commands that mend it."""
+    return str(error).removeprefix(f"{run}: ").partition("; ")[0]
 
 
 def _runs(folder: Path, left_out: list[LeftOut]) -> Iterator[Path]:

@@ -21,7 +21,8 @@ class StatusOptions:
     folder: tyro.conf.Positional[Path]
     """The folder that holds the runs, at any depth."""
     every_days: int = 35
-    """An arm is due this many days after its last calibration or verification: five weeks suit a monthly check."""
+    """An arm is due this many days after its last calibration or verification (five weeks suit a monthly check), and a
+    bad one at once."""
     on: str | None = None
     """The day for which the state is asked, YYYY-MM-DD, today by default; runs of later days are passed over."""
     require: Literal["good"] | None = None

@@ -8,7 +8,7 @@ from typing import Any
 from lab.commands.calibrate.load_run import read_calibrated
 from lab.commands.keywords import options_of, takes
 from lab.commands.status.arm import STATES, ArmStatus
-from lab.commands.status.history import Check, LeftOut, checks_of
+from lab.commands.status.history import Check, LeftOut, checks_of, reason_of
 from lab.commands.status.options import StatusOptions
 from lab.commands.status.result import StatusResult
 from lab.commands.trend.options import TrendOptions
@@ -93,7 +93,7 @@ def _trend(options: StatusOptions, checks: tuple[Check, ...], left_out: list[Lef
         try:
             run = read_calibrated(each.folder)
         except LabError as error:
-            left_out.append(LeftOut(each.folder, str(error).removeprefix(f"{each.folder}: ")))
+            left_out.append(LeftOut(each.folder, reason_of(error, each.folder)))
             continue
         if each.on is not None and run.result.usable:
             runs.append(DatedRun(each.on, run))

@@ -96,6 +96,8 @@ def test_each_state_comes_from_the_last_check_of_the_last_calibration(tmp_path: 
     assert found.calibration is not None and found.calibration.folder == again
     assert (found.error_then_mm, found.error_now_mm) == (0.03, None)
     assert found.due == date(2026, 2, 10) + timedelta(35)
+    (bad,) = (each for each in lab.status(tmp_path, on="2026-02-14").arms if each.serial == "found")
+    assert bad.due == date(2026, 2, 10)  # at once
 
 
 def test_one_arm_is_of_one_serial_and_robot(tmp_path: Path) -> None:
