@@ -63,7 +63,7 @@ Flag = Annotated[
     tyro.conf.arg(help_behavior_hint=lambda default: "" if default == "False" else "(given)"),  # by --config
 ]
 NoRecording = Annotated[
-    Flag, tyro.conf.arg(help="Write no recording.rrd, which takes nine tenths of a run's disk space.")
+    Flag, tyro.conf.arg(help="Write no recording.rrd, which takes most of the disk space of a run.")
 ]
 PriorMode = Literal["auto", "on", "off"]
 PRIOR_MODES: tuple[str, ...] = get_args(PriorMode)
