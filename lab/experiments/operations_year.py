@@ -64,7 +64,7 @@ class Arm:
 
     Attributes:
         kind: ``stable``, ``zero``, ``crash`` or ``wear``.
-        month: of the first measurement with the change; the number of months where nothing changes.
+        month: of the first measurement with the change.
     """
 
     serial: str
@@ -74,7 +74,7 @@ class Arm:
     def off(self, month: int, options: Options) -> Array:
         """Return how far the zeros ``(6,)`` are off in a month, rad."""
         found = np.zeros(6)
-        if month >= self.month:
+        if self.kind != "stable" and month >= self.month:
             if self.kind == "zero":
                 found[2] = options.moved_mrad
             elif self.kind == "crash":

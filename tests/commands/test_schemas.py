@@ -27,7 +27,7 @@ MORE = {
     "design": ("design --check plan/plan.csv",),
     "inspect": ("inspect delta",),
     "migrate": ("migrate older",),
-    "status": ("status history", "status broken"),
+    "status": ("status broken",),
     "study": ("study one.toml --workers 1 --out st",),
 }
 ONE_CAMPAIGN = 'name = "one"\nrobots = 1\ndraws = 1\nfresh = 20\n[factors]\nposes = [20]\n'

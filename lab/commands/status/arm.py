@@ -12,7 +12,7 @@ from lab.commands.trend.result import TrendResult
 from lab.core.linear_model import half_width_95
 from lab.core.serials import called
 
-__all__ = ["STATES", "ArmStatus", "Slope"]
+__all__ = ["FEWEST_CHECKS", "STATES", "ArmStatus", "Slope"]
 
 STATES = ("good", "due", "unknown", "never calibrated", "doubtful", "bad")  # by severity; the number is the metric's
 FEWEST_CHECKS = 4  # verifications from which a slope is estimated
