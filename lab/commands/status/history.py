@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
+from typing import Literal
 
 from lab.campaign.config_file import CONFIG_FILE, RunConfig, read_config
 from lab.commands.calibrate.run_files import CALIBRATIONS, READ_FILES
@@ -58,7 +59,7 @@ class _Summary:
 
     robot: str
     serial: str | None = None
-    verdict: str | None = None
+    verdict: Literal["good", "doubtful", "bad", "not judged"] | None = None
     good: bool | None = None
     after_mm: Mapping[str, float] | None = None
     observed_mm: Mapping[str, float] | None = None

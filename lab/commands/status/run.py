@@ -5,6 +5,8 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from lab.commands.calibrate.load_run import read_calibrated
 from lab.commands.keywords import options_of, takes
 from lab.commands.status.arm import STATES, ArmStatus
@@ -13,7 +15,7 @@ from lab.commands.status.options import StatusOptions
 from lab.commands.status.result import StatusResult
 from lab.commands.trend.options import TrendOptions
 from lab.commands.trend.result import DatedRun, TrendResult
-from lab.commands.trend.run import followed
+from lab.commands.trend.run import content_of, followed
 from lab.core.dates import day
 from lab.core.errors import LabError
 from lab.render.progress import status as showing
@@ -88,15 +90,17 @@ def _trend(options: StatusOptions, checks: tuple[Check, ...], left_out: list[Lef
     dated = [each for each in checks if each.calibrates and each.on is not None]
     if len(dated) < 2:
         return None
-    runs = list[DatedRun]()
+    runs, seen = list[DatedRun](), set[str]()
     for each in dated:
         try:
             run = read_calibrated(each.folder)
         except LabError as error:
             left_out.append(LeftOut(each.folder, reason_of(error, each.folder)))
             continue
-        if each.on is not None and run.result.usable:
+        twin = content_of(each.folder) in seen  # the same measurements, identified again
+        if each.on is not None and run.result.usable and np.isfinite(run.covariance).all() and not twin:
             runs.append(DatedRun(each.on, run))
+            seen.add(content_of(each.folder))
     if len(runs) < 2:
         return None
     try:

@@ -20,7 +20,7 @@ from lab.core.serials import one_serial
 from lab.kinematics.gauge import STRUCTURE_POSES
 from lab.verification.change_points import Directions, Series
 
-__all__ = ["followed", "trend"]
+__all__ = ["content_of", "followed", "trend"]
 
 _WITHIN = 1e-6  # of a joint's effect that the identified parameters may lack
 
@@ -89,7 +89,7 @@ def _dated(options: TrendOptions, left_out: list[str]) -> Iterator[DatedRun]:
         elif options.serial not in (None, serial := config.options.get("serial")):
             of = "names no arm" if serial is None else f"is of the arm {serial}"
             left_out.append(f"{folder}: {of}, and is left out of the trend of {options.serial}")
-        elif (twin := seen.setdefault(_content(folder), folder.name)) != folder.name:
+        elif (twin := seen.setdefault(content_of(folder), folder.name)) != folder.name:
             left_out.append(f"{folder}: has the measurements of {twin}, and is left out")
         else:
             try:
@@ -103,8 +103,8 @@ def _dated(options: TrendOptions, left_out: list[str]) -> Iterator[DatedRun]:
                 left_out.append(f"{folder}: its verdict is '{run.result.verdict}', and it is left out without --force")
 
 
-def _content(folder: Path) -> str:
-    """What the measurements of a run are known by."""
+def content_of(folder: Path) -> str:
+    """Return what identifies the measurements of a run: two runs of the same file have the same."""
     path = folder / MEASUREMENTS_FILE
     return sha256(path.read_bytes()).hexdigest() if path.is_file() else str(folder)
 
