@@ -12,9 +12,12 @@ from lab.commands.status.result import StatusResult
 from lab.commands.trend.document import change_words
 from lab.core.wording import counted
 from lab.render.document import (
+    EVERYWHERE,
+    PAGE,
     Badge,
     Bullets,
     Code,
+    Column,
     Document,
     Figure,
     Inline,
@@ -52,7 +55,7 @@ def status_document(result: StatusResult) -> Document:
         (
             Paragraph(lead, "lead"),
             Warnings(result.warnings),
-            Section("The arms", (_arms(result), Paragraph(_explained(result), "note"))),
+            Section("The arms", (_arms(result), Paragraph(_explained(result), "note", shown_in=PAGE))),
             Section("The checks over time", (Figure("checks", (checks_picture(result),), caption),)),
             Section("Changes between calibrations", (Bullets(tuple(_changes(each) for each in result.arms)),)),
             provenance_section("status", result.options, result.model_sha256),
@@ -69,10 +72,12 @@ def _badges(counts: Mapping[str, int]) -> list[Inline]:
 
 
 def _arms(result: StatusResult) -> Table:
-    columns = (
-        "state", "serial", "robot", "calibrated", "verdict", "verified", "verdict", "error then", "error now",
-        "slope, mm a year", "next due",
+    on_page = ("verdict", "error then", "slope, mm a year")  # a terminal has no room for these
+    headings = (
+        "state", "arm", "calibrated", "verdict", "verified", "verdict", "error then", "error now", "slope, mm a year",
+        "next due",
     )  # fmt: skip
+    columns = tuple(Column(each, PAGE if each in on_page else EVERYWHERE) for each in headings)
     return Table(columns, tuple(_row(each) for each in result.arms), "Mean position errors, mm", most_rows=200)
 
 
@@ -84,8 +89,7 @@ def _row(arm: ArmStatus) -> Row:
         words = f"{fixed(slope.per_year, digits, signed=True)} {plus_minus(slope.half_width, digits)}"
     return (
         Badge(arm.state, _KINDS.get(arm.state, "open")),
-        "–" if arm.serial is None else Code(arm.serial),
-        arm.robot,
+        Code(arm.called),
         *_checked(arm.calibration),
         *_checked(arm.verification),
         _length(arm.error_then_mm),

@@ -220,4 +220,4 @@ def test_the_page_shows_every_arm_and_its_checks(tmp_path: Path) -> None:
     lab.status(tmp_path / "runs", on="2026-02-12", out=str(tmp_path / "out"))
     page = Page(tmp_path / "out" / "report.html")
     assert page.headings[0] == "2 arms on 2026-02-12: 1 bad, 1 good" and set(page.figures) == {"checks"}
-    assert [row[:2] for row in page.table("state")] == [["bad", "A-1"], ["good", "A-2"]]
+    assert [row[:2] for row in page.table("state")] == [["bad", "irb120 A-1"], ["good", "irb120 A-2"]]
