@@ -72,16 +72,12 @@ def status(folder: str | Path | StatusOptions, **options: Any) -> StatusResult:
 
 
 def _by_arm(checks: Iterable[Check]) -> Mapping[tuple[str, str], tuple[Check, ...]]:
-    """The checks by serial number and robot, each arm's in the order of their days; on one day verifications first.
-
-    A verification comes before the calibration that it may have led to.
-    """
+    """The checks by serial number and robot, each arm's in the order of their days."""
     found: dict[tuple[str, str], list[Check]] = {}
     for each in sorted(checks, key=lambda each: (each.serial or "", each.robot)):
         found.setdefault((each.serial or "", each.robot), []).append(each)
     return {
-        arm: tuple(sorted(own, key=lambda each: (each.on or date.min, each.calibrates, str(each.folder))))
-        for arm, own in found.items()
+        arm: tuple(sorted(own, key=lambda each: (each.on or date.min, str(each.folder)))) for arm, own in found.items()
     }
 
 
