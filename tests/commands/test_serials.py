@@ -112,3 +112,17 @@ def test_a_verification_of_a_doubtful_run_is_not_good(
     found = lab.verify(run, new)
     assert found.exit_code == (1 if shift else 0) and found.verdict == ("bad" if shift else verdict)
     assert lab.verify(run, new, require="good").exit_code == required
+
+
+@pytest.mark.parametrize(("verdict", "required"), [("good", 0), ("doubtful", 3)])
+def test_compensation_for_a_doubtful_run_is_not_good(
+    seven: CalibrationResult, tmp_path: Path, verdict: str, required: int
+) -> None:
+    run = replace(seven, verdict=replace(seven.verdict, word=verdict))
+    x, y, z = 1e3 * seven.measurements.points[0, 0]
+    (tmp_path / "targets.csv").write_text(f"p1_x_mm,p1_y_mm,p1_z_mm\n{x},{y},{z}\n")
+    codes = [
+        lab.compensate(tmp_path / "targets.csv", run=run, no_check=True, require=require).exit_code
+        for require in (None, "good")
+    ]
+    assert codes == [0, required]
