@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from lab.commands.payload.result import PayloadResult
     from lab.commands.payload.run import payload
     from lab.commands.result import Result
+    from lab.commands.status.run import status
     from lab.commands.study.result import StudyResult
     from lab.commands.study.run import study
     from lab.commands.trajectory.run import trajectory
@@ -82,6 +83,7 @@ __all__ = [
     "read_measurements",
     "simulate",
     "solve_kinematics",
+    "status",
     "study",
     "trajectory",
     "verify",
@@ -109,6 +111,7 @@ _MODULES = {  # where each name is, imported when it is asked for
     "lab.commands.payload.result": ("PayloadResult",),
     "lab.commands.payload.run": ("payload",),
     "lab.commands.result": ("Result",),
+    "lab.commands.status.run": ("status",),
     "lab.commands.study.result": ("StudyResult",),
     "lab.commands.study.run": ("study",),
     "lab.commands.trajectory.run": ("trajectory",),

@@ -1,7 +1,7 @@
 """The command line: arguments in, a call of the library, its result out.
 
-Exit code 0: done; 1: the answer is bad; 2: the input is bad; 70: a defect of the lab; 130: interrupted. It
-is told in one line, whatever it is.
+Exit code 0: done; 1: the answer is bad; 2: the input is bad; 3: a good answer is required and it is doubtful or not
+judged; 70: a defect of the lab; 130: interrupted. It is told in one line, whatever it is.
 """
 
 import sys

@@ -90,6 +90,7 @@ def test_help_shows_what_is_required() -> None:
         "instrument": ["name"],
         "load_robot": ["robot"],
         "read_measurements": ["path"],
+        "status": ["folder"],
         "study": ["config"],
         "trajectory": ["points"],
         "verify": ["run"],

@@ -7,7 +7,7 @@ import tyro
 
 from lab.core.errors import LabError
 
-__all__ = ["PRIOR_MODES", "Flag", "Names", "Numbers", "PriorMode", "number", "whole_number"]
+__all__ = ["PRIOR_MODES", "Flag", "Names", "NoRecording", "Numbers", "PriorMode", "number", "whole_number"]
 
 _Read = TypeVar("_Read", int, float)
 
@@ -61,6 +61,9 @@ Flag = Annotated[
     bool,
     tyro.conf.FlagCreatePairsOff,
     tyro.conf.arg(help_behavior_hint=lambda default: "" if default == "False" else "(given)"),  # by --config
+]
+NoRecording = Annotated[
+    Flag, tyro.conf.arg(help="Write no recording.rrd, which takes most of the disk space of a run.")
 ]
 PriorMode = Literal["auto", "on", "off"]
 PRIOR_MODES: tuple[str, ...] = get_args(PriorMode)

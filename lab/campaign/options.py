@@ -9,13 +9,14 @@ import tyro
 from lab.calibration.observations.options import FitInputs, ObservationOptions
 from lab.campaign.observation_kinds import KINDS, KindName, configured_kind
 from lab.campaign.option_groups import ArmEffects, Fitting
-from lab.campaign.option_types import Flag, Names, Numbers
+from lab.campaign.option_types import Flag, Names, NoRecording, Numbers
 from lab.campaign.task_region import REGION_HELP, task_region
 from lab.core.dates import day
 from lab.core.errors import LabError
 from lab.core.limits import CANDIDATE_POINTS, CANDIDATES, FIXTURES, POSES, READINGS, SEED, STARTS, TARGETS
 from lab.core.numbers import positive, whole
 from lab.core.ranges import OPTION_SIZE
+from lab.core.serials import check_serial
 from lab.formats.programs.registry import Controller
 
 if TYPE_CHECKING:
@@ -84,9 +85,12 @@ class _VirtualDay:
     """A larger mean error on validation poses is a bad result; by default the result is judged without a gate."""
     region: Annotated[str, tyro.conf.arg(help=REGION_HELP)] = "measured"
     require: Literal["good"] | None = None
-    """Exit with 1 also where the verdict is doubtful or nothing was validated."""
+    """Exit with 3 where the verdict is doubtful or nothing was validated; a bad one exits with 1 in any case."""
     date: str | None = None
     """The day of the measurements, YYYY-MM-DD, by which lab trend puts runs in order."""
+    serial: str | None = None
+    """The serial number of the arm; whatever is built on the run inherits it, and refuses another arm's."""
+    no_recording: NoRecording = False
     fitting: tyro.conf.OmitArgPrefixes[Fitting] = field(default_factory=Fitting)
     """How parameters are fitted."""
     effects: tyro.conf.OmitArgPrefixes[ArmEffects] = field(default_factory=ArmEffects)
@@ -113,7 +117,7 @@ class VirtualCampaign(ObservationOptions, MeasuringSetup, _VirtualDay):
         whole("--poses", self.poses, 1, POSES)
         whole("--readings", self.readings, 1, READINGS)
         TARGETS("--targets", self.targets)
-        check_common(self.fitting, self.seed, self.gate_mm, self.noise_mm, self.date)
+        check_common(self.fitting, self.seed, self.gate_mm, self.noise_mm, self.date, self.serial)
         check_region(self.region, self.kind())
         spreads = {
             "--position-sigma-mm": self.position_sigma_mm,
@@ -165,6 +169,7 @@ class DesignOptions:
     """The language of its program; that of the robot's maker, if not given and known by the robot's name."""
     no_check: Flag = False
     """Check nothing for collisions: neither the poses nor the ways between them."""
+    no_recording: NoRecording = False
     seed: int = 0
     """Of the candidates, the starts and the test poses."""
 
@@ -196,7 +201,14 @@ def check_region(region: str, kind: "ObservationKind") -> None:
         raise LabError(f"--region {region}: nothing is predicted for --observe {kind.name}; leave it out")
 
 
-def check_common(fitting: Fitting, seed: int, gate_mm: float | None, noise_mm: float | None, date: str | None) -> None:
+def check_common(
+    fitting: Fitting,
+    seed: int,
+    gate_mm: float | None,
+    noise_mm: float | None,
+    date: str | None,
+    serial: str | None,
+) -> None:
     """Refuse numbers that make no sense in what virtual and measured campaigns share, naming the option."""
     fitting.check()
     whole("--seed", seed, 0, SEED)
@@ -206,3 +218,4 @@ def check_common(fitting: Fitting, seed: int, gate_mm: float | None, noise_mm: f
         positive("--noise-mm", noise_mm)
     if date is not None:
         day("--date", date)
+    check_serial(serial)

@@ -57,15 +57,19 @@ def _written(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def provenance_section(name: str, options: "DataclassInstance", model_sha256: str) -> Section:
+def provenance_section(
+    name: str, options: "DataclassInstance", model_sha256: str, serial: str | None = None
+) -> Section:
     """The section on what was done: enough to do it again.
 
     Args:
         name: of the command.
+        serial: the serial number of the arm, where it is known.
     """
     made = config(name, options, model_sha256)
     versions = ", ".join(f"{library} {version}" for library, version in made["versions"].items())
     rows: list[Row] = [(key, str(made["options"][key])) for key in _SHOWN if made["options"].get(key) is not None]
+    rows += [("serial", serial)] if serial is not None else []
     rows += [("versions", versions), ("model (SHA-256)", Code(model_sha256))]
     words = "All other options were at their defaults"
     if command_named(name).folder:

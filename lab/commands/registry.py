@@ -158,6 +158,13 @@ COMMANDS = (
         "trend-{folder}",
     ),
     Command(
+        "status",
+        "Say of every arm of a folder of runs whether it is good, when it was checked, and when it is next due.",
+        "lab.commands.status.options:StatusOptions",
+        "lab.commands.status.run:status",
+        writes_if_asked=True,
+    ),
+    Command(
         "migrate",
         "Give runs of an older lab what those of today have: schema, checksums, and a date.",
         "lab.commands.migrate.options:MigrateOptions",

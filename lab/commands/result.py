@@ -41,7 +41,7 @@ class Result(ABC):
     @property
     @abstractmethod
     def exit_code(self) -> int:
-        """What the command returns: 0 where the answer is good, 1 where it is bad."""
+        """What the command returns: 0 where the answer is good, 1 where it is bad, 3 where a good one is required."""
 
     @abstractmethod
     def to_dict(self) -> dict[str, Any]:

@@ -65,6 +65,8 @@ _FILES = {
     "exercise.csv",
     "workspace.csv",
     "sensor.toml",
+    "status.csv",
+    "status.prom",
     "recording.rrd",
     "report.html",
     CHECKSUMS,

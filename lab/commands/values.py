@@ -8,7 +8,7 @@ import numpy as np
 
 from lab.core.se3 import Array
 
-__all__ = ["ErrorStatistics", "error_statistics", "joint_values", "number", "plain_numbers"]
+__all__ = ["ErrorStatistics", "error_statistics", "exit_code_of", "joint_values", "number", "plain_numbers"]
 
 
 @dataclass(frozen=True)
@@ -36,6 +36,13 @@ def error_statistics(errors: Array) -> ErrorStatistics:
         float(lengths.max()),
         int(lengths.size),
     )
+
+
+def exit_code_of(verdict: str, require: str | None) -> int:
+    """Return the exit code of a verdict: 1 where it is bad, 3 where it is not the required one, else 0."""
+    if verdict == "bad":
+        return 1
+    return 0 if require in (None, verdict) else 3
 
 
 def joint_values(prismatic: Sequence[bool], joints: Array) -> Array:

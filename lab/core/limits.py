@@ -18,6 +18,7 @@ __all__ = [
     "CELLS",
     "COLUMNS",
     "COPIES",
+    "DAYS",
     "DEPTH",
     "DRAWN_POINTS",
     "DRAWS",
@@ -138,6 +139,7 @@ ORIENTATIONS = Limit("orientations at a place", 10_000, "60 cover the sphere to 
 ROUNDS = Limit("rounds of a path's search", 100, "one is nearly as good")
 BRACKETS = Limit("brackets of a formula in each other", 50, "no source nests more than five")
 LINE_OF_TEXT = Limit("characters of a text in a certificate", 200, "it is one line of a page")
+DAYS = Limit("days between checks", 3_660, "an arm that is checked once in ten years is not followed")
 WORKERS = Limit("worker processes", 1_024, "each has an interpreter of its own")
 SEED = Limit("as a seed", (1 << 63) - 1, "a seed is a whole number of 63 bits")
 

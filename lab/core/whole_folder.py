@@ -30,6 +30,7 @@ __all__ = [
     "file_digest",
     "held",
     "is_being_written",
+    "place_of_draft",
     "recover",
     "resolved",
 ]
@@ -88,6 +89,12 @@ def held(folder: Path) -> Iterator[None]:
         if not alone:
             raise LabError(f"{folder}: is being written by another run; wait for it, or give another folder")
         yield
+
+
+def place_of_draft(path: Path) -> Path | None:
+    """Return the folder that a draft, or an earlier folder moved aside, is of; None of any other path."""
+    left = _LEFT.fullmatch(path.name)
+    return None if left is None else path.parent / left[1]
 
 
 def is_being_written(place: Path, but: Path | None = None) -> bool:

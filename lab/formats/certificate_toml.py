@@ -1,7 +1,7 @@
 """What a certificate says beside its numbers, in TOML: who measured what, when and where, with which instrument."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from datetime import date
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ from lab.core.errors import LabError
 from lab.core.limits import LINE_OF_TEXT
 from lab.core.numbers import positive
 from lab.core.ranges import HUMIDITY_PERCENT, PRESSURE_HPA, ROOM_C
+from lab.core.serials import one_serial
 from lab.formats.instrument_toml import StatedUncertainty
 from lab.formats.structured import structured
 from lab.formats.toml import read_toml
@@ -126,6 +127,20 @@ class CertificateDetails:
     instrument: _Instrument = _Instrument()
     reflector: _Reflector = _Reflector()
     environment: _Environment = _Environment()
+
+    def of_arm(self, serial: str | None, where: str, run: str) -> "CertificateDetails":
+        """Return the details with the serial number of the arm that a run is of, where they state none.
+
+        Args:
+            serial: of the arm, by its run; None where that was given none.
+            where: the file of the details, and ``run`` the folder of the run, for the error.
+
+        Raises:
+            LabError: they state the serial number of another arm.
+        """
+        stated = {run: serial, f"{where}: serial_number of [robot]": self.robot.serial_number or None}
+        shared = one_serial(stated, "give the details of the arm that was calibrated")
+        return replace(self, robot=replace(self.robot, serial_number=shared or ""))
 
     @property
     def missing(self) -> tuple[str, ...]:

@@ -69,6 +69,7 @@ TOMLS = (
 FOLDERS = (
     "certify {} --out never",
     "trend {} --out never",
+    "status {} --out never",
     "compare run {} --out never",
     "compare {} run --out never",
     "migrate {}",
@@ -311,6 +312,9 @@ COMMAND_LINES = (
     "certify run --tolerance-mm nan",
     "certify run --statistic median",
     "trend . --kept link1",
+    "status . --every-days 0",
+    "status . --on yesterday",
+    "verify run good.csv --date yesterday",
     "compare run",
     "migrate run --date 2026-02-30",
     "migrate run --date yesterday",

@@ -1,17 +1,38 @@
 """The published JSON Schemas, against what commands write; and the errors that programs read."""
 
 import json
+import shutil
+from collections.abc import Iterator
+from dataclasses import fields
 from hashlib import sha256
 from pathlib import Path
 
 import jsonschema
 import pytest
+from helpers.bad_input import run as run_line
 from helpers.robots import ROOT
+from helpers.writing_commands import COMMANDS as EXAMPLES
+from helpers.writing_commands import inputs_of_commands, older_run
 
+import lab
 from lab.cli import main
+from lab.commands.registry import COMMANDS, command_named
 from lab.commands.run_folder import SCHEMA, write_json
 
 FILES = ("config", "parameters", "result")
+FILE_OF = {"calibrate": "result", "identify": "result", "certify": "certificate"}  # of other commands their name
+MORE = {
+    "verify": ("verify day few.csv --force --refit base --serial A-17 --date 2026-02-01 --noise-mm 0.01",),
+    "trend": ("trend one",),
+    "design": ("design --check plan/plan.csv",),
+    "inspect": ("inspect delta",),
+    "migrate": ("migrate older",),
+    "status": ("status broken",),
+    "study": ("study one.toml --workers 1 --out st",),
+}
+ONE_CAMPAIGN = 'name = "one"\nrobots = 1\ndraws = 1\nfresh = 20\n[factors]\nposes = [20]\n'
+RECORDED = {"calibrate", "identify", "verify", "compensate", "design", "payload", "dynamics", "kinematics", "workspace"}
+RECORDED |= {"trajectory"}
 
 
 def schema(name: str) -> dict:
@@ -66,3 +87,76 @@ def test_json_is_written_as_the_library_writes_it(tmp_path: Path) -> None:
     }  # fmt: skip
     write_json(tmp_path / "file.json", content)
     assert (tmp_path / "file.json").read_text() == json.dumps(content, indent=1, default=str) + "\n"
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """A working folder with what the examples of all commands read."""
+    folder = tmp_path_factory.mktemp("examples")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        inputs_of_commands(folder)
+        older_run(folder)
+        shutil.copytree("history/day", "one/day")
+        shutil.copytree("history/day", "broken/day")
+        (folder / "broken" / "day" / "result.json").write_text("{")
+        (folder / "one.toml").write_text(ONE_CAMPAIGN)
+        assert run_line("design --poses 10 --candidates 100 --starts 1 --out plan --no-recording") == 0
+        yield folder
+
+
+def examples() -> Iterator[tuple[str, str]]:
+    """Every command with its arguments."""
+    for name, line in EXAMPLES.items():
+        yield name.split()[0], line
+    for name, lines in MORE.items():
+        yield from ((name, line) for line in lines)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("name", "line"), tuple(examples()))
+def test_the_json_of_every_command_is_as_its_schema_says(
+    place: Path, name: str, line: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = line.split()
+    out = tmp_path / "out"
+    writes = command_named(name).folder or name in ("kinematics", "workspace", "status")
+    arguments += ["--out", str(out)] if writes else []
+    arguments += ["--no-recording"] if name in RECORDED else []
+    capsys.readouterr()
+    assert main([*arguments, "--json"]) in (0, 1)
+    result, kind = json.loads(capsys.readouterr().out), schema(FILE_OF.get(name, name))
+    jsonschema.validate(result, kind)
+    assert set(result) <= set(kind["properties"])
+    with pytest.raises(jsonschema.ValidationError):  # a key that is missing, or of another type
+        jsonschema.validate({key: [None] for key in result}, kind)
+    with pytest.raises(jsonschema.ValidationError, match="required"):
+        jsonschema.validate({key: value for key, value in result.items() if key not in kind["required"][:1]}, kind)
+    if writes:
+        assert json.loads((out / "result.json").read_text()) == result
+        assert not (out / "recording.rrd").exists()
+        config = json.loads((out / "config.json").read_text())
+        if config["model_sha256"]:
+            jsonschema.validate(config, schema("config"))
+
+
+def test_every_command_has_a_schema_and_every_recording_can_be_left_out() -> None:
+    for command in COMMANDS:
+        kind = schema(FILE_OF.get(command.name, command.name))
+        jsonschema.Draft202012Validator.check_schema(kind)
+        assert kind["required"] and kind["title"].partition("lab ")[2]
+        names = {field.name for field in fields(command.load_options())}
+        assert ("no_recording" in names) is (command.name in RECORDED), command.name
+
+
+def test_a_recording_is_written_unless_it_is_left_out(tmp_path: Path) -> None:
+    result = lab.solve_kinematics("scara", joints=(10, 20, 30, 40), out=str(tmp_path / "with"))
+    without = lab.solve_kinematics("scara", joints=(10, 20, 30, 40), out=str(tmp_path / "without"), no_recording=True)
+    assert result.to_dict() == without.to_dict()
+    names = {each: {path.name for path in (tmp_path / each).iterdir()} for each in ("with", "without")}
+    assert names["with"] - names["without"] == {"recording.rrd"} and names["without"] < names["with"]
+
+
+def test_errors_are_as_their_schema_says(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["identify", "nowhere.csv", "--json"]) == 2
+    jsonschema.validate(json.loads(capsys.readouterr().out), schema("error"))

@@ -45,6 +45,7 @@ COMMANDS = {
     "dynamics": "dynamics --robot scara",
     "kinematics": "kinematics irb120 --joints 10,20,30,40,50,60",
     "trend": "trend history",
+    "status": "status history --on 2026-03-01",
     "inspect": "inspect irb120",
     "reproduce": "reproduce elastic",
     "workspace": "workspace carrier/cartesian --places 200",

@@ -28,6 +28,7 @@ from lab.commands.calibrate.fit_result import Named
 from lab.commands.calibrate.model_words import model_name, standing
 from lab.commands.calibrate.result import CalibrationResult, errors_without_outliers, outliers_found
 from lab.commands.provenance import provenance_section
+from lab.core.serials import called
 from lab.core.significance import VARIANCE_COMPONENTS
 from lab.core.wording import counted
 from lab.kinematics.parameter import Parameter
@@ -97,14 +98,14 @@ def document_of(result: CalibrationResult) -> Document:
             _parameters(result, words),
             Section("Identifiability and conditioning", _identifiability(result)),
             Section("The arm at its poses", arm_figures(result)),
-            provenance_section(result.command, result.options, result.robot.sha256),
+            provenance_section(result.command, result.options, result.robot.sha256, result.options.serial),
         ),
     )
 
 
 def _title(result: CalibrationResult) -> str:
     """Robot, errors before and after, verdict."""
-    name, before, after = result.robot.name, result.before, result.after
+    name, before, after = called(result.robot.name, result.options.serial), result.before, result.after
     if before is None or after is None:
         return f"{name}: identified, {result.verdict.word}"
     return f"{name}: {short(before.mean)} → {short(after.mean)} mm, {result.verdict.word}"

@@ -29,6 +29,7 @@ from lab.core import se3
 from lab.core.errors import LabError, error_context
 from lab.core.instruments import Instrument
 from lab.core.se3 import Array
+from lab.core.serials import called
 from lab.formats.structured import structured
 from lab.kinematics.effects.arm import Arm
 from lab.kinematics.effects.registry import CAMPAIGN_SPECIFIC
@@ -96,6 +97,16 @@ class Calibrated:
         arm = self.robot.arm_with(self.arm.targets, [name for name in self.groups if name != GROUP])
         free = tuple(arm.names.index(name) for name in self.identified)
         return PredictedBy(self.process, arm, self.values[: len(arm.names)], free)
+
+    @property
+    def serial(self) -> str | None:
+        """The serial number of the arm; None where the run was given none."""
+        return self.options.serial
+
+    @property
+    def called(self) -> str:
+        """The arm as a person names it."""
+        return called(self.robot.name, self.serial)
 
     @property
     def geometry(self) -> tuple[RigidArm, Array]:

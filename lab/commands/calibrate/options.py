@@ -9,7 +9,7 @@ import tyro
 from lab.calibration.observations.options import FitInputs, ObservationOptions
 from lab.campaign.observation_kinds import KindName, configured_kind
 from lab.campaign.option_groups import Fitting
-from lab.campaign.option_types import Names
+from lab.campaign.option_types import Names, NoRecording
 from lab.campaign.options import VirtualCampaign, check_common, check_region
 from lab.campaign.task_region import REGION_HELP
 from lab.core.errors import LabError
@@ -49,9 +49,12 @@ class _MeasurementFile:
     """A larger mean error on poses not fitted is a bad result; by default the result is judged without a gate."""
     region: Annotated[str, tyro.conf.arg(help=REGION_HELP)] = "measured"
     require: Literal["good"] | None = None
-    """Exit with 1 also where the verdict is doubtful or nothing was validated."""
+    """Exit with 3 where the verdict is doubtful or nothing was validated; a bad one exits with 1 in any case."""
     date: str | None = None
     """The day of the measurements, YYYY-MM-DD, by which lab trend puts runs in order."""
+    serial: str | None = None
+    """The serial number of the arm; whatever is built on the run inherits it, and refuses another arm's."""
+    no_recording: NoRecording = False
     observe: KindName = "points"
     """Which of the file's columns are the measurements."""
 
@@ -65,7 +68,7 @@ class MeasuredCampaign(ObservationOptions, _MeasurementFile):
 
     def check(self) -> None:
         """Refuse options that make no sense or contradict each other, with a LabError that names them."""
-        check_common(self.fitting, self.seed, self.gate_mm, self.noise_mm, self.date)
+        check_common(self.fitting, self.seed, self.gate_mm, self.noise_mm, self.date, self.serial)
         if self.noise_mm is not None and self.instrument is not None:
             raise LabError("--instrument and --noise-mm both say what the noise is; give one")
         judging = {"--holdout": self.holdout, "--holdout-last": self.holdout_last, "--validate": self.validate}

@@ -46,7 +46,7 @@ from lab.commands.calibrate.range_dict import (
 from lab.commands.calibrate.regions import ValidationBounds, region_to_dict
 from lab.commands.calibrate.residual_file import RESIDUAL_FILE, residual_columns, residual_to_dict, write_residual
 from lab.commands.result import Result
-from lab.commands.values import ErrorStatistics, error_statistics, number
+from lab.commands.values import ErrorStatistics, error_statistics, exit_code_of, number
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.kinematics.effects.registry import said_of_term
@@ -104,9 +104,8 @@ class CalibrationResult(Result):
 
     @property
     def exit_code(self) -> int:
-        """1 where the verdict is bad, or not the one that is required."""
-        required = self.options.require
-        return 1 if self.verdict.word == "bad" or required not in (None, self.verdict.word) else 0
+        """1 where the verdict is bad; 3 where a good one is required and it is doubtful or not judged; else 0."""
+        return exit_code_of(self.verdict.word, self.options.require)
 
     @property
     def identification(self) -> Identification:
@@ -166,6 +165,7 @@ class CalibrationResult(Result):
         result: dict[str, Any] = {
             "schema": SCHEMA,
             "robot": self.robot.name,
+            "serial": self.options.serial,
             "poses": len(self.fitted),
             "targets": list(self.fitted.targets),
             "parameters": len(identification.model.names),
@@ -291,7 +291,8 @@ class CalibrationResult(Result):
             write_residual(folder / RESIDUAL_FILE, process, columns)
         if self.fit.measured is not None and self.fit.measured.cover is not None:
             write_cover(folder / POSES_FILE, self.fit.measured.cover, robot.chain)
-        if observation_of(self.identification.model).positions:  # of a cable or a socket there is nothing to draw
+        drawn = observation_of(self.identification.model).positions
+        if drawn and not options.no_recording:  # of a cable or a socket there is nothing to draw
             from lab.commands.calibrate.recording import record
 
             record(folder / "recording.rrd", self)

@@ -21,13 +21,21 @@ from lab.core.se3 import Array
 from lab.formats.csv_table import CsvTable
 from lab.formats.structured import read_structured, structured
 
-__all__ = ["CALIBRATIONS", "MEASUREMENTS_FILE", "Campaign", "RunFiles", "SavedParameter", "read_run_files"]
+__all__ = [
+    "CALIBRATIONS",
+    "MEASUREMENTS_FILE",
+    "READ_FILES",
+    "Campaign",
+    "RunFiles",
+    "SavedParameter",
+    "read_run_files",
+]
 
 Campaign = VirtualCampaign | MeasuredCampaign
 CALIBRATIONS: Mapping[str, type[Campaign]] = {"calibrate": VirtualCampaign, "identify": MeasuredCampaign}
 MEASUREMENTS_FILE, _COVARIANCE_FILE, _PARAMETERS_FILE = "measurements.csv", "covariance.csv", "parameters.json"
 _RESULT_FILE = "result.json"
-_READ = (
+READ_FILES = (
     CONFIG_FILE, _RESULT_FILE, _PARAMETERS_FILE, _COVARIANCE_FILE, RESIDUAL_FILE, POSES_FILE, MEASUREMENTS_FILE,
     LOAD_FILE,
 )  # fmt: skip
@@ -82,7 +90,7 @@ class RunFiles:
         Raises:
             LabError: some were, and are not accepted.
         """
-        return said_of_edits(self.folder, (*_READ, *input_names(self.folder)), accept=accept)
+        return said_of_edits(self.folder, (*READ_FILES, *input_names(self.folder)), accept=accept)
 
 
 def read_run_files(folder: Path) -> RunFiles:

@@ -80,7 +80,7 @@ def certificate_document(result: Certificate) -> Document:
     name = result.details.certificate.number
     badge = _VERDICTS.get(run.verdict, Badge(run.verdict))
     return Document(
-        f"{robot.name}: calibration certificate{f' {name}' if name else ''}",
+        f"{result.calibrated.called}: calibration certificate{f' {name}' if name else ''}",
         (
             Paragraph(("The verdict of the calibration: ", badge, f" ({run.words.partition(', ')[2]}).")),
             *_withheld(result),
@@ -98,7 +98,7 @@ def certificate_document(result: Certificate) -> Document:
             Section("Characteristics of ISO 9283:1998", _characteristics(result)),
             Section("How the uncertainty was evaluated", tuple(Paragraph(text, shown_in=PAGE) for text in _METHOD)),
             Section("Signature", (Table(("", ""), (("date", "_" * 24), ("signature", "_" * 40)), shown_in=PAGE),)),
-            provenance_section("certify", result.options, robot.sha256),
+            provenance_section("certify", result.options, robot.sha256, result.calibrated.serial),
         ),
     )
 

@@ -136,6 +136,7 @@ class Certificate(Result):
             "schema": SCHEMA,
             "run": str(self.calibrated.folder),
             "robot": self.calibrated.robot.name,
+            "serial": self.calibrated.serial,
             "poses": self.poses,
             "run_verdict": result.to_dict(),
             "details": self.details.to_dict(),

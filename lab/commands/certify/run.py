@@ -67,6 +67,7 @@ def _certified(options: CertifyOptions, stage: Stage) -> Certificate:
     calibrated = read_calibrated(options.run, accept_edited=options.accept_edited)
     if not options.force:
         calibrated.refuse_unfit("a certificate")
+    details = details.of_arm(calibrated.serial, str(options.details), str(options.run))
     if not np.isfinite(calibrated.covariance).all():
         raise LabError(
             f"{options.run}: its covariance is unknown, as its poses left no residuals to say the noise; identify "

@@ -4,6 +4,7 @@ import numpy as np
 
 from lab.commands.compare.result import ComparisonResult
 from lab.commands.provenance import provenance_section
+from lab.core.serials import called
 from lab.core.significance import VERIFICATION
 from lab.render.charts.axes import Axes
 from lab.render.document import Badge, Code, Document, Figure, Paragraph, Picture, Row, Section, Table, Warnings
@@ -32,14 +33,14 @@ def comparison_document(result: ComparisonResult) -> Document:
         "distinguishable from none."
     )
     return Document(
-        f"{result.runs[0].robot.name}: {word}",
+        f"{called(result.runs[0].robot.name, result.serial)}: {word}",
         (
             Paragraph((Badge("changed", "bad") if changed else Badge("unchanged", "good"), f" {rate}")),
             Paragraph(f"Compared with {result.runs[0].folder} ({result.runs[0].result.words}).", "lead"),
             Warnings(result.warnings),
             *sections,
             Section("The last run against the first", (Figure("moved", (differences_picture(result),), caption),)),
-            provenance_section("compare", result.options, result.runs[0].robot.sha256),
+            provenance_section("compare", result.options, result.runs[0].robot.sha256, result.serial),
         ),
     )
 

@@ -27,11 +27,13 @@ class ComparisonResult(Result):
         options: what was asked.
         runs: the calibrations, the first one the reference.
         differences: of each later run from the first.
+        serial: the serial number of the arm; None where no run states it.
     """
 
     options: CompareOptions
     runs: tuple[Calibrated, ...]
     differences: tuple[Difference, ...]
+    serial: str | None = None
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -48,6 +50,7 @@ class ComparisonResult(Result):
         first, *later = self.runs
         return {
             "robot": first.robot.name,
+            "serial": self.serial,
             "run": str(first.folder),
             "level": VERIFICATION,
             "compared": [

@@ -13,6 +13,7 @@ from lab.commands.compare.result import ComparisonResult
 from lab.commands.keywords import options_of, takes
 from lab.core.copies import copied_rows
 from lab.core.errors import LabError
+from lab.core.serials import one_serial
 from lab.verification.difference import Estimates, difference_of
 
 if TYPE_CHECKING:
@@ -61,11 +62,12 @@ def _compared(options: CompareOptions, runs: Sequence[Calibrated]) -> Comparison
     if not options.force:
         for run in runs:
             run.refuse_unfit("a comparison")
+    serial = one_serial({str(run.folder): run.serial for run in runs}, "compare runs of one arm")
     estimates = [estimates_of(run) for run in runs]
     refuse_other_parameters(runs, estimates)
     _refuse_same(runs, estimates)
     differences = tuple(difference_of(estimates[0], each) for each in estimates[1:])
-    return ComparisonResult(options, tuple(runs), differences)
+    return ComparisonResult(options, tuple(runs), differences, serial)
 
 
 def _refuse_same(runs: Sequence[Calibrated], estimates: Sequence[Estimates]) -> None:

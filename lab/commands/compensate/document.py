@@ -43,7 +43,7 @@ def compensation_document(result: CompensationResult) -> Document:
     verdict = Badge(f"{failed:,} not reached" if failed else "all reached", verdict_of(result))
     count = f"{len(result.reached):,} of {len(result.targets):,}"
     return Document(
-        f"{result.run.robot.name}: {count} targets of {result.targets.tool} corrected",
+        f"{result.run.called}: {count} targets of {result.targets.tool} corrected",
         (
             Paragraph((verdict, f" ({'doubtful; ' if result.reasons else ''}the run is {result.run.result.words})")),
             Bullets(tuple(map(capital, result.reasons))),
@@ -63,7 +63,7 @@ def compensation_document(result: CompensationResult) -> Document:
             *_program(result),
             Section("How far they were moved", (*_histograms(result), *_map(result))),
             Section("Every target", _every_target(result), shown_in=PAGE),
-            provenance_section("compensate", result.options, result.run.robot.sha256),
+            provenance_section("compensate", result.options, result.run.robot.sha256, result.run.serial),
         ),
     )
 

@@ -2,10 +2,11 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import tyro
 
-from lab.campaign.option_types import Flag, Numbers
+from lab.campaign.option_types import Flag, NoRecording, Numbers
 from lab.core.errors import LabError
 from lab.core.orientation import AngleConvention
 from lab.core.ranges import DIGITS
@@ -43,6 +44,9 @@ class CompensateOptions:
     semicolons. base is the controller's base in frame 0 of the table, flange its flange in the last frame."""
     pulses_per_deg: Numbers = ()
     """Of a JBI program with positions in pulses: how many make a degree, of the joints S, L, U, R, B and T."""
+    require: Literal["good"] | None = None
+    """Exit with 3 where all targets are reached and the verdict is doubtful."""
+    no_recording: NoRecording = False
     digits: int | None = None
     """Of a program: places behind the point, at least; those of its text, if not given. Numbers get more where rounding
     would lose their correction."""

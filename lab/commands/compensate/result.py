@@ -22,6 +22,7 @@ from lab.commands.compensate.program import CorrectedProgram
 from lab.commands.result import Result
 from lab.commands.run_folder import write_config, write_json
 from lab.commands.stops import Stops, joint_columns
+from lab.commands.values import exit_code_of
 from lab.compensation.compensator import Compensation
 from lab.core.se3 import Array
 from lab.formats.programs.registry import refusal
@@ -74,9 +75,11 @@ class CompensationResult(Result):
 
     @property
     def exit_code(self) -> int:
-        """0 where every target is reached, and a program's ways between them are free; else 1."""
+        """1 where a target is not reached or a way touches; 3 where good is required and it is doubtful; else 0."""
         touched = self.program is not None and (self.program.ways or len(self.program.rows) < len(self.program.targets))
-        return 1 if touched or not self.found.converged.all() else 0
+        if touched or not self.found.converged.all():
+            return 1
+        return exit_code_of(verdict_of(self), self.options.require)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -202,6 +205,7 @@ class CompensationResult(Result):
         return {
             "run": str(self.run.folder),
             "robot": self.run.robot.name,
+            "serial": self.run.serial,
             "verdict": verdict_of(self),
             "reasons": list(self.reasons),
             "run_verdict": self.run.result.to_dict(),
@@ -282,7 +286,7 @@ class CompensationResult(Result):
         write_config(folder, "compensate", self.options, self.run.robot.sha256)
         write_files(folder, self)
         write_json(folder / "result.json", self._values)
-        if len(self.reached):
+        if len(self.reached) and not self.options.no_recording:
             from lab.commands.compensate.recording import record_compensation
 
             record_compensation(folder / "recording.rrd", self)

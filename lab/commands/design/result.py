@@ -266,4 +266,5 @@ class DesignResult(Result):
                 (folder / name).write_bytes(content)
         write_json(folder / "result.json", self.to_dict())
         self.report(folder / "report.html")
-        record_plan(folder / "recording.rrd", self)
+        if not self.options.no_recording:
+            record_plan(folder / "recording.rrd", self)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import tyro
 
-from lab.campaign.option_types import Flag, Names
+from lab.campaign.option_types import Flag, Names, NoRecording
 from lab.commands.rehearsal.options import Rehearsal
 from lab.core.errors import LabError
 from lab.core.numbers import positive
@@ -44,6 +44,7 @@ class DynamicsOptions:
     band_hz: float = 20.0
     """Of the filter that torques and regressor pass, half power there; an arm's torques change below 10 Hz."""
 
+    no_recording: NoRecording = False
     rehearsal: Rehearsal = field(default_factory=Rehearsal)
     """The measuring day, where it is rehearsed."""
 

@@ -162,7 +162,7 @@ class DynamicsResult(Result):
         if self.day is not None:
             for name, samples in ((MOTION_CSV, self.day.samples), (ANOTHER_CSV, self.day.other)):
                 self._write_motion(folder / name, samples)
-        if self.samples is not None:
+        if self.samples is not None and not self.options.no_recording:
             from lab.commands.dynamics.recording import record_dynamics
 
             record_dynamics(folder / "recording.rrd", self)

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import numpy as np
 import tyro
 
-from lab.campaign.option_types import Flag, Names, Numbers
+from lab.campaign.option_types import Flag, Names, NoRecording, Numbers
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.orientation import AngleConvention
@@ -52,6 +52,7 @@ class KinematicsOptions:
     """Print the pose of the second of these frames in the first (0 is the base's)."""
     symbolic: Flag = False
     """Print the matrices also in letters (needs sympy)."""
+    no_recording: NoRecording = False
     out: Path | None = None
     """A folder for the result, a report, a recording and a table; by default nothing is written."""
     overwrite: Flag = False

@@ -145,7 +145,8 @@ class KinematicsResult(Result):
         write_json(folder / "result.json", self.to_dict())
         write_columns(folder / "joints.csv", self.columns())
         self.report(folder / "report.html")
-        record_kinematics(folder / "recording.rrd", self)
+        if not self.options.no_recording:
+            record_kinematics(folder / "recording.rrd", self)
 
     def _placement(self, each: Placement) -> dict[str, Any]:
         chain = self.robot.chain

@@ -69,8 +69,8 @@ def _migrated(folder: Path, date: str | None) -> tuple[str, ...]:
     if date is not None:
         if (there := known.options.get("date")) not in (None, date):
             raise LabError(f"{folder}: its date is {there}; leave out --date {date}, or make the run again")
-        if known.command not in CALIBRATIONS:
-            raise LabError(f"{folder}: is no run of lab calibrate or lab identify; only these have a date")
+        if known.command not in (*CALIBRATIONS, "verify"):
+            raise LabError(f"{folder}: is no run of lab calibrate, lab identify or lab verify; only these have a date")
         done += [] if there == date else [f"date {date}"]
         files[CONFIG_FILE] = files.get(CONFIG_FILE, config) | {"options": {**known.options, "date": date}}
     if not (folder / CHECKSUMS).is_file():

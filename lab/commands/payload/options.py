@@ -6,7 +6,7 @@ from typing import Literal
 
 import tyro
 
-from lab.campaign.option_types import Flag
+from lab.campaign.option_types import Flag, NoRecording
 from lab.commands.rehearsal.options import Rehearsal
 from lab.core.errors import LabError
 from lab.core.numbers import positive
@@ -45,6 +45,7 @@ class PayloadOptions:
     stiffness_nm_per_rad: float = 1e5
     """Of the joints that bear the arm, by which the cost of an uncertain load is reckoned."""
 
+    no_recording: NoRecording = False
     rehearsal: Rehearsal = field(default_factory=Rehearsal)
     """The measuring day, where it is rehearsed."""
 

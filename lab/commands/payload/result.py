@@ -146,7 +146,7 @@ class PayloadResult(Result):
         if self.truth is not None and self.samples is not None:
             write_loads(folder / LOAD_CSV, self.samples, self.robot.chain.joint_names, self.robot.chain.prismatic)
             write_mounting(folder / SENSOR_TOML, self.mounting)
-        if self.samples is not None:
+        if self.samples is not None and not self.options.no_recording:
             from lab.commands.payload.recording import record_payload
 
             record_payload(folder / "recording.rrd", self)

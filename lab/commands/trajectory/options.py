@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 import tyro
 
-from lab.campaign.option_types import Flag, Numbers
+from lab.campaign.option_types import Flag, NoRecording, Numbers
 from lab.core.errors import LabError
 from lab.core.numbers import positive
 from lab.core.orientation import AngleConvention
@@ -66,6 +66,7 @@ class TrajectoryOptions:
     """What is carried all the way; that of --load, if not given."""
     load: Path | None = None
     """The folder of a run of lab payload: where the payload hangs, and how heavy it is."""
+    no_recording: NoRecording = False
     force: Flag = False
     """Also for a run whose verdict is bad or not judged."""
     accept_edited: Flag = False

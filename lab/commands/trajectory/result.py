@@ -230,7 +230,8 @@ class TrajectoryResult(Result):
             program = path_program(self.robot.chain, self.options.controller, path_moves(self))
             (folder / name).write_bytes(program)
         self.report(folder / "report.html")
-        record_trajectory(folder / "recording.rrd", self)
+        if not self.options.no_recording:
+            record_trajectory(folder / "recording.rrd", self)
 
 
 def _steady(quaternions: Array) -> Array:

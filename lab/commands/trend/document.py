@@ -4,14 +4,15 @@ from lab.commands.calibrate.estimates import SETUP
 from lab.commands.provenance import provenance_section
 from lab.commands.trend.figures import errors_picture, moved_pictures, parameters_picture
 from lab.commands.trend.result import TrendResult
+from lab.core.serials import called
 from lab.core.significance import TREND_YEAR
 from lab.core.wording import counted
-from lab.render.document import Badge, Bullets, Code, Document, Figure, Paragraph, Row, Section, Table, Text, Warnings
+from lab.render.document import Badge, Bullets, Code, Document, Figure, Paragraph, Row, Section, Table, Warnings
 from lab.render.format import digits_of, fixed, plus_minus, short
 from lab.render.units import display_unit
 from lab.verification.change_points import ChangePoint
 
-__all__ = ["trend_document"]
+__all__ = ["change_words", "trend_document"]
 
 _MOST_DIGITS = 6
 _LEVEL = f"(an unchanged robot raises an alarm in at most {100 * TREND_YEAR:g} % of the years)"
@@ -23,18 +24,21 @@ def trend_document(result: TrendResult) -> Document:
     count = len(result.changes)
     word = counted(count, "change") if count else "no change"
     robot = first.run.robot
+    name = called(robot.name, result.serial)
+    if len(result.runs) == 1:
+        return _first_document(result, name)
     badge = Badge("changed", "bad") if count else Badge("unchanged", "good")
     return Document(
-        f"{robot.name}: {word} in {len(result.runs)} calibrations",
+        f"{name}: {word} in {len(result.runs)} calibrations",
         (
             Paragraph((badge, f" {_when(result)} {_LEVEL}")),
             Paragraph(f"The calibrations are of {first.date} to {last.date}.", "note"),
-            Bullets(tuple(_words(result, each) for each in result.changes)),
+            Bullets(tuple(change_words(result, each) for each in result.changes)),
             Warnings(result.warnings),
             Section("Errors over time", (_runs(result), _errors(result))),
             Section("Parameters over time", _parameters(result)),
             Section("Minimum detectable change", (_detectable(result), Paragraph(_explained(result), "note"))),
-            provenance_section("trend", result.options, robot.sha256),
+            provenance_section("trend", result.options, robot.sha256, result.serial),
         ),
     )
 
@@ -45,7 +49,22 @@ def _when(result: TrendResult) -> str:
     return " and ".join(f"between {result.runs[i].date} and {result.runs[j].date}" for i, j in spans)
 
 
-def _words(result: TrendResult, change: ChangePoint) -> Text:
+def _first_document(result: TrendResult, name: str) -> Document:
+    """One calibration: nothing can have changed, but the next one can be judged."""
+    only = result.runs[0]
+    return Document(
+        f"{name}: one run, no trend yet",
+        (
+            Paragraph((Badge("one run: no trend yet"), f" the calibration of {only.date} is the first")),
+            Warnings(result.warnings),
+            Section("Errors", (_runs(result),)),
+            Section("Minimum detectable change", (_detectable(result), Paragraph(_explained(result), "note"))),
+            provenance_section("trend", result.options, only.run.robot.sha256, result.serial),
+        ),
+    )
+
+
+def change_words(result: TrendResult, change: ChangePoint) -> str:
     """What changed, between which days, and by how much."""
     before, after, found = (result.runs[i] for i in (change.after, change.after + 1, change.found_at))
     when = f"Between {before.date} ({before.run.folder.name}) and {after.date} ({after.run.folder.name})"

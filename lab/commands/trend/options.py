@@ -8,6 +8,7 @@ import tyro
 from lab.campaign.option_types import Flag, Names
 from lab.commands.calibrate.estimates import SETUP
 from lab.core.errors import LabError
+from lab.core.serials import check_serial
 
 __all__ = ["TrendOptions"]
 
@@ -20,6 +21,8 @@ class TrendOptions:
     """The folder that holds the folders of the runs of lab calibrate or lab identify, each made with --date."""
     kept: Names = ()
     """What was not set up anew between the runs, and is compared with the links: base, tool, or base,tool."""
+    serial: str | None = None
+    """Follow the arm with this serial number alone, where the folder holds runs of several."""
     force: Flag = False
     """Take runs too whose verdict is bad or not judged."""
     accept_edited: Flag = False
@@ -27,5 +30,6 @@ class TrendOptions:
 
     def check(self) -> None:
         """Refuse what is no part of the setup, with a LabError."""
+        check_serial(self.serial)
         if stray := sorted(set(self.kept) - set(SETUP)):
             raise LabError(f"--kept {stray[0]}: unknown; give base, tool or base,tool")

@@ -68,6 +68,7 @@ class TrendResult(Result):
         changes: between them, in order.
         detectable: of each joint.
         left_out: what of the folder was not taken, a sentence each.
+        serial: the serial number of the arm; None where no run states it.
     """
 
     options: TrendOptions
@@ -76,6 +77,7 @@ class TrendResult(Result):
     changes: tuple[ChangePoint, ...]
     detectable: tuple[DetectableChange, ...]
     left_out: tuple[str, ...]
+    serial: str | None = None
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -112,6 +114,7 @@ class TrendResult(Result):
         shifts, halves = self.shifts, self.half_widths
         return {
             "robot": self.runs[0].run.robot.name,
+            "serial": self.serial,
             "folder": str(self.options.folder),
             "level_per_year": TREND_YEAR,
             "power": POWER,

@@ -1,6 +1,6 @@
 """Dated calibrations of one robot, in order: what has changed, and since when."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from hashlib import sha256
 from pathlib import Path
 
@@ -16,11 +16,11 @@ from lab.core.dates import day
 from lab.core.errors import LabError
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.core.wording import counted
+from lab.core.serials import one_serial
 from lab.kinematics.gauge import STRUCTURE_POSES
 from lab.verification.change_points import Directions, Series
 
-__all__ = ["trend"]
+__all__ = ["content_of", "followed", "trend"]
 
 _WITHIN = 1e-6  # of a joint's effect that the identified parameters may lack
 
@@ -29,16 +29,29 @@ def trend(options: TrendOptions) -> TrendResult:
     """Read the runs of a folder, and test after each whether the robot has changed.
 
     Raises:
-        LabError: there are fewer than two dated runs, or they are of different robots or parameters.
+        LabError: there is no dated run, or they are of different arms, robots or parameters.
     """
+    options.check()
     left_out: list[str] = []
-    runs = tuple(sorted(_dated(options, left_out), key=lambda each: (each.date, each.run.folder.name)))
-    if len(runs) < 2:
+    runs = list(_dated(options, left_out))
+    if not runs:
         why = f" ({'; '.join(left_out)})" if left_out else ""
         raise LabError(
-            f"{options.folder}: holds {counted(len(runs), 'dated run')} of lab calibrate or lab "
-            f"identify, and a trend needs two{why}; give the folder above those of the runs"
+            f"{options.folder}: holds 0 dated runs of lab calibrate or lab identify{why}; give the folder above those "
+            "of the runs"
         )
+    return followed(options, runs, tuple(left_out))
+
+
+def followed(options: TrendOptions, dated: Sequence[DatedRun], left_out: tuple[str, ...] = ()) -> TrendResult:
+    """Test after each of one or more runs of an arm whether it has changed.
+
+    Raises:
+        LabError: they are of different arms, robots or parameters.
+    """
+    runs = tuple(sorted(dated, key=lambda each: (each.date, each.run.folder.name)))
+    serials = {str(each.run.folder): each.run.serial for each in runs}
+    serial = one_serial(serials, "give --serial to follow one of them")
     without = tuple(group for group in SETUP if group not in options.kept)
     estimates = [estimates_of(each.run, without) for each in runs]
     refuse_other_parameters([each.run for each in runs], estimates)
@@ -55,7 +68,7 @@ def trend(options: TrendOptions) -> TrendResult:
         DetectableChange(i + 1, bool(slides), float(found[0][i]), float(found[1][i]))
         for i, slides in enumerate(last.robot.chain.prismatic)
     )
-    return TrendResult(options, runs, tuple(estimates), changes, detectable, tuple(left_out))
+    return TrendResult(options, runs, tuple(estimates), changes, detectable, left_out, serial)
 
 
 def _dated(options: TrendOptions, left_out: list[str]) -> Iterator[DatedRun]:
@@ -64,23 +77,34 @@ def _dated(options: TrendOptions, left_out: list[str]) -> Iterator[DatedRun]:
         raise LabError(f"{options.folder}: is no folder; give the one that holds the runs")
     seen: dict[str, str] = {}
     for folder in sorted(path for path in options.folder.iterdir() if (path / "config.json").is_file()):
-        config = read_config(folder, "give a folder of runs")
+        try:
+            config = read_config(folder, "make the run again")
+        except LabError as error:
+            left_out.append(f"{error}; the run is left out")
+            continue
         if config.command not in CALIBRATIONS:
             left_out.append(f"{folder}: is no run of lab calibrate or lab identify, and is left out")
         elif config.options.get("date") is None:
             left_out.append(f"{folder}: has no date, and is left out; lab migrate {folder} --date YYYY-MM-DD adds it")
-        elif (twin := seen.setdefault(_content(folder), folder.name)) != folder.name:
+        elif options.serial not in (None, serial := config.options.get("serial")):
+            of = "names no arm" if serial is None else f"is of the arm {serial}"
+            left_out.append(f"{folder}: {of}, and is left out of the trend of {options.serial}")
+        elif (twin := seen.setdefault(content_of(folder), folder.name)) != folder.name:
             left_out.append(f"{folder}: has the measurements of {twin}, and is left out")
         else:
-            run = read_calibrated(folder, accept_edited=options.accept_edited)
+            try:
+                run = read_calibrated(folder, accept_edited=options.accept_edited)
+            except LabError as error:
+                left_out.append(f"{error}; the run is left out")
+                continue
             if run.result.usable or options.force:
                 yield DatedRun(day(f"{folder}/config.json:", str(run.options.date)), run)
             else:
                 left_out.append(f"{folder}: its verdict is '{run.result.verdict}', and it is left out without --force")
 
 
-def _content(folder: Path) -> str:
-    """What the measurements of a run are known by."""
+def content_of(folder: Path) -> str:
+    """Return what identifies the measurements of a run: two runs of the same file have the same."""
     path = folder / MEASUREMENTS_FILE
     return sha256(path.read_bytes()).hexdigest() if path.is_file() else str(folder)
 

@@ -2,6 +2,7 @@
 
 from lab.commands.provenance import provenance_section
 from lab.commands.verify.result import VerificationResult
+from lab.core.serials import called
 from lab.core.significance import VERIFICATION
 from lab.render.document import (
     PAGE,
@@ -38,7 +39,7 @@ def verification_document(result: VerificationResult) -> Document:
     verdict = "within the predicted error" if found.good else "beyond the predicted error"
     rate = f"(an unchanged arm fails this test in {100 * VERIFICATION:g} % of all cases)"
     return Document(
-        f"{robot.name}: {verdict}",
+        f"{called(robot.name, result.serial)}: {verdict}",
         (
             Paragraph((Badge("good" if found.good else "bad", "good" if found.good else "bad"), f" {rate}")),
             Paragraph(sentence(found.words), "lead"),
@@ -48,7 +49,7 @@ def verification_document(result: VerificationResult) -> Document:
             Section("What alone would explain it", (_hypotheses(result), *_advice(result))),
             Section("What was fitted anew", (_refitted(result),)),
             Section("Minimum detectable change", (_detectable(result),) if found.good else ()),
-            provenance_section("verify", result.options, robot.sha256),
+            provenance_section("verify", result.options, robot.sha256, result.serial),
         ),
     )
 

@@ -2,12 +2,15 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import tyro
 
-from lab.campaign.option_types import Flag, Names
+from lab.campaign.option_types import Flag, Names, NoRecording
+from lab.core.dates import day
 from lab.core.errors import LabError
 from lab.core.numbers import positive
+from lab.core.serials import check_serial
 
 __all__ = ["VerifyOptions"]
 
@@ -28,6 +31,13 @@ class VerifyOptions:
     Or the TOML file of a tracker."""
     noise_mm: float | None = None
     """Their noise (1σ per axis) instead."""
+    serial: str | None = None
+    """The serial number of the arm that was measured; refused where the run is of another one."""
+    date: str | None = None
+    """The day of the measurements, YYYY-MM-DD, by which lab status puts verifications in order."""
+    require: Literal["good"] | None = None
+    """Exit with 3 where the measurements are within the predicted error of a run that is not good itself."""
+    no_recording: NoRecording = False
     force: Flag = False
     """Verify against a run too whose verdict is bad or not judged, and by rows that it was identified from."""
     accept_edited: Flag = False
@@ -37,6 +47,9 @@ class VerifyOptions:
         """Refuse options that make no sense or contradict each other, with a LabError that names them."""
         if stray := sorted(set(self.refit) - {"base", "tool"}):
             raise LabError(f"--refit {stray[0]}: unknown; give base, tool or base,tool")
+        check_serial(self.serial)
+        if self.date is not None:
+            day("--date", self.date)
         if self.noise_mm is not None:
             positive("--noise-mm", self.noise_mm)
             if self.instrument is not None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from lab.commands.calibrate.load_run import Calibrated
 from lab.commands.result import Result
-from lab.commands.values import error_statistics, number
+from lab.commands.values import error_statistics, exit_code_of, number
 from lab.commands.verify.options import VerifyOptions
 from lab.core.measurements import Measurements
 from lab.core.significance import VERIFICATION
@@ -56,8 +56,18 @@ class VerificationResult(Result):
 
     @property
     def exit_code(self) -> int:
-        """0 where the arm is within the predicted error, else 1."""
-        return 0 if self.good else 1
+        """1 beyond the predicted error; 3 within that of a run that is not good, where good is required; else 0."""
+        return exit_code_of(self.verdict, self.options.require)
+
+    @property
+    def verdict(self) -> str:
+        """``bad`` beyond the predicted error; within it ``doubtful`` if the run is not good, else ``good``."""
+        return "bad" if not self.good else "good" if self.calibrated.result.verdict == "good" else "doubtful"
+
+    @property
+    def serial(self) -> str | None:
+        """The serial number of the arm, by the run or the option; None where neither states it."""
+        return self.calibrated.serial or self.options.serial
 
     @property
     def observed_mm(self) -> dict[str, float | int]:
@@ -75,9 +85,11 @@ class VerificationResult(Result):
         return {
             "run": str(self.calibrated.folder),
             "robot": self.calibrated.robot.name,
+            "serial": self.serial,
             "poses": len(self.measurements),
             "targets": list(self.measurements.targets),
             "good": found.good,
+            "verdict": self.verdict,
             "run_verdict": self.calibrated.result.to_dict(),
             "p": found.p,
             "level": VERIFICATION,
@@ -132,7 +144,8 @@ class VerificationResult(Result):
 
         write_config(folder, "verify", self.options, self.calibrated.robot.sha256)
         write_json(folder / "result.json", self.to_dict())
-        record_verification(folder / "recording.rrd", self)
+        if not self.options.no_recording:
+            record_verification(folder / "recording.rrd", self)
         self.report(folder / "report.html")
 
     def _unit(self, what: str) -> str:

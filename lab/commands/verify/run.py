@@ -34,6 +34,7 @@ from lab.core.instruments import observing
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.progress import Progress
 from lab.core.se3 import Array
+from lab.core.serials import one_serial
 from lab.core.wording import be, counted
 from lab.formats.measurement_csv import read_measurements
 from lab.render.progress import Stage, status
@@ -100,6 +101,8 @@ def verify(
 def _verified(options: VerifyOptions, calibrated: Calibrated, given: Measurements | None = None) -> VerificationResult:
     if not options.force:
         calibrated.refuse_unfit("a verification")
+    stated = {str(calibrated.folder): calibrated.serial, "--serial": options.serial}
+    one_serial(stated, "verify it against a run of its own")
     _refuse_unseen_base(calibrated, options)
     with status("verifying") as stage:
         return _tested(options, calibrated, given, stage)

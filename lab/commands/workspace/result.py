@@ -92,4 +92,5 @@ class WorkspaceResult(Result):
         for each, mesh in zip(self.robots, meshes, strict=True):
             if len(mesh.faces):
                 write_stl(folder / f"{each.robot.name}.stl", mesh)
-        record_workspaces(folder / "recording.rrd", self, meshes)
+        if not self.options.no_recording:
+            record_workspaces(folder / "recording.rrd", self, meshes)

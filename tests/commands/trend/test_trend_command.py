@@ -14,6 +14,8 @@ import lab
 from lab.cli import main
 from lab.commands.trend.options import TrendOptions
 from lab.commands.trend.run import trend
+from lab.core.errors import LabError
+from lab.core.whole_folder import CHECKSUMS, checksum_lines
 
 MOVED_RAD = 0.1e-3
 DAYS = ("2026-01-10", "2026-02-11", "2026-03-09", "2026-04-14")
@@ -75,6 +77,55 @@ def test_what_is_no_dated_run_is_left_out_and_told(history: Path, tmp_path: Path
     assert [each.run.folder.name for each in found.runs] == ["run3", "run1"] and not found.changes
     twin, no_date = sorted(found.left_out, reverse=True)
     assert "run9: has the measurements of run1" in twin and "run2: has no date" in no_date
+
+
+def test_the_first_calibration_is_no_trend_yet(history: Path, tmp_path: Path) -> None:
+    shutil.copytree(history / "run3", tmp_path / "runs" / "run3")
+    found = trend(TrendOptions(tmp_path / "runs"))
+    assert found.exit_code == 0 and not found.changes and len(found.runs) == 1
+    assert found.summary().startswith("irb120: one run, no trend yet") and "one run: no trend yet" in found.summary()
+    assert "over time" not in found.summary()  # nor a picture of a single point
+    sizes = found.to_dict()["minimum_detectable_change"]["joint3_mrad"]
+    assert 0 < sizes["set_up_anew"] < MOVED_RAD * 1e3  # the next calibration would find it
+
+
+@pytest.mark.parametrize(
+    ("file", "content", "says"),
+    [
+        ("parameters.json", None, "parameters.json was changed since the run was written"),
+        ("result.json", "{", "result.json"),
+        ("config.json", "[]", "config.json"),
+        ("covariance.csv", "", "covariance.csv"),
+    ],
+)
+def test_one_edited_run_is_left_out_by_name(
+    history: Path, tmp_path: Path, file: str, content: str | None, says: str
+) -> None:
+    shutil.copytree(history, tmp_path / "runs")
+    edited = tmp_path / "runs" / "run2" / file
+    edited.write_text(f"{edited.read_text()} " if content is None else content)
+    found = trend(TrendOptions(tmp_path / "runs"))
+    assert [each.run.folder.name for each in found.runs] == ["run3", "run1", "run0"]
+    (told,) = found.left_out
+    assert says in told and "run2" in told and told.endswith("the run is left out") and "\n" not in told
+    assert [each.named for each in found.changes] == [("link3.theta",)]
+
+
+def test_runs_of_two_arms_are_no_trend_unless_one_is_chosen(history: Path, tmp_path: Path) -> None:
+    for name, serial in (("run3", "A-1"), ("run2", None), ("run1", "A-1"), ("run0", "A-2")):
+        run = tmp_path / "runs" / name
+        shutil.copytree(history / name, run)
+        config = json.loads((run / "config.json").read_text())
+        config["options"]["serial"] = serial
+        (run / "config.json").write_text(json.dumps(config))
+        (run / CHECKSUMS).write_text(checksum_lines(run))
+    with pytest.raises(LabError, match=r"run0: names the arm A-2, but .*run3 names A-1; give --serial"):
+        trend(TrendOptions(tmp_path / "runs"))
+    one = trend(TrendOptions(tmp_path / "runs", serial="A-1"))
+    assert [each.run.folder.name for each in one.runs] == ["run3", "run1"] and one.serial == "A-1"
+    assert ["names no arm" in each or "is of the arm A-2" in each for each in one.left_out] == [True, True]
+    shutil.rmtree(tmp_path / "runs" / "run0")
+    assert len(trend(TrendOptions(tmp_path / "runs")).runs) == 3  # a run without a name is taken for the arm's
 
 
 @pytest.mark.parametrize(
