@@ -3,6 +3,7 @@
 import numpy as np
 
 from lab.commands.compensate.near_singular import NearSingular, near_singular
+from lab.commands.compensate.program_words import used_tools
 from lab.commands.compensate.result import (
     CompensationResult,
     extrapolated_targets,
@@ -83,6 +84,13 @@ def _lead(result: CompensationResult) -> str:
     if not len(result.reached):
         return f"{targets}: none of them is reached."
     mean, largest = result.mean_and_max_mm(result.correction_m)
+    if result.expected is not None:
+        return (
+            f"{targets} were moved by {short(mean)} mm on average, {short(largest)} mm at most. "
+            f"Expected errors (95 %, mean of the targets): "
+            f"{short(result.mean_and_max_mm(result.expected.shape_95_m)[0])} mm relative to each other, "
+            f"{short(result.mean_and_max_mm(result.expected.base_95_m)[0])} mm in the robot's base."
+        )
     expected, _ = result.mean_and_max_mm(result.predicted_m)
     text = f"{targets} were moved by {short(mean)} mm on average, {short(largest)} mm at most"
     if expected is not None:
@@ -140,6 +148,12 @@ def _program(result: CompensationResult) -> tuple[Section, ...]:
         f"{program.name} in the run's folder is the {program.language} program with the numbers of "
         f"{len(result.reached)} targets corrected, and nothing else changed."
     )
+    in_base = (
+        "The base is that of the calibrated arm, by the nominal first link. No measurement shows that link itself, so "
+        "all targets together may be off as its tolerances let them be, with the correction as without it; relative to "
+        "each other they are not."
+    )
+    tools = Bullets(tuple(capital(each.words) + "." for each in used_tools(result)))
     lines = tuple((str(each.line), each.reason) for each in program.uncorrected)
     ways = tuple((str(line), words) for line, words in program.ways)
     return (
@@ -147,6 +161,8 @@ def _program(result: CompensationResult) -> tuple[Section, ...]:
             "The program",
             (
                 Paragraph(text),
+                tools,
+                Paragraph(in_base),
                 Table(("line", "what stays as it is, or needs a look"), lines, most_rows=MOST_LISTED),
                 Table(("line", "ways that are not free"), ways, most_rows=MOST_LISTED),
             ),

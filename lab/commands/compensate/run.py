@@ -12,7 +12,7 @@ from lab.campaign.reachability import ReachabilityGraph, free_home, reachability
 from lab.commands.calibrate.load_run import Calibrated, calibrated_by, folder_of, read_calibrated
 from lab.commands.calibrate.model_words import listed
 from lab.commands.compensate.options import CompensateOptions
-from lab.commands.compensate.program import open_program
+from lab.commands.compensate.program import OpenProgram, open_program
 from lab.commands.compensate.program_postures import ways_touched
 from lab.commands.compensate.result import CompensationResult
 from lab.commands.keywords import options_of, takes
@@ -98,7 +98,10 @@ def _compensated(options: CompensateOptions, run: Calibrated, given: Targets | N
 def _of_program(options: CompensateOptions, run: Calibrated) -> CompensationResult:
     """Correct the targets of a program, and its text."""
     program = open_program(options, run)
-    done = _corrected(options, run, program.targets, None, _AS_ASKED)
+    done, in_flange = _corrected_program(options, program)
+    if left := done.better_left:
+        program = program.without(left)
+        done, in_flange = _corrected_program(options, program)
     stands = np.full((len(program.read.targets), run.robot.chain.size), np.nan)
     stands[program.rows] = program.targets.joints  # those that are not corrected stay in the text, and are moved to
     stands[program.rows[done.reached]] = done.found.joints[done.reached]
@@ -110,7 +113,29 @@ def _of_program(options: CompensateOptions, run: Calibrated) -> CompensationResu
                 run.robot.model, program.nominal, stands, program.read.moves, names, partial(stage, "ways"),
                 current_keep(),
             )  # fmt: skip
-    return replace(done, program=program.rewritten(done.found, options.digits, ways))
+    return replace(done, program=program.rewritten(in_flange, options.digits, ways))
+
+
+def _corrected_program(options: CompensateOptions, program: OpenProgram) -> tuple[CompensationResult, Compensation]:
+    """Correct a program's targets: the result, in which they are where the tools are, and what was found for flanges.
+
+    Compensation brings the flange to its pose; where that is met, so is the tool on it, wherever that is.
+    """
+    reference, points = program.reference, program.points
+    done = _corrected(options, reference.run, program.targets, None, _AS_ASKED)
+    R_last_flange, offsets = reference.flange.T_last_flange[:3, :3], reference.offsets(points)[:, :, None]
+    turned = program.targets.rotations
+    moved, in_flange = done.found.rotations, done.found
+    targets = replace(
+        program.targets,
+        tool=reference.run.arm.targets[points[0]],
+        positions=program.targets.positions + (turned @ offsets)[..., 0],
+    )
+    found = replace(
+        in_flange, positions=in_flange.positions + (moved @ offsets)[..., 0], rotations=moved @ R_last_flange.T
+    )
+    wanted = PoseTarget(targets.positions, done.wanted.rotations)
+    return replace(done, targets=targets, wanted=wanted, found=found, reference=reference, points=points), in_flange
 
 
 def _corrected(

@@ -100,25 +100,26 @@ def test_the_real_arm_is_where_the_program_says(
     assert not result.program.uncorrected and len(result.reached) == 4
     assert 0.1 < result.to_dict()["correction_mm"]["max"] < 20
 
-    nominal, (arm, values) = calibrated.nominal_inverse(0), calibrated.geometry
+    (arm, values), reference = calibrated.geometry, result.reference
+    assert reference is not None
     at = result.found.joints  # the solution that the controller takes of the printed numbers, held against them below
     found = values_in(language, result.program.content, tmp_path)
     T_base = np.eye(4) if language == "urscript" else TABLE
-    Ts_frame0_tool = se3.inverse(nominal.arm.T_tracker_frame0(nominal.values)) @ nominal.tool(at)[0]
+    chain = calibrated.robot.arm(("p1",))
+    drawn = chain.nominal({"p1": np.zeros(3)})
     kinds = [kind for kind, _ in found]
     assert sorted(kinds) == ["joints", "pose", "pose", "pose"]
-    wanted_tool = nominal.tool(np.concatenate([joints, joints[:1]]))[0]
-    real_tool = arm.tool(at, values)[0]
+    wanted = chain.tool(np.concatenate([joints, joints[:1]]), drawn)[0]  # of the flange, in the base, as the text says
+    T_frame0_instrument = se3.inverse(arm.T_tracker_frame0(values))
+    real = T_frame0_instrument @ arm.flange(at, values) @ reference.flange.T_last_flange
     for i, (kind, numbers) in enumerate(found):
         if kind == "joints":
             np.testing.assert_allclose(numbers, at[i], atol=3e-5 if language in ("jbi", "fanuc") else 2e-5)
         else:
             printed = T_base @ read_back(language, numbers) @ se3.inverse(TOOL)
-            T_last = Ts_frame0_tool[i].copy()
-            T_last[:3, 3] -= T_last[:3, :3] @ nominal.tools[0]
-            np.testing.assert_allclose(printed, T_last, atol=3e-5)
-        nearest = np.linalg.norm(wanted_tool[:, :3, 3] - real_tool[i, :3, 3], axis=1).argmin()
-        np.testing.assert_allclose(real_tool[i], wanted_tool[nearest], atol=3e-5)  # of the digits that were read
+            np.testing.assert_allclose(printed, chain.tool(at[i : i + 1], drawn)[0][0], atol=3e-5)
+        nearest = np.linalg.norm(wanted[:, :3, 3] - real[i, :3, 3], axis=1).argmin()
+        np.testing.assert_allclose(real[i], wanted[nearest], atol=3e-5)  # of the digits that were read
 
 
 def test_ways_are_the_programs_also_to_and_from_what_is_not_corrected(
@@ -145,7 +146,9 @@ def test_a_robot_that_is_as_drawn_keeps_its_program(
     """No error, no correction: every byte is the same."""
     from lab.commands.compensate import run as command
 
-    perfect = replace(calibrated, arm=calibrated.arm.rigid, values=calibrated.nominal_aligned)
+    values = calibrated.nominal_aligned.copy()
+    values[-3:] = calibrated.robot.tool["p1"]
+    perfect = replace(calibrated, arm=calibrated.arm.rigid, values=values)
     monkeypatch.setattr(command, "read_calibrated", lambda *_, **__: perfect)
     made, _ = made_program(language, calibrated, seed=3)
     result = compensate(options_for(language, tmp_path, made, no_check=True))
