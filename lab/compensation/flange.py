@@ -7,8 +7,8 @@ d = (t, phi) of the face in the last frame, the second are measurements of it: a
 s + t + phi x s. Both together are a linear least-squares problem of six unknowns.
 
 Stated places are used as far as they are to be believed. Three points and more show by the distances between them how
-well they are stated. Where all of them are farther from their places than tolerances of the last link explain, they sit
-on something that was not stated (an adapter), and say nothing of the flange.
+well they are stated. Where all of them are farther from their places, or more turned, than tolerances of the last link
+explain, they sit on something that was not stated (an adapter), and say nothing of the flange.
 """
 
 from dataclasses import dataclass
@@ -23,8 +23,9 @@ __all__ = ["Flange", "located_flange", "point_rows"]
 
 STATED_M = 10e-6  # one standard deviation of a stated coordinate, before distances between points show it
 _STATED_DOF = 1  # as many residuals that weighs
-_LEVEL = 0.01  # chance that places stated rightly are not believed
+_LEVEL = 0.01  # chance, of each of two tests, that places stated rightly are not believed
 _SPREAD_M = 1e-3  # of points about a line: below, they do not turn about it
+_RANK = 1e-6  # of the largest singular value: below, points show no such motion
 _KNOWN = 0.5  # of its tolerance: a rotation known better than that is identified
 
 
@@ -57,7 +58,9 @@ def point_rows(points: Array) -> Array:
     return np.concatenate([one, -se3.skew(points)], axis=-1)
 
 
-def located_flange(measured: Array, covariance: Array, stated: Array, sigma: Array, dof: float) -> Flange:
+def located_flange(
+    measured: Array, covariance: Array, stated: Array, sigma: Array, dof: float, *, posed: bool = False
+) -> Flange:
     """Estimate the pose of the flange.
 
     Args:
@@ -66,6 +69,7 @@ def located_flange(measured: Array, covariance: Array, stated: Array, sigma: Arr
         stated: ``(k, 3)`` m, their places in the flange.
         sigma: ``(6,)`` standard deviations (m, rad) that the tolerances of the last link give the flange.
         dof: degrees of freedom of these.
+        posed: whether the points stand for a measured pose: distances between them then show nothing.
     """
     count = 3 * len(stated)
     prior, off = np.diag(sigma**2), (measured - stated).ravel()
@@ -74,9 +78,9 @@ def located_flange(measured: Array, covariance: Array, stated: Array, sigma: Arr
     if not count:
         return nothing
     rows = point_rows(stated).reshape(count, 6)
-    variance, shape_dof = _stated_variance(rows, stated, off, float(sigma[0]))
+    variance, shape_dof = (STATED_M**2, dof) if posed else _stated_variance(rows, stated, off, float(sigma[0]))
     whole = rows @ prior @ rows.T + covariance + variance * np.eye(count)
-    if _is_elsewhere(whole, off):
+    if _is_elsewhere(whole, rows, off):
         return nothing
     gain = np.asarray(np.linalg.solve(whole, rows @ prior).T)
     motion, left = gain @ off, np.eye(6) - gain @ rows
@@ -86,14 +90,21 @@ def located_flange(measured: Array, covariance: Array, stated: Array, sigma: Arr
     return Flange(T, gain, np.asarray(found), shape_dof if turned else dof, True, turned, distances)
 
 
-def _is_elsewhere(whole: Array, off: Array) -> bool:
-    """Decide whether points are farther from their places, all together, than errors of this covariance explain.
+def _is_elsewhere(whole: Array, rows: Array, off: Array) -> bool:
+    """Decide whether points are moved together farther than errors of this covariance explain.
 
-    What moves them together is their mean: three numbers, whatever the distances between them are.
+    Distances between them have no part in it: it is a test of what they have in common with a rigid motion, and one of
+    their mean, which finds a shift better.
     """
-    mean = np.tile(np.eye(3), len(off) // 3) * (3 / len(off))
-    along = mean @ off
-    return bool(chi2_sf(along @ np.linalg.solve(mean @ whole @ mean.T, along), 3) < _LEVEL)
+    motions, sizes, _ = np.linalg.svd(rows, full_matrices=False)
+    motions = motions[:, sizes > _RANK * sizes[0]]
+    mean = np.tile(np.eye(3), (len(off) // 3, 1))
+    chances = []
+    for basis in (motions, mean):
+        along = basis.T @ off
+        square = along @ np.linalg.solve(basis.T @ whole @ basis, along)
+        chances.append(float(chi2_sf(square, basis.shape[1])))
+    return min(chances) < _LEVEL
 
 
 def _stated_variance(rows: Array, stated: Array, off: Array, tolerance_m: float) -> tuple[float, float]:

@@ -35,6 +35,7 @@ from lab.render.svg import cube
 __all__ = ["compensation_document", "corrections_picture"]
 
 _NEAR = 2.0  # times half the edge of the targets' cube: what is farther off is not drawn
+_SHAPED = 4  # targets: fewer are brought onto each other by a rigid motion, whatever their errors are, or nearly
 MOST_LISTED = 100  # targets, in each table
 
 
@@ -85,11 +86,15 @@ def _lead(result: CompensationResult) -> str:
         return f"{targets}: none of them is reached."
     mean, largest = result.mean_and_max_mm(result.correction_m)
     if result.expected is not None:
+        in_base = short(result.mean_and_max_mm(result.expected.base_95_m)[1])
+        text = (
+            f"{targets} were moved by {short(mean)} mm on average, {short(largest)} mm at most. 95 % of the errors to "
+            f"expect in the robot's base are below {in_base} mm"
+        )
+        if len(result.reached) < _SHAPED:
+            return f"{text}."
         return (
-            f"{targets} were moved by {short(mean)} mm on average, {short(largest)} mm at most. "
-            f"Expected errors (95 %, mean of the targets): "
-            f"{short(result.mean_and_max_mm(result.expected.shape_95_m)[0])} mm relative to each other, "
-            f"{short(result.mean_and_max_mm(result.expected.base_95_m)[0])} mm in the robot's base."
+            f"{text}, relative to each other below {short(result.mean_and_max_mm(result.expected.shape_95_m)[1])} mm."
         )
     expected, _ = result.mean_and_max_mm(result.predicted_m)
     text = f"{targets} were moved by {short(mean)} mm on average, {short(largest)} mm at most"
@@ -100,9 +105,16 @@ def _lead(result: CompensationResult) -> str:
 
 
 def _totals(result: CompensationResult) -> tuple[Block, ...]:
-    rows = (
-        ("moved by, mm", *map(short, result.mean_and_max_mm(result.correction_m))),
-        ("expected error, mm", *map(short, result.mean_and_max_mm(result.predicted_m))),
+    expected = [("expected error, mm", result.predicted_m)]
+    if result.expected is not None:
+        expected = [
+            ("expected error in the robot's base (95 %), mm", result.expected.base_95_m),
+            ("of it by the flange (95 %), mm", result.expected.flange_95_m),
+            ("expected error relative to each other (95 %), mm", result.expected.shape_95_m),
+        ][: None if len(result.reached) >= _SHAPED else 2]
+    rows = tuple(
+        (name, *map(short, result.mean_and_max_mm(lengths)))
+        for name, lengths in [("moved by, mm", result.correction_m), *expected]
     )
     _, apart = result.mean_and_max_mm(result.found.scheme_disagreement_m)
     schemes = "" if apart is None else f"The three schemes to compute them end within {short(apart)} mm of each other. "

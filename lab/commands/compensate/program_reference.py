@@ -22,11 +22,15 @@ from lab.formats.programs.reading.program_text import ProgramText, TargetText
 from lab.kinematics.gauge import base_set
 from lab.kinematics.inverse.branches import NominalInverse
 from lab.kinematics.serial.arm import SerialArm
+from lab.simulation.model import at_zero, site_pose
 
 __all__ = ["ProgramReference", "frames_of", "program_reference"]
 
 _BASE, _FLANGE = "base", "flange"  # frames of the controller in the lab's frame 0 and last frame
 _GIVEN_DOF = 2  # as many links the tolerances as they are given weigh beside those that were identified
+_POSE_M = (
+    0.05  # along the axes of a measured pose are points that stand for it: 0.2 mrad where they are stated to 10 um
+)
 _WELL_KNOWN = 0.5  # of its tolerance: a parameter measured better shows how large the arm's tolerances are
 
 
@@ -168,14 +172,21 @@ def _flange(run: Calibrated, sigma: Array, dof: float) -> tuple[Flange, Array]:
     stated = run.robot.tool
     known = _stated(stated, run.arm.targets)
     columns = [f"tool.{name}.{axis}" for name in known for axis in "xyz"]
-    measured = _by_name(run, run.values)
-    at = [run.identified.index(name) for name in columns if name in run.identified]
-    covariance = np.zeros((len(columns), len(columns)))
     kept = [i for i, name in enumerate(columns) if name in run.identified]
+    at = [run.identified.index(columns[i]) for i in kept]
+    moved = np.eye(len(columns))  # how the points follow what was measured of them
+    covariance = np.zeros_like(moved)
     covariance[np.ix_(kept, kept)] = run.covariance[np.ix_(at, at)]
+    measured = _by_name(run, run.values)
     points = np.array([measured[name] for name in columns]).reshape(-1, 3)
     places = np.array([stated[name] for name in known]).reshape(-1, 3)
-    flange = located_flange(points, covariance, places, sigma, dof)
+    if posed := run.options.observe == "pose" and len(known) == 1:
+        ends = _POSE_M * np.eye(3)
+        points = np.concatenate([points, points + ends @ run.R_last_tool.T])
+        places = np.concatenate([places, places + ends @ _stated_turn(run, known[0]).T])
+        moved = np.tile(moved, (4, 1))
+    flange = located_flange(points, moved @ covariance @ moved.T, places, sigma, dof, posed=posed)
+    flange = replace(flange, gain=flange.gain @ moved, off_m=flange.off_m[: len(known)])
     gain = np.zeros((6, len(run.identified)))
     gain[:, at] = flange.gain[:, kept]
     return flange, gain
@@ -184,6 +195,14 @@ def _flange(run: Calibrated, sigma: Array, dof: float) -> tuple[Flange, Array]:
 def _stated(tool: Mapping[str, Array], names: Sequence[str]) -> tuple[str, ...]:
     """The points whose places in the flange the robot's description or its cell has."""
     return tuple(name for name in names if name in tool)
+
+
+def _stated_turn(run: Calibrated, name: str) -> Array:
+    """Rotation ``(3, 3)`` of a target in the flange, as the robot's description or its cell has it."""
+    model, arm = run.robot.model, run.robot.serial_arm(run.arm.targets)
+    last = arm.flange(np.zeros((1, arm.chain.size)), arm.nominal())[0]
+    target = site_pose(model.model, at_zero(model.model), name)
+    return np.asarray((model.T_world_frame0 @ last)[:3, :3].T @ target[:3, :3])
 
 
 def _tools(run: Calibrated, values: Array) -> Array:

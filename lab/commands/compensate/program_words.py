@@ -102,12 +102,11 @@ def flange_words(result: "CompensationResult") -> str:
 def _why(reference: "ProgramReference") -> str:
     """Why the measured points do not show how the flange is turned."""
     measured = reference.measured_targets
-    if len(measured) < 3:
-        return (
-            ", since one measured point does not show it" if len(measured) == 1 else ", since two points do not show it"
-        )
-    if reference.flange.believed:
-        return ", since the stated places of the measured points are not accurate enough"
+    if not reference.flange.believed and reference.run.options.observe == "pose":
+        return ", since the measured pose of the tool is not the one that is stated"
+    if reference.flange.believed or len(measured) < 3:
+        points = f"{len(measured)} measured point{'s do' if len(measured) > 1 else ' does'}"
+        return f", since {points} not show it"
     if off := [short(1e3 * each) for each in reference.flange.off_m.tolist()]:
         return (
             f", since the measured points are {', '.join(off)} mm from their stated places, more than the tolerances "
