@@ -59,7 +59,7 @@ def point_rows(points: Array) -> Array:
 
 
 def located_flange(
-    measured: Array, covariance: Array, stated: Array, sigma: Array, dof: float, *, posed: bool = False
+    measured: Array, covariance: Array, stated: Array, prior: Array, dof: float, *, posed: bool = False
 ) -> Flange:
     """Estimate the pose of the flange.
 
@@ -67,25 +67,25 @@ def located_flange(
         measured: ``(k, 3)`` m, the points in the last frame; none where no place was stated.
         covariance: ``(3 k, 3 k)`` m^2 of them.
         stated: ``(k, 3)`` m, their places in the flange.
-        sigma: ``(6,)`` standard deviations (m, rad) that the tolerances of the last link give the flange.
+        prior: ``(6, 6)`` covariance (m, rad) that tolerances give the flange's motion.
         dof: degrees of freedom of these.
         posed: whether the points stand for a measured pose: distances between them then show nothing.
     """
     count = 3 * len(stated)
-    prior, off = np.diag(sigma**2), (measured - stated).ravel()
+    off = (measured - stated).ravel()
     distances = np.asarray(np.linalg.norm(measured - stated, axis=1))
     nothing = Flange(np.eye(4), np.zeros((6, count)), prior, dof, False, False, distances)
     if not count:
         return nothing
     rows = point_rows(stated).reshape(count, 6)
-    variance, shape_dof = (STATED_M**2, dof) if posed else _stated_variance(rows, stated, off, float(sigma[0]))
+    variance, shape_dof = (STATED_M**2, dof) if posed else _stated_variance(rows, stated, off, _least(prior[:3, :3]))
     whole = rows @ prior @ rows.T + covariance + variance * np.eye(count)
     if _is_elsewhere(whole, rows, off):
         return nothing
     gain = np.asarray(np.linalg.solve(whole, rows @ prior).T)
     motion, left = gain @ off, np.eye(6) - gain @ rows
     found = left @ prior @ left.T + variance * gain @ gain.T
-    turned = bool(np.sqrt(np.linalg.eigvalsh(found[3:, 3:]).max()) < _KNOWN * sigma[3:].min())
+    turned = bool(np.linalg.eigvalsh(found[3:, 3:]).max() < _KNOWN**2 * _least(prior[3:, 3:]))
     T = se3.pose(se3.exp(motion[3:]), motion[:3])
     return Flange(T, gain, np.asarray(found), shape_dof if turned else dof, True, turned, distances)
 
@@ -107,11 +107,16 @@ def _is_elsewhere(whole: Array, rows: Array, off: Array) -> bool:
     return min(chances) < _LEVEL
 
 
-def _stated_variance(rows: Array, stated: Array, off: Array, tolerance_m: float) -> tuple[float, float]:
+def _least(covariance: Array) -> float:
+    """The variance along the axis that is known best."""
+    return float(np.linalg.eigvalsh(covariance)[0])
+
+
+def _stated_variance(rows: Array, stated: Array, off: Array, as_a_link: float) -> tuple[float, float]:
     """Variance (m^2) of a stated coordinate and its degrees of freedom; as of a link where no distances show it."""
     apart = np.linalg.svd(stated - stated.mean(axis=0), compute_uv=False)
     if len(stated) < 3 or apart[1] < _SPREAD_M:
-        return tolerance_m**2, 1.0
+        return as_a_link, 1.0
     left = off - rows @ np.linalg.lstsq(rows, off, rcond=None)[0]
     dof = len(off) - 6 + _STATED_DOF
     return float((left @ left + _STATED_DOF * STATED_M**2) / dof), float(dof)

@@ -18,7 +18,7 @@ def measured(motion: Array, stated: Array, noise: Array | float = 0.0) -> Array:
 
 
 def located(points: Array, stated: Array):
-    return located_flange(points, NOISE_M**2 * np.eye(points.size), stated, SIGMA, 12.0)
+    return located_flange(points, NOISE_M**2 * np.eye(points.size), stated, np.diag(SIGMA**2), 12.0)
 
 
 def test_three_stated_places_show_how_the_flange_is_turned() -> None:

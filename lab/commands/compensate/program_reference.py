@@ -185,11 +185,26 @@ def _flange(run: Calibrated, sigma: Array, dof: float) -> tuple[Flange, Array]:
         points = np.concatenate([points, points + ends @ run.R_last_tool.T])
         places = np.concatenate([places, places + ends @ _stated_turn(run, known[0]).T])
         moved = np.tile(moved, (4, 1))
-    flange = located_flange(points, moved @ covariance @ moved.T, places, sigma, dof, posed=posed)
+    flange = located_flange(points, moved @ covariance @ moved.T, places, _prior(run, sigma), dof, posed=posed)
     flange = replace(flange, gain=flange.gain @ moved, off_m=flange.off_m[: len(known)])
     gain = np.zeros((6, len(run.identified)))
     gain[:, at] = flange.gain[:, kept]
     return flange, gain
+
+
+def _prior(run: Calibrated, sigma: Array) -> Array:
+    """Covariance ``(6, 6)`` (m, rad) that tolerances ``(6,)`` give the flange in the last frame.
+
+    The face is off the last link, and along and about its axis the last link is off, too.
+    """
+    arm, values = run.geometry
+    T, jacobian = arm.tool(np.zeros((1, arm.chain.size)), values)
+    axis = T[0, :3, :3].T @ jacobian[0, 3:, -1]
+    along = np.outer(axis, axis) / (axis @ axis)
+    nothing = np.zeros((3, 3))
+    return np.asarray(
+        np.diag(sigma**2) + np.block([[sigma[0] ** 2 * along, nothing], [nothing, sigma[3] ** 2 * along]])
+    )
 
 
 def _stated(tool: Mapping[str, Array], names: Sequence[str]) -> tuple[str, ...]:
