@@ -89,7 +89,7 @@ def _lead(result: CompensationResult) -> str:
         in_base = short(result.mean_and_max_mm(result.expected.base_95_m)[1])
         text = (
             f"{targets} were moved by {short(mean)} mm on average, {short(largest)} mm at most. 95 % of the errors to "
-            f"expect in the robot's base are below {in_base} mm"
+            f"expect in the robot's base are below {in_base} mm, with what the first link adds to all targets alike"
         )
         if len(result.reached) < _SHAPED:
             return f"{text}."
