@@ -3,7 +3,7 @@
 import numpy as np
 
 from lab.commands.compensate.near_singular import NearSingular, near_singular
-from lab.commands.compensate.program_words import used_tools
+from lab.commands.compensate.program_words import stated_words, used_tools
 from lab.commands.compensate.result import (
     CompensationResult,
     extrapolated_targets,
@@ -174,6 +174,7 @@ def _program(result: CompensationResult) -> tuple[Section, ...]:
             (
                 Paragraph(text),
                 tools,
+                Paragraph(() if result.reference is None else stated_words(result.reference)),
                 Paragraph(in_base),
                 Table(("line", "what stays as it is, or needs a look"), lines, most_rows=MOST_LISTED),
                 Table(("line", "ways that are not free"), ways, most_rows=MOST_LISTED),

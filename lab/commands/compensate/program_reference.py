@@ -21,7 +21,7 @@ from lab.core.se3 import Array
 from lab.formats.programs.reading.program_text import ProgramText, TargetText
 from lab.kinematics.gauge import base_set
 from lab.kinematics.inverse.branches import NominalInverse
-from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.arm import DEFAULT_TOOL, SerialArm
 from lab.simulation.model import at_zero, site_pose
 
 __all__ = ["ProgramReference", "frames_of", "program_reference"]
@@ -87,8 +87,15 @@ class ProgramReference:
 
     @property
     def stated(self) -> tuple[str, ...]:
-        """Those whose places in the flange are stated."""
-        return _stated(self.run.robot.tool, self.measured_targets)
+        """Those whose places in the flange are stated.
+
+        The default tool's places are where they show by their agreement that they are meant.
+        """
+        tool, names = self.run.robot.tool, _stated(self.run.robot.tool, self.measured_targets)
+        default = all(
+            name in DEFAULT_TOOL and np.allclose(tool[name], DEFAULT_TOOL[name], rtol=0, atol=1e-9) for name in names
+        )
+        return () if default and not self.flange.believed else names
 
 
 def program_reference(run: Calibrated, read: ProgramText) -> ProgramReference:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from lab.commands.compensate.program_reference import ProgramReference
     from lab.commands.compensate.result import CompensationResult
 
-__all__ = ["UsedTool", "flange_values", "flange_words", "used_tools"]
+__all__ = ["UsedTool", "flange_values", "flange_words", "stated_words", "used_tools"]
 
 _SAME_M = 15e-3  # a tool nearer to a measured point is meant to be that point
 _AGREES_M = 0.5e-3  # and disagrees with it where it is farther
@@ -99,6 +99,20 @@ def flange_words(result: "CompensationResult") -> str:
     )
 
 
+def stated_words(reference: "ProgramReference") -> str:
+    """How far the measured points are from their stated places in the flange, and what was made of that."""
+    off = [short(1e3 * each) for each in reference.flange.off_m.tolist()]
+    if not reference.stated:
+        return "No place of a measured point in the flange is stated."
+    said = f"The measured points ({', '.join(reference.stated)}) are {', '.join(off)} mm from their stated places"
+    if not reference.flange.believed:
+        return f"{said}, more than the tolerances of the last link explain, so these places are not used."
+    return (
+        f"{said}. The tolerances of the last link explain that, so it is taken for the flange's own error; if the "
+        "points sit on an adapter, it is not, and the expected errors by the flange are too small."
+    )
+
+
 def _why(reference: "ProgramReference") -> str:
     """Why the measured points do not show how the flange is turned."""
     measured = reference.measured_targets
@@ -107,7 +121,8 @@ def _why(reference: "ProgramReference") -> str:
     if reference.flange.believed or len(measured) < 3:
         points = f"{len(measured)} measured point{'s do' if len(measured) > 1 else ' does'}"
         return f", since {points} not show it"
-    if off := [short(1e3 * each) for each in reference.flange.off_m.tolist()]:
+    if reference.stated:
+        off = [short(1e3 * each) for each in reference.flange.off_m.tolist()]
         return (
             f", since the measured points are {', '.join(off)} mm from their stated places, more than the tolerances "
             "of the last link explain"
@@ -121,7 +136,7 @@ def flange_values(reference: "ProgramReference") -> Mapping[str, Any]:
     return {
         "orientation_known": flange.turned,
         "stated_places_used": flange.believed,
-        "off_stated_mm": dict(zip(reference.stated, (1e3 * flange.off_m).tolist(), strict=True)),
+        "off_stated_mm": dict(zip(reference.stated, (1e3 * flange.off_m).tolist(), strict=False)),
         "tolerance_mm": 1e3 * float(reference.sigma[0]),
         "tolerance_mrad": 1e3 * float(reference.sigma[3]),
     }

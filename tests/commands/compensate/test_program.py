@@ -18,6 +18,7 @@ from lab.commands.calibrate.load_run import Calibrated, calibrated_by
 from lab.commands.calibrate.result import CalibrationResult
 from lab.commands.compensate.options import CompensateOptions
 from lab.commands.compensate.program import open_program
+from lab.commands.compensate.program_words import stated_words
 from lab.commands.compensate.result import CompensationResult
 from lab.commands.compensate.run import compensate
 from lab.commands.run_folder import _refuse_other_files
@@ -413,3 +414,19 @@ def test_some_targets_are_left_and_the_others_corrected(
     assert [i for i, (a, b) in enumerate(zip(before, after, strict=True)) if a != b] == [4]
     assert [(each.line, each.reason) for each in result.program.uncorrected] == [(3, "too far")]
     assert result.exit_code == 1 and len(result.reached) == 1
+
+
+def test_the_default_tool_is_no_statement_where_it_disagrees(
+    calibrated: Calibrated, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """p1 is 8 mm from the default place: nobody stated it. Where it agrees, it is taken for stated."""
+    values = calibrated.values.copy()
+    values[[calibrated.arm.names.index("tool.p1.x")]] += 0.008
+    far = replace(calibrated, values=values)
+    words = []
+    for run in (far, calibrated):
+        result, _ = corrected_urscript(["0,0,0.05,0,0,0"], run, tmp_path, monkeypatch)
+        assert result.reference is not None
+        words.append(stated_words(result.reference))
+    assert words[0] == "No place of a measured point in the flange is stated."
+    assert words[1].startswith("The measured points (p1) are 0.")
