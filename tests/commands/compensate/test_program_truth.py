@@ -62,7 +62,8 @@ def test_programs_of_many_hidden_robots(robot: str, language: str, targets: int,
     """Half of the robots have their targets up to 10 mm from where they are stated.
 
     Targets of one program err together, so that a share over 20 robots is known to a few per cent. An offset that
-    tolerances of the last link explain is not noticed (below about 1.3 mm): one robot in twenty may have it.
+    tolerances of the last link explain is not noticed (below about 1.5 mm): one robot in fourteen may have it. Of
+    those whose targets are as stated, one in fifty is not believed to be so.
     """
     cell, stated, trials = hidden_cell(tmp_path, robot), [], []
     for seed in range(20):
@@ -70,9 +71,10 @@ def test_programs_of_many_hidden_robots(robot: str, language: str, targets: int,
         off_mm = rng.uniform(0, 10) if seed % 2 else 0.0
         done = tried(calibrated_day(cell, 100 + seed, targets, off_mm), tmp_path, language, rng)
         trials.append(done)
-        if not off_mm:
+        if not off_mm and done.result.reference.flange.turned:
             stated.append(done)
     if targets == 3:
+        assert len(stated) >= 8
         assert np.mean([each.after.shape.mean() for each in stated]) < 0.05e-3
         assert max(each.after.shape.max() for each in stated) < 0.12e-3
         assert all(each.within_shape.mean() > 0.9 for each in stated)
