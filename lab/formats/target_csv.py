@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lab.core import se3
 from lab.core.errors import LabError, error_context
@@ -44,6 +45,18 @@ class Targets:
 
     def __len__(self) -> int:
         return len(self.positions)
+
+    def take(self, rows: NDArray[np.int_]) -> "Targets":
+        """Some of them."""
+        return replace(
+            self,
+            ids=tuple(self.ids[i] for i in rows),
+            positions=self.positions[rows],
+            rotations=self.rotations[rows],
+            joints=self.joints[rows],
+            conditions={name: column[rows] for name, column in self.conditions.items()},
+            lines=tuple(self.lines[i] for i in rows),
+        )
 
 
 def read_targets(

@@ -94,9 +94,13 @@ class Calibrated:
         """What says how sure predicted points are, where the arm's offsets that no group explains are predicted too."""
         if self.process is None:
             return None
-        arm = self.robot.arm_with(self.arm.targets, [name for name in self.groups if name != GROUP])
-        free = tuple(arm.names.index(name) for name in self.identified)
-        return PredictedBy(self.process, arm, self.values[: len(arm.names)], free)
+        measured = self.arm.targets[: self.process.seen.shape[1]]  # behind them there may be points that were not
+        arm = self.robot.arm_with(measured, [name for name in self.groups if name != GROUP])
+        free, named = (
+            tuple(arm.names.index(name) for name in self.identified),
+            dict(zip(self.arm.names, self.values.tolist(), strict=True)),
+        )
+        return PredictedBy(self.process, arm, np.array([named[name] for name in arm.names]), free)
 
     @property
     def serial(self) -> str | None:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from lab.commands.compensate.near_singular import NearSingular, near_singular
+from lab.commands.compensate.program_words import stated_words, used_tools
 from lab.commands.compensate.result import (
     CompensationResult,
     extrapolated_targets,
@@ -34,6 +35,7 @@ from lab.render.svg import cube
 __all__ = ["compensation_document", "corrections_picture"]
 
 _NEAR = 2.0  # times half the edge of the targets' cube: what is farther off is not drawn
+_SHAPED = 4  # targets: fewer are brought onto each other by a rigid motion, whatever their errors are, or nearly
 MOST_LISTED = 100  # targets, in each table
 
 
@@ -85,6 +87,17 @@ def _lead(result: CompensationResult) -> str:
     if result.failed:
         targets = f"{len(result.reached):,} of {targets}"
     mean, largest = result.mean_and_max_mm(result.correction_m)
+    if result.expected is not None:
+        in_base = short(result.mean_and_max_mm(result.expected.base_95_m)[1])
+        text = (
+            f"{targets} were moved by {short(mean)} mm on average, {short(largest)} mm at most. 95 % of the errors to "
+            f"expect in the robot's base are below {in_base} mm, with what the first link adds to all targets alike"
+        )
+        if len(result.reached) < _SHAPED:
+            return f"{text}."
+        return (
+            f"{text}, relative to each other below {short(result.mean_and_max_mm(result.expected.shape_95_m)[1])} mm."
+        )
     expected, _ = result.mean_and_max_mm(result.predicted_m)
     text = f"{targets} were moved by {short(mean)} mm on average, {short(largest)} mm at most"
     if expected is not None:
@@ -94,9 +107,16 @@ def _lead(result: CompensationResult) -> str:
 
 
 def _totals(result: CompensationResult) -> tuple[Block, ...]:
-    rows = (
-        ("moved by, mm", *map(short, result.mean_and_max_mm(result.correction_m))),
-        ("expected error, mm", *map(short, result.mean_and_max_mm(result.predicted_m))),
+    expected = [("expected error, mm", result.predicted_m)]
+    if result.expected is not None:
+        expected = [
+            ("expected error in the robot's base (95 %), mm", result.expected.base_95_m),
+            ("of it by the flange (95 %), mm", result.expected.flange_95_m),
+            ("expected error relative to each other (95 %), mm", result.expected.shape_95_m),
+        ][: None if len(result.reached) >= _SHAPED else 2]
+    rows = tuple(
+        (name, *map(short, result.mean_and_max_mm(lengths)))
+        for name, lengths in [("moved by, mm", result.correction_m), *expected]
     )
     _, apart = result.mean_and_max_mm(result.found.scheme_disagreement_m)
     schemes = "" if apart is None else f"The three schemes to compute them end within {short(apart)} mm of each other. "
@@ -145,6 +165,12 @@ def _program(result: CompensationResult) -> tuple[Section, ...]:
         f"{program.name} in the run's folder is the {program.language} program with the numbers of "
         f"{len(result.reached)} targets corrected, and nothing else changed."
     )
+    in_base = (
+        "The base is that of the calibrated arm, by the nominal first link. No measurement shows that link itself, so "
+        "all targets together may be off as its tolerances let them be, with the correction as without it; relative to "
+        "each other they are not."
+    )
+    tools = Bullets(tuple(capital(each.words) + "." for each in used_tools(result)))
     lines = tuple((str(each.line), each.reason) for each in program.uncorrected)
     ways = tuple((str(line), words) for line, words in program.ways)
     return (
@@ -152,6 +178,9 @@ def _program(result: CompensationResult) -> tuple[Section, ...]:
             "The program",
             (
                 Paragraph(text),
+                tools,
+                Paragraph(() if result.reference is None else stated_words(result.reference)),
+                Paragraph(in_base),
                 Table(("line", "what stays as it is, or needs a look"), lines, most_rows=MOST_LISTED),
                 Table(("line", "ways that are not free"), ways, most_rows=MOST_LISTED),
             ),

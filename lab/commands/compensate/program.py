@@ -1,11 +1,11 @@
 """A program's targets, as targets for the arm; and the program with the numbers of the corrected ones.
 
-What a target says is where the controller's nominal arm brings the tool. So the measured point of the tool, and the
-last frame's axes, are wanted where the nominal arm, with the base and the tool that fit it best, has them there.
+What a target says is where the tool of the text shall be in the base. So the flange is wanted where the identified base
+and that tool put it (``program_reference``), and the controller is told where its nominal arm then has the tool.
 """
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from lab.commands.calibrate.load_run import Calibrated
 from lab.commands.compensate.options import CompensateOptions
 from lab.commands.compensate.program_postures import asked_for
+from lab.commands.compensate.program_reference import ProgramReference, frames_of, program_reference
 from lab.compensation.compensator import Compensation
 from lab.core import se3
 from lab.core.errors import LabError
@@ -32,7 +33,6 @@ from lab.kinematics.inverse.newton import PoseTarget
 __all__ = ["CorrectedProgram", "OpenProgram", "open_program", "outside_of"]
 
 _BYTES = "latin-1"  # in which every byte is one character, whatever the file's encoding
-_BASE, _FLANGE = "base", "flange"  # frames of the controller in the lab's frame 0 and last frame
 _QUATERNION_DIGITS = 6
 _LISTED = 10  # lines in a warning
 _SHARE = 0.1  # of a target's correction: the most that rounding may take of it
@@ -90,6 +90,7 @@ class OpenProgram:
     Attributes:
         path: of its file.
         read: what was read of its text.
+        reference: the base, flange and tools that its numbers are relative to.
         rows: which of the text's targets are to be corrected.
         targets: these, for the arm.
         left: those that are not, and why.
@@ -99,10 +100,32 @@ class OpenProgram:
     text: str
     language: Language
     read: ProgramText
-    nominal: NominalInverse
+    reference: ProgramReference
     rows: NDArray[np.int_]
     targets: Targets
     left: tuple[Uncorrected, ...]
+
+    @property
+    def nominal(self) -> NominalInverse:
+        """The controller's arm, which brings its flange somewhere."""
+        return self.reference.nominal
+
+    @property
+    def points(self) -> NDArray[np.int_]:
+        """``(n,)``: the target of the arm that stands for the tool of each target."""
+        return np.array([self.reference.point_of(self.read, self.read.targets[i]) for i in self.rows], dtype=np.int_)
+
+    def without(self, left: Mapping[int, str]) -> "OpenProgram":
+        """The program with some of the targets, by their rows in ``targets``, left as they are, and why.
+
+        Raises:
+            LabError: none is left to be corrected.
+        """
+        more = [Uncorrected(self.read.targets[self.rows[i]].line, words) for i, words in left.items()]
+        kept = np.array([i for i in range(len(self.rows)) if i not in left], dtype=np.int_)
+        if not len(kept):
+            raise LabError(f"{self.path}: no target can be corrected; line {more[0].line}: {more[0].reason}")
+        return replace(self, rows=self.rows[kept], targets=self.targets.take(kept), left=(*self.left, *more))
 
     def rewritten(self, found: Compensation, digits: int | None) -> tuple[CorrectedProgram, Compensation]:
         """Write the corrected targets into the text; a target whose correction its digits would lose stays as it is.
@@ -121,7 +144,7 @@ class OpenProgram:
                 values = found.joints[i] * np.array(target.per_rad)
                 exact = self._pose(target, values)
             else:
-                T = se3.pose(found.rotations[i], found.positions[i] - found.rotations[i] @ _point(self.nominal))
+                T = se3.pose(found.rotations[i], found.positions[i])
                 exact = self._of_text(T, target)
                 values = target.spelling.spelt(exact, target.values)
             texts, lost, reasons[i] = self._rounded(target, values, exact, places)
@@ -186,15 +209,17 @@ class OpenProgram:
     def _pose(self, target: TargetText, values: Array) -> Array:
         """The pose ``(4, 4)`` (m) of the tool of the controller's arm for numbers of a target.
 
-        Of a pose it is in its base; of joint positions it is that of the measured point, in the instrument's frame.
+        Of a pose it is in its base; of joint positions it is in the instrument's frame.
         """
         if target.spelling is not None:
             return target.spelling.pose(values)
-        return np.asarray(self.nominal.tool((values / np.array(target.per_rad))[None])[0][0])
+        T = self.nominal.tool((values / np.array(target.per_rad))[None])[0][0]
+        point = self.reference.offsets(np.array([self.reference.point_of(self.read, target)]))[0]
+        return se3.pose(T[:3, :3], T[:3, 3] + T[:3, :3] @ point)
 
     def _of_text(self, T_instrument_last: Array, target: TargetText) -> Array:
         """The pose ``(4, 4)`` (m) of a target's tool in its base, as the text has it."""
-        T_tool, T_base = _frames(self.read, target)
+        T_tool, T_base = frames_of(self.read, target.tool, target.base)
         T_frame0_last = se3.inverse(_T_instrument_frame0(self.nominal)) @ T_instrument_last
         return np.asarray(se3.inverse(T_base) @ T_frame0_last @ T_tool)
 
@@ -252,7 +277,8 @@ def open_program(options: CompensateOptions, run: Calibrated) -> OpenProgram:
     language, read = read_program(path, text, run.robot.chain, options.controller, outside)
     if options.pulses_per_deg and language.name != "JBI":
         raise LabError(f"--pulses-per-deg is for JBI; {path} is in {language.name}")
-    nominal = run.nominal_inverse(0)
+    reference = program_reference(run, read)
+    nominal = reference.nominal
     given = np.array([each.joints for each in read.targets])
     beyond = np.asarray(run.robot.chain.beyond_limits(given, 1e-9).any(axis=1))
     left = [
@@ -262,22 +288,21 @@ def open_program(options: CompensateOptions, run: Calibrated) -> OpenProgram:
     ]
     rows = np.flatnonzero(~beyond)
     Ts = np.array([_T_instrument_last(nominal, read, read.targets[i]) for i in rows]).reshape(-1, 4, 4)
-    wanted = PoseTarget(Ts[:, :3, 3] + Ts[:, :3, :3] @ _point(nominal), Ts[:, :3, :3])
+    wanted = PoseTarget(Ts[:, :3, 3], Ts[:, :3, :3])
     joints, refused = asked_for(nominal, wanted, [read.targets[i] for i in rows])
     left += [Uncorrected(read.targets[rows[i]].line, words) for i, words in refused.items()]
     kept = np.array([i for i in range(len(rows)) if i not in refused], dtype=np.int_)
     if not len(kept):
         raise LabError(f"{path}: no target can be corrected; line {left[0].line}: {left[0].reason}")
-    tool = run.arm.targets[0]
     targets = Targets(
-        tool,
+        reference.run.arm.targets[reference.target],
         _names(read.targets, rows[kept]),
         wanted.positions[kept],
-        wanted.rotations[kept] @ run.R_last_tool,
+        wanted.rotations[kept],
         joints[kept],
         lines=tuple(read.targets[i].line for i in rows[kept]),
     )
-    return OpenProgram(path, text, language, read, nominal, rows[kept], targets, tuple(left))
+    return OpenProgram(path, text, language, read, reference, rows[kept], targets, tuple(left))
 
 
 def _names(targets: Sequence[TargetText], rows: NDArray[np.int_]) -> tuple[str, ...]:
@@ -292,27 +317,15 @@ def _names(targets: Sequence[TargetText], rows: NDArray[np.int_]) -> tuple[str, 
     return tuple(names)
 
 
-def _point(nominal: NominalInverse) -> Array:
-    """The measured point ``(3,)`` m in the last frame of the nominal arm."""
-    return np.asarray(nominal.tools[nominal.target])
-
-
 def _T_instrument_frame0(nominal: NominalInverse) -> Array:
     return nominal.arm.T_tracker_frame0(nominal.values)
-
-
-def _frames(read: ProgramText, target: TargetText) -> tuple[Array, Array]:
-    """Poses ``(4, 4)`` (m) of a target's tool in the last frame, and of its base in frame 0."""
-    flange, base = (read.frames.get(name, np.eye(4)) for name in (_FLANGE, _BASE))
-    return flange @ read.frames[target.tool], base @ read.frames[target.base]
 
 
 def _T_instrument_last(nominal: NominalInverse, read: ProgramText, target: TargetText) -> Array:
     """Where the controller's arm has its last frame ``(4, 4)`` m at a target, in the instrument's frame."""
     if target.spelling is None:
-        T = nominal.tool(target.joints[None])[0][0]
-        return se3.pose(T[:3, :3], T[:3, 3] - T[:3, :3] @ _point(nominal))
-    T_tool, T_base = _frames(read, target)
+        return np.asarray(nominal.tool(target.joints[None])[0][0])
+    T_tool, T_base = frames_of(read, target.tool, target.base)
     T_frame0_last = T_base @ target.spelling.pose(target.values) @ se3.inverse(T_tool)
     return np.asarray(_T_instrument_frame0(nominal) @ T_frame0_last)
 

@@ -20,7 +20,7 @@ def record_compensation(path: Path, result: CompensationResult) -> None:
 
     Only targets that are reached are among the stops; there has to be one.
     """
-    run, target, rows = result.run, result.target, result.reached
+    run, rows = result.run, result.reached
     stops = drawn_rows(len(result.stops.joints))
     every = result.stops.names
     joints, names = result.stops.joints[stops], [every[i] for i in stops]
@@ -29,7 +29,8 @@ def record_compensation(path: Path, result: CompensationResult) -> None:
     aimed = rows[which[at_target]]
     wanted, found = result.wanted.positions[aimed], result.found
     conditions = result.arm_inputs[:, joints.shape[1] :]
-    before = run.arm.points(np.concatenate([found.uncorrected, conditions], axis=1)[aimed], run.values)[:, target]
+    before = run.arm.points(np.concatenate([found.uncorrected, conditions], axis=1)[aimed], run.values)
+    before = before[np.arange(len(aimed)), result.target if result.points is None else result.points[aimed]]
     rigid, values = run.geometry
     scene = ErrorScene(
         run.robot.model,

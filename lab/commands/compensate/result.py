@@ -19,11 +19,15 @@ from lab.commands.calibrate.range_dict import said_of_extrapolated
 from lab.commands.compensate.near_singular import near_singular
 from lab.commands.compensate.options import CompensateOptions
 from lab.commands.compensate.program import CorrectedProgram
+from lab.commands.compensate.program_errors import ProgramErrors, covariance_root, program_errors
+from lab.commands.compensate.program_reference import ProgramReference
+from lab.commands.compensate.program_words import flange_values, flange_words, used_tools
 from lab.commands.result import Result
 from lab.commands.run_folder import write_config, write_json
 from lab.commands.stops import Stops, joint_columns
 from lab.commands.values import exit_code_of
 from lab.compensation.compensator import Compensation
+from lab.compensation.flange import point_rows
 from lab.core.se3 import Array
 from lab.formats.programs.registry import refusal
 from lab.formats.target_csv import Targets
@@ -59,6 +63,8 @@ class CompensationResult(Result):
         checked: whether stops and the ways between them were checked for collisions.
         notes: what a reader should be told of the inputs.
         program: the program that the targets are of; None where they are of a file of targets.
+        reference: of a program, the base, flange and tools that its numbers are relative to.
+        points: ``(n,)`` of a program, which target of the arm is aimed at each; of a file of targets it is one alone.
     """
 
     options: CompensateOptions
@@ -72,6 +78,8 @@ class CompensationResult(Result):
     checked: bool
     notes: tuple[str, ...]
     program: CorrectedProgram | None = None
+    reference: ProgramReference | None = None
+    points: NDArray[np.int_] | None = None
 
     @property
     def exit_code(self) -> int:
@@ -84,13 +92,14 @@ class CompensationResult(Result):
     @property
     def warnings(self) -> tuple[str, ...]:
         """What a reader should be told."""
-        gate_mm, (mean_mm, _) = self.run.options.gate_mm, self.mean_and_max_mm(self.predicted_m)
+        gate_mm, (mean_mm, _) = self.run.options.gate_mm, self.mean_and_max_mm(self._model_m)
         far: tuple[str, ...] = ()
         if gate_mm is not None and mean_mm is not None and mean_mm > gate_mm:
             far = (f"the expected error is {mean_mm:.3g} mm: these targets are far from where the arm was measured",)
         of_program = () if self.program is None else self.program.warnings
+        tools = tuple(each.words for each in used_tools(self) if each.disagrees)
         without = () if self._no_program is None else (self._no_program,)
-        return (*self.notes, *far, *self._beyond, *self._unchecked, *without, *of_program)
+        return (*tools, *self.notes, *far, *self._beyond, *self._unchecked, *without, *of_program)
 
     @property
     def _beyond(self) -> tuple[str, ...]:
@@ -139,9 +148,9 @@ class CompensationResult(Result):
     @property
     def reasons(self) -> tuple[str, ...]:
         """Why the corrected targets are not to be trusted blindly."""
-        of_run, run = self.run.result, []
+        of_run, run = self.run.result, list(filter(None, [flange_words(self)]))
         if of_run.verdict != "good":
-            run = [f"the run is {of_run.verdict}: {reason}" for reason in of_run.reasons or (of_run.reason,)]
+            run += [f"the run is {of_run.verdict}: {reason}" for reason in of_run.reasons or (of_run.reason,)]
         if self._extrapolated_share > MOST_UNCOVERED:
             share = f"{100 * self._extrapolated_share:.0f} % of the targets"
             run.append(f"{share} are extrapolated: not covered by measured poses; measure where the robot is to work")
@@ -164,12 +173,50 @@ class CompensationResult(Result):
         parts = [tolerance_rms(self.run.arm, jacobian, tolerance) for jacobian in self._sensitivities()]
         return np.concatenate(parts)
 
+    @cached_property
+    def better_left(self) -> dict[int, str]:
+        """Of a program, the rows of targets that the correction is expected to move away from the truth, and why.
+
+        Uncorrected, a target is off by what tolerances make of an arm that was never calibrated; base and flange add
+        the same to both.
+        """
+        assert self.reference is not None
+        tolerance = Tolerance(self.reference.sigma[0], self.reference.sigma[3])
+        usual = np.concatenate([tolerance_rms(self.run.arm, each, tolerance) for each in self._sensitivities()])
+        return {
+            i: (
+                f"{self.targets.ids[i]}: the expected error is {1e3 * self._model_m[i]:.3g} mm with the correction and "
+                f"{1e3 * usual[i]:.3g} mm without: too far from the measured poses"
+            )
+            for i in self.reached.tolist()
+            if self._model_m[i] > usual[i]
+        }
+
     def _sensitivities(self) -> Iterator[Array]:
         """Derivatives ``(some, 3, p)`` of the aimed point by the parameters, of some targets at a time."""
-        return (self.run.arm.observe(each, self.run.values)[1][:, self.target] for each in self._blocks())
+        run = self.run
+        return (_of_points(run.arm.observe(each, run.values)[1], at) for each, at in self._blocks())
 
-    def _blocks(self) -> Iterator[Array]:
-        return (self.arm_inputs[first : first + _BLOCK] for first in range(0, len(self.arm_inputs), _BLOCK))
+    def _by_identified(self) -> Iterator[tuple[Array, Array]]:
+        """Derivatives ``(some, 3, f)`` of the aimed point by the identified parameters, the flange's with the tool's.
+
+        And ``(some, 3, 3)`` by the point's place in the last frame.
+        """
+        names, reference = self.run.arm.names, self.reference
+        columns = [names.index(name) for name in self.run.identified]
+        for (_, at), jacobian in zip(self._blocks(), self._sensitivities(), strict=True):
+            places = [[names.index(f"tool.{self.run.arm.targets[k]}.{axis}") for axis in "xyz"] for k in at.tolist()]
+            by_tool = np.take_along_axis(jacobian, np.array(places)[:, None], axis=2)
+            found = jacobian[..., columns]
+            if reference is not None:
+                found = found + by_tool @ point_rows(reference.offsets(at)) @ reference.gain
+            yield found, by_tool
+
+    def _blocks(self) -> Iterator[tuple[Array, NDArray[np.int_]]]:
+        """Inputs of the arm, and which of its targets are aimed, of some targets at a time."""
+        aimed = np.full(len(self.arm_inputs), self.target) if self.points is None else self.points
+        for first in range(0, len(self.arm_inputs), _BLOCK):
+            yield self.arm_inputs[first : first + _BLOCK], aimed[first : first + _BLOCK]
 
     @cached_property
     def reached(self) -> NDArray[np.int_]:
@@ -236,15 +283,33 @@ class CompensationResult(Result):
     @property
     def _program_values(self) -> dict[str, Any]:
         """What ``result.json`` holds of the program."""
-        program = self.program
-        assert program is not None
+        program, expected, reference = self.program, self.expected, self.reference
+        assert program is not None and expected is not None and reference is not None
         lines = [program.targets[row].line for row in program.rows]
         return {
             "file": program.name,
             "language": program.language.lower(),
-            "corrected": [{"id": self.targets.ids[i], "line": lines[i]} for i in self.reached],
+            "corrected": [
+                {
+                    "id": self.targets.ids[i],
+                    "line": lines[i],
+                    "shape_95_mm": 1e3 * float(expected.shape_95_m[i]),
+                    "base_95_mm": 1e3 * float(expected.base_95_m[i]),
+                }
+                for i in self.reached
+            ],
             "uncorrected": [{"line": each.line, "reason": each.reason} for each in program.uncorrected],
             "ways": [{"line": line, "reason": words} for line, words in program.ways],
+            "tools": [each.to_dict() for each in used_tools(self)],
+            "flange": flange_values(reference),
+            "expected_95_mm": {
+                name: dict(zip(("mean", "max"), self.mean_and_max_mm(lengths), strict=True))
+                for name, lengths in (
+                    ("shape", expected.shape_95_m),
+                    ("base", expected.base_95_m),
+                    ("flange", expected.flange_95_m),
+                )
+            },
             "rounding_mm": program.rounding_mm,
             "rounding_deg": program.rounding_deg,
         }
@@ -299,17 +364,59 @@ class CompensationResult(Result):
 
     @cached_property
     def predicted_m(self) -> Array:
-        """Predicted error ``(n,)`` at each target (m, RMS), from the covariance, the lack of fit and shared errors."""
+        """Predicted error ``(n,)`` at each target (m, RMS), from the covariance, the lack of fit and shared errors.
+
+        Of a program's targets with the part of the flange, relative to the identified base.
+        """
+        flange_m = 0.0 if self.expected is None else self.expected.flange_m
+        return np.asarray(np.sqrt(self._model_m**2 + flange_m**2))
+
+    @cached_property
+    def _model_m(self) -> Array:
+        """The part ``(n,)`` of the predicted error that is the calibrated model's (m, RMS)."""
+        by_measured = (self._by_measured**2).sum(axis=(1, 2))
+        return np.asarray(np.sqrt(by_measured + self._independent_m**2))
+
+    @cached_property
+    def _by_measured(self) -> Array:
+        """Derivatives ``(n, 3, f)`` of the aimed points by what was measured, in standard deviations.
+
+        None of the columns where an arm's offsets are predicted too.
+        """
         run = self.run
         if run.predicted_by is not None:
-            known = np.trace(run.predicted_by.covariances(self.arm_inputs)[:, self.target], axis1=1, axis2=2)
+            return np.empty((len(self.arm_inputs), 3, 0))
+        _, larger, _ = run.lacking((run.result.noise_mm or 0.0) / 1e3)
+        root = np.sqrt(larger) * covariance_root(run.covariance)
+        return np.concatenate([slopes @ root for slopes, _ in self._by_identified()])
+
+    @cached_property
+    def _independent_m(self) -> Array:
+        """The part ``(n,)`` of the predicted error that differs from target to target (m, RMS)."""
+        run = self.run
+        if run.predicted_by is not None:
+            k = 0 if self.points is not None else self.target
+            known = np.trace(run.predicted_by.covariances(self.arm_inputs)[:, k], axis1=1, axis2=2)
             return np.asarray(np.sqrt(known + self.load_m**2 + self.beyond_m**2))
-        lacking, larger, _ = run.lacking((run.result.noise_mm or 0.0) / 1e3)
-        columns = [run.arm.names.index(name) for name in run.identified]
-        rows = (jacobian[..., columns] for jacobian in self._sensitivities())
-        squares = [((each @ run.covariance) * each).sum(axis=(1, 2)) for each in rows]
-        known = larger * np.concatenate(squares) + 3 * lacking**2
-        return np.asarray(np.sqrt(known + self._shared_m**2 + self.load_m**2 + self.beyond_m**2))
+        lacking, _, _ = run.lacking((run.result.noise_mm or 0.0) / 1e3)
+        return np.asarray(np.sqrt(3 * lacking**2 + self._shared_m**2 + self.load_m**2 + self.beyond_m**2))
+
+    @cached_property
+    def expected(self) -> ProgramErrors | None:
+        """Of a program, the errors to expect in the robot's base and of the targets relative to each other."""
+        if self.reference is None or self.points is None:
+            return None
+        _, _, dof = self.run.lacking((self.run.result.noise_mm or 0.0) / 1e3)
+        by_tool = np.concatenate([slopes for _, slopes in self._by_identified()])
+        return program_errors(
+            self.reference,
+            self.wanted.positions,
+            self.reference.offsets(self.points),
+            by_tool,
+            self._by_measured,
+            self._independent_m,
+            dof,
+        )
 
     @cached_property
     def beyond_m(self) -> Array:
@@ -317,8 +424,8 @@ class CompensationResult(Result):
         run = self.run
         if run.measured is None:
             return np.zeros(len(self.arm_inputs))
-        unknown = run.measured.unknown(run.arm, self.arm_inputs, run.values)[:, self.target]
-        return np.asarray(np.sqrt((unknown**2).sum(axis=(1, 2))))
+        parts = [_of_points(run.measured.unknown(run.arm, each, run.values), at) for each, at in self._blocks()]
+        return np.asarray(np.sqrt((np.concatenate(parts) ** 2).sum(axis=(1, 2))))
 
     @property
     def _shared_m(self) -> Array:
@@ -328,7 +435,7 @@ class CompensationResult(Result):
             return np.zeros(len(self.arm_inputs))
         size = run.robot.chain.size
         slopes = np.concatenate(
-            [by_joint_positions(run.arm, each, run.values, size)[:, self.target] for each in self._blocks()]
+            [_of_points(by_joint_positions(run.arm, each, run.values, size), at) for each, at in self._blocks()]
         )
         scattered = np.einsum("nij,jk,nik->n", slopes, shared.joint_covariance(size), slopes)
         more = max(shared.independent_m**2 - shared.sigma_m**2, 0.0)
@@ -357,6 +464,11 @@ class CompensationResult(Result):
     def target(self) -> int:
         """The index of the arm's target that is aimed."""
         return self.run.arm.targets.index(self.targets.tool)
+
+
+def _of_points(values: Array, points: NDArray[np.int_]) -> Array:
+    """Of values ``(n, k, …)`` of an arm's targets those of one in each pose, ``(n, …)``."""
+    return np.asarray(values[np.arange(len(values)), points])
 
 
 def extrapolated_targets(result: CompensationResult) -> NDArray[np.bool_]:

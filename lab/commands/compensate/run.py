@@ -98,7 +98,10 @@ def _compensated(options: CompensateOptions, run: Calibrated, given: Targets | N
 def _of_program(options: CompensateOptions, run: Calibrated) -> CompensationResult:
     """Correct the targets of a program, and its text."""
     program = open_program(options, run)
-    done = _corrected(options, run, program.targets, None, program)
+    done = _corrected_program(options, program)
+    if left := done.better_left:
+        program = program.without(left)
+        done = _corrected_program(options, program)
     stands = np.full((len(program.read.targets), run.robot.chain.size), np.nan)
     stands[program.rows] = program.targets.joints  # those that are not corrected stay in the text, and are moved to
     stands[program.rows[done.reached]] = done.found.joints[done.reached]
@@ -112,6 +115,28 @@ def _of_program(options: CompensateOptions, run: Calibrated) -> CompensationResu
             )  # fmt: skip
     assert done.program is not None
     return replace(done, program=replace(done.program, ways=ways))
+
+
+def _corrected_program(options: CompensateOptions, program: OpenProgram) -> CompensationResult:
+    """Correct a program's targets: the result, in which they are where the tools are.
+
+    Compensation brings the flange to its pose; where that is met, so is the tool on it, wherever that is.
+    """
+    reference, points = program.reference, program.points
+    done = _corrected(options, reference.run, program.targets, None, program)
+    R_last_flange, offsets = reference.flange.T_last_flange[:3, :3], reference.offsets(points)[:, :, None]
+    turned = program.targets.rotations
+    moved, in_flange = done.found.rotations, done.found
+    targets = replace(
+        program.targets,
+        tool=reference.run.arm.targets[points[0]],
+        positions=program.targets.positions + (turned @ offsets)[..., 0],
+    )
+    found = replace(
+        in_flange, positions=in_flange.positions + (moved @ offsets)[..., 0], rotations=moved @ R_last_flange.T
+    )
+    wanted = PoseTarget(targets.positions, done.wanted.rotations)
+    return replace(done, targets=targets, wanted=wanted, found=found, reference=reference, points=points)
 
 
 def _corrected(

@@ -28,6 +28,8 @@ from lab.commands.calibrate.load_run import Calibrated, calibrated_by
 from lab.commands.calibrate.result import CalibrationResult
 from lab.commands.compensate.options import CompensateOptions
 from lab.commands.compensate.program import open_program
+from lab.commands.compensate.program_words import stated_words
+from lab.commands.compensate.result import CompensationResult
 from lab.commands.compensate.run import compensate
 from lab.commands.run_folder import _refuse_other_files
 from lab.core import se3
@@ -98,25 +100,26 @@ def test_the_real_arm_is_where_the_program_says(
     assert not result.program.uncorrected and len(result.reached) == 4
     assert 0.1 < result.to_dict()["correction_mm"]["max"] < 20
 
-    nominal, (arm, values) = calibrated.nominal_inverse(0), calibrated.geometry
+    (arm, values), reference = calibrated.geometry, result.reference
+    assert reference is not None
     at = result.found.joints  # the solution that the controller takes of the printed numbers, held against them below
     found = values_in(language, result.program.content, tmp_path)
     T_base = np.eye(4) if language == "urscript" else TABLE
-    Ts_frame0_tool = se3.inverse(nominal.arm.T_tracker_frame0(nominal.values)) @ nominal.tool(at)[0]
+    chain = calibrated.robot.arm(("p1",))
+    drawn = chain.nominal({"p1": np.zeros(3)})
     kinds = [kind for kind, _ in found]
     assert sorted(kinds) == ["joints", "pose", "pose", "pose"]
-    wanted_tool = nominal.tool(np.concatenate([joints, joints[:1]]))[0]
-    real_tool = arm.tool(at, values)[0]
+    wanted = chain.tool(np.concatenate([joints, joints[:1]]), drawn)[0]  # of the flange, in the base, as the text says
+    T_frame0_instrument = se3.inverse(arm.T_tracker_frame0(values))
+    real = T_frame0_instrument @ arm.flange(at, values) @ reference.flange.T_last_flange
     for i, (kind, numbers) in enumerate(found):
         if kind == "joints":
             np.testing.assert_allclose(numbers, at[i], atol=3e-5 if language in ("jbi", "fanuc") else 2e-5)
         else:
             printed = T_base @ read_back(language, numbers) @ se3.inverse(TOOL)
-            T_last = Ts_frame0_tool[i].copy()
-            T_last[:3, 3] -= T_last[:3, :3] @ nominal.tools[0]
-            np.testing.assert_allclose(printed, T_last, atol=3e-5)
-        nearest = np.linalg.norm(wanted_tool[:, :3, 3] - real_tool[i, :3, 3], axis=1).argmin()
-        np.testing.assert_allclose(real_tool[i], wanted_tool[nearest], atol=3e-5)  # of the digits that were read
+            np.testing.assert_allclose(printed, chain.tool(at[i : i + 1], drawn)[0][0], atol=3e-5)
+        nearest = np.linalg.norm(wanted[:, :3, 3] - real[i, :3, 3], axis=1).argmin()
+        np.testing.assert_allclose(real[i], wanted[nearest], atol=3e-5)  # of the digits that were read
 
 
 def test_ways_are_the_programs_also_to_and_from_what_is_not_corrected(
@@ -143,7 +146,9 @@ def test_a_robot_that_is_as_drawn_keeps_its_program(
     """No error, no correction: every byte is the same."""
     from lab.commands.compensate import run as command
 
-    perfect = replace(calibrated, arm=calibrated.arm.rigid, values=calibrated.nominal_aligned)
+    values = calibrated.nominal_aligned.copy()
+    values[-3:] = calibrated.robot.tool["p1"]
+    perfect = replace(calibrated, arm=calibrated.arm.rigid, values=values)
     monkeypatch.setattr(command, "read_calibrated", lambda *_, **__: perfect)
     made, _ = made_program(language, calibrated, seed=3)
     result = compensate(options_for(language, tmp_path, made, no_check=True))
@@ -335,3 +340,91 @@ def test_wrong_options_are_told_in_a_line_and_nothing_is_written(
     said = capsys.readouterr()
     assert words in said.err and said.err.count("\n") == 1 and not said.out
     assert sorted(folder.rglob("*")) == before
+
+
+def urscript_of(tools: list[str], run: Calibrated) -> tuple[str, Array]:
+    """A URScript with a pose for each tool, given as six numbers, and the flange's poses there ``(n, 4, 4)`` (m)."""
+    _, joints = made_program("urscript", run, count=len(tools))
+    arm = run.robot.arm(("p1",))
+    Ts = arm.tool(joints, arm.nominal({"p1": np.zeros(3)}))[0]
+    lines = ["def a():"]
+    for tool, T in zip(tools, Ts, strict=True):
+        T_tool = read_back("urscript", np.array([float(each) for each in tool.split(",")]))
+        lines += [f"  set_tcp(p[{tool}])", f"  movej(p[{','.join(spelt('urscript', T @ T_tool, 6))}])"]
+    return "\n".join([*lines, "end", ""]), Ts
+
+
+def corrected_urscript(tools: list[str], run: Calibrated, folder: Path, monkeypatch: pytest.MonkeyPatch):
+    from lab.commands.compensate import run as command
+
+    monkeypatch.setattr(command, "read_calibrated", lambda *_, **__: run)
+    text, Ts = urscript_of(tools, run)
+    (file := folder / "a.script").write_text(text)
+    return compensate(CompensateOptions(Path("run"), program=file, controller="urscript", no_check=True)), Ts
+
+
+def test_every_tool_of_a_program_is_its_own(
+    calibrated: Calibrated, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two tools: the flange is where each asks for it, and the longer lever has the larger expected error."""
+    result, Ts = corrected_urscript(["0,0,0.05,0,0,0", "0,0.1,0.4,1,0,0"], calibrated, tmp_path, monkeypatch)
+    (arm, values), reference = calibrated.geometry, result.reference
+    assert reference is not None and result.expected is not None
+    T_frame0_instrument = se3.inverse(arm.T_tracker_frame0(values))
+    flanges = T_frame0_instrument @ arm.flange(result.found.joints, values) @ reference.flange.T_last_flange
+    np.testing.assert_allclose(flanges, Ts, atol=1e-7)  # of the digits that were read
+    short, long = result.to_dict()["program"]["tools"]
+    np.testing.assert_allclose([*short["position_mm"], *long["position_mm"]], [0, 0, 50, 0, 100, 400], atol=1e-9)
+    assert result.expected.flange_95_m[1] > 1.5 * result.expected.flange_95_m[0]
+
+
+def test_a_tool_near_the_measured_point_is_named_with_the_distance(
+    calibrated: Calibrated, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """p1 is 6 mm from the tool of the program; another tool is elsewhere."""
+    x, y, z = calibrated.robot.tool["p1"]
+    tools = [f"{x},{y},{z + 0.006},0,0,0", f"{x},{y},{z + 0.06},0,0,0"]
+    result, _ = corrected_urscript(tools, calibrated, tmp_path, monkeypatch)
+    assert [each for each in result.warnings if "measured point p1 is" in each and "was not used" in each]
+    near, far = (each["measured"] for each in result.to_dict()["program"]["tools"])
+    assert near["point"] == "p1" and near["distance_mm"] == pytest.approx(6, abs=0.5) and far is None
+
+
+def test_what_is_expected_to_get_worse_stays_as_it_is(
+    calibrated: Calibrated, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A calibration that knows less than the nominal model corrects nothing."""
+    poor = replace(calibrated, covariance=1e6 * calibrated.covariance)
+    with pytest.raises(
+        LabError, match=r"no target can be corrected; line 3: .* mm with the correction and .* mm without"
+    ):
+        corrected_urscript(["0,0,0.05,0,0,0", "0,0.1,0.4,1,0,0"], poor, tmp_path, monkeypatch)
+
+
+def test_some_targets_are_left_and_the_others_corrected(
+    calibrated: Calibrated, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    left = property(lambda result: {0: "too far"} if len(result.targets) == 2 else {})
+    monkeypatch.setattr(CompensationResult, "better_left", left)
+    tools = ["0,0,0.05,0,0,0", "0,0.1,0.4,1,0,0"]
+    result, _ = corrected_urscript(tools, calibrated, tmp_path, monkeypatch)
+    before, after = urscript_of(tools, calibrated)[0].splitlines(), result.program.content.decode().splitlines()
+    assert [i for i, (a, b) in enumerate(zip(before, after, strict=True)) if a != b] == [4]
+    assert [(each.line, each.reason) for each in result.program.uncorrected] == [(3, "too far")]
+    assert result.exit_code == 1 and len(result.reached) == 1
+
+
+def test_the_default_tool_is_no_statement_where_it_disagrees(
+    calibrated: Calibrated, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """p1 is 8 mm from the default place: nobody stated it. Where it agrees, it is taken for stated."""
+    values = calibrated.values.copy()
+    values[[calibrated.arm.names.index("tool.p1.x")]] += 0.008
+    far = replace(calibrated, values=values)
+    words = []
+    for run in (far, calibrated):
+        result, _ = corrected_urscript(["0,0,0.05,0,0,0"], run, tmp_path, monkeypatch)
+        assert result.reference is not None
+        words.append(stated_words(result.reference))
+    assert words[0] == "No place of a measured point in the flange is stated."
+    assert words[1].startswith("The measured points (p1) are 0.")

@@ -1,0 +1,260 @@
+"""What a program's numbers are relative to: the base of the calibrated arm, its flange, and the tools of the text.
+
+A target of a program says where the tool, which the text places in the flange, shall be in the base. So base and flange
+are those of the calibrated arm, as well as they are known: the base relative to the first joint's axis and zero by the
+nominal first link, the flange as ``lab.compensation.flange`` finds it. The controller's arm has the nominal links, and
+base and flange where the nominal model has them.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.calibration.prior import Tolerance, alias_matrix, standard_deviations
+from lab.commands.calibrate.load_run import Calibrated
+from lab.compensation.flange import Flange, located_flange
+from lab.core import se3
+from lab.core.se3 import Array
+from lab.formats.programs.reading.program_text import ProgramText, TargetText
+from lab.kinematics.gauge import base_set
+from lab.kinematics.inverse.branches import NominalInverse
+from lab.kinematics.serial.arm import DEFAULT_TOOL, SerialArm
+from lab.simulation.model import at_zero, site_pose
+
+__all__ = ["ProgramReference", "frames_of", "program_reference"]
+
+_BASE, _FLANGE = "base", "flange"  # frames of the controller in the lab's frame 0 and last frame
+_GIVEN_DOF = 2  # as many links the tolerances as they are given weigh beside those that were identified
+_POSE_M = (
+    0.05  # along the axes of a measured pose are points that stand for it: 0.2 mrad where they are stated to 10 um
+)
+_WELL_KNOWN = 0.5  # of its tolerance: a parameter measured better shows how large the arm's tolerances are
+
+
+@dataclass(frozen=True)
+class ProgramReference:
+    """The calibrated arm with the points of a program's tools.
+
+    Attributes:
+        run: the run; behind its targets the arm has the controller's flange and a point for each tool, and its nominal
+            values have the identified base and the tools as stated.
+        flange: in the last frame.
+        sigma: ``(6,)`` tolerances of the first and the last link (m, rad), as large as this arm's are.
+        dof: degrees of freedom of these.
+        target: of the arm, that stands in the flange's place.
+        points: targets of the arm by the tools' names.
+        gain: ``(6, f)`` how the flange's motion in the last frame follows the identified parameters.
+    """
+
+    run: Calibrated
+    flange: Flange
+    sigma: Array
+    dof: float
+    target: int
+    points: Mapping[str, int]
+    gain: Array
+
+    @cached_property
+    def nominal(self) -> NominalInverse:
+        """The controller's arm, which brings its flange somewhere."""
+        return self.run.nominal_inverse(self.target)
+
+    def point_of(self, read: ProgramText, target: TargetText) -> int:
+        """The arm's target that stands for a program's target: its tool; of joint positions the only one, if so."""
+        return self.points[_tool_of(read, target)]
+
+    def offsets(self, points: NDArray[np.int_]) -> Array:
+        """Places ``(n, 3)`` m of points in the flange."""
+        return np.asarray(self.nominal.tools[points])
+
+    @cached_property
+    def first_origin(self) -> Array:
+        """Origin ``(3,)`` m of the frame behind the first joint, in the instrument's frame."""
+        chain = self.nominal.arm.dh_chain(self.nominal.values)
+        assert chain is not None
+        T_instrument_frame0 = self.nominal.arm.T_tracker_frame0(self.nominal.values)
+        part = SerialArm(chain.first(1))
+        origin = part.flange(np.zeros((1, 1)), part.nominal())[:, :3, 3]
+        return np.asarray(se3.transform(T_instrument_frame0, origin)[0])
+
+    @property
+    def measured_targets(self) -> tuple[str, ...]:
+        """The points that were measured."""
+        return self.run.arm.targets[: self.target]
+
+    @property
+    def stated(self) -> tuple[str, ...]:
+        """Those whose places in the flange are stated.
+
+        The default tool's places are where they show by their agreement that they are meant.
+        """
+        tool, names = self.run.robot.tool, _stated(self.run.robot.tool, self.measured_targets)
+        default = all(
+            name in DEFAULT_TOOL and np.allclose(tool[name], DEFAULT_TOOL[name], rtol=0, atol=1e-9) for name in names
+        )
+        return () if default and not self.flange.believed else names
+
+
+def program_reference(run: Calibrated, read: ProgramText) -> ProgramReference:
+    """Find base and flange of the calibrated arm, and give it the points of a program's tools."""
+    sigma, dof = _own_tolerance(run)
+    flange, gain = _flange(run, sigma, dof)
+    measured = len(run.arm.targets)
+    T_flange_last = se3.inverse(flange.T_last_flange)
+    in_flange = se3.transform(T_flange_last, _tools(run, run.values))
+    names = dict.fromkeys(_tool_of(read, each) for each in read.targets)
+    places = [in_flange[0] if not name else frames_of(read, name)[0][:3, 3] for name in names]
+    new = _named(run.arm.targets, ["controller flange", *(name or f"{run.arm.targets[0]} in flange" for name in names)])
+    arm = run.with_targets((*run.arm.targets, *new))
+    tools = np.stack([np.zeros(3), *places])
+    real = {**_by_name(run, run.values), **_points_by_name(new, se3.transform(flange.T_last_flange, tools))}
+    nominal = {**_by_name(run, run.nominal_aligned), **_points_by_name(new, tools)}
+    nominal |= {name: real[name] for name in arm.names if name.startswith("base.")}
+    nominal |= _points_by_name(run.arm.targets, in_flange)
+    extended = replace(
+        run,
+        arm=arm,
+        values=np.array([real[name] for name in arm.names]),
+        nominal_aligned=np.array([nominal[name] for name in arm.names]),
+        R_last_tool=flange.T_last_flange[:3, :3],
+    )
+    points = {name: measured + 1 + i for i, name in enumerate(names)}
+    return ProgramReference(extended, flange, sigma, dof, measured, points, gain)
+
+
+def frames_of(read: ProgramText, tool: str, base: str = "") -> tuple[Array, Array]:
+    """Poses ``(4, 4)`` (m) of a tool of a program in the last frame, and of a base in frame 0."""
+    flange, frame0 = (read.frames.get(name, np.eye(4)) for name in (_FLANGE, _BASE))
+    return flange @ read.frames[tool], frame0 @ read.frames[base] if base else frame0
+
+
+def _tool_of(read: ProgramText, target: TargetText) -> str:
+    """The name of a target's tool; "" of joint positions, where the program's poses have not one tool alone."""
+    if target.spelling is not None:
+        return target.tool
+    tools = {each.tool for each in read.targets if each.spelling is not None}
+    return tools.pop() if len(tools) == 1 else ""
+
+
+def _own_tolerance(run: Calibrated) -> tuple[Array, float]:
+    """Tolerances ``(6,)`` (m, rad) of this arm's links, as its identified ones show them, and degrees of freedom.
+
+    An identified parameter is off by its own error and by those of the parameters that it is aliased with
+    (``lab.calibration.prior``), so it is counted in the standard deviation that tolerances give them all.
+    """
+    fitting = run.options.fitting
+    tolerance = Tolerance(fitting.tolerance_mm / 1e3, fitting.tolerance_mrad / 1e3)
+    arm, nominal = run.arm, run.nominal_aligned
+    structure = base_set(arm, nominal)
+    spread = standard_deviations(arm, tolerance)
+    spread[~np.isfinite(spread)] = 0.0
+    wide = np.sqrt(((alias_matrix(structure, len(arm.names)) * spread) ** 2).sum(axis=1))
+    by_name = dict(zip((arm.names[i] for i in structure.kept), wide.tolist(), strict=True))
+    deviations = dict(zip(run.identified, np.sqrt(np.diag(run.covariance)).tolist(), strict=True))
+    estimates, drawn = dict(zip(run.identified, run.estimates.tolist(), strict=True)), _by_name(run, nominal)
+    sums, counts = {True: 0.0, False: 0.0}, {True: 0, False: 0}
+    for each in arm.parameters:
+        name = each.name
+        if (
+            not each.is_link
+            or by_name.get(name, 0.0) == 0
+            or not deviations.get(name, np.inf) < _WELL_KNOWN * by_name[name]
+        ):
+            continue
+        off = estimates[name] - drawn[name]
+        if each.is_angle:
+            off = float(np.remainder(off + np.pi, 2 * np.pi) - np.pi)
+        sums[each.is_angle] += (off / by_name[name]) ** 2
+        counts[each.is_angle] += 1
+    scale = {kind: np.sqrt((_GIVEN_DOF + sums[kind]) / (_GIVEN_DOF + counts[kind])) for kind in sums}
+    sigma = np.repeat([scale[False] * tolerance.length_m, scale[True] * tolerance.angle_rad], 3)
+    return sigma, float(_GIVEN_DOF + min(counts.values()))
+
+
+def _flange(run: Calibrated, sigma: Array, dof: float) -> tuple[Flange, Array]:
+    """The flange, by the measured points whose places in it are stated; ``(6, f)`` how it follows the parameters."""
+    stated = run.robot.tool
+    known = _stated(stated, run.arm.targets)
+    columns = [f"tool.{name}.{axis}" for name in known for axis in "xyz"]
+    kept = [i for i, name in enumerate(columns) if name in run.identified]
+    at = [run.identified.index(columns[i]) for i in kept]
+    moved = np.eye(len(columns))  # how the points follow what was measured of them
+    covariance = np.zeros_like(moved)
+    covariance[np.ix_(kept, kept)] = run.covariance[np.ix_(at, at)]
+    measured = _by_name(run, run.values)
+    points = np.array([measured[name] for name in columns]).reshape(-1, 3)
+    places = np.array([stated[name] for name in known]).reshape(-1, 3)
+    if posed := run.options.observe == "pose" and len(known) == 1:
+        ends = _POSE_M * np.eye(3)
+        points = np.concatenate([points, points + ends @ run.R_last_tool.T])
+        places = np.concatenate([places, places + ends @ _stated_turn(run, known[0]).T])
+        moved = np.tile(moved, (4, 1))
+    flange = located_flange(points, moved @ covariance @ moved.T, places, _prior(run, sigma), dof, posed=posed)
+    flange = replace(flange, gain=flange.gain @ moved, off_m=flange.off_m[: len(known)])
+    gain = np.zeros((6, len(run.identified)))
+    gain[:, at] = flange.gain[:, kept]
+    return flange, gain
+
+
+def _prior(run: Calibrated, sigma: Array) -> Array:
+    """Covariance ``(6, 6)`` (m, rad) that tolerances ``(6,)`` give the flange in the last frame.
+
+    The face is off the last link, and along and about its axis the last link is off, too.
+    """
+    arm, values = run.geometry
+    T, jacobian = arm.tool(np.zeros((1, arm.chain.size)), values)
+    axis = T[0, :3, :3].T @ jacobian[0, 3:, -1]
+    along = np.outer(axis, axis) / (axis @ axis)
+    nothing = np.zeros((3, 3))
+    return np.asarray(
+        np.diag(sigma**2) + np.block([[sigma[0] ** 2 * along, nothing], [nothing, sigma[3] ** 2 * along]])
+    )
+
+
+def _stated(tool: Mapping[str, Array], names: Sequence[str]) -> tuple[str, ...]:
+    """The points whose places in the flange the robot's description or its cell has."""
+    return tuple(name for name in names if name in tool)
+
+
+def _stated_turn(run: Calibrated, name: str) -> Array:
+    """Rotation ``(3, 3)`` of a target in the flange, as the robot's description or its cell has it."""
+    model, arm = run.robot.model, run.robot.serial_arm(run.arm.targets)
+    last = arm.flange(np.zeros((1, arm.chain.size)), arm.nominal())[0]
+    target = site_pose(model.model, at_zero(model.model), name)
+    return np.asarray((model.T_world_frame0 @ last)[:3, :3].T @ target[:3, :3])
+
+
+def _tools(run: Calibrated, values: Array) -> Array:
+    """Places ``(k, 3)`` m of the measured points in the last frame."""
+    named = _by_name(run, values)
+    return np.array([[named[f"tool.{name}.{axis}"] for axis in "xyz"] for name in run.arm.targets])
+
+
+def _by_name(run: Calibrated, values: Array) -> dict[str, float]:
+    return dict(zip(run.arm.names, values.tolist(), strict=True))
+
+
+def _points_by_name(names: Sequence[str], places: Array) -> dict[str, float]:
+    """The parameters of points ``(k, 3)`` m by their names."""
+    return {
+        f"tool.{name}.{axis}": value
+        for name, place in zip(names, places.tolist(), strict=True)
+        for axis, value in zip("xyz", place, strict=True)
+    }
+
+
+def _named(taken: Sequence[str], wished: Sequence[str]) -> list[str]:
+    """Names of targets as descriptions take them, each once."""
+    found = list[str]()
+    for name in wished:
+        plain = (
+            "".join(letter if letter.isascii() and letter.isalnum() else "_" for letter in name).strip("_") or "tool"
+        )
+        plain = f"tool_{plain}" if plain.lower() in ("flange", "tracker") or plain[0].isdigit() else plain
+        while plain in (*taken, *found):
+            plain += "_"
+        found.append(plain)
+    return found
