@@ -16,7 +16,7 @@ from lab.core.errors import LabError, error_context
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.formats.cell_toml import Cell, read_cell
-from lab.formats.description import IdentifiedRobot
+from lab.formats.description import IdentifiedRobot, with_comment
 from lab.formats.dh_table_toml import read_table
 from lab.formats.links_toml import described_links, links_of
 from lab.formats.mechanism_toml import read_mechanism
@@ -154,8 +154,12 @@ class Robot(ABC):
         """The files that can describe it with identified parameters; the last is exact to the bit."""
 
     @abstractmethod
-    def description(self, file: str, targets: tuple[str, ...], values: Array) -> str:
-        """The content of such a file for the arm with these targets and parameters ``(p,)``, base included."""
+    def description(self, file: str, targets: tuple[str, ...], values: Array, comment: str = "") -> str:
+        """The content of such a file for the arm with these targets and parameters ``(p,)``, base included.
+
+        Args:
+            comment: what is said of it at its head.
+        """
 
     @property
     def kept_file(self) -> str:
@@ -239,10 +243,10 @@ class SerialRobot(Robot):
         """MJCF, URDF and the table; of some robots those of ROS."""
         return tuple(each.file for each in SERIAL_FORMATS)
 
-    def description(self, file: str, targets: tuple[str, ...], values: Array) -> str:
+    def description(self, file: str, targets: tuple[str, ...], values: Array, comment: str = "") -> str:
         """The content of one of these files."""
         identified = IdentifiedRobot(self.name, self.arm(targets), values, self.loads, self.model)
-        return {each.file: each for each in SERIAL_FORMATS}[file].text(identified)
+        return with_comment(file, {each.file: each for each in SERIAL_FORMATS}[file].text(identified), comment)
 
 
 @dataclass(frozen=True)
@@ -289,10 +293,10 @@ class ClosedRobot(Robot):
         """MJCF and the mechanism's description."""
         return tuple(each.file for each in CLOSED_FORMATS)
 
-    def description(self, file: str, targets: tuple[str, ...], values: Array) -> str:
+    def description(self, file: str, targets: tuple[str, ...], values: Array, comment: str = "") -> str:
         """The content of one of these files."""
         identified = IdentifiedRobot(self.name, self.arm(targets), values, self.loads, self.model)
-        return {each.file: each for each in CLOSED_FORMATS}[file].text(identified)
+        return with_comment(file, {each.file: each for each in CLOSED_FORMATS}[file].text(identified), comment)
 
 
 def load_robot(robot: str | Path | Robot, cell: Path | None = None) -> Robot:

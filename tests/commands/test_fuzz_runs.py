@@ -40,7 +40,7 @@ COMMANDS = {
     "calibrate with a load": "calibrate --poses 12 --load changed",
     "study": "study study.toml --workers 1 --resume",
 }
-NOT_READ = {"calibrated.toml", "report.html", "recording.rrd"}
+NOT_READ = {"calibrated.toml", "calibrated.py", "report.html", "recording.rrd"}
 READ_OF_LOAD = {"load.json"}
 
 
