@@ -7,7 +7,7 @@ the bit, which a run keeps of a robot that was given as a table or as a mechanis
 from lab.formats.description import DescriptionFormat
 from lab.formats.dh_table_toml import TABLE_TOML
 from lab.formats.mechanism_toml import MECHANISM_TOML
-from lab.formats.ur_calibration import UR_KINEMATICS
+from lab.formats.ur_calibration import UR_CORRECTIONS, UR_KINEMATICS
 from lab.kinematics.closed.arm import ClosedArm
 from lab.kinematics.serial.arm import SerialArm
 from lab.simulation.closed_robot import CLOSED_MJCF, ClosedModel
@@ -22,6 +22,7 @@ SERIAL_FORMATS: tuple[DescriptionFormat[SerialArm, SerialModel], ...] = (
     URDF,
     XACRO,
     UR_KINEMATICS,
+    UR_CORRECTIONS,
     TABLE_TOML,
 )
 CLOSED_FORMATS: tuple[DescriptionFormat[ClosedArm, ClosedModel], ...] = (CLOSED_MJCF, MECHANISM_TOML)
