@@ -15,14 +15,14 @@ from lab.simulation.serial_model import SerialModel
 from lab.simulation.write_mjcf import MJCF
 from lab.simulation.write_urdf import URDF, XACRO
 
-__all__ = ["CLOSED_FORMATS", "SERIAL_FORMATS"]
+__all__ = ["CLOSED_FORMATS", "MAKER_FORMATS", "SERIAL_FORMATS"]
 
+MAKER_FORMATS: tuple[DescriptionFormat[SerialArm, SerialModel], ...] = (UR_KINEMATICS, UR_CORRECTIONS)
 SERIAL_FORMATS: tuple[DescriptionFormat[SerialArm, SerialModel], ...] = (
     MJCF,
     URDF,
     XACRO,
-    UR_KINEMATICS,
-    UR_CORRECTIONS,
+    *MAKER_FORMATS,
     TABLE_TOML,
 )
 CLOSED_FORMATS: tuple[DescriptionFormat[ClosedArm, ClosedModel], ...] = (CLOSED_MJCF, MECHANISM_TOML)

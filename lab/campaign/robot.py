@@ -10,7 +10,7 @@ from typing import Self
 
 import numpy as np
 
-from lab.campaign.descriptions import CLOSED_FORMATS, SERIAL_FORMATS
+from lab.campaign.descriptions import CLOSED_FORMATS, MAKER_FORMATS, SERIAL_FORMATS
 from lab.campaign.model_files import description_of, is_own, sha256_of
 from lab.core.errors import LabError, error_context
 from lab.core.measurements import Measurements
@@ -165,6 +165,11 @@ class Robot(ABC):
     def kept_file(self) -> str:
         """The one of ``description_files`` that a run keeps: in the format that the robot was given in, or near it."""
         return self.description_files[-1] if self.model.path.suffix == ".toml" else self.description_files[0]
+
+    @property
+    def kept_files(self) -> tuple[str, ...]:
+        """The ones that a run keeps: also those of the controller's maker, where they are of such a robot."""
+        return (self.kept_file, *(each.file for each in MAKER_FORMATS if each.file in self.description_files))
 
     def placed_in(self, cell: Path | None) -> Self:
         """The robot in the cell that a file describes; as it is, without a file.

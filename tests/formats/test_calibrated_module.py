@@ -1,5 +1,6 @@
 """``calibrated.py``: plain Python that puts the points where the lab's own arm does, whatever the effects."""
 
+import ast
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -108,6 +109,7 @@ def test_a_bare_python_runs_it(tmp_path) -> None:
     (tmp_path / "calibrated.py").write_text(module_text('t """ \\', "a", "f", model), encoding="utf-8")
     inputs, size = inputs_of(arm, 20), arm.rigid.chain.size
     conditions = dict(zip(arm.conditions, inputs[:, size:].T.tolist(), strict=True))
+    ast.parse((tmp_path / "calibrated.py").read_text(encoding="utf-8"), feature_version=(3, 8))
     rows = bare_python(tmp_path, inputs[:, :size], conditions)
     points = np.array([[row[target] for target in arm.targets] for row in rows])
     np.testing.assert_allclose(points, arm.points(inputs, values), rtol=0, atol=1e-12)

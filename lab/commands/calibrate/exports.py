@@ -46,14 +46,16 @@ def without_effects(arm: Arm, values: Array, inputs: Array) -> float | None:
     return float(np.sqrt(np.nanmean(off)))
 
 
-def comment_of_lacking(groups: Sequence[str], off_m: float | None, where: str) -> str:
-    """What a file of geometry alone says of itself; "" where it has all that was identified."""
+def comment_of_lacking(groups: Sequence[str], off_m: float | None, where: str, *, module: bool) -> str:
+    """What a file of geometry alone says of itself; "" where it has all that was identified.
+
+    Args:
+        module: whether ``calibrated.py`` has the arm.
+    """
     if off_m is None:
         return ""
-    return (
-        f"Geometry alone: lacks {', '.join(listed(groups))}, and is off by {1e3 * off_m:.2g} mm rms {where} without; "
-        "calibrated.py has all effects"
-    )
+    said = f"Geometry alone: lacks {', '.join(listed(groups))}; off by {1e3 * off_m:.2g} mm rms {where}"
+    return f"{said}; calibrated.py has all effects" if module else said
 
 
 @dataclass(frozen=True)

@@ -261,20 +261,23 @@ class CalibrationResult(Result):
         found = self._export
         return without_effects(found.arm, found.values, found.inputs)
 
-    @property
-    def _lacking(self) -> str:
-        """What a file of geometry alone says of itself."""
-        return comment_of_lacking(self._export.arm.groups, self._off_m, "at the measured poses")
+    @cached_property
+    def _descriptions(self) -> dict[str, str]:
+        """The files that describe the arm's geometry; those in other formats are ``lab compensate``'s."""
+        arm, values = self.rigid(self.exported)
+        lacking = comment_of_lacking(
+            self._export.arm.groups, self._off_m, "at the measured poses", module=self._module[1] is None
+        )
+        texts = {name: self.robot.description(name, arm.targets, values, lacking) for name in self.robot.kept_files}
+        return {name: text for name, text in texts.items() if text}
 
     @property
     def _exports(self) -> dict[str, Any]:
         """What ``result.json`` says of the files that hold the arm."""
         found, off = self._export, self._off_m
         alone = {"has": ["geometric"], "lacks": [*found.arm.groups, *found.left_out]}
-        return {
-            MODULE_FILE: found.to_dict(self._module[1]),
-            self.robot.kept_file: {**alone, "off_mm": None if off is None else number(1e3 * off)},
-        }
+        of_geometry = {**alone, "off_mm": None if off is None else number(1e3 * off)}
+        return {MODULE_FILE: found.to_dict(self._module[1]), **dict.fromkeys(self._descriptions, of_geometry)}
 
     @property
     def _prior(self) -> dict[str, Any]:
@@ -332,9 +335,8 @@ class CalibrationResult(Result):
         _write_covariance(folder / "covariance.csv", self.identification)
         if options.fitting.load is not None:
             read_hand_load(options.fitting.load, accept_edited=options.fitting.accept_edited).write(folder)
-        arm, values = self.rigid(self.exported)
-        text = robot.description(robot.kept_file, arm.targets, values, self._lacking)  # others are lab compensate's
-        (folder / robot.kept_file).write_text(text, encoding="utf-8")
+        for name, text in self._descriptions.items():
+            (folder / name).write_text(text, encoding="utf-8")
         (folder / MODULE_FILE).write_text(self._module[0], encoding="utf-8")
         write_json(folder / "result.json", self.to_dict())
         if (process := self.fit.process) is not None:

@@ -37,11 +37,13 @@ def write_files(folder: Path, result: CompensationResult) -> None:
     nominal = run.robot.description(exact, nominal_inverse.arm.targets, nominal_inverse.values)
     (folder / NOMINAL).write_text(nominal, encoding="utf-8")
     arm, values = run.geometry
-    lacking = comment_of_lacking(run.groups, result.without_effects_m, "at the corrected targets")
+    module, refused = run.export(result.arm_inputs[rows]).module()
+    off = result.without_effects_m
+    lacking = comment_of_lacking(run.groups, off, "at the corrected targets", module=refused is None)
     for name in run.robot.description_files:
         if text := run.robot.description(name, arm.targets, values, lacking):
             (folder / name).write_text(text, encoding="utf-8")
-    (folder / MODULE_FILE).write_text(run.export(result.arm_inputs[rows]).module()[0], encoding="utf-8")
+    (folder / MODULE_FILE).write_text(module, encoding="utf-8")
     if result.program is not None:
         (folder / result.program.name).write_bytes(result.program.content)
     elif len(rows) and refusal(chain, result.options.controller, len(result.targets)) is None:
