@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from formats.test_one_arm_in_all_files import bare_python
+from helpers.bare_python import bare_python
 from helpers.robots import perturbed, somewhere
 
 from lab.calibration.residual.kernels import COMPONENTS

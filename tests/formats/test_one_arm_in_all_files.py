@@ -4,10 +4,7 @@ URDF by yourdfpy, MJCF by MuJoCo, ``ur_kinematics.yaml`` and ``calibration.conf`
 written here anew, and ``calibrated.py`` by a bare Python without site packages.
 """
 
-import json
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import mujoco
@@ -15,6 +12,7 @@ import numpy as np
 import pytest
 import yaml
 import yourdfpy
+from helpers.bare_python import bare_python
 from helpers.robots import perturbed, somewhere
 from helpers.ur5e import UR5E_TABLE, distal_pose, ur5e_toml
 from scipy.spatial.transform import Rotation
@@ -43,21 +41,6 @@ def robot_called(name: str, folder: Path) -> Robot:
     if name == "ur5e table":
         return load_robot(str(ur5e_toml(folder / "ur5e.toml")))
     return load_robot(str(ur5e_urdf(folder / "ur5e.urdf"))) if name == "ur5e urdf" else load_robot(name)
-
-
-def bare_python(folder: Path, joints: Array, conditions: dict[str, list[float]] | None = None) -> list[dict]:
-    """Points by ``calibrated.py``, in a process of Python without anything but its own library."""
-    given = conditions or {}
-    rows = [[row, {name: column[i] for name, column in given.items()}] for i, row in enumerate(joints.tolist())]
-    (folder / "rows.json").write_text(json.dumps(rows))
-    code = (
-        "import json; space = {}; exec(open('calibrated.py', encoding='utf-8').read(), space); "
-        "print(json.dumps([space['forward'](q, **given)[1] for q, given in json.load(open('rows.json'))]))"
-    )
-    done = subprocess.run(
-        [sys.executable, "-I", "-S", "-c", code], cwd=folder, capture_output=True, text=True, check=True
-    )
-    return json.loads(done.stdout)
 
 
 def by_urdf(path: Path, joints: Array, links: tuple[str, ...], root: str | None = None) -> Array:

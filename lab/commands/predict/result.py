@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from lab.render.document import Document
 
-__all__ = ["PredictionResult"]
+__all__ = ["PREDICTED_FILE", "PredictionResult"]
 
 PREDICTED_FILE = "predicted.csv"
 _PAIRS = ((0, 0, "xx"), (0, 1, "xy"), (0, 2, "xz"), (1, 1, "yy"), (1, 2, "yz"), (2, 2, "zz"))
