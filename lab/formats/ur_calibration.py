@@ -253,9 +253,8 @@ def _maker_table(lengths: Sequence[float]) -> Array:
 def _distal_table(frames: tuple[Array, ...]) -> Array:
     """Theta, d, a and alpha ``(6, 4)`` of Denavit and Hartenberg, without a beta, of axes and tool0 in the base.
 
-    Of the two common normals of neighbouring axes the one is taken that turns the less, and by which the axes cross as
-    the maker's do. The places d along nearly parallel axes are large; where they would be beyond what the file may
-    hold, the axes are taken for parallel.
+    Of the two common normals of neighbouring axes the one is taken that turns the less. The places d along nearly
+    parallel axes are large; where they would be beyond what the file may hold, the axes are taken for parallel.
     """
     x, z, origin = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]), np.zeros(3)
     table = np.zeros((6, 4))
@@ -264,7 +263,7 @@ def _distal_table(frames: tuple[Array, ...]) -> Array:
         normal, sine = np.cross(z, next_z), np.linalg.norm(np.cross(z, next_z))
         parallel = sine < _EXACTLY_PARALLEL
         if not parallel:
-            next_x = normal / sine * (np.sign(_ALPHAS[i]) or np.sign(np.dot(normal, x)) or 1.0)
+            next_x = normal / sine * (np.sign(np.dot(normal, x)) or 1.0)
             foot, next_origin = _foot(origin, z, point, next_z), _foot(point, next_z, origin, z)
             parallel = abs(np.dot(foot - origin, z)) > CORRECTION_D_M.most
         if parallel:
