@@ -33,6 +33,7 @@ COMMANDS = {
     "certify": "certify changed --force",
     "verify": "verify changed day.csv --force",
     "compensate": "compensate day.csv --run changed --no-check --force",
+    "predict": "predict changed day.csv --force",
     "compare": "compare changed other --force",
     "trend": "trend . --force",
     "migrate": "migrate changed",
