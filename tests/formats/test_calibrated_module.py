@@ -126,7 +126,13 @@ def test_a_bare_python_runs_it(tmp_path) -> None:
     np.testing.assert_allclose(points, arm.points(inputs, values), rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("case", ["everything of joints", "links that bend and move", "seven joints"])
+@pytest.mark.parametrize(
+    "case",
+    [
+        "links that bend and move",
+        *(pytest.param(c, marks=pytest.mark.thorough) for c in ("everything of joints", "seven joints")),
+    ],
+)
 def test_the_inverse_leads_back_to_the_pose(case: str) -> None:
     arm, values, model = arm_with(*CASES[case])
     module, rng, size = loaded(module_text("t", "a", "f", model)), np.random.default_rng(2), arm.rigid.chain.size

@@ -27,7 +27,7 @@ def soft(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, lab.Calibratio
     """A run of an arm that gives way, with play."""
     folder = tmp_path_factory.mktemp("runs") / "soft"
     with nothing_drawn():
-        result = lab.calibrate("irb120", poses=50, seed=3, targets=("p1", "p2"), **SOFT)
+        result = lab.calibrate("irb120", poses=24, seed=3, targets=("p1", "p2"), **SOFT)
         result.save(folder)
     return folder, result
 
