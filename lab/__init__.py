@@ -40,6 +40,8 @@ if TYPE_CHECKING:
     from lab.commands.measurements import WorldFrames, read_measurements, world_frames, write_measurements
     from lab.commands.payload.result import PayloadResult
     from lab.commands.payload.run import payload
+    from lab.commands.predict.result import PredictionResult
+    from lab.commands.predict.run import predict
     from lab.commands.result import Result
     from lab.commands.status.run import status
     from lab.commands.study.result import StudyResult
@@ -62,6 +64,7 @@ __all__ = [
     "Measurements",
     "MeasuringDay",
     "PayloadResult",
+    "PredictionResult",
     "Result",
     "Robot",
     "StudyResult",
@@ -80,6 +83,7 @@ __all__ = [
     "instrument",
     "load_robot",
     "payload",
+    "predict",
     "read_measurements",
     "simulate",
     "solve_kinematics",
@@ -110,6 +114,8 @@ _MODULES = {  # where each name is, imported when it is asked for
     "lab.commands.measurements": ("WorldFrames", "read_measurements", "world_frames", "write_measurements"),
     "lab.commands.payload.result": ("PayloadResult",),
     "lab.commands.payload.run": ("payload",),
+    "lab.commands.predict.result": ("PredictionResult",),
+    "lab.commands.predict.run": ("predict",),
     "lab.commands.result": ("Result",),
     "lab.commands.status.run": ("status",),
     "lab.commands.study.result": ("StudyResult",),

@@ -89,6 +89,7 @@ def test_help_shows_what_is_required() -> None:
         "import_measurements": ["points", "joints"],
         "instrument": ["name"],
         "load_robot": ["robot"],
+        "predict": ["joints"],
         "read_measurements": ["path"],
         "status": ["folder"],
         "study": ["config"],

@@ -10,13 +10,13 @@ from typing import Self
 
 import numpy as np
 
-from lab.campaign.descriptions import CLOSED_FORMATS, SERIAL_FORMATS
+from lab.campaign.descriptions import CLOSED_FORMATS, MAKER_FORMATS, SERIAL_FORMATS
 from lab.campaign.model_files import description_of, is_own, sha256_of
 from lab.core.errors import LabError, error_context
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.formats.cell_toml import Cell, read_cell
-from lab.formats.description import IdentifiedRobot
+from lab.formats.description import IdentifiedRobot, with_comment
 from lab.formats.dh_table_toml import read_table
 from lab.formats.links_toml import described_links, links_of
 from lab.formats.mechanism_toml import read_mechanism
@@ -154,13 +154,22 @@ class Robot(ABC):
         """The files that can describe it with identified parameters; the last is exact to the bit."""
 
     @abstractmethod
-    def description(self, file: str, targets: tuple[str, ...], values: Array) -> str:
-        """The content of such a file for the arm with these targets and parameters ``(p,)``, base included."""
+    def description(self, file: str, targets: tuple[str, ...], values: Array, comment: str = "") -> str:
+        """The content of such a file for the arm with these targets and parameters ``(p,)``, base included.
+
+        Args:
+            comment: what is said of it at its head.
+        """
 
     @property
     def kept_file(self) -> str:
         """The one of ``description_files`` that a run keeps: in the format that the robot was given in, or near it."""
         return self.description_files[-1] if self.model.path.suffix == ".toml" else self.description_files[0]
+
+    @property
+    def kept_files(self) -> tuple[str, ...]:
+        """The ones that a run keeps: also those of the controller's maker, where they are of such a robot."""
+        return (self.kept_file, *(each.file for each in MAKER_FORMATS if each.file in self.description_files))
 
     def placed_in(self, cell: Path | None) -> Self:
         """The robot in the cell that a file describes; as it is, without a file.
@@ -239,10 +248,10 @@ class SerialRobot(Robot):
         """MJCF, URDF and the table; of some robots those of ROS."""
         return tuple(each.file for each in SERIAL_FORMATS)
 
-    def description(self, file: str, targets: tuple[str, ...], values: Array) -> str:
+    def description(self, file: str, targets: tuple[str, ...], values: Array, comment: str = "") -> str:
         """The content of one of these files."""
         identified = IdentifiedRobot(self.name, self.arm(targets), values, self.loads, self.model)
-        return {each.file: each for each in SERIAL_FORMATS}[file].text(identified)
+        return with_comment(file, {each.file: each for each in SERIAL_FORMATS}[file].text(identified), comment)
 
 
 @dataclass(frozen=True)
@@ -289,10 +298,10 @@ class ClosedRobot(Robot):
         """MJCF and the mechanism's description."""
         return tuple(each.file for each in CLOSED_FORMATS)
 
-    def description(self, file: str, targets: tuple[str, ...], values: Array) -> str:
+    def description(self, file: str, targets: tuple[str, ...], values: Array, comment: str = "") -> str:
         """The content of one of these files."""
         identified = IdentifiedRobot(self.name, self.arm(targets), values, self.loads, self.model)
-        return {each.file: each for each in CLOSED_FORMATS}[file].text(identified)
+        return with_comment(file, {each.file: each for each in CLOSED_FORMATS}[file].text(identified), comment)
 
 
 def load_robot(robot: str | Path | Robot, cell: Path | None = None) -> Robot:

@@ -130,6 +130,13 @@ COMMANDS = (
         resumed=True,
     ),
     Command(
+        "predict",
+        "Predict where the points of a calibrated arm are at joint positions, with all effects and their uncertainty.",
+        "lab.commands.predict.options:PredictOptions",
+        "lab.commands.predict.run:predict",
+        "predict-{file}",
+    ),
+    Command(
         "verify",
         "Test a few new measurements against a calibrated arm; where it is no longer good, say what has moved.",
         "lab.commands.verify.options:VerifyOptions",

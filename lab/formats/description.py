@@ -1,5 +1,6 @@
 """A robot as identified, and what a file format that describes robots has to offer."""
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Generic, TypeVar
@@ -8,7 +9,7 @@ from lab.core.se3 import Array
 from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.model import RigidArm
 
-__all__ = ["DescriptionFormat", "IdentifiedRobot"]
+__all__ = ["DescriptionFormat", "IdentifiedRobot", "with_comment"]
 
 ArmT_co = TypeVar("ArmT_co", bound=RigidArm, covariant=True)
 ModelT_co = TypeVar("ModelT_co", covariant=True)
@@ -33,6 +34,17 @@ class IdentifiedRobot(Generic[ArmT_co, ModelT_co]):
     values: Array
     loads: Loads | None
     model: ModelT_co
+
+
+def with_comment(file: str, text: str, comment: str) -> str:
+    """The content of a file with a comment at its head, in the format's own way; as it is, without a comment."""
+    if not comment or not text:
+        return text
+    if not file.endswith((".xml", ".urdf", ".xacro")):
+        return f"# {comment}\n{text}"
+    head = re.match(r"<\?xml[^>]*\?>\s*", text)
+    at = head.end() if head else 0
+    return f"{text[:at]}<!-- {comment.replace('--', '- -')} -->\n{text[at:]}"
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from lab.core.se3 import Array
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Convention
 
-__all__ = ["Link", "free_name", "link_tree"]
+__all__ = ["Link", "free_name", "last_axis_frame", "link_tree"]
 
 
 @dataclass(frozen=True)
@@ -86,6 +86,14 @@ def link_tree(arm: SerialArm, values: Array) -> LinkTree:
         for target, point in zip(arm.targets, tool, strict=True)
     )
     return LinkTree(root, still, tuple(moving), flange, tuple(targets))
+
+
+def last_axis_frame(arm: SerialArm, values: Array) -> Array:
+    """Pose ``(4, 4)`` (m) in frame 0 of the last joint's link, at zero joint positions: z is that joint's axis."""
+    pose = np.eye(4)
+    for link in link_tree(arm, values).moving:
+        pose = pose @ link.T_parent_link
+    return pose
 
 
 def free_name(name: str, taken: Collection[str]) -> str:

@@ -2,9 +2,11 @@
 
 A controller keeps what the factory measured as differences from the nominal Denavit-Hartenberg table (distal): the
 lists ``delta_theta``, ``delta_a``, ``delta_d`` and ``delta_alpha`` of the section ``[mounting]``, six numbers each, in
-rad and m. The maker does not document the file; these keys are those that public programs read. The table with these
-differences has its second and third links hundreds of metres along nearly parallel axes (Universal Robots,
-ur_calibration, "Calibration correction algorithm"), so that the same axes are described anew, with Hayati's beta.
+rad and m. The maker does not document the file; these keys are those that public programs read, and that owners of
+robots show in public (forum.universal-robots.com, threads 538 and 18921; ros-industrial/universal_robot, issue 357).
+The table with these differences has its second and third links hundreds of metres along nearly parallel axes (Universal
+Robots, ur_calibration, "Calibration correction algorithm"). Where it is read, the same axes are described anew, with
+Hayati's beta; where it is written, without.
 
 ``ur_description`` reads a YAML file with the origin of each joint, ``x y z roll pitch yaw`` in the frame of the joint
 before it (config/ur5e/default_kinematics.yaml; the angles are those of a URDF). The frames are placed as there: z along
@@ -13,6 +15,8 @@ the axis of the joint, x along that of the base where all joints are at zero.
 
 import ast
 import configparser
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -27,19 +31,55 @@ from lab.formats.link_tree import link_tree
 from lab.formats.text_file import read_text
 from lab.kinematics.serial.arm import SerialArm
 
-__all__ = ["UR_KINEMATICS", "read_corrections"]
+__all__ = ["UR_CORRECTIONS", "UR_KINEMATICS", "read_corrections", "ur_frames"]
 
 _KEYS = ("delta_theta", "delta_d", "delta_a", "delta_alpha")
 _RANGES = (CORRECTION_RAD, CORRECTION_D_M, CORRECTION_A_M, CORRECTION_RAD)  # of the keys
 _LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 _AXES = np.array([[0, 0, 1], [0, -1, 0], [0, -1, 0], [0, -1, 0], [0, 0, -1], [0, -1, 0]], dtype=np.float64)
-_NEAR = 0.05  # by which directions of axes may differ from these, and offsets from zero be told from lengths, m
-_HEAD = """\
+_NEAR = 0.05  # by which directions of nominal axes may differ from these, and offsets from zero be told from lengths, m
+_LENGTHS: Mapping[str, tuple[float, ...]] = {  # d1, a2, a3, d4, d5, d6 in m (Universal Robots, "DH parameters")
+    "UR3": (0.1519, -0.24365, -0.21325, 0.11235, 0.08535, 0.0819),
+    "UR5": (0.089159, -0.425, -0.39225, 0.10915, 0.09465, 0.0823),
+    "UR10": (0.1273, -0.612, -0.5723, 0.163941, 0.1157, 0.0922),
+    "UR3e": (0.15185, -0.24355, -0.2132, 0.13105, 0.08535, 0.0921),
+    "UR5e": (0.1625, -0.425, -0.3922, 0.1333, 0.0997, 0.0996),
+    "UR10e": (0.1807, -0.6127, -0.57155, 0.17415, 0.11985, 0.11655),
+    "UR16e": (0.1807, -0.4784, -0.36, 0.17415, 0.11985, 0.11655),
+    "UR20": (0.2363, -0.862, -0.7287, 0.201, 0.1593, 0.1543),
+    "UR30": (0.2363, -0.637, -0.5037, 0.201, 0.1593, 0.1543),
+}
+_ALPHAS = (np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0)
+_ANOTHER_M = 0.01  # a nominal model that is farther from all of these is of none of them
+_EXACTLY_PARALLEL = 1e-10
+_YAML_HEAD = """\
 # The identified geometry of {name}, as ur_description reads it:
 #   xacro ur.urdf.xacro ur_type:=TYPE kinematics_params:=ur_kinematics.yaml name:=NAME > calibrated.urdf
 # Angles are those of a URDF (fixed axes). The hash names no controller's calibration: the driver says that the
-# two differ. The base is where the measurements place it; the tool is not in this file.
+# two differ. Neither base nor tool is in this file. tool0 is that of calibrated.urdf.
+{places}
 """
+_CONF_HEAD = """\
+# The identified geometry of {name} as differences from the maker's table of the {model} (rad, m). Only these four
+# lists are of this file: put them in the place of those in the controller's own calibration.conf, and keep its other
+# lines. The maker does not document the file, and no controller was tried: keep a copy, and move slowly first.
+{places}
+"""
+
+
+@dataclass(frozen=True)
+class _UrFrames:
+    """The frames of a Universal Robots arm at zero joint positions.
+
+    Attributes:
+        T_instrument_base: pose ``(4, 4)`` (m) of the controller's base, with z on axis 1, in the instrument's frame.
+        joints: poses ``(4, 4)`` (m) of the six joints' frames in that base, z on each axis; the last one is tool0.
+        points: the measured points ``(k, 3)`` (m) in tool0.
+    """
+
+    T_instrument_base: Array
+    joints: tuple[Array, ...]
+    points: Array
 
 
 def read_corrections(path: Path) -> Array:
@@ -79,50 +119,168 @@ def _list(path: Path, key: str, text: str) -> Array:
 
 def _kinematics(identified: IdentifiedRobot[SerialArm, object]) -> str:
     """The YAML of an identified arm; "" where it is none of this maker's."""
-    frames = _frames(identified.arm, identified.values)
-    if frames is None:
+    found = ur_frames(identified.arm, identified.values)
+    if found is None:
         return ""
-    lines = [_HEAD.format(name=identified.name).rstrip(), "kinematics:"]
+    places = _places(identified.arm.targets, found, "base_link_inertia")
+    lines = [_YAML_HEAD.format(name=" ".join(identified.name.split()), places=places).rstrip(), "kinematics:"]
     before = np.eye(4)
-    for name, frame in zip(_LINKS, frames, strict=True):
-        origin = se3.inverse(before) @ frame
-        angles = se3.roll_pitch_yaw(origin[:3, :3])
-        values = dict(zip(("x", "y", "z"), origin[:3, 3].tolist(), strict=True))
-        values |= dict(zip(("roll", "pitch", "yaw"), angles.tolist(), strict=True))
+    for name, frame in zip(_LINKS, found.joints, strict=True):
+        values = dict(zip(("x", "y", "z", "roll", "pitch", "yaw"), _six(se3.inverse(before) @ frame), strict=True))
         lines.append(f"  {name}:")
-        lines += [f"    {key}: {value + 0.0!r}" for key, value in values.items()]
+        lines += [f"    {key}: {value!r}" for key, value in values.items()]
         before = frame
     return "\n".join([*lines, "  hash: calib_identified_by_measurement"]) + "\n"
 
 
+def _corrections(identified: IdentifiedRobot[SerialArm, object]) -> str:
+    """The controller's lists of an identified arm; "" where the maker's table of it is not known."""
+    found, nominal = (ur_frames(identified.arm, v) for v in (identified.values, identified.arm.nominal()))
+    if found is None or nominal is None:
+        return ""
+    lengths = _lengths(nominal.joints)
+    apart = {model: np.abs(lengths - np.array(known)).max() for model, known in _LENGTHS.items()}
+    if apart[model := min(apart, key=lambda each: apart[each])] > _ANOTHER_M:
+        return ""
+    delta = _distal_table(found.joints) - _maker_table(_LENGTHS[model])
+    places = _places(identified.arm.targets, found, "the controller's base")
+    lines = [_CONF_HEAD.format(name=" ".join(identified.name.split()), model=model, places=places).rstrip()]
+    lines.append("[mounting]")
+    lines += [
+        f"{key} = {[value + 0.0 for value in column]!r}" for key, column in zip(_KEYS, delta.T.tolist(), strict=True)
+    ]
+    return "\n".join(lines) + "\n"
+
+
 UR_KINEMATICS = DescriptionFormat("ur_kinematics.yaml", _kinematics)
+UR_CORRECTIONS = DescriptionFormat("calibration.conf", _corrections)
 
 
-def _frames(arm: SerialArm, values: Array) -> list[Array] | None:
-    """Frames ``(4, 4)`` (m) of the six joints at zero, placed as ``ur_description`` does; None of another arm."""
+def _places(targets: Sequence[str], found: _UrFrames, base: str) -> str:
+    """Comments: where the base is, and where the measured points are."""
+    six = " ".join(repr(each) for each in _six(found.T_instrument_base))
+    lines = [f"# {base} in the frame of the measurements, x y z roll pitch yaw (m, rad): {six}"]
+    for target, point in zip(targets, found.points.tolist(), strict=True):
+        lines.append(f"# measured point {' '.join(target.split())} in tool0, x y z (m): {' '.join(map(repr, point))}")
+    return "\n".join(lines)
+
+
+def _six(T: Array) -> list[float]:
+    """Position (m), and roll, pitch and yaw (rad), of a pose ``(4, 4)``; zeros without a sign."""
+    return [value + 0.0 for value in [*T[:3, 3].tolist(), *se3.roll_pitch_yaw(T[:3, :3]).tolist()]]
+
+
+def ur_frames(arm: SerialArm, values: Array) -> _UrFrames | None:
+    """The frames of an arm with parameters ``values`` ``(p,)``, as the maker places them; None of another arm.
+
+    Whose arm it is follows from the nominal axes. What an identified last link is displaced by beyond its joint's axis
+    turns with tool0 like a tool, and is in the points: tool0 itself stays on the axis, as both formats have it.
+    """
     chain = arm.chain
     if chain.size != len(_LINKS) or any(chain.prismatic):
         return None
-    tree = link_tree(arm, values)
-    poses = [np.eye(4)]
-    for link in tree.moving:
-        poses.append(poses[-1] @ link.T_parent_link)
-    last = poses[-1] @ tree.moving[-1].T_link_frame
-    z = np.array([pose[:3, 2] * link.sign for pose, link in zip(poses[1:], tree.moving, strict=True)])
-    points = np.array([pose[:3, 3] for pose in poses[1:]])
-    turn = np.diag([-1.0, -1.0, 1.0]) if z[1, 1] > 0 else np.eye(3)  # base_link is turned against the base
-    z, points, last = z @ turn, points @ turn, se3.pose(turn @ last[:3, :3], turn @ last[:3, 3])
-    if np.abs(z - _AXES).max() > _NEAR:
+    nominal = _axis_frames(arm, arm.nominal())
+    z = np.array([T[:3, 2] for T in nominal])
+    turn = np.diag([-1.0, -1.0, 1.0, 1.0]) if z[1, 1] > 0 else np.eye(4)  # base_link is turned against the base
+    if np.abs(z @ turn[:3, :3] - _AXES).max() > _NEAR or abs(chain.table[0, 3] * (chain.convention == "craig")) > _NEAR:
         return None
+    placed = _placed(tuple(turn @ T for T in nominal))
+    if placed is None:
+        return None
+    last_tool0 = se3.inverse(turn @ nominal[-1]) @ placed[-1]  # mostly one: how the nominal model has its last frame
+    frames = [turn @ T for T in _axis_frames(arm, values)]
+    found = _placed(tuple(frames))
+    assert found is not None
+    tool0 = frames[-1] @ last_tool0
+    _, table, points = arm.split(values)
+    before, after = np.eye(4), np.diag([1.0, chain.sign[-1], chain.sign[-1], 1.0])
+    if chain.convention == "craig":
+        before = _across(table[0])
+    else:
+        after = after @ _across(table[-1])
+    points = se3.transform(se3.inverse(last_tool0) @ after, points)
+    return _UrFrames(arm.T_tracker_frame0(values) @ before @ turn, (*found[:-1], tool0), points)
+
+
+def _across(row: Array) -> Array:
+    """Tx(a) Rx(alpha) Ry(beta) ``(4, 4)`` of a row ``(5,)``."""
+    _, _, a, alpha, beta = row
+    turn = se3.exp(np.array([alpha, 0.0, 0.0])) @ se3.exp(np.array([0.0, beta, 0.0]))
+    return se3.pose(turn, np.array([a, 0.0, 0.0]))
+
+
+def _axis_frames(arm: SerialArm, values: Array) -> list[Array]:
+    """Frames ``(4, 4)`` (m) on the joints' axes at zero, z as each counts, in a base whose z is axis 1."""
+    tree = link_tree(arm, values)
+    _, table, _ = arm.split(values)
+    pose = se3.inverse(_across(table[0])) if arm.chain.convention == "craig" else np.eye(4)
+    found = []
+    for link in tree.moving:
+        pose = pose @ link.T_parent_link
+        flip = np.diag([1.0, link.sign, link.sign, 1.0])
+        found.append(pose @ flip)
+    return found
+
+
+def _placed(frames: tuple[Array, ...]) -> tuple[Array, ...] | None:
+    """The same frames placed along and about their axes as ``ur_description`` does; None where shoulders are apart."""
+    z = [T[:3, 2] for T in frames]
+    points = [T[:3, 3] for T in frames]
     shoulder = _foot(points[0], z[0], points[1], z[1])
     upper = _foot(points[1], z[1], points[0], z[0])
+    if np.linalg.norm(upper - shoulder) > _NEAR:
+        return None
     elbow = points[2] + z[2] * np.dot(upper - points[2], z[2])
     wrist = _foot(points[3], z[3], points[4], z[4])
     roll = _foot(points[4], z[4], points[5], z[5])
-    if np.linalg.norm(upper - shoulder) > _NEAR or abs(np.dot(last[:3, 2], z[5])) < 1 - 1e-9:
-        return None
-    tip = points[5] + z[5] * np.dot(last[:3, 3] - points[5], z[5])
-    return [_frame(at, axis) for at, axis in zip((shoulder, upper, elbow, wrist, roll, tip), z, strict=True)]
+    origins = (shoulder, upper, elbow, wrist, roll, points[5])
+    return tuple(_frame(at, axis) for at, axis in zip(origins, z, strict=True))
+
+
+def _lengths(frames: tuple[Array, ...]) -> Array:
+    """d1, a2, a3, d4, d5 and d6 ``(6,)`` (m) of nominal frames."""
+    shoulder, _, elbow, wrist, roll, tip = (T[:3, 3] for T in frames)
+    d4 = -(wrist - elbow)[1]
+    return np.array([shoulder[2], elbow[0], (wrist - elbow)[0], d4, -(roll - wrist)[2], -(tip - roll)[1]])
+
+
+def _maker_table(lengths: Sequence[float]) -> Array:
+    """The maker's table ``(6, 4)``: theta, d, a, alpha."""
+    d1, a2, a3, d4, d5, d6 = lengths
+    return np.array([np.zeros(6), [d1, 0, 0, d4, d5, d6], [0, a2, a3, 0, 0, 0], _ALPHAS]).T
+
+
+def _distal_table(frames: tuple[Array, ...]) -> Array:
+    """Theta, d, a and alpha ``(6, 4)`` of Denavit and Hartenberg, without a beta, of axes and tool0 in the base.
+
+    Of the two common normals of neighbouring axes the one is taken that turns the less. The places d along nearly
+    parallel axes are large; where they would be beyond what the file may hold, the axes are taken for parallel.
+    """
+    x, z, origin = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]), np.zeros(3)
+    table = np.zeros((6, 4))
+    for i in range(5):
+        next_z, point = frames[i + 1][:3, 2], frames[i + 1][:3, 3]
+        normal, sine = np.cross(z, next_z), np.linalg.norm(np.cross(z, next_z))
+        parallel = sine < _EXACTLY_PARALLEL
+        if not parallel:
+            next_x = normal / sine * (np.sign(np.dot(normal, x)) or 1.0)
+            foot, next_origin = _foot(origin, z, point, next_z), _foot(point, next_z, origin, z)
+            parallel = abs(np.dot(foot - origin, z)) > CORRECTION_D_M.most
+        if parallel:
+            next_origin = point + next_z * np.dot(origin - point, z) / np.dot(next_z, z)
+            next_x, foot = next_origin - origin, origin
+            next_x = next_x / np.linalg.norm(next_x) * (np.sign(np.dot(next_x, x)) or 1.0)
+        table[i] = _angle(x, next_x, z), np.dot(foot - origin, z), np.dot(next_origin - foot, next_x), 0.0
+        table[i, 3] = 0.0 if parallel else _angle(z, next_z, next_x)
+        x, z, origin = next_x, next_z, next_origin
+    tool0 = frames[5]
+    table[5, :2] = _angle(x, tool0[:3, 0], z), np.dot(tool0[:3, 3] - origin, z)
+    return table
+
+
+def _angle(u: Array, v: Array, about: Array) -> float:
+    """The angle from u to v about an axis normal to both."""
+    return float(np.arctan2(np.dot(np.cross(u, v), about), np.dot(u, v)))
 
 
 def _frame(origin: Array, z: Array) -> Array:

@@ -7,7 +7,8 @@ import numpy as np
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.formats.description import IdentifiedRobot
-from lab.formats.link_tree import Link, free_name, link_tree
+from lab.formats.link_tree import Link, free_name, last_axis_frame, link_tree
+from lab.formats.ur_calibration import ur_frames
 from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
@@ -27,12 +28,13 @@ def identified_urdf(identified: IdentifiedRobot[SerialArm, object]) -> str:
     """The identified arm as links and joints, to the last digit.
 
     Joints have the chain's names. Links are those of ``formats.link_tree``: the instrument's frame, the
-    table's frame 0, one a joint, the table's last frame, and one a target.
+    table's frame 0, one a joint, the table's last frame, and one a target; of an arm of Universal Robots also tool0, as
+    ``ur_kinematics.yaml`` has it.
     """
     chain, loads = identified.arm.chain, identified.loads
     root = ET.Element("robot", name=identified.name)
     ET.SubElement(ET.SubElement(root, "mujoco"), "compiler", fusestatic="false")  # MuJoCo keeps fixed links
-    for link in link_tree(identified.arm, identified.values).links:
+    for link in [*link_tree(identified.arm, identified.values).links, *_tool0(identified)]:
         element = ET.SubElement(root, "link", name=link.name)
         if link.joint is not None:
             _add_mass(element, *_mass_and_centre(loads, link))
@@ -41,6 +43,18 @@ def identified_urdf(identified: IdentifiedRobot[SerialArm, object]) -> str:
     ET.indent(root)
     head = f'<?xml version="1.0"?>\n<!--\n{_ABOUT}{_masses_note(loads)}\n-->\n'
     return head + ET.tostring(root, encoding="unicode") + "\n"
+
+
+def _tool0(identified: IdentifiedRobot[SerialArm, object]) -> list[Link]:
+    """Tool0 of an arm of Universal Robots, fixed to the last link; none of another arm."""
+    arm, values = identified.arm, identified.values
+    found, tree = ur_frames(arm, values), link_tree(arm, values)
+    name = free_name("tool0", [link.name for link in tree.links])
+    if found is None:
+        return []
+    T_instrument_last = arm.T_tracker_frame0(values) @ last_axis_frame(arm, values)
+    T_last_tool0 = se3.inverse(T_instrument_last) @ found.T_instrument_base @ found.joints[-1]
+    return [Link(name, tree.moving[-1].name, T_last_tool0, np.eye(4))]
 
 
 def _add_mass(element: ET.Element, mass_kg: float, centre: Array) -> None:

@@ -27,6 +27,7 @@ FILES = {
     "fitted_poses.csv",
     "result.json",
     "calibrated.xml",
+    "calibrated.py",
     "recording.rrd",
     "report.html",
 }

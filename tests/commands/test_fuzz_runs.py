@@ -33,6 +33,7 @@ COMMANDS = {
     "certify": "certify changed --force",
     "verify": "verify changed day.csv --force",
     "compensate": "compensate day.csv --run changed --no-check --force",
+    "predict": "predict changed day.csv --force",
     "compare": "compare changed other --force",
     "trend": "trend . --force",
     "migrate": "migrate changed",
@@ -40,7 +41,7 @@ COMMANDS = {
     "calibrate with a load": "calibrate --poses 12 --load changed",
     "study": "study study.toml --workers 1 --resume",
 }
-NOT_READ = {"calibrated.toml", "report.html", "recording.rrd"}
+NOT_READ = {"calibrated.toml", "calibrated.py", "report.html", "recording.rrd"}
 READ_OF_LOAD = {"load.json"}
 
 

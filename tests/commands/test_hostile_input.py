@@ -24,6 +24,7 @@ MEASUREMENTS = (
     "calibrate --robot arm.toml --plan {} --out never",
     "design --robot arm.toml --extend {} --out never",
     "payload {} --robot arm.toml --out never",
+    "predict run {} --out never",
 )
 ROBOTS = (
     "inspect {}",
@@ -35,6 +36,7 @@ ROBOTS = (
 STUDIES = ("study {} --workers 1 --out never", "study {} --workers 1 --resume --out never")
 RUNS = (
     "verify {} good.csv --out never",
+    "predict {} good.csv --out never",
     "compensate good.csv --run {} --out never",
     "payload good.csv --run {} --out never",
     "identify good.csv --robot arm.toml --load {} --out never",

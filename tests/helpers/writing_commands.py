@@ -35,6 +35,7 @@ COMMANDS = {
     "identify": "identify day/measurements.csv --instrument uniform-8um",
     "verify": "verify day day/measurements.csv --force",
     "compensate": "compensate few.csv --run day --no-check",
+    "predict": "predict day few.csv",
     "trajectory": "trajectory goals.csv --robot irb120",
     "compare": "compare day day2",
     "compensate checked": "compensate few.csv --run day",

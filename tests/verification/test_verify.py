@@ -243,9 +243,9 @@ def test_what_would_be_noticed_is() -> None:
 
 
 KEYS = {
-    "run", "run_verdict", "robot", "serial", "poses", "targets", "good", "verdict", "p", "level", "statistic", "freedom",
-    "sigma_freedom", "observed_mm", "situation", "promised_mm", "moved", "words", "hypotheses", "refit", "would_notice",
-    "warnings", "tests", "extrapolated",
+    "run", "run_verdict", "robot", "serial", "poses", "targets", "good", "verdict", "p", "level", "statistic",
+    "freedom", "sigma_freedom", "observed_mm", "situation", "promised_mm", "moved", "words", "hypotheses", "refit",
+    "would_notice", "warnings", "tests", "extrapolated",
 }  # fmt: skip
 REAL = perturbed_arm(IRB120, VirtualCampaign(seed=3))
 

@@ -11,19 +11,20 @@ variance is chosen so that 95 % of the poses that are left out in turn lie withi
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import scipy  # its parts are loaded at their first use, which not every process comes to
 from numpy.typing import NDArray
 
-from lab.calibration.residual.kernels import JointKernels
+from lab.calibration.residual.kernels import COMPONENTS, JointKernels
 from lab.calibration.residual.pose_numbers import PoseNumbers, Reduction, covariance
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.core.linear_model import unit_columns
 from lab.core.measurements import evenly
 from lab.core.se3 import Array
 from lab.kinematics.effects.arm import Arm, ArmWithEffects, affected
-from lab.kinematics.effects.effect import Effect
+from lab.kinematics.effects.effect import LEVER_M, Effect
 from lab.kinematics.model import RigidArm
 from lab.kinematics.parameter import Parameter
 
@@ -103,7 +104,31 @@ class JointProcess:
             offsets = self.offsets(np.real(joints))
             return offsets * values[0], offsets[..., None]
 
-        return Effect(GROUP, (SHARE,), moved)
+        return Effect(GROUP, (SHARE,), moved, plain=self._plain)
+
+    def _plain(self, values: Array) -> list[dict[str, Any]]:
+        """The same offsets as a term of ``formats.plain_arm``."""
+        lengths = {kind: [(size, value) for size, value in pairs if value > 0] for kind, pairs in self._lengths.items()}
+        poses = self.inputs[:, : len(self.turning)]
+        return [
+            {
+                "residual": float(values[0]),
+                **lengths,
+                "slide_m": LEVER_M,
+                "turning": self.turning.tolist(),
+                "poses": poses.tolist(),
+                "weights": self.weights.tolist(),
+            }
+        ]
+
+    @property
+    def _lengths(self) -> dict[str, list[tuple[float, float]]]:
+        """Lengths and variances of the offsets by their kind: ``own``, ``all``, ``smooth``."""
+        found: dict[str, list[tuple[float, float]]] = {"own": [], "all": [], "smooth": []}
+        for name, variance in zip(COMPONENTS[2:], self.variances[2:].tolist(), strict=True):
+            kind, length = name.split()
+            found[kind].append((float(length), variance))
+        return found
 
     def added_to(self, arm: Arm) -> ArmWithEffects:
         """The arm with these offsets, whose share is its last parameter."""

@@ -16,8 +16,10 @@ from lab.calibration.pose_cover import PoseCover
 from lab.calibration.residual.process import GROUP, JointProcess, PredictedBy
 from lab.campaign.config_file import RunInputs
 from lab.campaign.instruments import named_instrument
+from lab.campaign.observation_kinds import kind_named
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot, load_robot, load_virtual
+from lab.commands.calibrate.exports import ArmExport, lasting_arm
 from lab.commands.calibrate.noise import component_errors_from_dict, noise_model_from_dict
 from lab.commands.calibrate.range_dict import measured_range_from_dict, read_cover
 from lab.commands.calibrate.residual_file import read_residual
@@ -32,7 +34,6 @@ from lab.core.se3 import Array
 from lab.core.serials import called
 from lab.formats.structured import structured
 from lab.kinematics.effects.arm import Arm
-from lab.kinematics.effects.registry import CAMPAIGN_SPECIFIC
 from lab.kinematics.inverse.branches import NominalInverse
 from lab.kinematics.model import RigidArm
 
@@ -111,6 +112,21 @@ class Calibrated:
     def called(self) -> str:
         """The arm as a person names it."""
         return called(self.robot.name, self.serial)
+
+    def export(self, inputs: Array) -> ArmExport:
+        """The arm for ``calibrated.py``, which is checked at inputs ``(n, joints + conditions)``."""
+        kind = kind_named(self.options.observe)
+        return ArmExport(
+            self.robot,
+            self.arm,
+            self.values,
+            self.left_out,
+            self.R_last_tool,
+            0.0 if self.load is None else self.load.mass_kg,
+            "" if kind.in_instrument_frame else kind.name,
+            self.result.words,
+            inputs,
+        )
 
     @property
     def geometry(self) -> tuple[RigidArm, Array]:
@@ -325,12 +341,10 @@ def _calibrated(
     if not targets:
         raise LabError(f"{folder}/parameters.json: has no tool (tool.p1.x…), so nothing is there to be aimed")
     chosen = [name for name in result.model.split("+") if name != "geometric"]
-    arm = robot.arm_with(targets, [name for name in chosen if name not in (*CAMPAIGN_SPECIFIC, GROUP)])
-    if GROUP in chosen:
-        if process is None:
-            process = read_residual(folder, result.residual, robot.chain, arm.conditions, targets)
-        arm = process.added_to(arm)
-    left_out = tuple(name for name in chosen if name in CAMPAIGN_SPECIFIC)
+    if GROUP in chosen and process is None:
+        rest, _ = lasting_arm(robot, targets, chosen, None)
+        process = read_residual(folder, result.residual, robot.chain, rest.conditions, targets)
+    arm, left_out = lasting_arm(robot, targets, chosen, process)
     if missing := [name for name in arm.names if name not in rows]:
         raise LabError(f"{folder}/parameters.json: has no {missing[0]}: it is of another robot, or was cut short")
     exported, nominal = (np.array([getattr(rows[n], key) for n in arm.names]) for key in ("exported", "nominal"))

@@ -12,6 +12,7 @@ from lab.calibration.identifiability import Direction
 from lab.calibration.identify import Identification
 from lab.calibration.most_likely_parameters import most_likely_parameters
 from lab.calibration.noise.rigid_distances import InstrumentNoise
+from lab.calibration.observations.full_pose import ROTATION_PARAMETERS
 from lab.calibration.observations.kind import ObservationKind
 from lab.calibration.observations.protocol import observation_of
 from lab.calibration.prior import Tolerance
@@ -21,10 +22,11 @@ from lab.calibration.statistics.explained_error import ExplainedError
 from lab.calibration.statistics.model_selection import GroupTrial
 from lab.calibration.statistics.remaining_error import RemainingError
 from lab.calibration.validation import TruthComparison, Validation
-from lab.calibration.verdict import Verdict, rotation_noise_rad
+from lab.calibration.verdict import Verdict, gate_words, rotation_noise_rad
 from lab.calibration.workspace_prediction import Distance
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot
+from lab.commands.calibrate.exports import ArmExport, comment_of_lacking, lasting_arm, without_effects
 from lab.commands.calibrate.findings import (
     EstimatedParameter,
     JointStiffness,
@@ -45,10 +47,13 @@ from lab.commands.calibrate.range_dict import (
 )
 from lab.commands.calibrate.regions import ValidationBounds, region_to_dict
 from lab.commands.calibrate.residual_file import RESIDUAL_FILE, residual_columns, residual_to_dict, write_residual
+from lab.commands.payload.known_payload import read_hand_load
 from lab.commands.result import Result
 from lab.commands.values import ErrorStatistics, error_statistics, exit_code_of, number
+from lab.core import se3
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
+from lab.formats.calibrated_module import MODULE_FILE
 from lab.kinematics.effects.registry import said_of_term
 from lab.kinematics.model import RigidArm
 from lab.kinematics.parameter import targets_of
@@ -217,11 +222,62 @@ class CalibrationResult(Result):
             "weak_directions": [direction_to_dict(each) for each in self.weak_directions],
             "outliers": [_outlier_to_dict(pose) for pose in self.fit.outliers],
             "outliers_left_out": self.fit.left_out,
+            "exports": self._exports,
             "warnings": list(self.warnings),
         }
         if self.comparison is not None:
             result["truth"] = _truth_to_dict(self, self.comparison)
         return result
+
+    @cached_property
+    def _export(self) -> ArmExport:
+        """The arm as it holds on another day, for ``calibrated.py``."""
+        model, robot = self.identification.model, self.robot
+        groups = [*self.fit.groups, *[GROUP] * (self.fit.process is not None)]
+        arm, left_out = lasting_arm(robot, targets_of(model.parameters), groups, self.fit.process)
+        found = dict(zip(model.names, self.exported.tolist(), strict=True))
+        turn = np.array([found.get(each.name, 0.0) for each in ROTATION_PARAMETERS])
+        load = self.options.fitting.load
+        return ArmExport(
+            robot,
+            arm,
+            np.array([found[name] for name in arm.names]),
+            left_out,
+            se3.exp(turn),
+            0.0 if load is None else read_hand_load(load, accept_edited=True).mass_kg,
+            "" if self.kind.in_instrument_frame else self.kind.name,
+            f"{self.verdict.word}, {gate_words(self.options.gate_mm)}",
+            self.fitted.inputs(arm.conditions),
+        )
+
+    @cached_property
+    def _module(self) -> tuple[str, str | None]:
+        """The text of ``calibrated.py``, and why it refuses."""
+        return self._export.module()
+
+    @cached_property
+    def _off_m(self) -> float | None:
+        """How far geometry alone is off (m, root mean square) at the fitted poses; None where there is nothing else."""
+        found = self._export
+        return without_effects(found.arm, found.values, found.inputs)
+
+    @cached_property
+    def _descriptions(self) -> dict[str, str]:
+        """The files that describe the arm's geometry; those in other formats are ``lab compensate``'s."""
+        arm, values = self.rigid(self.exported)
+        lacking = comment_of_lacking(
+            self._export.arm.groups, self._off_m, "at the measured poses", module=self._module[1] is None
+        )
+        texts = {name: self.robot.description(name, arm.targets, values, lacking) for name in self.robot.kept_files}
+        return {name: text for name, text in texts.items() if text}
+
+    @property
+    def _exports(self) -> dict[str, Any]:
+        """What ``result.json`` says of the files that hold the arm."""
+        found, off = self._export, self._off_m
+        alone = {"has": ["geometric"], "lacks": [*found.arm.groups, *found.left_out]}
+        of_geometry = {**alone, "off_mm": None if off is None else number(1e3 * off)}
+        return {MODULE_FILE: found.to_dict(self._module[1]), **dict.fromkeys(self._descriptions, of_geometry)}
 
     @property
     def _prior(self) -> dict[str, Any]:
@@ -278,12 +334,10 @@ class CalibrationResult(Result):
         write_json(folder / "parameters.json", [*(row.to_dict() for row in self.parameters), *converted])
         _write_covariance(folder / "covariance.csv", self.identification)
         if options.fitting.load is not None:
-            from lab.commands.payload.known_payload import read_hand_load
-
             read_hand_load(options.fitting.load, accept_edited=options.fitting.accept_edited).write(folder)
-        arm, values = self.rigid(self.exported)
-        text = robot.description(robot.kept_file, arm.targets, values)  # the others are lab compensate's, of good runs
-        (folder / robot.kept_file).write_text(text, encoding="utf-8")
+        for name, text in self._descriptions.items():
+            (folder / name).write_text(text, encoding="utf-8")
+        (folder / MODULE_FILE).write_text(self._module[0], encoding="utf-8")
         write_json(folder / "result.json", self.to_dict())
         if (process := self.fit.process) is not None:
             model = self.identification.model

@@ -7,10 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lab.commands.calibrate.exports import comment_of_lacking
 from lab.commands.compensate.result import CompensationResult, extrapolated_targets
 from lab.commands.stops import joint_columns
 from lab.core import se3
 from lab.core.se3 import Array
+from lab.formats.calibrated_module import MODULE_FILE
 from lab.formats.csv_table import write_columns
 from lab.formats.programs.postures import postures_of
 from lab.formats.programs.protocol import TargetMoves
@@ -35,9 +37,13 @@ def write_files(folder: Path, result: CompensationResult) -> None:
     nominal = run.robot.description(exact, nominal_inverse.arm.targets, nominal_inverse.values)
     (folder / NOMINAL).write_text(nominal, encoding="utf-8")
     arm, values = run.geometry
+    module, refused = run.export(result.arm_inputs[rows]).module()
+    off = result.without_effects_m
+    lacking = comment_of_lacking(run.groups, off, "at the corrected targets", module=refused is None)
     for name in run.robot.description_files:
-        if text := run.robot.description(name, arm.targets, values):
+        if text := run.robot.description(name, arm.targets, values, lacking):
             (folder / name).write_text(text, encoding="utf-8")
+    (folder / MODULE_FILE).write_text(module, encoding="utf-8")
     if result.program is not None:
         (folder / result.program.name).write_bytes(result.program.content)
     elif len(rows) and refusal(chain, result.options.controller, len(result.targets)) is None:

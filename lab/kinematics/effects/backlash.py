@@ -17,6 +17,7 @@ from lab.kinematics.effects.effect import (
     TermFamily,
     VirtualEffect,
     by_joint,
+    joint_terms,
     levers,
     refuse_negative,
 )
@@ -41,7 +42,14 @@ def fitted_widths(group: str, chain: JointSpec, direction_of: Callable[[str], st
     """
     parameters = tuple(_width(group, chain, i, group) for i in range(chain.size))
     conditions = tuple(map(direction_of, chain.joint_names))
-    return Effect(group, parameters, lambda _, direction, values: by_joint(direction / 2, values), conditions)
+    where = [(i, ("condition", name, 0.0)) for i, name in enumerate(conditions)]
+    return Effect(
+        group,
+        parameters,
+        lambda _, direction, values: by_joint(direction / 2, values),
+        conditions,
+        plain=lambda values: joint_terms(values, *where, times=0.5),
+    )
 
 
 def approached_groups(chain: JointSpec, columns: Container[str]) -> tuple[str, ...]:
@@ -72,7 +80,9 @@ def _of_one_joint(arm: ArmFacts, joint: int, _: int) -> Effect:
         return derivative @ values, derivative
 
     width = _width(name, arm.chain, joint, "backlash")
-    return Effect(name, (width,), offsets, (approach_of(arm.chain.joint_names[joint]),))
+    condition = approach_of(arm.chain.joint_names[joint])
+    where = (joint, ("condition", condition, 0.0))
+    return Effect(name, (width,), offsets, (condition,), plain=lambda values: joint_terms(values, where, times=0.5))
 
 
 PLAY = TermFamily("backlash", "", _of_one_joint, lambda _: (), lambda joint, _: f"joint {joint} has play")

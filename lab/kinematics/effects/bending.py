@@ -6,7 +6,7 @@ in them. What the sag changes in the loads is left out: of a sag of s over a rea
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -63,8 +63,22 @@ def elastic_links(group: str, links: LinkLoads, *, moving: bool = False) -> Effe
         flat = derivative.reshape(len(joints), -1, len(own))
         return flat @ values, flat
 
+    def plain(values: Array) -> list[dict[str, Any]]:
+        beams = {link: np.zeros((used, 6)) for link in links.beams}
+        for (link, _), value, rows in zip(own, values, by_loads, strict=True):
+            beams[link] += value * rows
+        return [{"beams": {link: rows.tolist() for link, rows in beams.items()}}]
+
     asked = (PAYLOAD, *rates_of(chain.joint_names)) if moving else (PAYLOAD,)
-    return Effect(group, parameters, offsets, asked, moves="links", links=tuple(links.beams))
+    return Effect(
+        group,
+        parameters,
+        offsets,
+        asked,
+        moves="links",
+        links=tuple(links.beams),
+        plain=None if moving else plain,
+    )
 
 
 def _fitted(group: str, arm: ArmFacts) -> Effect:

@@ -22,6 +22,7 @@ from lab.kinematics.effects.effect import (
     MovesJoints,
     SimulatedEffect,
     VirtualEffect,
+    joint_terms,
     turning_joints,
 )
 from lab.kinematics.joints import JointSpec
@@ -50,7 +51,8 @@ def compensator(chain: JointSpec) -> Effect:
         derivative[:, _JOINT] = np.stack(waves, axis=1)
         return derivative @ values, derivative
 
-    return Effect("compensator", parameters, offsets)
+    where = [(_JOINT, (function, order, _JOINT)) for order in _ORDERS for function in ("sin", "cos")]
+    return Effect("compensator", parameters, offsets, plain=lambda values: joint_terms(values, *where))
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from lab.kinematics.effects.gravity_terms import GRAVITY
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.parameter import Parameter, joint_parameter
 
-__all__ = ["Compliance", "JointSprings", "compliance", "compliances"]
+__all__ = ["NEWTON_STEPS", "Compliance", "JointSprings", "compliance", "compliances"]
 
 NEWTON_STEPS = 2  # the first leaves about 1e-11 rad of a sag of 1 mrad
 TYPICAL_COMPLIANCE = 1e-5  # rad/Nm
@@ -68,9 +68,14 @@ def compliance(loads: Loads, payload: bool = False, *, moving: bool = False) -> 
         rate_of: Array = np.asarray(np.linalg.solve(rest.equations, pushed), dtype=soft.dtype)
         return rest.offset, rate_of
 
+    def plain(values: Array) -> list[dict[str, Any]]:
+        found = dict(zip(bearing, values.tolist(), strict=False))
+        soft = [found.get(i, 0.0) for i in range(loads.chain.size)]
+        return [{"springs": soft, "payload_kg": float(values[-1]) if payload else 0.0}]
+
     typical = (*[TYPICAL_COMPLIANCE] * len(bearing), 0.0) if payload else ()
     asked = (PAYLOAD, *rates_of(loads.chain.joint_names)) if moving else (PAYLOAD,)
-    return Effect(group, parameters, offsets, asked, typical=typical)
+    return Effect(group, parameters, offsets, asked, typical=typical, plain=None if moving else plain)
 
 
 def _fitted(name: str, arm: ArmFacts) -> Effect:

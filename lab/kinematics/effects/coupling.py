@@ -18,6 +18,7 @@ from lab.kinematics.effects.effect import (
     SimulatedEffect,
     TermFamily,
     VirtualEffect,
+    joint_terms,
     turning_joints,
 )
 from lab.kinematics.parameter import joint_parameter
@@ -35,7 +36,8 @@ def coupling(group: str, pairs: Sequence[tuple[int, int]]) -> Effect:
             derivative[:, i, k] = joints[:, j]
         return derivative @ values, derivative
 
-    return Effect(group, parameters, offsets)
+    where = [(i, ("position", j)) for i, j in pairs]
+    return Effect(group, parameters, offsets, plain=lambda values: joint_terms(values, *where))
 
 
 def _neighbours(arm: ArmFacts) -> list[tuple[int, int]]:

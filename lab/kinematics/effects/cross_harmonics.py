@@ -10,7 +10,7 @@ and about y, too.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from lab.kinematics.effects.effect import (
     SimulatedEffect,
     TermFamily,
     VirtualEffect,
+    joint_terms,
     levers,
     turning_joints,
 )
@@ -58,7 +59,8 @@ def _of_position(arm: ArmFacts, joint: int, other: int) -> Effect:
         derivative[:, joint] = _waves(joints[:, turning])
         return derivative @ values, derivative
 
-    return Effect(name, parameters, offsets)
+    where = [(joint, wave) for wave in _plain_waves(turning)]
+    return Effect(name, parameters, offsets, plain=lambda values: joint_terms(values, *where))
 
 
 def _of_link_end(direction: str, arm: ArmFacts, link: int, other: int) -> Effect:
@@ -79,12 +81,21 @@ def _of_link_end(direction: str, arm: ArmFacts, link: int, other: int) -> Effect
         derivative[:, component] = _waves(joints[:, turning])
         return derivative @ values, derivative
 
-    return Effect(name, parameters, offsets, moves="links", links=(link,))
+    def plain(values: Array) -> list[dict[str, Any]]:
+        waves = zip(values.tolist(), _plain_waves(turning), strict=True)
+        return [{"link": link, "axis": component, "times": value, "of": list(wave)} for value, wave in waves]
+
+    return Effect(name, parameters, offsets, moves="links", links=(link,), plain=plain)
 
 
 def _waves(position: Array) -> Array:
     """Sine and cosine ``(n, 2)`` of a joint's position ``(n,)``."""
     return np.stack([np.sin(position), np.cos(position)], axis=1)
+
+
+def _plain_waves(turning: int) -> list[tuple[str, int, int]]:
+    """The same as signals of ``formats.plain_arm``."""
+    return [(function, 1, turning) for function in ("sin", "cos")]
 
 
 def _position_pairs(arm: ArmFacts) -> list[tuple[int, int]]:

@@ -5,9 +5,9 @@ to a virtual arm, how large that is drawn, and the options of ``lab calibrate`` 
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,7 @@ __all__ = [
     "MovesJoints",
     "MovesTracker",
     "Offsets",
+    "PlainTerms",
     "ScattersJoints",
     "SessionInfo",
     "ShapesNoise",
@@ -42,12 +43,14 @@ __all__ = [
     "TrackerMotion",
     "VirtualEffect",
     "by_joint",
+    "joint_terms",
     "levers",
     "refuse_negative",
     "turning_joints",
 ]
 
 Offsets = Callable[[Array, Array, Array], tuple[Array, Array]]
+PlainTerms = Callable[[Array], Sequence[Mapping[str, Any]]]
 Moves = Literal["joints", "frame", "links", "size", "station"]
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 LEVER_M = 0.3  # a slide's sizes are those of a hinge at this distance: rad times this, Nm/rad over its square
@@ -111,6 +114,8 @@ class Effect:
             whole instrument.
         typical: values at which the rank is decided, where zeros would hide a parameter.
         links: those whose far ends it moves, from 0; none unless it moves links.
+        plain: parameters ``(p,)`` to the terms of ``formats.plain_arm`` that say the same, by which ``calibrated.py``
+            has the effect; None where it cannot.
     """
 
     name: str
@@ -120,6 +125,7 @@ class Effect:
     moves: Moves = "joints"
     typical: tuple[float, ...] = ()
     links: tuple[int, ...] = ()
+    plain: PlainTerms | None = None
 
 
 @dataclass(frozen=True)
@@ -370,6 +376,18 @@ def by_joint(signals: Array, values: Array) -> tuple[Array, Array]:
     derivative = np.zeros((len(signals), len(values), len(values)))
     derivative[:, joints, joints] = signals
     return signals * values, derivative
+
+
+def joint_terms(values: Array, *where: tuple[int, Sequence[Any]], times: float = 1.0) -> list[dict[str, Any]]:
+    """Terms of ``formats.plain_arm``: each parameter times a signal is an offset of a joint.
+
+    Args:
+        values: ``(p,)``.
+        where: of each parameter its joint, from 0, and the signal.
+        times: a factor of all of them.
+    """
+    pairs = zip(where, values.tolist(), strict=True)
+    return [{"joint": i, "times": times * value, "of": list(signal)} for (i, signal), value in pairs]
 
 
 def levers(chain: JointSpec) -> Array:

@@ -16,6 +16,7 @@ from lab.kinematics.effects.effect import (
     SimulatedEffect,
     VirtualEffect,
     by_joint,
+    joint_terms,
 )
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.parameter import joint_parameter
@@ -26,8 +27,13 @@ __all__ = ["Gear", "GearErrors", "gear"]
 def gear(chain: JointSpec) -> Effect:
     """The fitted group: e_i of every joint."""
     parameters = tuple(joint_parameter("gear", i, "gear", "ratio") for i in range(chain.size))
-
-    return Effect("gear", parameters, lambda joints, _, values: by_joint(joints, values))
+    where = [(i, ("position", i)) for i in range(chain.size)]
+    return Effect(
+        "gear",
+        parameters,
+        lambda joints, _, values: by_joint(joints, values),
+        plain=lambda values: joint_terms(values, *where),
+    )
 
 
 @dataclass(frozen=True)

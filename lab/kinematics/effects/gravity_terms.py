@@ -12,7 +12,7 @@ import numpy as np
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.gravity import Loads
-from lab.kinematics.effects.effect import ArmFacts, Effect, TermFamily, turning_joints
+from lab.kinematics.effects.effect import ArmFacts, Effect, TermFamily, joint_terms, turning_joints
 from lab.kinematics.parameter import joint_parameter
 from lab.kinematics.serial.chain import Chain
 
@@ -34,7 +34,8 @@ def _of_one_link(arm: ArmFacts, joint: int, link: int) -> Effect:
         derivative[:, joint] = _unit_torques(chain, joints, down, joint, link - 1)
         return derivative @ values, derivative
 
-    return Effect(name, parameters, offsets)
+    where = [(joint, ("weight", joint, link - 1, axis, down.tolist())) for axis in range(2)]
+    return Effect(name, parameters, offsets, plain=lambda values: joint_terms(values, *where))
 
 
 def _unit_torques(chain: Chain, joints: Array, down: Array, joint: int, link: int) -> Array:

@@ -15,7 +15,15 @@ from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.effects.conditions import PAYLOAD
-from lab.kinematics.effects.effect import ArmFacts, Effect, FittedGroup, SimulatedEffect, VirtualEffect, levers
+from lab.kinematics.effects.effect import (
+    ArmFacts,
+    Effect,
+    FittedGroup,
+    SimulatedEffect,
+    VirtualEffect,
+    joint_terms,
+    levers,
+)
 from lab.kinematics.parameter import joint_parameter
 
 __all__ = ["Hardening", "HardeningSprings", "hardening"]
@@ -41,7 +49,8 @@ def hardening(loads: Loads) -> Effect:
             derivative[:, i, column] = torque[:, i] ** 3
         return derivative @ values, derivative
 
-    return Effect("hardening", parameters, offsets, (PAYLOAD,))
+    where = [(i, ("torque cubed", i)) for i in bearing]
+    return Effect("hardening", parameters, offsets, (PAYLOAD,), plain=lambda values: joint_terms(values, *where))
 
 
 def _fitted(arm: ArmFacts) -> Effect:

@@ -17,6 +17,7 @@ from lab.kinematics.effects.effect import (
     SimulatedEffect,
     TermFamily,
     VirtualEffect,
+    joint_terms,
     turning_joints,
 )
 from lab.kinematics.joints import JointSpec
@@ -42,7 +43,8 @@ def harmonics(group: str, joints: Sequence[int], order: int) -> Effect:
             derivative[:, i, 2 * column + 1] = np.cos(order * positions[:, i])
         return derivative @ values, derivative
 
-    return Effect(group, parameters, offsets)
+    where = [(i, (function, order, i)) for i in joints for function in ("sin", "cos")]
+    return Effect(group, parameters, offsets, plain=lambda values: joint_terms(values, *where))
 
 
 def _of_one_joint(arm: ArmFacts, joint: int, order: int) -> Effect:

@@ -5,7 +5,7 @@ Both are zero at 20 degrees Celsius, where lengths are stated (ISO 1:2022).
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from lab.kinematics.effects.effect import (
     SimulatedEffect,
     VirtualEffect,
     by_joint,
+    joint_terms,
     levers,
 )
 from lab.kinematics.joints import JointSpec
@@ -28,6 +29,7 @@ from lab.kinematics.parameter import Kind, Parameter, joint_parameter
 
 __all__ = ["Temperature", "ThermalExpansion", "ThermalZeros", "ZerosByTemperature", "expansion", "thermal_zeros"]
 
+_WARMER = ("condition", TEMPERATURE, REFERENCE_C)  # as a signal of formats.plain_arm
 _EXPANSION_SCALE, _ZERO_SCALE = 1e-4, 1e-4  # 1/K, rad/K: several times those of aluminium, and of its joints
 
 
@@ -39,7 +41,10 @@ def expansion() -> Effect:
         warmer = temperature - REFERENCE_C  # (n, 1)
         return warmer * values, warmer[:, :, None]
 
-    return Effect("expansion", (parameter,), offsets, (TEMPERATURE,), "size")
+    def plain(values: Array) -> list[dict[str, Any]]:
+        return [{"size": float(values[0]), "of": list(_WARMER)}]
+
+    return Effect("expansion", (parameter,), offsets, (TEMPERATURE,), "size", plain=plain)
 
 
 def thermal_zeros(chain: JointSpec) -> Effect:
@@ -55,6 +60,7 @@ def thermal_zeros(chain: JointSpec) -> Effect:
         parameters,
         lambda _, temperature, values: by_joint(temperature - REFERENCE_C, values),
         (TEMPERATURE,),
+        plain=lambda values: joint_terms(values, *((i, _WARMER) for i in range(chain.size))),
     )
 
 

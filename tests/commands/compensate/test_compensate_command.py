@@ -24,7 +24,7 @@ from lab.simulation.collisions import collides
 
 FILES = {
     "config.json", "result.json", "report.html", "joints.csv", "cartesian.csv", "nominal.toml", "program.mod",
-    "SHA256SUMS", "calibrated.xml", "calibrated.urdf", "calibrated.toml", "recording.rrd", "inputs",
+    "SHA256SUMS", "calibrated.xml", "calibrated.urdf", "calibrated.toml", "calibrated.py", "recording.rrd", "inputs",
 }  # fmt: skip
 
 

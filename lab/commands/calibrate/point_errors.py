@@ -1,0 +1,111 @@
+"""How sure the points of a calibrated arm are: covariances of their errors, by cause."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from lab.calibration.statistics.joint_rounding import by_joint_positions
+from lab.calibration.workspace_prediction import PredictedErrors
+from lab.commands.calibrate.load_run import Calibrated
+from lab.core.se3 import Array
+from lab.payload_identification.sag_uncertainty import sag_uncertainty
+
+__all__ = ["PointErrors", "point_errors"]
+
+_BLOCK = 2_000  # poses whose derivatives are held at a time
+
+
+@dataclass(frozen=True)
+class PointErrors:
+    """Covariances ``(n, k, 3, 3)`` (m^2) of predicted points, in the frame of the measurements; a new instrument apart.
+
+    Attributes:
+        parameters: of the identified parameters, of the joints' offsets that no group explains, and of a payload.
+        unmodelled: what the model lacks, where the run measured and beyond.
+        visit: what differs from one visit of a pose to the next.
+        dof: degrees of freedom of the size of the others; None where it is known.
+    """
+
+    parameters: Array
+    unmodelled: Array
+    visit: Array
+    dof: int | None
+
+    @property
+    def together(self) -> Array:
+        """Their sum."""
+        return np.asarray(self.parameters + self.unmodelled + self.visit)
+
+    def radii_95(self) -> dict[str, Array]:
+        """``(n, k)`` the lengths (m) that 95 % of the errors do not exceed, by their cause and together."""
+        parts = {"parameters": self.parameters, "unmodelled": self.unmodelled, "visit": self.visit}
+        return {name: self._radius(part) for name, part in {**parts, "together": self.together}.items()}
+
+    def _radius(self, covariances: Array) -> Array:
+        there = np.trace(covariances, axis1=2, axis2=3) > 0
+        safe = np.where(there[..., None, None], covariances, np.eye(3))
+        return np.where(there | np.isnan(covariances[..., 0, 0]), PredictedErrors(safe, self.dof).lengths_95, 0.0)
+
+
+def point_errors(run: Calibrated, inputs: Array) -> PointErrors:
+    """The covariances of a run's points at inputs ``(n, joints + conditions)`` of its arm.
+
+    They are those of ``lab compensate``'s predicted error, part by part.
+    """
+    blocks = (inputs[first : first + _BLOCK] for first in range(0, len(inputs), _BLOCK))
+    parts = [tuple(_parts(run, each)) for each in blocks]
+    parameters, unmodelled, visit = (np.concatenate(each) for each in zip(*parts, strict=True))
+    dof = None if run.predicted_by is not None else run.lacking(_noise_m(run))[2]
+    return PointErrors(parameters, unmodelled, visit, dof)
+
+
+def _noise_m(run: Calibrated) -> float:
+    return (run.result.noise_mm or 0.0) / 1e3
+
+
+def _parts(run: Calibrated, inputs: Array) -> Iterator[Array]:
+    """Of the parameters, unmodelled, of a visit: ``(n, k, 3, 3)`` each."""
+    size, lacking = run.robot.chain.size, 0.0
+    slopes = by_joint_positions(run.arm, inputs, run.values, size)
+    if (by := run.predicted_by) is not None:
+        scatter = min(by.process.factor, 1.0) * by.process.variances[1]  # which its predictions contain
+        visit = scatter * slopes @ np.swapaxes(slopes, 2, 3)
+        known = by.covariances(inputs) - visit
+    else:
+        lacking, larger, _ = run.lacking(_noise_m(run))
+        columns = [run.arm.names.index(name) for name in run.identified]
+        jacobian = run.arm.observe(inputs, run.values)[1][..., columns]
+        known = larger * jacobian @ run.covariance @ np.swapaxes(jacobian, 2, 3)
+        visit = _of_visits(run, slopes)
+    yield known + _load_m(run, inputs)[..., None, None] ** 2 / 3 * np.eye(3)
+    beyond = np.zeros_like(known)
+    if run.measured is not None:
+        unknown = run.measured.unknown(run.arm, inputs, run.values)
+        beyond = unknown @ np.swapaxes(unknown, 2, 3)
+    yield beyond + lacking**2 * np.eye(3)
+    yield visit
+
+
+def _of_visits(run: Calibrated, slopes: Array) -> Array:
+    """What errors that the run found beside the instrument's make of points, whose arm may have made them."""
+    if (shared := run.shared) is None:
+        return np.zeros((*slopes.shape[:2], 3, 3))
+    more = max(shared.independent_m**2 - shared.sigma_m**2, 0.0) + shared.wandering_m**2 + shared.lasting_m**2
+    scattered = slopes @ shared.joint_covariance(slopes.shape[-1]) @ np.swapaxes(slopes, 2, 3)
+    return np.asarray(scattered + more * np.eye(3))
+
+
+def _load_m(run: Calibrated, inputs: Array) -> Array:
+    """What the uncertainty of an identified payload makes of each point ``(n, k)`` (m, root mean square)."""
+    arm, values = run.geometry
+    joints, none = inputs[:, : arm.chain.size], np.zeros((len(inputs), len(arm.targets)))
+    if run.load is None or run.robot.loads is None or "payload_kg" not in run.arm.conditions:
+        return none
+    serial, gravity = run.robot.serial_arm(arm.targets), run.robot.loads.gravity
+    off = [
+        sag_uncertainty(serial, values, run.compliance, joints, gravity, run.load.covariance, target)
+        for target in range(len(arm.targets))
+    ]
+    carried = inputs[:, arm.chain.size + run.arm.conditions.index("payload_kg")] > 0
+    return np.asarray(np.where(carried[:, None], np.stack(off, axis=1), none))

@@ -1,0 +1,26 @@
+"""What can be asked of ``lab predict``."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from lab.campaign.option_types import Flag
+
+__all__ = ["PredictOptions"]
+
+
+@dataclass(frozen=True)
+class PredictOptions:
+    """Joint positions of a calibrated arm."""
+
+    run: tyro.conf.Positional[Path]
+    """The folder of a run of lab calibrate or lab identify."""
+    file: tyro.conf.Positional[Path]
+    """Joint positions, with the conditions that the model asks for, in the columns of a measurement file: CSV."""
+    force: Flag = False
+    """Also for a run whose verdict is bad or not judged; of a doubtful one the result repeats the reasons."""
+    accept_edited: Flag = False
+    """Build on a run too whose files were changed since it was written."""
+    load: Path | None = None
+    """The folder of a run of lab payload: what the arm carries in each pose (as heavy as payload_kg, where given)."""

@@ -1,0 +1,210 @@
+"""Predicted points of a calibrated arm: typed, and as plain values."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.commands.calibrate.load_run import Calibrated
+from lab.commands.calibrate.point_errors import PointErrors
+from lab.commands.calibrate.range_dict import said_of_extrapolated
+from lab.commands.predict.options import PredictOptions
+from lab.commands.result import Result
+from lab.commands.stops import joint_columns
+from lab.commands.values import number, plain_numbers
+from lab.core import se3
+from lab.core.measurements import Measurements
+from lab.core.se3 import Array
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from lab.render.document import Document
+
+__all__ = ["PREDICTED_FILE", "PredictionResult"]
+
+PREDICTED_FILE = "predicted.csv"
+_PAIRS = ((0, 0, "xx"), (0, 1, "xy"), (0, 2, "xz"), (1, 1, "yy"), (1, 2, "yz"), (2, 2, "zz"))
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class PredictionResult(Result):
+    """Where the points of a calibrated arm are at joint positions.
+
+    Attributes:
+        options: what was asked.
+        run: the run that calibrated the arm.
+        rows: the joint positions, with what was set there.
+        inputs: ``(n, joints + conditions)`` of the arm.
+        points: ``(n, k, 3)`` m, the measured points in the frame in which the arm was measured; NaN where the loops of
+            a mechanism do not close.
+        R_instrument_last: rotations ``(n, 3, 3)`` of the last frame there.
+        errors: how sure the points are.
+        without_effects_m: how far geometry alone is off at these poses (root mean square); None where there is nothing
+            else.
+        notes: what a reader should be told of the inputs.
+    """
+
+    options: PredictOptions
+    run: Calibrated
+    rows: Measurements
+    inputs: Array
+    points: Array
+    R_instrument_last: Array
+    errors: PointErrors
+    without_effects_m: float | None
+    notes: tuple[str, ...]
+
+    @property
+    def exit_code(self) -> int:
+        """0 where every pose is predicted, else 1."""
+        return 0 if np.isfinite(self.points).all() else 1
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a reader should be told."""
+        ids = [self.rows.ids[i] for i in np.flatnonzero(self.extrapolated)]
+        lost = np.flatnonzero(~np.isfinite(self.points).all(axis=(1, 2)))
+        said = []
+        if len(lost):
+            said = [f"{len(lost)} poses cannot be taken by the calibrated arm (first: {self.rows.ids[lost[0]]})"]
+        return (*self.notes, *said_of_extrapolated("poses", ids, len(self.rows)), *said)
+
+    @cached_property
+    def extrapolated(self) -> NDArray[np.bool_]:
+        """``(n,)`` which poses no fitted pose is near, where the model is known to lack something."""
+        return self.run.extrapolated(self.inputs[:, : self.run.robot.chain.size])
+
+    @property
+    def T_instrument_base(self) -> Array:
+        """Pose ``(4, 4)`` (m) of the arm's base, frame 0 of its table, in the frame of the measurements."""
+        rigid, values = self.run.geometry
+        return rigid.T_tracker_frame0(values)
+
+    @property
+    def points_in_base(self) -> Array:
+        """``(n, k, 3)`` m: the points in the arm's base."""
+        return np.asarray(se3.transform(se3.inverse(self.T_instrument_base), self.points))
+
+    @property
+    def rotations(self) -> Array:
+        """``(n, 3, 3)`` of the tool: as measured where orientations were, else of the last frame."""
+        return np.asarray(self.R_instrument_last @ self.run.R_last_tool)
+
+    @cached_property
+    def radii_95(self) -> dict[str, Array]:
+        """``(n, k)`` m: lengths that 95 % of the errors do not exceed: parameters, unmodelled, visit, together."""
+        return self.errors.radii_95()
+
+    @property
+    def radius_statistics_mm(self) -> dict[str, dict[str, float | None]]:
+        """Mean and largest of these over all poses and points."""
+        found = {}
+        for name, lengths in self.radii_95.items():
+            sizes = 1e3 * lengths[np.isfinite(lengths)]
+            found[name] = {
+                "mean": number(float(sizes.mean())) if sizes.size else None,
+                "max": number(float(sizes.max())) if sizes.size else None,
+            }
+        return found
+
+    @property
+    def model(self) -> str:
+        """The model's groups, joined by +."""
+        return "+".join(("geometric", *self.run.groups))
+
+    def to_dict(self) -> dict[str, Any]:
+        """What ``--json`` prints and ``result.json`` holds: lengths in mm."""
+        T, off = self.T_instrument_base, self.without_effects_m
+        return {
+            "run": str(self.run.folder),
+            "robot": self.run.robot.name,
+            "run_verdict": self.run.result.to_dict(),
+            "model": self.model,
+            "poses": len(self.rows),
+            "frames": {
+                "instrument": "the frame in which the arm was measured",
+                "base": "frame 0 of the arm's table",
+                "base_in_instrument": {
+                    "position_mm": plain_numbers(1e3 * T[:3, 3]),
+                    "quaternion_wxyz": plain_numbers(se3.quaternion_from_rotation(T[:3, :3])),
+                },
+            },
+            "radius_95_mm": self.radius_statistics_mm,
+            "without_effects_mm": None if off is None else number(1e3 * off),
+            "predictions": self._predictions(),
+            "warnings": list(self.warnings),
+        }
+
+    def _predictions(self) -> list[dict[str, Any]]:
+        """What is predicted of each pose."""
+        points, base = plain_numbers(1e3 * self.points), plain_numbers(1e3 * self.points_in_base)
+        covariances = plain_numbers(1e6 * self.errors.together)
+        radii = {name: plain_numbers(1e3 * lengths) for name, lengths in self.radii_95.items()}
+        here, there = (plain_numbers(se3.quaternion_from_rotation(R)) for R in self._both_rotations)
+        return [
+            {
+                "id": self.rows.ids[i],
+                "extrapolated": bool(self.extrapolated[i]),
+                "quaternion_wxyz": {"instrument": here[i], "base": there[i]},
+                "points": {
+                    target: {
+                        "instrument_mm": points[i][k],
+                        "base_mm": base[i][k],
+                        "covariance_mm2": covariances[i][k],
+                        "radius_95_mm": {name: lengths[i][k] for name, lengths in radii.items()},
+                    }
+                    for k, target in enumerate(self.run.arm.targets)
+                },
+            }
+            for i in range(len(self.rows))
+        ]
+
+    @property
+    def _both_rotations(self) -> tuple[Array, Array]:
+        """Of the tool, in the frame of the measurements and in the base."""
+        return self.rotations, np.asarray(self.T_instrument_base[:3, :3].T @ self.rotations)
+
+    def document(self) -> "Document":
+        """What a person reads: how sure the points are, and every prediction."""
+        from lab.commands.predict.document import prediction_document
+
+        return prediction_document(self)
+
+    def columns(self) -> Mapping[str, Sequence[Any] | Array]:
+        """A row a pose: joints and conditions; then points, orientation, and how sure each point is."""
+        chain = self.run.robot.chain
+        found: dict[str, Sequence[Any] | Array] = {"id": list(self.rows.ids), **joint_columns(chain, self.rows.joints)}
+        found |= {name: self.rows.conditions[name] for name in self.run.arm.conditions if name in self.rows.conditions}
+        for name, R in zip(("", "base_"), self._both_rotations, strict=True):
+            parts = zip("wxyz", se3.quaternion_from_rotation(R).T, strict=True)
+            found |= {f"{name}q{part}": values for part, values in parts}
+        covariances = 1e6 * self.errors.together
+        for k, target in enumerate(self.run.arm.targets):
+            for places, end in ((self.points, "mm"), (self.points_in_base, "base_mm")):
+                found |= {f"{target}_{axis}_{end}": 1e3 * places[:, k, i] for i, axis in enumerate("xyz")}
+            for name, lengths in self.radii_95.items():
+                cause = "" if name == "together" else f"_{name}"
+                found[f"{target}_radius_95{cause}_mm"] = 1e3 * lengths[:, k]
+            found |= {f"{target}_cov_{pair}_mm2": covariances[:, k, i, j] for i, j, pair in _PAIRS}
+        return {**found, "extrapolated": self.extrapolated.tolist()}
+
+    def plot(self) -> "Figure":
+        """Draw how sure the points are, as histograms of the radii of 95 % of their errors."""
+        from lab.commands.predict.document import radii_picture
+
+        return radii_picture(self).draw()
+
+    def write(self, folder: Path) -> None:
+        """Write ``predicted.csv``, ``config.json``, ``result.json`` and ``report.html``."""
+        from lab.commands.run_folder import write_config, write_json
+        from lab.formats.csv_table import write_columns
+
+        write_config(folder, "predict", self.options, self.run.robot.sha256)
+        write_columns(folder / PREDICTED_FILE, dict(self.columns()))
+        write_json(folder / "result.json", self.to_dict())
+        self.report(folder / "report.html")

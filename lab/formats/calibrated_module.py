@@ -1,0 +1,193 @@
+"""A calibrated arm as one Python module that needs nothing but Python: ``calibrated.py`` of a run.
+
+Its text is that of ``plain_arm`` with the numbers of the arm, all effects among them, and two functions on them. What
+cannot be written down so makes a module whose functions refuse, and say why.
+"""
+
+import re
+from collections.abc import Mapping
+from importlib.resources import files
+from textwrap import fill
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from lab.core.errors import LabError
+from lab.core.se3 import Array
+from lab.kinematics.dynamics.gravity import Loads
+from lab.kinematics.effects.arm import Arm, ArmWithEffects
+from lab.kinematics.effects.compliance import NEWTON_STEPS
+from lab.kinematics.serial.arm import SerialArm
+
+__all__ = ["MODULE_FILE", "largest_difference", "loaded", "module_text", "plain_model", "refusing_text"]
+
+MODULE_FILE = "calibrated.py"
+_WIDTH = 100
+_USE = (
+    "forward(joints, **conditions) returns the pose of the last frame as four rows of four numbers, and the positions "
+    "of the measured points by name. inverse(pose, near, point=None, **conditions) returns the joint positions near "
+    "others at which the last frame, or a measured point with the axes of the tool, has a pose; a ValueError says "
+    "where there are none.",
+    "Lengths are in m and angles in rad. Joint positions are those that were measured, in this order: {joints}. Poses "
+    "and points are in {frame}. BASE is the pose of the arm's base there (frame 0 of its table), and to_base(pose) "
+    "turns a pose of that frame into one of the base.",
+    "{conditions}",
+    "It needs Python 3.8 or later, and no library.",
+)
+_FUNCTIONS = '''
+
+BASE = MODEL["base"]
+
+
+def forward(joints: list[float], **conditions: float) -> tuple[list[list[float]], dict[str, list[float]]]:
+    """Pose of the last frame and positions of the measured points (m) at joint positions (rad, m of a slide)."""
+    return place(MODEL, joints, conditions)
+
+
+def inverse(
+    pose: list[list[float]], near: list[float], point: str | None = None, **conditions: float
+) -> list[float]:
+    """Joint positions (rad, m of a slide) at which the last frame, or a measured point, has a pose (m)."""
+    return inverse_of(MODEL, pose, near, point, conditions)
+
+
+def to_base(pose: list[list[float]]) -> list[list[float]]:
+    """A pose of the frame of the measurements, in the arm's base."""
+    return in_base(MODEL, pose)
+'''
+_REFUSING = '''
+REASON = {reason!r}
+
+
+def forward(joints, **conditions):
+    """Refuse: see REASON."""
+    raise NotImplementedError(REASON)
+
+
+def inverse(pose, near, point=None, **conditions):
+    """Refuse: see REASON."""
+    raise NotImplementedError(REASON)
+'''
+
+
+def plain_model(
+    arm: Arm, values: Array, loads: Loads | None, R_last_tool: Array, usual: Mapping[str, float]
+) -> dict[str, Any]:
+    """An arm with parameters ``values`` ``(p,)`` as the plain numbers that ``plain_arm`` computes with.
+
+    Args:
+        loads: the nominal masses; None where they are not known.
+        R_last_tool: rotation ``(3, 3)`` of the measured tool in the last frame.
+        usual: values of conditions where none are given; others must be given.
+
+    Raises:
+        LabError: the arm has loops, or an effect that is not written down in plain terms.
+    """
+    rigid = arm.rigid
+    if not isinstance(rigid, SerialArm):
+        raise LabError("it has loops, whose closure no plain module solves here")
+    effects = arm.effects if isinstance(arm, ArmWithEffects) else ()
+    terms, first = [], len(rigid.names)
+    for effect in effects:
+        part = slice(first, first + len(effect.parameters))
+        first = part.stop
+        if effect.plain is None or effect.moves in ("frame", "station"):
+            raise LabError(f"effect {effect.name} is not written down in the plain terms that a module computes")
+        terms += [dict(term) for term in effect.plain(values[part])]
+    chain = rigid.chain
+    _, table, points = rigid.split(values[: len(rigid.names)])
+    model: dict[str, Any] = {
+        "joint_names": list(chain.joint_names),
+        "convention": chain.convention,
+        "prismatic": [bool(slides) for slides in chain.prismatic],
+        "sign": chain.sign.tolist(),
+        "lower": _finite(chain.lower),
+        "upper": _finite(chain.upper),
+        "table": table.tolist(),
+        "base": rigid.T_tracker_frame0(values[: len(rigid.names)]).tolist(),
+        "points": dict(zip(rigid.targets, points.tolist(), strict=True)),
+        "tool": R_last_tool.tolist(),
+        "conditions": {name: usual.get(name) for name in arm.conditions},
+        "terms": terms,
+    }
+    if terms:
+        masses = Loads(chain, np.zeros(chain.size), np.zeros((chain.size, 3)), np.zeros(3)) if loads is None else loads
+        model["loads"] = {
+            "table": masses.chain.table.tolist(),
+            "mass_kg": masses.mass_kg.tolist(),
+            "centre_m": masses.centre_m.tolist(),
+            "gravity": masses.gravity.tolist(),
+            "payload_at_m": masses.payload_at_m.tolist(),
+            "steps": NEWTON_STEPS,
+        }
+    return model
+
+
+def module_text(title: str, about: str, frame: str, model: Mapping[str, Any]) -> str:
+    """The text of the module.
+
+    Args:
+        title: its first line.
+        about: what it is of, which effects it has, and which it lacks.
+        frame: what its poses are in.
+        model: of ``plain_model``.
+    """
+    needs = [
+        f"{name!r} ({'must be given' if usual is None else f'{usual:g} if not given'})"
+        for name, usual in model["conditions"].items()
+    ]
+    said = f"Conditions of a pose, as in forward(q, **{{'name': value}}): {', '.join(needs)}." if needs else ""
+    filled = (each.format(frame=frame, joints=", ".join(model["joint_names"]), conditions=said) for each in _USE)
+    head = "\n\n".join([title, *(fill(each, _WIDTH) for each in (about, *filled) if each)]) + "\n"
+    source = (files("lab") / "formats" / "plain_arm.py").read_text(encoding="utf-8")
+    code = re.sub(r'^""".*?"""\n', "", source, count=1, flags=re.DOTALL)
+    code = re.sub(r"^__all__ = .*\n\n", "", code, count=1, flags=re.MULTILINE)
+    numbers = _literal(model, 0)
+    return f"{_docstring(head)}\n{code.rstrip()}\n\n\nMODEL: dict[str, Any] = {numbers}\n{_FUNCTIONS}"
+
+
+def refusing_text(title: str, about: str, reason: str) -> str:
+    """The text of a module that does not have the arm, and whose functions say why."""
+    refusal = f"forward and inverse refuse: {reason}."
+    head = _docstring("\n\n".join([title, fill(about, _WIDTH), fill(refusal, _WIDTH)]) + "\n")
+    return head + "\n" + _REFUSING.format(reason=reason)
+
+
+def loaded(text: str) -> ModuleType:
+    """The module of a text that this lab made."""
+    module = ModuleType("calibrated")
+    exec(compile(text, MODULE_FILE, "exec"), module.__dict__)
+    return module
+
+
+def largest_difference(text: str, arm: Arm, values: Array, inputs: Array) -> float:
+    """How far (m), at most, the module's points are from the arm's at ``inputs`` ``(n, joints + conditions)``."""
+    module, size = loaded(text), arm.rigid.chain.size
+    largest = 0.0
+    for row, points in zip(inputs.tolist(), arm.points(inputs, values), strict=True):
+        given = dict(zip(arm.conditions, row[size:], strict=True))
+        _, found = module.forward(row[:size], **given)
+        largest = max(largest, float(np.abs(points - np.array(list(found.values()))).max()))
+    return largest
+
+
+def _literal(value: Any, level: int) -> str:
+    """Plain values as Python writes them: an item of a dictionary, and a row of a list of lists, to a line."""
+    inner, outer = "\n" + 4 * (level + 1) * " ", "\n" + 4 * level * " "
+    if isinstance(value, Mapping) and value:
+        return (
+            "{" + "".join(f"{inner}{key!r}: {_literal(each, level + 1)}," for key, each in value.items()) + outer + "}"
+        )
+    if isinstance(value, list) and any(isinstance(each, list | dict) for each in value):
+        return "[" + "".join(f"{inner}{_literal(each, level + 1)}," for each in value) + outer + "]"
+    return repr(value)
+
+
+def _finite(limits: Array) -> list[float | None]:
+    return [float(limit) if np.isfinite(limit) else None for limit in limits]
+
+
+def _docstring(text: str) -> str:
+    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
+    return f'"""{escaped}"""'

@@ -1,0 +1,71 @@
+"""The files of the arm in a run: which effects each has, which it lacks, and what it says of that."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from helpers.drawing import nothing_drawn
+
+import lab
+from lab.campaign.robot import load_virtual
+from lab.commands.calibrate.exports import comment_of_lacking, lasting_arm, without_effects
+from lab.formats.calibrated_module import loaded
+
+
+def test_what_is_of_another_day_alone_is_left_out() -> None:
+    arm, left_out = lasting_arm(load_virtual("irb120"), ("p1",), ("gear", "drift", "backlash"), None)
+    assert arm.groups == ("gear", "backlash") and left_out == ("drift",)
+
+
+def test_a_file_of_geometry_says_what_it_lacks() -> None:
+    robot = load_virtual("irb120")
+    arm, _ = lasting_arm(robot, ("p1", "p2"), ("gear",), None)
+    values, inputs = arm.nominal(robot.tool), arm.rigid.chain.random_joints(50, np.random.default_rng(0))
+    values[-6:] = 1e-4
+    off = without_effects(arm, values, inputs)
+    alone = arm.rigid.points(inputs, values[:-6])
+    by_hand = np.linalg.norm(arm.points(inputs, values) - alone, axis=2)
+    assert off == pytest.approx(np.sqrt((by_hand**2).mean())) and off > 1e-5
+    said = comment_of_lacking(arm.groups, off, "at the measured poses", module=True)
+    assert said.startswith(f"Geometry alone: lacks gear; off by {1e3 * off:.2g} mm rms") and "calibrated.py" in said
+    assert "calibrated.py" not in comment_of_lacking(arm.groups, off, "there", module=False)
+    assert comment_of_lacking((), without_effects(arm.rigid, values[:-6], inputs), "there", module=True) == ""
+
+
+@pytest.mark.thorough
+def test_an_arm_that_bends_has_its_kinematics_for_ros(tmp_path: Path) -> None:
+    """Of Universal Robots: not one of the files is missing, and each says what it lacks."""
+    soft = {"stiffness_nm_per_rad": 1e5, "payload_kg": (0.0, 3.0), "model": "compliance"}
+    with nothing_drawn():
+        result = lab.calibrate("ur10", poses=20, seed=2, **soft)
+        result.save(tmp_path / "run")
+        row = result.measurements.take([0])
+        free = np.full((1, 3, 3), np.nan)
+        targets = lab.Targets("p1", ("a",), row.points[:, 0], free, row.joints, row.conditions)
+        lab.compensate(targets, run=result, force=True, no_check=True).save(tmp_path / "corrected")
+    exports = json.loads((tmp_path / "run" / "result.json").read_text())["exports"]
+    for name in ("calibrated.toml", "ur_kinematics.yaml", "calibration.conf"):
+        assert exports[name]["lacks"] == ["compliance"] and exports[name]["off_mm"] > 0.1
+        for folder in ("run", "corrected"):
+            text = (tmp_path / folder / name).read_text()
+            assert text.startswith("# Geometry alone: lacks compliance; off by "), (folder, name)
+    assert set(yaml.safe_load((tmp_path / "run" / "ur_kinematics.yaml").read_text())["kinematics"]) >= {"wrist_3"}
+    assert exports["calibrated.py"] == {
+        "has": ["geometric", "compliance"], "lacks": [], "conditions": ["payload_kg"], "reason": None
+    }  # fmt: skip
+    module = loaded((tmp_path / "corrected" / "calibrated.py").read_text(encoding="utf-8"))
+    _, points = module.forward(row.joints[0].tolist(), payload_kg=float(row.conditions["payload_kg"][0]))
+    assert np.linalg.norm(np.array(points["p1"]) - row.points[0, 0]) < 2e-4
+
+
+@pytest.mark.thorough
+def test_a_mechanism_has_a_module_that_refuses(tmp_path: Path) -> None:
+    with nothing_drawn():
+        lab.calibrate("delta", poses=20, seed=1).save(tmp_path / "run")
+    said = json.loads((tmp_path / "run" / "result.json").read_text())["exports"]["calibrated.py"]
+    assert said["has"] == [] and said["lacks"] == ["geometric"] and "loops" in said["reason"]
+    module = loaded((tmp_path / "run" / "calibrated.py").read_text(encoding="utf-8"))
+    with pytest.raises(NotImplementedError, match="loops"):
+        module.forward([0.0, 0.0, 0.0])

@@ -1,0 +1,200 @@
+"""``calibrated.py``: plain Python that puts the points where the lab's own arm does, whatever the effects."""
+
+import ast
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.bare_python import bare_python
+from helpers.robots import perturbed, somewhere
+
+from lab.calibration.residual.kernels import COMPONENTS
+from lab.calibration.residual.process import JointProcess
+from lab.campaign.robot import load_virtual
+from lab.core import se3
+from lab.core.errors import LabError
+from lab.core.se3 import Array
+from lab.formats.calibrated_module import largest_difference, loaded, module_text, plain_model, refusing_text
+from lab.formats.plain_arm import place
+from lab.kinematics.effects.arm import ArmWithEffects
+from lab.kinematics.effects.registry import CAMPAIGN_SPECIFIC, GROUPS
+
+TURN = se3.exp(np.array([0.1, -0.4, 0.2]))  # of the measured tool in the last frame
+CASES = {
+    "everything of joints": (
+        "irb120",
+        ("payload", "hardening", "coupling", "gear", "harmonics", "backlash", "hysteresis", "compensator",
+         "expansion", "thermal_zeros", "joint2.harmonic20", "joint3.coupling5", "joint2.cross6", "joint2.gravity3"),
+    ),
+    "links that bend and move": (
+        "irb120",
+        ("compliance", "bending", "torsion", "extension", "link3.x_cross1", "link6.y_cross2", "link6.ry_cross3",
+         "joint4.backlash"),
+    ),
+    "a craig table": ("ur10", ("compliance", "bending", "link6.ry_cross2", "link2.z_cross3", "gear")),
+    "tubes": ("rx130", ("tubes", "compliance")),
+    "seven joints": ("panda", ("gear", "joint2.gravity2", "joint3.gravity5", "harmonics2")),
+    "a slide": ("scara", ("compliance", "hardening", "bending", "backlash")),
+    "two slides": ("versatran", ("compliance", "gear", "hardening", "thermal_zeros")),
+}  # fmt: skip
+
+
+def arm_with(robot: str, groups: Sequence[str], *, process: bool = False) -> tuple[ArmWithEffects, Array, dict]:
+    """An arm that is off in every parameter, with effects of usual sizes; its values, and the module's numbers."""
+    loaded_robot, rng = load_virtual(robot), np.random.default_rng(4)
+    arm = loaded_robot.arm_with(("p1", "p2"), groups)
+    if process:
+        chain, n = arm.rigid.chain, 30
+        inputs, weights = chain.random_joints(n, rng), rng.normal(size=(n, chain.size))
+        c = len(COMPONENTS)
+        variances = rng.uniform(0.1, 1.0, c) * 1e-4
+        arm = JointProcess(
+            inputs, np.ones((n, 2), dtype=bool), variances, np.eye(c), weights, ~np.array(chain.prismatic), 0.0
+        ).added_to(arm)
+    first = len(arm.rigid.names)
+    values = np.zeros(len(arm.names))
+    values[:first] = perturbed(arm.rigid, somewhere(arm.rigid, rng), rng, 0.5e-3, 1.5e-3)
+    values[first:] = [0.3 * each.scale * rng.normal() for each in arm.parameters[first:]]
+    return arm, values, plain_model(arm, values, loaded_robot.loads, TURN, {"payload_kg": 0.5})
+
+
+def inputs_of(arm: ArmWithEffects, count: int) -> Array:
+    return arm.structure_joints(count, np.random.default_rng(8))
+
+
+QUICK = ("everything of joints", "a craig table")
+
+
+@pytest.mark.parametrize("case", [c if c in QUICK else pytest.param(c, marks=pytest.mark.thorough) for c in CASES])
+def test_it_puts_the_points_where_the_arm_does(case: str) -> None:
+    arm, values, model = arm_with(*CASES[case])
+    inputs = inputs_of(arm, 8)
+    assert largest_difference(module_text("t", "a", "f", model), arm, values, inputs) < 1e-13
+    rigid = arm.rigid.points(inputs[:, : arm.rigid.chain.size], values[: len(arm.rigid.names)])
+    assert np.abs(arm.points(inputs, values) - rigid).max() > 1e-5  # its effects are no small matter
+
+
+@pytest.mark.parametrize("case", ["everything of joints", "links that bend and move"])
+def test_each_effect_is_told(case: str) -> None:
+    """Without one of them the points are elsewhere."""
+    arm, _, model = arm_with(*CASES[case])
+    size = arm.rigid.chain.size
+    row = inputs_of(arm, 1)[0] + 0.1  # no approach is zero
+    joints, given = row[:size].tolist(), dict(zip(arm.conditions, row[size:].tolist(), strict=True))
+    whole = np.array(list(place(model, joints, given)[1].values()))
+    for k, term in enumerate(model["terms"]):
+        terms = [*model["terms"][:k], *model["terms"][k + 1 :]]
+        without = np.array(list(place({**model, "terms": terms}, joints, given)[1].values()))
+        assert np.abs(whole - without).max() > 1e-9, term
+
+
+def test_the_last_frame_is_where_a_point_without_an_offset_is() -> None:
+    arm, values, _ = arm_with(*CASES["everything of joints"])
+    values[[i for i, name in enumerate(arm.names) if name.startswith("tool.p2")]] = 0.0
+    model = plain_model(arm, values, load_virtual("irb120").loads, np.eye(3), {})
+    inputs, size = inputs_of(arm, 5), arm.rigid.chain.size
+    Ts, _ = arm.tool(inputs, values, 1)
+    for row, T in zip(inputs.tolist(), Ts, strict=True):
+        found, _ = place(model, row[:size], dict(zip(arm.conditions, row[size:], strict=True)))
+        np.testing.assert_allclose(found, T, rtol=0, atol=1e-13)
+
+
+def test_every_lasting_group_is_in_the_cases() -> None:
+    tried = {name for _, groups in CASES.values() for name in groups}
+    of_its_own = {"compliance", "payload"}  # one or the other
+    assert set(GROUPS) - set(CAMPAIGN_SPECIFIC) <= tried | of_its_own
+
+
+def test_it_has_offsets_that_no_group_explains() -> None:
+    arm, values, model = arm_with("irb120", ("backlash",), process=True)
+    text = module_text("t", "a", "f", model)
+    inputs = inputs_of(arm, 6)
+    assert largest_difference(text, arm, values, inputs) < 1e-13
+    bare = {**model, "terms": [term for term in model["terms"] if "residual" not in term]}
+    assert largest_difference(module_text("t", "a", "f", bare), arm, values, inputs) > 1e-5
+
+
+def test_a_bare_python_runs_it(tmp_path) -> None:
+    arm, values, model = arm_with(*CASES["everything of joints"])
+    (tmp_path / "calibrated.py").write_text(module_text('t """ \\', "a", "f", model), encoding="utf-8")
+    inputs, size = inputs_of(arm, 20), arm.rigid.chain.size
+    conditions = dict(zip(arm.conditions, inputs[:, size:].T.tolist(), strict=True))
+    ast.parse((tmp_path / "calibrated.py").read_text(encoding="utf-8"), feature_version=(3, 8))
+    rows = bare_python(tmp_path, inputs[:, :size], conditions)
+    points = np.array([[row[target] for target in arm.targets] for row in rows])
+    np.testing.assert_allclose(points, arm.points(inputs, values), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        "links that bend and move",
+        *(pytest.param(c, marks=pytest.mark.thorough) for c in ("everything of joints", "seven joints")),
+    ],
+)
+def test_the_inverse_leads_back_to_the_pose(case: str) -> None:
+    arm, values, model = arm_with(*CASES[case])
+    module, rng, size = loaded(module_text("t", "a", "f", model)), np.random.default_rng(2), arm.rigid.chain.size
+    inputs = inputs_of(arm, 6)
+    middle = (arm.rigid.chain.lower + arm.rigid.chain.upper) / 2
+    inputs[:, :size] = middle + 0.6 * (inputs[:, :size] - middle)
+    last, _ = arm.tool(inputs, values, 1)  # axes of the last frame, at the point
+    for row, T in zip(inputs, last, strict=True):
+        given = dict(zip(arm.conditions, row[size:].tolist(), strict=True))
+        wanted = se3.pose(T[:3, :3] @ TURN, T[:3, 3])
+        near = (row[:size] + 0.05 * rng.normal(size=size)).tolist()
+        joints = module.inverse(wanted.tolist(), near, point="p2", **given)
+        pose, points = module.forward(joints, **given)
+        np.testing.assert_allclose(points["p2"], T[:3, 3], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(np.array(pose)[:3, :3], T[:3, :3], rtol=0, atol=1e-9)
+        again = module.inverse(pose, near, **given)  # of the last frame
+        if size == 6:
+            np.testing.assert_allclose(joints, row[:size], rtol=0, atol=1e-8)
+            np.testing.assert_allclose(again, row[:size], rtol=0, atol=1e-8)
+
+
+def test_a_pose_in_the_base_is_that_without_the_base() -> None:
+    arm, values, model = arm_with("irb120", ())
+    module, joints = loaded(module_text("t", "a", "f", model)), [0.1, 0.2, -0.3, 0.4, 0.5, 0.6]
+    there = values.copy()
+    there[:6] = 0.0
+    in_base = module.to_base(module.forward(joints)[0])
+    np.testing.assert_allclose(in_base, arm.rigid.flange(np.array([joints]), there)[0], rtol=0, atol=1e-14)
+
+
+def test_it_says_what_it_cannot_do() -> None:
+    arm, _, model = arm_with(*CASES["a slide"])
+    module = loaded(module_text("t", "a", "f", model))
+    zero = [0.0] * arm.rigid.chain.size
+    usual = {name: 0.0 for name in arm.conditions if name != "payload_kg"}
+    assert module.forward(zero, **usual) == module.forward(zero, payload_kg=0.5, **usual)
+    with pytest.raises(TypeError, match="approach_q"):
+        module.forward(zero)
+    with pytest.raises(TypeError, match="humidity"):
+        module.forward(zero, humidity=1.0, **usual)
+    with pytest.raises(ValueError, match="finite positions"):
+        module.forward(zero[1:], **usual)
+    T = np.array(module.forward(zero, **usual)[0])
+    with pytest.raises(ValueError, match="not reached"):  # four joints do not tip the tool
+        module.inverse((T @ se3.pose(se3.exp(np.array([0.5, 0, 0])), np.zeros(3))).tolist(), zero, **usual)
+    with pytest.raises(ValueError, match="no rotation"):
+        module.inverse((2 * T).tolist(), zero, **usual)
+    with pytest.raises(ValueError, match="was not measured"):
+        module.inverse(T.tolist(), zero, point="p9", **usual)
+
+
+def test_what_cannot_be_written_down_makes_a_module_that_refuses() -> None:
+    robot = load_virtual("irb120")
+    arm = robot.arm_with(("p1",), ("gear",))
+    strange = replace(arm, effects=(replace(arm.effects[0], plain=None),))
+    with pytest.raises(LabError, match="effect gear"):
+        plain_model(strange, strange.nominal(), robot.loads, np.eye(3), {})
+    delta = load_virtual("delta").arm(("p1",))
+    with pytest.raises(LabError, match="loops"):
+        plain_model(delta, delta.nominal(), None, np.eye(3), {})
+    module = loaded(refusing_text("t", "a", "it has loops"))
+    assert "it has loops" in module.__doc__
+    for refused in (lambda: module.forward([0.0]), lambda: module.inverse(np.eye(4).tolist(), [0.0])):
+        with pytest.raises(NotImplementedError, match="it has loops"):
+            refused()
