@@ -46,8 +46,11 @@ def in_cell(robot: Model, cell: Cell) -> Model:
     spec, T_robot_cell = robot.spec.copy(), se3.inverse(cell.robot.pose)
     spec.option.gravity = T_robot_cell[:3, :3] @ spec.option.gravity
     shapes, world = _Shapes(spec, cell.path), spec.worldbody  # with a body each, MuJoCo would hold all pairs of them
+    stated = list[str]()
     for obstacle in cell.obstacle:
-        shapes.add(world, T_robot_cell @ obstacle.pose, obstacle, cell.clearance_m(obstacle), _OBSTACLE_RGBA)
+        clearance_m = cell.clearance_m(obstacle)
+        name = shapes.add(world, T_robot_cell @ obstacle.pose, obstacle, clearance_m or 0.0, _OBSTACLE_RGBA)
+        stated += [] if clearance_m is None else [name]
     tool = _carried(robot, shapes, cell)
     places = [T_robot_cell @ each.pose for each in cell.instrument_places]
     for station, T in list(zip(cell.station, places, strict=False))[1:]:
@@ -60,8 +63,9 @@ def in_cell(robot: Model, cell: Cell) -> Model:
     model = compiled(cell.path, spec)
     stations = tuple(each.name for each in cell.station)
     placed = replace(
-        robot, spec=spec, model=model, chain=chain, tool=tool, acceptance_rad=acceptance, stations=stations
-    )
+        robot, spec=spec, model=model, chain=chain, tool=tool, acceptance_rad=acceptance, stations=stations,
+        stated_clearances=tuple(stated),
+    )  # fmt: skip
     if home is not None:
         if (beyond := np.flatnonzero(chain.beyond_limits(home[None], 1e-9)[0])).size:
             raise LabError(f"{cell.path}: [home]: {chain.said_beyond(int(beyond[0]), home[beyond[0]])}; start within")
@@ -105,8 +109,9 @@ class _Shapes:
         self.spec, self._path, self._taken = spec, path, {each.name for each in (*geoms, *spec.bodies)}
         self._group = VISUAL_GROUP if any(each.group == VISUAL_GROUP for each in geoms) else 0  # so that it is drawn
 
-    def add(self, body: mujoco.MjsBody, T: Array, shape: Obstacle, clearance_m: float, rgba: tuple[float, ...]) -> None:
-        """Give a body a solid shape at this pose ``(4, 4)`` (m) in it, to which others keep this clearance."""
+    def add(self, body: mujoco.MjsBody, T: Array, shape: Obstacle, clearance_m: float, rgba: tuple[float, ...]) -> str:
+        """Give a body a solid shape at this pose ``(4, 4)`` (m) in it, to which others keep this clearance; its name.
+        """
         kind, size = mujoco.mjtGeom.mjGEOM_BOX, [each / 2e3 for each in shape.size_mm]
         if shape.shape == "cylinder":
             kind, size = mujoco.mjtGeom.mjGEOM_CYLINDER, [shape.radius_mm / 1e3, shape.height_mm / 2e3, 0.0]
@@ -120,6 +125,7 @@ class _Shapes:
             name=name, type=kind, size=size, pos=T[:3, 3], quat=se3.quaternion_from_rotation(T[:3, :3]), rgba=rgba,
             margin=clearance_m, contype=1, conaffinity=1, group=self._group, mass=0.0, **mesh,
         )  # fmt: skip
+        return name
 
     def _add_mesh(self, shape: Obstacle) -> str:
         """The name of a shape's mesh in the model, to which each file is added once."""

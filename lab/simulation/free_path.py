@@ -11,9 +11,10 @@ from lab.core.se3 import Array
 from lab.simulation.collisions import at_contacts
 from lab.simulation.model import RobotModel
 
-__all__ = ["path_check"]
+__all__ = ["path_check", "path_step"]
 
-_STEP_M = 0.010  # along a path no point of the arm moves further than this between two places
+_STEP_M = 0.001  # along a path no point of the arm moves further than this between two places
+_ESTIMATED_STEP_M = 0.010  # of a mechanism, whose points' travel is estimated, and each place is looked at
 _CLEAR_M = 0.025  # where nothing is nearer, the places until a point has moved that far are free too
 _SLACK_M = 1e-4  # of a computed distance
 _GOLDEN = (np.sqrt(5) - 1) / 2
@@ -22,18 +23,23 @@ _GOLDEN = (np.sqrt(5) - 1) / 2
 def path_check(robot: RobotModel) -> Callable[[Array, Array], bool]:
     """A callable: whether the arm touches nothing while all joints move in proportion from ``(n,)`` to ``(n,)``.
 
-    It touches nothing at places so dense that no point of it moves more than ``_STEP_M`` in between. By one thread.
+    It touches nothing at places so dense that no point of it moves more than ``path_step`` in between. By one thread.
     """
-    clear = _Clear(robot)
+    clear, step = _Clear(robot), path_step(robot)
     reach = robot.travel_per_joint()
 
     def is_free(start: Array, end: Array) -> bool:
         travel = float(np.abs(end - start) @ reach)
-        steps = max(1, int(np.ceil(travel / _STEP_M)))
+        steps = max(1, int(np.ceil(travel / step)))
         qpos = robot.qpos(start + np.linspace(0.0, 1.0, steps + 1)[:, None] * (end - start))
         return not np.isnan(qpos).any() and clear(qpos, travel / steps)
 
     return is_free
+
+
+def path_step(robot: RobotModel) -> float:
+    """How far (m) a point of the arm moves at most between two places of a path that are checked."""
+    return _STEP_M if robot.travel_is_bounded else _ESTIMATED_STEP_M
 
 
 class _Clear:
@@ -46,9 +52,6 @@ class _Clear:
     def __init__(self, robot: RobotModel) -> None:
         self.model, self.data = robot.model, mujoco.MjData(robot.model)
         self.widened = copy.deepcopy(robot.model)  # its shapes meet as soon as they are within a margin
-        self.widened.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
-        margins = np.concatenate([robot.model.geom_margin, robot.model.pair_margin])
-        self.margin = 2 * float(margins.max(initial=0.0)) + _SLACK_M  # of two shapes, at most
         self.clear_m = _CLEAR_M if robot.travel_is_bounded else 0.0
 
     def __call__(self, qpos: Array, step_m: float) -> bool:
@@ -70,5 +73,8 @@ class _Clear:
 
     def _near(self, qpos: Array, distance_m: float) -> bool:
         """Whether two shapes that may meet are within their clearance and this distance at coordinates ``(nq,)``."""
-        self.widened.opt.o_margin = self.margin + distance_m
+        wide, exact, more = self.widened, self.model, distance_m + _SLACK_M
+        wide.pair_margin[:] = exact.pair_margin + more
+        wide.geom_margin[:] = exact.geom_margin + more / 2  # of two shapes, MuJoCo adds the margins
+        wide.body_margin[:] = exact.body_margin + more / 2
         return bool(next(at_contacts(self.widened, qpos[None], self.data)).ncon)

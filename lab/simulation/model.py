@@ -62,6 +62,7 @@ class RobotModel(ABC):
         held: joints of a gripper, which are held at zero.
         stations: names of the places from which the instrument measures, the first of which is the site ``tracker``;
             none where there is one alone without a name.
+        stated_clearances: shapes of the surroundings whose clearance the cell states, zero too.
         travel_is_bounded: whether no point of it moves further than ``travel_per_joint`` says; of the kind, not of the
             model.
         missing: what of the file could not be read, without which it cannot stand for reality; "" where nothing is.
@@ -83,6 +84,7 @@ class RobotModel(ABC):
     held: tuple[str, ...] = ()
     acceptance_rad: float | None = None
     stations: tuple[str, ...] = ()
+    stated_clearances: tuple[str, ...] = ()
 
     @property
     def assumed(self) -> str:

@@ -1,15 +1,18 @@
 """A robot's cell, as plain values and as a person reads it: what stands around it, and what the arm touches."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from lab.campaign.options import DesignOptions
 from lab.campaign.robot import Robot
+from lab.core.instruments import INSTRUMENTS
 from lab.core.random import rng_for
 from lab.formats.cell_toml import Cell
 from lab.render.document import Block, Paragraph, Section, Table
 from lab.render.format import short
+from lab.simulation.clearances import CLEARANCE_MM, Clearances, planning_model
 from lab.simulation.collisions import collides, colliding_pairs, collisions_in_words
 
 __all__ = ["POSES", "cell_section", "cell_values"]
@@ -17,9 +20,13 @@ __all__ = ["POSES", "cell_section", "cell_values"]
 POSES = 500  # random ones within the limits, at which is looked what touches what
 
 
-def cell_values(robot: Robot, cell: Cell) -> dict[str, Any]:
-    """The cell in millimetres and degrees, and what touches what in it at home and in random poses."""
-    model, chain = robot.model, robot.chain
+def cell_values(robot: Robot, cell: Cell, targets: Sequence[str]) -> dict[str, Any]:
+    """The cell in millimetres and degrees, and what touches what in it at home and in random poses.
+
+    That is so with the clearances and the reflectors that a plan takes unless told otherwise.
+    """
+    chain = robot.chain
+    model = planning_model(robot.model, targets, INSTRUMENTS[DesignOptions.instrument], Clearances())
     joints = chain.random_joints(POSES, rng_for(0, "poses"))
     pairs = colliding_pairs(model, joints)
     scale = np.where(chain.prismatic, 1e3, 180 / np.pi)
@@ -31,7 +38,7 @@ def cell_values(robot: Robot, cell: Cell) -> dict[str, Any]:
                 "name": each.name,
                 "shape": each.shape,
                 "position_mm": list(each.position_mm),
-                "clearance_mm": 1e3 * cell.clearance_m(each),
+                "clearance_mm": CLEARANCE_MM if (stated_m := cell.clearance_m(each)) is None else 1e3 * stated_m,
             }
             for each in cell.obstacle
         ],
