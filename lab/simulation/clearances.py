@@ -81,10 +81,9 @@ def planning_model(robot: Model, targets: Sequence[str], instrument: Instrument,
     shapes = _Shapes.of(bare, robot.base_body)
     around_m, own_m = (_kept(robot, each) for each in (clearances.surroundings_m, clearances.own_m))
     for geom in shapes.around:
-        name, own = bare.geom(geom).name, float(bare.geom_margin[geom])
-        stated = name in robot.stated_clearances
-        spec.geom(name).margin = _kept(robot, own) if stated else max(_kept(robot, own), around_m)
-    own, first = shapes.own_pairs(), shapes.first_link_pairs(robot.stated_clearances)
+        name, margin = bare.geom(geom).name, _kept(robot, float(bare.geom_margin[geom]))
+        spec.geom(name).margin = margin if robot.obstacles.get(name) is not None else max(margin, around_m)
+    own, first = shapes.own_pairs(), shapes.first_link_pairs([each for each, stated in robot.obstacles.items() if stated is not None])
     wanted = np.array([own_m] * len(own) + [around_m] * len(first))
     nearest = _least_distances(replace(robot, model=bare), [*own, *first], wanted)
     for pair, least, margin in zip([*own, *first], nearest, wanted, strict=True):
