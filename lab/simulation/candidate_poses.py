@@ -40,7 +40,7 @@ __all__ = [
     "view_of",
 ]
 
-MARGIN = 0.02  # of a joint's range, kept from each limit
+MARGIN = 0.05  # of a joint's range, kept from each limit
 Feasible = Callable[[Array], NDArray[np.bool_]]
 _REASONS = ("limits", "singularity", "collision", "visibility")
 _BLOCK = 1024  # a power of two keeps Sobol's points even

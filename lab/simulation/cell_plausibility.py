@@ -25,7 +25,7 @@ _NEAR_MM = 5.0  # from the origin of its frame, without being there: metres unde
 _TOOL_MM = 2.0
 _CLEARANCE_MM = 0.5
 _AT_BASE_M, _NEAR_BASE_M = 0.05, 0.3  # between the instrument's head and the robot's base
-_NEAR_HEAD_M = 0.1  # between a target and the head
+_NEAR_REACH = 0.7  # of the reach: an instrument nearer to the base is in the arm's way
 _FAR_HEAD_M = 30.0
 _SWALLOWED_M = 0.02  # how deep the base's origin is in an obstacle
 _ALWAYS, _MOSTLY = 1.0, 0.9  # shares of the poses in which the arm touches an obstacle
@@ -44,16 +44,16 @@ def implausible(robot: RobotModel, cell: Cell) -> tuple[str, ...]:
     """
     joints = robot.chain.random_joints(_POSES, rng_for(0, "poses"))
     joints = joints[~np.isnan(robot.qpos(joints)).any(axis=1)]
-    sites = [robot.model.site(name).id for name in robot.tool]
-    targets = np.array([stand.site_xpos[sites] for stand in standing(robot, joints)]).reshape(-1, 3)
-    reach = float(np.linalg.norm(targets - robot.T_world_frame0[:3, 3], axis=1).max(initial=0.0))
+    moving = np.flatnonzero(robot.model.body_weldid)
+    places = np.array([stand.xpos[moving] for stand in standing(robot, joints)]).reshape(-1, 3)
+    reach = float(np.linalg.norm(places - robot.T_world_frame0[:3, 3], axis=1).max(initial=0.0))
     return (
         *_of_sizes(robot, cell),
         *_of_tools(cell, reach),
         *_of_positions(cell),
         *_of_base(robot, cell),
         *_of_contacts(robot, cell, joints),
-        *_of_instrument(robot, cell, targets),
+        *_of_instrument(robot, cell, reach),
         *_of_reach(robot, cell, reach),
         *_of_joints(cell),
     )
@@ -81,7 +81,7 @@ def extents_mm(robot: RobotModel, shape: Obstacle, name: str) -> Array:
 
 def in_words(extents: Sequence[float] | Array) -> str:
     """Edges in mm, for a person."""
-    return " x ".join(f"{edge:.4g}" for edge in extents) + " mm"
+    return " x ".join(f"{edge:.0f}" if edge >= 1000 else f"{edge:.3g}" for edge in extents) + " mm"
 
 
 def _of_sizes(robot: RobotModel, cell: Cell) -> Iterator[str]:
@@ -161,7 +161,7 @@ def _of_contacts(robot: RobotModel, cell: Cell, joints: Array) -> Iterator[str]:
             yield f"{words}; {mend}"
 
 
-def _of_instrument(robot: RobotModel, cell: Cell, targets: Array) -> Iterator[str]:
+def _of_instrument(robot: RobotModel, cell: Cell, reach: float) -> Iterator[str]:
     """Instruments inside something, at the robot's base, in the arm's way, or far away."""
     if not cell.instrument_places:
         return
@@ -184,11 +184,10 @@ def _of_instrument(robot: RobotModel, cell: Cell, targets: Array) -> Iterator[st
         away = float(np.linalg.norm(head - base))
         if away < _AT_BASE_M:
             raise LabError(f"{who} is {1e3 * away:.3g} mm from the robot's base; {mend}")
-        nearest = float(np.linalg.norm(targets - head, axis=1).min(initial=np.inf))
         if away < _NEAR_BASE_M:
             yield f"{who} is {1e3 * away:.3g} mm from the robot's base; {mend}"
-        elif nearest < _NEAR_HEAD_M:
-            yield f"{who} is in the arm's way: a target comes to within {1e3 * nearest:.0f} mm of its head; {mend}"
+        elif away < _NEAR_REACH * reach:
+            yield f"{who} is {1e3 * away:.0f} mm from the robot's base, in the arm's way; {mend}"
         elif away > _FAR_HEAD_M:
             yield f"{who} is {away:.3g} m from the robot's base; give position_mm in mm"
 
