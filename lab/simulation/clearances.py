@@ -30,7 +30,7 @@ INCIDENCE_MARGIN_RAD = np.deg2rad(3.0)  # kept from the largest angle that a ref
 _MARGIN_SHARE = 0.1  # of that angle: a reflector that takes a few degrees keeps most of them
 _HALF_INCH_M, _LARGEST_M = 0.00635, 0.01905  # radius of a half-inch and of a 1.5-inch reflector
 _NEST = 4 / 3  # of the ball's radius: from its centre to the foot of its nest
-_SLACK_M = 1e-4  # of a computed distance
+_SLACK_M = 1e-5  # of a computed distance
 _INVISIBLE = (0.0, 0.0, 0.0, 0.0)  # no ray meets a shape that is transparent
 
 

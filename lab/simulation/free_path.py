@@ -55,7 +55,7 @@ class _Serial:
 
     A look at one place measures how much further apart than needed shapes are there. Until a pair has moved that far
     against each other, it stays clear: only joints between its two bodies move them, none by more than their reach
-    says. Where there is hardly room, the next look is a step away.
+    says. Where there is hardly room, the next look is as far away as lets the pair move a step.
     """
 
     def __init__(self, robot: RobotModel) -> None:
@@ -88,7 +88,6 @@ class _Serial:
             clear = self._clear_share(ends[0] + middle * (ends[1] - ends[0]), travel, total)
             if clear < 0:
                 return False
-            clear = max(clear, self.step / 2 / total)
             if clear < half:
                 stretches.extend([(begin, middle - clear), (middle + clear, end_share)])
         return True
@@ -111,4 +110,4 @@ class _Serial:
             return -1.0
         pairs = self.model.geom_bodyid[contact.geom]
         moving = self.relative[pairs[:, 0], pairs[:, 1]] @ travel + _STILL_M
-        return min(float(((room - _SLACK_M) / moving).min()), _CLEAR_M / total)
+        return min(float((np.maximum(room - _SLACK_M, self.step / 2) / moving).min()), _CLEAR_M / total)
