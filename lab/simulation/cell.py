@@ -114,8 +114,7 @@ class _Shapes:
         self._group = VISUAL_GROUP if any(each.group == VISUAL_GROUP for each in geoms) else 0  # so that it is drawn
 
     def add(self, body: mujoco.MjsBody, T: Array, shape: Obstacle, clearance_m: float, rgba: tuple[float, ...]) -> str:
-        """Give a body a solid shape at this pose ``(4, 4)`` (m) in it, to which others keep this clearance; its name.
-        """
+        """Give a body a solid shape at this pose ``(4, 4)`` (m) in it, with this clearance; return its name."""
         kind, size = mujoco.mjtGeom.mjGEOM_BOX, [each / 2e3 for each in shape.size_mm]
         if shape.shape == "cylinder":
             kind, size = mujoco.mjtGeom.mjGEOM_CYLINDER, [shape.radius_mm / 1e3, shape.height_mm / 2e3, 0.0]

@@ -80,10 +80,11 @@ def planning_model(robot: Model, targets: Sequence[str], instrument: Instrument,
     bare = compiled(robot.path, spec)
     shapes = _Shapes.of(bare, robot.base_body)
     around_m, own_m = (_kept(robot, each) for each in (clearances.surroundings_m, clearances.own_m))
+    stated = [name for name, clearance_m in robot.obstacles.items() if clearance_m is not None]
     for geom in shapes.around:
         name, margin = bare.geom(geom).name, _kept(robot, float(bare.geom_margin[geom]))
-        spec.geom(name).margin = margin if robot.obstacles.get(name) is not None else max(margin, around_m)
-    own, first = shapes.own_pairs(), shapes.first_link_pairs([each for each, stated in robot.obstacles.items() if stated is not None])
+        spec.geom(name).margin = margin if name in stated else max(margin, around_m)
+    own, first = shapes.own_pairs(), shapes.first_link_pairs(stated)
     wanted = np.array([own_m] * len(own) + [around_m] * len(first))
     nearest = _least_distances(replace(robot, model=bare), [*own, *first], wanted)
     for pair, least, margin in zip([*own, *first], nearest, wanted, strict=True):

@@ -58,6 +58,29 @@ def arm_shells(robot: RobotModel) -> list[Shell]:
     return [each for each in shells(robot) if each.body != instrument]
 
 
+def solid_points(robot: RobotModel) -> list[tuple[str, Array]]:
+    """The corners ``(v, 3)`` (m, in the world) of each solid shape but planes, the arm at home, with its name.
+
+    A shape of a body has the body's name.
+    """
+    model, data = robot.model, mujoco.MjData(robot.model)
+    data.qpos[:] = robot.qpos(robot.chain.home[None])[0]
+    mujoco.mj_kinematics(model, data)
+    found = list[tuple[str, Array]]()
+    for geom in np.flatnonzero(model.geom_contype | model.geom_conaffinity).tolist():
+        if int(model.geom_type[geom]) == mujoco.mjtGeom.mjGEOM_PLANE:
+            continue
+        body = int(model.geom_bodyid[geom])
+        T_world_geom = se3.pose(data.geom_xmat[geom].reshape(3, 3), data.geom_xpos[geom])
+        found.append(
+            (
+                _name(model, body) if body else model.geom(geom).name,
+                se3.transform(T_world_geom, _triangles(model, geom)[0]),
+            )
+        )
+    return found
+
+
 def instrument_body(robot: RobotModel) -> str:
     """The name of the body that carries the tracker's site, "" where that is the world."""
     body = int(robot.model.site(TRACKER).bodyid[0])

@@ -17,12 +17,7 @@ from helpers.dense_check import DenseCheck
 from lab.campaign.options import DesignOptions
 from lab.campaign.robot import Robot, load_virtual
 from lab.commands.design.run import planned_day
-from lab.core.errors import LabError
-from lab.core.instruments import INSTRUMENTS
 from lab.core.se3 import Array
-from lab.simulation.clearances import Clearances, planning_model
-from lab.simulation.collisions import collides, collisions_in_words
-from lab.simulation.free_path import path_check
 
 ROBOTS = {"irb120": 27, "tx40": 27, "rx130": 27, "scara": 18, "scemi": 27, "ur5": 27, "ur10": 27, "panda": 32,
           "scorbot": 24, "versatran": 27}  # fmt: skip
@@ -78,11 +73,18 @@ def planned(name: str, folder: Path, seed: int) -> tuple[Robot, Array]:
     path = None
     if name in PLACES:
         path = folder / "cell.toml"
-        text = CELL.format(20, *PLACES[name]).replace("clearance_mm = 20\n", "") + f"clearance_mm = {1e3 * POST_KEEPS_M}\n"
+        text = (
+            CELL.format(20, *PLACES[name]).replace("clearance_mm = 20\n", "") + f"clearance_mm = {1e3 * POST_KEEPS_M}\n"
+        )
         path.write_text(text)
     robot = load_virtual(name, path)
     poses = -(-ROBOTS[name] // 3) + 2
-    plan = planned_day(DesignOptions(name, path, poses=poses, candidates=200 if name in ("ur10", "panda") else 60, starts=1, seed=seed), robot)
+    plan = planned_day(
+        DesignOptions(
+            name, path, poses=poses, candidates=200 if name in ("ur10", "panda") else 60, starts=1, seed=seed
+        ),
+        robot,
+    )
     return robot, plan.tour.stops
 
 

@@ -37,7 +37,7 @@ WRONG = {
     "mesh of a hall in metres as mm": ("ur5", MESH.format("hall", "mm", [0, 800, 150])),
     # places
     "position of a table in metres": ("irb120", BOX.format([500, 1200, 100], [0, 0.8, 0.15])),
-    "robot's place in metres": ("irb120", "[robot]\nposition_mm = [0, 0, 0.8]\n" + BOX.format([500, 1200, 100], [0, 900, 750])),
+    "robot's place in metres": ("irb120", "[robot]\nposition_mm = [0, 0, 0.8]\n" + TABLE),
     "robot's place left out": ("irb120", BOX.format([500, 1200, 800], [0, 0, 400])),
     "block over the base": ("ur5", BOX.format([400, 400, 400], [0, 0, 100])),
     "block over all of the arm": ("scara", BOX.format([3000, 3000, 3000], [0, 0, 0])),
