@@ -12,7 +12,16 @@ from lab.core.se3 import Array
 from lab.kinematics.model import RigidArm
 from lab.simulation.model import TRACKER, RobotModel, at_zero, body_pose, site_pose
 
-__all__ = ["VISUAL_GROUP", "Shell", "arm_shells", "body_poses", "instrument_body", "shells", "station_stands"]
+__all__ = [
+    "VISUAL_GROUP",
+    "Shell",
+    "arm_shells",
+    "body_poses",
+    "instrument_body",
+    "shells",
+    "solid_points",
+    "station_stands",
+]
 
 VISUAL_GROUP = 2  # of the geoms that are there to be seen
 _UNPAINTED = (0.5, 0.5, 0.5, 1.0)  # MuJoCo's colour of a geom that names none
