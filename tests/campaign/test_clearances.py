@@ -175,7 +175,7 @@ def test_path_checks_keep_the_clearance_between_looks() -> None:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("name", ["irb120", "scara"])
+@pytest.mark.parametrize("name", ["tx40", "scara"])
 def test_a_plan_keeps_its_clearances(name: str, tmp_path: Path) -> None:
     check(name, tmp_path, 1)
 

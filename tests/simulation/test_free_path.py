@@ -13,7 +13,12 @@ from lab.simulation.collisions import collides
 from lab.simulation.free_path import path_check
 from lab.simulation.model import RobotModel
 
-STEP_M = 0.001
+STEP_M = 0.005  # coarser than the lab's, so that each place can be looked at
+
+
+@pytest.fixture(autouse=True)
+def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(free_path, "_STEP_M", STEP_M)
 
 
 def place_by_place(model: RobotModel, start: Array, end: Array, step_m: float = STEP_M) -> bool:
