@@ -30,7 +30,8 @@ from lab.kinematics.model import RigidArm
 from lab.pose_selection.criteria import Criterion, Scaling, criterion
 from lab.pose_selection.exchange import Feasible, Sensitivity, information
 from lab.simulation.candidate_poses import Candidates, draw_candidates, feasibility, seeing_station
-from lab.simulation.collisions import collides, random_poses, unchecked
+from lab.simulation.clearances import planning_model
+from lab.simulation.collisions import LOWER_CLEARANCE, collisions_in_words, random_poses, unchecked
 from lab.simulation.model import RobotModel
 
 __all__ = ["PoseProblem", "pose_problem"]
@@ -99,8 +100,8 @@ def pose_problem(options: DesignOptions, robot: Robot | None = None, progress: P
     if options.no_check:
         robot = replace(robot, model=unchecked(robot.model))
     device, scaling = _noisy(options.instrument), Scaling(options.scaling)
-    model = robot.model
     arm = robot.arm(options.targets)
+    model = planning_model(robot.model, options.targets, device, options.clearances)
     seen = robot.arm_with(options.targets, (), SessionInfo(stations=model.stations))
     values = model.values_before(arm, model.T_world_tracker)
     all_values = np.concatenate([values, *station_parameters(model.Ts_world_station)])
@@ -120,7 +121,7 @@ def pose_problem(options: DesignOptions, robot: Robot | None = None, progress: P
     jacobians = whitened if scaling.kind == "whitened" else unweighted
     pool = jacobians(inputs)
     factors = scaling.columns([seen.parameters[i] for i in kept], pool)
-    fresh = random_poses(model, TEST_POSES // len(arm.targets), rng_for(options.seed, "fresh"))
+    fresh = random_poses(robot.model, TEST_POSES // len(arm.targets), rng_for(options.seed, "fresh"))
     test = unweighted(_inputs(model, fresh)).reshape(-1, 3, len(kept))  # every target counts
     home, warnings = _home(options, robot.chain, model, candidates.joints)
     already = _measured_before(options, robot)
@@ -235,9 +236,10 @@ def _home(
     home = free_home(model, candidates)
     if np.array_equal(home, chain.home):
         return home, ()
-    return home, (
-        f"robot {chain.name} touches something at zero joint positions: the tour starts from a pose near them",
-    )
+    touches = collisions_in_words(model, chain.home[None])[0]
+    if chain.said_home is not None:
+        raise LabError(f"[home] of the cell: {touches} there; start elsewhere, or {LOWER_CLEARANCE}")
+    return home, (f"robot {chain.name} at home: {touches}; the tour starts from a pose near it",)
 
 
 def _asked_home(given: Sequence[float], chain: JointSpec, model: RobotModel) -> Array:
@@ -251,8 +253,8 @@ def _asked_home(given: Sequence[float], chain: JointSpec, model: RobotModel) -> 
         raise LabError(f"{said}: {chain.said_beyond(int(beyond[0]), home[beyond[0]])}; start within")
     if why := chain.infeasibility_reason(home):
         raise LabError(f"{said}: {why}; start elsewhere")
-    if collides(model, home[None])[0]:
-        raise LabError(f"{said}: the arm touches itself or its surroundings there; start elsewhere")
+    if touches := collisions_in_words(model, home[None])[0]:
+        raise LabError(f"{said}: {touches} there; start elsewhere, or {LOWER_CLEARANCE}")
     return home
 
 

@@ -18,6 +18,7 @@ from lab.core.numbers import positive, whole
 from lab.core.ranges import OPTION_SIZE
 from lab.core.serials import check_serial
 from lab.formats.programs.registry import Controller
+from lab.simulation.clearances import CLEARANCE_MM, Clearances
 
 if TYPE_CHECKING:
     from lab.calibration.observations.kind import ObservationKind
@@ -167,11 +168,20 @@ class DesignOptions:
     """Measure the first pose again after every so many poses, and last: its scatter is the repeatability."""
     controller: Controller | None = None
     """The language of its program; that of the robot's maker, if not given and known by the robot's name."""
+    clearance_mm: float = CLEARANCE_MM
+    """How far arm and reflectors stay from what stands around them, where neither obstacle nor cell states it."""
+    self_clearance_mm: float = CLEARANCE_MM
+    """How far links that are not neighbours, and reflectors, stay from each other; at most what they have at home."""
     no_check: Flag = False
     """Check nothing for collisions: neither the poses nor the ways between them."""
     no_recording: NoRecording = False
     seed: int = 0
     """Of the candidates, the starts and the test poses."""
+
+    @property
+    def clearances(self) -> Clearances:
+        """What the plan keeps free."""
+        return Clearances(self.clearance_mm / 1e3, self.self_clearance_mm / 1e3)
 
     def refuse_nonsense(self) -> None:
         """Refuse numbers that make no sense, with a LabError that names the option."""
@@ -187,6 +197,9 @@ class DesignOptions:
         whole("--candidates", self.candidates, 1, CANDIDATES)
         TARGETS("--targets", self.targets)
         CANDIDATE_POINTS("--candidates times --targets", self.candidates * len(self.targets))
+        for flag, value in (("--clearance-mm", self.clearance_mm), ("--self-clearance-mm", self.self_clearance_mm)):
+            if value not in OPTION_SIZE:
+                raise LabError(f"{flag} {value:g}: give a distance from 0 to {OPTION_SIZE.most:g} mm")
         if self.poses is not None:
             whole("--poses", self.poses, 1, POSES)
             if self.accuracy_mm is not None:

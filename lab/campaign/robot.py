@@ -33,6 +33,7 @@ from lab.kinematics.model import RigidArm
 from lab.kinematics.serial.arm import DEFAULT_TOOL, SerialArm
 from lab.simulation.build_serial import table_model
 from lab.simulation.cell import in_cell
+from lab.simulation.cell_plausibility import implausible
 from lab.simulation.closed_robot import ClosedModel, TrueMechanism, closed_model, random_values, true_mechanism
 from lab.simulation.link_masses import loads_of
 from lab.simulation.load_mjcf_urdf import load_model
@@ -180,7 +181,9 @@ class Robot(ABC):
         if cell is None:
             return self
         described = read_cell(cell)
-        placed = replace(self, model=in_cell(self.model, described), cell=described)
+        model = in_cell(self.model, described)
+        warnings = (*self.warnings, *implausible(model, described))
+        placed = replace(self, model=model, cell=described, warnings=warnings)
         return placed if self.loads is None else replace(placed, loads=placed._simulated_loads())
 
     def refuse_unknown(self, targets: tuple[str, ...]) -> None:

@@ -195,7 +195,7 @@ class Cell:
     Attributes:
         path: of the file.
         name: for people.
-        clearance_mm: that the arm keeps from every obstacle that says none of its own.
+        clearance_mm: that the arm keeps from every obstacle that says none of its own; None where a plan says it.
         robot: where the robot's model stands in the cell; its frame is the cell's where this is not said.
         instrument: the head of the tracker or camera; where the robot's model has it if not said.
         station: its places in their order, in the place of ``instrument``, where it measures from several.
@@ -209,7 +209,7 @@ class Cell:
 
     path: Path
     name: str = ""
-    clearance_mm: float = 0.0
+    clearance_mm: float | None = None
     robot: Place = field(default_factory=Place)
     instrument: Place | None = None
     station: tuple[Station, ...] = ()
@@ -225,9 +225,10 @@ class Cell:
         """Where the instrument stands: at its stations, or at one place without a name; none where nothing is said."""
         return self.station or (() if self.instrument is None else (self.instrument,))
 
-    def clearance_m(self, obstacle: Obstacle) -> float:
-        """What the arm keeps from an obstacle."""
-        return (self.clearance_mm if obstacle.clearance_mm is None else obstacle.clearance_mm) / 1e3
+    def clearance_m(self, obstacle: Obstacle) -> float | None:
+        """What the arm keeps from an obstacle; None where neither it nor the cell states it."""
+        stated = self.clearance_mm if obstacle.clearance_mm is None else obstacle.clearance_mm
+        return None if stated is None else stated / 1e3
 
     def joint_spec_values(self, joints: JointSpec) -> tuple[Array, Array, Array | None]:
         """Lower and upper limits ``(n,)`` and home ``(n,)`` (rad or m; None where not given) of a robot in this cell.
@@ -271,7 +272,7 @@ def read_cell(path: Path) -> Cell:
     if strange := next((each for each in content if each not in _options()), None):
         raise LabError(f"{path}: '{strange}' is no option of a cell; there are {_list(_options())}")
     cell = structured(path, Cell, {**content, "path": path})
-    if cell.clearance_mm < 0:
+    if cell.clearance_mm is not None and cell.clearance_mm < 0:
         raise LabError(f"{path}: clearance_mm is {cell.clearance_mm:g}; give zero or more")
     if cell.station and cell.instrument is not None:
         raise LabError(f"{path}: [instrument] and [[station]] both say where the instrument stands; keep one of them")

@@ -181,7 +181,7 @@ class _Exchange:
                 if not self.free.any():
                     raise LabError(
                         f"no free way leads to {len(self.chosen)} of {len(self.jacobian)} candidates: ask for fewer "
-                        "poses or for more candidates"
+                        "poses, for more candidates, or for less --clearance-mm and --self-clearance-mm"
                     )
             self.free[row] = False
 

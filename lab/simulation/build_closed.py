@@ -215,7 +215,7 @@ def _dress(spec: mujoco.MjSpec, mechanism: Mechanism, bodies: list[_Body], size:
 
 def _stand(spec: mujoco.MjSpec, bodies: list[_Body], height_m: float, size: float, hangs: bool) -> None:
     """A floor, and what holds the base above it: a column, or a plate if the mechanism hangs."""
-    spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05], contype=0, conaffinity=0)
+    spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05])
     if height_m > 0:
         wide = max(float(np.hypot(*body.T_on_body[:2, 3])) for body in bodies if body.on == BASE_BODY)
         low, high, radius = (-_PLATE, _PLATE, wide) if hangs else (-height_m / size, 0.0, 3 * _ARM * size)

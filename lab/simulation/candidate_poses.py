@@ -20,7 +20,13 @@ from lab.core.kept_pieces import Keep, at_once
 from lab.core.progress import Progress, no_progress
 from lab.core.se3 import Array
 from lab.core.sobol import ScrambledSobol
-from lab.simulation.collisions import collision_flags, most_frequent, standing
+from lab.simulation.collisions import (
+    LOWER_CLEARANCE,
+    collision_flags,
+    keeps_clearances,
+    most_frequent,
+    standing,
+)
 from lab.simulation.model import RobotModel
 
 __all__ = [
@@ -34,7 +40,7 @@ __all__ = [
     "view_of",
 ]
 
-MARGIN = 0.02  # of a joint's range, kept from each limit
+MARGIN = 0.05  # of a joint's range, kept from each limit
 Feasible = Callable[[Array], NDArray[np.bool_]]
 _REASONS = ("limits", "singularity", "collision", "visibility")
 _BLOCK = 1024  # a power of two keeps Sobol's points even
@@ -299,6 +305,8 @@ def _refuse_hopeless(
     mend = "move the tracker, turn the targets towards it, or ask for fewer targets"
     if 2 * n["collision"] > drawn:
         mend = "give these shapes room, or exclude their contact in the model"
+        if keeps_clearances(robot.model):
+            mend = f"{LOWER_CLEARANCE}, or {mend}"
     raise LabError(
         f"{robot.path}: {have or 'no'} feasible poses in {drawn} draws, {count} wanted: {n['limits']} too close to a "
         f"limit, {n['singularity']} to a parallel singularity, {n['collision']} collide{pairs}, in {n['visibility']} "

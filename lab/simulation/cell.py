@@ -46,9 +46,13 @@ def in_cell(robot: Model, cell: Cell) -> Model:
     spec, T_robot_cell = robot.spec.copy(), se3.inverse(cell.robot.pose)
     spec.option.gravity = T_robot_cell[:3, :3] @ spec.option.gravity
     shapes, world = _Shapes(spec, cell.path), spec.worldbody  # with a body each, MuJoCo would hold all pairs of them
+    obstacles = dict[str, float | None]()
     for obstacle in cell.obstacle:
-        shapes.add(world, T_robot_cell @ obstacle.pose, obstacle, cell.clearance_m(obstacle), _OBSTACLE_RGBA)
-    tool = _carried(robot, shapes, cell)
+        clearance_m = cell.clearance_m(obstacle)
+        obstacles[shapes.add(world, T_robot_cell @ obstacle.pose, obstacle, clearance_m or 0.0, _OBSTACLE_RGBA)] = (
+            clearance_m
+        )
+    tool, plates = _carried(robot, shapes, cell)
     places = [T_robot_cell @ each.pose for each in cell.instrument_places]
     for station, T in list(zip(cell.station, places, strict=False))[1:]:
         _add_station(robot, spec, station.name, T)
@@ -60,8 +64,9 @@ def in_cell(robot: Model, cell: Cell) -> Model:
     model = compiled(cell.path, spec)
     stations = tuple(each.name for each in cell.station)
     placed = replace(
-        robot, spec=spec, model=model, chain=chain, tool=tool, acceptance_rad=acceptance, stations=stations
-    )
+        robot, spec=spec, model=model, chain=chain, tool=tool, acceptance_rad=acceptance, stations=stations,
+        obstacles=obstacles, plates=plates,
+    )  # fmt: skip
     if home is not None:
         if (beyond := np.flatnonzero(chain.beyond_limits(home[None], 1e-9)[0])).size:
             raise LabError(f"{cell.path}: [home]: {chain.said_beyond(int(beyond[0]), home[beyond[0]])}; start within")
@@ -70,20 +75,23 @@ def in_cell(robot: Model, cell: Cell) -> Model:
     return placed
 
 
-def _carried(robot: RobotModel, shapes: "_Shapes", cell: Cell) -> dict[str, Array]:
-    """Put the cell's plates and tool points onto the flange; the tool points (m, in the last frame) that there are."""
+def _carried(robot: RobotModel, shapes: "_Shapes", cell: Cell) -> tuple[dict[str, Array], tuple[str, ...]]:
+    """Put the cell's plates and tool points onto the flange.
+
+    Returns:
+        The tool points (m, in the last frame) that there are, and the names of the plates' shapes.
+    """
     if not (cell.plate or cell.tool):
-        return robot.tool
+        return robot.tool, ()
     if not isinstance(robot, SerialModel):
         raise LabError(f"{cell.path}: [[tool]] and [[plate]] are for serial arms; describe those of {robot.chain.name}")
     data, last = at_zero(robot.model), last_frame(robot.chain, robot.T_world_frame0)
     carrier = robot.model.body(flange_body(robot.model, robot.bodies))
     spec, T_body_last = shapes.spec, se3.inverse(body_pose(data, carrier.id)) @ last
     body = spec.body(carrier.name)
-    for plate in cell.plate:
-        shapes.add(body, T_body_last @ plate.pose, plate, 0.0, _PLATE_RGBA)
+    plates = tuple(shapes.add(body, T_body_last @ plate.pose, plate, 0.0, _PLATE_RGBA) for plate in cell.plate)
     if not cell.tool:
-        return robot.tool
+        return robot.tool, plates
     for site in [site for site in spec.sites if site.name in robot.tool]:
         spec.delete(site)
     taken = {site.name for site in spec.sites}
@@ -93,7 +101,7 @@ def _carried(robot: RobotModel, shapes: "_Shapes", cell: Cell) -> dict[str, Arra
         T = T_body_last @ se3.pose(point.rotation, point.position)
         size = (_REFLECTOR_M, 0.0, 0.0)
         body.add_site(name=point.name, pos=T[:3, 3], quat=se3.quaternion_from_rotation(T[:3, :3]), size=size)
-    return {point.name: point.position for point in cell.tool}
+    return {point.name: point.position for point in cell.tool}, plates
 
 
 class _Shapes:
@@ -105,8 +113,8 @@ class _Shapes:
         self.spec, self._path, self._taken = spec, path, {each.name for each in (*geoms, *spec.bodies)}
         self._group = VISUAL_GROUP if any(each.group == VISUAL_GROUP for each in geoms) else 0  # so that it is drawn
 
-    def add(self, body: mujoco.MjsBody, T: Array, shape: Obstacle, clearance_m: float, rgba: tuple[float, ...]) -> None:
-        """Give a body a solid shape at this pose ``(4, 4)`` (m) in it, to which others keep this clearance."""
+    def add(self, body: mujoco.MjsBody, T: Array, shape: Obstacle, clearance_m: float, rgba: tuple[float, ...]) -> str:
+        """Give a body a solid shape at this pose ``(4, 4)`` (m) in it, with this clearance; return its name."""
         kind, size = mujoco.mjtGeom.mjGEOM_BOX, [each / 2e3 for each in shape.size_mm]
         if shape.shape == "cylinder":
             kind, size = mujoco.mjtGeom.mjGEOM_CYLINDER, [shape.radius_mm / 1e3, shape.height_mm / 2e3, 0.0]
@@ -120,6 +128,7 @@ class _Shapes:
             name=name, type=kind, size=size, pos=T[:3, 3], quat=se3.quaternion_from_rotation(T[:3, :3]), rgba=rgba,
             margin=clearance_m, contype=1, conaffinity=1, group=self._group, mass=0.0, **mesh,
         )  # fmt: skip
+        return name
 
     def _add_mesh(self, shape: Obstacle) -> str:
         """The name of a shape's mesh in the model, to which each file is added once."""

@@ -1,4 +1,7 @@
-"""Poses a robot can take: within limits and touching nothing."""
+"""Poses a robot can take: within limits and touching nothing.
+
+Where a model's shapes have margins, they touch as soon as they are within them.
+"""
 
 import copy
 from collections import Counter
@@ -15,11 +18,14 @@ from lab.core.se3 import Array
 from lab.simulation.model import RobotModel
 
 __all__ = [
+    "LOWER_CLEARANCE",
+    "REFLECTOR",
     "at_contacts",
     "collides",
     "colliding_pairs",
     "collision_flags",
     "collisions_in_words",
+    "keeps_clearances",
     "most_frequent",
     "random_poses",
     "standing",
@@ -28,6 +34,10 @@ __all__ = [
 
 Model = TypeVar("Model", bound=RobotModel)
 
+LOWER_CLEARANCE = (
+    "lower --clearance-mm (from surroundings), --self-clearance-mm (from the arm itself) or clearance_mm of the cell"
+)
+REFLECTOR = "reflector at "  # before a target's name: the body that its reflector and nest are
 _BLOCK = 64
 _MOST_BLOCKS, _PATIENCE = 2000, 200
 _NAMED_PAIRS = 4
@@ -96,9 +106,9 @@ def _deepest(data: mujoco.MjData, robot: RobotModel) -> str:
     first, second = _pair(robot.model, data.contact.geom[deepest])
     distance_mm = 1e3 * float(data.contact.dist[deepest])
     size = f"{abs(distance_mm):.{0 if abs(distance_mm) > 10 else 1}f} mm"
-    return f"{first} is {size} {'from' if distance_mm > 0 else 'deep in'} {second}" + (
-        ", nearer than the clearance" if distance_mm > 0 else ""
-    )
+    if distance_mm <= 0:
+        return f"{first} is {size} deep in {second}"
+    return f"{first} is {size} from {second}, nearer than the clearance, {_margin_mm(data, deepest):.3g} mm"
 
 
 def colliding_pairs(robot: RobotModel, joints: Array) -> dict[tuple[str, str], int]:
@@ -116,7 +126,17 @@ def colliding_pairs(robot: RobotModel, joints: Array) -> dict[tuple[str, str], i
 def most_frequent(robot: RobotModel, joints: Array) -> str:
     """What touches what in the most of the joint positions ``(n, joints)``, in words; a few pairs at most."""
     pairs = list(colliding_pairs(robot, joints).items())[:_NAMED_PAIRS]
-    return ", ".join(f"{first} touches {second} in {count}" for (first, second), count in pairs) or "nothing touches"
+    touches = "is too near to" if keeps_clearances(robot.model) else "touches"
+    return ", ".join(f"{one} {touches} {other} in {count}" for (one, other), count in pairs) or "nothing touches"
+
+
+def keeps_clearances(model: mujoco.MjModel) -> bool:
+    """Whether some shapes of a model meet before they touch."""
+    return bool(model.geom_margin.any() or model.pair_margin.any())
+
+
+def _margin_mm(data: mujoco.MjData, contact: int) -> float:
+    return 1e3 * float(data.contact.includemargin[contact])
 
 
 def _pair(model: mujoco.MjModel, geoms: NDArray[np.int_]) -> tuple[str, str]:

@@ -12,7 +12,16 @@ from lab.core.se3 import Array
 from lab.kinematics.model import RigidArm
 from lab.simulation.model import TRACKER, RobotModel, at_zero, body_pose, site_pose
 
-__all__ = ["VISUAL_GROUP", "Shell", "arm_shells", "body_poses", "instrument_body", "shells", "station_stands"]
+__all__ = [
+    "VISUAL_GROUP",
+    "Shell",
+    "arm_shells",
+    "body_poses",
+    "instrument_body",
+    "shells",
+    "solid_points",
+    "station_stands",
+]
 
 VISUAL_GROUP = 2  # of the geoms that are there to be seen
 _UNPAINTED = (0.5, 0.5, 0.5, 1.0)  # MuJoCo's colour of a geom that names none
@@ -56,6 +65,29 @@ def arm_shells(robot: RobotModel) -> list[Shell]:
     """The shells of all bodies but the instrument's: for where nothing is measured, or nobody knows by what."""
     instrument = instrument_body(robot)
     return [each for each in shells(robot) if each.body != instrument]
+
+
+def solid_points(robot: RobotModel) -> list[tuple[str, Array]]:
+    """The corners ``(v, 3)`` (m, in the world) of each solid shape but planes, the arm at home, with its name.
+
+    A shape of a body has the body's name.
+    """
+    model, data = robot.model, mujoco.MjData(robot.model)
+    data.qpos[:] = robot.qpos(robot.chain.home[None])[0]
+    mujoco.mj_kinematics(model, data)
+    found = list[tuple[str, Array]]()
+    for geom in np.flatnonzero(model.geom_contype | model.geom_conaffinity).tolist():
+        if int(model.geom_type[geom]) == mujoco.mjtGeom.mjGEOM_PLANE:
+            continue
+        body = int(model.geom_bodyid[geom])
+        T_world_geom = se3.pose(data.geom_xmat[geom].reshape(3, 3), data.geom_xpos[geom])
+        found.append(
+            (
+                _name(model, body) if body else model.geom(geom).name,
+                se3.transform(T_world_geom, _triangles(model, geom)[0]),
+            )
+        )
+    return found
 
 
 def instrument_body(robot: RobotModel) -> str:

@@ -4,7 +4,7 @@ import itertools
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import ClassVar
 
@@ -62,6 +62,9 @@ class RobotModel(ABC):
         held: joints of a gripper, which are held at zero.
         stations: names of the places from which the instrument measures, the first of which is the site ``tracker``;
             none where there is one alone without a name.
+        obstacles: shapes that its cell put around it, in the cell's order, and the clearance (m) that the cell states
+            of each; None where it states none.
+        plates: shapes that its cell put on its flange.
         travel_is_bounded: whether no point of it moves further than ``travel_per_joint`` says; of the kind, not of the
             model.
         missing: what of the file could not be read, without which it cannot stand for reality; "" where nothing is.
@@ -83,6 +86,8 @@ class RobotModel(ABC):
     held: tuple[str, ...] = ()
     acceptance_rad: float | None = None
     stations: tuple[str, ...] = ()
+    obstacles: Mapping[str, float | None] = field(default_factory=dict)
+    plates: tuple[str, ...] = ()
 
     @property
     def assumed(self) -> str:

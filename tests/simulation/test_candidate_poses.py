@@ -188,12 +188,12 @@ def test_candidates_are_feasible_and_every_draw_is_accounted_for(name: str) -> N
 
 
 def test_shares_are_what_they_must_be() -> None:
-    """In the margin of one limit or more: 1 - 0.96^6. A sight that sees all rejects no more than a tracker's."""
+    """In the margin of one limit or more: 1 - 0.9^6. A sight that sees all rejects no more than a tracker's."""
     all_seen, tracked = (
         draw_candidates(MODEL, ("p1",), device, 2000, rng_for(0, "candidates")) for device in (EXACT, LEICA)
     )
     for found in (all_seen, tracked):
-        assert found.rejected["limits"] / found.drawn == pytest.approx(1 - 0.96**6, abs=0.01)
+        assert found.rejected["limits"] / found.drawn == pytest.approx(1 - (1 - 2 * MARGIN) ** 6, abs=0.01)
     assert all_seen.drawn < tracked.drawn
     none = draw_candidates(MODEL, ("p1",), EXACT, 200, rng_for(0, "candidates"), margin=0.0)
     assert none.rejected["limits"] == 0

@@ -13,11 +13,16 @@ from lab.simulation.collisions import collides
 from lab.simulation.free_path import path_check
 from lab.simulation.model import RobotModel
 
-STEP_M = 0.010
+STEP_M = 0.005  # coarser than the lab's, so that each place can be looked at
 
 
-def place_by_place(model: RobotModel, start: Array, end: Array) -> bool:
-    steps = max(1, int(np.ceil(np.abs(end - start) @ model.travel_per_joint() / STEP_M)))
+@pytest.fixture(autouse=True)
+def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(free_path, "_STEP_M", STEP_M)
+
+
+def place_by_place(model: RobotModel, start: Array, end: Array, step_m: float = STEP_M) -> bool:
+    steps = max(1, int(np.ceil(np.abs(end - start) @ model.travel_per_joint() / step_m)))
     return not collides(model, start + np.linspace(0, 1, steps + 1)[:, None] * (end - start)).any()
 
 
@@ -40,16 +45,16 @@ def test_a_look_that_vouches_for_too_much_is_found(tmp_path: Path, monkeypatch: 
     moves = [tuple(model.chain.random_joints(2, rng)) for _ in range(40)]
     truth = [place_by_place(model, *move) for move in moves]
     assert [path_check(model)(*move) for move in moves] == truth
-    monkeypatch.setattr(free_path._Clear, "_near", lambda self, qpos, distance_m: False)
+    monkeypatch.setattr(free_path._Serial, "_clear_share", lambda self, qpos, travel, total: 1.0)
     assert [path_check(model)(*move) for move in moves] != truth
 
 
 def test_of_a_mechanism_each_place_is_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
     """How far its points move is an estimate, so that no look vouches for other places."""
     model = load_robot("delta").model
-    monkeypatch.delattr(free_path._Clear, "_near")
+    monkeypatch.delattr(free_path._Serial, "_clear_share")
     start, end = model.chain.random_joints(2, np.random.default_rng(0))
-    assert path_check(model)(start, end) == place_by_place(model, start, end)
+    assert path_check(model)(start, end) == place_by_place(model, start, end, 0.010)
 
 
 def test_one_place_is_a_way_too(tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.trajectory.profiles import rest_to_rest_seconds
 from lab.pose_selection.tour import rated
 from lab.simulation.candidate_poses import field_of_view
+from lab.simulation.clearances import planning_model
 from lab.simulation.collisions import collisions_in_words
 from lab.simulation.free_path import path_check
 
@@ -127,7 +128,8 @@ def check_plan(options: DesignOptions, robot: Robot) -> PlanCheckResult:
     for j, beyond in enumerate(chain.beyond_limits(stops.joints, _SLACK).T):
         for i in np.flatnonzero(beyond):
             faults.setdefault(stops.ids[i], chain.said_beyond(j, stops.joints[i, j]))
-    for name, words in zip(stops.ids, collisions_in_words(robot.model, stops.joints), strict=True):
+    model = planning_model(robot.model, options.targets, device, options.clearances)
+    for name, words in zip(stops.ids, collisions_in_words(model, stops.joints), strict=True):
         if words:
             faults.setdefault(name, words)
     at = stations_in(options.check, stops, robot.model)
@@ -137,11 +139,11 @@ def check_plan(options: DesignOptions, robot: Robot) -> PlanCheckResult:
         who = f"the instrument at station '{name}'" if name else "the instrument"
         for i in here[~sees]:
             faults.setdefault(stops.ids[i], f"{who} does not see {', '.join(options.targets)} there")
-    free = path_check(robot.model)
+    free = path_check(model)
     for end in range(1, len(stops)):
         ends = {stops.ids[end - 1], stops.ids[end]}
         if not ends & set(faults) and not free(stops.joints[end - 1], stops.joints[end]):
-            faults.setdefault(stops.ids[end], f"the way to it from {stops.ids[end - 1]} is not free of collisions")
+            faults.setdefault(stops.ids[end], f"the path to it from {stops.ids[end - 1]} does not keep the clearances")
     order = {name: i for i, name in enumerate(stops.ids)}
     found = tuple(Fault(name, faults[name]) for name in sorted(faults, key=lambda name: order[name]))
     moving = rest_to_rest_seconds(np.diff(stops.joints, axis=0), chain.speed, chain.acceleration).sum()

@@ -133,9 +133,12 @@ def _checked(result: DesignResult) -> str:
     """What was checked for collisions."""
     if result.options.no_check:
         return "Nothing was checked for collisions."
+    options = result.options
     return (
         "Every stop and every move, each in a straight line of all joints, was checked for collisions with the arm "
-        "itself and with the surroundings that the robot's model knows."
+        "itself and with the surroundings that the robot's model knows, reflectors and nests included. From the "
+        f"surroundings they keep {options.clearance_mm:g} mm where no obstacle states another clearance, and links "
+        f"that are not neighbours {options.self_clearance_mm:g} mm, or what they have at home."
     )
 
 

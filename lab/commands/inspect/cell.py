@@ -1,25 +1,35 @@
 """A robot's cell, as plain values and as a person reads it: what stands around it, and what the arm touches."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from lab.campaign.options import DesignOptions
 from lab.campaign.robot import Robot
+from lab.commands.inspect.cell_pictures import cell_pictures
+from lab.core.instruments import INSTRUMENTS
 from lab.core.random import rng_for
 from lab.formats.cell_toml import Cell
-from lab.render.document import Block, Paragraph, Section, Table
+from lab.render.document import Block, Figure, Paragraph, Section, Table
 from lab.render.format import short
+from lab.simulation.cell_plausibility import extents_mm, in_words
+from lab.simulation.clearances import CLEARANCE_MM, Clearances, planning_model
 from lab.simulation.collisions import collides, colliding_pairs, collisions_in_words
 
 __all__ = ["POSES", "cell_section", "cell_values"]
 
+_PICTURE = "Outlines of the robot at home, of the obstacles, and the instrument; a mesh is taken for its convex hull."
 POSES = 500  # random ones within the limits, at which is looked what touches what
 
 
-def cell_values(robot: Robot, cell: Cell) -> dict[str, Any]:
-    """The cell in millimetres and degrees, and what touches what in it at home and in random poses."""
-    model, chain = robot.model, robot.chain
+def cell_values(robot: Robot, cell: Cell, targets: Sequence[str]) -> dict[str, Any]:
+    """The cell in millimetres and degrees, and what touches what in it at home and in random poses.
+
+    That is so with the clearances and the reflectors that a plan takes unless told otherwise.
+    """
+    chain = robot.chain
+    model = planning_model(robot.model, targets, INSTRUMENTS[DesignOptions.instrument], Clearances())
     joints = chain.random_joints(POSES, rng_for(0, "poses"))
     pairs = colliding_pairs(model, joints)
     scale = np.where(chain.prismatic, 1e3, 180 / np.pi)
@@ -31,11 +41,19 @@ def cell_values(robot: Robot, cell: Cell) -> dict[str, Any]:
                 "name": each.name,
                 "shape": each.shape,
                 "position_mm": list(each.position_mm),
-                "clearance_mm": 1e3 * cell.clearance_m(each),
+                "extents_mm": extents_mm(robot.model, each, name).round(6).tolist(),
+                "clearance_mm": CLEARANCE_MM if (stated_m := cell.clearance_m(each)) is None else 1e3 * stated_m,
             }
-            for each in cell.obstacle
+            for each, name in zip(cell.obstacle, robot.model.obstacles, strict=True)
         ],
-        "plates": [{"name": each.name, "shape": each.shape} for each in cell.plate],
+        "plates": [
+            {
+                "name": each.name,
+                "shape": each.shape,
+                "extents_mm": extents_mm(robot.model, each, name).round(6).tolist(),
+            }
+            for each, name in zip(cell.plate, robot.model.plates, strict=True)
+        ],
         "tool": {each.name: {"position_mm": list(each.position_mm), "axis": list(each.axis)} for each in cell.tool},
         "instrument_mm": (1e3 * model.T_world_tracker[:3, 3]).round(9).tolist(),
         "stations": [
@@ -51,19 +69,28 @@ def cell_values(robot: Robot, cell: Cell) -> dict[str, Any]:
     }
 
 
-def cell_section(values: Mapping[str, Any]) -> Section:
-    """The cell as a person reads it."""
+def cell_section(values: Mapping[str, Any], robot: Robot) -> Section:
+    """The cell as a person reads it, with a picture of it."""
     cell = values["cell"]
     rows = [
-        (each["name"], each["shape"], ", ".join(short(x) for x in each["position_mm"]), short(each["clearance_mm"]))
+        (
+            each["name"],
+            each["shape"],
+            in_words(each["extents_mm"]),
+            ", ".join(short(x) for x in each["position_mm"]),
+            short(each["clearance_mm"]),
+        )
         for each in cell["obstacles"]
     ]
-    rows += [(each["name"], each["shape"], "on the flange", "") for each in cell["plates"]]
+    rows += [
+        (each["name"], each["shape"], in_words(each["extents_mm"]), "on the flange", "") for each in cell["plates"]
+    ]
     places = [(each["name"], ", ".join(short(x) for x in each["position_mm"])) for each in cell["stations"]]
     stations = (Table(("station of the instrument", "head, mm, in the robot's frame"), tuple(places)),)
     at_home = f"At home, {cell['at_home']}." if cell["at_home"] else "At home the arm touches nothing."
     blocks: tuple[Block, ...] = (
-        Table(("obstacle", "shape", "position, mm", "clearance, mm"), tuple(rows)),
+        Table(("obstacle", "shape", "extents", "position, mm", "clearance, mm"), tuple(rows)),
+        Figure("cell-figure", cell_pictures(robot), _PICTURE),
         *(stations if places else ()),
         Paragraph(
             f"{at_home} Of {cell['poses']} random poses within the limits, {cell['colliding']} touch something or come "

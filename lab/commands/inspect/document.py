@@ -25,7 +25,7 @@ def inspection_document(result: Inspection) -> Document:
         (
             Warnings(result.warnings),
             Section("Nominal model and shape", tuple(shape)),
-            *((cell_section(values),) if "cell" in values else ()),
+            *((cell_section(values, result.robot),) if "cell" in values else ()),
             Section("Identifiability", (*_identifiable(result), *_fixed(result))),
             Section("Conditioning", tuple(_conditioning(result))),
             provenance_section("inspect", result.options, result.robot.sha256),

@@ -106,7 +106,7 @@ def _inspected(options: InspectOptions, robot: Robot) -> Inspection:
         tool = {target: nominal[[arm.names.index(f"tool.{target}.{axis}") for axis in "xyz"]] for target in arm.targets}
         values |= serial_frames(robot.T_world_frame0, tool)
     if robot.cell is not None:
-        values["cell"] = cell_values(robot, robot.cell)
+        values["cell"] = cell_values(robot, robot.cell, options.targets)
     unit = jacobian / np.linalg.norm(jacobian, axis=0)
     return Inspection(options, robot, values, arm.parameters, np.linalg.svd(unit, compute_uv=False))
 

@@ -104,7 +104,7 @@ def test_a_thin_wall_between_two_stops_is_found(plan: Path, capsys: pytest.Captu
     with nothing_drawn():
         assert main(["design", "--check", "two.csv", "--cell", "wall.toml", "--out", "w", "--json"]) == 1
     faults = json.loads(capsys.readouterr().out)["faults"]
-    assert faults == [{"stop": "b", "why": "the way to it from a is not free of collisions"}]
+    assert faults == [{"stop": "b", "why": "the path to it from a does not keep the clearances"}]
 
 
 @pytest.mark.parametrize(
