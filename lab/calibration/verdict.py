@@ -39,7 +39,17 @@ from lab.calibration.workspace_prediction import (
 from lab.kinematics.gauge import base_set
 from lab.kinematics.parameter import indices_of_groups
 
-__all__ = ["MOST_TOLERANCES", "Answer", "Reason", "Verdict", "Word", "gate_words", "rotation_noise_rad", "verdict"]
+__all__ = [
+    "CONSTANT_SPREAD",
+    "MOST_TOLERANCES",
+    "Answer",
+    "Reason",
+    "Verdict",
+    "Word",
+    "gate_words",
+    "rotation_noise_rad",
+    "verdict",
+]
 
 CONSTANT_SPREAD = 1e-6  # of what was measured, to the nominal model's: below, it does not change from pose to pose
 LARGEST_CHANGE_M, LARGEST_CHANGE_RAD = 20e-3, np.deg2rad(10)  # of a link: beyond, it is another robot's drawing

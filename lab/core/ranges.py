@@ -15,6 +15,7 @@ from lab.core.se3 import Array
 
 __all__ = [
     "CLOCKS_S",
+    "CLOCK_DRIFT_PPM",
     "COORDINATE_SIZE",
     "CORRECTION_A_M",
     "CORRECTION_D_M",
@@ -122,6 +123,7 @@ HUMIDITY_PERCENT = Range("relative humidity", 0, 100, "%", "it is a share")
 PRESSURE_HPA = Range("pressure of air", 300, 1200, "hPa", "bar, Pa or mmHg")
 EARTH_GRAVITY = Range("acceleration of gravity", 9, 10.5, "m/s²", "the Earth has 9.76 to 9.84")
 CLOCKS_S = Range("size of the difference of two clocks", 0, 1e10, "s", "three hundred years")
+CLOCK_DRIFT_PPM = Range("size of the drift between two clocks", 0, 100, "ppm", "two quartz clocks drift less")
 HOLDOUT = Range("share of a path that is held out", 0, 0.8, "", "the rest identifies")
 REHEARSED = Range("a rehearsal's noise, inertia, lag or filter", 0, 1e3, "", "another unit")
 FRICTION_PERCENT = Range("Coulomb friction of a rehearsal", 0, 30, "%", "little torque is left for the motion")

@@ -44,10 +44,10 @@ def test_groups_of_a_model() -> None:
 
 
 def test_what_all_campaigns_share_is_checked_once() -> None:
-    check_common(Fitting(), 0, 1.0, None, None)
+    check_common(Fitting(), 0, 1.0, None, None, None)
     for flag, given in {"--seed": (-1, 1.0, None), "--gate-mm": (0, 0.0, None), "--noise-mm": (0, 1.0, -1.0)}.items():
         with pytest.raises(LabError, match=flag):
-            check_common(Fitting(), *given, None)
+            check_common(Fitting(), *given, None, None)
 
 
 @pytest.mark.parametrize("region", ["elsewhere", "1,2,3", "0,1,0,1,0,nan", "0,1,0,1,1,0", "task.txt", ""])

@@ -9,7 +9,7 @@ import numpy as np
 
 from lab.calibration.identify import Identification, spread
 from lab.calibration.other_numbers import PLACED, in_other_numbers, length_words, trimmed_error
-from lab.calibration.verdict import Answer, Verdict
+from lab.calibration.verdict import CONSTANT_SPREAD, Answer, Verdict
 from lab.campaign.robot import Robot
 from lab.core.copies import copied_rows, said_of_copies
 from lab.core.errors import LabError
@@ -148,7 +148,7 @@ def in_other_numbers_or_poses(robot: Robot, rows: Measurements) -> list[str]:
     if found := in_other_numbers(arm, slides, rows.joints, rows.points, nominal):
         return [found.words]
     left, size = trimmed_error(arm, rows.joints, rows.points, nominal, PLACED), spread(rows.points)
-    if not FAR * size < left < np.inf:
+    if not FAR * size < left < size / CONSTANT_SPREAD:  # points that do not move say nothing of poses
         return []
     return [
         f"the points are {length_words(left)} from the nominal robot wherever base and tool are: rows of other poses, "

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.commands.import_measurements.nominal_fit import NominalFit
-from lab.commands.import_measurements.options import MAX_DRIFT_PPM
 from lab.core.errors import LabError
+from lab.core.ranges import CLOCK_DRIFT_PPM
 from lab.core.se3 import Array
 from lab.core.wording import be, counted
 
@@ -224,9 +224,9 @@ class ClockComparison:
     def _drifts(self, given: float) -> list[float]:
         """Return drifts (ppm) to try: none, the given one, and others whose effects differ."""
         window = max(float(np.median(self.ends - self.starts)), 1e-3)
-        shift = 1e-6 * MAX_DRIFT_PPM * float(np.ptp(self.at))
+        shift = 1e-6 * CLOCK_DRIFT_PPM.most * float(np.ptp(self.at))
         steps = min(int(np.ceil(shift / (_DRIFT_STEP * window))), _MAX_DRIFTS)
-        tried = [MAX_DRIFT_PPM * k / steps for k in range(-steps, steps + 1)] if steps else [0.0]
+        tried = [CLOCK_DRIFT_PPM.most * k / steps for k in range(-steps, steps + 1)] if steps else [0.0]
         return sorted({0.0, given, *tried})
 
     def _maxima(self, drift_ppm: float) -> Iterator[tuple[int, ClockOffset, float]]:

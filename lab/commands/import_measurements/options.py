@@ -10,12 +10,11 @@ from lab.campaign.option_types import Names
 from lab.core.errors import LabError
 from lab.core.limits import TARGETS, checked_name
 from lab.core.numbers import positive
-from lab.core.ranges import CLOCKS_S
+from lab.core.ranges import CLOCK_DRIFT_PPM, CLOCKS_S
 
-__all__ = ["MAX_DRIFT_PPM", "By", "ImportOptions"]
+__all__ = ["By", "ImportOptions"]
 
 By = Literal["auto", "name", "order", "time"]
-MAX_DRIFT_PPM = 100.0  # between two quartz clocks
 
 
 @dataclass(frozen=True)
@@ -65,5 +64,4 @@ class ImportOptions:
             checked_name("--station", self.station)
         if self.clock_offset_s is not None and abs(self.clock_offset_s) not in CLOCKS_S:
             raise LabError("--clock-offset-s: give the seconds between two clocks")
-        if not abs(self.clock_drift_ppm) <= MAX_DRIFT_PPM:
-            raise LabError(f"--clock-drift-ppm {self.clock_drift_ppm:g}: clocks drift by {MAX_DRIFT_PPM:g} ppm at most")
+        CLOCK_DRIFT_PPM("--clock-drift-ppm: its size", abs(self.clock_drift_ppm))
