@@ -37,7 +37,12 @@ def refuse_impossible_covariance(where: object, matrix: Array) -> None:
 
 
 def covariance_root(covariance: Array) -> Array:
-    """Return a square root ``(f, f)`` of a covariance, which may be singular, of parameters in several units."""
+    """Return a square root ``(f, f)`` of a covariance, which may be singular, of parameters in several units.
+
+    NaN where a variance is not finite: nothing is known of it.
+    """
+    if not np.isfinite(covariance).all():
+        return np.full_like(covariance, np.nan)
     scale = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     scale = np.where(scale > 0, scale, 1.0)
     sizes, axes = np.linalg.eigh(covariance / np.outer(scale, scale))

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lab.compensation.flange import point_rows
+from lab.core.covariance import covariance_root
 from lab.core.linear_model import matched_dof
 from lab.core.probabilities import f_isf
 from lab.core.se3 import Array
@@ -20,7 +21,7 @@ from lab.core.se3 import Array
 if TYPE_CHECKING:
     from lab.commands.compensate.program_reference import ProgramReference
 
-__all__ = ["ProgramErrors", "covariance_root", "program_errors"]
+__all__ = ["ProgramErrors", "program_errors"]
 
 _SHARE = 0.05  # of the errors that are larger than the expected ones
 _ENDLESS = 1e9  # degrees of freedom of what is known
@@ -111,11 +112,3 @@ def _length_95(squares: Array, of_parts: Sequence[Array], dofs: Sequence[float])
 def _sizes(slopes: Array) -> Array:
     """Root mean square ``(n,)`` m of errors with independent causes, by derivatives ``(n, 3, m)``."""
     return np.asarray(np.sqrt((slopes**2).sum(axis=(1, 2))))
-
-
-def covariance_root(covariance: Array) -> Array:
-    """A square root A of a covariance A A'; NaN where that is not known."""
-    if not np.isfinite(covariance).all():
-        return np.full_like(covariance, np.nan)
-    sizes, turn = np.linalg.eigh(covariance)
-    return np.asarray(turn * np.sqrt(np.maximum(sizes, 0.0)))

@@ -19,7 +19,7 @@ from lab.commands.calibrate.range_dict import said_of_extrapolated
 from lab.commands.compensate.near_singular import near_singular
 from lab.commands.compensate.options import CompensateOptions
 from lab.commands.compensate.program import CorrectedProgram
-from lab.commands.compensate.program_errors import ProgramErrors, covariance_root, program_errors
+from lab.commands.compensate.program_errors import ProgramErrors, program_errors
 from lab.commands.compensate.program_reference import ProgramReference
 from lab.commands.compensate.program_words import flange_values, flange_words, used_tools
 from lab.commands.result import Result
@@ -28,6 +28,7 @@ from lab.commands.stops import Stops, joint_columns
 from lab.commands.values import exit_code_of
 from lab.compensation.compensator import Compensation
 from lab.compensation.flange import point_rows
+from lab.core.covariance import covariance_root
 from lab.core.se3 import Array
 from lab.formats.programs.registry import refusal
 from lab.formats.target_csv import Targets
