@@ -101,6 +101,7 @@ def pose_problem(options: DesignOptions, robot: Robot | None = None, progress: P
         robot = replace(robot, model=unchecked(robot.model))
     device, scaling = _noisy(options.instrument), Scaling(options.scaling)
     arm = robot.arm(options.targets)
+    robot.refuse_unknown(options.targets)
     model = planning_model(robot.model, options.targets, device, options.clearances)
     seen = robot.arm_with(options.targets, (), SessionInfo(stations=model.stations))
     values = model.values_before(arm, model.T_world_tracker)

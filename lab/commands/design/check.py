@@ -128,6 +128,7 @@ def check_plan(options: DesignOptions, robot: Robot) -> PlanCheckResult:
     for j, beyond in enumerate(chain.beyond_limits(stops.joints, _SLACK).T):
         for i in np.flatnonzero(beyond):
             faults.setdefault(stops.ids[i], chain.said_beyond(j, stops.joints[i, j]))
+    robot.refuse_unknown(options.targets)
     model = planning_model(robot.model, options.targets, device, options.clearances)
     for name, words in zip(stops.ids, collisions_in_words(model, stops.joints), strict=True):
         if words:

@@ -187,7 +187,7 @@ def test_what_inputs_name_in_their_turn_is_copied(tmp_path: Path, monkeypatch: p
     ).replace('<geom type="box" size=".05 .05 .05" mass="1"/>', '<geom type="mesh" mesh="m" mass="1"/>', 1)
     (day / "arm" / "robot.xml").write_text(with_mesh)
     obstacle = (
-        '[[obstacle]]\nname = "b"\nshape = "mesh"\nunit = "m"\nfile = "meshes/box.stl"\nposition_mm = [3000, 0, 0]\n'
+        '[[obstacle]]\nname = "b"\nshape = "mesh"\nunit = "m"\nfile = "meshes/box.stl"\nposition_mm = [1500, 0, 0]\n'
     )
     (day / "cell.toml").write_text(obstacle)
     monkeypatch.chdir(day)
