@@ -7,7 +7,7 @@ MuJoCo reports a contact where two shapes are nearer than their margin, so a pos
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import combinations
+from itertools import combinations, product
 from typing import TypeVar
 
 import mujoco
@@ -31,6 +31,7 @@ _MARGIN_SHARE = 0.1  # of that angle: a reflector that takes a few degrees keeps
 _HALF_INCH_M, _LARGEST_M = 0.00635, 0.01905  # radius of a half-inch and of a 1.5-inch reflector
 _NEST = 4 / 3  # of the ball's radius: from its centre to the foot of its nest
 _SLACK_M = 1e-5  # of a computed distance
+_CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))  # of a box of two metres
 _INVISIBLE = (0.0, 0.0, 0.0, 0.0)  # no ray meets a shape that is transparent
 
 
@@ -77,6 +78,7 @@ def planning_model(robot: Model, targets: Sequence[str], instrument: Instrument,
     spec = robot.spec.copy()
     _add_reflectors(robot, spec, targets, reflector_radii(robot, targets, instrument))
     _name_shapes(spec)
+    _mesh_boxes(spec)
     bare = compiled(robot.path, spec)
     shapes = _Shapes.of(bare, robot.base_body)
     around_m, own_m = (_kept(robot, each) for each in (clearances.surroundings_m, clearances.own_m))
@@ -135,6 +137,16 @@ def _name_shapes(spec: mujoco.MjSpec) -> None:
             wanted = f"shape {i} of the surroundings" if world else f"{geom.parent.name} shape {i}"
             geom.name = free_name(wanted, taken)
             taken.add(geom.name)
+
+
+def _mesh_boxes(spec: mujoco.MjSpec) -> None:
+    """Make the solid boxes of bodies meshes: MuJoCo overlooks some pairs of boxes that are near but do not touch."""
+    for geom in spec.geoms:
+        box = geom.type == mujoco.mjtGeom.mjGEOM_BOX and not np.isfinite(geom.fromto[0])
+        if box and geom.parent.name != "world" and (geom.contype or geom.conaffinity):
+            mesh = f"{geom.name} of its corners"
+            spec.add_mesh(name=mesh, uservert=(_CORNERS * geom.size).ravel())
+            geom.type, geom.meshname = mujoco.mjtGeom.mjGEOM_MESH, mesh
 
 
 def _exclude(spec: mujoco.MjSpec, model: mujoco.MjModel, pair: tuple[int, int]) -> None:

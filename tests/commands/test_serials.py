@@ -126,3 +126,12 @@ def test_compensation_for_a_doubtful_run_is_not_good(
         for require in (None, "good")
     ]
     assert codes == [0, required]
+
+
+@pytest.mark.thorough
+def test_payload_and_dynamics_keep_the_arm(place: Path) -> None:
+    named = (lab.payload(robot="tx40", simulate=True, serial="A-17"), lab.dynamics(robot="scara", serial="A-17"))
+    assert all(found.to_dict()["serial"] == "A-17" for found in named)
+    assert lab.dynamics(robot="scara").to_dict()["serial"] is None
+    with pytest.raises(LabError, match=r"--serial: names the arm A-18, but .*a17 names A-17; identify its payload"):
+        lab.payload(place / "new.csv", run=place / "a17", serial="A-18")

@@ -5,6 +5,7 @@ import numpy as np
 from lab.commands.dynamics.result import DynamicsResult
 from lab.commands.payload.document import parameter_rows, true_values
 from lab.commands.provenance import provenance_section
+from lab.core.serials import called
 from lab.core.significance import PAYLOAD_RESIDUALS
 from lab.dynamics_identification.estimate import DynamicsEstimate
 from lab.render.charts.axes import Axes
@@ -35,8 +36,9 @@ def dynamics_document(result: DynamicsResult) -> Document:
     """The base parameters with their formulas, what affects no torque, and the conditioning."""
     base, found = result.base, result.estimate
     grouping = (Paragraph(_counts(result)), _formulas(result), Paragraph(_without(result)))
+    name = called(result.robot.name, result.options.serial)
     return Document(
-        f"{result.robot.name}: {base.size} base parameters of {len(base.names)} standard ones",
+        f"{name}: {base.size} base parameters of {len(base.names)} standard ones",
         (
             *(
                 ()
@@ -47,7 +49,7 @@ def dynamics_document(result: DynamicsResult) -> Document:
             *(() if found is None else _identified(result, found)),
             Section("Base parameters", grouping, shown_in=EVERYWHERE if found is None else PAGE),
             Section("Conditioning", (_conditioning(result),), shown_in=EVERYWHERE if found is None else PAGE),
-            provenance_section("dynamics", result.options, result.robot.sha256),
+            provenance_section("dynamics", result.options, result.robot.sha256, result.options.serial),
         ),
     )
 

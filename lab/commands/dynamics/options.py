@@ -10,6 +10,7 @@ from lab.commands.rehearsal.options import Rehearsal
 from lab.core.errors import LabError
 from lab.core.numbers import positive
 from lab.core.ranges import HOLDOUT
+from lab.core.serials import check_serial
 
 __all__ = ["PARTS", "DynamicsOptions"]
 
@@ -43,6 +44,8 @@ class DynamicsOptions:
     """Take the nearest parameters that an arm can have."""
     band_hz: float = 20.0
     """Of the filter that torques and regressor pass, half power there; an arm's torques change below 10 Hz."""
+    serial: str | None = None
+    """The serial number of the arm."""
 
     no_recording: NoRecording = False
     rehearsal: Rehearsal = field(default_factory=Rehearsal)
@@ -50,6 +53,7 @@ class DynamicsOptions:
 
     def check(self) -> None:
         """Refuse what makes no sense, with a LabError that names the option."""
+        check_serial(self.serial)
         self.rehearsal.check()
         self.rehearsal.refuse_unasked()
         for part in self.without:

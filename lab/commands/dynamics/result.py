@@ -114,6 +114,7 @@ class DynamicsResult(Result):
         base = self.base
         described = {
             "robot": self.robot.name,
+            "serial": self.options.serial,
             "gravity_m_per_s2": plain_numbers(self.arm.gravity),
             "standard_parameters": len(base.names),
             "base_parameters": base.size,

@@ -5,6 +5,7 @@ import numpy as np
 from lab.commands.payload.result import PayloadResult, channels_of
 from lab.commands.provenance import provenance_section
 from lab.core.se3 import Array
+from lab.core.serials import called
 from lab.kinematics.dynamics.rigid_body import inertia_about_centre
 from lab.payload_identification.estimate import LoadEstimate
 from lab.render.charts.axes import Axes
@@ -39,7 +40,7 @@ def payload_document(result: PayloadResult) -> Document:
     known = np.isfinite(found.mass_kg)
     mass = f"{found.mass_kg:.4g} kg at the flange" if known else "a payload whose mass is not identifiable"
     return Document(
-        f"{result.robot.name}: {mass}",
+        f"{called(result.robot.name, result.options.serial)}: {mass}",
         (
             Paragraph(f"{capital(found.method)}: {found.rank} of {found.columns} parameters identified.", "lead"),
             Paragraph((_FIT[found.adequate], f" {sentence(found.verdict.words)}")),
@@ -50,7 +51,7 @@ def payload_document(result: PayloadResult) -> Document:
             Section("Fitted along with it", (_nuisance(found),)),
             Section("Measured and explained", (_explained(result),)),
             Section("What is shown", (Bullets(_LEGEND),), shown_in=RECORDING),
-            provenance_section("payload", result.options, result.robot.sha256),
+            provenance_section("payload", result.options, result.robot.sha256, result.options.serial),
         ),
     )
 

@@ -10,6 +10,7 @@ from lab.campaign.option_types import Flag, NoRecording
 from lab.commands.rehearsal.options import Rehearsal
 from lab.core.errors import LabError
 from lab.core.numbers import positive
+from lab.core.serials import check_serial
 
 __all__ = ["PayloadOptions"]
 
@@ -44,6 +45,8 @@ class PayloadOptions:
     """Take the nearest parameters that some body has."""
     stiffness_nm_per_rad: float = 1e5
     """Of the joints that bear the arm, by which the cost of an uncertain load is reckoned."""
+    serial: str | None = None
+    """The serial number of the arm; refused where --run is of another one."""
 
     no_recording: NoRecording = False
     rehearsal: Rehearsal = field(default_factory=Rehearsal)
@@ -51,6 +54,7 @@ class PayloadOptions:
 
     def check(self) -> None:
         """Refuse what makes no sense together, with a LabError that names the option."""
+        check_serial(self.serial)
         self.rehearsal.check()
         self.rehearsal.refuse_unasked()
         if (self.file is None) != self.rehearsal.simulate:

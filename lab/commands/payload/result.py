@@ -90,6 +90,7 @@ class PayloadResult(Result):
         found, samples = self.estimate, self.samples
         return {
             "robot": self.robot.name,
+            "serial": self.options.serial,
             "method": found.method,
             "frame": found.frame,
             "rank": found.rank,

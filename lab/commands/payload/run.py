@@ -20,6 +20,7 @@ from lab.core.load_samples import Mounting, PayloadSamples
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.core.serials import one_serial
 from lab.formats.load_csv import WRENCH, read_loads, read_mounting
 from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.dynamics.rigid_body import torque_regressor
@@ -88,7 +89,9 @@ def payload(
 
 def _payload(options: PayloadOptions, nominal: str | Robot, run: Calibrated | None) -> PayloadResult:
     if run is not None:
-        return _by_sag(options, run)
+        stated = {str(run.folder): run.serial, "--serial": options.serial}
+        serial = one_serial(stated, "identify its payload with a run of its own")
+        return _by_sag(replace(options, serial=serial), run)
     robot = load_virtual(nominal, options.cell) if options.rehearsal.simulate else load_robot(nominal, options.cell)
     truth = None
     if options.file is None:
