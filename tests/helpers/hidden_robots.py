@@ -4,7 +4,6 @@ All poses are MuJoCo's. The flange, and the controller's nominal arm, are read o
 no line here uses the lab's kinematics.
 """
 
-import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,7 +13,8 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 import lab
-from helpers.controller_programs import posed, read_back, spelt
+from helpers.controller_programs import END, PULSES, configuration, posed, program, spelt
+from helpers.simulated_controllers import Controller
 from lab.campaign.instruments import named_instrument
 from lab.campaign.observation_kinds import simulation_of
 from lab.campaign.robot import Robot, load_virtual
@@ -34,6 +34,7 @@ __all__ = ["Day", "Ran", "Trial", "calibrated_day", "hidden_cell", "rigid_rest",
 
 POINTS = {"p1": (40, 0, 60), "p2": (-25, 45, 50), "p3": (-30, -40, 70)}
 INSTRUMENT = "uniform-8um"
+_BASES = ("UFRAME", "USER")
 TRIAD = {"f0": (0, 0, 0), "fx": (1000, 0, 0), "fy": (0, 1000, 0)}
 
 
@@ -172,43 +173,6 @@ def rigid_rest(points: Array, onto: Array) -> Array:
     return turn.apply(a) - b
 
 
-def _configuration(day: Day, joints: Array) -> str:
-    """What RAPID says of joint positions ``(6,)``: quarter turns of axes 1, 4 and 6, signs of axes 5 and 1's side."""
-    arm = day.robot.arm(("p1",))
-    chain = arm.dh_chain(arm.nominal())
-    assert chain is not None
-    front = bool(ArmShape.of(chain).in_front(joints[None])[0])
-    quarters = ",".join(str(int(np.floor(each / (np.pi / 2)))) for each in joints[[0, 3, 5]])
-    return f"[{quarters},{int(joints[4] < 0) + 4 * (not front)}]"
-
-
-def written_program(language: str, day: Day, poses: Array, T_tool: Array, near: Array) -> str:
-    """A program through poses ``(n, 4, 4)`` (m) of a tool, in the configurations of joint positions ``(n, 6)``."""
-    if language == "urscript":
-        lines = ["def work():", f"  set_tcp(p[{','.join(spelt(language, T_tool, 7))}])"]
-        return "\n".join([*lines, *(f"  movej(p[{','.join(spelt(language, T, 7))}])" for T in poses), "end", ""])
-
-    def pose(T: Array) -> str:
-        values = spelt(language, T, 6)
-        return f"[{','.join(values[:3])}],[{','.join(values[3:])}]"
-
-    lines = ["MODULE Work", f"PERS tooldata tHand:=[TRUE,[{pose(T_tool)}],[1,[0,0,1],[1,0,0,0],0,0,0]];"]
-    nine = ",".join(["9E9"] * 6)
-    for i, (T, q) in enumerate(zip(poses, near, strict=True)):
-        lines.append(f"CONST robtarget p{i}:=[{pose(T)},{_configuration(day, q)},[{nine}]];")
-    moves = [f"MoveJ p{i},v5,fine,tHand;" for i in range(len(poses))]
-    return "\n".join([*lines, "PROC main()", *moves, "ENDPROC", "ENDMODULE", ""])
-
-
-def corrected_text(language: str, content: bytes) -> Array:
-    """The poses ``(n, 4, 4)`` (m) of such a program."""
-    pattern = r"movej\(p\[([^\]]*)\]" if language == "urscript" else r"robtarget \w+:=\[\[([^\]]*\],\[[^\]]*)\]"
-    found = re.findall(pattern, content.decode())
-    return np.array(
-        [read_back(language, np.array(re.sub(r"[\[\]]", "", each).split(","), dtype=float)) for each in found]
-    )
-
-
 @dataclass(frozen=True)
 class Trial:
     """A program before and after its correction, of the targets that were corrected."""
@@ -235,12 +199,24 @@ def tried(day: Day, folder: Path, language: str, rng: np.random.Generator, count
     )
     near = taught(day, count, rng)
     asked = np.array([day.nominal_flange(q) for q in near]) @ T_tool
-    file = folder / {"urscript": "work.script", "rapid": "Work.mod"}[language]
-    file.write_text(written_program(language, day, asked, T_tool, near))
-    result = lab.compensate(program=str(file), run=day.run, force=True, no_check=True)
-    rows, poses = result.program.rows[result.reached], corrected_text(language, result.program.content)
-    near = result.targets.joints[
-        result.reached
-    ]  # in the solution nearest to the target before, where there is a choice
+    arm = day.robot.arm(("p1",))
+    chain = arm.dh_chain(arm.nominal())
+    assert chain is not None
+    where = [configuration(language, ArmShape.of(chain), q) for q in near]
+    content = program(language, asked, np.empty((0, 6)), T_tool, np.eye(4), rng, where, 4).content
+    file = folder / f"work{END[language]}"
+    file.write_bytes(content)
+    memory = {f"{name}[2]": T_tool for name in ("UTOOL", "TOOL")} | {f"{name}[3]": np.eye(4) for name in _BASES}
+    names = {"fanuc": ("UTOOL[2]", "UFRAME[3]"), "jbi": ("TOOL[2]", "USER[3]")}.get(language, ())
+    result = lab.compensate(
+        program=str(file), run=day.run, force=True, no_check=True, controller=language,
+        frames="; ".join(f"{name}={','.join(spelt(language, memory[name], 10))}" for name in names),
+        pulses_per_deg=tuple(PULSES.tolist()) if language == "jbi" else (),
+    )  # fmt: skip
+    controller = Controller(language, None, memory, PULSES)  # which reads alone
+    text = result.program.content.decode("latin-1")
+    poses = np.array([each.T_root_base @ each.T_base_tool for each in controller.stops(text)])
+    rows = result.program.rows[result.reached]
+    near = result.targets.joints[result.reached]  # where there is a choice, nearest to the target before
     before, after = (ran(day, each[rows], asked[rows], T_tool, near) for each in (asked, poses))
     return Trial(result, before, after)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.controller_programs import LANGUAGES
 from helpers.hidden_robots import Day, Trial, calibrated_day, hidden_cell, tried
 
 from lab.commands.compensate.program_words import flange_words
@@ -56,7 +57,9 @@ def test_an_unknown_flange_is_the_first_sentence_and_in_the_expected_error(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("robot", "language"), [("ur5e", "urscript"), ("irb120", "rapid")])
+@pytest.mark.parametrize(
+    ("robot", "language"), [("ur5e", "urscript"), *(("irb120", each) for each in LANGUAGES if each != "urscript")]
+)
 @pytest.mark.parametrize("targets", [3, 1])
 def test_programs_of_many_hidden_robots(robot: str, language: str, targets: int, tmp_path: Path) -> None:
     """Half of the robots have their targets up to 10 mm from where they are stated.
