@@ -36,13 +36,17 @@ def lasting_arm(
     return (arm if process is None else process.added_to(arm)), left_out
 
 
-def without_effects(arm: Arm, values: Array, inputs: Array) -> float | None:
-    """How far geometry alone is off (m, root mean square over poses and points); None where there is nothing else."""
+def without_effects(arm: Arm, values: Array, inputs: Array, target: int | None = None) -> float | None:
+    """How far geometry alone is off (m, root mean square over poses and points); None where there is nothing else.
+
+    Args:
+        target: the one point of the arm that counts; all where not given.
+    """
     if not arm.groups or not len(inputs):
         return None
     rigid = arm.rigid
     alone = rigid.points(inputs[:, : rigid.chain.size], values[: len(rigid.names)])
-    off = ((arm.points(inputs, values) - alone) ** 2).sum(axis=2)
+    off = ((arm.points(inputs, values) - alone) ** 2).sum(axis=2)[:, slice(None) if target is None else target]
     return float(np.sqrt(np.nanmean(off)))
 
 

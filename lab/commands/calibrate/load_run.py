@@ -97,10 +97,8 @@ class Calibrated:
             return None
         measured = self.arm.targets[: self.process.seen.shape[1]]  # behind them there may be points that were not
         arm = self.robot.arm_with(measured, [name for name in self.groups if name != GROUP])
-        free, named = (
-            tuple(arm.names.index(name) for name in self.identified),
-            dict(zip(self.arm.names, self.values.tolist(), strict=True)),
-        )
+        free = tuple(arm.names.index(name) for name in self.identified)
+        named = dict(zip(self.arm.names, self.values.tolist(), strict=True))
         return PredictedBy(self.process, arm, np.array([named[name] for name in arm.names]), free)
 
     @property
@@ -249,6 +247,14 @@ class Calibrated:
             mend = "measure poses to validate it on" if word == "not judged" else "mend what is bad"
             raise LabError(
                 f"{self.folder}: the verdict of this run is '{word}'{why}, so {what} is refused; {mend}, or say --force"
+            )
+
+    def refuse_unplaced(self, what: str) -> None:
+        """A LabError for a run whose observations give ``what`` (a plural) no frame: of cables, sockets or planes."""
+        if not kind_named(observed := self.options.observe).in_instrument_frame:
+            raise LabError(
+                f"{self.folder}: identified with --observe {observed}, so in which frame {what} would be it does not "
+                "say; identify from points or poses"
             )
 
 

@@ -1,6 +1,6 @@
 """How sure the points of a calibrated arm are: covariances of their errors, by cause."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +11,7 @@ from lab.commands.calibrate.load_run import Calibrated
 from lab.core.se3 import Array
 from lab.payload_identification.sag_uncertainty import sag_uncertainty
 
-__all__ = ["PointErrors", "point_errors"]
+__all__ = ["PointErrors", "load_errors", "point_errors", "visit_covariances"]
 
 _BLOCK = 2_000  # poses whose derivatives are held at a time
 
@@ -77,8 +77,9 @@ def _parts(run: Calibrated, inputs: Array) -> Iterator[Array]:
         columns = [run.arm.names.index(name) for name in run.identified]
         jacobian = run.arm.observe(inputs, run.values)[1][..., columns]
         known = larger * jacobian @ run.covariance @ np.swapaxes(jacobian, 2, 3)
-        visit = _of_visits(run, slopes)
-    yield known + _load_m(run, inputs)[..., None, None] ** 2 / 3 * np.eye(3)
+        visit = visit_covariances(run, slopes)
+    of_load = load_errors(run, inputs, range(len(run.arm.targets)))
+    yield known + of_load[..., None, None] ** 2 / 3 * np.eye(3)
     beyond = np.zeros_like(known)
     if run.measured is not None:
         unknown = run.measured.unknown(run.arm, inputs, run.values)
@@ -87,25 +88,31 @@ def _parts(run: Calibrated, inputs: Array) -> Iterator[Array]:
     yield visit
 
 
-def _of_visits(run: Calibrated, slopes: Array) -> Array:
-    """What errors that the run found beside the instrument's make of points, whose arm may have made them."""
+def visit_covariances(run: Calibrated, slopes: Array) -> Array:
+    """Covariances ``(..., 3, 3)`` (m^2) that differ from one visit of a pose to the next, as the run found them.
+
+    They are those of errors beside the instrument's: the arm may have made them.
+
+    Args:
+        slopes: ``(..., 3, joints)`` derivatives of points by the joint positions.
+    """
     if (shared := run.shared) is None:
-        return np.zeros((*slopes.shape[:2], 3, 3))
+        return np.zeros((*slopes.shape[:-1], 3))
     more = max(shared.independent_m**2 - shared.sigma_m**2, 0.0) + shared.wandering_m**2 + shared.lasting_m**2
-    scattered = slopes @ shared.joint_covariance(slopes.shape[-1]) @ np.swapaxes(slopes, 2, 3)
+    scattered = slopes @ shared.joint_covariance(slopes.shape[-1]) @ np.swapaxes(slopes, -1, -2)
     return np.asarray(scattered + more * np.eye(3))
 
 
-def _load_m(run: Calibrated, inputs: Array) -> Array:
-    """What the uncertainty of an identified payload makes of each point ``(n, k)`` (m, root mean square)."""
+def load_errors(run: Calibrated, inputs: Array, targets: Sequence[int]) -> Array:
+    """Errors ``(n, k)`` (m, root mean square) that the uncertainty of an identified payload makes of some targets."""
     arm, values = run.geometry
-    joints, none = inputs[:, : arm.chain.size], np.zeros((len(inputs), len(arm.targets)))
+    joints, none = inputs[:, : arm.chain.size], np.zeros((len(inputs), len(targets)))
     if run.load is None or run.robot.loads is None or "payload_kg" not in run.arm.conditions:
         return none
     serial, gravity = run.robot.serial_arm(arm.targets), run.robot.loads.gravity
     off = [
         sag_uncertainty(serial, values, run.compliance, joints, gravity, run.load.covariance, target)
-        for target in range(len(arm.targets))
+        for target in targets
     ]
     carried = inputs[:, arm.chain.size + run.arm.conditions.index("payload_kg")] > 0
     return np.asarray(np.where(carried[:, None], np.stack(off, axis=1), none))

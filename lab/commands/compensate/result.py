@@ -15,6 +15,7 @@ from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.verdict import MOST_TOLERANCES
 from lab.calibration.workspace_prediction import tolerance_rms
 from lab.commands.calibrate.load_run import Calibrated
+from lab.commands.calibrate.point_errors import load_errors, visit_covariances
 from lab.commands.calibrate.range_dict import said_of_extrapolated
 from lab.commands.compensate.near_singular import near_singular
 from lab.commands.compensate.options import CompensateOptions
@@ -33,7 +34,6 @@ from lab.core.se3 import Array
 from lab.formats.programs.registry import refusal
 from lab.formats.target_csv import Targets
 from lab.kinematics.inverse.newton import PoseTarget
-from lab.payload_identification.sag_uncertainty import sag_uncertainty
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -431,35 +431,20 @@ class CompensationResult(Result):
     @property
     def _shared_m(self) -> Array:
         """What errors shared by the run's measurements make of a target ``(n,)`` (m, RMS): the arm may make them."""
-        run, shared = self.run, self.run.shared
-        if shared is None:
+        run = self.run
+        if run.shared is None:
             return np.zeros(len(self.arm_inputs))
         size = run.robot.chain.size
-        slopes = np.concatenate(
-            [_of_points(by_joint_positions(run.arm, each, run.values, size), at) for each, at in self._blocks()]
-        )
-        scattered = np.einsum("nij,jk,nik->n", slopes, shared.joint_covariance(size), slopes)
-        more = max(shared.independent_m**2 - shared.sigma_m**2, 0.0)
-        return np.asarray(np.sqrt(scattered + 3 * (shared.wandering_m**2 + shared.lasting_m**2 + more)))
+        parts = [
+            visit_covariances(run, _of_points(by_joint_positions(run.arm, each, run.values, size), at))
+            for each, at in self._blocks()
+        ]
+        return np.asarray(np.sqrt(np.trace(np.concatenate(parts), axis1=1, axis2=2)))
 
     @cached_property
     def load_m(self) -> Array:
         """The part ``(n,)`` of the predicted error that is the uncertainty of an identified payload (m, RMS)."""
-        run, (arm, values) = self.run, self.run.geometry
-        joints = self.arm_inputs[:, : arm.chain.size]
-        if run.load is None or run.robot.loads is None or "payload_kg" not in run.arm.conditions:
-            return np.zeros(len(joints))
-        off = sag_uncertainty(
-            run.robot.serial_arm(arm.targets),
-            values,
-            run.compliance,
-            joints,
-            run.robot.loads.gravity,
-            run.load.covariance,
-            self.target,
-        )
-        carried = self.arm_inputs[:, arm.chain.size + run.arm.conditions.index("payload_kg")] > 0
-        return np.asarray(np.where(carried, off, 0.0))
+        return load_errors(self.run, self.arm_inputs, [self.target])[:, 0]
 
     @property
     def target(self) -> int:

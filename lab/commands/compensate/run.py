@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lab.campaign.observation_kinds import kind_named
 from lab.campaign.reachability import ReachabilityGraph, free_home, reachability, refusals, stops_in_order
+from lab.commands.calibrate.exports import without_effects
 from lab.commands.calibrate.load_run import Calibrated, calibrated_by, folder_of, read_calibrated
 from lab.commands.calibrate.model_words import listed
 from lab.commands.compensate.options import CompensateOptions
@@ -156,11 +156,7 @@ def _corrected(
         LabError: the arm has no such tool, or the targets lack a condition that its effects ask for.
     """
     source = str(options.source)
-    if not kind_named(observed := run.options.observe).in_instrument_frame:
-        raise LabError(
-            f"{run.folder}: identified with --observe {observed}, so in which frame targets would be it does not say; "
-            "identify from points or poses"
-        )
+    run.refuse_unplaced("targets")
     _refuse_beyond_limits(run, targets, source)
     if targets.tool not in run.arm.targets:
         raise LabError(
@@ -178,7 +174,7 @@ def _corrected(
     if program is not None:
         corrected, found = program.rewritten(found, options.digits)
     inputs = np.concatenate([found.joints, conditions], axis=1)
-    without = _without_effects(run, inputs[found.converged], target)
+    without = without_effects(run.arm, run.values, inputs[found.converged], target)
     if without is not None:
         warnings.append(
             f"the exported arm holds geometry alone: without {', '.join(listed(run.groups))} it is off by "
@@ -201,15 +197,6 @@ def _corrected(
             words = f"{run.load.mass_kg:.4g} kg at the flange make no difference: {why}"
         return replace(done, notes=(*said, words))
     return done
-
-
-def _without_effects(run: Calibrated, inputs: Array, target: int) -> float | None:
-    """How far geometry alone is off (m, root mean square) at inputs of the arm; None where there is nothing else."""
-    if not run.groups or not len(inputs):
-        return None
-    rigid, values = run.geometry
-    off = run.arm.points(inputs, run.values)[:, target] - rigid.points(inputs[:, : rigid.chain.size], values)[:, target]
-    return float(np.sqrt((off**2).sum(axis=1).mean()))
 
 
 def _left_out(run: Calibrated, targets: Targets, found: Compensation) -> list[str]:

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lab.campaign.observation_kinds import kind_named
 from lab.commands.calibrate.exports import without_effects
 from lab.commands.calibrate.load_run import Calibrated, calibrated_by, folder_of, read_calibrated
 from lab.commands.calibrate.point_errors import point_errors
@@ -111,11 +110,7 @@ def _predicted(options: PredictOptions, run: Calibrated, rows: Measurements) -> 
     """
     if not options.force:
         run.refuse_unfit("prediction")
-    if not kind_named(observed := run.options.observe).in_instrument_frame:
-        raise LabError(
-            f"{run.folder}: identified with --observe {observed}, so in which frame points would be it does not say; "
-            "identify from points or poses"
-        )
+    run.refuse_unplaced("points")
     if not len(rows):
         raise LabError(f"{options.file}: holds no row to predict; give joint positions")
     run.robot.refuse_impossible(options.file, rows)

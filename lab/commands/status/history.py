@@ -98,10 +98,11 @@ def _runs(folder: Path, left_out: list[LeftOut]) -> Iterator[Path]:
             yield here
             continue
         inside.sort()
-        for draft in [each for each in inside if (place := place_of_draft(here / each)) is not None]:
+        for draft in list(inside):
+            if (place := place_of_draft(here / draft)) is None:
+                continue
             inside.remove(draft)
-            place = place_of_draft(here / draft)
-            if place is not None and not is_being_written(place):
+            if not is_being_written(place):
                 left_out.append(LeftOut(here / draft, f"is half of the run {place.name}, whose writing was killed"))
         inside[:] = [each for each in inside if not each.startswith(".")]
 
