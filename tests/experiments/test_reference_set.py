@@ -1,27 +1,38 @@
-"""Two checkouts' answers are told apart where they differ, and only there."""
+"""Two checkouts' answers are told apart where they differ, and only there; a package's structure is counted."""
 
 import json
+import sys
+from importlib import util
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import pytest
-
-from lab.core.errors import LabError
-from lab.experiments.reference_set import COMMANDS, Options, answer, difference
 
 ROOT = Path(__file__).parents[2]
 PARAMETER = {"name": "link1.d", "status": "identified", "estimate": 0.3, "std": 1e-5, "interval_95": [0.29998, 0.30002]}
 RESULT = {"verdict": "good", "outliers": ["4"], "rank": 27, "residual_mm": 0.0046, "seconds": 1.0, "reason": "p = 0.51"}
 
 
+def script(name: str) -> ModuleType:
+    spec = util.spec_from_file_location(name, ROOT / "scripts" / f"{name}.py")
+    assert spec and spec.loader
+    module = util.module_from_spec(spec)
+    sys.modules[name] = module  # dataclasses look their module up
+    spec.loader.exec_module(module)
+    return module
+
+
+reference = script("reference_set")
+
+
 def made(result: dict[str, Any] | None = None, **parameter: Any) -> dict[str, Any]:
-    return {"result": RESULT | (result or {}), "parameters": [PARAMETER | parameter]}
+    return {"exit": 0, "result": RESULT | (result or {}), "parameters": [PARAMETER | parameter], "files": {}}
 
 
-def test_the_same_answers_are_the_same_whatever_time_they_took_and_whatever_was_added():
-    found = difference("identify", made(), made({"seconds": 7.0, "new key": 3.0, "reason": "p = 0.5"}))
-    assert found.same and found.estimates == found.intervals == found.numbers == 0
-    assert found.words == ("/reason",)
+def test_the_same_answers_are_the_same_whatever_time_they_took_and_whatever_was_added() -> None:
+    found = reference.difference("identify", made(), made({"seconds": 7.0, "new key": 3.0, "reason": "p = 0.5"}))
+    assert found.same and found.estimates == found.intervals == found.numbers == 0 and found.compared == 7
 
 
 @pytest.mark.parametrize(
@@ -31,46 +42,79 @@ def test_the_same_answers_are_the_same_whatever_time_they_took_and_whatever_was_
         (made(interval_95=[0.29998, 0.30002 + 2e-14]), False),
         (made(estimate=None), False),
         (made(interval_95=None), False),
+        (made({"residual_mm": 0.0046 * (1 + 1e-5)}), False),
+        (made() | {"exit": 1}, True),
         (made(status="fixed"), True),
+        (made({"rank": 26}), True),
         (made({"verdict": "doubtful"}), True),
         (made({"outliers": []}), True),
         (made({"outliers": ["4", "5"]}), True),
-        (made({"rank": 26}), True),
         (made({"residual_mm": None}), True),
         (made() | {"parameters": []}, True),
+        ({**made(), "result": {key: RESULT[key] for key in RESULT if key != "verdict"}}, True),
     ],
 )
-def test_a_parameter_that_moved_or_a_decision_that_changed_is_told(other: dict[str, Any], decides: bool):
-    found = difference("identify", made(), other)
+def test_a_parameter_that_moved_or_a_decision_that_changed_is_told(other: dict[str, Any], decides: bool) -> None:
+    found = reference.difference("identify", made(), other)
     assert not found.same and bool(found.decisions) == decides
 
 
-def test_less_than_the_bound_is_the_same_and_its_size_is_told():
-    found = difference("identify", made(), made({"residual_mm": 0.0046 * (1 + 1e-6)}, estimate=0.3 + 5e-15))
+def test_less_than_the_bound_is_the_same_and_its_size_is_told() -> None:
+    found = reference.difference("identify", made(), made({"residual_mm": 0.0046 * (1 + 1e-7)}, estimate=0.3 + 5e-15))
     assert found.same and found.estimates == pytest.approx(5e-10, rel=0.02)
-    assert found.numbers == pytest.approx(1e-6, rel=1e-3) and found.where == "/residual_mm"
+    assert found.numbers == pytest.approx(1e-7, rel=1e-3) and found.where == "/result/residual_mm"
 
 
-def test_answers_that_are_there_are_compared_without_running_the_commands_again(tmp_path: Path):
+def test_numbers_of_files_are_compared_and_their_comments_are_not(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("# 7 rows of p1\nq1_rad,p1_x_mm\n0.5,-1.25e-3\n")
+    (tmp_path / "b.py").write_text('"""Version 3."""\nA = (1.5, 2)  # 4\n')
+    assert reference.numbers_of(tmp_path / "a.csv") == [0.5, -0.00125]
+    assert reference.numbers_of(tmp_path / "b.py") == [1.5, 2.0]
+
+
+def test_answers_that_are_there_are_compared_without_running_the_commands_again(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = tmp_path / "other"
+    (other / "lab").mkdir(parents=True)
+    (other / "lab" / "__main__.py").touch()
     for side in ("before", "after"):
         (tmp_path / side).mkdir()
-        for name in COMMANDS:
-            file = tmp_path / side / (name.replace(", ", "-").replace(" ", "-") + ".json")
-            changed = {"rank": 26} if (side, name) == ("after", "design") else None
-            file.write_text(json.dumps(made(changed)))
-    found = answer(Options(ROOT, ROOT, tmp_path, tmp_path))
-    assert len(COMMANDS) == 40 and found.document.title.startswith("39 of 40")
-    assert [name for name, each in found.values.items() if not each["same"]] == ["design"]
+        for name in reference.COMMANDS:
+            file = tmp_path / side / ("".join(c if c.isalnum() else " " for c in name).replace("  ", " ") + ".json")
+            file = file.with_name("-".join(file.stem.split()) + ".answer.json")
+            file.write_text(json.dumps(made({"rank": 26} if (side, name) == ("after", "design") else None)))
+    code = reference.main([str(ROOT), str(other), "--folder", str(tmp_path), "--data", str(tmp_path), "--json"])
+    found = json.loads(capsys.readouterr().out)
+    assert code == 1 and len(found) == len(reference.COMMANDS) >= 60
+    assert [name for name, each in found.items() if not each["same"]] == ["design"]
 
 
-def test_a_folder_that_is_no_checkout_is_told(tmp_path: Path):
-    with pytest.raises(LabError, match="nowhere is no checkout of the lab"):
-        answer(Options(ROOT, tmp_path / "nowhere", tmp_path / "runs", tmp_path))
+def test_a_folder_that_is_no_checkout_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        reference.main([str(ROOT), str(tmp_path), "--folder", str(tmp_path / "runs"), "--data", str(tmp_path)])
+    assert "is no checkout of the lab" in capsys.readouterr().err
 
 
-def test_a_command_that_fails_is_told_with_its_checkout(tmp_path: Path):
+def test_a_command_that_fails_is_told_with_its_checkout(tmp_path: Path) -> None:
     (tmp_path / "lab").mkdir()
     (tmp_path / "lab" / "__init__.py").touch()
     (tmp_path / "lab" / "__main__.py").write_text("raise SystemExit('lab: out of order')")
-    with pytest.raises(LabError, match=f"calibrate --out .* with {tmp_path}: lab: out of order"):
-        answer(Options(tmp_path, tmp_path, tmp_path / "runs", tmp_path))
+    with pytest.raises(SystemExit, match=f"calibrate --out .* with {tmp_path}: lab: out of order"):
+        reference.main([str(tmp_path), str(tmp_path), "--folder", str(tmp_path / "runs"), "--data", str(tmp_path)])
+
+
+def test_the_structure_of_a_small_package_is_counted(tmp_path: Path) -> None:
+    (tmp_path / "lab").mkdir()
+    (tmp_path / "lab" / "__init__.py").write_text('"""Doc."""\n')
+    (tmp_path / "lab" / "a.py").write_text(
+        '"""Doc."""\nfrom lab.b import g\n__all__ = ["f"]\n\n\ndef f():\n    return g()\n'
+    )
+    (tmp_path / "lab" / "b.py").write_text(
+        "def g():\n    from lab.a import f\n    return f\n\n\nclass _C:\n    x = 1\n"
+    )
+    (tmp_path / "lab" / "c.py").write_text("from lab import a, b\nX = 1\n")
+    found = script("structure").structure(tmp_path)
+    assert (found["modules"], found["lines"], found["circles of modules"], found["modules in circles"]) == (4, 17, 1, 2)
+    assert (found["top-level public names"], found["modules with one importer"], found["classes"]) == (3, 0, 1)
+    assert found["imports inside functions"] == 1 and found["lines of code"] == 11
