@@ -155,7 +155,8 @@ _NOT_COMPARED = {
 }
 _PROSE = {"words", "reason", "reasons", "warnings", "adequacy", "title", "description", "text", "notes", "headline"}
 _SKIPPED_FILES = {"config.json", "SHA256SUMS", "README.txt", "provenance.json", "result.json", "parameters.json"}
-_COMPARED_FILES = set(".csv .json .urdf .xml .toml .yaml .conf .py .mod .script .src .dat .ls .dtx .jbi .txt".split())
+_TABLES_AND_MODELS = {".csv", ".json", ".toml", ".txt", ".urdf", ".xml", ".yaml", ".conf", ".py"}
+_PROGRAMS = {".mod", ".script", ".src", ".dat", ".ls", ".dtx", ".jbi"}
 _NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?(?![\w.])")
 _COMMENT = re.compile(r"<!--.*?-->|^\s*(?:#|;|!|//).*?$|^\s*\"\"\".*?\"\"\"", re.DOTALL | re.MULTILINE)
 
@@ -284,7 +285,11 @@ def _run(root: Path, folder: Path, name: str, words: str) -> Mapping[str, Any]:
             last = (done.stderr.strip().splitlines() or ["no message"])[-1]
             raise SystemExit(f"{' '.join(asked) or name} with {root}: {last}")
         parameters = out / "parameters.json"
-        files = sorted(each for each in out.rglob("*") if each.suffix in _COMPARED_FILES) if out.is_dir() else []
+        files = (
+            sorted(each for each in out.rglob("*") if each.suffix in _TABLES_AND_MODELS | _PROGRAMS)
+            if out.is_dir()
+            else []
+        )
         kept = {
             each.relative_to(out).as_posix().replace(root.name, ""): numbers_of(each)
             for each in files
