@@ -37,6 +37,7 @@ from lab.core.se3 import Array
 from lab.core.serials import one_serial
 from lab.core.wording import be, counted
 from lab.formats.measurement_csv import read_measurements
+from lab.render.phrases.registry import phrases
 from lab.render.progress import Stage, status
 from lab.verification.estimated_noise import MOST_POSES, STEP, with_estimated_noise
 from lab.verification.prediction import CalibrationPrediction
@@ -144,7 +145,7 @@ def _tested(
     lone = [rows.ids[i] for i in np.flatnonzero(calibrated.extrapolated(rows.joints))]
     said = _warnings(calibrated, read, rows, verified) + said_of_extrapolated("poses", lone, len(rows))
     said += fitted
-    warnings = tuple(noisy + said + _repeat_where_measured(len(lone), len(rows), verified))
+    warnings = (*phrases(noisy), *said, *_repeat_where_measured(len(lone), len(rows), verified))
     return VerificationResult(options, calibrated, rows, verified, warnings)
 
 
