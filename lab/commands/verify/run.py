@@ -35,7 +35,7 @@ from lab.core.se3 import Array
 from lab.core.serials import one_serial
 from lab.core.wording import be, counted
 from lab.formats.measurement_csv import read_measurements
-from lab.render.phrases.registry import phrases
+from lab.render.phrases.registry import phrase, phrases
 from lab.render.progress import Stage, status
 from lab.verification.estimated_noise import MOST_POSES, STEP, with_estimated_noise
 from lab.verification.prediction import CalibrationPrediction
@@ -285,7 +285,7 @@ def _refuse_implausible(prediction: CalibrationPrediction, observations: Observa
         other = another_unit(prediction, observations)
         raise LabError(
             f"the measured points spread {spreads[0] / spreads[1]:.3g} times as far as the robot's do in these poses: "
-            f"{'wrong unit, or another robot' if other is None else other.words}"
+            f"{'wrong unit, or another robot' if other is None else phrase(other)}"
         )
 
 

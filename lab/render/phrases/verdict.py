@@ -5,7 +5,6 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from lab.calibration.noise.plausibility import COMMON_NOISE_M
-from lab.calibration.other_numbers import length_words
 from lab.calibration.workspace_prediction import Distance
 from lab.core.checks import Check
 from lab.core.wording import short_length
@@ -19,9 +18,8 @@ def gate_words(gate_mm: float | None) -> str:
 
 
 def mm(length_m: float) -> str:
-    """Return a length in mm with three digits."""
-    millimetres = 1e3 * length_m
-    return f"{millimetres:,.0f} mm" if millimetres >= 1e3 else f"{millimetres:.3g} mm"
+    """Return a length in mm with three digits; from 100 mm on, with all of them before the point."""
+    return f"{1e3 * length_m:,.0f} mm" if length_m >= 0.1 else f"{1e3 * length_m:.3g} mm"
 
 
 _NOT_TESTED = {
@@ -355,13 +353,9 @@ def _given_scale(check: Check) -> str:
     )
 
 
-def _given_numbers(check: Check) -> str:
-    return str(check.data["found"].words)
-
-
 def _given_poses(check: Check) -> str:
     return (
-        f"the points are {length_words(check.data['off_m'])} from the nominal robot wherever base and tool are: rows "
+        f"the points are {mm(check.data['off_m'])} from the nominal robot wherever base and tool are: rows "
         "of other poses, joints in another order or direction, or another robot"
     )
 
@@ -386,7 +380,6 @@ PHRASES: Mapping[str, Callable[[Check], str]] = {
     "given.noise": _given_noise,
     "given.noises": _given_noises,
     "given.scale": _given_scale,
-    "given.numbers": _given_numbers,
     "given.poses": _given_poses,
     "arm.constant_points": _constant,
     "arm.spread": _spread,
