@@ -6,8 +6,7 @@ leaves a small part of the points' spread, and far less than the numbers as they
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,11 +14,12 @@ from numpy.typing import NDArray
 from lab.calibration.gauss_newton import Observations, fit
 from lab.calibration.identify import PLAUSIBLE_SPREAD, spread
 from lab.calibration.initial_guess import columns_of, initial_guess
+from lab.core.checks import Check
 from lab.core.measurements import seen_mask
 from lab.core.se3 import Array
 from lab.kinematics.model import Model
 
-__all__ = ["PLACED", "OtherNumbers", "in_other_numbers", "length_words", "trimmed_error"]
+__all__ = ["PLACED", "in_other_numbers", "trimmed_error"]
 
 PLACED = ("base", "tool")
 _NEAR = 0.02  # of the points' spread: a model of this kind of arm in the right unit and frame
@@ -27,36 +27,12 @@ _CLEARLY = 5.0  # times less than as they are
 _KEPT = 0.7  # of the points that are fitted
 _TRIMS = 4
 _LEAST_FREEDOM = 3
-_FACTORS = {
-    1e3: "m where mm are expected",
-    25.4: "inches where mm are expected",
-    1e-3: "mm where m are expected, or in µm where mm are expected",
-    25.4e-3: "inches where m are expected",
-}
-_JOINT_FACTORS = {
-    180 / np.pi: "radians where degrees are expected",
-    np.pi / 180: "degrees where radians are expected",
-}
+_FACTORS = (1e3, 25.4, 1e-3, 25.4e-3)  # to the expected unit, of lengths
+_JOINT_FACTORS = (180 / np.pi, np.pi / 180)
 
 
-@dataclass(frozen=True)
-class OtherNumbers:
-    """The unit or frame in which numbers are those of the arm.
-
-    Attributes:
-        words: what it is, then what is left: two sentences without the last full stop.
-        left_m: root mean square error that is left then.
-    """
-
-    kind: Literal["unit", "joint unit", "mirrored"]
-    words: str
-    left_m: float
-
-
-def in_other_numbers(
-    model: Model, slides: Sequence[bool], inputs: Array, points: Array, values: Array
-) -> OtherNumbers | None:
-    """Return the unit or frame in which the numbers are those of an arm; None if there is none.
+def in_other_numbers(model: Model, slides: Sequence[bool], inputs: Array, points: Array, values: Array) -> Check | None:
+    """Return the check that names the unit or frame in which the numbers are those of an arm; None if there is none.
 
     Args:
         slides: which joints are prismatic.
@@ -71,27 +47,21 @@ def in_other_numbers(
 
     plain = trimmed_error(model, inputs, points, values, PLACED)
     here = size(inputs)
-    for factor, said in _FACTORS.items():
+    for factor in _FACTORS:
         if not PLAUSIBLE_SPREAD[0] <= factor * spread(points) / here <= PLAUSIBLE_SPREAD[1]:
             continue
         left = trimmed_error(model, inputs, factor * points, values, PLACED)
         if left < _NEAR * here and _CLEARLY * left < factor * plain:
-            words = f"wrong unit: the points are in {said}. Times {factor:g} errors are {length_words(left)}"
-            return OtherNumbers("unit", words, left)
-    for factor, said in _JOINT_FACTORS.items():
+            return Check("situation.unit", "failed", data={"factor": factor, "left_m": left})
+    for factor in _JOINT_FACTORS:
         turned = inputs.copy()
         turned[:, : len(slides)] *= np.where(slides, 1.0, factor)
         left = trimmed_error(model, turned, points, values, PLACED)
         if left < _NEAR * size(turned) and _CLEARLY * left < plain:
-            words = f"wrong unit: the joint positions are in {said}. Converted, errors are {length_words(left)}"
-            return OtherNumbers("joint unit", words, left)
+            return Check("situation.joint_unit", "failed", data={"factor": factor, "left_m": left})
     left = trimmed_error(model, inputs, points * [-1.0, 1.0, 1.0], values, PLACED)
     if left < _NEAR * here and _CLEARLY * left < plain:
-        words = (
-            "the points are mirrored: two of their axes are swapped, or one is negated; export them in a "
-            f"right-handed frame. Mirrored back errors are {length_words(left)}"
-        )
-        return OtherNumbers("mirrored", words, left)
+        return Check("situation.mirrored", "failed", data={"left_m": left})
     return None
 
 
@@ -131,8 +101,3 @@ def _only(observed: Observations, seen: NDArray[np.bool_]) -> Observations:
     rows = np.flatnonzero(seen.any(axis=1))
     points = np.where(seen[:, :, None], observed.points, np.nan)
     return replace(observed, points=points).take(rows)
-
-
-def length_words(metres: float) -> str:
-    """A length in mm, for a person."""
-    return f"{1e3 * metres:,.0f} mm" if metres >= 0.1 else f"{1e3 * metres:.3g} mm"

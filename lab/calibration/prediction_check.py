@@ -5,9 +5,6 @@ lack there) and, where measured points judge, those of the noise. They are drawn
 parameters for all poses, so that the 95 % error of the campaign's own poses is known with its chance.
 """
 
-from dataclasses import dataclass
-from typing import Any
-
 import numpy as np
 
 from lab.calibration.extrapolation import MeasuredRange
@@ -15,13 +12,14 @@ from lab.calibration.identify import Identification
 from lab.calibration.observations.protocol import observation_of, only_positions
 from lab.calibration.validation import FOLDS, Validation
 from lab.calibration.weights import Noise, weighed
+from lab.core.checks import Check
 from lab.core.covariance import covariance_root
 from lab.core.measurements import Measurements, evenly
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.significance import PREDICTION_EXCEEDED
 
-__all__ = ["PredictionCheck", "check_prediction"]
+__all__ = ["check_prediction", "prediction_check"]
 
 DRAWS = 999
 MAX_POSES = 300
@@ -29,33 +27,21 @@ SHARE = 95.0  # percent
 ROUNDING_M = 1e-7  # errors below are those of the arithmetic
 
 
-@dataclass(frozen=True)
-class PredictionCheck:
-    """The 95 % error at poses that were not fitted, observed and predicted (m).
+def prediction_check(observed_p95_m: float, predicted_p95_m: float, allowed_p95_m: float) -> Check:
+    """Return the check of the 95 % error (m) at poses that were not fitted: failed where it exceeds what is allowed.
 
-    Attributes:
+    Args:
         observed_p95_m: of the validation.
         predicted_p95_m: the median of what was predicted for these poses.
         allowed_p95_m: what chance exceeds in 1 % of campaigns like this one.
     """
-
-    observed_p95_m: float
-    predicted_p95_m: float
-    allowed_p95_m: float
-
-    @property
-    def exceeded(self) -> bool:
-        """True where the errors are larger than the prediction and its sampling allow."""
-        return self.observed_p95_m > self.allowed_p95_m + ROUNDING_M
-
-    def to_dict(self) -> dict[str, Any]:
-        """``prediction_at_validation`` of ``result.json``, in mm."""
-        return {
-            "observed_95_mm": 1e3 * self.observed_p95_m,
-            "predicted_95_mm": 1e3 * self.predicted_p95_m,
-            "allowed_95_mm": 1e3 * self.allowed_p95_m,
-            "exceeded": self.exceeded,
-        }
+    return Check(
+        "accuracy.prediction",
+        "failed" if observed_p95_m > allowed_p95_m + ROUNDING_M else "passed",
+        observed_p95_m / max(allowed_p95_m, ROUNDING_M),
+        level=PREDICTION_EXCEEDED,
+        data={"observed_p95_m": observed_p95_m, "predicted_p95_m": predicted_p95_m, "allowed_p95_m": allowed_p95_m},
+    )
 
 
 def check_prediction(
@@ -65,7 +51,7 @@ def check_prediction(
     measured: MeasuredRange | None = None,
     *,
     seed: int = 0,
-) -> PredictionCheck | None:
+) -> Check | None:
     """Compare observed and predicted 95 % errors; None where there is nothing to compare.
 
     Args:
@@ -93,7 +79,7 @@ def check_prediction(
         drawn = drawn + _errors_of_noise(identification, noise, rows, rng)
     lengths = np.linalg.norm(drawn * scale, axis=2)[seen]  # (points, draws)
     p95 = np.percentile(lengths, SHARE, axis=0)
-    return PredictionCheck(
+    return prediction_check(
         float(np.percentile(after[seen], SHARE)),
         float(np.median(p95)),
         float(np.quantile(p95, 1 - PREDICTION_EXCEEDED)),

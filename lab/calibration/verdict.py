@@ -1,5 +1,7 @@
 """The verdict on a calibration: three answers (accuracy, goodness of fit, determination), and one word.
 
+Checks are made from the fit and its validation first; ``judge`` then decides by these alone.
+
 It is good only where all three hold or do not matter. Lack of fit does not matter where a gate is given and the
 95 %/95 % tolerance bound of the validation errors lies below it; weak determination does not where the predicted 95 %
 error over the region does. The region is where poses were measured, or the one that a task names; the rest of the
@@ -8,22 +10,20 @@ is never good where something changed during the campaign, or where errors at po
 prediction.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from lab.calibration.extrapolation import MeasuredRange
 from lab.calibration.identify import Identification
-from lab.calibration.noise.plausibility import NoiseFinding
 from lab.calibration.observations.protocol import observation_of
 from lab.calibration.pose_cover import MOST_UNCOVERED
-from lab.calibration.prediction_check import PredictionCheck
 from lab.calibration.prior import Tolerance
 from lab.calibration.regions import Region, workspace_region
 from lab.calibration.residual_spread import ResidualSpread, residual_spread
-from lab.calibration.statistics.goodness_of_fit import GoodnessOfFit
+from lab.calibration.statistics.goodness_of_fit import is_doubted
 from lab.calibration.statistics.tolerance_bound import upper_tolerance_bound
 from lab.calibration.validation import MOST_OUTLIERS, Errors, Validation
 from lab.calibration.workspace_prediction import (
@@ -36,6 +36,7 @@ from lab.calibration.workspace_prediction import (
     predict_over_region,
     predict_over_workspace,
 )
+from lab.core.checks import Check
 from lab.kinematics.gauge import base_set
 from lab.kinematics.parameter import indices_of_groups
 
@@ -43,10 +44,9 @@ __all__ = [
     "CONSTANT_SPREAD",
     "MOST_TOLERANCES",
     "Answer",
-    "Reason",
     "Verdict",
     "Word",
-    "gate_words",
+    "judge",
     "rotation_noise_rad",
     "verdict",
 ]
@@ -69,26 +69,11 @@ Standing = Literal["holds", "does not matter", "doubtful", "bad", "not judged"]
 
 
 @dataclass(frozen=True)
-class Reason:
-    """Why a calibration is not good.
-
-    Attributes:
-        words: of a sentence.
-        weight: how many times a figure is what it may be at most; infinite of what cannot be of this arm.
-        word: what it makes of the calibration.
-    """
-
-    words: str
-    weight: float
-    word: Word = "doubtful"
-
-
-@dataclass(frozen=True)
 class Answer:
-    """One of the three answers: whether it holds, and its figures in words."""
+    """One of the three answers: whether it holds, and the checks that its sentence is made from."""
 
     standing: Standing
-    words: str
+    checks: tuple[Check, ...]
 
 
 @dataclass(frozen=True)
@@ -96,37 +81,171 @@ class Verdict:
     """One word for a calibration, the three answers that it comes from, and the reasons where it is not good.
 
     Attributes:
-        workspace: the predicted errors over the whole workspace, by the covariance alone.
-        region: the predicted errors that determination is judged by.
-        farthest: the link that is estimated farthest from its nominal value; None where none is identified.
-        reasons: the heaviest first.
+        reasons: the failed checks that make it less than good, the heaviest first.
+        checks: all that it was judged from.
         gate_m: the largest mean error that was asked for; None where none was.
-        prediction: observed against predicted errors at the validation poses; None where they were not compared.
-        elsewhere: the predicted errors over the extrapolated part of the workspace; None where there is none, or the
-            measured poses are not known.
     """
 
     word: Word
     accuracy: Answer
     fit: Answer
     determination: Answer
-    workspace: WorkspacePrediction
-    region: RegionPrediction
-    farthest: Distance | None = None
-    reasons: tuple[str, ...] = ()
+    reasons: tuple[Check, ...]
+    checks: tuple[Check, ...]
     gate_m: float | None = None
-    prediction: PredictionCheck | None = None
-    elsewhere: RegionPrediction | None = None
-
-    @property
-    def reason(self) -> str:
-        """All reasons in one line; empty where the calibration is good."""
-        return "; ".join(self.reasons)
 
     @property
     def answers(self) -> dict[str, Answer]:
         """The three answers by their names."""
         return {"accuracy": self.accuracy, "goodness of fit": self.fit, "determination": self.determination}
+
+    @property
+    def workspace(self) -> WorkspacePrediction:
+        """The predicted errors over the whole workspace, by the covariance alone."""
+        found: WorkspacePrediction = self._predicted["workspace"]
+        return found
+
+    @property
+    def region(self) -> RegionPrediction:
+        """The predicted errors that determination is judged by."""
+        found: RegionPrediction = self._predicted["region"]
+        return found
+
+    @property
+    def elsewhere(self) -> RegionPrediction | None:
+        """The predicted errors over the extrapolated part of the workspace; None where there is none, or none known."""
+        found: RegionPrediction | None = self._predicted["elsewhere"]
+        return found
+
+    @property
+    def farthest(self) -> Distance | None:
+        """The link that is estimated farthest from its nominal value; None where none is identified."""
+        found: Distance | None = self._predicted["farthest"]
+        return found
+
+    @property
+    def prediction(self) -> Check | None:
+        """Observed against predicted errors at the validation poses; None where they were not compared."""
+        return next((each for each in self.checks if each.name == "accuracy.prediction"), None)
+
+    @property
+    def _predicted(self) -> Mapping[str, Any]:
+        return next(each for each in self.checks if each.name == "determination.error").data
+
+
+def judge(checks: Sequence[Check], gate_m: float | None = None) -> Verdict:
+    """Decide the verdict by checks alone.
+
+    Args:
+        checks: as ``checks_of`` makes them.
+        gate_m: the largest mean error that was asked for; None where none was.
+    """
+    foreign = _failed(checks, "arm")
+    accuracy, because = _accuracy(checks)
+    fit, misfits = _fit(checks)
+    determination, unsure = _determination(checks, gate_m)
+    if foreign:  # of a fit that is not this arm's, small errors are no good news
+        found = accuracy, fit, determination
+        good = ("holds", "does not matter")
+        accuracy, fit, determination = (replace(a, standing="not judged") if a.standing in good else a for a in found)
+    ratio = _one(checks, "fit.residuals").statistic  # NaN where the noise was not given
+    reasons = sorted(
+        foreign or [*because, *misfits, *unsure],  # of another arm, all else only follows
+        key=lambda each: (_SEVERITIES.index(_makes(each)), -_weight(each, ratio)),
+    )
+    word: Word = _makes(reasons[0]) if reasons else "good"
+    if word != "bad" and accuracy.standing == "not judged":
+        word = "not judged"
+    return Verdict(word, accuracy, fit, determination, tuple(reasons), tuple(checks), gate_m)
+
+
+_SEVERITIES: tuple[Word, ...] = ("bad", "not judged", "doubtful")
+_MAKES: Mapping[str, Word] = {  # of a calibration, by the check that failed; another makes it doubtful
+    "accuracy.validation": "not judged",
+    "accuracy.gate": "bad",
+    "accuracy.worse": "bad",
+    "nominal.other_robot": "bad",
+}
+
+
+def _makes(check: Check) -> Word:
+    return "bad" if _group(check) == "arm" else _MAKES.get(check.name, "doubtful")
+
+
+def _weight(check: Check, residuals: float) -> float:
+    """How many times a figure is what it may be at most; infinite of what cannot be of this arm, and of findings."""
+    if _group(check) == "lack_of_fit":
+        return max(residuals, 1.0) if np.isfinite(residuals) else 1.0
+    return check.statistic if np.isfinite(check.statistic) else np.inf
+
+
+def _group(check: Check) -> str:
+    return check.name.partition(".")[0]
+
+
+def _failed(checks: Sequence[Check], group: str) -> list[Check]:
+    return [each for each in checks if each.outcome == "failed" and _group(each) == group]
+
+
+def _one(checks: Sequence[Check], name: str) -> Check:
+    return next(each for each in checks if each.name == name)
+
+
+def _accuracy(checks: Sequence[Check]) -> tuple[Answer, list[Check]]:
+    """Are the errors at poses that were not fitted as small as was asked, or as small as they can be?"""
+    failed, validation = _failed(checks, "accuracy"), _one(checks, "accuracy.validation")
+    if validation.outcome != "passed":
+        return Answer("not judged", (validation,)), [each for each in failed if each is validation]
+    bad = any(_makes(each) == "bad" for each in failed)
+    return Answer("bad" if bad else "doubtful" if failed else "holds", (validation,)), failed
+
+
+def _fit(checks: Sequence[Check]) -> tuple[Answer, list[Check]]:
+    """Are the residuals what the noise explains, and is that noise what instruments and arms have?"""
+    answer, reasons = _goodness(checks)
+    found = _failed(checks, "finding")
+    if not found or _one(checks, "fit.residuals").outcome == "passed":
+        return answer, reasons
+    if _below_gate(checks) and not any("between" in each.data for each in found):
+        return Answer("does not matter", (found[0],)), []
+    return Answer("doubtful", (found[0],)), [*found, *reasons]
+
+
+def _goodness(checks: Sequence[Check]) -> tuple[Answer, list[Check]]:
+    """Are the residuals what the noise explains?"""
+    tested, residuals = [each for each in checks if _group(each) == "lack_of_fit"], _one(checks, "fit.residuals")
+    if not tested:
+        return Answer("holds", (replace(residuals, outcome="not tested"),)), []
+    if residuals.outcome == "passed":
+        return Answer("holds", (residuals,)), []
+    (found,) = tested
+    if found.outcome == "failed" and not is_doubted(found):  # it failed at the level of a warning
+        return Answer("holds", (found, Check("fit.weak", "noted"))), []
+    if found.outcome != "failed" and found.name != "lack_of_fit.nothing":
+        return Answer("holds", (found,)), []
+    if _below_gate(checks):
+        return Answer("does not matter", (found,)), []
+    return Answer("doubtful", (found,)), [found]
+
+
+def _below_gate(checks: Sequence[Check]) -> bool:
+    """Decide whether 95 % of the validation errors are below the gate, with 95 % confidence."""
+    return any(each.name == "accuracy.tolerance_bound" and each.outcome == "passed" for each in checks)
+
+
+def _determination(checks: Sequence[Check], gate_m: float | None) -> tuple[Answer, list[Check]]:
+    """Decide whether the arm is known over its region, and is the one of the nominal model."""
+    error, far = _one(checks, "determination.error"), _failed(checks, "nominal")
+    if other := [each for each in far if each.name == "nominal.other_robot"]:
+        return Answer("bad", (other[0],)), other
+    reasons = [each for each in far if each.name == "nominal.far"]
+    reasons += [each for each in checks if each.name == "determination.limit" and each.outcome == "failed"]
+    reasons += [each for each in far if each.name == "nominal.tolerances"]
+    uncovered = [each for each in checks if each.name == "determination.cover" and each.outcome == "failed"]
+    if reasons and not uncovered and gate_m is not None and error.data["region"].p95_m <= gate_m:
+        return Answer("does not matter", (error, reasons[0])), []
+    reasons += uncovered
+    return Answer("doubtful" if reasons else "holds", (error,)), reasons
 
 
 def verdict(
@@ -134,22 +253,22 @@ def verdict(
     validation: Validation,
     gate_m: float | None = None,
     *,
-    goodness: GoodnessOfFit | None = None,
+    goodness: Check | None = None,
     tolerance: Tolerance = Tolerance(),  # noqa: B008
     measured: MeasuredRange | None = None,
-    findings: Sequence[NoiseFinding] = (),
-    prediction: PredictionCheck | None = None,
+    findings: Sequence[Check] = (),
+    prediction: Check | None = None,
     region: Region | None = None,
     poses: Region | None = None,
     left: ResidualSpread | None = None,
 ) -> Verdict:
-    """Judge a calibration.
+    """Judge a calibration by the checks of its fit and of its validation.
 
     Args:
         identification: the fit.
         validation: its errors on poses that were not fitted.
         gate_m: a larger mean error there is bad; None for no such limit.
-        goodness: whether the model fits what was measured; None where nobody tested it.
+        goodness: the test of lack of fit; None where nobody tested it.
         tolerance: of manufacture.
         measured: the range of the measured joint positions; None where nothing is known of what lies beyond.
         findings: about the errors; with one that nothing supports, a calibration is doubtful at most.
@@ -158,11 +277,11 @@ def verdict(
         region: where the arm has to be known; ``poses`` where not given.
         left: what the fit left of the measurements; worked out as if no pose was repeated where not given.
     """
-    lacking = goodness is not None and goodness.adequate is False
+    lacking = goodness is not None and goodness.outcome == "failed"
     left = left or residual_spread(identification, lack_of_fit=lacking)
     poses = poses or workspace_region(identification.model, identification.values)
     own = own_tolerance(identification, tolerance, poses)
-    judging = _Judging(
+    calibration = _Calibration(
         identification,
         validation,
         gate_m,
@@ -170,49 +289,11 @@ def verdict(
         tolerance,
         predict_over_workspace(identification, tolerance, lack_of_fit=lacking, measured=measured),
         predict_over_region(identification, own, region or poses, left, measured=measured),
+        None if measured is None else predict_elsewhere(identification, own, left, measured),
         distances_from_nominal(identification, tolerance),
-        tuple(each for each in findings if not each.supported),
-        prediction,
     )
-    elsewhere = None
-    if measured is not None:
-        elsewhere = predict_elsewhere(identification, own, left, measured)
-    foreign = judging.foreign()
-    accuracy, because = judging.accuracy()
-    fit, misfits = judging.fit()
-    determination, unsure = judging.determination(elsewhere)
-    if foreign:  # of a fit that is not this arm's, small errors are no good news
-        found = accuracy, fit, determination
-        good = ("holds", "does not matter")
-        accuracy, fit, determination = (replace(a, standing="not judged") if a.standing in good else a for a in found)
-    reasons = sorted(
-        foreign or [*because, *misfits, *unsure],  # of another arm, all else only follows
-        key=lambda each: (("bad", "not judged", "doubtful").index(each.word), -each.weight),
-    )
-    words: list[Word] = [each.word for each in reasons]
-    if "bad" not in words and accuracy.standing == "not judged":
-        words = ["not judged"]
-    said = tuple(dict.fromkeys(each.words for each in reasons))
-    farthest = judging.distances[0] if judging.distances else None
-    word = words[0] if words else "good"
-    return Verdict(
-        word,
-        accuracy,
-        fit,
-        determination,
-        judging.workspace,
-        judging.region,
-        farthest,
-        said,
-        gate_m,
-        prediction,
-        elsewhere,
-    )
-
-
-def gate_words(gate_mm: float | None) -> str:
-    """The gate (mm), for a person."""
-    return "no gate was given" if gate_mm is None else f"gate: {gate_mm:g} mm"
+    given = (*([] if goodness is None else [goodness]), *findings)
+    return judge((*calibration.checks(prediction), *given), gate_m)
 
 
 def rotation_noise_rad(identification: Identification) -> float:
@@ -223,103 +304,87 @@ def rotation_noise_rad(identification: Identification) -> float:
 
 
 @dataclass(frozen=True)
-class _Judging:
-    """All that a verdict is made from."""
+class _Calibration:
+    """The fit, its validation and its predictions, of which checks are made."""
 
     identification: Identification
     validation: Validation
     gate_m: float | None
-    goodness: GoodnessOfFit | None
+    goodness: Check | None
     tolerance: Tolerance
     workspace: WorkspacePrediction
     region: RegionPrediction
+    elsewhere: RegionPrediction | None
     distances: tuple[Distance, ...]
-    unsupported: tuple[NoiseFinding, ...]
-    prediction: PredictionCheck | None
 
-    def foreign(self) -> list[Reason]:
-        """Why the measurements cannot be of this arm, or do not identify it."""
+    def checks(self, prediction: Check | None) -> list[Check]:
+        """Return all checks but those of lack of fit and of the errors."""
+        return [*self._foreign(), *self._accuracy(prediction), self._residuals(), *self._determination()]
+
+    def _foreign(self) -> list[Check]:
+        """Return why the measurements cannot be of this arm, or do not identify it: the first check that fails."""
         found = self.identification
         if found.spread < CONSTANT_SPREAD:
-            return [_cannot_be("what was measured is the same in every pose: wrong column?")]
+            return [_cannot_be("constant_points")]
         if not found.plausible:
-            times = f"{found.spread:.3g} times as far as the robot's do in these poses"
-            return [_cannot_be(f"the measured points spread {times}: wrong unit, or another robot")]
-        if found.status == "in a valley":
-            return [
-                _cannot_be("the fit ended in a valley, along which the measurements say next to nothing (--prior on)")
-            ]
+            return [_cannot_be("spread", times=found.spread)]
         if found.status != "converged":
-            why = "wrong robot, signs or axes, or too little measured for these (--prior on)?"
-            return [_cannot_be(f"Gauss-Newton did not converge: {why}")]
-        if words := self._strange_rotations() or self._unconstrained_links():
-            return [_cannot_be(words)]
+            return [_cannot_be("convergence", status=found.status)]
+        if (rms_rad := self._orientations_rad()) > LARGEST_ROTATION_RAD:
+            return [_cannot_be("orientations", rms_rad=rms_rad)]
+        if not (change_m := self._unconstrained_m()) <= LARGEST_CHANGE_M:
+            return [_cannot_be("fixtures", change_m=change_m)]
         if found.unobservable:
-            names = [found.model.names[i] for i in found.unobservable]
-            plural = "are" if len(names) > 1 else "is"
-            return [_cannot_be(f"{', '.join(names)} {plural} not identifiable from these poses")]
+            return [_cannot_be("identifiable", names=[found.model.names[i] for i in found.unobservable])]
         return []
 
-    def _strange_rotations(self) -> str:
-        """That measured orientations do not fit at all; empty if they do."""
+    def _orientations_rad(self) -> float:
+        """Return the root mean square (rad) of measured orientations' residuals; zero where there are none."""
         observation = observation_of(self.identification.model)
         if not observation.positions:
-            return ""
+            return 0.0
         rotations = self.identification.residuals[:, observation.positions :]
-        off = float(np.sqrt(np.nanmean(rotations**2))) if np.isfinite(rotations).any() else 0.0
-        words = f"measured orientations do not fit ({1e3 * off:.3g} mrad): wrong --orientation or columns?"
-        return words if off > LARGEST_ROTATION_RAD else ""
+        return float(np.sqrt(np.nanmean(rotations**2))) if np.isfinite(rotations).any() else 0.0
 
-    def _unconstrained_links(self) -> str:
-        """Where only fixtures hold the arm: that links and errors may have shrunk together; empty if they did not."""
+    def _unconstrained_m(self) -> float:
+        """Return the largest change (m) of a length that only fixtures constrain: with it errors may have shrunk."""
         model, found = self.identification.model, self.identification
         if observation_of(model).positions:
-            return ""
+            return 0.0
         lengths = [i for i, each in enumerate(model.parameters) if each.is_link and each.kind == "length"]
-        off = float(np.abs(found.values - found.nominal_aligned)[lengths].max())
-        if off <= LARGEST_CHANGE_M:
-            return ""
-        return (
-            f"a link is estimated {1e3 * off:.3g} mm from its nominal length: these fixtures do not constrain the arm; "
-            "wrong columns or rows, or is --prior on needed?"
-        )
+        return float(np.abs(found.values - found.nominal_aligned)[lengths].max())
 
-    def accuracy(self) -> tuple[Answer, list[Reason]]:
-        """Are the errors at poses that were not fitted as small as was asked, or as small as they can be?"""
+    def _accuracy(self, prediction: Check | None) -> list[Check]:
+        """Check the errors at poses that were not fitted, and these poses themselves."""
         errors, validation = self.validation.errors, self.validation
         if errors is None or not np.isfinite(errors.after).any():
-            return Answer("not judged", "no poses were held out, so the accuracy is not known"), []
+            return [Check("accuracy.validation", "not tested")]
         if validation.fitted_share > MOST_FITTED:
-            share = f"{100 * validation.fitted_share:.0f} % of the validation poses"
-            words = f"{share} are those that were fitted, so the accuracy is not known"
-            return Answer("not judged", words), [Reason(words, np.inf, "not judged")]
+            return [Check("accuracy.validation", "failed", data={"fitted_share": validation.fitted_share})]
         before, after = float(np.nanmean(errors.before)), float(np.nanmean(errors.after))
-        said = f"{_mm(before)} with the nominal model, {_mm(after)} with the calibrated one (means)"
-        if self.prediction is not None and validation.judged_by != "file":  # whose noise may be another
-            of_95 = _mm(self.prediction.observed_p95_m), _mm(self.prediction.predicted_p95_m)
-            said += "; 95 % are below {}, and {} was predicted there".format(*of_95)
+        data = {"before_m": before, "after_m": after}
+        if prediction is not None and validation.judged_by != "file":  # whose noise may be another
+            data |= {name: prediction.data[name] for name in ("observed_p95_m", "predicted_p95_m")}
         if self.gate_m is not None and after > self.gate_m:
-            said += f", {_mm(after * self._share_without_noise())} of it without the noise of the validation"
-        reasons = self._above_gate(after) or self._no_gain(errors, before, after)
-        reasons += self._doubtful_validation() + self._beyond_prediction()
-        if any(each.word == "bad" for each in reasons):
-            return Answer("bad", said), reasons
-        return Answer("doubtful" if reasons else "holds", said), reasons
+            data["without_noise_m"] = after * self._share_without_noise()
+        gate = self._gate(after)
+        return [
+            Check("accuracy.validation", "passed", data=data),
+            gate,
+            *([] if gate.outcome == "failed" else self._gain(errors, before, after)),
+            *self._validation_poses(),
+            *([] if prediction is None else [prediction]),
+            self._tolerance_bound(),
+        ]
 
-    def _above_gate(self, after: float) -> list[Reason]:
-        """The mean error against the gate; without one against what an arm within tolerances has uncalibrated."""
-        guess = "" if np.isnan(rotation_noise_rad(self.identification)) else "; wrong --orientation?"
-        begun = f"does not fit: {_mm(after)} on poses not fitted, above"
-        if self.gate_m is not None:
-            limit, words = self.gate_m, f"the gate of {1e3 * self.gate_m:g} mm"
-        else:
-            limit = self.workspace.tolerance_rms_m
-            words = f"the {_mm(limit)} of an arm within its tolerances that was never calibrated"
-        if not after > limit:
-            return []
-        if after * self._share_without_noise() <= limit:
-            return []
-        return [Reason(f"{begun} {words}{guess}", after / limit, "bad")]
+    def _gate(self, after_m: float) -> Check:
+        """Check the mean error against the gate; without one against what an arm within tolerances has uncalibrated."""
+        limit = self.workspace.tolerance_rms_m if self.gate_m is None else self.gate_m
+        above = after_m > limit and after_m * self._share_without_noise() > limit
+        times = after_m / limit if after_m > limit else 0.0
+        oriented = not np.isnan(rotation_noise_rad(self.identification))
+        data = {"after_m": after_m, "limit_m": limit, "gate": self.gate_m is not None, "oriented": oriented}
+        return Check("accuracy.gate", "failed" if above else "passed", times, data=data)
 
     def _share_without_noise(self) -> float:
         """The share of the measured errors that is the arm's: the rest is the noise of the validation, where known."""
@@ -329,19 +394,18 @@ class _Judging:
         square = float(np.nanmean(errors.after**2))
         return float(np.sqrt(max(1 - 3 * found.sigma_m**2 / square, 0.0))) if square > 0 else 1.0
 
-    def _no_gain(self, errors: Errors, before: float, after: float) -> list[Reason]:
-        """That the calibrated model is hardly better than the nominal one, though not as good as noise allows."""
+    def _gain(self, errors: Errors, before: float, after: float) -> list[Check]:
+        """Check that the calibrated model is better than the nominal one, where it is not as good as noise allows."""
         floor = NOISE_FLOOR * self._floor_m() + _FLOOR_M
         if float(np.sqrt(np.nanmean(errors.after**2))) <= floor or before <= 0:
             return []
-        figures = f"{_mm(before)} before, {_mm(after)} after"
-        if after > WORSE * before:
-            return [Reason(f"the calibrated model is worse than the nominal one: {figures}", after / before, "bad")]
         grown = float(np.nanmax(errors.after)) > float(np.nanmax(errors.before))
+        data = {"before_m": before, "after_m": after, "grown": grown}
+        if after > WORSE * before:
+            return [Check("accuracy.worse", "failed", after / before, data=data)]
         if after > LEAST_GAIN * before or (grown and after > CLEAR_GAIN * before):
-            largest = ", and the largest error grew" if grown else ""
-            words = f"hardly better than the nominal model: {figures}{largest}"
-            return [Reason(words, after / before / LEAST_GAIN if not grown else 1 + after / before)]
+            times = after / before / LEAST_GAIN if not grown else 1 + after / before
+            return [Check("accuracy.gain", "failed", times, data=data)]
         return []
 
     def _floor_m(self) -> float:
@@ -353,96 +417,60 @@ class _Judging:
             return 0.0
         return float(np.sqrt(3 * found.sigma_m**2 + np.nan_to_num(predicted) ** 2))
 
-    def _doubtful_validation(self) -> list[Reason]:
-        """That the validation itself is not to be trusted."""
-        reasons, found = [], self.validation
+    def _validation_poses(self) -> list[Check]:
+        """Check whether the validation itself is to be trusted."""
+        checks, found = [], self.validation
         if found.fitted_share > 0:
-            words = f"{100 * found.fitted_share:.0f} % of the validation poses were fitted"
-            reasons.append(Reason(words, 1 + found.fitted_share))
+            data = {"share": found.fitted_share}
+            checks.append(Check("accuracy.fitted_poses", "failed", 1 + found.fitted_share, data=data))
         if found.outlier_share > MOST_OUTLIERS:
-            words = f"{100 * found.outlier_share:.3g} % of the hold-out set are outliers"
-            reasons.append(Reason(words, found.outlier_share / MOST_OUTLIERS))
-        return reasons
+            times, data = found.outlier_share / MOST_OUTLIERS, {"share": found.outlier_share}
+            checks.append(Check("accuracy.outliers", "failed", times, data=data))
+        return checks
 
-    def _beyond_prediction(self) -> list[Reason]:
-        """Report errors at poses that were not fitted that are larger than predicted: no gate makes that good."""
-        found = self.prediction
-        if found is None or not found.exceeded:
-            return []
-        words = (
-            f"95 % of the errors at poses that were not fitted are below {_mm(found.observed_p95_m)}, but "
-            f"{_mm(found.predicted_p95_m)} was predicted there ({_mm(found.allowed_p95_m)} with chance): the model or "
-            "the noise is not what was assumed"
-        )
-        return [Reason(words, found.observed_p95_m / max(found.allowed_p95_m, _FLOOR_M))]
-
-    def fit(self) -> tuple[Answer, list[Reason]]:
-        """Are the residuals what the noise explains, and is that noise what instruments and arms have?"""
-        answer, reasons = self._goodness()
-        found = self.unsupported
-        if not found or self.identification.residual_sigma_m < _FLOOR_M:
-            return answer, reasons
-        events = [each for each in found if each.between is not None]
-        if not events and self._validated_below_gate():
-            return Answer("does not matter", found[0].words), []
-        first = [Reason(each.words, np.inf) for each in found]
-        return Answer("doubtful", first[0].words), [*first, *reasons]
-
-    def _goodness(self) -> tuple[Answer, list[Reason]]:
-        """Are the residuals what the noise explains?"""
-        found = self.goodness
-        if found is None:
-            return Answer("holds", "not tested"), []
-        if self.identification.residual_sigma_m < _FLOOR_M:
-            return Answer("holds", "the residuals are rounding"), []
-        if found.adequate is not False and found.by != "nothing":
-            return Answer("holds", found.words), []
-        if found.adequate is False and not found.is_doubted:
-            return Answer("holds", f"{found.words}: too weak for a doubt"), []
-        if self._validated_below_gate():
-            return Answer("does not matter", found.words), []
-        ratio = 1.0
-        if self.identification.sigma_known and self.identification.sigma_m > 0:
-            ratio = max(self.identification.residual_sigma_m / self.identification.sigma_m, 1.0)
-        return Answer("doubtful", found.words), [Reason(found.words, ratio)]
-
-    def _validated_below_gate(self) -> bool:
-        """Whether 95 % of the validation errors are below the gate, with 95 % confidence."""
+    def _tolerance_bound(self) -> Check:
+        """Check whether 95 % of the validation errors are below the gate, with 95 % confidence."""
         errors = self.validation.errors
         if self.gate_m is None or errors is None or self.validation.fitted_share > 0:
-            return False
+            return Check("accuracy.tolerance_bound", "not tested")
         worst = np.max(np.where(np.isfinite(errors.after), errors.after, -np.inf), axis=1)
-        return upper_tolerance_bound(worst[np.isfinite(worst)]) < self.gate_m
+        bound_m = upper_tolerance_bound(worst[np.isfinite(worst)])
+        return Check("accuracy.tolerance_bound", "passed" if bound_m < self.gate_m else "noted", bound_m / self.gate_m)
 
-    def determination(self, elsewhere: RegionPrediction | None) -> tuple[Answer, list[Reason]]:
-        """Decide whether the arm is known over its region, and is the one of the nominal model.
+    def _residuals(self) -> Check:
+        """Compare the residuals with the given noise: passed where they are rounding."""
+        found = self.identification
+        given = found.sigma_known and found.sigma_m > 0
+        times = found.residual_sigma_m / found.sigma_m if given else float("nan")
+        return Check("fit.residuals", "passed" if found.residual_sigma_m < _FLOOR_M else "noted", times)
 
-        Args:
-            elsewhere: the prediction over the extrapolated part of the workspace, which is reported and not judged.
-        """
+    def _determination(self) -> list[Check]:
+        """Check whether the arm is known over its region, and is the one of the nominal model."""
+        region = self.region
+        data = {
+            "region": region,
+            "elsewhere": self.elsewhere,
+            "workspace": self.workspace,
+            "farthest": self.distances[0] if self.distances else None,
+            "condition": self.identification.fit.condition,
+        }
+        checks = [Check("determination.error", "noted", data=data)]
         far = [each for each in self.distances if each.size > self._largest(each)]
         surely = [each for each in far if each.sure > self._largest(each) and self._is_felt(each)]
         if surely and observation_of(self.identification.model).positions:
-            words = f"{_far(surely[0])}: is the nominal model that of this robot?"
-            return Answer("bad", words), [Reason(words, surely[0].size / self._largest(surely[0]), "bad")]
-        region, predicted, condition = self.region, self.region.p95_m, self.identification.fit.condition
-        of_condition = f", condition number {condition:,.0f}" if np.isfinite(condition) else ""
-        said = (
-            f"the predicted 95 % error {region.words} is {_mm(predicted)}{_elsewhere_words(elsewhere)}{of_condition}"
-            if np.isfinite(predicted)
-            else f"the error {region.words} cannot be predicted{of_condition}"
-        )
-        reasons = [Reason(_far(far[0]), far[0].size / self._largest(far[0]))] if far else []
-        reasons += [Reason(f"{said}; {words}", times) for times, words in self._exceeded()[:1]]
+            times = surely[0].size / self._largest(surely[0])
+            checks.append(Check("nominal.other_robot", "failed", times, data={"distance": surely[0]}))
+        if far:
+            times = far[0].size / self._largest(far[0])
+            checks.append(Check("nominal.far", "failed", times, data={"distance": far[0]}))
+        checks += self._limit(data)
         off = [each for each in self.distances if each.sure_tolerances > MOST_TOLERANCES]
         if off and not far:
-            reasons.append(Reason(_far(off[0]), off[0].tolerances / MOST_TOLERANCES))
+            times = off[0].tolerances / MOST_TOLERANCES
+            checks.append(Check("nominal.tolerances", "failed", times, data={"distance": off[0]}))
         if region.lacks and (alone := region.extrapolated_share) > MOST_UNCOVERED:
-            words = f"{100 * alone:.0f} % of the poses {region.words} are extrapolated: not covered by measured poses"
-            reasons.append(Reason(words, alone / MOST_UNCOVERED))
-        elif reasons and self.gate_m is not None and predicted <= self.gate_m:
-            return Answer("does not matter", f"{said}; {reasons[0].words}"), []
-        return Answer("doubtful" if reasons else "holds", said), reasons
+            checks.append(Check("determination.cover", "failed", alone / MOST_UNCOVERED, data={"region": region}))
+        return checks
 
     def _is_felt(self, of: Distance) -> bool:
         """Decide whether positions show that a link is another one, by more than the tolerances explain.
@@ -463,46 +491,25 @@ class _Judging:
         tolerance, least = self.tolerance, (LARGEST_CHANGE_M, LARGEST_CHANGE_RAD)[of.is_angle]
         return max(float(least), MOST_TOLERANCES * (tolerance.angle_rad if of.is_angle else tolerance.length_m))
 
-    def _exceeded(self) -> list[tuple[float, str]]:
-        """List the limits that the predicted error over the region exceeds: how many times, and which.
+    def _limit(self, predicted: Mapping[str, Any]) -> list[Check]:
+        """Check the predicted error over the region against its limit.
 
         Under a gate the predicted mean counts, as the gate is of a mean; where the model shows lack of fit, which is
         larger elsewhere, the predicted 95 % error. Without a gate the limit is that of an arm within its tolerances. No
         limit depends on the calibration's own errors, so that a more accurate one never exceeds more.
         """
-        predicted = self.region
-        if self.gate_m is not None:
-            if self.goodness is not None and self.goodness.is_doubted:
-                times, words = predicted.p95_m / self.gate_m, "with the lack of fit that"
-            else:
-                times, words = (
-                    predicted.mean_m / self.gate_m / ROUGHLY,
-                    f"the predicted mean of {_mm(predicted.mean_m)}",
-                )
-            return [(times, f"{words} is above the gate of {_mm(self.gate_m)}")] if times > 1 else []
-        never = KNOWN_BEFORE * predicted.uncalibrated_rms_m
-        words = f"above {_mm(never)}, half of the error of such an arm that was never calibrated"
-        return [(predicted.p95_m / never, words)] if predicted.p95_m > never > 0 else []
+        region = self.region
+        if self.gate_m is None:
+            limit, lacking = KNOWN_BEFORE * region.uncalibrated_rms_m, False
+            failed = region.p95_m > limit > 0
+            times = region.p95_m / limit if failed else 0.0
+        else:
+            limit, lacking = self.gate_m, self.goodness is not None and is_doubted(self.goodness)
+            times = region.p95_m / limit if lacking else region.mean_m / limit / ROUGHLY
+            failed = times > 1
+        data = {**predicted, "limit_m": limit, "gate": self.gate_m is not None, "lack_of_fit": lacking}
+        return [Check("determination.limit", "failed", times, data=data)] if failed else []
 
 
-def _elsewhere_words(elsewhere: RegionPrediction | None) -> str:
-    """Report the extrapolated part of the workspace, in a sentence; nothing where there is none."""
-    if elsewhere is None or not np.isfinite(elsewhere.p95_m):
-        return ""
-    share = 100 * elsewhere.extrapolated_share
-    return f", in the extrapolated {share:.0f} % of the workspace {_mm(elsewhere.p95_m)}"
-
-
-def _mm(length_m: float) -> str:
-    """A length in mm, for a person."""
-    millimetres = 1e3 * length_m
-    return f"{millimetres:,.0f} mm" if millimetres >= 1e3 else f"{millimetres:.3g} mm"
-
-
-def _cannot_be(words: str) -> Reason:
-    return Reason(words, np.inf, "bad")
-
-
-def _far(distance: Distance) -> str:
-    size = f"{np.rad2deg(distance.size):.3g}°" if distance.is_angle else _mm(distance.size)
-    return f"{distance.name} is estimated {size} from its nominal value ({distance.tolerances:,.0f} tolerances)"
+def _cannot_be(what: str, **data: Any) -> Check:
+    return Check(f"arm.{what}", "failed", float("inf"), data=data)

@@ -51,7 +51,7 @@ class InputQuantity:
 
     Attributes:
         group: misalignment, reflector, temperature, repeatability, model, stability or parameters.
-        words: what it is.
+        name: what it is.
         source: where its uncertainty comes from.
         unit: in which a person reads it, ``factor`` of which are one SI unit; empty for a vector of many.
         uncertainty: of each of its components, SI.
@@ -59,10 +59,12 @@ class InputQuantity:
         anew: whether it is another one at each position; else all positions share it.
         shifts: ``(f, c)`` how far a unit of each component shifts the identified parameters; None for what does not
             come through the fit.
+        detail: what is meant by ``name``; empty where that says all.
+        placed: whether it is another error in each pose, of the fitted ones and of others.
     """
 
     group: str
-    words: str
+    name: str
     source: str
     unit: str
     factor: float
@@ -70,6 +72,13 @@ class InputQuantity:
     columns: Array
     anew: bool = False
     shifts: Array | None = None
+    detail: str = ""
+    placed: bool = False
+
+    @property
+    def words(self) -> str:
+        """The name with its detail."""
+        return f"{self.name}: {self.detail}" if self.detail else self.name
 
 
 @dataclass(frozen=True)

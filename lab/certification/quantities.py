@@ -94,11 +94,12 @@ class FrameMotion:
     """A motion of the measurements' frame during the campaign.
 
     Attributes:
+        detail: what moved, and when.
         offset_m: from where the calibrated positions are to where they were at one end of the campaign.
         freedom: degrees of freedom of that.
     """
 
-    words: str
+    detail: str
     source: str
     offset_m: float
     freedom: float = np.inf
@@ -121,9 +122,9 @@ def quantities_of(
     if chance.placement == "in the noise" and placed:  # it has a line of its own
         covariance = covariance - np.sum([part for _, part in placed], axis=0)
     sigma = chance.noise.uncertainty
-    words = "identified parameters: random errors of the measurements"
-    said = "parameters", words, chance.noise.source, "µm", 1e6, sigma
-    found.append(_fitted(propagation, covariance_root(covariance) / sigma.standard, *said))
+    said = "parameters", "identified parameters", chance.noise.source, "µm", 1e6, sigma
+    shifts = covariance_root(covariance) / sigma.standard
+    found.append(_fitted(propagation, shifts, *said, detail="random errors of the measurements"))
     each = np.broadcast_to(np.eye(3), (len(propagation.positions), 3, 3))
     if (robot := chance.repeatability) is not None:
         said = "repeatability", "repeatability of the robot", robot.source, "µm", 1e6, robot.uncertainty
@@ -134,11 +135,11 @@ def quantities_of(
             said = "repeatability", "repeatability in the measurements", *said[2:]
             found.append(_fitted(propagation, shifts, *said))
     if (lack := chance.model) is not None:
-        words = "model: errors of the robot that it leaves"
-        found.append(InputQuantity("model", words, lack.source, "µm", 1e6, lack.uncertainty, each, anew=True))
+        said = "model", "model", lack.source, "µm", 1e6, lack.uncertainty
+        found.append(InputQuantity(*said, each, anew=True, detail="errors of the robot that it leaves"))
     if (slow := chance.in_time) is not None:
-        words = "stability: errors that come and go over the poses"
-        found.append(InputQuantity("stability", words, slow.source, "µm", 1e6, slow.uncertainty, each, anew=True))
+        said = "stability", "stability", slow.source, "µm", 1e6, slow.uncertainty
+        found.append(InputQuantity(*said, each, anew=True, detail="errors that come and go over the poses"))
     return tuple(found)
 
 
@@ -150,15 +151,16 @@ def motion_of(propagation: Propagation, motion: FrameMotion) -> InputQuantity:
     """
     each = np.broadcast_to(np.eye(3), (len(propagation.positions), 3, 3))
     known = Uncertain(motion.offset_m / float(np.sqrt(3)), freedom=max(motion.freedom, _LEAST_FREEDOM))
-    return InputQuantity("stability", motion.words, motion.source, "µm", 1e6, known, each, anew=True)
+    said = "stability", "stability", motion.source, "µm", 1e6, known
+    return InputQuantity(*said, each, anew=True, detail=motion.detail)
 
 
 def lack_of_fit_of(propagation: Propagation, sigma_m: float, freedom: float, source: str) -> InputQuantity:
     """What validation shows beyond the rest of the budget."""
     each = np.broadcast_to(np.eye(3), (len(propagation.positions), 3, 3))
-    words = "lack of fit: errors on validation poses that the budget does not explain"
     known = Uncertain(sigma_m, freedom=max(freedom, _LEAST_FREEDOM))
-    return InputQuantity("model", words, source, "µm", 1e6, known, each, anew=True)
+    detail = "errors on validation poses that the budget does not explain"
+    return InputQuantity("model", "lack of fit", source, "µm", 1e6, known, each, anew=True, detail=detail)
 
 
 def scale_of(propagation: Propagation, relative: Uncertain, source: str) -> InputQuantity:
@@ -206,22 +208,26 @@ def _placements(propagation: Propagation, errors: TrackerErrors, source: str) ->
         covariance = propagation.covariance_of(errors.placement_covariance(_seen(propagation), (term,)))
         shifts = covariance_root(covariance) / quantity.standard
         said = group, term.words, source, term.unit, term.factor, quantity
-        yield _fitted(propagation, shifts, *said), covariance
+        yield _fitted(propagation, shifts, *said, placed=True), covariance
 
 
 def _fitted(
     propagation: Propagation,
     shifts: Array,
     group: str,
-    words: str,
+    name: str,
     source: str,
     unit: str,
     factor: float,
     uncertainty: Uncertain,
+    *,
+    detail: str = "",
+    placed: bool = False,
 ) -> InputQuantity:
     """A quantity that comes through the fit, by its shifts ``(f, c)`` of the identified parameters."""
     columns = propagation.columns_of(shifts)
-    return InputQuantity(group, words, source, unit, factor, uncertainty, columns, shifts=shifts)
+    said = group, name, source, unit, factor, uncertainty
+    return InputQuantity(*said, columns, shifts=shifts, detail=detail, placed=placed)
 
 
 def _seen(propagation: Propagation) -> Array:

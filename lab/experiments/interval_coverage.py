@@ -89,14 +89,14 @@ def of_one_robot(case: str, seed: int, options: Options) -> dict[str, np.ndarray
             "covered": np.abs(compared.z) <= found.half_width_95,
             "nees": compared.nees_per_parameter,
             "square": compared.error**2 / bound,
-            "rejected": judged.adequate is False,
+            "rejected": judged.outcome == "failed",
             "freedom": found.dof,
         }
         if not known:
             wide = sandwich(linearized(arm, seen, found.values, found.fit.free))
             reach = stats.t.ppf(0.975, wide.dof) * np.sqrt(np.diag(wide.covariance))
             row |= {"covered by sandwich": np.abs(compared.error) <= reach}
-            row |= {"said": isotropy(arm, seen, found.fit).words != ""}
+            row |= {"said": isotropy(arm, seen, found.fit).outcome == "failed"}
         rows.append(row)
     return {key: np.array([row[key] for row in rows]) for key in rows[0]}
 

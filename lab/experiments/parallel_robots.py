@@ -138,7 +138,7 @@ class Bench:
         found = identify(model, data, model.nominal(self.real.robot.tool), Noise(device), request)
         seen, known = weighed(observation_of(model), data, Noise(device))
         judged = goodness_of_fit(model, seen, found.fit, known=known, extra_residuals=found.extra_residuals)
-        row = {"converged": found.status == "converged", "inadequate": judged.adequate is False}
+        row = {"converged": found.status == "converged", "inadequate": judged.outcome == "failed"}
         return found, {**row, **self.errors(model, found.values)}
 
     def errors(self, model: Arm, values: Array) -> Row:

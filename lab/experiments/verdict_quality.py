@@ -30,6 +30,7 @@ from lab.experiments.script import Answer, paragraphs
 from lab.kinematics.gauge import base_set
 from lab.kinematics.parameter import TOLERANCE_M, TOLERANCE_RAD
 from lab.render.document import Document, Section, Table
+from lab.render.phrases.registry import phrases
 
 __all__ = ["Campaign", "Options", "answer", "judged_campaign"]
 
@@ -186,7 +187,11 @@ def _judged(
 
 def _reason(campaign: Campaign) -> str:
     """The first words of the heaviest reason."""
-    return "refused" if campaign.found is None else " ".join([*campaign.found.reasons, campaign.word][0].split()[:3])
+    return (
+        "refused"
+        if campaign.found is None
+        else " ".join([*phrases(campaign.found.reasons), campaign.word][0].split()[:3])
+    )
 
 
 def _swapped(data: Measurements, rng: np.random.Generator) -> Measurements:

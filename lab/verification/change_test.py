@@ -18,7 +18,6 @@ import numpy as np
 from lab.core.linear_model import LinearModel
 from lab.core.significance import VERIFICATION
 from lab.verification.prediction import FULL_RANK, CalibrationPrediction, RefitSolution
-from lab.verification.tails import DRAWS
 
 __all__ = ["ChangeTest", "PartTest", "change_test", "explained", "freed", "split_test"]
 
@@ -71,23 +70,6 @@ class ChangeTest:
         """Whether the test rejects at its level."""
         return self.p < VERIFICATION
 
-    def words(self, prediction: CalibrationPrediction) -> str:
-        """The tests and their outcome, for a person."""
-        parts = [part for part in (self.along, self.rest) if part.numbers > 0]
-        kind = "chi2" if prediction.dof is None else "F"
-        if prediction.tail_dof is not None:
-            draws = f"draws of noise with the tails of Student's t, {prediction.tail_dof:g} degrees of freedom"
-            kind = f"by {DRAWS:,} {draws}:"
-        over = f" and {prediction.dof}" if prediction.dof is not None and prediction.tail_dof is None else ""
-        if len(parts) < 2:
-            freedom = ", ".join(f"{part.numbers}{over} degrees of freedom, {_chance(part.p)}" for part in parts)
-            return f"{kind} test at {100 * VERIFICATION:g} %, {freedom or 'no degrees of freedom'}"
-        along, rest = parts
-        return (
-            f"{kind} tests at {100 * VERIFICATION:g} % together: along the parameters {along.numbers}{over} degrees of "
-            f"freedom, {_chance(along.p)}; of the rest {rest.numbers}{over}, {_chance(rest.p)}"
-        )
-
     @property
     def level(self) -> float:
         """Of each part."""
@@ -128,7 +110,3 @@ def split_test(prediction: CalibrationPrediction, left: tuple[float, int], along
         PartTest(square, numbers, prediction.p(square, numbers, each)),
         PartTest(rest, others, prediction.p(rest, others)),
     )
-
-
-def _chance(p: float) -> str:
-    return f"p = {p:.2g}" if p > 0 else "p < 1e-300"

@@ -36,44 +36,26 @@ class Displacement:
     turn_rad: float = float("nan")
     turn_std_rad: float = float("nan")
 
-    @property
-    def words(self) -> str:
-        """The extent for a person, in mm and mrad."""
-        parts = [
-            f"{_with_std(1e3 * size, 1e3 * std)} {unit}"
-            for size, std, unit in (
-                (self.shift_m, self.shift_std_m, "mm"),
-                (self.turn_rad, self.turn_std_rad, "mrad"),
-            )
-            if np.isfinite(size)
-        ]
-        return " and ".join(parts) or "an amount that these poses do not tell"
-
 
 @dataclass(frozen=True)
 class ChangeHypothesis:
     """One way in which an arm may have changed.
 
     Attributes:
-        what: has moved, e.g. ``the base``.
-        did: what it did, e.g. ``has shifted by``.
+        change: what it is, by the name of its phrase: ``base_shift``, ``base``, ``tool``, ``targets``, ``target`` or
+            ``joint``.
+        of: the target's name, or the joint's number and name.
         directions: ``(p, h)`` how its h numbers change the parameters.
         turns: how many of these, the last ones, are rotations (rad); the others are lengths (m).
         alike: how many movements like it are tried.
     """
 
     kind: Kind
-    what: str
-    did: str
+    change: str
+    of: tuple[str, ...]
     directions: Array
     turns: int = 0
     alike: int = 1
-
-
-def _with_std(size: float, std: float) -> str:
-    """A number to the last digit that its standard deviation leaves."""
-    digits = int(np.clip(np.ceil(-np.log10(max(std, 1e-6))), 0, 6))
-    return f"{size:.{digits}f} ± {std:.{digits}f}"
 
 
 def movements(arm: Arm, values: Array, without: Sequence[str]) -> list[ChangeHypothesis]:
@@ -94,10 +76,10 @@ def refitted(arm: Arm, refit: Sequence[str]) -> Array:
 
 def of_base(arm: Arm) -> list[ChangeHypothesis]:
     """Instrument and base moved against each other: it is the same to the measurements."""
-    what, one = "the base (or the instrument)", refitted(arm, ("base",))
+    one = refitted(arm, ("base",))
     return [
-        ChangeHypothesis("base", what, "has shifted by", one[:, :3]),
-        ChangeHypothesis("base", what, "has moved by", one, turns=3),
+        ChangeHypothesis("base", "base_shift", (), one[:, :3]),
+        ChangeHypothesis("base", "base", (), one, turns=3),
     ]
 
 
@@ -108,8 +90,8 @@ def _of_tool(arm: Arm, values: Array) -> list[ChangeHypothesis]:
         places = values[list(columns_of(arm, ("tool",)))].reshape(-1, 3)
         turned = -se3.skew(places - places.mean(axis=0))  # (k, 3, 3) of w x t
         as_one = np.concatenate([np.tile(np.eye(3), (count, 1)), turned.reshape(-1, 3)], axis=1)
-        found.append(ChangeHypothesis("tool", "the tool", "has moved by", one @ as_one, turns=3))
-        found.append(ChangeHypothesis("tool", "the tool's targets", "have each moved, on average by", one))
+        found.append(ChangeHypothesis("tool", "tool", (), one @ as_one, turns=3))
+        found.append(ChangeHypothesis("tool", "targets", (), one))
     return found
 
 
@@ -117,7 +99,7 @@ def of_targets(arm: Arm) -> list[ChangeHypothesis]:
     """Each target moved alone."""
     one, count = refitted(arm, ("tool",)), len(arm.targets)
     return [
-        ChangeHypothesis("tool", f"target {target}", "has moved on the tool by", one[:, 3 * k : 3 * k + 3], alike=count)
+        ChangeHypothesis("tool", "target", (target,), one[:, 3 * k : 3 * k + 3], alike=count)
         for k, target in enumerate(arm.targets)
     ]
 
@@ -127,9 +109,9 @@ def of_joints(arm: Arm) -> list[ChangeHypothesis]:
     chain, found = arm.rigid.chain, []
     directions = arm.rigid.joint_derivatives(np.eye(len(arm.names)))  # (p, joints)
     for k, slides in enumerate(chain.prismatic):
-        what = f"the zero of joint {k + 1} ({chain.joint_names[k]})"
+        of = str(k + 1), chain.joint_names[k]
         direction = directions[:, k : k + 1]
-        found.append(ChangeHypothesis("joint", what, "has moved by", direction, int(not slides), chain.size))
+        found.append(ChangeHypothesis("joint", "joint", of, direction, int(not slides), chain.size))
     return found
 
 

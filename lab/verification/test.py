@@ -6,18 +6,20 @@ compared by Schwarz's criterion (1978).
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.refit import dependent_columns
+from lab.core.checks import Check, Outcome
 from lab.core.errors import LabError
 from lab.core.measurements import seen_mask
 from lab.core.progress import Progress, no_progress
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.core.significance import VERIFICATION
 from lab.core.wording import counted
 from lab.verification.change_test import ChangeTest, change_test, explained, freed, split_test
 from lab.verification.hypotheses import (
@@ -33,16 +35,13 @@ from lab.verification.hypotheses import (
     sized,
 )
 from lab.verification.prediction import FULL_RANK, CalibrationPrediction, RefitSolution, VerificationProblem
-from lab.verification.situation import Situation, situation
+from lab.verification.situation import situation
+from lab.verification.tails import DRAWS
 
 __all__ = ["Hypothesis", "Verified", "verify"]
 
 _GAP = 6.0  # of the criterion: what is worse by less cannot be told from the best (Kass & Raftery 1995: "strong")
 _STRUCTURE_POSES = 50
-_SEVERAL = (
-    "no movement of base or tool, of one joint's zero, and no single bad reading explains it: more than one thing has "
-    "changed; calibrate anew"
-)
 
 
 @dataclass(frozen=True)
@@ -50,7 +49,8 @@ class Hypothesis:
     """One thing that may have changed, fitted to the measurements.
 
     Attributes:
-        words: what it is and how far it went, for a person.
+        change: what it is, by the name of its phrase.
+        of: the target's name, the joint's number and name, or the pose's name.
         parameters: how many numbers the measurements tell of it.
         chi2: what it leaves of r' S^-1 r.
         p: the chance of leaving more, if it is right.
@@ -59,13 +59,20 @@ class Hypothesis:
     """
 
     kind: Kind
-    words: str
+    change: str
+    of: tuple[str, ...]
     extent: Displacement
     parameters: int
     chi2: float
     p: float
     bic: float
     explains: bool
+
+    @property
+    def check(self) -> Check:
+        """The test of what it leaves; passed where that is not rejected."""
+        data = {"of": self.of, **asdict(self.extent)}
+        return Check(f"changed.{self.change}", "passed" if self.explains else "failed", self.chi2, self.p, data=data)
 
 
 @dataclass(frozen=True)
@@ -86,6 +93,7 @@ class Verified:
         refit: how far went what was fitted anew, by its name.
         undetermined: parameters of it that these poses do not determine, and that stay as the run has them.
         situation: what large errors come from where that is no change of the arm; None if nothing of the kind.
+        check: of the whole, with all that its sentence needs.
         would_notice: what the test finds in 95 of 100 such files, in the worst direction (m, rad); infinite if nothing.
     """
 
@@ -103,8 +111,8 @@ class Verified:
     refit: tuple[tuple[str, Displacement], ...]
     undetermined: tuple[str, ...]
     would_notice: tuple[tuple[str, float], ...]
-    situation: Situation | None
-    words: str
+    situation: Check | None
+    check: Check
 
     @property
     def p(self) -> float:
@@ -151,9 +159,18 @@ def verify(
     cause = situation(prediction, observed, fit.values, promised, refit) if found and not explained_small else None
     predicted = (arm.points(each.inputs, fit.values) for each in observed.blocks())
     errors = np.linalg.norm(observed.points - np.concatenate(list(predicted)), axis=2)
-    rms_mm = 1e3 * float(np.sqrt(np.nanmean(errors**2)))
-    observed_mm = f"{rms_mm:,.0f}" if rms_mm >= 100 else f"{rms_mm:.3g}"
-    words = f"errors of {observed_mm} mm, where {1e3 * promised:.3g} mm are predicted ({test.words(prediction)})"
+    said = {
+        "rms_m": float(np.sqrt(np.nanmean(errors**2))),
+        "predicted_m": promised,
+        "parts": tuple((part.numbers, part.p) for part in (test.along, test.rest) if part.numbers > 0),
+        "sigma_dof": prediction.dof,
+        "tail_dof": prediction.tail_dof,
+        "draws": DRAWS,
+        "cause": cause,
+        "alike": tuple(each.check for each in alike),
+        "likeliest": None if alike or not test.changed else _likeliest_parameter(prediction, fit),
+    }
+    outcome: Outcome = "failed" if test.changed else "passed"
     return Verified(
         good=not test.changed,
         statistic=fit.square,
@@ -170,9 +187,7 @@ def verify(
         undetermined=tuple(arm.names[int(np.argmax(anew[:, j]))] for j in held),
         would_notice=_would_notice(prediction, fit, test, refit),
         situation=cause,
-        words=_words(words, cause, _diagnosis(alike, prediction, fit) if alike or cause is None else "")
-        if test.changed
-        else f"still good: {words}",
+        check=Check("verification", outcome, fit.square, test.p, VERIFICATION, said),
     )
 
 
@@ -206,8 +221,8 @@ def _tried(
         return None
     whole = told == np.linalg.matrix_rank(movement.directions)
     size = extent(arm, movement, fit.values, moved.values, moved.covariance) if whole else Displacement()
-    words = f"{movement.what} {movement.did} {size.words}"
-    return _judged(problem, movement.kind, words, size, told, change_test(problem.prediction, moved), movement.alike)
+    left, what = change_test(problem.prediction, moved), (movement.kind, movement.change, movement.of)
+    return _judged(problem, what, size, told, left, movement.alike)
 
 
 def _bad_reading(problem: VerificationProblem, fit: RefitSolution, poses: Sequence[str]) -> list[Hypothesis]:
@@ -238,9 +253,9 @@ def _bad_reading(problem: VerificationProblem, fit: RefitSolution, poses: Sequen
     if told < 1:
         return []
     size = Displacement(*sized(metres @ freedom @ pull, metres @ freedom @ metres.T))
-    words = f"the reading of {poses[i] if poses else f'pose {i}'} alone is off by {size.words}"
+    pose = poses[i] if poses else f"pose {i}"
     left = _without_reading(problem.prediction, fit, (drop, told), rows_there)
-    return [_judged(problem, "reading", words, size, told, left, count)]
+    return [_judged(problem, ("reading", "reading", (pose,)), size, told, left, count)]
 
 
 def _without_reading(
@@ -290,17 +305,16 @@ def _metres_of(block: Observations, rows: NDArray[np.int_]) -> Array:
 
 def _judged(
     problem: VerificationProblem,
-    kind: Kind,
-    words: str,
+    what: tuple[Kind, str, tuple[str, ...]],
     size: Displacement,
     told: int,
     left: ChangeTest,
     alike: int,
 ) -> Hypothesis:
-    """A hypothesis of ``told`` numbers, and the test of what it leaves."""
+    """A hypothesis of ``told`` numbers, and the test of what it leaves; ``what`` is its kind, change and ``of``."""
     prediction, numbers = problem.prediction, problem.numbers
     bic = prediction.deviance(left.square, numbers) + told * np.log(numbers) + 2 * np.log(alike)
-    return Hypothesis(kind, words, size, told, left.square, left.p, float(bic), not left.changed)
+    return Hypothesis(*what, size, told, left.square, left.p, float(bic), not left.changed)
 
 
 def _not_told_apart(found: Sequence[Hypothesis], numbers: int) -> list[Hypothesis]:
@@ -320,22 +334,6 @@ def _not_told_apart(found: Sequence[Hypothesis], numbers: int) -> list[Hypothesi
         if new and each.bic - pays <= best.bic + _GAP:
             alike.append(each)
     return alike
-
-
-def _words(errors: str, cause: Situation | None, diagnosis: str) -> str:
-    """The situation first, where there is one, then the errors and what may have changed."""
-    ending = f"{errors}{diagnosis and f': {diagnosis}'}"
-    return f"changed: {ending}" if cause is None else f"{cause.words}. Changed: {ending}"
-
-
-def _diagnosis(alike: Sequence[Hypothesis], prediction: CalibrationPrediction, fit: RefitSolution) -> str:
-    """What has changed, in words."""
-    if len(alike) > 1:
-        return f"these poses cannot tell whether {', or '.join(each.words for each in alike)}"
-    if alike:
-        return alike[0].words
-    name = _likeliest_parameter(prediction, fit)
-    return _SEVERAL if name is None else f"{_SEVERAL}; of the parameters, a change of {name} alone explains the most"
 
 
 def _likeliest_parameter(prediction: CalibrationPrediction, fit: RefitSolution) -> str | None:

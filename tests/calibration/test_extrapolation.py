@@ -31,6 +31,7 @@ from lab.kinematics.effects.arm import Arm
 from lab.kinematics.effects.gear import gear
 from lab.kinematics.effects.harmonics import harmonics
 from lab.kinematics.parameter import BASE_PARAMETERS
+from lab.render.phrases.registry import in_one_line
 
 SIGMA, POSES = 2e-5, 80
 ARM = IRB120.arm(("p1",))
@@ -195,7 +196,7 @@ def test_poses_that_nothing_covers_are_told_and_never_good() -> None:
     judged = verdict(found, fits, 10.0, measured=corner)
     assert (
         judged.word == "doubtful"
-        and "100 % of the poses over the workspace are extrapolated: not covered" in judged.reason
+        and "100 % of the poses over the workspace are extrapolated: not covered" in in_one_line(judged.reasons)
     )
     assert verdict(found, fits, 10.0, measured=rigid).word == "good"
 

@@ -158,7 +158,7 @@ def test_lack_of_fit_by_repeats_holds_no_table_of_groups() -> None:
     judged = goodness_of_fit(ARM, observed, found, known=False, labels=rng.permutation(8_000) // 2)
     most = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert judged.by == "repeats" and judged.adequate and most < 60e6
+    assert judged.name == "lack_of_fit.repeats" and judged.outcome == "passed" and most < 60e6
 
 
 def test_the_noise_of_many_rows_is_that_of_stretches(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120, somewhere
 
-from lab.calibration.other_numbers import PLACED, in_other_numbers, length_words, trimmed_error
+from lab.calibration.other_numbers import PLACED, in_other_numbers, trimmed_error
 from lab.kinematics.serial.arm import SerialArm
 
 CHAIN = IRB120.chain
@@ -25,13 +25,14 @@ def test_points_and_joints_are_named_by_their_unit_or_frame(day) -> None:
     joints, points, nominal = day
     cases = {
         "unit": [(joints, 1e-3 * points), (joints, points / 25.4), (joints, 1e3 * points)],
-        "joint unit": [(np.deg2rad(joints), points)],
+        "joint_unit": [(np.deg2rad(joints), points)],
         "mirrored": [(joints, points * [1.0, 1.0, -1.0]), (joints, points[..., [1, 0, 2]])],
     }
     for kind, files in cases.items():
         for inputs, measured in files:
             found = in_other_numbers(ARM, SLIDES, inputs, measured, nominal)
-            assert found is not None and found.kind == kind and found.left_m < 1e-3
+            assert found is not None and found.name == f"situation.{kind}"
+            assert found.data["left_m"] < 1e-3
     assert in_other_numbers(ARM, SLIDES, joints, points, nominal) is None
     assert in_other_numbers(ARM, SLIDES, joints, np.random.default_rng(1).permutation(points), nominal) is None
 
@@ -44,7 +45,3 @@ def test_a_few_bad_readings_do_not_hide_what_the_others_show(day) -> None:
     assert trimmed_error(ARM, joints, off, nominal, PLACED) < 5e-4
     assert trimmed_error(ARM, joints, points[::-1], nominal, PLACED) > 0.05
     assert np.isinf(trimmed_error(ARM, joints[:3], points[:3], nominal, PLACED))
-
-
-def test_lengths_are_said_in_millimetres() -> None:
-    assert (length_words(2.5), length_words(0.0012345)) == ("2,500 mm", "1.23 mm")

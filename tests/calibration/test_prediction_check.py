@@ -7,9 +7,10 @@ import pytest
 from helpers.mistakes import ARM, session_with_noise
 
 from lab.calibration.identify import Identification, identify
-from lab.calibration.prediction_check import PredictionCheck, check_prediction
+from lab.calibration.prediction_check import check_prediction
 from lab.calibration.validation import Errors, Validation, validate_folds, validate_rows
 from lab.calibration.weights import Noise
+from lab.core.checks import Check
 from lab.core.measurements import Measurements
 
 SIGMA_M = 20e-6
@@ -20,7 +21,7 @@ def halves(seed: int, poses: int = 80) -> tuple[Measurements, Measurements]:
     return data.take(np.arange(poses // 2)), data.take(np.arange(poses // 2, poses))
 
 
-def checked(found: Identification, held: Measurements, noise: Noise) -> PredictionCheck:
+def checked(found: Identification, held: Measurements, noise: Noise) -> Check:
     check = check_prediction(found, validate_rows(found, held), noise)
     assert check is not None
     return check
@@ -32,9 +33,9 @@ def test_errors_of_noise_alone_are_as_predicted() -> None:
         fitted, held = halves(seed)
         for noise in (Noise(), Noise(sigma_m=SIGMA_M)):
             check = checked(identify(ARM, fitted, ARM.nominal(), noise), held, noise)
-            assert check.predicted_p95_m < check.allowed_p95_m
-            assert check.observed_p95_m == pytest.approx(check.predicted_p95_m, rel=0.4)
-            exceeded += check.exceeded
+            assert check.data["predicted_p95_m"] < check.data["allowed_p95_m"]
+            assert check.data["observed_p95_m"] == pytest.approx(check.data["predicted_p95_m"], rel=0.4)
+            exceeded += check.outcome == "failed"
     assert exceeded <= 2  # one in a hundred each: three or more of 24 in 1 of 600
 
 
@@ -43,7 +44,7 @@ def test_the_prediction_of_exact_parameters_is_that_of_the_noise() -> None:
     fitted, held = halves(0, 600)
     found = identify(ARM, fitted, ARM.nominal(), Noise(sigma_m=SIGMA_M))
     check = checked(replace(found, covariance=0 * found.covariance), held, Noise(sigma_m=SIGMA_M))
-    assert check.predicted_p95_m == pytest.approx(2.795 * SIGMA_M, rel=0.02)
+    assert check.data["predicted_p95_m"] == pytest.approx(2.795 * SIGMA_M, rel=0.02)
 
 
 def test_errors_that_the_model_does_not_explain_exceed_it() -> None:
@@ -51,7 +52,7 @@ def test_errors_that_the_model_does_not_explain_exceed_it() -> None:
     found = identify(ARM, fitted, ARM.nominal())
     rng = np.random.default_rng(0)
     off = replace(held, points=held.points + 2 * SIGMA_M * rng.normal(size=held.points.shape))
-    assert checked(found, off, Noise()).exceeded and not checked(found, held, Noise()).exceeded
+    assert checked(found, off, Noise()).outcome == "failed" and checked(found, held, Noise()).outcome == "passed"
 
 
 def test_fresh_points_have_no_noise() -> None:
@@ -59,9 +60,9 @@ def test_fresh_points_have_no_noise() -> None:
     found, size = identify(ARM, fitted, ARM.nominal()), SIGMA_M * np.ones((len(held), 1))
     fresh = Validation("fresh", Errors(size, size), rows=held)
     check = check_prediction(found, fresh, Noise())
-    assert check is not None and check.predicted_p95_m < 1.5 * SIGMA_M
+    assert check is not None and check.data["predicted_p95_m"] < 1.5 * SIGMA_M
     measured = check_prediction(found, replace(fresh, judged_by="holdout"), Noise())
-    assert measured is not None and measured.predicted_p95_m > 2.5 * SIGMA_M
+    assert measured is not None and measured.data["predicted_p95_m"] > 2.5 * SIGMA_M
 
 
 def test_folds_are_compared_and_nothing_else_is_where_rows_are_not_known() -> None:
@@ -69,6 +70,6 @@ def test_folds_are_compared_and_nothing_else_is_where_rows_are_not_known() -> No
     found = identify(ARM, fitted, ARM.nominal())
     folds = validate_folds(lambda rows: identify(ARM, rows, ARM.nominal()), found, fitted, 0)
     check = check_prediction(found, folds, Noise())
-    assert check is not None and not check.exceeded
+    assert check is not None and check.outcome != "failed"
     for nothing in (replace(folds, rows=None), replace(folds, errors=None), replace(folds, fitted_share=0.5)):
         assert check_prediction(found, nothing, Noise()) is None

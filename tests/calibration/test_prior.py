@@ -18,6 +18,7 @@ from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
 from lab.kinematics.gauge import base_set
 from lab.kinematics.serial.arm import SerialArm
+from lab.render.phrases.registry import in_one_line
 
 ARM = SerialArm(IRB120.chain)
 NOMINAL = ARM.nominal(IRB120.tool)
@@ -228,7 +229,7 @@ def test_a_link_far_from_nominal_is_bad_only_where_positions_show_it(link: str, 
     errors = Errors(np.full((20, 1), 1e-3 * before_mm), np.full((20, 1), 2e-5))
     judged = verdict(surely, Validation("holdout", errors), None)
     assert judged.farthest is not None and judged.farthest.name == link
-    assert (judged.word == "bad") is bad and link in judged.reason
+    assert (judged.word == "bad") is bad and link in in_one_line(judged.reasons)
 
 
 def ur5(**options):

@@ -162,4 +162,4 @@ def test_noise_and_goodness_are_those_of_least_squares() -> None:
     assert (seen.apply(found.residuals) ** 2).sum() > 1.5 * (seen.apply(together.residuals) ** 2).sum()
     assert found.residual_sigma_m == pytest.approx(together.residual_sigma_m, rel=1e-3)
     judged = [goodness_of_fit(observation, seen, each.fit, known=True) for each in (found, together)]
-    assert judged[0].adequate and judged[0].p == pytest.approx(judged[1].p, abs=5e-3)
+    assert judged[0].outcome == "passed" and judged[0].p == pytest.approx(judged[1].p, abs=5e-3)

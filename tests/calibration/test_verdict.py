@@ -19,6 +19,7 @@ from lab.calibration.verdict import rotation_noise_rad, verdict
 from lab.calibration.weights import Noise
 from lab.core.measurements import measured
 from lab.kinematics.serial.arm import SerialArm
+from lab.render.phrases.registry import in_one_line
 
 ARM = SerialArm(IRB120.chain)
 NAMES = IRB120.chain.joint_names
@@ -39,7 +40,7 @@ def test_poses_at_fixtures_are_good(kind) -> None:
     off[observation.names.index("link4.a")] += 19e-3 - true[observation.names.index("link4.a")]
     assert verdict(replace(found, values=off), FITS, 1e-3).word == "doubtful"  # 38 tolerances from nominal
     off[observation.names.index("link4.a")] += 2e-3
-    assert "21 mm from its nominal length" in verdict(replace(found, values=off), FITS, 1e-3).reason
+    assert "21 mm from its nominal length" in in_one_line(verdict(replace(found, values=off), FITS, 1e-3).reasons)
 
 
 @pytest.mark.thorough
@@ -56,7 +57,7 @@ def test_orientations_that_do_not_fit_are_bad() -> None:
     given = identify(found.model, constant, ARM.nominal(), Noise(sigma_m=1e-4))
     for each in (found, given):
         judged = verdict(each, FITS, 1e-3)
-        assert judged.word == "bad" and "measured orientations do not fit" in judged.reason
+        assert judged.word == "bad" and "measured orientations do not fit" in in_one_line(judged.reasons)
 
 
 def test_points_have_no_noise_of_rotations() -> None:

@@ -9,13 +9,14 @@ import pytest
 from helpers.judged import Case, campaign, errors
 
 from lab.calibration.identify import IdentifyOptions
-from lab.calibration.noise.plausibility import NoiseFinding
-from lab.calibration.prediction_check import PredictionCheck
-from lab.calibration.statistics.goodness_of_fit import GoodnessOfFit
+from lab.calibration.noise.plausibility import finding
+from lab.calibration.prediction_check import prediction_check
 from lab.calibration.validation import Validation
 from lab.calibration.verdict import verdict
 from lab.campaign.robot import load_robot
+from lab.core.checks import Check
 from lab.kinematics.serial.arm import SerialArm
+from lab.render.phrases.registry import in_one_line
 
 GATE = 1e-3
 clean = cache(campaign)
@@ -183,7 +184,7 @@ def test_the_table(name: str) -> None:
     poses = None if row.everywhere else case.poses
     found = verdict(case.found, case.validation, row.gate_m, goodness=case.goodness, poses=poses)
     assert found.word == row.word, found.reasons
-    assert row.reason in found.reason
+    assert row.reason in in_one_line(found.reasons)
     assert found.gate_m == row.gate_m and (found.word != "good" or not found.reasons)
 
 
@@ -195,6 +196,10 @@ def test_no_answer_is_good_news_of_a_fit_that_is_not_of_this_arm(made: Callable[
     assert verdict(clean().found, clean().validation, GATE).accuracy.standing == "holds"
 
 
+def lack_of_fit(p: float) -> Check:
+    return Check("lack_of_fit.joints", "failed", 2.0, p, 0.05, {"tests": [Check("lack_of_fit.joints", "failed")]})
+
+
 def test_the_predicted_95_percent_error_counts_where_lack_of_fit_is_sure() -> None:
     """What a model lacks is larger elsewhere; at the warning's level one clean campaign in twenty would be doubted."""
     case = clean()
@@ -203,36 +208,34 @@ def test_the_predicted_95_percent_error_counts_where_lack_of_fit_is_sure() -> No
     held_out = Validation("holdout", errors(0.5 * SPREAD, 0.2e3 * gate_m * SPREAD))
     words = {}
     for p in (0.03, 0.003):
-        found = verdict(case.found, held_out, gate_m, goodness=GoodnessOfFit(False, p, "joints", "lack of fit"))
-        words[p] = found.word, found.reason
+        found = verdict(case.found, held_out, gate_m, goodness=lack_of_fit(p))
+        words[p] = found.word, in_one_line(found.reasons)
     assert words[0.03] == ("good", "")
     assert words[0.003][0] == "doubtful" and "with the lack of fit that is above the gate" in words[0.003][1]
-
-
-def finding(kind: str, *, supported: bool = False, between: tuple[str, str] | None = None) -> NoiseFinding:
-    return NoiseFinding(kind, 1e-3, supported, f"a finding of {kind}", between)
 
 
 def test_a_finding_that_nothing_supports_makes_a_good_calibration_doubtful() -> None:
     case = clean()
 
-    def judged(*findings: NoiseFinding, gate_m: float | None = None):
+    def judged(*findings: Check, gate_m: float | None = None):
         return verdict(case.found, case.validation, gate_m, goodness=case.goodness, findings=findings)
 
-    assert judged(finding("scatter", supported=True)).word == "good"
-    doubtful = judged(finding("missing"), finding("scatter"))
-    assert doubtful.word == "doubtful" and doubtful.reasons == ("a finding of missing", "a finding of scatter")
-    assert judged(finding("scatter"), gate_m=GATE).word == "good"  # far below the gate it does not matter
-    assert judged(finding("step", between=("7", "8")), gate_m=GATE).word == "doubtful"  # what happened does
+    assert judged(finding("scatter", 1e-3, supported=True)).word == "good"
+    doubtful = judged(finding("missing", 1e-3), finding("scatter", 1e-3))
+    assert doubtful.word == "doubtful"
+    assert [each.name for each in doubtful.reasons] == ["finding.missing", "finding.scatter"]
+    assert judged(finding("scatter", 1e-3), gate_m=GATE).word == "good"  # far below the gate it does not matter
+    assert judged(finding("step", 1e-3, between=("7", "8")), gate_m=GATE).word == "doubtful"  # what happened does
 
 
 def test_errors_beyond_their_prediction_are_never_good() -> None:
     case = clean()
     for observed, word in ((1.1e-4, "good"), (1.3e-4, "doubtful")):
-        prediction = PredictionCheck(observed, 1e-4, 1.2e-4)
+        prediction = prediction_check(observed, 1e-4, 1.2e-4)
         found = verdict(case.found, case.validation, GATE, goodness=case.goodness, prediction=prediction)
         assert found.word == word and found.prediction is prediction
-    assert "0.13 mm, but 0.1 mm was predicted there" in found.reason and found.accuracy.standing == "doubtful"
+    assert "0.13 mm, but 0.1 mm was predicted there" in in_one_line(found.reasons)
+    assert found.accuracy.standing == "doubtful"
 
 
 @pytest.mark.parametrize("gate_m", [None, 0.3e-3, 1e-3])
@@ -256,4 +259,4 @@ def test_errors_at_the_validation_poses_do_not_change_what_is_known_over_the_reg
         verdict(case.found, Validation("holdout", errors(SPREAD, size * 0.01 * SPREAD)), poses=case.poses).determination
         for size in (1.0, 0.3, 0.1, 1e-3)
     ]
-    assert {each.standing for each in found} == {"holds"} and len({each.words for each in found}) == 1
+    assert {each.standing for each in found} == {"holds"} and len({in_one_line(each.checks) for each in found}) == 1

@@ -21,6 +21,7 @@ from lab.calibration.workspace_prediction import (
     predict_over_region,
     predicted_errors_at,
 )
+from lab.render.phrases.registry import in_one_line
 
 CHAIN = IRB120.chain
 TURNING = np.ones(CHAIN.size, dtype=np.bool_)
@@ -80,7 +81,7 @@ def test_a_small_corner_is_judged_by_itself_and_the_rest_has_a_figure(share: flo
     judged = verdict(case.found, case.validation, goodness=case.goodness, measured=range_, poses=case.poses)
     elsewhere = predict_elsewhere(case.found, Tolerance(), NOTHING, range_)
     assert judged.word == "good" and judged.region.p95_m < 5 * SIGMA_M and elsewhere is not None
-    words = judged.determination.words
+    words = in_one_line(judged.determination.checks)
     assert "where poses were measured" in words and "in the extrapolated" in words
     if share < 1:
         assert elsewhere.extrapolated_share > 0.95 and elsewhere.p95_m > 5 * judged.region.p95_m

@@ -115,7 +115,7 @@ def outcome(mistake: Mistake, seed: int, folder: Path) -> Outcome:
     predicted = calibrated.arm.points(fresh.inputs(calibrated.arm.conditions), calibrated.values)
     off = np.linalg.norm(predicted - fresh.points, axis=2)[:, 0]  # of the first target, which a certificate is of
     budget = found.budgets[0]
-    kept = [line.quantity for line in budget.lines if not line.quantity.words.startswith(("stability", "lack of fit"))]
+    kept = [line.quantity for line in budget.lines if line.quantity.name not in ("stability", "lack of fit")]
     positions = kept[0].columns[:, :, 0]  # of distances only
     today = propagated("position", kept, positions, rng_for(0, "null")).expanded_m
     return Outcome(found, result.verdict.word, off <= budget.expanded_m, budget.propagated_m / today)

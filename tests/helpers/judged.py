@@ -11,9 +11,10 @@ from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification, IdentifyOptions, identify
 from lab.calibration.observations.protocol import observation_of
 from lab.calibration.regions import Region, measured_region
-from lab.calibration.statistics.goodness_of_fit import GoodnessOfFit, goodness_of_fit
+from lab.calibration.statistics.goodness_of_fit import goodness_of_fit
 from lab.calibration.validation import Errors, Validation, errors_at
 from lab.calibration.weights import Noise, weighed
+from lab.core.checks import Check
 from lab.core.measurements import measured
 from lab.core.se3 import Array
 from lab.kinematics.model import Model
@@ -28,7 +29,7 @@ class Case:
     """A fit, the test of its goodness, its validation, and poses like the measured ones."""
 
     found: Identification
-    goodness: GoodnessOfFit
+    goodness: Check
     validation: Validation
     poses: Region
 

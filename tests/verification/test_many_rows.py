@@ -11,6 +11,7 @@ from lab.calibration import gauss_newton
 from lab.calibration.gauss_newton import Observations
 from lab.kinematics.gauge import base_set
 from lab.kinematics.serial.arm import SerialArm
+from lab.render.phrases.registry import phrase
 from lab.verification import tails
 from lab.verification.prediction import CalibrationPrediction
 from lab.verification.tails import DRAWS, squares_of_tails
@@ -51,15 +52,15 @@ def test_a_verification_block_by_block_is_that_of_all_rows(off: bool, monkeypatc
     parts = told()
     assert passed[:5] == [(done, POSES) for done in (20, 40, 60, 80, 90)]
     assert len(passed) == 10 or off  # all rows twice where nothing has changed
-    assert whole.good is not off and parts.words == whole.words
+    assert whole.good is not off and phrase(parts.check) == phrase(whole.check)
     for name in ("statistic", "numbers", "promised_m", "p", "p_of_all"):
         assert getattr(parts, name) == pytest.approx(getattr(whole, name), rel=1e-9)
     np.testing.assert_allclose(parts.errors, whole.errors, rtol=1e-12)
-    assert [each.words for each in parts.hypotheses] == [each.words for each in whole.hypotheses]
+    assert [phrase(each.check) for each in parts.hypotheses] == [phrase(each.check) for each in whole.hypotheses]
     for one, other in zip(parts.hypotheses, whole.hypotheses, strict=True):
         assert (one.chi2, one.bic) == pytest.approx((other.chi2, other.bic), rel=1e-9)
     if off:
-        assert any("pose 70" in each.words for each in parts.hypotheses)
+        assert any("pose 70" in phrase(each.check) for each in parts.hypotheses)
 
 
 @pytest.mark.thorough
@@ -80,7 +81,9 @@ def test_a_moved_zero_is_found_among_many_rows_with_tails() -> None:
     as_it_was, moved = told(0.0), told(1e-5)
     assert as_it_was.good and as_it_was.test.along.numbers == len(FREE)
     assert moved.p_of_all > 0.05 and not moved.good and moved.test.along.p < 0.005 < moved.test.rest.p
-    assert moved.moved == ("joint",) and "the zero of joint 2 (q2) has moved by 0.0103 ± 0.0003 mrad" in moved.words
+    assert moved.moved == ("joint",) and "the zero of joint 2 (q2) has moved by 0.0103 ± 0.0003 mrad" in phrase(
+        moved.check
+    )
     assert dict(moved.would_notice)["joint2"] < 5e-6
 
 

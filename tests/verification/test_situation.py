@@ -12,6 +12,7 @@ from lab.core import se3
 from lab.core.measurements import measured
 from lab.core.se3 import Array
 from lab.kinematics.serial.arm import SerialArm
+from lab.render.phrases.registry import phrase
 from lab.verification.prediction import CalibrationPrediction
 from lab.verification.situation import another_unit
 from lab.verification.test import Verified, verify
@@ -95,12 +96,13 @@ def named(cell: Cell, case: str) -> str:
     found = another_unit(cell.prediction, seen) if case.endswith("unit") else verify(cell.prediction, seen).situation
     if found is None:
         return "nothing"
-    assert found.refit == {"setup": ("base",), "tool": ("tool",), "setup and tool": ("base", "tool")}.get(case, ())
-    if found.refit:
-        again = verify(cell.prediction, seen, found.refit)
-        assert f"--refit {','.join(found.refit)}." in found.words and again.situation is None
+    refit, kind = found.data.get("refit", ()), found.name.removeprefix("situation.").replace("_", " ")
+    assert refit == {"setup": ("base",), "tool": ("tool",), "setup and tool": ("base", "tool")}.get(case, ())
+    if refit:
+        again = verify(cell.prediction, seen, refit)
+        assert f"--refit {','.join(refit)}." in phrase(found) and again.situation is None
         assert np.sqrt(np.nanmean(again.errors**2)) < 2 * again.promised_m
-    return found.kind
+    return kind
 
 
 def test_each_situation_is_named() -> None:
@@ -144,7 +146,7 @@ def test_a_small_change_is_no_situation(robot: str, count: int) -> None:
     cell = Cell(robot, 7)
     for which in range(count):
         found = cell.verified(changed(cell, which % 4))
-        assert found.situation is None and "--refit" not in found.words, (which, found.words)
+        assert found.situation is None and "--refit" not in phrase(found.check), (which, phrase(found.check))
         assert found.good or which % 4
 
 
@@ -158,8 +160,8 @@ def test_bad_readings_are_no_situation() -> None:
     moved = cell.moved()
     moved[2, 0] += 5.0
     found = verify(cell.prediction, cell.seen(cell.joints, moved)).situation
-    assert found is not None and found.kind == "setup"
-    assert found.words.startswith("the robot or the instrument was set up anew: use --refit base.")
+    assert found is not None and found.name == "situation.setup"
+    assert phrase(found).startswith("the robot or the instrument was set up anew: use --refit base.")
 
 
 def test_a_zero_that_is_far_off_is_a_joint() -> None:
@@ -174,5 +176,5 @@ def test_a_tool_changed_beside_a_refitted_base_is_named() -> None:
     cell = Cell("ur5", 5, ("p1", "p2"))
     seen = cell.case("setup and tool")
     found = verify(cell.prediction, seen, ("base",))
-    assert found.situation is not None and found.situation.refit == ("base", "tool")
-    assert found.situation.kind == "tool"
+    assert found.situation is not None and found.situation.data["refit"] == ("base", "tool")
+    assert found.situation.name == "situation.tool"

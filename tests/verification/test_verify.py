@@ -24,6 +24,7 @@ from lab.core.measurements import Measurements, measured
 from lab.core.whole_folder import CHECKSUMS, checksum_lines
 from lab.formats.measurement_csv import write_measurements
 from lab.kinematics.serial.arm import SerialArm
+from lab.render.phrases.registry import phrase
 from lab.simulation.collisions import random_poses
 from lab.simulation.observations.points import track
 from lab.verification.change_test import change_test, split_test
@@ -120,7 +121,7 @@ def test_the_worst_reading_is_the_one_without_which_least_is_left() -> None:
     without = verify(prediction, Observations(seen.inputs[part], seen.points[part], seen.whiten[part]), ("base",))
     assert reading.chi2 == pytest.approx(without.statistic, rel=1e-3)
     assert reading.p == pytest.approx(without.p, rel=1e-2) and without.test.tests == 2
-    assert found.moved == ("reading",) and "the reading of row 4 alone" in found.words
+    assert found.moved == ("reading",) and "the reading of row 4 alone" in phrase(found.check)
     assert reading.extent.shift_m == pytest.approx(np.sqrt(20) * 1e-4, abs=4e-5) and reading.parameters == 6
 
 
@@ -167,7 +168,7 @@ def test_what_has_moved_is_named(case: str) -> None:
     prediction, truth = an_arm()
     found = verify(prediction, new_points(prediction, moved(prediction, truth, **by), 10))
     assert not found.good and found.p < 1e-6
-    assert set(found.moved) == set(kinds) and words in found.words, found.words
+    assert set(found.moved) == set(kinds) and words in phrase(found.check), phrase(found.check)
     assert [each.bic for each in found.hypotheses] == sorted(each.bic for each in found.hypotheses)
 
 
@@ -178,7 +179,7 @@ def test_a_tool_of_three_targets_moves_as_one() -> None:
     after = np.concatenate([truth[:-9], (middle + shift + (places - middle) @ se3.exp(turn).T).ravel()])
     found = verify(prediction, new_points(prediction, after))
     best = found.hypotheses[0]
-    assert found.moved == ("tool",) and best.words.startswith("the tool has moved by 0.1")
+    assert found.moved == ("tool",) and phrase(best.check).startswith("the tool has moved by 0.1")
     assert best.extent.shift_m == pytest.approx(1e-4, abs=4 * best.extent.shift_std_m)
     assert best.extent.turn_rad == pytest.approx(5e-3, abs=4 * best.extent.turn_std_rad)
     assert best.extent.turn_std_rad < 2e-4
@@ -212,7 +213,7 @@ def test_one_pose_notices_and_does_not_pretend_to_know_what() -> None:
     prediction, truth = an_arm()
     seen = new_points(prediction, moved(prediction, truth, link2_theta=1e-3), 1)
     found = verify(prediction, seen)
-    assert not found.good and len(found.moved) > 1 and "joint" in found.moved and "cannot tell" in found.words
+    assert not found.good and len(found.moved) > 1 and "joint" in found.moved and "cannot tell" in phrase(found.check)
     with pytest.raises(LabError, match="cannot place base anew"):
         verify(prediction, seen, ("base",))
 

@@ -12,7 +12,7 @@ have changed.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,22 +21,21 @@ from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification
 from lab.calibration.noise.change_points import likeliest_change, rows_around, session_of
 from lab.calibration.noise.shared_errors import SharedErrors, row_times
-from lab.calibration.statistics.goodness_of_fit import GoodnessOfFit
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.statistics.linearized import LinearizedFit, linearized
+from lab.core.checks import Check
 from lab.core.measurements import Measurements, evenly
 from lab.core.probabilities import f_sf
 from lab.core.se3 import Array
 from lab.core.significance import CHANGE_IN_TIME
-from lab.core.wording import short_length
 from lab.kinematics.parameter import targets_of
 
 __all__ = [
     "COMMON_DRIFT_M",
     "COMMON_NOISE_M",
     "COMMON_SCATTER_M",
-    "NoiseFinding",
     "changes_in_time",
+    "finding",
     "shared_error_findings",
 ]
 
@@ -54,46 +53,31 @@ TIME_SPAN_OF_REPEATS = 0.5  # of the campaign, between visits of one pose that s
 FLOOR_M = 1e-7  # residuals below are rounding
 _SPANNED = 1e-6  # of a column's norm that others leave
 
-FindingKind = Literal["step", "drift", "correlated", "scatter", "noise", "change", "missing"]
 
+def finding(kind: str, size_m: float, *, supported: bool = False, **data: Any) -> Check:
+    """Return a finding about the errors of a campaign beyond the instrument's independent noise.
 
-@dataclass(frozen=True)
-class NoiseFinding:
-    """A statement about the errors of a campaign that is not the instrument's independent noise.
-
-    Attributes:
+    Args:
         kind: ``step`` of base or instrument, ``drift``, ``correlated`` in time, ``scatter`` of joints, ``noise`` larger
-            than common instruments', ``change`` during the campaign of anything else, ``missing`` effects of the arm.
+            than common instruments', ``change`` during the campaign of anything else, ``missing``
+            effects of the arm.
         size_m: how large it is at the measured points (m).
         supported: whether repeated poses or the stated instrument show it, and its size is common.
-        words: a clause with the poses and the size.
-        between: ids of the rows between which it happened; None where it is not an event.
+        data: ``between``, the ids of the rows between which it happened, where it is an event; what its phrase needs.
+
+    Returns:
+        A check that failed where nothing supports the finding.
     """
-
-    kind: FindingKind
-    size_m: float
-    supported: bool
-    words: str
-    between: tuple[str, str] | None = None
-
-    def to_dict(self) -> dict[str, Any]:
-        """An entry of ``noise_findings`` in ``result.json``."""
-        return {
-            "kind": self.kind,
-            "size_mm": 1e3 * self.size_m,
-            "supported": self.supported,
-            "between": None if self.between is None else list(self.between),
-            "words": self.words,
-        }
+    return Check(f"finding.{kind}", "noted" if supported else "failed", data={"size_m": size_m, **data})
 
 
 def shared_error_findings(
     found: Identification,
     rows: Measurements,
     shared: SharedErrors | None,
-    adequacy: GoodnessOfFit,
+    adequacy: Check,
     labels: NDArray[np.int_],
-) -> list[NoiseFinding]:
+) -> list[Check]:
     """Findings from estimated shared errors and from the estimated size of the noise.
 
     Args:
@@ -104,47 +88,33 @@ def shared_error_findings(
     """
     if found.residual_sigma_m < FLOOR_M:
         return []
-    repeated = adequacy.by == "repeats" and adequacy.adequate is True
+    repeated = adequacy.name == "lack_of_fit.repeats" and adequacy.outcome == "passed"
     revisited = repeated and _revisited(rows, labels)
-    stated = found.sigma_known and adequacy.adequate is not False
+    stated = found.sigma_known and adequacy.outcome != "failed"
     findings = []  # scatter and correlated errors that the stated noise explains as well are the instrument's
     if shared is not None:
-        for move in shared.moves:
-            words = f"{move.words}: measure again in one set-up, or give the rows after it a session of their own"
-            findings.append(NoiseFinding("step", move.size_m, False, words, (move.before, move.after)))
+        findings += [finding("step", move.size_m, between=(move.before, move.after)) for move in shared.moves]
         if shared.drift_m:
             fine = revisited and shared.drift_m < COMMON_DRIFT_M
             whole_m = 2 * float(np.sqrt(3)) * shared.drift_m  # from its beginning to its end, of all three axes
-            words = f"the base or the instrument drifts by {short_length(whole_m)} over the campaign"
-            findings.append(_finding("drift", whole_m, fine, words))
+            findings.append(finding("drift", whole_m, supported=fine))
         if shared.wandering_m:
             fine = (revisited or stated) and shared.wandering_m < COMMON_DRIFT_M
-            words = (
-                f"errors are correlated in time: {short_length(shared.wandering_m)} (1σ per axis), "
-                f"{shared.carry:.2g} from one pose to the next"
-            )
-            findings.append(_finding("correlated", shared.wandering_m, fine, words))
+            findings.append(finding("correlated", shared.wandering_m, supported=fine, correlation=shared.carry))
         if shared.scatter_rad:
             slopes = by_joint_positions(
                 found.model, rows.inputs(found.model.conditions), found.values, rows.joints.shape[1]
             )
             made = shared.scatter_rad * float(np.sqrt(np.nanmean((slopes**2).sum(axis=(2, 3)))))
             fine = (repeated or stated) and made < COMMON_SCATTER_M
-            scatter_mrad = 1e3 * shared.scatter_rad
-            words = f"joints scatter by {scatter_mrad:.2g} mrad from pose to pose ({short_length(made)} at the tool)"
-            findings.append(_finding("scatter", made, fine, words))
+            findings.append(finding("scatter", made, supported=fine, scatter_rad=shared.scatter_rad))
     sigma = found.sigma_m if shared is None else shared.independent_m
     if not found.sigma_known and sigma > COMMON_NOISE_M and not repeated:
-        words = (
-            f"the noise is estimated at {short_length(sigma)} per axis, and common instruments have below "
-            f"{short_length(COMMON_NOISE_M)}: state the instrument (--instrument or --noise-mm), or find what adds to "
-            "its errors"
-        )
-        findings.append(NoiseFinding("noise", sigma, False, words))
+        findings.append(finding("noise", sigma))
     return findings
 
 
-def changes_in_time(found: Identification, observed: Observations, rows: Measurements) -> list[NoiseFinding]:
+def changes_in_time(found: Identification, observed: Observations, rows: Measurements) -> list[Check]:
     """The likeliest change during the campaign, where one is significant: at most one finding.
 
     F tests of whitened rows for each row at which it may have happened: the base's place and direction at once, each
@@ -173,21 +143,12 @@ def changes_in_time(found: Identification, observed: Observations, rows: Measure
         what, scan, columns = best
         before, after = (rows.ids[i] for i in rows_around(times, scan.change.time))
         moved_m = _size_of(found, linear, observed, white, columns, times, scan.change.time)
-        where = f"between poses {before} and {after}"
-        words = f"{what} changed by {short_length(moved_m)} {where}: look what happened there"
-        return [NoiseFinding("change", moved_m, False, words, (before, after))]
+        return [finding("change", moved_m, between=(before, after), what=what)]
     if size is not None and tried * size.p < CHANGE_IN_TIME:
         before, after = (rows.ids[i] for i in rows_around(times, size.time))
-        larger = f"from pose {after} on as before" if size.grows else f"up to pose {before} as after it"
-        words = f"errors are {size.ratio:.2g} times as large {larger}: measure all poses in one way"
-        return [NoiseFinding("change", size.ratio * found.residual_sigma_m, False, words, (before, after))]
+        size_m = size.ratio * found.residual_sigma_m
+        return [finding("change", size_m, between=(before, after), ratio=size.ratio, grows=size.grows)]
     return []
-
-
-def _finding(kind: FindingKind, size_m: float, supported: bool, words: str) -> NoiseFinding:
-    if not supported:
-        words += "; no repeated poses and no stated instrument support it"
-    return NoiseFinding(kind, size_m, supported, words)
 
 
 def _revisited(rows: Measurements, labels: NDArray[np.int_]) -> bool:
@@ -205,26 +166,26 @@ def _revisited(rows: Measurements, labels: NDArray[np.int_]) -> bool:
 
 def _changing(
     found: Identification, linear: LinearizedFit, observed: Observations, rows: Measurements
-) -> Mapping[str, Array]:
-    """Whitened derivatives ``(n, m, c)`` by what may change at once, by a name for a person."""
+) -> Mapping[tuple[str, ...], Array]:
+    """Whitened derivatives ``(n, m, c)`` by what may change at once, by the names of what moves."""
     model, joints = found.model, rows.joints.shape[1]
     points, jacobian = model.observe(observed.inputs, found.values)
     middle = np.nanmean(points, axis=(0, 1))
     moved = np.broadcast_to(np.eye(3), (*points.shape[:2], 3, 3))
     turned = np.stack([np.cross(axis, points - middle) for axis in np.eye(3)], axis=-1)
-    columns = {"the place of the base or the instrument": linear.rows_of(observed, np.concatenate([moved, turned], -1))}
+    columns: dict[tuple[str, ...], Array] = {("base",): linear.rows_of(observed, np.concatenate([moved, turned], -1))}
     for target in targets_of(model.parameters):
         own = [i for i, name in enumerate(model.names) if name.startswith(f"tool.{target}.")]
         if len(own) == 3:
-            columns[f"tool point {target}"] = linear.rows_of(observed, jacobian[..., own])
+            columns[f"tool.{target}",] = linear.rows_of(observed, jacobian[..., own])
     slopes = linear.rows_of(observed, by_joint_positions(model, observed.inputs, found.values, joints))
     for joint, name in enumerate(rows.joint_names):
         column = slopes[..., [joint]]
         same = next((what for what, others in columns.items() if _spans(others, column)), None)
         if same is None:
-            columns[f"the zero of joint {name}"] = column
+            columns[f"joint.{name}",] = column
         else:  # the first joint's zero is a turn of the base, the last one's a move of a tool point
-            columns[f"{same} (or the zero of joint {name})"] = columns.pop(same)
+            columns[*same, f"joint.{name}"] = columns.pop(same)
     return columns
 
 

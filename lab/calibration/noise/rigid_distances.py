@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lab.calibration.statistics.goodness_of_fit import GoodnessOfFit
+from lab.core.checks import Check, Outcome
 from lab.core.linear_model import p_value_of_squares
 from lab.core.measurements import seen_mask
 from lab.core.probabilities import chi2_ppf
@@ -98,8 +98,8 @@ def instrument_noise(points: Array) -> InstrumentNoise | None:
     return InstrumentNoise(float(np.sqrt(squares / dof)), float(low), float(high), dof, float(p))
 
 
-def goodness_by_distances(squares: float, dof: int, instrument: InstrumentNoise) -> GoodnessOfFit | None:
-    """Whether a fit leaves more than the instrument's noise; None where it leaves nothing to tell.
+def goodness_by_distances(squares: float, dof: int, instrument: InstrumentNoise) -> Check | None:
+    """Test whether a fit leaves more than the instrument's noise; None where it leaves nothing to test.
 
     Args:
         squares: the sum of its squared residuals (m^2), all of one weight.
@@ -112,12 +112,9 @@ def goodness_by_distances(squares: float, dof: int, instrument: InstrumentNoise)
     beyond = max(squares - own, 0.0)
     p = float(p_value_of_squares(beyond, rest, instrument.dof, variance))
     ratio = np.sqrt(beyond / rest / variance)
-    test = f"(F test against distances between targets, {rest} and {instrument.dof} degrees of freedom, p = {p:.2g})"
-    if p < LACK_OF_FIT:
-        said = f"lack of fit: {instrument.words}, and the other residuals are {ratio:.3g} times that {test}"
-        return GoodnessOfFit(False, p, "distances", said)
-    said = f"no lack of fit detected: {instrument.words}, and the other residuals are consistent with that {test}"
-    return GoodnessOfFit(True, p, "distances", said)
+    data = {"dof": (rest, instrument.dof), "instrument": instrument}
+    outcome: Outcome = "failed" if p < LACK_OF_FIT else "passed"
+    return Check("lack_of_fit.distances", outcome, float(ratio), p, LACK_OF_FIT, data)
 
 
 def _left(columns: Array, numbers: Array) -> float:

@@ -12,7 +12,7 @@ from lab.calibration.noise.likelihood import Components, ErrorShapes, Restricted
 from lab.calibration.noise.shared_errors import Clock, Move, SharedErrors, error_shapes, row_times
 from lab.calibration.noise.small_samples import ComponentErrors, SmallSample, small_sample
 from lab.calibration.observations.protocol import observation_of, only_positions
-from lab.calibration.statistics.goodness_of_fit import goodness_beside_shared_errors
+from lab.calibration.statistics.goodness_of_fit import goodness_beside_shared_errors, is_doubted
 from lab.calibration.statistics.linearized import LinearizedFit, linearized
 from lab.calibration.weights import Noise, weighed
 from lab.core.linear_model import unit_columns
@@ -148,8 +148,7 @@ def _varies_with_joints(linear: LinearizedFit, estimate: Estimate, data: Measure
     left = whitened.everywhere().residuals(whitened.residual)  # of the fit with these errors, not of the one without
     whitened = replace(whitened, residual=left)
     slopes = correlation.white(shapes.scatter)[: linear.poses]
-    found = goodness_beside_shared_errors(whitened, slopes, data.joints, "")
-    return found.is_doubted
+    return is_doubted(goodness_beside_shared_errors(whitened, slopes, data.joints))
 
 
 def _padded(shapes: ErrorShapes, blocks: int) -> ErrorShapes:

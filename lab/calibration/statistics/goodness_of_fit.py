@@ -1,11 +1,12 @@
-"""Whether a model says all there is in the measurements, and by what that can be told.
+"""Lack-of-fit tests of a model: against a given noise, repeats, poses held out, or the joints' positions.
 
-A known sigma, repeats of one configuration, or poses held out are each something to hold the residuals against;
-the fit's own residuals are not. What is said comes with the test that says it.
+Each is a ``Check`` named ``lack_of_fit.`` and the test: ``chi2`` (against a given sigma), ``repeats`` (F against pure
+error), ``holdout`` (F of held-out errors), ``joints`` (F of what varies with the joints' positions), ``distances`` (F
+against distances between targets) or ``nothing``. It failed where there is lack of fit, passed where there is none, and
+is not tested where neither can be told.
 """
 
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from lab.calibration.gauss_newton import ExtraResiduals, Fit, Observations
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.statistics.linearized import LinearizedFit, NoiseDistribution, linearized
+from lab.core.checks import Check, Outcome
 from lab.core.linear_model import LinearModel, matched_dof, p_value_of_squares
 from lab.core.measurements import evenly
 from lab.core.probabilities import f_cdf, f_sf
@@ -21,14 +23,12 @@ from lab.core.significance import LACK_OF_FIT, UNSOLICITED_WARNING, VERDICT_LACK
 from lab.kinematics.model import Model
 
 __all__ = [
-    "NOT_TESTED",
-    "By",
-    "GoodnessOfFit",
-    "Isotropy",
     "Sandwich",
     "goodness_beside_shared_errors",
     "goodness_of_fit",
+    "is_doubted",
     "isotropy",
+    "lack_of_fit_not_tested",
     "sandwich",
 ]
 
@@ -36,38 +36,15 @@ _TOLD = 1e-3  # of a column that the model does not say already
 _TOO_SMALL = 1 - 1e-4  # a p-value that says that the given noise is too large
 _MOST_POSES = 8_000  # by which residuals are held against the joints
 
-By = Literal["chi2", "repeats", "holdout", "joints", "distances", "nothing"]
+
+def lack_of_fit_not_tested(why: str) -> Check:
+    """Return the check of a fit that nothing can test, for a reason that its phrase names."""
+    return Check("lack_of_fit.nothing", "not tested", level=LACK_OF_FIT, data={"why": why})
 
 
-@dataclass(frozen=True)
-class GoodnessOfFit:
-    """Whether the model fits what was measured, as far as the noise allows to see.
-
-    Attributes:
-        adequate: None where it cannot be said.
-        p: the chance of residuals as large as these if it were; NaN if nothing tells.
-        by: chi squared against a known sigma, F against repeats, F of held-out errors, F of what varies with the
-            joints' positions, or F against distances between targets.
-        words: a sentence for the report, with its figures.
-    """
-
-    adequate: bool | None
-    p: float
-    by: By
-    words: str
-
-    @property
-    def is_doubted(self) -> bool:
-        """Whether lack of fit is sure enough to make a verdict doubtful."""
-        return self.adequate is False and self.p < VERDICT_LACK_OF_FIT
-
-
-NOT_TESTED = GoodnessOfFit(
-    None,
-    float("nan"),
-    "nothing",
-    "lack of fit is not tested: the group residual follows what was measured; errors at other poses judge it",
-)
+def is_doubted(check: Check) -> bool:
+    """Return True where lack of fit is sure enough to make a verdict doubtful."""
+    return check.outcome == "failed" and check.p < VERDICT_LACK_OF_FIT
 
 
 def goodness_of_fit(
@@ -80,7 +57,7 @@ def goodness_of_fit(
     labels: NDArray[np.int_] | None = None,
     held: Observations | None = None,
     extra_residuals: ExtraResiduals | None = None,
-) -> GoodnessOfFit:
+) -> Check:
     """The best test that there is something for: a known sigma, then repeats, then poses held out.
 
     It tests the model, with the residuals that least squares leaves, also where the estimate is another.
@@ -96,14 +73,14 @@ def goodness_of_fit(
     linear = linearized(model, observed, fit.least_squares, fit.free, extra_residuals)
     if known:
         return _by_noise(linear, shape)
-    if labels is not None and (found := _by_repeats(linear, labels)).by != "nothing":
+    if labels is not None and (found := _by_repeats(linear, labels)) is not None:
         return found
     by_holdout = None if held is None else _by_holdout(linear, linearized(model, held, fit.least_squares, fit.free))
     return _by_signs(by_holdout, _by_joints(model, observed, fit, extra_residuals))
 
 
-def goodness_beside_shared_errors(linear: LinearizedFit, slopes: Array, joints: Array, shared: str) -> GoodnessOfFit:
-    """Whether residuals that shared errors explain vary with the joints' positions all the same.
+def goodness_beside_shared_errors(linear: LinearizedFit, slopes: Array, joints: Array) -> Check:
+    """Test whether residuals that shared errors explain vary with the joints' positions all the same.
 
     Errors that are estimated from the residuals always explain their size. But they are drawn anew at each pose, and
     what a model lacks comes back where the joints do: F of the sine and cosine of each joint's position, acting on
@@ -113,18 +90,14 @@ def goodness_beside_shared_errors(linear: LinearizedFit, slopes: Array, joints: 
         linear: of the fit, whitened by that covariance.
         slopes: ``(n, m, joints)`` derivatives by the joints' positions, whitened alike.
         joints: ``(n, joints)`` rad or m.
-        shared: what they are, for a person.
     """
     sign = _varying(linear, slopes, joints)
     if sign is None:
-        return GoodnessOfFit(None, float("nan"), "nothing", f"{shared}: lack of fit cannot be tested beside that")
-    if sign.p < LACK_OF_FIT:
-        return GoodnessOfFit(False, sign.p, sign.by, f"lack of fit: beside errors at random ({shared}) {sign.seen}")
-    words = f"{shared}: {sign.not_seen}; only repeats could show that nothing is lacking"
-    return GoodnessOfFit(None, sign.p, sign.by, words)
+        return lack_of_fit_not_tested("shared errors")
+    return replace(sign, name="lack_of_fit.joints", outcome="failed" if sign.outcome == "failed" else "not tested")
 
 
-def _by_noise(linear: LinearizedFit, shape: NoiseDistribution) -> GoodnessOfFit:
+def _by_noise(linear: LinearizedFit, shape: NoiseDistribution) -> Check:
     """Chi squared of the whitened residuals, of which noise of a known sigma explains one each.
 
     Noise that is not Gaussian has another variance of r'r: with M = I - H and excess kurtosis k it is
@@ -132,25 +105,17 @@ def _by_noise(linear: LinearizedFit, shape: NoiseDistribution) -> GoodnessOfFit:
     """
     within = linear.everywhere()
     if within.dof < 1:
-        return _nothing_left()
+        return lack_of_fit_not_tested("too few")
     total, nu = float((linear.residual**2).sum()), within.dof
     left = within.left()[linear.mask]
     variance = 2 * nu + shape.excess_kurtosis * float((left**2).sum())
     p = float(p_value_of_squares(total, matched_dof(nu, variance), variance=variance / (2 * nu)))
-    ratio = np.sqrt(total / nu)
-    test = f"(chi2 test, {nu} degrees of freedom, p = {p:.2g})"
-    if p < LACK_OF_FIT:
-        return GoodnessOfFit(False, p, "chi2", f"lack of fit: the residuals are {ratio:.3g} times the noise {test}")
-    if p > _TOO_SMALL:
-        words = f"the residuals are only {ratio:.2g} times the noise, which is given too large to test the fit {test}"
-        return GoodnessOfFit(None, p, "chi2", words)
-    return GoodnessOfFit(
-        True, p, "chi2", f"no lack of fit detected: the residuals are consistent with the instrument's noise {test}"
-    )
+    outcome: Outcome = "failed" if p < LACK_OF_FIT else "not tested" if p > _TOO_SMALL else "passed"
+    return Check("lack_of_fit.chi2", outcome, float(np.sqrt(total / nu)), p, LACK_OF_FIT, {"dof": (nu,)})
 
 
-def _by_repeats(linear: LinearizedFit, labels: NDArray[np.int_]) -> GoodnessOfFit:
-    """F of lack of fit against pure error: scatter between configurations and within their repeats.
+def _by_repeats(linear: LinearizedFit, labels: NDArray[np.int_]) -> Check | None:
+    """F of lack of fit against pure error: scatter between configurations and within their repeats; None without.
 
     Residuals are compared, not points, so that readings that differ a little do not count (Draper & Smith 1998,
     section 2.1). Repeats tell of the noise of one setup alone.
@@ -170,52 +135,38 @@ def _by_repeats(linear: LinearizedFit, labels: NDArray[np.int_]) -> GoodnessOfFi
     pure = int(np.maximum(count - 1, 0).sum())
     lack = within.dof - pure
     if pure < 1 or lack < 1:
-        return _nothing_left()
+        return None
     error, total = float((scatter**2).sum()), float((linear.residual**2).sum())
     variance = max(error / pure, 1e-300)
     ratio = (total - error) / lack / variance
     p = float(p_value_of_squares(total - error, lack, pure, variance))
-    test = f"(F test of lack of fit, {lack} and {pure} degrees of freedom, p = {p:.2g})"
-    if p < LACK_OF_FIT:
-        words = f"lack of fit: the residuals are {np.sqrt(ratio):.3g} times the repeatability {test}"
-        return GoodnessOfFit(False, p, "repeats", words)
-    return GoodnessOfFit(
-        True, p, "repeats", f"no lack of fit detected: the residuals are consistent with the repeatability {test}"
-    )
+    return _lack_of_fit("lack_of_fit.repeats", float(np.sqrt(ratio)), p, (lack, pure))
 
 
-@dataclass(frozen=True)
-class _Sign:
-    """What lack of fit would show in where the noise is not known: a test, and what it says in words."""
-
-    p: float
-    by: By
-    seen: str
-    not_seen: str
+def _lack_of_fit(name: str, statistic: float, p: float, dof: tuple[int, int]) -> Check:
+    """Return an F test at the level of a warning, with its degrees of freedom."""
+    return Check(name, "failed" if p < LACK_OF_FIT else "passed", statistic, p, LACK_OF_FIT, {"dof": dof})
 
 
-def _by_signs(by_holdout: _Sign | None, by_joints: _Sign | None) -> GoodnessOfFit:
-    """What held-out errors and the joints' positions say, where nothing is known of the noise (Bonferroni).
+def _by_signs(by_holdout: Check | None, by_joints: Check | None) -> Check:
+    """Combine the tests of held-out errors and of the joints' positions, where the noise is not known (Bonferroni).
 
     Errors at held-out poses hardly grow where the same small part of the joints' ranges was fitted; there the second
     test sees what the first one does not. Alone it shows a lack of fit that is sure, never that there is none.
     """
-    signs = [each for each in (by_holdout, by_joints) if each is not None]
+    signs = tuple(each for each in (by_holdout, by_joints) if each is not None)
     if not signs:
-        return _nothing_left()
+        return lack_of_fit_not_tested("too few")
     strongest = min(signs, key=lambda each: each.p)
-    p = min(1.0, len(signs) * strongest.p)
-    if p < (VERDICT_LACK_OF_FIT if by_holdout is None else LACK_OF_FIT):
-        return GoodnessOfFit(False, p, strongest.by, f"lack of fit: {strongest.seen}")
+    p, level = min(1.0, len(signs) * strongest.p), VERDICT_LACK_OF_FIT if by_holdout is None else LACK_OF_FIT
+    if p < level:
+        return Check(strongest.name, "failed", strongest.statistic, p, level, {"tests": (strongest,)})
     if by_holdout is None:
-        why = "sigma is estimated from the same residuals; give --instrument or --noise-mm, or measure some poses twice"
-        return GoodnessOfFit(None, float("nan"), "nothing", f"lack of fit cannot be tested: {why}")
-    words = " and ".join(each.not_seen for each in signs)
-    why = "only a known sigma or repeats could show that noise is all that is left"
-    return GoodnessOfFit(None, p, by_holdout.by, f"{words}; {why}")
+        return lack_of_fit_not_tested("unknown noise")
+    return Check(by_holdout.name, "not tested", by_holdout.statistic, p, level, {"tests": signs})
 
 
-def _by_holdout(linear: LinearizedFit, held: LinearizedFit) -> _Sign | None:
+def _by_holdout(linear: LinearizedFit, held: LinearizedFit) -> Check | None:
     """F of held-out errors against what the fit says they are: sigma^2 (I + J C J') (Chow 1960).
 
     e' (I + J C J')^-1 e is how much the sum of squares of all poses rises above that of those fitted.
@@ -229,19 +180,12 @@ def _by_holdout(linear: LinearizedFit, held: LinearizedFit) -> _Sign | None:
     pull = moved.T @ errors
     rise = float(errors @ errors - pull @ np.linalg.solve(np.eye(len(pull)) + moved.T @ moved, pull))
     variance = max(float((linear.residual**2).sum()) / within.dof, 1e-300)
-    ratio = np.sqrt(rise / numbers / variance)
     p = float(p_value_of_squares(rise, numbers, within.dof, variance))
-    test = f"(F test of held-out errors, {numbers} and {within.dof} degrees of freedom, p = {p:.2g})"
-    errors_words = "the errors at held-out poses are"
-    return _Sign(
-        p,
-        "holdout",
-        f"{errors_words} {ratio:.3g} times their prediction {test}",
-        f"{errors_words} consistent with their prediction {test}",
-    )
+    statistic = float(np.sqrt(rise / numbers / variance))
+    return _lack_of_fit("lack_of_fit.holdout", statistic, p, (numbers, within.dof))
 
 
-def _by_joints(model: Model, observed: Observations, fit: Fit, extra_residuals: ExtraResiduals | None) -> _Sign | None:
+def _by_joints(model: Model, observed: Observations, fit: Fit, extra_residuals: ExtraResiduals | None) -> Check | None:
     """Whether a fit's residuals vary with the joints; of very many poses some are looked at, evenly spaced."""
     some = evenly(len(observed.inputs), _MOST_POSES)
     looked_at = observed if some is None else observed.take(some)
@@ -251,7 +195,7 @@ def _by_joints(model: Model, observed: Observations, fit: Fit, extra_residuals: 
     return _varying(linear, linear.rows_of(looked_at, slopes), looked_at.inputs[:, :count])
 
 
-def _varying(linear: LinearizedFit, slopes: Array, joints: Array) -> _Sign | None:
+def _varying(linear: LinearizedFit, slopes: Array, joints: Array) -> Check | None:
     """F of the sine and cosine of each joint's position, acting on that joint: what a model lacks comes back there.
 
     Args:
@@ -272,27 +216,11 @@ def _varying(linear: LinearizedFit, slopes: Array, joints: Array) -> _Sign | Non
     explained = float((told.coordinates(residual.ravel()) ** 2).sum())
     variance = max((float((residual**2).sum()) - explained) / dof, 1e-300)
     p = float(p_value_of_squares(explained, told.rank, dof, variance))
-    test = f"(F test of each joint's sine and cosine, {told.rank} and {dof} degrees of freedom, p = {p:.2g})"
-    return _Sign(
-        p, "joints", f"the residuals vary with the joints {test}", f"what is left does not vary with the joints {test}"
-    )
+    statistic = explained / told.rank / variance
+    return _lack_of_fit("lack_of_fit.joints", statistic, p, (told.rank, dof))
 
 
-@dataclass(frozen=True)
-class Isotropy:
-    """Whether residuals along the line of sight and across it have one variance.
-
-    Attributes:
-        ratio: standard deviation of a number across over that along.
-        words: a warning where they do not, else empty.
-    """
-
-    ratio: float
-    p: float
-    words: str
-
-
-def isotropy(model: Model, observed: Observations, fit: Fit) -> Isotropy:
+def isotropy(model: Model, observed: Observations, fit: Fit) -> Check:
     """F test of residuals across against along the line from the head, at the origin; for equal weights on x, y, z.
 
     With A the projection of every point on its line, and M = I - H, the sums r'A r and r'(I - A) r have the means
@@ -314,7 +242,7 @@ def isotropy(model: Model, observed: Observations, fit: Fit) -> Isotropy:
     first = count - float(np.trace(taken))  # tr AM
     second = within.dof - first
     if min(first, second) < 1:
-        return Isotropy(float("nan"), float("nan"), "")
+        return Check("isotropy", "not tested", level=UNSOLICITED_WARNING)
     own = count - 2 * float(np.trace(taken)) + float((taken**2).sum())  # tr (AM)^2
     shared = first - own
     other = within.dof - own - 2 * shared
@@ -325,13 +253,7 @@ def isotropy(model: Model, observed: Observations, fit: Fit) -> Isotropy:
     tails = f_sf(square, gain * second, gain * first), f_cdf(square, gain * second, gain * first)
     p = min(1.0, 2 * float(min(tails)))
     ratio = float(np.sqrt(square))
-    if p >= UNSOLICITED_WARNING:
-        return Isotropy(ratio, p, "")
-    words = (
-        f"residuals across the line of sight are {ratio:.2g} times those along it (F test, p = {p:.1g}): the noise is "
-        "not isotropic, so neither intervals nor the level of the outliers' test are right; say whose with --instrument"
-    )
-    return Isotropy(ratio, p, words)
+    return Check("isotropy", "failed" if p < UNSOLICITED_WARNING else "passed", ratio, p, UNSOLICITED_WARNING)
 
 
 @dataclass(frozen=True)
@@ -370,8 +292,3 @@ def sandwich(linear: LinearizedFit) -> Sandwich:
     means = sums[0] - np.trace(inner, axis1=1, axis2=2)
     squares = sums[1] - 2 * cross + (inner**2).sum(axis=(1, 2))
     return Sandwich(within.back @ meat @ within.back.T, matched_dof(means, 2 * squares))
-
-
-def _nothing_left() -> GoodnessOfFit:
-    why = "the measurements are no more than the parameters need; measure more poses"
-    return GoodnessOfFit(None, float("nan"), "nothing", f"lack of fit cannot be tested: {why}")

@@ -1,6 +1,5 @@
 """What a person reads of a calibration: on the terminal, on the page and beside the recording."""
 
-import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -9,7 +8,7 @@ from lab.calibration.identifiability import Direction
 from lab.calibration.observations.kind import ObservationWords
 from lab.calibration.prior import ActingPrior
 from lab.calibration.statistics.explained_error import ExplainedError
-from lab.calibration.verdict import Answer, Verdict, Word, gate_words, rotation_noise_rad
+from lab.calibration.verdict import Answer, Verdict, Word, rotation_noise_rad
 from lab.commands.calibrate.figure_blocks import (
     arm_figures,
     correlation_figure,
@@ -28,6 +27,7 @@ from lab.commands.calibrate.fit_result import Named
 from lab.commands.calibrate.model_words import model_name, standing
 from lab.commands.calibrate.result import CalibrationResult, errors_without_outliers, outliers_found
 from lab.commands.provenance import provenance_section
+from lab.core.checks import Check
 from lab.core.serials import called
 from lab.core.significance import VARIANCE_COMPONENTS
 from lab.core.wording import counted
@@ -50,6 +50,8 @@ from lab.render.document import (
     Warnings,
 )
 from lab.render.format import capital, digits_of, fixed, plus_minus, sentence, short
+from lab.render.phrases.registry import in_one_line, phrases
+from lab.render.phrases.verdict import gate_words, without_figures
 from lab.render.units import display_unit
 
 __all__ = ["document_of", "parameters_table", "verdict_blocks"]
@@ -90,7 +92,7 @@ def document_of(result: CalibrationResult) -> Document:
         (
             *verdict_blocks(result.verdict, result.options.gate_mm),
             Paragraph(_lead(result, words), "lead"),
-            Warnings(tuple(each for each in result.warnings if each not in result.verdict.reasons)),
+            Warnings(_warnings(result)),
             _errors(result, words),
             Section("Where in the workspace the errors are", where_figures(result, words)),
             Section("Uncertainty and goodness of fit", (*_uncertainty(result), *residual_figures(result))),
@@ -101,6 +103,12 @@ def document_of(result: CalibrationResult) -> Document:
             provenance_section(result.command, result.options, result.robot.sha256, result.options.serial),
         ),
     )
+
+
+def _warnings(result: CalibrationResult) -> tuple[str, ...]:
+    """The warnings that are no reasons of the verdict."""
+    reasons = phrases(result.verdict.reasons)
+    return tuple(each for each in result.warnings if each not in reasons)
 
 
 def _title(result: CalibrationResult) -> str:
@@ -142,7 +150,8 @@ def _validated_on(result: CalibrationResult) -> str:
 
 def verdict_blocks(verdict: Verdict, gate_mm: float | None) -> tuple[Block, ...]:
     """The word with its gate, the reasons where it is not good, and the three answers; nothing is told twice."""
-    because = (Paragraph("Because:"), Bullets(tuple(map(capital, verdict.reasons)))) if verdict.reasons else ()
+    reasons = Bullets(tuple(map(capital, phrases(verdict.reasons))))
+    because = (Paragraph("Because:"), reasons) if verdict.reasons else ()
     answers = tuple(
         (Strong(f"{capital(name)}: {each.standing}."), f" {_answer_words(each, verdict.reasons)}")
         for name, each in verdict.answers.items()
@@ -154,9 +163,12 @@ def verdict_blocks(verdict: Verdict, gate_mm: float | None) -> tuple[Block, ...]
     )
 
 
-def _answer_words(answer: Answer, reasons: Sequence[str]) -> str:
+def _answer_words(answer: Answer, reasons: Sequence[Check]) -> str:
     """The figures of an answer, but where a reason above has them already."""
-    return "See above." if any(each.startswith(answer.words) for each in reasons) else sentence(answer.words)
+    above = [each.name for each in reasons]
+    if "determination.limit" in above:  # whose phrase begins with the predicted errors
+        above.append("determination.error")
+    return "See above." if {each.name for each in answer.checks} <= set(above) else sentence(in_one_line(answer.checks))
 
 
 def _errors(result: CalibrationResult, words: ObservationWords) -> Section:
@@ -217,7 +229,7 @@ def _uncertainty(result: CalibrationResult) -> tuple[Block, ...]:
     )
     groups = (*result.fit.groups, *["residual"] * (result.fit.process is not None))
     return (
-        Paragraph(f"Model: {model_name(groups)}. {sentence(_in_short(result.fit.adequacy.words))}"),
+        Paragraph(f"Model: {model_name(groups)}. {sentence(without_figures(result.fit.adequacy))}"),
         Paragraph(_noise(result)),
         Paragraph("" if result.fit.remaining is None else result.fit.remaining.words, shown_in=PAGE),
         Paragraph("" if result.fit.gain is None else result.fit.gain.words, shown_in=PAGE),
@@ -227,11 +239,6 @@ def _uncertainty(result: CalibrationResult) -> tuple[Block, ...]:
         selection_figure(result),
         Table(("joint", "stiffness, Nm/rad", "1σ"), stiffness),
     )
-
-
-def _in_short(adequacy: str) -> str:
-    """What a test of lack of fit found, without the figures and the advice that stand with the verdict."""
-    return re.split(r"[:;]", adequacy, maxsplit=1)[0]
 
 
 def _noise(result: CalibrationResult) -> str:
@@ -246,7 +253,7 @@ def _noise(result: CalibrationResult) -> str:
         found_by = f"by restricted likelihood, level {100 * VARIANCE_COMPONENTS:g} %"
         found_by = "known of the robot's table" if shared.is_known else found_by
         text += f" Beside it ({found_by}): {'; '.join(shared.words)}. Weights, intervals and tests are those of both."
-    if result.fit.instrument is not None and result.fit.adequacy.by != "distances":
+    if result.fit.instrument is not None and result.fit.adequacy.name != "lack_of_fit.distances":
         text += f" {capital(result.fit.instrument.words)}."
     if np.isfinite(region.rms_m):
         text += (

@@ -9,7 +9,7 @@ import numpy as np
 
 from lab.calibration.extrapolation import measured_range
 from lab.calibration.identify import Identification, IdentifyOptions, identify
-from lab.calibration.noise.plausibility import NoiseFinding, changes_in_time, shared_error_findings
+from lab.calibration.noise.plausibility import changes_in_time, finding, shared_error_findings
 from lab.calibration.noise.search import NoiseSearch
 from lab.calibration.noise.shared_errors import SharedErrors
 from lab.calibration.observations.kind import ObservationKind
@@ -19,7 +19,7 @@ from lab.calibration.residual.estimation import with_residual
 from lab.calibration.residual.process import GROUP, JointProcess
 from lab.calibration.stations import named_stations
 from lab.calibration.statistics.candidate_models import ModelWith, SelectionTask
-from lab.calibration.statistics.goodness_of_fit import NOT_TESTED, GoodnessOfFit
+from lab.calibration.statistics.goodness_of_fit import lack_of_fit_not_tested
 from lab.calibration.statistics.joint_lag import moves_before
 from lab.calibration.statistics.linearized import NoiseDistribution
 from lab.calibration.statistics.model_selection import Selection, follow, select
@@ -49,6 +49,7 @@ from lab.commands.calibrate.warnings import (
     of_twist,
     of_weakness,
 )
+from lab.core.checks import Check
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, thinned
 from lab.core.se3 import Array
@@ -60,6 +61,7 @@ from lab.kinematics.effects.registry import CANDIDATES, expected_terms, said_of_
 from lab.kinematics.encoders import Encoders
 from lab.kinematics.model import Model
 from lab.kinematics.serial.arm import SerialArm
+from lab.render.phrases.registry import phrase
 
 __all__ = ["Fitter"]
 
@@ -67,6 +69,7 @@ _CLEANINGS = 5  # of the poses and what they are validated on
 _BALANCINGS = 3  # of the weights of poses and the choice of groups by each other
 _MOST_NAMED = 3  # effects that a model lacks, in a sentence: more are not looked for
 _MOST_TESTED = 1_000  # poses by which such effects are looked for: of more than that each shows hardly more
+_IN_TIME = ("finding.step", "finding.drift", "finding.correlated")
 _MOST_CHOSEN_BY = 8_000  # poses by which groups are chosen: 1 GB
 
 
@@ -257,7 +260,7 @@ class Fitter:
             off += named_poses(held, off_among_held(found, clean, held, self.noise, tail), held_out=True)
         judged_by = held if held is None or not robust else held.without([pose.id for pose in off])
         judged = adequacy_of(found, clean, judged_by, self.noise, self._shape)
-        warnings = [judged.words] if judged.adequate is False and not self.options.residual else []
+        warnings = [phrase(judged)] if judged.outcome == "failed" and not self.options.residual else []
         warnings += [] if robust else of_outliers(found, observations, outliers, model)
         trusted = search.corrected(found)
         cause: list[str] = []  # of intervals that are those of whole poses
@@ -290,7 +293,7 @@ class Fitter:
         slopes = not self.options.residual  # whose process says itself what it does not know beyond an end
         measured = measured_range(found, observations, self.robot.chain.prismatic, slopes=slopes)
         if self.options.residual:
-            trusted, judged = with_residual(found, clean), NOT_TESTED
+            trusted, judged = with_residual(found, clean), lack_of_fit_not_tested("residual")
             search, tail = replace(search, shared=None), float("inf")  # the process has its own
             warnings += of_residual(trusted)
         warnings += of_export(self.robot, trusted, (*groups, *[GROUP] * self.options.residual), observations.inputs)
@@ -305,23 +308,25 @@ class Fitter:
         found: Identification,
         rows: Measurements,
         shared: SharedErrors | None,
-        adequacy: GoodnessOfFit,
+        adequacy: Check,
         selection: Selection | None,
-    ) -> tuple[NoiseFinding, ...]:
+    ) -> tuple[Check, ...]:
         """Findings about the errors of an identification from these rows."""
         observation = observation_of(found.model)
         if not only_positions(observation) or found.status != "converged":
             return ()
         findings = shared_error_findings(found, rows, shared, adequacy, repeats(rows))
-        tested = self.options.parametric == "auto" or (adequacy.by == "chi2" and adequacy.adequate is True)
+        tested = self.options.parametric == "auto" or (
+            adequacy.name == "lack_of_fit.chi2" and adequacy.outcome == "passed"
+        )
         beside = None if tested else self._with_missing_effects(rows, selection)
-        if not any(each.kind in ("step", "drift", "correlated") for each in findings):
+        if not any(each.name in _IN_TIME for each in findings):
             fullest = found if beside is None else beside.identification  # what an effect explains did not change
             observed, _ = weighed(observation_of(fullest.model), rows, self.noise.independent)
             findings += changes_in_time(fullest, observed, rows)
-        first = [each for each in findings if each.between] + ([] if beside is None else [_missing(beside)])
-        first.sort(key=lambda each: -each.size_m)
-        return (*first, *(each for each in findings if not each.between))
+        first = [each for each in findings if "between" in each.data] + ([] if beside is None else [_missing(beside)])
+        first.sort(key=lambda each: -each.data["size_m"])
+        return (*first, *(each for each in findings if "between" not in each.data))
 
     def _with_missing_effects(self, rows: Measurements, selection: Selection | None) -> Selection | None:
         """Search the first effects that ``auto`` would add to the model, a test of lack of fit; None if there are none.
@@ -498,19 +503,16 @@ class _OneModel:
         return self.fitter.knowing(shared).outliers_of(found, rows)
 
 
-def _missing(beside: Selection) -> NoiseFinding:
+def _missing(beside: Selection) -> Check:
     """The finding of effects that a model lacks.
 
     Args:
         beside: the selection that found them.
     """
     before, after = beside.groups[0].holdout_m, beside.groups[len(beside.chosen)].holdout_m
-    named = ", ".join(said_of_term(name) or name for name in beside.chosen)
-    words = (
-        f"lack of fit: {named} would explain errors that are called noise (mean error of held-out poses "
-        f"{1e3 * before:.3g} mm without, {1e3 * after:.3g} mm with): fit with --model auto"
-    )
-    return NoiseFinding("missing", float(np.sqrt(max(before**2 - after**2, 0.0))), False, words)
+    named = [said_of_term(name) or name for name in beside.chosen]
+    size_m = float(np.sqrt(max(before**2 - after**2, 0.0)))
+    return finding("missing", size_m, effects=named, before_m=before, after_m=after)
 
 
 def _kinds(shared: SharedErrors | None) -> tuple[bool, ...]:

@@ -5,7 +5,6 @@ from functools import cached_property
 
 from lab.calibration.extrapolation import MeasuredRange
 from lab.calibration.identify import Identification
-from lab.calibration.noise.plausibility import NoiseFinding
 from lab.calibration.noise.rigid_distances import InstrumentNoise, instrument_noise
 from lab.calibration.noise.search import NoiseSearch
 from lab.calibration.noise.shared_errors import row_times
@@ -14,12 +13,12 @@ from lab.calibration.residual.estimation import ExpectedGain, expected_gain
 from lab.calibration.residual.process import JointProcess, PredictedBy
 from lab.calibration.residual_spread import ResidualSpread, residual_spread
 from lab.calibration.statistics.explained_error import ExplainedError, explained_errors
-from lab.calibration.statistics.goodness_of_fit import GoodnessOfFit
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.statistics.model_selection import Selection
 from lab.calibration.statistics.outliers import HeldOut, Outliers
 from lab.calibration.statistics.remaining_error import NEARLY, RemainingError, remaining_error
 from lab.calibration.validation import configurations
+from lab.core.checks import Check
 from lab.core.measurements import Measurements
 from lab.kinematics.effects.arm import ArmWithEffects
 from lab.kinematics.serial.arm import SerialArm
@@ -69,13 +68,13 @@ class FitReport:
     unshown: tuple[str, ...]
     outliers: tuple[Named, ...]
     left_out: bool
-    adequacy: GoodnessOfFit
+    adequacy: Check
     selection: Selection | None
     warnings: tuple[str, ...]
     noise: NoiseSearch
     tail_dof: float
     measured: MeasuredRange | None = None
-    findings: tuple[NoiseFinding, ...] = ()
+    findings: tuple[Check, ...] = ()
 
     @property
     def process(self) -> JointProcess | None:
@@ -86,7 +85,7 @@ class FitReport:
     @cached_property
     def residual_spread(self) -> ResidualSpread:
         """What the fit leaves of the measured positions, with configurations as clusters."""
-        shared, lacks = self.noise.shared, self.adequacy.adequate is False
+        shared, lacks = self.noise.shared, self.adequacy.outcome == "failed"
         independent_m = None if shared is None else shared.independent_m
         labels = configurations(self.rows.joints)
         return residual_spread(self.identification, labels, lack_of_fit=lacks, independent_m=independent_m)

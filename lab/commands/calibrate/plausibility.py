@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from lab.calibration.identify import Identification, spread
-from lab.calibration.other_numbers import PLACED, in_other_numbers, length_words, trimmed_error
+from lab.calibration.other_numbers import PLACED, in_other_numbers, trimmed_error
 from lab.calibration.verdict import CONSTANT_SPREAD, Answer, Verdict
 from lab.campaign.robot import Robot
+from lab.core.checks import Check
 from lab.core.copies import copied_rows, said_of_copies
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, thinned
@@ -66,7 +67,7 @@ def without_copies(path: Path, data: Measurements) -> Measurements:
     return replace(kept, warnings=(*kept.warnings, f"{said}: left out"))
 
 
-def noise_in_another_unit(noise_mm: float | None, rows: Measurements, found: Identification) -> list[str]:
+def noise_in_another_unit(noise_mm: float | None, rows: Measurements, found: Identification) -> list[Check]:
     """Refuse a noise that is far more than the residuals of the fit, and say it of one that is many times as much.
 
     Args:
@@ -83,7 +84,7 @@ def noise_in_another_unit(noise_mm: float | None, rows: Measurements, found: Ide
 
 def noise_beyond(
     noise_mm: float | None, rows: Measurements, known_m: float, whose: str, times: float = ANOTHER_DAY
-) -> list[str]:
+) -> list[Check]:
     """Refuse a noise that is far more than what is known of the robot and its instrument.
 
     Args:
@@ -94,7 +95,7 @@ def noise_beyond(
         times: how many times as much it may be.
 
     Returns:
-        What to tell of one that is so many times as much that it hides errors; nothing of others.
+        The check of one that is so many times as much that it hides errors; nothing of others.
 
     Raises:
         LabError: it is; with the number that it would be in the right unit.
@@ -103,8 +104,8 @@ def noise_beyond(
     if given_mm is None:
         name, known = "column sigma_mm", rows.sigma_m[np.isfinite(rows.sigma_m)]
         if known.size and known.max() > UNIT * known.min():
-            least, most = (f"{1e3 * each:.3g}" for each in (known.min(), known.max()))
-            return [f"{name} goes from {least} to {most}: is it all in mm? Rows with much more noise hardly count"]
+            data = {"least_m": float(known.min()), "most_m": float(known.max())}
+            return [Check("given.noises", "failed", data=data)]
         given_mm = 1e3 * float(np.median(known)) if known.size else None
     if given_mm is None or known_m <= LEAST_RESIDUAL_M or given_mm / 1e3 <= MANY * known_m:
         return []
@@ -112,10 +113,11 @@ def noise_beyond(
     said = f"{name} {given_mm:g}: {whose} are those of a noise of {1e3 * known_m:.2g} mm, {ratio:.0f} times less"
     if ratio > times:
         raise LabError(f"{said}; is it in µm? That would be {given_mm / 1e3:g} mm")
-    return [f"{said}: intervals are as many times too wide, and errors smaller than the given noise are not noticed"]
+    figures = {"given_m": given_mm / 1e3, "known_m": known_m}
+    return [Check("given.noise", "failed", ratio, data={"in_column": noise_mm is None, "whose": whose, **figures})]
 
 
-def points_in_another_scale(found: Identification) -> list[str]:
+def points_in_another_scale(found: Identification) -> list[Check]:
     """Where all long links are longer, or shorter, by about one share: no arm is made so, but points are written so."""
     names, free = found.model.names, [i for i in found.fit.free if LENGTH.fullmatch(found.model.names[i])]
     long = [i for i in free if abs(found.nominal_aligned[i]) >= LONG_M]
@@ -128,14 +130,10 @@ def points_in_another_scale(found: Identification) -> list[str]:
         return []
     if ((more - scale * nominal) ** 2).sum() > ALIKE * (more @ more):
         return []
-    return [
-        f"all {len(long)} long links ({', '.join(names[i] for i in long)}) are about {100 * abs(scale):.2g} % "
-        f"{'longer' if scale > 0 else 'shorter'} than the robot's: look at the scale of the points (the instrument's "
-        "unit, its correction for air and temperature), or take the right --robot"
-    ]
+    return [Check("given.scale", "failed", data={"links": [names[i] for i in long], "scale": scale})]
 
 
-def in_other_numbers_or_poses(robot: Robot, rows: Measurements) -> list[str]:
+def in_other_numbers_or_poses(robot: Robot, rows: Measurements) -> list[Check]:
     """Why points are far from the nominal arm wherever its base and tool are; mostly nothing.
 
     Args:
@@ -146,19 +144,16 @@ def in_other_numbers_or_poses(robot: Robot, rows: Measurements) -> list[str]:
     arm, slides = robot.arm(rows.targets), robot.chain.prismatic
     nominal = arm.nominal({target: np.zeros(3) for target in rows.targets})
     if found := in_other_numbers(arm, slides, rows.joints, rows.points, nominal):
-        return [found.words]
+        return [found]
     left, size = trimmed_error(arm, rows.joints, rows.points, nominal, PLACED), spread(rows.points)
     if not FAR * size < left < size / CONSTANT_SPREAD:  # points that do not move say nothing of poses
         return []
-    return [
-        f"the points are {length_words(left)} from the nominal robot wherever base and tool are: rows of other poses, "
-        "joints in another order or direction, or another robot"
-    ]
+    return [Check("given.poses", "failed", data={"off_m": left})]
 
 
-def doubted(word: Verdict, said: Sequence[str]) -> Verdict:
+def doubted(word: Verdict, said: Sequence[Check]) -> Verdict:
     """The verdict where the noise or the scale cannot be what was given: it is not good."""
     if not said:
         return word
-    fit, reasons = Answer("doubtful", said[0]), tuple(dict.fromkeys((*word.reasons, *said)))
-    return replace(word, word="doubtful" if word.word == "good" else word.word, fit=fit, reasons=reasons)
+    doubtful = "doubtful" if word.word == "good" else word.word
+    return replace(word, word=doubtful, fit=Answer("doubtful", (said[0],)), reasons=(*word.reasons, *said))

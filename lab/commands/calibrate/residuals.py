@@ -11,7 +11,6 @@ from lab.calibration.noise.rigid_distances import goodness_by_distances, instrum
 from lab.calibration.noise.shared_errors import SharedErrors
 from lab.calibration.observations.protocol import observation_of, only_positions
 from lab.calibration.statistics.goodness_of_fit import (
-    GoodnessOfFit,
     goodness_beside_shared_errors,
     goodness_of_fit,
     isotropy,
@@ -23,10 +22,12 @@ from lab.calibration.statistics.outliers import LEAST_SIGMA_M
 from lab.calibration.statistics.replicates import repeats
 from lab.calibration.validation import configurations
 from lab.calibration.weights import Noise, weighed
+from lab.core.checks import Check
 from lab.core.instruments import is_isotropic
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.probabilities import f_isf
 from lab.core.significance import UNSOLICITED_WARNING
+from lab.render.phrases.registry import phrase
 
 __all__ = ["adequacy_of", "with_intervals_of_poses", "with_own_intervals"]
 
@@ -37,7 +38,7 @@ def _beside_shared_errors(
     rows: Measurements,
     shared: SharedErrors,
     instrument: tuple[Observations, NoiseDistribution] | None = None,
-) -> GoodnessOfFit:
+) -> Check:
     """Whether residuals vary with the joints, beside errors that are drawn anew at each pose.
 
     Where the instrument's noise was given, residuals above it are lack of fit, even where shared errors would explain
@@ -49,20 +50,20 @@ def _beside_shared_errors(
     """
     linear = linearized(found.model, observations, found.values, found.fit.free, found.extra_residuals)
     slopes = by_joint_positions(found.model, observations.inputs, found.values, rows.joints.shape[1])
-    words = "; ".join(shared.words)
-    judged = goodness_beside_shared_errors(linear, linear.rows_of(observations, slopes), rows.joints, words)
-    if judged.adequate is False or instrument is None:
+    judged = goodness_beside_shared_errors(linear, linear.rows_of(observations, slopes), rows.joints)
+    judged = replace(judged, data={**judged.data, "shared": shared})
+    if judged.outcome == "failed" or instrument is None:
         return judged
     extra = found.extra_residuals
     alone = goodness_of_fit(
         found.model, instrument[0], found.fit, known=True, shape=instrument[1], extra_residuals=extra
     )
-    if alone.adequate is not False:
+    if alone.outcome != "failed":
         return judged
-    return replace(alone, words=f"{alone.words}, as if {words}; only repeats could tell that from what the model lacks")
+    return replace(alone, data={**alone.data, "shared": shared})
 
 
-def _by_distances(found: Identification, observations: Observations, rows: Measurements) -> GoodnessOfFit | None:
+def _by_distances(found: Identification, observations: Observations, rows: Measurements) -> Check | None:
     """Whether residuals are more than the instrument's noise, where that is estimated from a tool's rigid distances.
 
     None where there are none, or where the noise is not the same in all directions: then distances, which lie across
@@ -94,14 +95,14 @@ def with_own_intervals(
     if (device is not None and not is_isotropic(device)) or found.sigma_m < LEAST_SIGMA_M:
         return found, []
     seen = isotropy(found.model, observations, found.fit)
-    if not seen.words:
+    if seen.outcome != "failed":
         return found, []
     words = (
-        f"residuals across the line of sight are {seen.ratio:.2g} times those along it (F test, p = {seen.p:.1g}), "
+        f"residuals across the line of sight are {seen.statistic:.2g} times those along it (F test, p = {seen.p:.1g}), "
         f"which the arm may cause as well as the instrument{_search_advice(model, ': ')}"
     )
     if _is_of_the_instrument(found, observations):
-        words = seen.words
+        words = phrase(seen)
     if believed or len(np.unique(_clusters(found, observations))) <= len(found.fit.free):
         return found, [words]
     trusted = _of_whole_poses(found, observations)
@@ -175,7 +176,7 @@ def _uneven(numbers: float) -> float:
 
 def adequacy_of(
     found: Identification, rows: Measurements, held: Measurements | None, noise: Noise, shape: NoiseDistribution
-) -> GoodnessOfFit:
+) -> Check:
     """Whether a model fits its rows, by the best test that there is something for.
 
     Args:

@@ -22,7 +22,7 @@ from lab.calibration.statistics.explained_error import ExplainedError
 from lab.calibration.statistics.model_selection import GroupTrial
 from lab.calibration.statistics.remaining_error import RemainingError
 from lab.calibration.validation import TruthComparison, Validation
-from lab.calibration.verdict import Verdict, gate_words, rotation_noise_rad
+from lab.calibration.verdict import Answer, Verdict, rotation_noise_rad
 from lab.calibration.workspace_prediction import Distance
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot
@@ -51,12 +51,15 @@ from lab.commands.payload.known_payload import read_hand_load
 from lab.commands.result import Result
 from lab.commands.values import ErrorStatistics, error_statistics, exit_code_of, number
 from lab.core import se3
+from lab.core.checks import Check, Outcome
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.formats.calibrated_module import MODULE_FILE
 from lab.kinematics.effects.registry import said_of_term
 from lab.kinematics.model import RigidArm
 from lab.kinematics.parameter import targets_of
+from lab.render.phrases.registry import in_one_line, phrase, phrases
+from lab.render.phrases.verdict import gate_words
 from lab.simulation.true_robot import TrueRobot
 
 if TYPE_CHECKING:
@@ -183,10 +186,10 @@ class CalibrationResult(Result):
             "iterations": identification.fit.iterations,
             "seconds": round(self.seconds, 4),
             "verdict": self.verdict.word,
-            "reason": self.verdict.reason,
-            "reasons": list(self.verdict.reasons),
+            "reason": in_one_line(self.verdict.reasons),
+            "reasons": list(phrases(self.verdict.reasons)),
             "gate_mm": self.options.gate_mm,
-            "answers": {name: asdict(each) for name, each in self.verdict.answers.items()},
+            "answers": {name: _answer_to_dict(each) for name, each in self.verdict.answers.items()},
             "judged_by": self.validation.judged_by,
             "before_mm": None if (before := self.before) is None else before.to_dict(),
             "after_mm": None if after is None else after.to_dict(),
@@ -197,8 +200,8 @@ class CalibrationResult(Result):
             "cluster_robust": identification.dof_each is not None and self.fit.noise.shared is None,
             "noise_tail_freedom": number(self.fit.tail_dof),
             "noise_model": noise_model_to_dict(self.fit.noise.shared, self.fit.noise.component_errors),
-            "noise_findings": [each.to_dict() for each in self.fit.findings],
-            "prediction_at_validation": None if (check := self.verdict.prediction) is None else check.to_dict(),
+            "noise_findings": [_finding_to_dict(each) for each in self.fit.findings],
+            "prediction_at_validation": _prediction_to_dict(self.verdict.prediction),
             "instrument_noise": _instrument_to_dict(self.fit.instrument),
             "residual_mm": number(1e3 * identification.residual_sigma_m),
             "freedom": identification.dof,
@@ -214,8 +217,8 @@ class CalibrationResult(Result):
             "model": "+".join(("geometric", *self.fit.groups, *[GROUP] * (self.fit.process is not None))),
             "residual": residual_to_dict(self.fit.process),
             "groups": [_group_to_dict(group, self.fit.explained.get(group.name)) for group in self.groups],
-            "adequate": self.fit.adequacy.adequate,
-            "adequacy": self.fit.adequacy.words,
+            "adequate": _ADEQUATE[self.fit.adequacy.outcome],
+            "adequacy": phrase(self.fit.adequacy),
             "stiffness_nm_per_rad": {each.joint: each.stiffness for each in self.stiffnesses},
             "stiffness_std_nm_per_rad": {each.joint: number(each.std) for each in self.stiffnesses},
             "correlated": [pair.to_dict() for pair in correlated_pairs(identification)],
@@ -351,6 +354,34 @@ class CalibrationResult(Result):
 
             record(folder / "recording.rrd", self)
         self.report(folder / "report.html")
+
+
+_ADEQUATE: dict[Outcome, bool | None] = {"passed": True, "failed": False, "not tested": None, "noted": None}
+
+
+def _answer_to_dict(answer: Answer) -> dict[str, Any]:
+    """One of the three answers of the verdict."""
+    return {"standing": answer.standing, "words": in_one_line(answer.checks)}
+
+
+def _finding_to_dict(found: Check) -> dict[str, Any]:
+    """An entry of ``noise_findings``."""
+    between = found.data.get("between")
+    return {
+        "kind": found.name.removeprefix("finding."),
+        "size_mm": 1e3 * found.data["size_m"],
+        "supported": found.outcome != "failed",
+        "between": None if between is None else list(between),
+        "words": phrase(found),
+    }
+
+
+def _prediction_to_dict(found: Check | None) -> dict[str, Any] | None:
+    """Observed and predicted 95 % errors at the validation poses, in mm."""
+    if found is None:
+        return None
+    sizes = {f"{name}_95_mm": 1e3 * found.data[f"{name}_p95_m"] for name in ("observed", "predicted", "allowed")}
+    return {**sizes, "exceeded": found.outcome == "failed"}
 
 
 def outliers_found(result: CalibrationResult) -> int:

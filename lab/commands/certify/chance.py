@@ -72,10 +72,10 @@ def motions_found(calibrated: Calibrated, fitted: FittedRows) -> Iterator[FrameM
     for move in found.moves:
         earlier = (order.index(move.before) + 1) / len(order) if move.before in order else 1.0
         offset = move.size_mm / 1e3 * max(earlier, 1 - earlier)
-        words = f"stability: base or instrument moved between poses {move.before} and {move.after}"
+        words = f"base or instrument moved between poses {move.before} and {move.after}"
         yield FrameMotion(words, f"{_BY_NOISE_MODEL}, {move.size_mm:.2g} mm", offset)
     if found.drift_mm:
-        words = "stability: drift of base or instrument to the campaign's end"
+        words = "drift of base or instrument to the campaign's end"
         yield FrameMotion(words, _BY_NOISE_MODEL, found.drift_mm / 1e3 * float(np.sqrt(3)))
 
 

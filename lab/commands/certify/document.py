@@ -28,6 +28,7 @@ from lab.render.document import (
     Warnings,
 )
 from lab.render.format import capital, digits_of, fixed, sentence, short
+from lab.render.phrases.verdict import gate_words
 from lab.render.style import AFTER
 from lab.render.svg import axes_picture
 
@@ -82,7 +83,7 @@ def certificate_document(result: Certificate) -> Document:
     return Document(
         f"{result.calibrated.called}: calibration certificate{f' {name}' if name else ''}",
         (
-            Paragraph(("The verdict of the calibration: ", badge, f" ({run.words.partition(', ')[2]}).")),
+            Paragraph(("The verdict of the calibration: ", badge, f" ({gate_words(run.gate_mm)}).")),
             *_withheld(result),
             Paragraph(_lead(result), "lead"),
             Warnings(result.warnings),
@@ -111,7 +112,7 @@ def contributions_picture(budget: Budget) -> Picture:
     def draw(axes: Axes) -> None:
         at = np.arange(len(lines))
         axes.barh(at, sizes, color=AFTER, height=0.6)
-        axes.set_yticks(at, [line.quantity.words.partition(":")[0] for line in lines])
+        axes.set_yticks(at, [line.quantity.name for line in lines])
         axes.set(ylim=(-0.7, len(lines) - 0.3), xlabel="contribution to the standard uncertainty, µm")
         axes.grid(visible=False, axis="y")
 

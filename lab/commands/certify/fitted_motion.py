@@ -26,12 +26,12 @@ def fitted_motions(calibrated: Calibrated, rows: Measurements, positions: Array)
     parameters = read_run_files(calibrated.folder).parameters
     source = "fitted with the parameters; a calibrated position is that at the start"
     if "drift" in calibrated.left_out and (offset := _size(parameters, "drift", positions) * _spans(rows)):
-        yield FrameMotion("stability: drift of base or instrument to the campaign's end", source, offset)
+        yield FrameMotion("drift of base or instrument to the campaign's end", source, offset)
     sessions = dict.fromkeys(rows.sessions) if "sessions" in calibrated.left_out else ()
     sizes = {name: _size(parameters, f"session.{name}", positions) for name in sessions}
     if sizes and (offset := max(sizes.values())):
         name = max(sizes, key=sizes.__getitem__)
-        yield FrameMotion(f"stability: base or instrument moved to session {name}", source, offset)
+        yield FrameMotion(f"base or instrument moved to session {name}", source, offset)
 
 
 def _spans(rows: Measurements) -> float:

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lab.calibration.verdict import gate_words
 from lab.certification.budget import COVERAGE, Budget, BudgetLine, InputQuantity
 from lab.certification.characteristics import CHARACTERISTICS, Accuracy, PoseAccuracy, Repeats
 from lab.certification.conformity import Conformity
@@ -21,6 +20,7 @@ from lab.compensation.iso9283 import CYCLES
 from lab.core.instruments import Instrument
 from lab.core.se3 import Array
 from lab.formats.certificate_toml import CertificateDetails
+from lab.render.phrases.verdict import gate_words
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

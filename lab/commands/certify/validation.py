@@ -17,12 +17,10 @@ from lab.commands.certify.fitted import FittedRows
 from lab.core.covariance import covariance_root
 from lab.core.measurements import Measurements, thinned
 from lab.core.se3 import Array
-from lab.core.tracker_errors import PLACEMENT
 
 __all__ = ["validation_errors"]
 
 _SHOWN = ("parameters", "repeatability", "model", "stability")  # what the same instrument shows on other poses
-_PLACED = tuple(term.words for term in PLACEMENT)  # another error in each pose, of the fitted ones and of others
 _MOST_ROWS = 400  # whose errors are held with all that they share
 _MOST_LEVERAGE = 0.95  # of a held-out number: beyond, its error is all prediction
 
@@ -48,7 +46,7 @@ def validation_errors(
     if found is None or not found["count"]:
         return None
     rms_m, p95_m = found["rms"] / 1e3, found["p95"] / 1e3
-    shown = [each for each in quantities if each.group in _SHOWN or each.words in _PLACED]
+    shown = [each for each in quantities if each.group in _SHOWN or each.placed]
     freedom, known = chance.noise.freedom, chance.known
     if by == "cross-validation":
         poses, own, shared = _by_folds(calibrated, fitted, shown, instrument_m)

@@ -71,22 +71,27 @@ def _words(result: ComparisonResult, difference: Difference) -> str:
         return f"The links are those of the first run, as far as the two can tell ({p})."
     if not difference.moved:
         return f"The links have changed, but no single parameter is surely the one that did ({p})."
-    rows = {row[0].text: row for row in map(tuple, _table(result, difference).rows) if isinstance(row[0], Code)}
-    said = ", ".join(f"{name} by {rows[name][2]} {rows[name][3]} {rows[name][1]}" for name in difference.moved)
+    figures = _figures(result, difference)
+    said = ", ".join("{0} by {2} {3} {1}".format(name, *figures[name]) for name in difference.moved)
     return f"Moved: {said} ({p})."
 
 
 def _table(result: ComparisonResult, difference: Difference) -> Table:
-    parameters = {each.name: each for each in result.runs[0].arm.parameters}
-    rows: list[Row] = []
+    rows: list[Row] = [
+        (Code(name), *figures, "moved" if name in difference.moved else "")
+        for name, figures in _figures(result, difference).items()
+    ]
+    kinds = tuple("" if row[-1] else "quiet" for row in rows)
+    return Table(("parameter", "unit", "difference", "95 % interval", ""), tuple(rows), row_kinds=kinds)
+
+
+def _figures(result: ComparisonResult, difference: Difference) -> dict[str, tuple[str, str, str]]:
+    """Unit, difference and half of its 95 % interval of each parameter, as a person reads them."""
+    parameters, figures = {each.name: each for each in result.runs[0].arm.parameters}, {}
     for name, change, half in zip(difference.names, difference.changes, difference.half_widths, strict=True):
         factor, unit, _ = display_unit(parameters[name])
         if unit == "°":
             factor, unit = 1e3, "mrad"
         digits = digits_of(factor * half, _FEWEST_DIGITS)
-        moved = "moved" if name in difference.moved else ""
-        rows.append(
-            (Code(name), unit, fixed(factor * change, digits, signed=True), plus_minus(factor * half, digits), moved)
-        )
-    kinds = tuple("" if row[-1] else "quiet" for row in rows)
-    return Table(("parameter", "unit", "difference", "95 % interval", ""), tuple(rows), row_kinds=kinds)
+        figures[name] = unit, fixed(factor * change, digits, signed=True), plus_minus(factor * half, digits)
+    return figures

@@ -101,8 +101,8 @@ def _unit(result: TrendResult, name: str) -> tuple[float, str]:
         if parameter.name == name:
             factor, unit, _ = display_unit(parameter)
             return (1e3, "mrad") if unit == "°" else (factor, unit)
-    joint = int(name.rsplit(" ", 1)[1])
-    return 1e3, result.detectable[joint - 1].unit
+    units = {f"zero of joint {each.joint}": each.unit for each in result.detectable}
+    return 1e3, units[name]
 
 
 def _runs(result: TrendResult) -> Table:

@@ -19,6 +19,7 @@ from lab.render.document import (
     Warnings,
 )
 from lab.render.format import sentence, short
+from lab.render.phrases.registry import phrase
 from lab.render.plots import Spread, histograms
 from lab.render.style import AFTER, BEFORE, PREDICTED
 
@@ -42,7 +43,7 @@ def verification_document(result: VerificationResult) -> Document:
         f"{called(robot.name, result.serial)}: {verdict}",
         (
             Paragraph((Badge("good" if found.good else "bad", "good" if found.good else "bad"), f" {rate}")),
-            Paragraph(sentence(found.words), "lead"),
+            Paragraph(sentence(phrase(found.check)), "lead"),
             Paragraph(f"The run that calibrated the arm is {result.calibrated.result.words}."),
             Warnings(result.warnings),
             Section("Errors, observed and predicted", (*_errors(result), _histogram(result))),
@@ -88,7 +89,7 @@ def _histogram(result: VerificationResult) -> Figure:
 def _hypotheses(result: VerificationResult) -> Table:
     listed = result.verified.hypotheses
     rows = tuple(
-        (each.words, short(each.chi2), _chance(each.p), short(each.bic), "yes" if each.explains else "no")
+        (phrase(each.check), short(each.chi2), _chance(each.p), short(each.bic), "yes" if each.explains else "no")
         for each in listed
     )
     kinds = tuple("" if each.explains else "quiet" for each in listed)

@@ -13,10 +13,11 @@ from lab.commands.calibrate.load_run import Calibrated
 from lab.commands.result import Result
 from lab.commands.values import error_statistics, exit_code_of, number
 from lab.commands.verify.options import VerifyOptions
+from lab.core.checks import Check
 from lab.core.measurements import Measurements
 from lab.core.significance import VERIFICATION
+from lab.render.phrases.registry import phrase
 from lab.verification.hypotheses import Displacement
-from lab.verification.situation import Situation
 from lab.verification.test import Hypothesis, Verified
 
 if TYPE_CHECKING:
@@ -108,7 +109,7 @@ class VerificationResult(Result):
             "promised_mm": 1e3 * found.promised_m,
             "moved": list(found.moved),
             "situation": _situation(found.situation),
-            "words": found.words,
+            "words": phrase(found.check),
             "hypotheses": [_hypothesis(each) for each in found.hypotheses],
             "refit": {name: _displacement(moved) for name, moved in found.refit},
             "would_notice": {f"{name}_{unit}": number(size) for name, unit, size in self.detectable},
@@ -155,17 +156,19 @@ class VerificationResult(Result):
         return "mrad" if angular else "mm"
 
 
-def _situation(each: Situation | None) -> dict[str, Any] | None:
+def _situation(each: Check | None) -> dict[str, Any] | None:
     """What large errors come from; None where they are small, or come from nothing of the kind."""
     if each is None:
         return None
-    return {"kind": each.kind, "words": each.words, "refit": list(each.refit), "left_mm": 1e3 * each.left_m}
+    kind, data = each.name.removeprefix("situation.").replace("_", " "), each.data
+    refit, left_mm = list(data.get("refit", ())), 1e3 * data["left_m"]
+    return {"kind": kind, "words": phrase(each), "refit": refit, "left_mm": left_mm}
 
 
 def _hypothesis(each: Hypothesis) -> dict[str, Any]:
     return {
         "kind": each.kind,
-        "words": each.words,
+        "words": phrase(each.check),
         **_displacement(each.extent),
         "parameters": each.parameters,
         "chi2": each.chi2,

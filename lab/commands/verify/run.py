@@ -1,7 +1,5 @@
 """A calibrated arm and a few new measurements: is it within its predicted error?"""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -29,7 +27,7 @@ from lab.commands.keywords import options_of, takes
 from lab.commands.verify.options import VerifyOptions
 from lab.commands.verify.result import VerificationResult
 from lab.core.covariance import whitening
-from lab.core.errors import LabError
+from lab.core.errors import LabError, error_context
 from lab.core.instruments import observing
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.progress import Progress
@@ -37,6 +35,7 @@ from lab.core.se3 import Array
 from lab.core.serials import one_serial
 from lab.core.wording import be, counted
 from lab.formats.measurement_csv import read_measurements
+from lab.render.phrases.registry import phrase, phrases
 from lab.render.progress import Stage, status
 from lab.verification.estimated_noise import MOST_POSES, STEP, with_estimated_noise
 from lab.verification.prediction import CalibrationPrediction
@@ -134,17 +133,23 @@ def _tested(
     fitted = _if_fitted(calibrated, options, rows) if given is None else []
     tested = f"2 of 2, testing {len(rows):,} rows, twice or more"
     stage(tested)
-    with _naming(options):
+    noise = _noise(calibrated, options)
+    if not np.isfinite(calibrated.covariance).all():
+        raise LabError(
+            f"{options.run}: its covariance is unknown, as its poses left no residuals to say the noise; "
+            "identify again with more poses, or with --noise-mm"
+        )
+    with error_context(options.file):
         known_m = (calibrated.result.residual_mm or 0.0) / 1e3
         noisy = noise_beyond(options.noise_mm, rows, known_m, "the run's residuals")
-        observations, prediction = _against(calibrated, rows, options)
+        observations, prediction = _against(calibrated, rows, noise, options)
         _refuse_implausible(prediction, observations)
         names = [rows.where(i) for i in range(len(rows))]
         verified = test(prediction, observations, options.refit, names, _counted(stage, tested))
     lone = [rows.ids[i] for i in np.flatnonzero(calibrated.extrapolated(rows.joints))]
     said = _warnings(calibrated, read, rows, verified) + said_of_extrapolated("poses", lone, len(rows))
     said += fitted
-    warnings = tuple(noisy + said + _repeat_where_measured(len(lone), len(rows), verified))
+    warnings = (*phrases(noisy), *said, *_repeat_where_measured(len(lone), len(rows), verified))
     return VerificationResult(options, calibrated, rows, verified, warnings)
 
 
@@ -177,7 +182,7 @@ def _refuse_unseen_base(calibrated: Calibrated, options: VerifyOptions) -> None:
 
 
 def _against(
-    calibrated: Calibrated, rows: Measurements, options: VerifyOptions
+    calibrated: Calibrated, rows: Measurements, noise: Noise, options: VerifyOptions
 ) -> tuple[Observations, CalibrationPrediction]:
     """The measurements weighed, and what the run says of them.
 
@@ -196,12 +201,7 @@ def _against(
     kept = [i for i, name in enumerate(calibrated.identified) if name in arm.names]
     free = tuple(arm.names.index(calibrated.identified[i]) for i in kept)
     covariance = calibrated.covariance[np.ix_(kept, kept)]
-    if not np.isfinite(covariance).all():
-        raise LabError(
-            f"{options.run}: its covariance is unknown, as its poses left no residuals to say the noise; "
-            "identify again with more poses, or with --noise-mm"
-        )
-    observations, _ = weighed(observation_of(arm), rows, _noise(calibrated, options))
+    observations, _ = weighed(observation_of(arm), rows, noise)
     lacking, larger, dof = calibrated.lacking(root_mean_square_sigma(observations, 0))
     tail = calibrated.result.noise_tail_freedom
     if calibrated.predicted_by is not None:
@@ -220,7 +220,7 @@ def _against(
     floored = (calibrated.result.noise_mm or 0.0) / 1e3 < LEAST_SIGMA_M  # of what is hardly there nothing is estimated
     if options.noise_mm is not None or options.instrument is not None or floored:
         errors = errors.without("scale")
-    return _of_estimated_noise(calibrated, rows, _noise(calibrated, options), prediction, errors.of(kept))
+    return _of_estimated_noise(calibrated, rows, noise, prediction, errors.of(kept))
 
 
 def _of_estimated_noise(
@@ -285,7 +285,7 @@ def _refuse_implausible(prediction: CalibrationPrediction, observations: Observa
         other = another_unit(prediction, observations)
         raise LabError(
             f"the measured points spread {spreads[0] / spreads[1]:.3g} times as far as the robot's do in these poses: "
-            f"{'wrong unit, or another robot' if other is None else other.words}"
+            f"{'wrong unit, or another robot' if other is None else phrase(other)}"
         )
 
 
@@ -380,13 +380,3 @@ def _repeat_where_measured(lone: int, count: int, verified: Verified) -> list[st
         "most of these poses are where the run fitted none, so what its model lacks there may look like a change; "
         "measure again at poses of the run before the arm is called changed"
     ]
-
-
-@contextmanager
-def _naming(options: VerifyOptions) -> Iterator[None]:
-    """Say of an error in the measurements which file it is of."""
-    try:
-        yield
-    except LabError as error:
-        said = str(error)
-        raise LabError(said if said.startswith(str(options.run)) else f"{options.file}: {said}") from error

@@ -16,13 +16,14 @@ from lab.calibration.noise.plausibility import (
 from lab.calibration.noise.search import search_noise
 from lab.calibration.noise.shared_errors import SharedErrors
 from lab.calibration.observations.protocol import observation_of
-from lab.calibration.statistics.goodness_of_fit import GoodnessOfFit
 from lab.calibration.statistics.replicates import repeats
 from lab.calibration.weights import Noise, weighed
+from lab.core.checks import Check
 from lab.core.measurements import Measurements
+from lab.render.phrases.registry import phrase
 
-UNTESTED = GoodnessOfFit(None, float("nan"), "nothing", "")
-REPEATED = GoodnessOfFit(True, 0.5, "repeats", "")
+UNTESTED = Check("lack_of_fit.nothing", "not tested")
+REPEATED = Check("lack_of_fit.repeats", "passed", p=0.5)
 
 
 def changes(data: Measurements, noise: Noise = Noise()) -> list:  # noqa: B008
@@ -53,16 +54,16 @@ def test_a_change_is_found_where_it_happened(mistake: str, what: str) -> None:
     for seed in range(3):
         data, rng = session_with_noise(seed)
         (found,) = changes(MISTAKES[mistake](data, rng, 0.1e-3))
-        assert what in found.words and not found.supported and found.kind == "change"
-        assert found.between is not None and data.ids.index(found.between[1]) == pytest.approx(30, abs=6)
+        assert what in phrase(found) and found.outcome == "failed" and found.name == "finding.change"
+        assert data.ids.index(found.data["between"][1]) == pytest.approx(30, abs=6)
 
 
 def test_the_size_of_a_change_is_that_of_the_step() -> None:
     data, rng = session_with_noise(1)
     for size in (0.1e-3, 1e-3):
         (found,) = changes(MISTAKES["the reflector was reseated"](data, rng, size))
-        assert found.size_m == pytest.approx(size, rel=0.15)
-        assert found.between == (data.ids[29], data.ids[30])
+        assert found.data["size_m"] == pytest.approx(size, rel=0.15)
+        assert found.data["between"] == (data.ids[29], data.ids[30])
 
 
 def test_a_noise_that_was_given_too_large_hides_no_change() -> None:
@@ -82,11 +83,12 @@ def test_only_repeats_support_scatter_and_only_of_a_common_size(good: list[Measu
     cases = ((small, REPEATED, True), (small, UNTESTED, False), (large, REPEATED, False))
     for errors, adequacy, supported in cases:
         (finding,) = shared_error_findings(found, data, errors, adequacy, alone)
-        assert finding.kind == "scatter" and finding.supported is supported
-        assert ("support it" in finding.words) is not supported
-    assert finding.size_m > COMMON_SCATTER_M
+        assert finding.name == "finding.scatter" and (finding.outcome == "noted") is supported
+        assert ("support it" in phrase(finding)) is not supported
+    assert finding.data["size_m"] > COMMON_SCATTER_M
     stated = identify(ARM, data, ARM.nominal(), Noise(sigma_m=9e-6))
-    assert shared_error_findings(stated, data, small, UNTESTED, alone)[0].supported  # what was stated explains it
+    (explained,) = shared_error_findings(stated, data, small, UNTESTED, alone)  # by what was stated
+    assert explained.outcome == "noted"
 
 
 def test_drift_is_supported_by_poses_that_were_measured_again_later(good: list[Measurements]) -> None:
@@ -97,8 +99,8 @@ def test_drift_is_supported_by_poses_that_were_measured_again_later(good: list[M
     later[-1] = later[0]
     for labels, supported in ((at_once, False), (later, True)):
         (finding,) = shared_error_findings(found, data, drift, REPEATED, labels)
-        assert finding.kind == "drift" and finding.supported is supported
-    assert "drifts by 35 µm" in finding.words  # from beginning to end, of three axes
+        assert finding.name == "finding.drift" and (finding.outcome == "noted") is supported
+    assert "drifts by 35 µm" in phrase(finding)  # from beginning to end, of three axes
 
 
 def test_a_step_is_never_supported_and_names_its_poses() -> None:
@@ -107,18 +109,17 @@ def test_a_step_is_never_supported_and_names_its_poses() -> None:
     found = identify(ARM, moved, ARM.nominal())
     errors = search_noise(found, moved, Noise()).shared
     (finding, *_) = shared_error_findings(found, moved, errors, REPEATED, repeats(moved))
-    assert finding.kind == "step" and not finding.supported
-    assert finding.size_m == pytest.approx(3e-3, rel=0.05) and "3 mm between poses" in finding.words
-    assert finding.to_dict()["between"] == list(finding.between)
+    assert finding.name == "finding.step" and finding.outcome == "failed"
+    assert finding.data["size_m"] == pytest.approx(3e-3, rel=0.05) and "3 mm between poses" in phrase(finding)
 
 
 def test_noise_beyond_common_instruments_is_a_finding_where_nobody_stated_it(good: list[Measurements]) -> None:
     data, rng = good[0], np.random.default_rng(0)
     alone = np.arange(len(data))
-    for size, kinds in ((0.3 * COMMON_NOISE_M, []), (3 * COMMON_NOISE_M, ["noise"])):
+    for size, kinds in ((0.3 * COMMON_NOISE_M, []), (3 * COMMON_NOISE_M, ["finding.noise"])):
         noisy = replace(data, points=data.points + size * rng.normal(size=data.points.shape))
         found = identify(ARM, noisy, ARM.nominal())
-        assert [each.kind for each in shared_error_findings(found, noisy, None, UNTESTED, alone)] == kinds
+        assert [each.name for each in shared_error_findings(found, noisy, None, UNTESTED, alone)] == kinds
         assert shared_error_findings(found, noisy, None, REPEATED, alone) == []
         stated = identify(ARM, noisy, ARM.nominal(), Noise(sigma_m=size))
         assert shared_error_findings(stated, noisy, None, UNTESTED, alone) == []

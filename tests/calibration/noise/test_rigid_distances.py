@@ -8,6 +8,7 @@ from scipy import stats
 from lab.calibration.identify import identify
 from lab.calibration.noise.rigid_distances import InstrumentNoise, goodness_by_distances, instrument_noise
 from lab.core.measurements import measured
+from lab.render.phrases.registry import phrase
 
 SIGMA, POSES, THREE = 8e-6, 40, ("p1", "p2", "p3")
 ARM = IRB120.arm(THREE)
@@ -66,9 +67,10 @@ def test_a_fit_is_judged_by_the_distances() -> None:
             instrument = instrument_noise(made)
             assert instrument is not None
             judged = goodness_by_distances(found.residual_sigma_m**2 * found.dof, found.dof, instrument)
-            assert judged is not None and judged.by == "distances" and "distances between the targets" in judged.words
-            assert scatter == 0.0 or (judged.adequate is False and judged.p < 1e-6)
-            adequate += judged.adequate is True
+            assert judged is not None and judged.name == "lack_of_fit.distances"
+            assert "distances between the targets" in phrase(judged)
+            assert scatter == 0.0 or (judged.outcome == "failed" and judged.p < 1e-6)
+            adequate += judged.outcome == "passed"
     assert adequate >= 4
 
 

@@ -17,6 +17,7 @@ from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.calibrate.run import identify as identify_file
 from lab.kinematics.gauge import base_set
 from lab.kinematics.serial.arm import SerialArm
+from lab.render.phrases.registry import in_one_line
 
 ARM = SerialArm(IRB120.chain)
 KINDS: dict[str, type[Fixtures]] = {"cable": Cable, "socket": Sockets, "plane": Planes}
@@ -127,5 +128,5 @@ def test_random_poses_are_at_no_fixture(kind, columns, cell, prior: bool, tmp_pa
     path.write_text(f"{HEADER},{columns}\n{rows}")
     words = "what was measured is the same in every pose" if kind == "cable" else "302 mm from its nominal length"
     outcome = identify_file(MeasuredCampaign(path, observe=kind, fitting=Fitting(prior=prior)))
-    assert outcome.verdict.word == "bad" and words in outcome.verdict.reason
+    assert outcome.verdict.word == "bad" and words in in_one_line(outcome.verdict.reasons)
     assert np.nanmax(np.abs(outcome.identification.residuals)) < 1e-3  # it fits, and says nothing

@@ -8,8 +8,9 @@ from helpers.robots import IRB120, perturbed, somewhere
 from scipy import stats
 
 from lab.calibration.gauss_newton import Fit, Observations, fit
-from lab.calibration.statistics.goodness_of_fit import GoodnessOfFit, goodness_of_fit, isotropy, sandwich
+from lab.calibration.statistics.goodness_of_fit import goodness_of_fit, isotropy, sandwich
 from lab.calibration.statistics.linearized import NoiseDistribution, linearized
+from lab.core.checks import Check
 from lab.core.covariance import whitening
 from lab.core.instruments import INSTRUMENTS, Instrument
 from lab.core.se3 import Array
@@ -17,6 +18,7 @@ from lab.core.significance import LACK_OF_FIT
 from lab.core.tracker_errors import TrackerErrors
 from lab.kinematics.gauge import base_set
 from lab.kinematics.serial.arm import SerialArm
+from lab.render.phrases.registry import phrase
 
 ARM = SerialArm(IRB120.chain)
 FREE = base_set(ARM, ARM.nominal()).kept
@@ -79,8 +81,8 @@ def test_a_true_model_is_rejected_at_the_level(
         for _ in range(draws):
             seen, solution = fitted(device, truth, joints, rng)
             found = goodness_of_fit(ARM, seen, solution, known=True, shape=shape)
-            assert found.by == "chi2" and found.adequate == (found.p >= LACK_OF_FIT)
-            rejected += not found.adequate
+            assert found.name == "lack_of_fit.chi2" and (found.outcome == "passed") == (found.p >= LACK_OF_FIT)
+            rejected += found.outcome != "passed"
     assert rejected / (10 * draws) == pytest.approx(0.05, abs=three_sigma(0.05, 10 * draws))
 
 
@@ -91,11 +93,11 @@ def test_a_missing_compliance_is_seen_and_said() -> None:
         exact = ARM.points(sagging(joints, 2e-4), truth)
         seen = seen_by(UNIFORM, joints, exact, rng, True)
         found = goodness_of_fit(ARM, seen, fit(ARM, seen, FREE, truth), known=True, shape=NoiseDistribution("uniform"))
-        assert found.adequate is False and found.p < 1e-3
-        assert found.words.startswith("lack of fit") and "times the noise" in found.words
+        assert found.outcome == "failed" and found.p < 1e-3
+        assert phrase(found).startswith("lack of fit") and "times the noise" in phrase(found)
 
 
-def repeated(seed: int, sag_rad: float) -> GoodnessOfFit:
+def repeated(seed: int, sag_rad: float) -> Check:
     """20 configurations, ten of them measured three times with readings that differ by 0.1 mrad."""
     truth, joints, rng = robot(seed, 20)
     labels = np.concatenate([np.arange(20), np.arange(10), np.arange(10)])
@@ -107,12 +109,12 @@ def repeated(seed: int, sag_rad: float) -> GoodnessOfFit:
 def test_repeats_tell_what_noise_is() -> None:
     """5 % of 80, give or take 3 sigma: readings that differ a little are no lack of fit; a sag of 1 mrad is."""
     found = [repeated(seed, 0.0) for seed in range(80)]
-    assert all(f.by == "repeats" for f in found)
-    assert np.mean([not f.adequate for f in found]) == pytest.approx(0.05, abs=three_sigma(0.05, 80))
-    assert np.mean([not repeated(seed, 1e-3).adequate for seed in range(10)]) > 0.9
+    assert all(f.name == "lack_of_fit.repeats" for f in found)
+    assert np.mean([f.outcome != "passed" for f in found]) == pytest.approx(0.05, abs=three_sigma(0.05, 80))
+    assert np.mean([repeated(seed, 1e-3).outcome != "passed" for seed in range(10)]) > 0.9
 
 
-def held_out(seed: int, off_m: float) -> GoodnessOfFit:
+def held_out(seed: int, off_m: float) -> Check:
     truth, joints, rng = robot(seed, 30)
     seen, solution = fitted(GAUSSIAN, truth, joints, rng, known=False)
     fresh = IRB120.chain.random_joints(10, rng)
@@ -123,9 +125,9 @@ def held_out(seed: int, off_m: float) -> GoodnessOfFit:
 def test_poses_held_out_say_only_whether_the_claim_holds() -> None:
     """5 % of 80, give or take 3 sigma; errors three times the noise are seen; no model is ever said to be adequate."""
     found = [held_out(seed, 0.0) for seed in range(80)]
-    assert all(f.by == "holdout" if f.adequate is None else f.adequate is False for f in found)
-    assert np.mean([f.adequate is False for f in found]) == pytest.approx(0.05, abs=three_sigma(0.05, 80))
-    assert all(held_out(seed, 9e-5).adequate is False for seed in range(10))
+    assert all(f.name == "lack_of_fit.holdout" if f.outcome == "not tested" else f.outcome == "failed" for f in found)
+    assert np.mean([f.outcome == "failed" for f in found]) == pytest.approx(0.05, abs=three_sigma(0.05, 80))
+    assert all(held_out(seed, 9e-5).outcome == "failed" for seed in range(10))
 
 
 def test_the_held_out_statistic_is_the_prediction_error_in_its_own_covariance() -> None:
@@ -142,10 +144,10 @@ def test_the_held_out_statistic_is_the_prediction_error_in_its_own_covariance() 
     assert found.p == pytest.approx(
         2 * stats.f.sf(errors @ np.linalg.solve(covariance, errors) / 12 / variance, 12, 63), rel=1e-3
     )
-    assert found.adequate is False and found.by == "holdout" and found.p < LACK_OF_FIT
+    assert found.outcome == "failed" and found.name == "lack_of_fit.holdout" and found.p < LACK_OF_FIT
 
 
-def in_a_part(seed: int, waves_rad: float, *, held: bool = True) -> GoodnessOfFit:
+def in_a_part(seed: int, waves_rad: float, *, held: bool = True) -> Check:
     """60 poses in a third of each joint's range, each of whose joints runs out twice a turn; 20 more are held out."""
     truth, joints, rng = robot(seed, 80)
     joints = joints / 3
@@ -159,11 +161,11 @@ def in_a_part(seed: int, waves_rad: float, *, held: bool = True) -> GoodnessOfFi
 def test_what_poses_nearby_do_not_show_the_joints_do() -> None:
     """Errors at poses held out in the same part of the workspace are as predicted: they hold what is lacking, too."""
     missing = [in_a_part(seed, 3e-4) for seed in range(10)]
-    assert all(f.adequate is False and f.by == "joints" and f.p < 1e-3 for f in missing)
-    assert all(f.words.startswith("lack of fit: the residuals vary with the joints (F test") for f in missing)
+    assert all(f.outcome == "failed" and f.name == "lack_of_fit.joints" and f.p < 1e-3 for f in missing)
+    assert all(phrase(f).startswith("lack of fit: the residuals vary with the joints (F test") for f in missing)
     alone = [in_a_part(seed, 3e-4, held=False) for seed in range(10)]
-    assert all(f.adequate is False and f.by == "joints" for f in alone)
-    assert np.mean([in_a_part(seed, 0.0).adequate is False for seed in range(80)]) == pytest.approx(
+    assert all(f.outcome == "failed" and f.name == "lack_of_fit.joints" for f in alone)
+    assert np.mean([in_a_part(seed, 0.0).outcome == "failed" for seed in range(80)]) == pytest.approx(
         0.05, abs=three_sigma(0.05, 80)
     )
 
@@ -171,10 +173,10 @@ def test_what_poses_nearby_do_not_show_the_joints_do() -> None:
 def test_some_of_very_many_poses_say_whether_residuals_vary(monkeypatch: pytest.MonkeyPatch) -> None:
     """Every second pose is looked at: at the level of a doubt where nothing is lacking, surely where something is."""
     monkeypatch.setattr("lab.calibration.statistics.goodness_of_fit._MOST_POSES", 40)
-    assert all(in_a_part(seed, 6e-4, held=False).adequate is False for seed in range(5))
+    assert all(in_a_part(seed, 6e-4, held=False).outcome == "failed" for seed in range(5))
     clean = [in_a_part(seed, 0.0, held=False) for seed in range(80)]
-    assert np.mean([found.adequate is False for found in clean]) <= 0.01 + three_sigma(0.01, 80)
-    assert all(found.by == "nothing" for found in clean if found.adequate is None)
+    assert np.mean([found.outcome == "failed" for found in clean]) <= 0.01 + three_sigma(0.01, 80)
+    assert all(found.name == "lack_of_fit.nothing" for found in clean if found.outcome == "not tested")
 
 
 def test_where_nothing_tells_nothing_is_said() -> None:
@@ -182,13 +184,13 @@ def test_where_nothing_tells_nothing_is_said() -> None:
     seen, solution = fitted(GAUSSIAN, truth, joints, rng, known=False)
     for labels in (None, np.arange(30)):
         found = goodness_of_fit(ARM, seen, solution, known=False, labels=labels)
-        assert found.adequate is None and found.by == "nothing" and np.isnan(found.p)
-        assert "--instrument" in found.words and "--noise-mm" in found.words
+        assert found.outcome == "not tested" and found.name == "lack_of_fit.nothing" and np.isnan(found.p)
+        assert "--instrument" in phrase(found) and "--noise-mm" in phrase(found)
     few, solution = fitted(GAUSSIAN, truth, joints[:9], rng)
-    assert "measure more poses" in goodness_of_fit(ARM, few, solution, known=True).words
+    assert "measure more poses" in phrase(goodness_of_fit(ARM, few, solution, known=True))
     coarse = replace(seen, whiten=np.full((30, 1), 1 / 300e-6))
     found = goodness_of_fit(ARM, coarse, fit(ARM, coarse, FREE, truth), known=True)
-    assert found.adequate is None and "too large" in found.words
+    assert found.outcome == "not tested" and "too large" in phrase(found)
 
 
 def test_noise_that_is_not_isotropic_is_told() -> None:
@@ -199,8 +201,8 @@ def test_noise_that_is_not_isotropic_is_told() -> None:
         p += [isotropy(ARM, *fitted(GAUSSIAN, truth, joints, rng, known=False)).p for _ in range(10)]
         for _ in range(4):
             found = isotropy(ARM, *fitted(TRACKER, truth, joints, rng, known=False))
-            told.append("with --instrument" in found.words)
-            assert found.ratio > 1.2
+            told.append("with --instrument" in phrase(found))
+            assert found.statistic > 1.2
     assert np.mean(np.array(p) < 0.05) == pytest.approx(0.046, abs=three_sigma(0.046, 100))
     assert np.sum(np.array(p) < 1e-3) <= 2  # 0.1 expected: more than 2 once in 6,500
     assert np.mean(told) > 0.93 - three_sigma(0.93, 40)

@@ -20,6 +20,7 @@ from lab.commands.calibrate.scene import world_of
 from lab.core import se3
 from lab.formats.measurement_csv import write_measurements
 from lab.render.format import capital, digits_of, sentence, short
+from lab.render.phrases.registry import in_one_line, phrases
 from lab.render.units import display_unit
 
 SECTIONS = ["Before and after calibration", "Where in the workspace the errors are", "Uncertainty and goodness of fit",
@@ -34,8 +35,9 @@ def answers_of(verdict: Verdict) -> list[str]:
     """What a page says of the three questions: what a reason has said already stands once."""
     return [
         f"{capital(name)}: {each.standing}. "
-        + ("See above." if any(reason.startswith(each.words) for reason in verdict.reasons) else sentence(each.words))
+        + ("See above." if any(reason.startswith(words) for reason in phrases(verdict.reasons)) else sentence(words))
         for name, each in verdict.answers.items()
+        for words in [in_one_line(each.checks)]
     ]
 
 
@@ -151,9 +153,9 @@ def test_virtual_runs_of_every_end_are_told(case: str, tmp_path: Path) -> None:
     assert found.verdict.word == verdict
     seen = written(tmp_path / "report.html", found)
     assert set(seen.figures) == set(FIGURES) - missing and seen.headings[0].endswith(verdict)
-    warnings = [each for each in found.warnings if each not in found.verdict.reasons]
-    assert seen.items == [*map(capital, found.verdict.reasons), *answers_of(found.verdict), *warnings]
-    for reason in found.verdict.reasons:
+    warnings = [each for each in found.warnings if each not in phrases(found.verdict.reasons)]
+    assert seen.items == [*map(capital, phrases(found.verdict.reasons)), *answers_of(found.verdict), *warnings]
+    for reason in phrases(found.verdict.reasons):
         assert seen.text.lower().count(reason.lower()) == 1
     assert ("Outliers: " in " ".join(seen.headings)) is bool(found.fit.outliers)
 

@@ -57,13 +57,14 @@ def test_repeats_from_the_other_side_or_session_are_no_repeats() -> None:
     sides = np.tile([1.0, -1.0], 40)
     approach = {f"approach_{name}": sides for name in NAMES}
     data = simulated(("backlash",), {"backlash": 2e-4}, joints, approach, 1)
-    assert fitter(data)(data).adequacy.adequate is not True
+    assert fitter(data)(data).adequacy.outcome != "passed"
     plain = replace(data, conditions={})  # who does not say from which side cannot be helped
-    assert fitter(plain)(plain).adequacy.by == "repeats"
+    assert fitter(plain)(plain).adequacy.name == "lack_of_fit.repeats"
     bumped = simulated(("sessions",), {"x": 5e-4}, joints, {}, 1, sessions=["1", "2"] * 40)
-    assert fitter(bumped)(bumped).adequacy.adequate is not True
+    assert fitter(bumped)(bumped).adequacy.outcome != "passed"
     honest = simulated((), {}, joints, {}, 1)
-    assert fitter(honest)(honest).adequacy.by == "repeats" and fitter(honest)(honest).adequacy.adequate
+    tested = fitter(honest)(honest).adequacy
+    assert tested.name == "lack_of_fit.repeats" and tested.outcome == "passed"
 
 
 @pytest.mark.thorough
@@ -114,7 +115,7 @@ def test_held_out_poses_that_are_off_are_named() -> None:
         assert [(pose.id, pose.held_out) for pose in fit.outliers] == [("70", True)]
         assert fit.outliers[0].size_m == pytest.approx(2e-3, rel=0.05)
         assert any("the error is with them" in warning for warning in fit.warnings)  # robust or not
-    assert fit.adequacy.by == "holdout" and fit.adequacy.p > 0.001
+    assert fit.adequacy.name == "lack_of_fit.holdout" and fit.adequacy.p > 0.001
 
 
 def test_a_clock_that_started_long_ago_does_not_matter() -> None:

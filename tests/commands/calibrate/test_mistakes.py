@@ -8,6 +8,7 @@ import pytest
 from helpers.mistakes import MISTAKES, session_with_noise, stopped_elsewhere
 
 import lab
+from lab.render.phrases.registry import phrases
 
 STATED = {"": {}, "stated": {"noise_mm": 0.009}, "stated too large": {"noise_mm": 0.05}}
 SIZES_M = (0.1e-3, 0.3e-3, 1e-3)  # the standard error of a step is 4 µm, that of a turn 15 µm at a metre
@@ -40,7 +41,7 @@ def test_a_session_without_mistakes_is_good() -> None:
 def test_the_first_sentence_names_the_poses_and_the_size() -> None:
     data, rng = session_with_noise(1)
     found = identified(MISTAKES["the tracker moved half way"](data, rng, 3e-3))
-    assert "moved by 3 mm between poses" in found.verdict.reasons[0]
+    assert "moved by 3 mm between poses" in phrases(found.verdict.reasons)[0]
     (step, *_) = found.to_dict()["noise_findings"]
     assert step["kind"] == "step" and step["size_mm"] == pytest.approx(3.0, rel=0.1) and len(step["between"]) == 2
 
@@ -57,8 +58,8 @@ def test_the_first_sentence_names_the_poses_and_the_size() -> None:
 )
 def test_an_effect_that_is_called_noise_is_named(effect: dict[str, float], named: str) -> None:
     found = lab.calibrate("irb120", poses=60, seed=1, **effect)
-    assert found.verdict.word == "doubtful" and "fit with --model auto" in found.verdict.reasons[0]
-    assert named in found.verdict.reasons[0]
+    assert found.verdict.word == "doubtful" and "fit with --model auto" in phrases(found.verdict.reasons)[0]
+    assert named in phrases(found.verdict.reasons)[0]
 
 
 def test_scatter_is_supported_by_repeated_poses_alone() -> None:
@@ -70,8 +71,8 @@ def test_scatter_is_supported_by_repeated_poses_alone() -> None:
         data = replace(exact.take(rows), ids=tuple(str(i) for i in range(60)), lines=())
         data = stopped_elsewhere(data, 0.04e-3 * rng.normal(size=data.joints.shape))
         found = identified(replace(data, points=data.points + 9e-6 * rng.normal(size=data.points.shape)))
-        words[visits] = found.verdict.word, [(each.kind, each.supported) for each in found.fit.findings]
-    assert words == {1: ("doubtful", [("scatter", False)]), 3: ("good", [("scatter", True)])}
+        words[visits] = found.verdict.word, [(each.name, each.outcome) for each in found.fit.findings]
+    assert words == {1: ("doubtful", [("finding.scatter", "failed")]), 3: ("good", [("finding.scatter", "noted")])}
 
 
 def test_points_that_are_all_zero_are_bad_without_a_warning_of_arithmetic() -> None:
@@ -79,7 +80,7 @@ def test_points_that_are_all_zero_are_bad_without_a_warning_of_arithmetic() -> N
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         found = identified(replace(data, points=0 * data.points))
-    assert found.verdict.word == "bad" and "the same in every pose" in found.verdict.reasons[0]
+    assert found.verdict.word == "bad" and "the same in every pose" in phrases(found.verdict.reasons)[0]
 
 
 @pytest.mark.slow

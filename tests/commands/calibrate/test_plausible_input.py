@@ -12,6 +12,7 @@ from lab.commands.calibrate.plausibility import without_copies
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
+from lab.render.phrases.registry import in_one_line, phrases
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +64,7 @@ def test_a_noise_that_hides_errors_is_told_and_not_good(day: Measurements) -> No
     vague = lab.identify(day, robot="scara", noise_mm=0.2, holdout=0.2)
     assert sound.verdict.word == "good" and vague.verdict.word == "doubtful"
     assert vague.verdict.fit.standing == "doubtful"
-    assert any("--noise-mm 0.2: the residuals are those of a noise of 0.00" in each for each in vague.verdict.reasons)
+    assert "--noise-mm 0.2: the residuals are those of a noise of 0.00" in in_one_line(vague.verdict.reasons)
     known = lab.verify(sound, day, noise_mm=0.2).warnings
     assert any("the run's residuals are those of" in each and "not noticed" in each for each in known)
     assert not any("not noticed" in each for each in lab.verify(sound, day, noise_mm=0.01).warnings)
@@ -131,7 +132,7 @@ def test_points_in_another_scale_are_told_and_not_good(scale: float) -> None:
     """As of an instrument whose unit or whose air is wrong: all lengths grow together, and everything fits."""
     day = lab.simulate("irb120", poses=40, seed=5).measurements
     found = lab.identify(replace(day, points=scale * day.points), robot="irb120", holdout=0.25)
-    said = [reason for reason in found.verdict.reasons if "look at the scale of the points" in reason]
+    said = [reason for reason in phrases(found.verdict.reasons) if "look at the scale of the points" in reason]
     assert bool(said) == (found.verdict.word != "good") == (abs(scale - 1) > 0.005)
     for each in said:
         assert "all 3 long links (link2.a, link3.a, link4.d)" in each
@@ -154,7 +155,7 @@ def test_a_column_of_noise_in_two_units_is_told_and_not_good() -> None:
     for factor in (1e3, 1.0):
         mixed = replace(day, sigma_m=np.where(np.arange(len(day)) % 3 == 0, factor * sigma, sigma))
         found = lab.identify(mixed, robot="irb120", holdout=0.25)
-        assert (found.verdict.word == "good") == (factor == 1.0), found.verdict.reasons
-        assert any("column sigma_mm goes from 0.00462 to 4.62" in each for each in found.verdict.reasons) == (
+        assert (found.verdict.word == "good") == (factor == 1.0), phrases(found.verdict.reasons)
+        assert any("column sigma_mm goes from 0.00462 to 4.62" in each for each in phrases(found.verdict.reasons)) == (
             factor > 1
         )

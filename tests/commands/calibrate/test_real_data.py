@@ -9,6 +9,7 @@ from helpers.robots import data_file
 from lab.campaign.option_groups import Fitting
 from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.calibrate.run import identify
+from lab.render.phrases.registry import in_one_line, phrases
 
 
 def mean_mm(errors) -> float:
@@ -44,7 +45,7 @@ def test_ur10_random_poses() -> None:
     assert outcome.verdict.word == "doubtful"
     found = outcome.to_dict()  # the probe's centre lies near axis 6: without a prior link5.theta may be anything
     assert found["condition"] < 1_000 < 10_000 < found["plain_condition"] and found["farthest_link"]["tolerances"] < 10
-    said = outcome.verdict.reasons
+    said = phrases(outcome.verdict.reasons)
     assert "joint 2 runs out 20 times a turn" in said[0]  # a wave of its gear
     assert said[0].endswith("fit with --model auto")
     assert any(each.startswith("lack of fit: the residuals vary with the joints") for each in said)
@@ -116,7 +117,7 @@ def test_irb120_with_a_wire(holdout: float | None) -> None:
     said = "\n".join(outcome.warnings)
     assert "before rows 140, 506: 3 anchors" in said and "row 950" in said
     assert "rounded to 0.1°, which alone makes errors of 0.27" in said
-    assert outcome.verdict.word == "doubtful" and outcome.verdict.reason.startswith("hardly better than the nominal")
+    assert outcome.verdict.word == "doubtful" and outcome.verdict.reasons[0].name == "accuracy.gain"
 
 
 def test_panda_with_sockets(tmp_path) -> None:
@@ -185,7 +186,7 @@ def test_ur10_as_poses(every: int, tmp_path) -> None:
     assert outcome.identification.fit.condition < 200 and len(outcome.identification.fit.free) == 30
     assert 0.3 < outcome.to_dict()["noise_mrad"] < 1.5 and outcome.verdict.word == "doubtful"
     assert any(  # as the waves of its gears make them
-        each.startswith("lack of fit: the residuals vary with the joints") for each in outcome.verdict.reasons
+        each.startswith("lack of fit: the residuals vary with the joints") for each in phrases(outcome.verdict.reasons)
     )
 
 
@@ -205,4 +206,4 @@ def test_ur10_as_poses_with_a_stated_noise(tmp_path) -> None:
 @pytest.mark.slow  # tests/calibration/test_verdict.py has a small one
 def test_ur10_as_poses_with_other_angles(tmp_path) -> None:
     wrong = identify(replace(few_poses(tmp_path), orientation="fixed-xyz"))
-    assert wrong.verdict.word == "bad" and "wrong --orientation" in wrong.verdict.reason
+    assert wrong.verdict.word == "bad" and "wrong --orientation" in in_one_line(wrong.verdict.reasons)

@@ -10,6 +10,7 @@ import lab
 from lab.commands.calibrate.regions import bounds_at, region_to_dict, regions_of
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
+from lab.render.phrases.registry import in_one_line
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +67,7 @@ def test_a_region_is_that_of_the_task(day: Measurements, tmp_path: Path) -> None
     named["250,400,-150,150,300,600"] = "in the box of the task"
     for option, words in named.items():
         result = lab.identify(day, robot="irb120", instrument="uniform-8um", holdout=0.3, region=option)
-        assert words in result.verdict.determination.words
+        assert words in in_one_line(result.verdict.determination.checks)
         region = result.to_dict()["prediction"]
         assert 0 < region["p95_mm"] < 0.05 and region["poses"] >= 15
     with pytest.raises(LabError, match="--region 9000,9100,0,100,0,100: the arm reaches none of its 200 points"):
@@ -84,7 +85,7 @@ def test_a_campaign_in_a_corner_names_where_its_verdict_holds() -> None:
     assert found.verdict.word == "good"
     assert any("100 % of the workspace is extrapolated: the verdict holds where poses" in w for w in found.warnings)
     whole = lab.identify(data, robot="irb120", noise_mm=0.01, holdout=0.3, region="workspace", gate_mm=0.05)
-    assert whole.verdict.word == "doubtful" and "over the workspace" in whole.verdict.reason
+    assert whole.verdict.word == "doubtful" and "over the workspace" in in_one_line(whole.verdict.reasons)
 
 
 def test_without_validation_or_positions_nothing_is_compared(day: Measurements) -> None:

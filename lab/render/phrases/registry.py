@@ -1,0 +1,29 @@
+"""The phrase of each check, by the check's name."""
+
+from collections.abc import Callable, Iterable
+
+from lab.core.checks import Check
+from lab.render.phrases import verdict, verify
+
+__all__ = ["PHRASES", "in_one_line", "phrase", "phrases"]
+
+PHRASES: dict[str, Callable[[Check], str]] = {**verdict.PHRASES, **verify.PHRASES}
+
+
+def phrase(check: Check) -> str:
+    """Return the clause that states a check: what came out, where, and what to do; empty where nothing is to be said.
+
+    Raises:
+        KeyError: no phrase has the check's name.
+    """
+    return PHRASES[check.name](check)
+
+
+def phrases(checks: Iterable[Check]) -> tuple[str, ...]:
+    """Return the phrases of checks, in their order."""
+    return tuple(map(phrase, checks))
+
+
+def in_one_line(checks: Iterable[Check]) -> str:
+    """Return the phrases of checks as the clauses of one sentence."""
+    return "; ".join(phrases(checks))

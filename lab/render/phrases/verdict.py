@@ -1,0 +1,403 @@
+"""Phrases of a calibration's checks: lack of fit, findings about the errors, and the verdict."""
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from lab.calibration.noise.plausibility import COMMON_NOISE_M
+from lab.calibration.workspace_prediction import Distance
+from lab.core.checks import Check
+from lab.core.wording import short_length
+
+__all__ = ["PHRASES", "gate_words", "mm", "without_figures"]
+
+
+def gate_words(gate_mm: float | None) -> str:
+    """Return the gate (mm) in words."""
+    return "no gate was given" if gate_mm is None else f"gate: {gate_mm:g} mm"
+
+
+def mm(length_m: float) -> str:
+    """Return a length in mm with three digits; from 100 mm on, with all of them before the point."""
+    return f"{1e3 * length_m:,.0f} mm" if length_m >= 0.1 else f"{1e3 * length_m:.3g} mm"
+
+
+_NOT_TESTED = {
+    "residual": (
+        "lack of fit is not tested",
+        ": the group residual follows what was measured; errors at other poses judge it",
+    ),
+    "too few": (
+        "lack of fit cannot be tested",
+        ": the measurements are no more than the parameters need; measure more poses",
+    ),
+    "unknown noise": (
+        "lack of fit cannot be tested",
+        ": sigma is estimated from the same residuals; give --instrument or --noise-mm, or measure some poses twice",
+    ),
+}
+_TESTS = {
+    "lack_of_fit.repeats": "F test of lack of fit",
+    "lack_of_fit.holdout": "F test of held-out errors",
+    "lack_of_fit.joints": "F test of each joint's sine and cosine",
+    "lack_of_fit.distances": "F test against distances between targets",
+}
+
+
+def without_figures(check: Check) -> str:
+    """Return what a test of lack of fit found, without the figures and the advice that stand with the verdict."""
+    if check.outcome == "failed":
+        return "lack of fit"
+    if "shared" in check.data:
+        return "; ".join(check.data["shared"].words)
+    if check.name == "lack_of_fit.nothing":
+        return _NOT_TESTED[check.data["why"]][0]
+    return "no lack of fit detected" if check.outcome == "passed" else _signs(check)
+
+
+def _figures(check: Check) -> str:
+    first, second = check.data["dof"]
+    return f"({_TESTS[check.name]}, {first} and {second} degrees of freedom, p = {check.p:.2g})"
+
+
+def _seen(check: Check) -> str:
+    """Word a test that shows lack of fit."""
+    if check.name == "lack_of_fit.joints":
+        return f"the residuals vary with the joints {_figures(check)}"
+    return f"the errors at held-out poses are {check.statistic:.3g} times their prediction {_figures(check)}"
+
+
+def _not_seen(check: Check) -> str:
+    """Word a test that does not show lack of fit."""
+    if check.name == "lack_of_fit.joints":
+        return f"what is left does not vary with the joints {_figures(check)}"
+    return f"the errors at held-out poses are consistent with their prediction {_figures(check)}"
+
+
+def _signs(check: Check) -> str:
+    return " and ".join(map(_not_seen, check.data.get("tests", ()))) or _chi2(check)
+
+
+def _chi2(check: Check) -> str:
+    (dof,) = check.data["dof"]
+    test = f"(chi2 test, {dof} degrees of freedom, p = {check.p:.2g})"
+    if check.outcome == "passed":
+        return f"no lack of fit detected: the residuals are consistent with the instrument's noise {test}"
+    if check.outcome == "not tested":
+        too_large = "which is given too large to test the fit"
+        return f"the residuals are only {check.statistic:.2g} times the noise, {too_large} {test}"
+    said = f"lack of fit: the residuals are {check.statistic:.3g} times the noise {test}"
+    if "shared" not in check.data:
+        return said
+    shared = "; ".join(check.data["shared"].words)
+    return f"{said}, as if {shared}; only repeats could tell that from what the model lacks"
+
+
+def _repeats(check: Check) -> str:
+    if check.outcome == "passed":
+        return f"no lack of fit detected: the residuals are consistent with the repeatability {_figures(check)}"
+    return f"lack of fit: the residuals are {check.statistic:.3g} times the repeatability {_figures(check)}"
+
+
+def _distances(check: Check) -> str:
+    words = check.data["instrument"].words
+    if check.outcome == "passed":
+        return f"no lack of fit detected: {words}, and the other residuals are consistent with that {_figures(check)}"
+    return f"lack of fit: {words}, and the other residuals are {check.statistic:.3g} times that {_figures(check)}"
+
+
+def _unknown_noise(check: Check) -> str:
+    """Word the tests that need no known noise: of held-out errors, and of the joints' positions."""
+    if check.outcome == "failed":
+        return f"lack of fit: {_seen(check.data['tests'][0])}"
+    return f"{_signs(check)}; only a known sigma or repeats could show that noise is all that is left"
+
+
+def _joints(check: Check) -> str:
+    """Word the test of the joints' positions, alone or beside shared errors."""
+    if "shared" not in check.data:
+        return _unknown_noise(check)
+    shared = "; ".join(check.data["shared"].words)
+    if check.outcome == "failed":
+        return f"lack of fit: beside errors at random ({shared}) {_seen(check)}"
+    return f"{shared}: {_not_seen(check)}; only repeats could show that nothing is lacking"
+
+
+def _nothing(check: Check) -> str:
+    if "shared" in check.data:
+        return f"{'; '.join(check.data['shared'].words)}: lack of fit cannot be tested beside that"
+    return "".join(_NOT_TESTED[check.data["why"]])
+
+
+def _isotropy(check: Check) -> str:
+    return (
+        f"residuals across the line of sight are {check.statistic:.2g} times those along it (F test, p = "
+        f"{check.p:.1g}): the noise is not isotropic, so neither intervals nor the level of the outliers' test are "
+        "right; say whose with --instrument"
+    )
+
+
+def _unsupported(check: Check) -> str:
+    return "; no repeated poses and no stated instrument support it" if check.outcome == "failed" else ""
+
+
+def _step(check: Check) -> str:
+    before, after = check.data["between"]
+    moved = f"moved by {short_length(check.data['size_m'])} between poses {before} and {after}"
+    advice = "measure again in one set-up, or give the rows after it a session of their own"
+    return f"the base or the instrument {moved}: {advice}"
+
+
+def _drift(check: Check) -> str:
+    size = short_length(check.data["size_m"])
+    return f"the base or the instrument drifts by {size} over the campaign{_unsupported(check)}"
+
+
+def _correlated(check: Check) -> str:
+    size = short_length(check.data["size_m"])
+    next_pose = f"{check.data['correlation']:.2g} from one pose to the next"
+    return f"errors are correlated in time: {size} (1σ per axis), {next_pose}{_unsupported(check)}"
+
+
+def _scatter(check: Check) -> str:
+    size = f"{1e3 * check.data['scatter_rad']:.2g} mrad"
+    at_tool = short_length(check.data["size_m"])
+    return f"joints scatter by {size} from pose to pose ({at_tool} at the tool){_unsupported(check)}"
+
+
+def _noise(check: Check) -> str:
+    return (
+        f"the noise is estimated at {short_length(check.data['size_m'])} per axis, and common instruments have below "
+        f"{short_length(COMMON_NOISE_M)}: state the instrument (--instrument or --noise-mm), or find what adds to "
+        "its errors"
+    )
+
+
+def _missing(check: Check) -> str:
+    data = check.data
+    return (
+        f"lack of fit: {', '.join(data['effects'])} would explain errors that are called noise (mean error of held-out "
+        f"poses {1e3 * data['before_m']:.3g} mm without, {1e3 * data['after_m']:.3g} mm with): fit with --model auto"
+    )
+
+
+_MOVED = {"base": "the place of the base or the instrument", "tool": "tool point ", "joint": "the zero of joint "}
+
+
+def _change(check: Check) -> str:
+    before, after = check.data["between"]
+    if "ratio" in check.data:
+        larger = f"from pose {after} on as before" if check.data["grows"] else f"up to pose {before} as after it"
+        return f"errors are {check.data['ratio']:.2g} times as large {larger}: measure all poses in one way"
+    parts = (name.partition(".") for name in check.data["what"])
+    first, *others = (_MOVED[kind] + name for kind, _, name in parts)
+    what = first + "".join(f" (or {other})" for other in others)
+    changed = f"changed by {short_length(check.data['size_m'])} between poses {before} and {after}"
+    return f"{what} {changed}: look what happened there"
+
+
+def _residuals(check: Check) -> str:
+    return "the residuals are rounding" if check.outcome == "passed" else "not tested"
+
+
+def _weak(_: Check) -> str:
+    return "too weak for a doubt"
+
+
+def _spread(check: Check) -> str:
+    times = f"{check.data['times']:.3g} times as far as the robot's do in these poses"
+    return f"the measured points spread {times}: wrong unit, or another robot"
+
+
+def _convergence(check: Check) -> str:
+    if check.data["status"] == "in a valley":
+        return "the fit ended in a valley, along which the measurements say next to nothing (--prior on)"
+    why = "wrong robot, signs or axes, or too little measured for these (--prior on)?"
+    return f"Gauss-Newton did not converge: {why}"
+
+
+def _orientations(check: Check) -> str:
+    size = f"{1e3 * check.data['rms_rad']:.3g} mrad"
+    return f"measured orientations do not fit ({size}): wrong --orientation or columns?"
+
+
+def _fixtures(check: Check) -> str:
+    return (
+        f"a link is estimated {1e3 * check.data['change_m']:.3g} mm from its nominal length: these fixtures do not "
+        "constrain the arm; wrong columns or rows, or is --prior on needed?"
+    )
+
+
+def _identifiable(check: Check) -> str:
+    names = check.data["names"]
+    return f"{', '.join(names)} {'are' if len(names) > 1 else 'is'} not identifiable from these poses"
+
+
+def _validation(check: Check) -> str:
+    data = check.data
+    if check.outcome == "not tested":
+        return "no poses were held out, so the accuracy is not known"
+    if check.outcome == "failed":
+        share = f"{100 * data['fitted_share']:.0f} % of the validation poses"
+        return f"{share} are those that were fitted, so the accuracy is not known"
+    said = f"{mm(data['before_m'])} with the nominal model, {mm(data['after_m'])} with the calibrated one (means)"
+    if "observed_p95_m" in data:
+        said += f"; 95 % are below {mm(data['observed_p95_m'])}, and {mm(data['predicted_p95_m'])} was predicted there"
+    if "without_noise_m" in data:
+        said += f", {mm(data['without_noise_m'])} of it without the noise of the validation"
+    return said
+
+
+def _gate(check: Check) -> str:
+    data = check.data
+    limit = f"the {mm(data['limit_m'])} of an arm within its tolerances that was never calibrated"
+    if data["gate"]:
+        limit = f"the gate of {1e3 * data['limit_m']:g} mm"
+    guess = "; wrong --orientation?" if data["oriented"] else ""
+    return f"does not fit: {mm(data['after_m'])} on poses not fitted, above {limit}{guess}"
+
+
+def _before_after(check: Check) -> str:
+    return f"{mm(check.data['before_m'])} before, {mm(check.data['after_m'])} after"
+
+
+def _worse(check: Check) -> str:
+    return f"the calibrated model is worse than the nominal one: {_before_after(check)}"
+
+
+def _gain(check: Check) -> str:
+    largest = ", and the largest error grew" if check.data["grown"] else ""
+    return f"hardly better than the nominal model: {_before_after(check)}{largest}"
+
+
+def _fitted_poses(check: Check) -> str:
+    return f"{100 * check.data['share']:.0f} % of the validation poses were fitted"
+
+
+def _outliers(check: Check) -> str:
+    return f"{100 * check.data['share']:.3g} % of the hold-out set are outliers"
+
+
+def _prediction(check: Check) -> str:
+    observed, predicted, allowed = (mm(check.data[f"{name}_p95_m"]) for name in ("observed", "predicted", "allowed"))
+    return (
+        f"95 % of the errors at poses that were not fitted are below {observed}, but {predicted} was predicted there "
+        f"({allowed} with chance): the model or the noise is not what was assumed"
+    )
+
+
+def _error(check: Check) -> str:
+    region, elsewhere, condition = (check.data[name] for name in ("region", "elsewhere", "condition"))
+    of_condition = f", condition number {condition:,.0f}" if np.isfinite(condition) else ""
+    if not np.isfinite(region.p95_m):
+        return f"the error {region.words} cannot be predicted{of_condition}"
+    there = ""
+    if elsewhere is not None and np.isfinite(elsewhere.p95_m):
+        share = f"{100 * elsewhere.extrapolated_share:.0f} % of the workspace"
+        there = f", in the extrapolated {share} {mm(elsewhere.p95_m)}"
+    return f"the predicted 95 % error {region.words} is {mm(region.p95_m)}{there}{of_condition}"
+
+
+def _limit(check: Check) -> str:
+    limit = mm(check.data["limit_m"])
+    if not check.data["gate"]:
+        words = f"above {limit}, half of the error of such an arm that was never calibrated"
+    elif check.data["lack_of_fit"]:
+        words = f"with the lack of fit that is above the gate of {limit}"
+    else:
+        words = f"the predicted mean of {mm(check.data['region'].mean_m)} is above the gate of {limit}"
+    return f"{_error(check)}; {words}"
+
+
+def _cover(check: Check) -> str:
+    region = check.data["region"]
+    share = f"{100 * region.extrapolated_share:.0f} % of the poses {region.words}"
+    return f"{share} are extrapolated: not covered by measured poses"
+
+
+def _far(check: Check) -> str:
+    distance: Distance = check.data["distance"]
+    size = f"{np.rad2deg(distance.size):.3g}°" if distance.is_angle else mm(distance.size)
+    return f"{distance.name} is estimated {size} from its nominal value ({distance.tolerances:,.0f} tolerances)"
+
+
+def _other_robot(check: Check) -> str:
+    return f"{_far(check)}: is the nominal model that of this robot?"
+
+
+def _constant(_: Check) -> str:
+    return "what was measured is the same in every pose: wrong column?"
+
+
+def _given_noise(check: Check) -> str:
+    data = check.data
+    name = "column sigma_mm" if data["in_column"] else "--noise-mm"
+    return (
+        f"{name} {1e3 * data['given_m']:g}: {data['whose']} are those of a noise of {1e3 * data['known_m']:.2g} mm, "
+        f"{data['given_m'] / data['known_m']:.0f} times less: intervals are as many times too wide, and errors smaller "
+        "than the given noise are not noticed"
+    )
+
+
+def _given_noises(check: Check) -> str:
+    least, most = (f"{1e3 * check.data[name]:.3g}" for name in ("least_m", "most_m"))
+    return f"column sigma_mm goes from {least} to {most}: is it all in mm? Rows with much more noise hardly count"
+
+
+def _given_scale(check: Check) -> str:
+    names, scale = check.data["links"], check.data["scale"]
+    return (
+        f"all {len(names)} long links ({', '.join(names)}) are about {100 * abs(scale):.2g} % "
+        f"{'longer' if scale > 0 else 'shorter'} than the robot's: look at the scale of the points (the instrument's "
+        "unit, its correction for air and temperature), or take the right --robot"
+    )
+
+
+def _given_poses(check: Check) -> str:
+    return (
+        f"the points are {mm(check.data['off_m'])} from the nominal robot wherever base and tool are: rows "
+        "of other poses, joints in another order or direction, or another robot"
+    )
+
+
+PHRASES: Mapping[str, Callable[[Check], str]] = {
+    "lack_of_fit.chi2": _chi2,
+    "lack_of_fit.repeats": _repeats,
+    "lack_of_fit.holdout": _unknown_noise,
+    "lack_of_fit.joints": _joints,
+    "lack_of_fit.distances": _distances,
+    "lack_of_fit.nothing": _nothing,
+    "isotropy": _isotropy,
+    "finding.step": _step,
+    "finding.drift": _drift,
+    "finding.correlated": _correlated,
+    "finding.scatter": _scatter,
+    "finding.noise": _noise,
+    "finding.missing": _missing,
+    "finding.change": _change,
+    "fit.residuals": _residuals,
+    "fit.weak": _weak,
+    "given.noise": _given_noise,
+    "given.noises": _given_noises,
+    "given.scale": _given_scale,
+    "given.poses": _given_poses,
+    "arm.constant_points": _constant,
+    "arm.spread": _spread,
+    "arm.convergence": _convergence,
+    "arm.orientations": _orientations,
+    "arm.fixtures": _fixtures,
+    "arm.identifiable": _identifiable,
+    "accuracy.validation": _validation,
+    "accuracy.gate": _gate,
+    "accuracy.worse": _worse,
+    "accuracy.gain": _gain,
+    "accuracy.fitted_poses": _fitted_poses,
+    "accuracy.outliers": _outliers,
+    "accuracy.prediction": _prediction,
+    "determination.error": _error,
+    "determination.limit": _limit,
+    "determination.cover": _cover,
+    "nominal.far": _far,
+    "nominal.tolerances": _far,
+    "nominal.other_robot": _other_robot,
+}

@@ -1,0 +1,147 @@
+"""Phrases of a verification: its test, what may have changed, and what large errors come from."""
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from lab.core.checks import Check
+from lab.core.significance import VERIFICATION
+from lab.render.phrases.verdict import mm
+
+__all__ = ["PHRASES"]
+
+_UNITS = {
+    1e3: "m where mm are expected",
+    25.4: "inches where mm are expected",
+    1e-3: "mm where m are expected, or in µm where mm are expected",
+    25.4e-3: "inches where m are expected",
+}
+_SET_UP_ANEW = {
+    "situation.setup": "the robot or the instrument was set up anew",
+    "situation.tool": "another tool is mounted, or its targets were moved",
+    "situation.setup_and_tool": "robot or instrument were set up anew, with another tool",
+}
+_CHANGED = {
+    "changed.base_shift": "the base (or the instrument) has shifted by",
+    "changed.base": "the base (or the instrument) has moved by",
+    "changed.tool": "the tool has moved by",
+    "changed.targets": "the tool's targets have each moved, on average by",
+    "changed.target": "target {} has moved on the tool by",
+    "changed.joint": "the zero of joint {} ({}) has moved by",
+    "changed.reading": "the reading of {} alone is off by",
+}
+_SEVERAL = (
+    "no movement of base or tool, of one joint's zero, and no single bad reading explains it: more than one thing has "
+    "changed; calibrate anew"
+)
+
+
+def _verification(check: Check) -> str:
+    """Word the situation first, where there is one, then the errors and what may have changed."""
+    data, cause = check.data, check.data["cause"]
+    rms_mm = 1e3 * data["rms_m"]
+    observed = f"{rms_mm:,.0f}" if rms_mm >= 100 else f"{rms_mm:.3g}"
+    errors = f"errors of {observed} mm, where {1e3 * data['predicted_m']:.3g} mm are predicted ({_tests(check)})"
+    if check.outcome == "passed":
+        return f"still good: {errors}"
+    diagnosis = f": {_diagnosis(check)}" if data["alike"] or cause is None else ""
+    return f"changed: {errors}{diagnosis}" if cause is None else f"{_situation(cause)}. Changed: {errors}{diagnosis}"
+
+
+def _tests(check: Check) -> str:
+    """Word the tests and their outcome."""
+    parts, dof, tail = (check.data[name] for name in ("parts", "sigma_dof", "tail_dof"))
+    kind = "chi2" if dof is None else "F"
+    if tail is not None:
+        kind = f"by {check.data['draws']:,} draws of noise with the tails of Student's t, {tail:g} degrees of freedom:"
+    over = f" and {dof}" if dof is not None and tail is None else ""
+    if len(parts) < 2:
+        freedom = ", ".join(f"{numbers}{over} degrees of freedom, {_chance(p)}" for numbers, p in parts)
+        return f"{kind} test at {100 * VERIFICATION:g} %, {freedom or 'no degrees of freedom'}"
+    (along, p_along), (rest, p_rest) = parts
+    return (
+        f"{kind} tests at {100 * VERIFICATION:g} % together: along the parameters {along}{over} degrees of freedom, "
+        f"{_chance(p_along)}; of the rest {rest}{over}, {_chance(p_rest)}"
+    )
+
+
+def _chance(p: float) -> str:
+    return f"p = {p:.2g}" if p > 0 else "p < 1e-300"
+
+
+def _diagnosis(check: Check) -> str:
+    """Word what has changed."""
+    alike, name = check.data["alike"], check.data["likeliest"]
+    if len(alike) > 1:
+        return f"these poses cannot tell whether {', or '.join(map(_changed, alike))}"
+    if alike:
+        return _changed(alike[0])
+    return _SEVERAL if name is None else f"{_SEVERAL}; of the parameters, a change of {name} alone explains the most"
+
+
+def _changed(check: Check) -> str:
+    return f"{_CHANGED[check.name].format(*check.data['of'])} {_extent(check)}"
+
+
+def _extent(check: Check) -> str:
+    """Word how far something moved, in mm and mrad."""
+    parts = [
+        f"{_with_std(1e3 * check.data[size], 1e3 * check.data[std])} {unit}"
+        for size, std, unit in (("shift_m", "shift_std_m", "mm"), ("turn_rad", "turn_std_rad", "mrad"))
+        if np.isfinite(check.data[size])
+    ]
+    return " and ".join(parts) or "an amount that these poses do not tell"
+
+
+def _with_std(size: float, std: float) -> str:
+    """A number to the last digit that its standard deviation leaves."""
+    digits = int(np.clip(np.ceil(-np.log10(max(std, 1e-6))), 0, 6))
+    return f"{size:.{digits}f} ± {std:.{digits}f}"
+
+
+def _situation(check: Check) -> str:
+    return PHRASES[check.name](check)
+
+
+def _set_up_anew(check: Check) -> str:
+    refit = check.data["refit"]
+    left = f"With {' and '.join(refit)} fitted anew errors are {mm(check.data['left_m'])}"
+    return f"{_SET_UP_ANEW[check.name]}: use --refit {','.join(refit)}. {left}"
+
+
+def _unit(check: Check) -> str:
+    factor = check.data["factor"]
+    left = mm(check.data["left_m"])
+    return f"wrong unit: the points are in {_UNITS[factor]}. Times {factor:g} errors are {left}"
+
+
+def _joint_unit(check: Check) -> str:
+    units = ("radians", "degrees") if check.data["factor"] > 1 else ("degrees", "radians")
+    said = f"{units[0]} where {units[1]} are expected"
+    return f"wrong unit: the joint positions are in {said}. Converted, errors are {mm(check.data['left_m'])}"
+
+
+def _mirrored(check: Check) -> str:
+    return (
+        "the points are mirrored: two of their axes are swapped, or one is negated; export them in a right-handed "
+        f"frame. Mirrored back errors are {mm(check.data['left_m'])}"
+    )
+
+
+def _another_arm(check: Check) -> str:
+    return (
+        "this is another arm than the calibrated one, or it was rebuilt or crashed: verify against its own run, or "
+        f"calibrate anew. With base and tool fitted anew errors are {mm(check.data['left_m'])}, those of the nominal "
+        f"model {mm(check.data['by_nominal_m'])}"
+    )
+
+
+PHRASES: Mapping[str, Callable[[Check], str]] = {
+    "verification": _verification,
+    **dict.fromkeys(_CHANGED, _changed),
+    **dict.fromkeys(_SET_UP_ANEW, _set_up_anew),
+    "situation.unit": _unit,
+    "situation.joint_unit": _joint_unit,
+    "situation.mirrored": _mirrored,
+    "situation.another_arm": _another_arm,
+}
