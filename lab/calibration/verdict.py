@@ -17,7 +17,7 @@ import numpy as np
 from lab.calibration.extrapolation import MeasuredRange
 from lab.calibration.identify import Identification
 from lab.calibration.noise.plausibility import NoiseFinding
-from lab.calibration.observations.protocol import observation_of
+from lab.calibration.observation import observation_of
 from lab.calibration.pose_cover import MOST_UNCOVERED
 from lab.calibration.prediction_check import PredictionCheck
 from lab.calibration.prior import Tolerance
