@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.batch import MAX_STEPS, BatchFits, fit_batch
-from lab.calibration.observations.full_pose import ROTATION_PARAMETERS
+from lab.calibration.observation import ROTATION_PARAMETERS
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.kinematics.parameter import Parameter, names_of

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification
 from lab.calibration.left_out_regions import LinearRows, growth_beyond_cover
-from lab.calibration.observations.protocol import observation_of, only_positions
+from lab.calibration.observation import observation_of, only_positions
 from lab.calibration.pose_cover import PoseCover
 from lab.calibration.residual_spread import ResidualSpread
 from lab.calibration.statistics.joint_rounding import by_joint_positions

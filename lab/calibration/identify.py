@@ -14,7 +14,7 @@ import numpy as np
 from lab.calibration.gauss_newton import ExtraResiduals, Fit, Observations, Status, fit
 from lab.calibration.identifiability import poses_needed, scaled_condition
 from lab.calibration.initial_guess import columns_of
-from lab.calibration.observations.protocol import Observation, observation_of
+from lab.calibration.observation import Observation, observation_of
 from lab.calibration.prior import ActingPrior, Prior, Tolerance, directions_of, prior_of
 from lab.calibration.stations import few_points_of_a_station
 from lab.calibration.weights import Noise, joined, root_mean_square_sigma, weighed, weighted_constraints

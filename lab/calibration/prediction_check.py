@@ -9,7 +9,7 @@ import numpy as np
 
 from lab.calibration.extrapolation import MeasuredRange
 from lab.calibration.identify import Identification
-from lab.calibration.observations.protocol import observation_of, only_positions
+from lab.calibration.observation import observation_of, only_positions
 from lab.calibration.validation import FOLDS, Validation
 from lab.calibration.weights import Noise, weighed
 from lab.core.checks import Check

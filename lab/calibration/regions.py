@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification
-from lab.calibration.observations.protocol import observation_of
+from lab.calibration.observation import observation_of
 from lab.calibration.pose_cover import neighbours
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.statistics.linearized import linearized

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification
-from lab.calibration.observations.protocol import observation_of
+from lab.calibration.observation import observation_of
 from lab.calibration.statistics.linearized import linearized
 from lab.core.linear_model import p_value_of_squares
 from lab.core.measurements import seen_mask

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lab.calibration.gauss_newton import RANK_TOLERANCE, Estimator, Fit, Observations, Status, fit
-from lab.calibration.observations.protocol import Observation
+from lab.calibration.observation import Observation
 from lab.core.errors import LabError
 from lab.core.linear_model import unit_columns
 from lab.core.newton import least_squares_step

@@ -12,7 +12,7 @@ import scipy  # its parts are loaded at their first use, which not every process
 from numpy.typing import NDArray
 
 from lab.calibration.identify import Identification
-from lab.calibration.observations.protocol import observation_of
+from lab.calibration.observation import observation_of
 from lab.calibration.refit import placed_anew
 from lab.calibration.stations import few_points_of_a_station
 from lab.core import se3

@@ -18,7 +18,7 @@ import numpy as np
 
 from lab.calibration.extrapolation import MeasuredRange
 from lab.calibration.identify import Identification
-from lab.calibration.observations.protocol import observation_of
+from lab.calibration.observation import observation_of
 from lab.calibration.pose_cover import MOST_UNCOVERED
 from lab.calibration.prior import Tolerance
 from lab.calibration.regions import Region, workspace_region

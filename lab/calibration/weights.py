@@ -6,7 +6,7 @@ import numpy as np
 
 from lab.calibration.gauss_newton import ExtraResiduals, Observations
 from lab.calibration.noise.shared_errors import SharedErrors, correlated
-from lab.calibration.observations.protocol import Observation
+from lab.calibration.observation import Observation
 from lab.core.covariance import whitening
 from lab.core.errors import LabError
 from lab.core.instruments import Instrument, is_isotropic

@@ -22,7 +22,7 @@ from lab.calibration.extrapolation import (
     position_covariances,
 )
 from lab.calibration.identify import Identification
-from lab.calibration.observations.protocol import observation_of
+from lab.calibration.observation import observation_of
 from lab.calibration.prior import Tolerance, alias_matrix, standard_deviations
 from lab.calibration.regions import Region, RegionKind, workspace_region
 from lab.calibration.residual_spread import ResidualSpread

@@ -6,8 +6,6 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from lab.calibration.observations.options import FitInputs, ObservationOptions
-from lab.campaign.observation_kinds import KINDS, KindName, configured_kind
 from lab.campaign.option_groups import ArmEffects, Fitting
 from lab.campaign.option_types import Flag, Names, NoRecording, Numbers
 from lab.campaign.task_region import REGION_HELP, task_region
@@ -18,35 +16,22 @@ from lab.core.numbers import positive, whole
 from lab.core.ranges import OPTION_SIZE
 from lab.core.serials import check_serial
 from lab.formats.programs.registry import Controller
+from lab.sensors.registry import (
+    FitInputs,
+    SensorName,
+    SensorOptions,
+    VirtualSetup,
+    configured_sensor,
+    sensor_named,
+    sensors_with,
+)
 from lab.simulation.clearances import CLEARANCE_MM, Clearances
 
 if TYPE_CHECKING:
-    from lab.calibration.observations.kind import ObservationKind
+    from lab.calibration.sensor import Sensor
+    from lab.sensors.virtual_sensor import VirtualSensor
 
-__all__ = ["DesignOptions", "MeasuringSetup", "VirtualCampaign", "check_common", "check_region"]
-
-
-@dataclass(frozen=True, kw_only=True)
-class MeasuringSetup:
-    """What of a virtual measuring day is neither the arm's nor the instrument's; each option is of some kinds."""
-
-    occlusion: Flag = False
-    """Leave out what the instrument does not see: out of its sight, or behind the arm."""
-    orientation_share: float = 1.0
-    """Share of the poses whose orientation is measured, by chance; of the others the position alone."""
-    fixtures: int = 4
-    """How many anchors of a cable, locations of two sockets each, or planes."""
-
-    def check_setup(self, observe: str) -> None:
-        """Refuse what makes no sense, or is of another kind of observation, with a LabError that names the option."""
-        if not 0 < self.orientation_share <= 1:
-            raise LabError(f"--orientation-share {self.orientation_share:g}: give a share above 0, up to 1")
-        whole("--fixtures", self.fixtures, 1, FIXTURES)
-        for each in fields(MeasuringSetup):
-            kinds = [name for name, kind in KINDS.items() if each.name in kind.setup]
-            if observe not in kinds and getattr(self, each.name) != each.default:
-                flag = "--" + each.name.replace("_", "-")
-                raise LabError(f"{flag} is of --observe {', '.join(kinds)}; give one of these, or leave it out")
+__all__ = ["DesignOptions", "VirtualCampaign", "check_common", "check_region"]
 
 
 @dataclass(frozen=True)
@@ -68,7 +53,7 @@ class _VirtualDay:
     instrument: str = "uniform-8um"
     """Whose noise there is: exact, uniform-8um, leica-at960, leica-at500, faro-vantage, optical-cmm, krypton-k600,
     draw-wire, ball-in-socket or touch-probe; or the TOML file of a tracker, with its systematic errors."""
-    observe: KindName = "points"
+    observe: SensorName = "points"
     """What is measured."""
     readings: int = 1
     """Readings that each measurement is the mean of."""
@@ -99,21 +84,21 @@ class _VirtualDay:
 
 
 @dataclass(frozen=True)
-class VirtualCampaign(ObservationOptions, MeasuringSetup, _VirtualDay):
+class VirtualCampaign(SensorOptions, VirtualSetup, _VirtualDay):
     """A campaign on a virtual arm."""
 
-    def kind(self) -> "ObservationKind":
+    def kind(self) -> "VirtualSensor":
         """The kind of observation that is asked for, with its options.
 
         Raises:
             LabError: there is no such kind, or an option of it makes no sense or is of another kind.
         """
-        return configured_kind(self.observe, self, FitInputs(self.noise_mm, self.fitting.prior == "on"))
+        return configured_sensor(self.observe, self, FitInputs(self.noise_mm, self.fitting.prior == "on"))
 
     def check(self) -> None:
         """Refuse numbers that make no sense, with a LabError that names the option."""
         self.kind()
-        self.check_setup(self.observe)
+        self._check_setup()
         self.effects.check()
         whole("--poses", self.poses, 1, POSES)
         whole("--readings", self.readings, 1, READINGS)
@@ -128,6 +113,16 @@ class VirtualCampaign(ObservationOptions, MeasuringSetup, _VirtualDay):
         for flag, value in spreads.items():
             if value not in OPTION_SIZE:
                 raise LabError(f"{flag} {value:g}: give a standard deviation from 0 to {OPTION_SIZE.most:g}")
+
+    def _check_setup(self) -> None:
+        """Refuse a setup that makes no sense, or is of another sensor, with a LabError that names the option."""
+        if not 0 < self.orientation_share <= 1:
+            raise LabError(f"--orientation-share {self.orientation_share:g}: give a share above 0, up to 1")
+        whole("--fixtures", self.fixtures, 1, FIXTURES)
+        for each in fields(VirtualSetup):
+            if each.name not in sensor_named(self.observe).setup and getattr(self, each.name) != each.default:
+                flag, able = "--" + each.name.replace("_", "-"), sensors_with(each.name)
+                raise LabError(f"{flag} is of --observe {', '.join(able)}; give one of these, or leave it out")
 
 
 @dataclass(frozen=True)
@@ -208,7 +203,7 @@ class DesignOptions:
             positive("--accuracy-mm", self.accuracy_mm)
 
 
-def check_region(region: str, kind: "ObservationKind") -> None:
+def check_region(region: str, kind: "Sensor") -> None:
     """Refuse a region that is none, or of measurements that no position can be predicted from, with a LabError."""
     if task_region(region).kind != "measured" and not kind.in_instrument_frame:
         raise LabError(f"--region {region}: nothing is predicted for --observe {kind.name}; leave it out")

@@ -10,7 +10,6 @@ from lab.calibration.gauss_newton import Observations, fit
 from lab.calibration.most_likely_parameters import SAME_M
 from lab.calibration.stations import STATION_POINTS
 from lab.campaign.instruments import named_instrument
-from lab.campaign.observation_kinds import KINDS
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot
 from lab.campaign.stations import refuse_idle_stations, station_columns, stations_in
@@ -26,10 +25,11 @@ from lab.kinematics.effects.registry import GROUPS
 from lab.kinematics.gauge import STRUCTURE_POSES, base_set
 from lab.kinematics.model import RigidArm
 from lab.kinematics.serial.axes_to_dh import Truth
+from lab.sensors.registry import sensor_named
 from lab.simulation.candidate_poses import seeing_station
 from lab.simulation.collisions import collides, random_poses
 from lab.simulation.effects import Effects, random_conditions, random_effects
-from lab.simulation.observations.points import recorded
+from lab.simulation.tracking import recorded
 from lab.simulation.true_robot import GeometryErrors, TrueRobot, before_stations, random_tracker
 
 __all__ = [
@@ -132,7 +132,7 @@ def _seeing(robot: Robot, options: VirtualCampaign, joints: Array) -> NDArray[np
 
 def _station_columns(robot: Robot, options: VirtualCampaign, stations: NDArray[np.int_]) -> dict[str, Array]:
     """What is set at poses that these stations measure, from 0; nothing where no instrument's frame is observed."""
-    if "occlusion" not in KINDS[options.observe].setup:
+    if not sensor_named(options.observe).in_instrument_frame:
         return {}
     refuse_idle_stations(robot.model, stations, STATION_POINTS)
     return station_columns(robot.model, stations)

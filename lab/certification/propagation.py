@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lab.calibration.gauss_newton import RANK_TOLERANCE, Observations
-from lab.calibration.observations.protocol import Observation
+from lab.calibration.observation import Observation
 from lab.core.linear_model import LinearModel
 from lab.core.measurements import seen_mask
 from lab.core.random import rng_for

@@ -4,7 +4,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-from lab.campaign.observation_kinds import kind_named
 from lab.campaign.robot import Robot, load_robot
 from lab.commands.calibrate.measured_rows import robot_of
 from lab.commands.calibrate.simulate import MeasuringDay
@@ -12,6 +11,7 @@ from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.formats import measurement_csv
+from lab.sensors.registry import sensor_named
 
 __all__ = ["WorldFrames", "read_measurements", "world_frames", "write_measurements"]
 
@@ -49,7 +49,7 @@ def read_measurements(
         >>> len(lab.read_measurements(file, "irb120"))
         12
     """
-    known, columns = load_robot(robot), kind_named(observe).columns
+    known, columns = load_robot(robot), sensor_named(observe).columns
     chain = known.chain
     read = measurement_csv.read_measurements(Path(path), chain.joint_names, chain.prismatic, columns=columns)
     return replace(read, robot=known.source)

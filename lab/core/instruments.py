@@ -185,7 +185,7 @@ def is_isotropic(device: Instrument) -> bool:
 
 def observers(kind: str) -> tuple[str, ...]:
     """The names of the instruments that make a kind of observation, as ``--observe`` calls it."""
-    return tuple(name for name in INSTRUMENTS if kind in _OBSERVES.get(name, _POINTS))
+    return tuple(name for name in INSTRUMENTS if name in _IDEAL or kind in _OBSERVES.get(name, _POINTS))
 
 
 def observing(device: Instrument, kind: str) -> Instrument:
@@ -199,7 +199,7 @@ def observing(device: Instrument, kind: str) -> Instrument:
         LabError: it does not observe so; the message lists the instruments that do.
     """
     able = _OBSERVES.get(device.name, _POINTS)
-    if kind not in able:
+    if device.name not in _IDEAL and kind not in able:
         *others, last = observers(kind)
         known = f"{', '.join(others)} or {last}"
         raise LabError(f"instrument {device.name} measures {', '.join(able)}, not {kind}: take {known}")
@@ -293,11 +293,10 @@ INSTRUMENTS = {
         Instrument("touch-probe", "gaussian", radial_m=10 * _MICRON),
     )
 }
-_POINTS, _ALL = ("points",), ("points", "pose", "cable", "socket", "plane")
+_POINTS = ("points",)
+_IDEAL = ("exact", "uniform-8um")  # read every sensor
 _OBSERVES = {
     **{name: ("points", "pose") for name, device in INSTRUMENTS.items() if isinstance(device, PoseInstrument)},
-    "exact": _ALL,
-    "uniform-8um": _ALL,
     "draw-wire": ("cable",),
     "ball-in-socket": ("socket",),
     "touch-probe": ("plane",),

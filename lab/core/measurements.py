@@ -12,6 +12,7 @@ from lab.core.errors import IncompleteColumnError, LabError
 from lab.core.se3 import Array
 
 __all__ = [
+    "FIXTURE",
     "LAST_MOVE",
     "PLACE",
     "SESSION",
@@ -28,6 +29,7 @@ __all__ = [
     "thinned",
 ]
 
+FIXTURE = "fixture"  # the condition that numbers a row's fixture: an anchor, a socket, a plane
 SESSION = "session "  # before a session's name: the condition that says which rows are of it
 STATION = "station "  # before a station's name: the condition that says which rows were measured from it
 LAST_MOVE = "last move of "  # before a joint's name: the condition that says in which direction it moved last

@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from lab.calibration.gauss_newton import Observations, fit
-from lab.calibration.observations.protocol import observation_of
+from lab.calibration.observation import observation_of
 from lab.campaign.option_types import Flag
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import load_robot

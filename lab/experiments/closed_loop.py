@@ -20,7 +20,7 @@ from lab.kinematics.inverse.branches import NominalInverse, ordered
 from lab.kinematics.inverse.newton import PoseTarget
 from lab.simulation.collisions import collides, random_poses
 from lab.simulation.model import RobotModel
-from lab.simulation.observations.points import track
+from lab.simulation.tracking import track
 from lab.simulation.true_robot import TrueRobot
 
 __all__ = ["PATH_POINTS", "ClosedLoop", "Cube", "VisitedPath", "close_loop", "compensator_of", "reachable_cube"]

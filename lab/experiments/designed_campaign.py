@@ -23,7 +23,7 @@ from lab.pose_selection.criteria import criterion
 from lab.pose_selection.exchange import exchange
 from lab.simulation.candidate_poses import draw_candidates
 from lab.simulation.collisions import random_poses
-from lab.simulation.observations.points import track
+from lab.simulation.tracking import track
 from lab.simulation.true_robot import TrueRobot
 
 __all__ = ["PAYLOADS_KG", "POSES", "DesignedCampaign"]

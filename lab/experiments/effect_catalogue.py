@@ -16,7 +16,6 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from lab.calibration.identify import Identification
-from lab.calibration.observations.points import PointsKind
 from lab.calibration.weights import Noise
 from lab.campaign.option_groups import ArmEffects, Fitting
 from lab.campaign.option_types import Flag
@@ -32,8 +31,9 @@ from lab.experiments.script import Answer, paragraphs
 from lab.kinematics.effects.conditions import PAYLOAD, TEMPERATURE, approach_of
 from lab.kinematics.effects.registry import CAMPAIGN_SPECIFIC
 from lab.render.document import Document
+from lab.sensors.points import PointSensor
 from lab.simulation.collisions import random_poses
-from lab.simulation.observations.points import recorded, track
+from lab.simulation.tracking import recorded, track
 from lab.simulation.true_robot import TrueRobot
 from lab.studies import executors
 
@@ -153,7 +153,7 @@ def _measured(
 
 
 def _fitter(data: Measurements, targets: tuple[str, ...], seed: int) -> Fitter:
-    return Fitter(geared_robot(), targets, data, PointsKind(), Noise(), Fitting("auto"), seed)
+    return Fitter(geared_robot(), targets, data, PointSensor(), Noise(), Fitting("auto"), seed)
 
 
 def _fresh(real: TrueRobot, campaign: VirtualCampaign) -> Measurements:

@@ -33,7 +33,7 @@ from lab.experiments.ur5e import ur5e_urdf
 from lab.render.document import Document
 from lab.simulation.collisions import collides, random_poses
 from lab.simulation.free_path import path_check
-from lab.simulation.observations.points import track
+from lab.simulation.tracking import track
 
 __all__ = ["Options", "answer", "planned_cell", "worked_day"]
 

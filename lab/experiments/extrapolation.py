@@ -15,11 +15,9 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from lab.calibration.extrapolation import prediction_squares
-from lab.calibration.observations.options import FitInputs, ObservationOptions
 from lab.calibration.pose_cover import joint_regions
 from lab.calibration.validation import configurations, folds
 from lab.calibration.weights import Noise
-from lab.campaign.observation_kinds import configured_kind
 from lab.campaign.option_groups import Fitting
 from lab.campaign.option_types import Flag
 from lab.campaign.robot import Robot, load_robot
@@ -30,6 +28,7 @@ from lab.experiments.script import Answer
 from lab.formats.measurement_csv import read_measurements
 from lab.render.document import Document, Section, Table
 from lab.render.format import short
+from lab.sensors.registry import FitInputs, SensorOptions, configured_sensor
 
 __all__ = ["Options", "Split", "answer", "splits"]
 
@@ -83,7 +82,7 @@ def splits(joints: Array, turning: NDArray[np.bool_], kind: Split, count: int, s
 
 def cross_validated(robot: Robot, data: Measurements, model: str, held: list[NDArray[np.bool_]]) -> dict[str, float]:
     """Errors of the parts held out, each by what the others say, and how many of them their bounds hold."""
-    kind = configured_kind("points", ObservationOptions(), FitInputs())
+    kind = configured_sensor("points", SensorOptions(), FitInputs())
     lengths, within, plain, far, lone = [], [], [], [], []
     for out in held:
         rows, rest = data.take(np.flatnonzero(~out)), data.take(np.flatnonzero(out))

@@ -27,7 +27,7 @@ from lab.core.significance import STUDY_COMPARISON
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
 from lab.simulation.collisions import random_poses
-from lab.simulation.observations.full_pose import target_rotations
+from lab.simulation.tracking import target_rotations
 from lab.simulation.true_robot import true_robot_from_table
 from lab.studies.bootstrap import resampled
 from lab.studies.table import RESAMPLES

@@ -11,7 +11,7 @@ import numpy as np
 from scipy import stats
 
 from lab.calibration.identify import identify
-from lab.calibration.observations.protocol import observation_of
+from lab.calibration.observation import observation_of
 from lab.calibration.statistics.goodness_of_fit import goodness_of_fit, isotropy, sandwich
 from lab.calibration.statistics.linearized import NoiseDistribution, linearized
 from lab.calibration.validation import compare_with_truth, error_tangent
@@ -26,7 +26,7 @@ from lab.core.random import rng_for
 from lab.experiments.script import Answer, named_values, paragraphs
 from lab.render.document import Document, Section
 from lab.simulation.collisions import random_poses
-from lab.simulation.observations.points import track
+from lab.simulation.tracking import track
 from lab.studies import executors
 
 __all__ = ["Options", "answer"]

@@ -9,10 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from lab.calibration.observations.options import FitInputs, ObservationOptions
 from lab.calibration.validation import configurations, errors_of, split_by_label
 from lab.calibration.weights import Noise
-from lab.campaign.observation_kinds import configured_kind
 from lab.campaign.option_groups import Fitting
 from lab.campaign.option_types import Flag
 from lab.campaign.robot import Robot, load_robot
@@ -23,6 +21,7 @@ from lab.experiments.script import Answer
 from lab.formats.measurement_csv import read_measurements
 from lab.render.document import Document, Section, Table
 from lab.render.format import short
+from lab.sensors.registry import FitInputs, SensorOptions, configured_sensor
 
 __all__ = ["Options", "answer", "errors_by_poses"]
 
@@ -59,7 +58,7 @@ def errors_by_poses(
     Raises:
         LabError: more poses are asked for than there are.
     """
-    kind = configured_kind("points", ObservationOptions(), FitInputs())
+    kind = configured_sensor("points", SensorOptions(), FitInputs())
     fitted, held = split_by_label(configurations(data.joints), share, seed)
     if max(poses) > len(fitted):
         raise LabError(f"--poses {max(poses)}: {len(fitted)} poses are not held out; ask for no more")

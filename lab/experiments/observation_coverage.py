@@ -12,10 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lab.calibration.identify import Identification, identify
-from lab.calibration.observations.kind import ObservationKind
-from lab.calibration.observations.protocol import observation_of
+from lab.calibration.observation import observation_of
+from lab.calibration.sensor import Sensor
 from lab.calibration.weights import Noise, weighed
-from lab.campaign.observed_truth import truth_as_observed
 from lab.campaign.option_types import Flag
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import load_virtual
@@ -74,7 +73,7 @@ class MeasuredArm:
     """
 
     day: MeasuringDay
-    kind: ObservationKind
+    kind: Sensor
     device: Instrument
     slopes: Array | None
     exact: Identification
@@ -149,7 +148,7 @@ def measured_arm(robot_name: str, name: str, device: Instrument, poses: int, see
     model, data = kind.observation(arm, day.measurements, nominal)
     exact = identify(model, data, nominal)
     known = truth_of(day.true_robot, arm)
-    truth = None if known is None else truth_as_observed(known, exact, day.true_robot, placed)
+    truth = None if known is None else kind.observed_truth(known, exact, day.true_robot, placed)
     if truth is None:
         raise LabError(f"--robot {robot_name}: its parameters have no single truth; take a serial arm")
     slopes = _slopes(day.true_robot, day.measurements, placed) if name in ("socket", "plane") else None

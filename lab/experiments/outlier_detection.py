@@ -33,7 +33,7 @@ from lab.experiments.script import Answer, paragraphs
 from lab.kinematics.serial.arm import SerialArm
 from lab.render.document import Document, Paragraph
 from lab.simulation.collisions import random_poses
-from lab.simulation.observations.points import track
+from lab.simulation.tracking import track
 from lab.simulation.true_robot import TrueRobot
 from lab.studies import executors
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from lab.calibration.gauss_newton import fit
 from lab.calibration.identify import Identification, IdentifyOptions, identify
-from lab.calibration.observations.protocol import observation_of
+from lab.calibration.observation import observation_of
 from lab.calibration.prior import Tolerance
 from lab.calibration.statistics.goodness_of_fit import goodness_of_fit
 from lab.calibration.weights import Noise, weighed
@@ -38,7 +38,7 @@ from lab.kinematics.gauge import STRUCTURE_POSES, named
 from lab.kinematics.joints import JointSpec
 from lab.simulation.closed_robot import ClosedModel, TrueMechanism, true_mechanism
 from lab.simulation.collisions import random_poses
-from lab.simulation.observations.points import track
+from lab.simulation.tracking import track
 from lab.simulation.true_robot import TrueRobot
 
 __all__ = [

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lab.calibration.gauss_newton import Fit, fit
-from lab.calibration.observations.protocol import observation_of
+from lab.calibration.observation import observation_of
 from lab.calibration.sequential import fit_sequentially
 from lab.calibration.weights import Noise, weighed
 from lab.campaign.option_types import Flag

@@ -20,8 +20,7 @@ from scipy.optimize import least_squares
 from lab.calibration.batch_points import align, fit_points
 from lab.calibration.gauss_newton import Observations, fit
 from lab.calibration.identify import Identification, fit_base_and_tool, identify
-from lab.calibration.observations.points import PointsKind
-from lab.calibration.observations.protocol import Points
+from lab.calibration.observation import Points
 from lab.calibration.statistics.linearized import NoiseDistribution
 from lab.calibration.statistics.model_selection import select
 from lab.calibration.statistics.outliers import find_outliers
@@ -61,13 +60,14 @@ from lab.payload_identification.fourier_path import Limits, random_path
 from lab.payload_identification.from_torques import from_torques
 from lab.pose_selection.certificate import certify
 from lab.render.document import Document
+from lab.sensors.points import PointSensor
 from lab.simulation.candidate_poses import draw_candidates
 from lab.simulation.cell import in_cell
 from lab.simulation.collisions import random_poses
 from lab.simulation.effects import random_conditions
-from lab.simulation.observations.points import track
 from lab.simulation.payload import RigidLoad, peak_torques
 from lab.simulation.payload_bench import LoadBench, RunErrors
+from lab.simulation.tracking import track
 
 __all__ = ["Options", "answer"]
 
@@ -262,7 +262,7 @@ def effects() -> dict[str, float]:
     poses, rng = random_poses(robot.model, 1000, rng_for(7, "poses")), rng_for(7, "noise")
     there = random_conditions(robot.chain, real.effects, 1000, rng_for(7, "conditions"), soft.payload_kg, HOUR_S)
     data = track(real, poses, targets, tracker, rng, conditions=there)
-    fitter = Fitter(robot, targets, data, PointsKind(), Noise(tracker), Fitting("auto"), 7)
+    fitter = Fitter(robot, targets, data, PointSensor(), Noise(tracker), Fitting("auto"), 7)
 
     one = robot.serial_arm(("p1",))
     rigid = perturbed_arm(robot, VirtualCampaign(seed=7, effects=ArmEffects(bad_share=0.05)))

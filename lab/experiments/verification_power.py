@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lab.calibration.identify import Identification, identify
-from lab.calibration.observations.protocol import observation_of
+from lab.calibration.observation import observation_of
 from lab.calibration.weights import Noise, weighed
 from lab.campaign.option_types import Flag
 from lab.campaign.options import VirtualCampaign
@@ -27,7 +27,7 @@ from lab.experiments.script import Answer, named_values, paragraphs
 from lab.kinematics.serial.arm import SerialArm
 from lab.render.document import Document, Section
 from lab.simulation.collisions import random_poses
-from lab.simulation.observations.points import track
+from lab.simulation.tracking import track
 from lab.simulation.true_robot import TrueRobot, TrueSerialRobot
 from lab.studies import executors
 from lab.verification.prediction import CalibrationPrediction

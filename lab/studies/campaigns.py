@@ -29,7 +29,7 @@ from lab.kinematics.parameter import names_of
 from lab.kinematics.serial.batch import Stacked, stacked
 from lab.pose_selection.criteria import CRITERIA
 from lab.simulation.collisions import random_poses
-from lab.simulation.observations.points import misalignments, track
+from lab.simulation.tracking import misalignments, track
 from lab.simulation.true_robot import TrueRobot
 from lab.studies.grid import ANY, NONE, USUAL, Cell, Study, Task
 

@@ -9,7 +9,6 @@ from helpers.robots import IRB120, RX130, data_file
 
 from lab.calibration.gauss_newton import Fit, fit
 from lab.calibration.identify import IdentifyOptions, identify
-from lab.calibration.observations.full_pose import PoseKind, Poses
 from lab.calibration.sequential import fit_sequentially, split_of
 from lab.calibration.statistics.goodness_of_fit import goodness_of_fit
 from lab.calibration.weights import Noise, weighed
@@ -18,6 +17,7 @@ from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.serial.arm import SerialArm
+from lab.sensors.full_pose import Poses, PoseSensor
 
 ARM = SerialArm(RX130)
 SIGMA = 1e-4
@@ -113,10 +113,10 @@ def test_on_a_measured_arm_it_is_worse() -> None:
     """UR10, 632 poses in cubes, where the hand hardly turns: orientations alone do not hold the angles there."""
     robot = load_robot("ur10")
     file = data_file("ur10_ipa_D.csv")
-    data = read_measurements(file, robot.chain.joint_names, robot.chain.prismatic, columns=PoseKind.columns)
+    data = read_measurements(file, robot.chain.joint_names, robot.chain.prismatic, columns=PoseSensor.columns)
     assert not data.warnings
     arm = robot.arm(("p1",))
-    observation, seen = PoseKind("intrinsic-xyz").observation(arm, data, arm.nominal())
+    observation, seen = PoseSensor("intrinsic-xyz").observation(arm, data, arm.nominal())
     together = identify(observation, seen, arm.nominal())
     apart = identify(observation, seen, arm.nominal(), request=IdentifyOptions(solve=fit_sequentially))
     rms = [float(np.sqrt((found.residuals[:, 0] ** 2).mean())) for found in (together, apart)]

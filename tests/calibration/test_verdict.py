@@ -9,17 +9,17 @@ from helpers.pose_data import measured_poses
 from helpers.robots import IRB120
 
 from lab.calibration.identify import identify
-from lab.calibration.observations.cable import Cable
-from lab.calibration.observations.fixtures import Fixtures
-from lab.calibration.observations.full_pose import balanced
-from lab.calibration.observations.plane import Planes
-from lab.calibration.observations.socket import Sockets
 from lab.calibration.validation import Errors, Validation
 from lab.calibration.verdict import rotation_noise_rad, verdict
 from lab.calibration.weights import Noise
 from lab.core.measurements import measured
 from lab.kinematics.serial.arm import SerialArm
 from lab.render.phrases.registry import in_one_line
+from lab.sensors.cable import Cable
+from lab.sensors.fixtures import Fixtures
+from lab.sensors.full_pose import balanced
+from lab.sensors.plane import Planes
+from lab.sensors.socket import Sockets
 
 ARM = SerialArm(IRB120.chain)
 NAMES = IRB120.chain.joint_names

@@ -10,14 +10,14 @@ from helpers.truths import truth_of
 
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification, identify
-from lab.calibration.observations.full_pose import Poses
-from lab.calibration.observations.protocol import observation_of
+from lab.calibration.observation import observation_of
 from lab.calibration.weights import Noise, weighed
 from lab.core.distributions import Uncertain
 from lab.core.instruments import INSTRUMENTS, Instrument
 from lab.core.measurements import Measurements, measured
 from lab.core.tracker_errors import TrackerErrors
 from lab.kinematics.serial.arm import SerialArm
+from lab.sensors.full_pose import Poses
 
 ARM = SerialArm(IRB120.chain, ("p1", "p2"))
 TRACKER = INSTRUMENTS["leica-at960"]

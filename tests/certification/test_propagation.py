@@ -7,7 +7,7 @@ import pytest
 from helpers.robots import IRB120
 
 from lab.calibration.gauss_newton import Observations, fit
-from lab.calibration.observations.protocol import observation_of
+from lab.calibration.observation import observation_of
 from lab.certification.propagation import Propagation
 from lab.certification.quantities import KnownSpread, RandomErrors, quantities_of, temperature_of
 from lab.core.covariance import whitening

@@ -10,7 +10,6 @@ from helpers.run_script import answer_of
 
 from lab.calibration.batch_poses import StackedPoseArm
 from lab.calibration.identify import IdentifyOptions, identify
-from lab.calibration.observations.full_pose import QUATERNION, Poses
 from lab.calibration.sequential import fit_sequentially
 from lab.calibration.weights import Noise
 from lab.campaign.robot import load_robot
@@ -20,6 +19,7 @@ from lab.core.measurements import measured
 from lab.experiments import global_or_sequential as script
 from lab.kinematics.gauge import base_set
 from lab.kinematics.serial.arm import SerialArm
+from lab.sensors.full_pose import QUATERNION, Poses
 
 ARM = load_robot("rx130").arm(("p1",))
 FEW = script.Options(robots=24, fresh=100, seed=1)

@@ -4,10 +4,10 @@ import numpy as np
 from helpers.observed_files import HEADER, read
 from helpers.robots import IRB120
 
-from lab.calibration.observations.full_pose import PoseKind
 from lab.core import se3
 from lab.formats.measurement_csv import write_measurements
 from lab.kinematics.serial.arm import SerialArm
+from lab.sensors.full_pose import PoseSensor
 
 
 def test_every_way_to_write_an_orientation(tmp_path) -> None:
@@ -32,7 +32,7 @@ def test_every_way_to_write_an_orientation(tmp_path) -> None:
         data = read(tmp_path, text)
         assert not data.warnings
         arm = SerialArm(IRB120.chain, data.targets)
-        observation, seen = PoseKind(meaning).observation(arm, data, arm.nominal())
+        observation, seen = PoseSensor(meaning).observation(arm, data, arm.nominal())
         turned = se3.rotation_from_quaternion(seen.inputs(observation.conditions)[0, -4:])
         np.testing.assert_allclose(turned, rotation, atol=1e-14)
         assert seen.seen.tolist() == [[True, True], [True, False]]

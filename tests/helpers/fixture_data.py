@@ -6,11 +6,11 @@ import numpy as np
 
 from helpers.pose_data import off_by
 from helpers.robots import IRB120
-from lab.calibration.observations.cable import Cable
-from lab.calibration.observations.fixtures import FIXTURE, Fixtures
-from lab.core.measurements import Measurements, measured
+from lab.core.measurements import FIXTURE, Measurements, measured
 from lab.core.se3 import Array
 from lab.kinematics.serial.arm import SerialArm
+from lab.sensors.cable import Cable
+from lab.sensors.fixtures import Fixtures
 
 ARM = SerialArm(IRB120.chain)
 NAMES = IRB120.chain.joint_names

@@ -16,7 +16,6 @@ import lab
 from helpers.controller_programs import END, PULSES, configuration, posed, program, spelt
 from helpers.simulated_controllers import Controller
 from lab.campaign.instruments import named_instrument
-from lab.campaign.observation_kinds import simulation_of
 from lab.campaign.robot import Robot, load_virtual
 from lab.commands.calibrate.result import CalibrationResult
 from lab.commands.calibrate.run import identify
@@ -26,8 +25,8 @@ from lab.core.instruments import observing
 from lab.core.se3 import Array
 from lab.experiments.ur5e import ur5e_urdf
 from lab.formats.programs.postures import ArmShape
+from lab.sensors.registry import VirtualSetup, sensor_named
 from lab.simulation.collisions import random_poses
-from lab.simulation.observations.protocol import Setup
 from lab.simulation.true_robot import TrueRobot
 
 __all__ = ["Day", "Ran", "Trial", "calibrated_day", "hidden_cell", "rigid_rest", "tried"]
@@ -128,7 +127,7 @@ def calibrated_day(
     load = {"payload_kg": np.zeros(len(joints))}
     rng = np.random.default_rng([seed, 39])
     device = observing(named_instrument(INSTRUMENT), observe)
-    data = simulation_of(observe)(real, joints, names, device, rng, 1, load, Setup()).measurements
+    data = sensor_named(observe)().simulate(real, joints, names, device, rng, 1, load, VirtualSetup()).measurements
     data = replace(data, robot=day.measurements.robot)
     run = identify(data, robot=cell[0], cell=cell[1], instrument=INSTRUMENT, model=model, observe=observe)
     return Day(robot, real, run)

@@ -9,7 +9,7 @@ from helpers.pose_data import off_by
 from helpers.robots import IRB120
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification, IdentifyOptions, identify
-from lab.calibration.observations.protocol import observation_of
+from lab.calibration.observation import observation_of
 from lab.calibration.regions import Region, measured_region
 from lab.calibration.statistics.goodness_of_fit import goodness_of_fit
 from lab.calibration.validation import Errors, Validation, errors_at

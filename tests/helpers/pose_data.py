@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from lab.calibration.observations.full_pose import QUATERNION, Poses
 from lab.core import se3
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
 from lab.kinematics.gauge import base_set
 from lab.kinematics.serial.arm import SerialArm
+from lab.sensors.full_pose import QUATERNION, Poses
 
 
 def off_by(

@@ -5,10 +5,6 @@ import pytest
 from helpers.robots import IRB120, VERSATRAN
 
 from lab.calibration.initial_guess import columns_of
-from lab.calibration.observations.cable import Cable
-from lab.calibration.observations.full_pose import Poses
-from lab.calibration.observations.plane import Planes
-from lab.calibration.observations.socket import Sockets
 from lab.calibration.prior import Tolerance, standard_deviations
 from lab.campaign.robot import load_robot, load_virtual
 from lab.kinematics.effects.effect import SessionInfo
@@ -21,6 +17,10 @@ from lab.kinematics.parameter import (
     names_of,
     targets_of,
 )
+from lab.sensors.cable import Cable
+from lab.sensors.full_pose import Poses
+from lab.sensors.plane import Planes
+from lab.sensors.socket import Sockets
 
 TARGETS = ("p1", "p2")
 SESSIONS = SessionInfo(("a", "b"))

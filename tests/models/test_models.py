@@ -13,10 +13,10 @@ import trimesh
 from helpers.robots import IRB120, ROOT
 
 from lab.campaign.model_files import own_models
-from lab.campaign.observation_kinds import kind_named
 from lab.campaign.robot import load_robot
 from lab.cli import main
 from lab.formats.measurement_csv import read_measurements
+from lab.sensors.registry import sensor_named
 
 CLOSED = sorted(path for folder in (ROOT / "models").glob("*/mechanism.toml") for path in folder.parent.glob("*.toml"))
 MEASURED = sorted((ROOT / "models").glob("*/measured"))
@@ -62,7 +62,7 @@ def test_measured_data_have_a_licence_and_their_source_in_the_readme(folder) -> 
     for path in files:
         assert f"measured/{path.name}" in text and path.suffix == ".csv"
         joints, rows = chain.joint_names, path.read_text().splitlines()
-        kind = kind_named("socket" if "socket," in rows[0] else "points")
+        kind = sensor_named("socket" if "socket," in rows[0] else "points")
         data = read_measurements(path, joints, chain.prismatic, columns=kind.columns)
         inside = (data.joints >= chain.lower - 1e-6) & (data.joints <= chain.upper + 1e-6)  # rad: printed digits
         assert len(data) == len(rows) - 1 and inside.all()

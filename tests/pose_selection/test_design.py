@@ -27,7 +27,7 @@ from lab.pose_selection.predicted_accuracy import predict, smallest_count
 from lab.simulation.candidate_poses import feasibility
 from lab.simulation.collisions import random_poses
 from lab.simulation.free_path import path_check
-from lab.simulation.observations.points import track
+from lab.simulation.tracking import track
 
 ARM = SerialArm(IRB120.chain)
 KEPT = list(base_set(ARM, ARM.nominal()).kept)

@@ -38,7 +38,7 @@ from lab.simulation.elastic import FlexibleArm
 from lab.simulation.link_masses import loads_of
 from lab.simulation.load_mjcf_urdf import load_model
 from lab.simulation.model import RobotModel
-from lab.simulation.observations.points import measure_with_outlier_mask, misalignments, track
+from lab.simulation.tracking import measure_with_outlier_mask, misalignments, track
 from lab.simulation.true_robot import Perturbation, TrueRobot, random_perturbation, random_tracker, true_robot
 
 MODEL, CHAIN = IRB120.model, IRB120.chain

@@ -20,7 +20,7 @@ from lab.core.tracker_errors import TrackerErrors
 from lab.kinematics.serial.arm import SerialArm
 from lab.simulation.collisions import collides, random_poses
 from lab.simulation.load_mjcf_urdf import load_model
-from lab.simulation.observations.points import track
+from lab.simulation.tracking import track
 from lab.simulation.true_robot import Perturbation, perturbed_bodies, random_perturbation, random_tracker, true_robot
 from lab.simulation.write_mjcf import calibrated_mjcf
 

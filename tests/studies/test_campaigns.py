@@ -9,7 +9,7 @@ from lab.campaign.virtual_robot import perturbed_arm
 from lab.core.instruments import INSTRUMENTS
 from lab.core.random import rng_for
 from lab.simulation.collisions import random_poses
-from lab.simulation.observations.points import track
+from lab.simulation.tracking import track
 from lab.studies.campaigns import _measured, _noisy, cell_poses, run_task
 from lab.studies.grid import Study, Task
 

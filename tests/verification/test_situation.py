@@ -5,7 +5,7 @@ import pytest
 
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import identify
-from lab.calibration.observations.protocol import observation_of
+from lab.calibration.observation import observation_of
 from lab.calibration.weights import Noise, weighed
 from lab.campaign.robot import load_robot
 from lab.core import se3

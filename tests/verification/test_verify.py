@@ -11,7 +11,7 @@ from scipy import stats
 
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import identify
-from lab.calibration.observations.protocol import observation_of
+from lab.calibration.observation import observation_of
 from lab.calibration.weights import Noise, weighed
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.virtual_robot import perturbed_arm
@@ -26,7 +26,7 @@ from lab.formats.measurement_csv import write_measurements
 from lab.kinematics.serial.arm import SerialArm
 from lab.render.phrases.registry import phrase
 from lab.simulation.collisions import random_poses
-from lab.simulation.observations.points import track
+from lab.simulation.tracking import track
 from lab.verification.change_test import change_test, split_test
 from lab.verification.hypotheses import refitted
 from lab.verification.prediction import CalibrationPrediction, VerificationProblem

@@ -11,7 +11,7 @@ from lab.calibration.noise.estimation import ComponentTrial, Estimate, chosen_co
 from lab.calibration.noise.likelihood import Components, ErrorShapes, RestrictedProblem
 from lab.calibration.noise.shared_errors import Clock, Move, SharedErrors, error_shapes, row_times
 from lab.calibration.noise.small_samples import ComponentErrors, SmallSample, small_sample
-from lab.calibration.observations.protocol import observation_of, only_positions
+from lab.calibration.observation import observation_of, only_positions
 from lab.calibration.statistics.goodness_of_fit import goodness_beside_shared_errors, is_doubted
 from lab.calibration.statistics.linearized import LinearizedFit, linearized
 from lab.calibration.weights import Noise, weighed

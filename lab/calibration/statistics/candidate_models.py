@@ -9,7 +9,7 @@ import numpy as np
 
 from lab.calibration.gauss_newton import ExtraResiduals, Observations
 from lab.calibration.identify import Identification, IdentifyOptions, identify
-from lab.calibration.observations.protocol import Observation, observation_of
+from lab.calibration.observation import Observation, observation_of
 from lab.calibration.prior import prior_of
 from lab.calibration.statistics.nested_models import Labels, NestedModels, nested_at
 from lab.calibration.statistics.useful_parameters import largest_useful_std

@@ -17,7 +17,7 @@ from types import MappingProxyType
 import numpy as np
 
 from lab.calibration.identify import Identification, IdentifyOptions
-from lab.calibration.observations.protocol import observation_of
+from lab.calibration.observation import observation_of
 from lab.calibration.statistics.alternatives import Alternative, alternatives
 from lab.calibration.statistics.candidate_models import LEAST_SIGMA_M, FullModel, ModelWith, NominalOf, SelectionTask
 from lab.calibration.statistics.clustered_rows import ClusterTest

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import RANK_TOLERANCE, ExtraResiduals, Observations
-from lab.calibration.observations.protocol import Observation
+from lab.calibration.observation import Observation
 from lab.calibration.statistics.clustered_rows import ClusteredRows, ClusterTest
 from lab.core.linear_model import LinearModel, p_value_of_squares
 from lab.core.probabilities import t_sf

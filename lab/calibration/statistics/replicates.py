@@ -3,9 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.calibration.observations.fixtures import FIXTURE
 from lab.calibration.validation import configurations
-from lab.core.measurements import Measurements
+from lab.core.measurements import FIXTURE, Measurements
 
 __all__ = ["repeats"]
 

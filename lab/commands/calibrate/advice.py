@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from lab.calibration.identifiability import condition_of
-from lab.calibration.observations.full_pose import Poses
 from lab.campaign.robot import Robot
 from lab.core.se3 import Array
 from lab.kinematics.effects.effect import NO_SESSIONS, SessionInfo
+from lab.sensors.full_pose import Poses
 
 __all__ = ["SetupSuggestion", "changes"]
 

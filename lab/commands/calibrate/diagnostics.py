@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.calibration.observations.protocol import observation_of
+from lab.calibration.observation import observation_of
 from lab.calibration.workspace_prediction import predicted_errors
 from lab.commands.calibrate.result import CalibrationResult
 from lab.commands.calibrate.scene import world_of

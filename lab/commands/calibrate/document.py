@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from lab.calibration.identifiability import Direction
-from lab.calibration.observations.kind import ObservationWords
 from lab.calibration.prior import ActingPrior
+from lab.calibration.sensor import SensorWords
 from lab.calibration.statistics.explained_error import ExplainedError
 from lab.calibration.verdict import Answer, Verdict, Word, rotation_noise_rad
 from lab.commands.calibrate.figure_blocks import (
@@ -119,7 +119,7 @@ def _title(result: CalibrationResult) -> str:
     return f"{name}: {short(before.mean)} → {short(after.mean)} mm, {result.verdict.word}"
 
 
-def _lead(result: CalibrationResult, words: ObservationWords) -> str:
+def _lead(result: CalibrationResult, words: SensorWords) -> str:
     fit, before, after, targets = result.identification.fit, result.before, result.after, result.fitted.targets
     of = f" of target{'s' * (len(targets) > 1)} {', '.join(targets)}" if words.names_targets else ""
     after_or_in = "after" if fit.status == "in a valley" else "in"
@@ -136,7 +136,7 @@ def _lead(result: CalibrationResult, words: ObservationWords) -> str:
     )
 
 
-def _judged_error(result: CalibrationResult, words: ObservationWords) -> str:
+def _judged_error(result: CalibrationResult, words: SensorWords) -> str:
     """What the validation's errors are: a virtual arm that fixtures placed is judged by its positions."""
     judged_by_points = result.validation.judged_by == "fresh" and not result.kind.in_instrument_frame
     return "position error, the base placed anew," if judged_by_points else words.error
@@ -171,7 +171,7 @@ def _answer_words(answer: Answer, reasons: Sequence[Check]) -> str:
     return "See above." if {each.name for each in answer.checks} <= set(above) else sentence(in_one_line(answer.checks))
 
 
-def _errors(result: CalibrationResult, words: ObservationWords) -> Section:
+def _errors(result: CalibrationResult, words: SensorWords) -> Section:
     title, before, after = "Before and after calibration", result.before, result.after
     if before is None or after is None:
         return Section(title, (Paragraph("Too few poses for a hold-out set: the accuracy was not validated."),))
@@ -321,7 +321,7 @@ def _outliers(outliers: Sequence[Named], left_out: bool) -> Section:
     return Section(f"Outliers: {len(outliers)}", (Table(columns, rows, most_rows=_MOST_LISTED),))
 
 
-def _parameters(result: CalibrationResult, words: ObservationWords) -> Section:
+def _parameters(result: CalibrationResult, words: SensorWords) -> Section:
     caption = (
         "Corrections of the nominal values, with 95 % intervals (often smaller than the dot). "
         "Blue: the interval excludes zero; grey: it does not, or is not known. What reaches beyond the picture is "

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lab.calibration.observations.protocol import observation_of
+from lab.calibration.observation import observation_of
 from lab.calibration.stations import in_first_frame
 from lab.calibration.validation import Errors, JudgedBy, errors_of
 from lab.commands.calibrate.result import CalibrationResult

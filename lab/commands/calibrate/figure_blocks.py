@@ -1,6 +1,6 @@
 """The figures of a calibration's page, each with the sentence that says what it shows."""
 
-from lab.calibration.observations.kind import ObservationWords
+from lab.calibration.sensor import SensorWords
 from lab.commands.calibrate.diagnostics import (
     MOST_POSES,
     correlation_picture,
@@ -25,7 +25,7 @@ __all__ = [
 ]
 
 
-def where_figures(result: CalibrationResult, words: ObservationWords) -> tuple[Block, ...]:
+def where_figures(result: CalibrationResult, words: SensorWords) -> tuple[Block, ...]:
     """Errors before and after calibration where they are, and the predicted ones over the workspace."""
     found = error_maps(result, words.error)
     predicted = _predicted_map(result, None if found is None else found.sizes[0].range_m)

@@ -12,11 +12,11 @@ from lab.calibration.identify import Identification, IdentifyOptions, identify
 from lab.calibration.noise.plausibility import changes_in_time, finding, shared_error_findings
 from lab.calibration.noise.search import NoiseSearch
 from lab.calibration.noise.shared_errors import SharedErrors
-from lab.calibration.observations.kind import ObservationKind
-from lab.calibration.observations.protocol import observation_of, only_positions
+from lab.calibration.observation import observation_of, only_positions
 from lab.calibration.prior import Tolerance
 from lab.calibration.residual.estimation import with_residual
 from lab.calibration.residual.process import GROUP, JointProcess
+from lab.calibration.sensor import Sensor
 from lab.calibration.stations import named_stations
 from lab.calibration.statistics.candidate_models import ModelWith, SelectionTask
 from lab.calibration.statistics.goodness_of_fit import lack_of_fit_not_tested
@@ -87,7 +87,7 @@ class Fitter:
     robot: Robot
     targets: tuple[str, ...]
     data: Measurements
-    kind: ObservationKind
+    kind: Sensor
     noise: Noise
     options: Fitting
     seed: int

@@ -8,7 +8,7 @@ from lab.calibration.identify import Identification
 from lab.calibration.noise.rigid_distances import InstrumentNoise, instrument_noise
 from lab.calibration.noise.search import NoiseSearch
 from lab.calibration.noise.shared_errors import row_times
-from lab.calibration.observations.protocol import observation_of, only_positions
+from lab.calibration.observation import observation_of, only_positions
 from lab.calibration.residual.estimation import ExpectedGain, expected_gain
 from lab.calibration.residual.process import JointProcess, PredictedBy
 from lab.calibration.residual_spread import ResidualSpread, residual_spread

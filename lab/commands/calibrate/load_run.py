@@ -16,7 +16,6 @@ from lab.calibration.pose_cover import PoseCover
 from lab.calibration.residual.process import GROUP, JointProcess, PredictedBy
 from lab.campaign.config_file import RunInputs
 from lab.campaign.instruments import named_instrument
-from lab.campaign.observation_kinds import kind_named
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot, load_robot, load_virtual
 from lab.commands.calibrate.exports import ArmExport, lasting_arm
@@ -36,6 +35,7 @@ from lab.formats.structured import structured
 from lab.kinematics.effects.arm import Arm
 from lab.kinematics.inverse.branches import NominalInverse
 from lab.kinematics.model import RigidArm
+from lab.sensors.registry import sensor_named
 
 if TYPE_CHECKING:
     from lab.commands.calibrate.result import CalibrationResult
@@ -113,7 +113,7 @@ class Calibrated:
 
     def export(self, inputs: Array) -> ArmExport:
         """The arm for ``calibrated.py``, which is checked at inputs ``(n, joints + conditions)``."""
-        kind = kind_named(self.options.observe)
+        kind = sensor_named(self.options.observe)
         return ArmExport(
             self.robot,
             self.arm,
@@ -251,7 +251,7 @@ class Calibrated:
 
     def refuse_unplaced(self, what: str) -> None:
         """A LabError for a run whose observations give ``what`` (a plural) no frame: of cables, sockets or planes."""
-        if not kind_named(observed := self.options.observe).in_instrument_frame:
+        if not sensor_named(observed := self.options.observe).in_instrument_frame:
             raise LabError(
                 f"{self.folder}: identified with --observe {observed}, so in which frame {what} would be it does not "
                 "say; identify from points or poses"

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 
 from lab.calibration.identify import spread
-from lab.campaign.observation_kinds import kind_named
 from lab.campaign.robot import Robot, load_robot
 from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.calibrate.plausibility import without_copies
@@ -14,6 +13,7 @@ from lab.commands.payload.known_payload import HandLoad
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, setups, thinned
 from lab.formats.measurement_csv import read_measurements
+from lab.sensors.registry import sensor_named
 
 __all__ = ["checked", "read_rows", "robot_of"]
 
@@ -76,10 +76,10 @@ def read_rows(
         LabError: the file cannot be read, rows in memory cannot be the robot's, joints are impossible, or next to
             nothing but copied rows is left.
     """
-    chain, positions = robot.chain, options.observe in ("points", "pose")
+    chain, sensor = robot.chain, sensor_named(options.observe)
+    positions = sensor.in_instrument_frame
     if given is None:
-        columns = kind_named(options.observe).columns
-        read = read_measurements(path, chain.joint_names, chain.prismatic, columns=columns)
+        read = read_measurements(path, chain.joint_names, chain.prismatic, columns=sensor.columns)
         read = replace(read, robot=robot.source)
     else:
         read = checked(path, given, robot, points=positions)

@@ -10,7 +10,7 @@ from lab.calibration.identify import Identification
 from lab.calibration.noise.search import NoiseSearch, in_stretches, search_noise
 from lab.calibration.noise.shared_errors import SharedErrors, counted
 from lab.calibration.noise.small_samples import ComponentErrors
-from lab.calibration.observations.protocol import observation_of, only_positions
+from lab.calibration.observation import observation_of, only_positions
 from lab.calibration.statistics.outliers import Outliers
 from lab.calibration.weights import Noise, weighed
 from lab.core.errors import LabError

@@ -7,7 +7,7 @@ import numpy as np
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification
 from lab.calibration.noise.tails import tail_dof
-from lab.calibration.observations.protocol import observation_of, only_positions
+from lab.calibration.observation import observation_of, only_positions
 from lab.calibration.statistics.linearized import NoiseDistribution, linearized
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M, HeldOut, Outliers, find_outliers, off_held_out
 from lab.calibration.weights import Noise, joined, weighed, weighted_constraints

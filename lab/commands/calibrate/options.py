@@ -6,16 +6,15 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from lab.calibration.observations.options import FitInputs, ObservationOptions
-from lab.campaign.observation_kinds import KindName, configured_kind
 from lab.campaign.option_groups import Fitting
 from lab.campaign.option_types import Names, NoRecording
 from lab.campaign.options import VirtualCampaign, check_common, check_region
 from lab.campaign.task_region import REGION_HELP
 from lab.core.errors import LabError
+from lab.sensors.registry import FitInputs, SensorName, SensorOptions, configured_sensor
 
 if TYPE_CHECKING:
-    from lab.calibration.observations.kind import ObservationKind
+    from lab.calibration.sensor import Sensor
 
 __all__ = ["MeasuredCampaign", "VirtualCampaign"]
 
@@ -55,12 +54,12 @@ class _MeasurementFile:
     serial: str | None = None
     """The serial number of the arm; whatever is built on the run inherits it, and refuses another arm's."""
     no_recording: NoRecording = False
-    observe: KindName = "points"
+    observe: SensorName = "points"
     """Which of the file's columns are the measurements."""
 
 
 @dataclass(frozen=True)
-class MeasuredCampaign(ObservationOptions, _MeasurementFile):
+class MeasuredCampaign(SensorOptions, _MeasurementFile):
     """A calibration from a measurement file."""
 
     fitting: tyro.conf.OmitArgPrefixes[Fitting] = field(default_factory=Fitting)
@@ -78,7 +77,7 @@ class MeasuredCampaign(ObservationOptions, _MeasurementFile):
             raise LabError("--refit says what a validation file may fit anew; give --validate FILE too")
         check_region(self.region, self.kind())
 
-    def kind(self) -> "ObservationKind":
+    def kind(self) -> "Sensor":
         """The kind of observation that is asked for, with its options.
 
         Raises:
@@ -87,4 +86,4 @@ class MeasuredCampaign(ObservationOptions, _MeasurementFile):
         fit = FitInputs(
             self.noise_mm, self.fitting.prior == "on", self.instrument is not None, self.validate is not None
         )
-        return configured_kind(self.observe, self, fit)
+        return configured_sensor(self.observe, self, fit)

@@ -8,7 +8,7 @@ import numpy as np
 from lab.calibration.extrapolation import MeasuredRange
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification
-from lab.calibration.observations.protocol import observation_of
+from lab.calibration.observation import observation_of
 from lab.calibration.prior import Tolerance
 from lab.calibration.regions import Region, measured_region, region_of_points, workspace_region
 from lab.calibration.residual_spread import ResidualSpread, for_later_rows

@@ -9,7 +9,7 @@ from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification
 from lab.calibration.noise.rigid_distances import goodness_by_distances, instrument_noise
 from lab.calibration.noise.shared_errors import SharedErrors
-from lab.calibration.observations.protocol import observation_of, only_positions
+from lab.calibration.observation import observation_of, only_positions
 from lab.calibration.statistics.goodness_of_fit import (
     goodness_beside_shared_errors,
     goodness_of_fit,

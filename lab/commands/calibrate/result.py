@@ -12,12 +12,11 @@ from lab.calibration.identifiability import Direction
 from lab.calibration.identify import Identification
 from lab.calibration.most_likely_parameters import most_likely_parameters
 from lab.calibration.noise.rigid_distances import InstrumentNoise
-from lab.calibration.observations.full_pose import ROTATION_PARAMETERS
-from lab.calibration.observations.kind import ObservationKind
-from lab.calibration.observations.protocol import observation_of
+from lab.calibration.observation import ROTATION_PARAMETERS, observation_of
 from lab.calibration.prior import Tolerance
 from lab.calibration.residual.estimation import ExpectedGain
 from lab.calibration.residual.process import GROUP
+from lab.calibration.sensor import Sensor
 from lab.calibration.statistics.explained_error import ExplainedError
 from lab.calibration.statistics.model_selection import GroupTrial
 from lab.calibration.statistics.remaining_error import RemainingError
@@ -91,7 +90,7 @@ class CalibrationResult(Result):
 
     options: VirtualCampaign | MeasuredCampaign
     robot: Robot
-    kind: ObservationKind
+    kind: Sensor
     measurements: Measurements
     fit: FitReport
     nominal: Array

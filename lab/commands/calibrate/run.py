@@ -27,7 +27,6 @@ from lab.calibration.verdict import verdict
 from lab.calibration.weights import Noise
 from lab.calibration.workspace_prediction import own_tolerance
 from lab.campaign.instruments import named_instrument
-from lab.campaign.observed_truth import truth_as_observed
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot, load_robot, load_virtual
 from lab.campaign.virtual_robot import (
@@ -122,7 +121,7 @@ def _of_a_virtual_robot(day: MeasuringDay, placed: Mapping[str, Array], stage: S
     validation = _judged_by_fresh(day, fitter, fit)
     truth = truth_of(real, robot.arm(options.targets))
     if truth is not None:
-        truth = truth_as_observed(replace(truth, effects=true_parameters(real.effects)), identification, real, placed)
+        truth = kind.observed_truth(replace(truth, effects=true_parameters(real.effects)), identification, real, placed)
     if truth is None:
         hidden = "what is aliased on the nominal model is not on this robot: its parameters have no single truth"
         validation = replace(validation, warnings=(*validation.warnings, hidden))

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.identify import Identification
-from lab.calibration.observations.protocol import observation_of
+from lab.calibration.observation import observation_of
 from lab.calibration.stations import in_first_frame, station_poses
 from lab.calibration.uncertainty import ellipsoids, mapping_ellipsoids, position_covariance
 from lab.commands.calibrate.result import CalibrationResult

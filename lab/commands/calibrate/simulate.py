@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from lab.campaign.instruments import named_instrument
-from lab.campaign.observation_kinds import KINDS, simulation_of
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot, load_virtual
 from lab.campaign.virtual_robot import asked_conditions, drawn_conditions, fresh_poses, perturbed_arm, poses_to_measure
@@ -19,7 +18,6 @@ from lab.core.instruments import observing
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.simulation.observations.protocol import Setup
 from lab.simulation.true_robot import TrueRobot
 
 __all__ = ["MeasuringDay", "measuring_day", "simulate"]
@@ -86,7 +84,7 @@ def measuring_day(options: VirtualCampaign, robot: Robot) -> tuple[MeasuringDay,
     """The measuring day of these options, with a robot that ``load_virtual`` gave.
 
     Returns:
-        The day, and what is identified beside the arm (``SimulatedDay.placed``), for the assessment alone.
+        The day, and what is identified beside the arm (``SimulatedReadings.placed``), for the assessment alone.
 
     Raises:
         LabError: an option makes no sense, or is of another robot, instrument or kind of observation.
@@ -94,23 +92,16 @@ def measuring_day(options: VirtualCampaign, robot: Robot) -> tuple[MeasuringDay,
     options.check()
     robot, _ = carrying(robot, options.fitting.load, accept_edited=options.fitting.accept_edited)
     robot.refuse_unknown(options.targets)
+    sensor = options.kind()
     device = observing(named_instrument(options.instrument), options.observe)
-    if options.plan is not None and "fixtures" in KINDS[options.observe].setup and options.observe != "cable":
+    if options.plan is not None and sensor.finds_poses:
         raise LabError(f"--plan is not of --observe {options.observe}: where the arm touches follows from the fixtures")
     real = perturbed_arm(robot, options)
     joints, set_there, notes = poses_to_measure(robot, options)
     asked = asked_conditions(robot, options)
     conditions = drawn_conditions(real, options, len(joints), rng_for(options.seed, "conditions"), asked) | set_there
-    setup = Setup(
-        options.occlusion,
-        options.orientation_share,
-        options.orientation,
-        options.fixtures,
-        None if options.socket_distance_mm is None else options.socket_distance_mm / 1e3,
-    )
-    measure = simulation_of(options.observe)
     noise = rng_for(options.seed, "noise")
-    found = measure(real, joints, options.targets, device, noise, options.readings, conditions, setup)
+    found = sensor.simulate(real, joints, options.targets, device, noise, options.readings, conditions, options)
     named = frozenset(np.array(found.measurements.ids)[found.bad].tolist())
     day = MeasuringDay(options, robot, replace(found.measurements, warnings=notes, robot=robot.source), real, named)
     return day, found.placed

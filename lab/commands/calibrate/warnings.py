@@ -9,8 +9,7 @@ from lab.calibration.gauss_newton import Observations
 from lab.calibration.identifiability import WEAK_CONDITION
 from lab.calibration.identify import Identification
 from lab.calibration.noise.shared_errors import NOTABLE
-from lab.calibration.observations.fixtures import Fixtures
-from lab.calibration.observations.protocol import observation_of
+from lab.calibration.observation import observation_of
 from lab.calibration.pose_cover import MOST_UNCOVERED
 from lab.calibration.prior import Tolerance, prior_of
 from lab.calibration.residual.process import PredictedBy
@@ -38,6 +37,7 @@ from lab.kinematics.encoders import Encoders
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.parameter import targets_of
 from lab.kinematics.serial.chain import Chain
+from lab.sensors.fixtures import Fixtures
 
 __all__ = [
     "of_approaches",

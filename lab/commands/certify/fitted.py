@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lab.calibration.gauss_newton import Observations
-from lab.calibration.observations.protocol import observation_of
+from lab.calibration.observation import observation_of
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M
 from lab.calibration.validation import hold_out, hold_out_last
 from lab.calibration.weights import Noise, root_mean_square_sigma, weighed

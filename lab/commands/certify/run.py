@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from lab.calibration.observations.protocol import observation_of
+from lab.calibration.observation import observation_of
 from lab.calibration.statistics.replicates import repeats
 from lab.calibration.validation import SAME_CONFIGURATION
 from lab.campaign.instruments import named_instrument

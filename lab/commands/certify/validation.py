@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.calibration.observations.protocol import observation_of
+from lab.calibration.observation import observation_of
 from lab.calibration.validation import cv_groups_of, folds
 from lab.certification.budget import InputQuantity
 from lab.certification.lack_of_fit import ValidationErrors

@@ -12,13 +12,12 @@ from lab.calibration.identify import PLAUSIBLE_SPREAD, spread
 from lab.calibration.noise.correlation import Correlation
 from lab.calibration.noise.shared_errors import SharedErrors
 from lab.calibration.noise.small_samples import ComponentErrors
-from lab.calibration.observations.protocol import observation_of
+from lab.calibration.observation import observation_of
 from lab.calibration.pose_cover import MOST_UNCOVERED
 from lab.calibration.residual.process import PredictedBy
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M
 from lab.calibration.weights import Noise, root_mean_square_sigma, weighed
 from lab.campaign.instruments import named_instrument
-from lab.campaign.observation_kinds import kind_named
 from lab.commands.calibrate.load_run import Calibrated, calibrated_by, folder_of, read_calibrated
 from lab.commands.calibrate.measured_rows import checked
 from lab.commands.calibrate.plausibility import noise_beyond, without_copies
@@ -37,6 +36,7 @@ from lab.core.wording import be, counted
 from lab.formats.measurement_csv import read_measurements
 from lab.render.phrases.registry import phrase, phrases
 from lab.render.progress import Stage, status
+from lab.sensors.registry import sensor_named
 from lab.verification.estimated_noise import MOST_POSES, STEP, with_estimated_noise
 from lab.verification.prediction import CalibrationPrediction
 from lab.verification.situation import another_unit
@@ -167,7 +167,7 @@ def _counted(stage: Stage, words: str) -> Progress:
 
 def _refuse_unseen_base(calibrated: Calibrated, options: VerifyOptions) -> None:
     observed = calibrated.options.observe
-    if kind_named(observed).in_instrument_frame:
+    if sensor_named(observed).in_instrument_frame:
         return
     if "base" not in options.refit:
         raise LabError(

@@ -10,7 +10,7 @@ from lab.calibration.gauss_newton import Status
 from lab.calibration.identify import Identification, identify
 from lab.calibration.noise.search import search_noise
 from lab.calibration.noise.shared_errors import Clock, SharedErrors, row_times
-from lab.calibration.observations.protocol import observation_of
+from lab.calibration.observation import observation_of
 from lab.calibration.statistics.outliers import Outliers
 from lab.calibration.weights import Noise, weighed
 from lab.campaign.robot import load_robot

@@ -8,7 +8,7 @@ import pytest
 from helpers.robots import IRB120, perturbed, somewhere
 
 from lab.calibration.identify import IdentifyOptions
-from lab.calibration.observations.protocol import observation_of
+from lab.calibration.observation import observation_of
 from lab.calibration.statistics.candidate_models import SelectionTask
 from lab.calibration.statistics.joint_lag import Lag, lagging, moves_before
 from lab.calibration.statistics.joint_rounding import by_joint_positions

@@ -28,7 +28,7 @@ from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter
 from lab.simulation.collisions import random_poses
 from lab.simulation.effects import random_effects
-from lab.simulation.observations.points import track
+from lab.simulation.tracking import track
 from lab.simulation.true_robot import random_perturbation, random_tracker, true_robot
 
 SIGMA = 5e-6

@@ -8,7 +8,6 @@ from helpers.robots import IRB120, somewhere
 
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.noise.shared_errors import SharedErrors
-from lab.calibration.observations.points import PointsKind
 from lab.calibration.statistics.candidate_models import FullModel
 from lab.calibration.statistics.linearized import NoiseDistribution
 from lab.calibration.weights import Noise
@@ -19,6 +18,7 @@ from lab.commands.calibrate.warnings import of_stuck_search
 from lab.core.measurements import Measurements, measured
 from lab.kinematics.effects.effect import SessionInfo
 from lab.kinematics.gauge import base_set
+from lab.sensors.points import PointSensor
 
 SIGMA = 5e-6
 NAMES = IRB120.chain.joint_names
@@ -43,7 +43,7 @@ def simulated(groups, sizes, joints, conditions, seed: int, sessions=None) -> Me
 
 
 def fitter(data: Measurements, noise: Noise | None = None, **options) -> Fitter:
-    return Fitter(IRB120, ("p1",), data, PointsKind(), noise or Noise(), Fitting(**options), 0)
+    return Fitter(IRB120, ("p1",), data, PointSensor(), noise or Noise(), Fitting(**options), 0)
 
 
 def random_joints(count: int, seed: int) -> np.ndarray:

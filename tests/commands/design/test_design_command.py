@@ -25,7 +25,7 @@ from lab.formats.measurement_csv import read_measurements
 from lab.formats.programs.protocol import MeasuringTour
 from lab.formats.programs.rapid import Rapid
 from lab.render.svg import inline_svg
-from lab.simulation.observations.points import track
+from lab.simulation.tracking import track
 from lab.simulation.true_robot import random_perturbation, random_tracker, true_robot
 
 POSES = 12

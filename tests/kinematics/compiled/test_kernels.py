@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from helpers.robots import ROOT, chain_of
 
-from lab.calibration.observations.full_pose import Poses
 from lab.campaign.robot import load_robot
 from lab.core import se3
 from lab.kinematics.compiled import kernels
@@ -23,6 +22,7 @@ from lab.kinematics.inverse.newton import PoseTarget, reach
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.batch import StackedArm
 from lab.kinematics.serial.chain import Chain
+from lab.sensors.full_pose import Poses
 
 ROUNDING = 1e-14  # m, rad or their quotients: of some dozens of products of numbers of about one
 

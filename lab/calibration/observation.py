@@ -1,0 +1,145 @@
+"""Define an observation: the model that predicts a sensor's readings, and initial values for what they place.
+
+Measured points in an instrument's frame are one such observation; full poses, distances to an anchor, balls in
+sockets and touched planes are others, each a model of the same arm with parameters of its own.
+"""
+
+from dataclasses import dataclass
+from typing import Protocol, Self, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.calibration.gauss_newton import Observations
+from lab.calibration.initial_guess import initial_guess
+from lab.core.measurements import Measurements
+from lab.core.se3 import Array
+from lab.kinematics.effects.stations import GROUP, further_stations
+from lab.kinematics.model import Model
+from lab.kinematics.parameter import placed_parameters
+
+__all__ = [
+    "ROTATION_PARAMETERS",
+    "Observation",
+    "Points",
+    "no_extra_residuals",
+    "observation_of",
+    "only_positions",
+    "placed_in_instrument_frame",
+]
+
+ROTATION_PARAMETERS = placed_parameters("tool", "tool", ("rx", "ry", "rz"))  # of a measured orientation
+
+
+@runtime_checkable
+class Observation(Protocol):
+    """What identification needs to know of what is observed, beside its model.
+
+    An arm that is measured by points in an instrument's frame needs none of its own (``observation_of``).
+    """
+
+    @property
+    def model(self) -> Model:
+        """The arm, with the parameters that the measurements add to it."""
+
+    @property
+    def placed(self) -> tuple[str, ...]:
+        """Groups of parameters without a nominal value, e.g. ``("base", "tool")``: fitted for the nominal arm, too."""
+
+    @property
+    def units(self) -> Array:
+        """``(k,)``: the noise of each observed quantity, in its unit, where that of a position is 1 m."""
+
+    @property
+    def positions(self) -> int:
+        """How many of the observed quantities, from the first, are positions in the instrument's frame."""
+
+    def within(self, data: Measurements) -> Self:
+        """The observation with the parameters that these measurements depend on."""
+
+    def nominal(self, values: Array) -> Array:
+        """Nominal parameters ``(p,)`` from those of the arm, which are the first of ``values``."""
+
+    def initial_guess(self, observed: Observations, values: Array) -> Array:
+        """``values`` ``(p,)`` with what is ``placed`` near enough for Gauss-Newton, from no idea of it."""
+
+    def extra_residuals(self, values: Array) -> tuple[Array, Array]:
+        """What is known beside the measurements: residuals ``(r,)`` in m, and derivatives ``(r, p)`` of their model.
+
+        They weigh as positions do, so what is known better is to be multiplied by how much.
+        """
+
+    def errors(self, data: Measurements, values: Array) -> Array:
+        """Lengths ``(n, k)`` in m of the errors at rows that were not fitted, NaN where nothing was observed.
+
+        What only these rows can place (the centre of a socket) is placed by them.
+        """
+
+    def cv_groups(self, data: Measurements) -> NDArray[np.int_] | None:
+        """Labels ``(n,)`` of rows that are fitted or held out together; None for repeats of a configuration."""
+
+
+@dataclass(frozen=True)
+class Points:
+    """Positions of targets in an instrument's frame; base and tool are placed, and its stations if it had several."""
+
+    model: Model
+
+    @property
+    def placed(self) -> tuple[str, ...]:
+        """Groups of parameters without a nominal value."""
+        return placed_in_instrument_frame(self.model)
+
+    @property
+    def units(self) -> Array:
+        """``(k,)`` ones: all are positions."""
+        return np.ones(len(self.model.targets))
+
+    @property
+    def positions(self) -> int:
+        """All of them."""
+        return len(self.model.targets)
+
+    def within(self, data: Measurements) -> Self:
+        """Itself: no parameter is of some rows alone."""
+        return self
+
+    def nominal(self, values: Array) -> Array:
+        """The arm's own ``(p,)``."""
+        return values
+
+    def initial_guess(self, observed: Observations, values: Array) -> Array:
+        """Base and tool by the direct linear transform."""
+        return initial_guess(self.model, observed, values)
+
+    def extra_residuals(self, values: Array) -> tuple[Array, Array]:
+        """None: nothing else is known."""
+        return no_extra_residuals(self.model)
+
+    def errors(self, data: Measurements, values: Array) -> Array:
+        """Lengths ``(n, k)`` of position errors in m."""
+        residuals = self.model.points(data.inputs(self.model.conditions), values) - data.points
+        return np.asarray(np.linalg.norm(residuals, axis=2))
+
+    def cv_groups(self, data: Measurements) -> None:
+        """None: repeats of a configuration are held out together."""
+
+
+def placed_in_instrument_frame(model: Model) -> tuple[str, ...]:
+    """What has no nominal value where positions in the instrument's frame are observed."""
+    return ("base", "tool", *((GROUP,) if further_stations(model.parameters) else ()))
+
+
+def no_extra_residuals(model: Model) -> tuple[Array, Array]:
+    """No residuals ``(0,)``, and no derivatives ``(0, p)``."""
+    return np.empty(0), np.empty((0, len(model.names)))
+
+
+def observation_of(model: Model) -> Observation:
+    """The model itself where it says how it is observed; else the arm measured by points."""
+    return model if isinstance(model, Observation) else Points(model)
+
+
+def only_positions(observation: Observation) -> bool:
+    """Whether everything that is observed is a position in the instrument's frame."""
+    return observation.positions == len(observation.units)

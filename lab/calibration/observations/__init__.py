@@ -1,1 +1,0 @@
-"""Kinds of observation: points, poses, fixtures."""

@@ -1,0 +1,128 @@
+"""Define a sensor: how its readings of an arm are found in a file, modelled, weighted and named.
+
+``lab.sensors`` has a module for each sensor; identification knows this interface alone.
+"""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.calibration.identify import IdentifyOptions, Solve
+from lab.core.instruments import Instrument
+from lab.core.measurements import Measurements
+from lab.core.se3 import Array
+from lab.formats.measurement_csv import ObservedColumns
+from lab.kinematics.model import Model
+
+__all__ = ["Sensor", "SensorWords"]
+
+
+@dataclass(frozen=True)
+class SensorWords:
+    """Words of a sensor for a report.
+
+    Attributes:
+        measured: what was measured, all of it: ``lengths of a cable``.
+        reading: what one row of a file holds: ``length of the cable``.
+        error: what is left of one after the fit: ``error of the cable's length``.
+        placed: what has no nominal value and is fitted even before the links are: ``tool and anchors``.
+        names_targets: whether the names of the targets say anything of what was measured.
+    """
+
+    measured: str
+    reading: str
+    error: str
+    placed: str
+    names_targets: bool
+
+
+@dataclass(frozen=True)
+class Sensor(ABC):
+    """One kind of measurement of an arm, with the options that it was given.
+
+    What most sensors have in common is here: every parameter is fitted at once, the targets are those of the file, and
+    the readings determine neither sessions nor weights.
+
+    Attributes:
+        name: as ``--observe`` takes it.
+        words: its words for a report.
+        columns: the columns that it reads of a measurement file.
+        in_instrument_frame: whether positions in the instrument's frame are observed: only then does a run give the
+            pose of the base, and the noise of a measured point.
+    """
+
+    name: ClassVar[str]
+    words: ClassVar[SensorWords]
+    columns: ClassVar[ObservedColumns]
+    in_instrument_frame: ClassVar[bool]
+
+    @property
+    def solve(self) -> Solve | None:
+        """The estimator of the free parameters; None for all at once."""
+        return None
+
+    def targets(self, data: Measurements) -> tuple[str, ...]:
+        """Return the targets that the arm needs to predict what ``data`` holds: the measured ones."""
+        return data.targets
+
+    def rows(self, data: Measurements) -> NDArray[np.bool_]:
+        """Return ``(n,)``: which rows of a file hold a reading of this sensor: here, a measured position."""
+        return np.asarray(data.seen.any(axis=1))
+
+    def with_sessions(self, arm: Model, data: Measurements, nominal: Array) -> Measurements:
+        """Return the file's measurements, with sessions detected in the readings where the file names none.
+
+        Args:
+            arm: the arm, measured by points.
+            data: the file's.
+            nominal: ``(p,)`` nominal parameters of ``arm``.
+
+        Returns:
+            The measurements as they are, where readings do not show where a session begins.
+        """
+        return data
+
+    @abstractmethod
+    def observation(self, arm: Model, data: Measurements, nominal: Array) -> tuple[Model, Measurements]:
+        """Return the model that predicts what is observed, and the measurements of it.
+
+        Args:
+            arm: the arm, measured by points: those of ``targets(data)``.
+            data: the file's.
+            nominal: ``(p,)`` nominal parameters of ``arm``.
+
+        Returns:
+            The model, an ``Observation`` or the arm itself, and the rows that have a reading, with it as ``points``.
+
+        Raises:
+            LabError: a column is missing, or a cell has an impossible value.
+        """
+
+    def balanced(self, model: Model, data: Measurements, nominal: Array, request: IdentifyOptions) -> Model:
+        """Return a model of ``observation`` with the weights that its residuals call for, where these are estimated.
+
+        Args:
+            data: of ``observation``, those to be fitted.
+            nominal: ``(p,)`` nominal parameters of ``model``.
+            request: the options of the identification.
+
+        Returns:
+            The model as it is, where all observed numbers are lengths.
+        """
+        return model
+
+    def weighed_by(self, instrument: Instrument, data: Measurements) -> Self:
+        """Return the sensor with the weights that an instrument's noise gives: itself where all are lengths.
+
+        Args:
+            instrument: what observed.
+            data: the file's.
+        """
+        return self
+
+    def weighed_as(self, model: Model) -> Self:
+        """Return the sensor with the weights of this model given: itself where nothing is estimated."""
+        return self

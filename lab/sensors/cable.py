@@ -1,0 +1,328 @@
+"""Measure with a draw-wire: lengths of a cable from a target of the tool to anchors whose positions are fitted.
+
+Where a file names no sessions, the rows at which the anchor was moved are found from the lengths alone, by binary
+segmentation. With nominal links and the target and the offset fitted, the length L of the cable to an anchor a is
+linear in a and a'a (trilateration): (p'p - L^2) / 2L = (2 p'a - a'a) / 2L, in metres along the cable. The cost of a
+segment of rows is the least squares of that. Rows are cut where the cost falls most, with target and offset fitted
+anew each time. The number of sessions is chosen by Schwarz's criterion (1978) with his penalty times a margin, as the
+errors of nominal links correlate the residuals of neighbouring rows; a cut that a later one made needless is removed.
+Moves that are not large beside the nominal model's errors are therefore not detected.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.calibration.gauss_newton import Observations
+from lab.calibration.identify import fit_base_and_tool
+from lab.calibration.observation import Points
+from lab.calibration.sensor import SensorWords
+from lab.core.errors import LabError
+from lab.core.instruments import Instrument
+from lab.core.measurements import FIXTURE, Measurements, rows_called
+from lab.core.se3 import Array, inverse, transform
+from lab.formats.measurement_csv import ObservedColumns
+from lab.kinematics.model import Model
+from lab.kinematics.parameter import Parameter, placed_parameters
+from lab.sensors.contact import POINT, Chance, fixture_measurements, without_sessions
+from lab.sensors.fixtures import FixtureRows, Fixtures, FixtureSensor, refuse_blank
+from lab.sensors.registry import VirtualSetup
+from lab.sensors.virtual_sensor import SimulatedReadings, refuse_several_targets
+from lab.simulation.true_robot import TrueRobot
+
+__all__ = ["Cable", "CableSensor", "found_sessions", "with_sessions"]
+
+LEAST_ROWS = 15  # of a session: a few bad rows are not one
+MOST_SESSIONS = 10
+MARGIN = 8.0  # times Schwarz's criterion
+PARAMETERS = 5  # that a change adds: a, a'a, and its row
+FAR = 5.0  # standard deviations from which on a row is bad, if it is alone
+ALONE = 1 / 3  # of the rows around it, as many as a session has at least: more of them are a session
+_OFFSET_M = 0.01  # standard deviation of the length at which the instrument reads zero
+_AWAY = 1.5  # times the farthest point of the arm: where anchors are, on a circle about the base
+_LOWEST, _HIGHEST = -0.3, 0.5  # times the same: how high
+_FAR = 10.0  # times the median distance: no noise does that
+_LEAST_M = 5e-3  # and more than a nominal model is wrong by
+_PLACING = 10  # rows that place base and tool with room to spare
+
+
+@dataclass(frozen=True)
+class Cable(Fixtures):
+    """Lengths of a cable from a target to anchors: ``|p - anchor| + offset`` (m).
+
+    The offset is the cable's between its guide and the point whose distance a zero reading means.
+    """
+
+    group: ClassVar[str] = "anchor"
+    least_rows: ClassVar[int] = 4
+    contact: ClassVar[bool] = False
+    offset: ClassVar[tuple[Parameter, ...]] = placed_parameters("cable", "cable", ("offset",), scaled=True)
+
+    def predict(self, points: Array, fixtures: Array) -> tuple[Array, Array, Array]:
+        """Lengths ``(n, 1)``; they grow along the cable."""
+        cable = points - fixtures
+        length = np.sqrt((cable * cable).sum(axis=1, keepdims=True))
+        along = (cable / length)[:, None]
+        return length, along, -along
+
+    def located(self, points: Array, observed: Array) -> Array:
+        """The anchor ``(3,)`` by trilateration: |p|^2 - L^2 = 2 p'a - a'a is linear in a and a'a, about the mean."""
+        centre = points.mean(axis=0)
+        near = points - centre
+        system = np.column_stack([2 * near, -np.ones(len(near))]) / observed
+        right = ((near**2).sum(axis=1) - observed[:, 0] ** 2) / observed[:, 0]
+        return np.asarray(centre + np.linalg.lstsq(system, right)[0][:3])
+
+    def random_fixtures(self, points: Array, rng: np.random.Generator) -> Array:
+        """Anchors ``(m, 3)`` at the points themselves."""
+        return points
+
+
+@dataclass(frozen=True)
+class CableSensor(FixtureSensor):
+    """Lengths of a cable; a session of the file is an anchor."""
+
+    name: ClassVar[str] = "cable"
+    words: ClassVar[SensorWords] = SensorWords(
+        measured="lengths of a cable",
+        reading="length of the cable",
+        error="error of the cable's length",
+        placed="tool and anchors",
+        names_targets=False,
+    )
+    columns: ClassVar[ObservedColumns] = ObservedColumns(positions=False, numbers=("cable_mm",), observed="cable")
+    model: ClassVar[type[Fixtures]] = Cable
+
+    def rows(self, data: Measurements) -> NDArray[np.bool_]:
+        """``(n,)``: those with a length."""
+        return np.isfinite(data.conditions.get("cable_mm", np.full(len(data), np.nan)))
+
+    def with_sessions(self, arm: Model, data: Measurements, nominal: Array) -> Measurements:
+        """The measurements with a session for each anchor that the lengths tell apart, where the file names none."""
+        if any(data.sessions):
+            return data
+        model, observed = self.observation(arm, data, nominal)
+        assert isinstance(model, Cable)
+        found = found_sessions(model, observed, nominal)
+        if len(found) == 1:
+            return data
+        starts = (0, *rows_called(data, [observed.ids[start] for start in found[1:]]))
+        rows = ", ".join(data.ids[start] for start in starts[1:])
+        moved = (
+            f"the anchor seems to have moved before rows {rows}: {len(starts)} anchors; name them in a column session"
+        )
+        return replace(with_sessions(data, starts), warnings=(*data.warnings, moved))
+
+    def fixture_rows(self, arm: Model, data: Measurements, nominal: Array) -> FixtureRows:
+        """An anchor a session, and the lengths.
+
+        Raises:
+            LabError: the lengths are missing, one is not above zero, or a row does not name its session.
+        """
+        if "cable_mm" not in data.conditions:
+            raise LabError("column cable_mm is missing: --observe cable needs the wire's length")
+        lengths = data.conditions["cable_mm"] / 1e3
+        if (bad := np.flatnonzero(lengths <= 0)).size:
+            where = f"{data.where(bad[0])}, column cable_mm"
+            raise LabError(f"{where}: a wire's length is above zero; mend it, or leave the cell empty")
+        if any(data.sessions):
+            refuse_blank(data, "session", data.sessions, Cable.group, np.isfinite(lengths))
+        return FixtureRows(data.sessions, lengths[:, None], tuple(_contradictions(arm, data, nominal)))
+
+    def fixtures(self, arm: Model, nominal: Array, numbers: tuple[int, ...], labels: tuple[str, ...]) -> Fixtures:
+        """The anchors."""
+        return Cable(arm, nominal, numbers, labels)
+
+    def simulate(
+        self,
+        real: TrueRobot,
+        joints: Array,
+        targets: tuple[str, ...],
+        instrument: Instrument,
+        rng: np.random.Generator,
+        readings: int,
+        conditions: Mapping[str, Array],
+        setup: VirtualSetup,
+    ) -> SimulatedReadings:
+        """Measure lengths to one anchor after the other, in as many poses each as can be; the cable stays straight."""
+        refuse_several_targets("cable", targets)
+        chance, placing = Chance.of(real, instrument, (len(joints), 1), rng, readings), rng.spawn(1)[0]
+        set_there = without_sessions(conditions)
+        points = real.points(joints, POINT, set_there, chance.scatter)[:, 0] + chance.displaced
+        anchors = _anchors(real, points, setup.fixtures, placing)
+        offset_m = _OFFSET_M * float(placing.standard_normal())
+        number = np.arange(len(joints)) * setup.fixtures // len(joints)
+        lengths = np.linalg.norm(points - anchors[number], axis=1) + offset_m + chance.noise[:, 0]
+        data = fixture_measurements(real, joints, {**set_there, "cable_mm": 1e3 * lengths})
+        data = replace(data, sessions=tuple(str(1 + i) for i in number.tolist()))
+        placed = {f"anchor.{1 + i}": anchor for i, anchor in enumerate(anchors)}
+        return SimulatedReadings(data, chance.bad, {**placed, "cable": np.array([offset_m])})
+
+
+def _anchors(real: TrueRobot, points: Array, count: int, rng: np.random.Generator) -> Array:
+    """Anchors ``(count, 3)`` m in the instrument's frame, evenly around the base from a random side on."""
+    T_tracker_base = inverse(real.T_world_tracker) @ real.robot.T_world_frame0
+    reach = float(np.linalg.norm(transform(inverse(T_tracker_base), points), axis=1).max())
+    angle = rng.uniform(0, 2 * np.pi) + 2 * np.pi * np.arange(count) / count
+    heights = reach * rng.uniform(_LOWEST, _HIGHEST, count)
+    return transform(
+        T_tracker_base, np.stack([_AWAY * reach * np.cos(angle), _AWAY * reach * np.sin(angle), heights], axis=1)
+    )
+
+
+def _contradictions(arm: Model, data: Measurements, nominal: Array) -> list[str]:
+    """Warnings of rows whose point, beside the length, is not where their joints put it."""
+    if arm.targets != data.targets:
+        return []
+    found = disagreement(arm, data, nominal)
+    return [
+        f"row {data.ids[row]}: its point is {1e3 * size:.3g} mm from where its joints put it: check the row "
+        "(the wire's length alone is fitted)"
+        for row, size in zip(found.rows.tolist(), found.sizes_m.tolist(), strict=True)
+    ]
+
+
+@dataclass(frozen=True)
+class Disagreement:
+    """Rows ``(r,)`` whose points are ``sizes_m`` ``(r,)`` away from where their joints put them, the largest first."""
+
+    rows: NDArray[np.int_]
+    sizes_m: Array
+
+
+def disagreement(arm: Model, data: Measurements, nominal: Array) -> Disagreement:
+    """Rows where the file's points and joints cannot both be right, with nominal links and base and tool fitted.
+
+    Args:
+        arm: measured by the points of ``data``, which need not be what is fitted.
+        data: the file's.
+        nominal: ``(p,)`` nominal parameters of ``arm``.
+    """
+    none = Disagreement(np.empty(0, np.int_), np.empty(0))
+    if data.points.shape[1] == 0 or int(data.seen.sum()) < _PLACING:
+        return none
+    observed = Observations(data.inputs(arm.conditions), data.points, np.ones(data.points.shape[:2]))
+    values = fit_base_and_tool(Points(arm), observed, nominal)
+    distance = np.linalg.norm(data.points - arm.points(observed.inputs, values), axis=2)
+    distance = np.where(np.isnan(distance), 0.0, distance).max(axis=1)
+    typical = float(np.median(distance[data.seen.any(axis=1)]))
+    rows = np.flatnonzero(distance > max(_FAR * typical, _LEAST_M))
+    rows = rows[np.argsort(-distance[rows], kind="stable")]
+    return Disagreement(rows, distance[rows])
+
+
+def found_sessions(model: Fixtures, data: Measurements, nominal: Array) -> tuple[int, ...]:
+    """The rows at which a new anchor begins, the first 0.
+
+    Args:
+        model: of a cable with one anchor for all rows.
+        data: the lengths, in the order in which they were measured.
+        nominal: ``(p,)`` nominal parameters of the arm.
+    """
+    n, starts = len(data), [0]
+    best: tuple[float, list[int], Array, Array] | None = None
+    while len(starts) < MOST_SESSIONS:
+        left, rows = _trilateration(model, data, nominal, starts)
+        criterion = n * np.log(max(_total(starts, n, left, rows), 1e-300)) + len(starts) * _penalty(n)
+        if best is None or criterion < best[0]:
+            best = criterion, starts, left, rows
+        split = _best_split(starts, left, rows)
+        if split is None:
+            break
+        starts = sorted([*starts, split])
+    assert best is not None
+    _, starts, left, rows = best
+    while (weakest := _weakest(starts, left, rows)) is not None:
+        starts = [start for start in starts if start != weakest]
+    return tuple(starts)
+
+
+def with_sessions(data: Measurements, starts: tuple[int, ...]) -> Measurements:
+    """The measurements with sessions ``1``, ``2``, … that begin at these rows."""
+    number = np.searchsorted(starts, np.arange(len(data)), side="right")
+    return replace(data, sessions=tuple(str(i) for i in number.tolist()))
+
+
+def _trilateration(model: Fixtures, data: Measurements, nominal: Array, starts: list[int]) -> tuple[Array, Array]:
+    """Left sides ``(n,)`` and rows ``(n, 4)`` of the module's equations about the mean point; zero for bad rows.
+
+    Target and offset are those that fit with an anchor for each session, without the bad rows.
+    """
+    number = (np.searchsorted(starts, np.arange(len(data)), side="right") - 1).astype(np.float64)
+    numbers = tuple(range(len(starts)))
+    observation = replace(model, numbers=numbers, labels=tuple(str(i) for i in numbers))
+    data = replace(data, conditions={**data.conditions, FIXTURE: number})
+    inputs, weights = data.inputs(observation.conditions), np.ones((len(data), 1))
+    good = np.ones(len(data), dtype=np.bool_)
+    for _ in range(2):
+        observed = Observations(inputs[good], data.points[good], weights[good])
+        values = fit_base_and_tool(observation, observed, observation.nominal(nominal))
+        good = ~_bad((data.points - observation.points(inputs, values))[:, 0, 0])
+    size = len(model.arm.names)
+    points = model.arm.points(inputs[:, :-1], values[:size])[:, 0]
+    points = points - points.mean(axis=0)
+    length = data.points[:, 0] - values[size : observation.first].sum()
+    left = ((points**2).sum(axis=1) - length[:, 0] ** 2) / (2 * length[:, 0])
+    rows = np.column_stack([points, -0.5 * np.ones(len(points))]) / length
+    return np.where(good, left, 0.0), rows * good[:, None]
+
+
+def _bad(residual: Array) -> NDArray[np.bool_]:
+    """``(n,)``: rows whose residual ``(n,)`` is large while those of the rows around them are not."""
+    spread = 1.4826 * np.median(np.abs(residual - np.median(residual)))
+    far = np.abs(residual) > FAR * spread
+    around = np.convolve(far, np.ones(LEAST_ROWS), mode="same") / LEAST_ROWS
+    return np.asarray(far & (around < ALONE))
+
+
+def _costs(left: Array, rows: Array) -> Array:
+    """Sums of squares ``(n,)`` of the first one, two, and so on rows, each with an anchor of its own."""
+    moments = np.cumsum(rows[:, :, None] * rows[:, None, :], axis=0) + 1e-9 * np.eye(rows.shape[1])
+    right, squares = np.cumsum(rows * left[:, None], axis=0), np.cumsum(left**2)
+    return np.asarray(squares - (right * np.linalg.solve(moments, right[..., None])[..., 0]).sum(axis=1))
+
+
+def _split_of(left: Array, rows: Array) -> tuple[int, float]:
+    """The best row to cut at, and the cost that remains; 0 and the whole cost if there are too few rows."""
+    ahead, back = _costs(left, rows), _costs(left[::-1], rows[::-1])[::-1]
+    cuts = np.arange(LEAST_ROWS, len(left) - LEAST_ROWS + 1)
+    if not len(cuts):
+        return 0, float(ahead[-1])
+    total = ahead[cuts - 1] + back[cuts]
+    return int(cuts[np.argmin(total)]), float(total.min())
+
+
+def _best_split(starts: list[int], left: Array, rows: Array) -> int | None:
+    """The cut that lowers the cost most; None where all sessions are too short for one."""
+    best: tuple[float, int] | None = None
+    for a, b in zip(starts, [*starts[1:], len(left)], strict=True):
+        cut, cost = _split_of(left[a:b], rows[a:b])
+        gain = _total([a], b, left, rows) - cost
+        if cut and (best is None or gain > best[0]):
+            best = gain, a + cut
+    return None if best is None else best[1]
+
+
+def _weakest(starts: list[int], left: Array, rows: Array) -> int | None:
+    """The start whose removal raises the cost least, where the criterion prefers it removed; None for none."""
+    n = len(left)
+    whole = max(_total(starts, n, left, rows), 1e-300)
+    without = {start: _total([i for i in starts if i != start], n, left, rows) for start in starts[1:]}
+    if not without:
+        return None
+    weakest = min(without, key=lambda start: without[start])
+    kept = n * np.log(without[weakest] / whole) > _penalty(n)
+    return None if kept else weakest
+
+
+def _penalty(rows: int) -> float:
+    """What a session must lower ``rows`` log(cost) by."""
+    return MARGIN * PARAMETERS * float(np.log(rows))
+
+
+def _total(starts: list[int], end: int, left: Array, rows: Array) -> float:
+    """The cost of these sessions, the last of which ends before ``end``."""
+    return float(sum(_costs(left[a:b], rows[a:b])[-1] for a, b in zip(starts, [*starts[1:], end], strict=True)))

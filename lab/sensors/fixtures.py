@@ -1,0 +1,454 @@
+"""Model arms that are measured against fixtures of unknown positions: anchors of a cable, sockets, planes.
+
+Each fixture adds three parameters, and has the role of a base: the base stays at the origin. A residual that is zero
+where the arm touches its fixture is zero too when arm and fixture shrink together; which parameters are identifiable
+is therefore decided at poses in contact, and the longest link is the scale unless a distance is known.
+
+A ``FixtureSensor`` finds in a file which fixture each row is of, and what was observed there; its ``Fixtures`` predict
+that. The sensors of this family are ``cable``, ``socket`` and ``plane``.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.calibration.gauss_newton import Observations, fit
+from lab.calibration.identify import Identification
+from lab.calibration.observation import no_extra_residuals
+from lab.core import se3
+from lab.core.errors import LabError
+from lab.core.measurements import FIXTURE, Measurements
+from lab.core.newton import newton
+from lab.core.random import rng_for
+from lab.core.se3 import Array, transform
+from lab.core.wording import counted
+from lab.kinematics.model import Model
+from lab.kinematics.parameter import Parameter, indices_of_groups, names_of, placed_parameters
+from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.axes_to_dh import JointAxes, Truth, parameters_from_axes
+from lab.sensors.registry import FitInputs, SensorOptions
+from lab.sensors.virtual_sensor import VirtualSensor
+from lab.simulation.true_robot import TrueRobot
+
+__all__ = ["FixtureRows", "FixtureSensor", "Fixtures", "refuse_blank"]
+
+_IN_CONTACT = 1e-11  # m
+_SETTLED_M = 1e-9  # of a residual before the last step
+_VALIDATING_ROWS = 2  # times the rows that a fixture takes, and a fixture is placed by rows that were not fitted
+_NEWTON_STEPS = 12
+_LONGEST_STEP = 0.5  # rad or m of a joint
+_DIFFERENCE = 1e-7
+_ROUNDS = 20
+
+
+@dataclass(frozen=True)
+class Fixtures(ABC):
+    """An arm with one target, and the fixtures that it is tied to or touches.
+
+    Attributes:
+        arm: the arm, measured by one point.
+        nominal_arm: ``(arm's p,)`` its nominal parameters, base at the origin.
+        numbers: of the fixtures, as the condition ``fixture`` says them, ascending.
+        labels: of the fixtures, as their parameters say them: ``anchor.<label>.x``; "" if it has no name.
+        parameters: the arm's, the offset, then three of each fixture.
+        names: of the parameters.
+    """
+
+    arm: Model
+    nominal_arm: Array
+    numbers: tuple[int, ...]
+    labels: tuple[str, ...]
+    parameters: tuple[Parameter, ...] = field(init=False, repr=False)
+    names: tuple[str, ...] = field(init=False)
+    group: ClassVar[str]  # what a fixture is called
+    axes: ClassVar[tuple[str, str, str]] = ("x", "y", "z")
+    least_rows: ClassVar[int]  # of a fixture that say anything of the arm beyond the fixture
+    contact: ClassVar[bool]  # whether the residual is zero at the fixture
+    offset: ClassVar[tuple[Parameter, ...]] = ()  # a parameter that adds to all that is observed, if there is one
+
+    def __post_init__(self) -> None:
+        assert len(self.arm.targets) == 1 and len(self.nominal_arm) == len(self.arm.names)
+        owners = [f"{self.group}.{label}" if label else self.group for label in self.labels]
+        added = [parameter for owner in owners for parameter in placed_parameters(owner, self.group, self.axes)]
+        object.__setattr__(self, "parameters", (*self.arm.parameters, *self.offset, *added))
+        object.__setattr__(self, "names", names_of(self.parameters))
+
+    @abstractmethod
+    def predict(self, points: Array, fixtures: Array) -> tuple[Array, Array, Array]:
+        """What is observed of the target at a fixture.
+
+        Args:
+            points: ``(n, 3)`` the target, m in the instrument's frame.
+            fixtures: ``(n, 3)`` the three parameters of each row's fixture.
+
+        Returns:
+            Observed ``(n, d)`` in m, and its derivatives ``(n, d, 3)`` by the points and by the fixtures.
+        """
+
+    @abstractmethod
+    def located(self, points: Array, observed: Array) -> Array:
+        """The fixture ``(3,)`` that predicted points ``(m, 3)`` and what was observed there ``(m, d)`` place."""
+
+    @abstractmethod
+    def random_fixtures(self, points: Array, rng: np.random.Generator) -> Array:
+        """Fixtures ``(m, 3)``, else random, that the points ``(m, 3)`` touch."""
+
+    def at_base(self, placed: Array, T_base_instrument: Array, scale: float) -> Array:
+        """Fixtures in the base's frame, where the base is at the origin and lengths may be scaled.
+
+        Args:
+            placed: ``(m, 3)`` m, places in the instrument's frame.
+            T_base_instrument: ``(4, 4)``, of lengths that are scaled already.
+            scale: of all lengths.
+
+        Returns:
+            ``(m, 3)``, the fixtures' parameters.
+        """
+        return transform(T_base_instrument, scale * placed)
+
+    @property
+    def scale_link(self) -> int:
+        """The index of the link's length that is the scale of contacts, where nothing else is known of it."""
+        order = [i for i in self.arm.column_priority() if self.arm.parameters[i].group != "base"]
+        after_tool = 1 + max(order.index(i) for i in indices_of_groups(self.arm.parameters, ["tool"]))
+        near = [self.arm.parameters[i] for i in order[:after_tool]]
+        links = [i for i, each in zip(order, near, strict=False) if each.is_link and each.kind == "length"]
+        return max(links, key=lambda i: abs(self.nominal_arm[i]))
+
+    @property
+    def first(self) -> int:
+        """The index of the first fixture's first parameter."""
+        return len(self.arm.names) + len(self.offset)
+
+    @property
+    def model(self) -> Self:
+        """Itself: it is a model that says how it is observed."""
+        return self
+
+    @property
+    def targets(self) -> tuple[str, ...]:
+        """What is observed, by the group of the fixtures."""
+        return (self.group,)
+
+    @property
+    def conditions(self) -> tuple[str, ...]:
+        """The arm's, then the number of the fixture."""
+        return (*self.arm.conditions, FIXTURE)
+
+    @property
+    def placed(self) -> tuple[str, ...]:
+        """The fixtures, the target, and the offset."""
+        return (self.group, "tool", *(parameter.group for parameter in self.offset))
+
+    @property
+    def units(self) -> Array:
+        """``(1,)``: what is observed is in metres."""
+        return np.ones(1)
+
+    @property
+    def positions(self) -> int:
+        """None: nothing is observed in an instrument's frame."""
+        return 0
+
+    def within(self, data: Measurements) -> Self:
+        """The model with the fixtures of these rows."""
+        known = np.unique(data.conditions[FIXTURE][data.seen.any(axis=1)])
+        picked = [i for i, number in enumerate(self.numbers) if number in known]
+        return replace(
+            self, numbers=tuple(self.numbers[i] for i in picked), labels=tuple(self.labels[i] for i in picked)
+        )
+
+    def nominal(self, values: Array) -> Array:
+        """The arm's, with every fixture at the origin."""
+        return np.concatenate([values[: len(self.arm.names)], np.zeros(len(self.names) - len(self.arm.names))])
+
+    def observe(self, inputs: Array, values: Array) -> tuple[Array, Array]:
+        """Observations ``(n, 1, d)`` in m and their derivatives ``(n, 1, d, p)``."""
+        size, index = len(self.arm.names), self._index(inputs[:, -1])
+        points, jacobian = self.arm.observe(inputs[:, :-1], values[:size])
+        observed, by_point, by_fixture = self.predict(points[:, 0], values[self.first :].reshape(-1, 3)[index])
+        n, d = observed.shape
+        observed = observed + values[size : self.first].sum()
+        derivative = np.zeros((n, 1, d, len(self.names)), dtype=observed.dtype)
+        derivative[:, 0, :, :size] = by_point @ jacobian[:, 0]
+        derivative[..., size : self.first] = 1.0
+        columns = self.first + 3 * index[:, None] + np.arange(3)
+        derivative[np.arange(n)[:, None, None], 0, np.arange(d)[:, None], columns[:, None]] = by_fixture
+        return observed[:, None], derivative
+
+    def points(self, inputs: Array, values: Array) -> Array:
+        """Observations ``(n, 1, d)`` in m."""
+        size, index = len(self.arm.names), self._index(inputs[:, -1])
+        points = self.arm.points(inputs[:, :-1], values[:size])[:, 0]
+        observed = self.predict(points, values[self.first :].reshape(-1, 3)[index])[0]
+        return np.asarray(observed[:, None] + values[size : self.first].sum())
+
+    def column_priority(self) -> tuple[int, ...]:
+        """The fixtures; then the arm's order, its longest link after the target if it is the scale; the base last."""
+        parameters = self.arm.parameters
+        base = indices_of_groups(parameters, ["base"])
+        order = [i for i in self.arm.column_priority() if i not in base]
+        if self.contact:
+            after_tool = 1 + max(order.index(i) for i in indices_of_groups(parameters, ["tool"]))
+            order.insert(after_tool - 1, order.pop(order.index(self.scale_link)))
+        return (*range(self.first, len(self.names)), *range(len(parameters), self.first), *order, *base)
+
+    def rank_point(self, values: Array) -> Array:
+        """The arm's at ``values``; for contacts the nominal arm's, with the fixtures of ``structure_joints``."""
+        size = len(self.arm.names)
+        if not self.contact:
+            return np.concatenate([self.arm.rank_point(values[:size]), values[size:]])
+        assert not self.offset
+        arm = self.arm.rank_point(self.nominal_arm)
+        joints = self.arm.structure_joints(len(self.numbers), rng_for(0, "structure"))
+        points = self.arm.points(joints, arm)[:, 0]
+        return np.concatenate([arm, self.random_fixtures(points, rng_for(1, "structure")).ravel()])
+
+    def structure_joints(self, count: int, rng: np.random.Generator) -> Array:
+        """The arm's, with each fixture in turn; for contacts, poses near them that touch.
+
+        Raises:
+            LabError: the nominal arm cannot touch every fixture of ``rank_point`` in other poses.
+        """
+        numbers = np.resize(np.array(self.numbers, dtype=np.float64), count)
+        if not self.contact:
+            return np.column_stack([self.arm.structure_joints(count, rng), numbers])
+        values, found = self.rank_point(self.nominal(self.nominal_arm)), np.empty((0, 0))
+        for _ in range(_ROUNDS):
+            near = np.column_stack([self.arm.structure_joints(count, rng), numbers])
+            inputs = self.inputs_in_contact(near, values)
+            found = np.concatenate([found, inputs]) if found.size else inputs
+            if len(found) >= count:
+                return found[:count]
+        raise LabError(f"the nominal arm cannot reach every {self.group} again: check the robot's limits")
+
+    def inputs_in_contact(self, inputs: Array, values: Array) -> Array:
+        """Inputs whose joints Newton's steps bring to their fixtures.
+
+        Args:
+            inputs: ``(n, joints + conditions)`` to start from; changed in place.
+            values: ``(p,)``.
+
+        Returns:
+            ``(m, joints + conditions)``: those of them that came to touch.
+        """
+        joints = inputs.shape[1] - len(self.conditions)
+
+        def step(positions: Array, going: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
+            near = np.concatenate([positions[going], inputs[going, joints:]], axis=1)
+            residual = self.points(near, values)[:, 0]
+            slopes = np.empty((*residual.shape, joints))
+            for j in range(joints):
+                moved = near.copy()
+                moved[:, j] += _DIFFERENCE
+                slopes[..., j] = (self.points(moved, values)[:, 0] - residual) / _DIFFERENCE
+            change, settled = np.zeros_like(positions), np.zeros_like(going)
+            change[going] = -(np.linalg.pinv(slopes) @ residual[..., None])[..., 0]
+            settled[going] = np.linalg.norm(residual, axis=1) < _SETTLED_M  # the next residual is about its square
+            return np.clip(change, -_LONGEST_STEP, _LONGEST_STEP), settled
+
+        inputs[:, :joints] = newton(step, inputs[:, :joints], _NEWTON_STEPS).values
+        size = np.linalg.norm(self.points(inputs, values)[:, 0], axis=1)
+        return np.asarray(inputs[size < _IN_CONTACT])
+
+    def initial_guess(self, observed: Observations, values: Array) -> Array:
+        """Each fixture by the arm as it is in ``values``."""
+        number = observed.inputs[:, -1]
+        points = self.arm.points(observed.inputs[:, :-1], values[: len(self.arm.names)])[:, 0]
+        rows = np.isfinite(observed.points).all(axis=(1, 2))
+        measured = observed.points[:, 0] - values[len(self.arm.names) : self.first].sum()
+        chosen = [rows & (number == i) for i in self.numbers]
+        return np.concatenate([values[: self.first], *(self.located(points[i], measured[i]) for i in chosen)])
+
+    def extra_residuals(self, values: Array) -> tuple[Array, Array]:
+        """None: nothing else is known."""
+        return no_extra_residuals(self)
+
+    def errors(self, data: Measurements, values: Array) -> Array:
+        """Lengths ``(n, 1)`` in m of the residuals, where fixtures that ``values`` lack are placed by these rows.
+
+        NaN where such a fixture has too few rows to be placed and validated by them.
+        """
+        known, rows = np.unique(data.conditions[FIXTURE][data.seen[:, 0]], return_counts=True)
+        enough = known[rows >= _VALIDATING_ROWS * self.least_rows].astype(np.int_).tolist()
+        new = [number for number in enough if number not in self.numbers]
+        wide = replace(self, numbers=(*self.numbers, *new), labels=(*self.labels, *map(str, new)))
+        placed = np.isin(data.conditions[FIXTURE], wide.numbers)
+        part = data.take(np.flatnonzero(placed))
+        if new:
+            values = wide._with_fixtures(part.take(np.flatnonzero(np.isin(part.conditions[FIXTURE], new))), values, new)
+        errors = np.full((len(data), 1), np.nan)
+        residuals = wide.points(part.inputs(self.conditions), values) - part.points
+        errors[placed] = np.linalg.norm(residuals, axis=2)
+        return errors
+
+    def cv_groups(self, data: Measurements) -> NDArray[np.int_] | None:
+        """None: repeats of a configuration are held out together."""
+        return None
+
+    def _with_fixtures(self, data: Measurements, values: Array, new: Sequence[int]) -> Array:
+        """``values``, which end before the ``new`` fixtures, with these as the rows of ``data`` place them."""
+        observed = Observations(data.inputs(self.conditions), data.points, np.ones(data.points.shape[:2]))
+        alone = replace(self, numbers=tuple(new), labels=tuple(map(str, new)))
+        at_origin = np.concatenate([values[: self.first], np.zeros(3 * len(new))])
+        start = alone.initial_guess(observed, at_origin)[self.first :]
+        columns = range(len(values), len(values) + 3 * len(new))
+        return fit(self, observed, columns, np.concatenate([values, start])).values
+
+    def _index(self, numbers: Array) -> NDArray[np.int_]:
+        """Where the fixtures of some rows are among the parameters' fixtures."""
+        index = {number: i for i, number in enumerate(self.numbers)}
+        found, rows = np.unique(numbers.astype(np.int_), return_inverse=True)
+        return np.array([index[number] for number in found.tolist()], dtype=np.int_)[rows]
+
+
+@dataclass(frozen=True)
+class FixtureRows:
+    """What a file says of fixtures.
+
+    Attributes:
+        labels: of each row's fixture, one a row; "" where the file names none.
+        observed: ``(n, d)`` m; NaN where nothing was observed.
+        warnings: what a reader should be told.
+    """
+
+    labels: Sequence[str]
+    observed: Array
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class FixtureSensor(VirtualSensor, ABC):
+    """A kind of observation at fixtures: of one target, and of nothing in an instrument's frame."""
+
+    model: ClassVar[type[Fixtures]]
+    in_instrument_frame: ClassVar[bool] = False
+    setup: ClassVar[tuple[str, ...]] = ("fixtures",)
+
+    @abstractmethod
+    def fixture_rows(self, arm: Model, data: Measurements, nominal: Array) -> FixtureRows:
+        """What the file says of fixtures.
+
+        Raises:
+            LabError: a column is missing, or a cell says what cannot be.
+        """
+
+    @abstractmethod
+    def fixtures(self, arm: Model, nominal: Array, numbers: tuple[int, ...], labels: tuple[str, ...]) -> Fixtures:
+        """The model of these fixtures.
+
+        Raises:
+            LabError: an option of the kind does not hold for them.
+        """
+
+    @classmethod
+    def configured(cls, options: SensorOptions, fit: FitInputs) -> Self:
+        """The kind, whose observations no instrument weighs.
+
+        Raises:
+            LabError: an instrument or a validation file is given.
+        """
+        fit.refuse_those_of_points(cls.name)
+        return cls()
+
+    def targets(self, data: Measurements) -> tuple[str, ...]:
+        """The target that touches or is tied, whatever points the file has."""
+        return ("p1",)
+
+    def observation(self, arm: Model, data: Measurements, nominal: Array) -> tuple[Model, Measurements]:
+        """The fixtures that have enough rows, and these rows; a warning for each of the others.
+
+        Raises:
+            LabError: the arm has several targets, no fixture has enough rows, or the file says what cannot be.
+        """
+        if len(arm.targets) != 1:
+            raise LabError(f"--observe {self.name} takes one target, not {', '.join(arm.targets)}: name one")
+        rows, kind = self.fixture_rows(arm, data, nominal), self.model
+        measured = np.asarray(np.isfinite(rows.observed).all(axis=1))
+        labels = list(dict.fromkeys(name for name, there in zip(rows.labels, measured.tolist(), strict=True) if there))
+        number = np.array([labels.index(name) if name in labels else -1 for name in rows.labels])
+        counts = np.array([int((measured & (number == i)).sum()) for i in range(len(labels))])
+        few = [i for i in range(len(labels)) if counts[i] < kind.least_rows]
+        if len(few) == len(labels):
+            most = int(counts.max(initial=0))
+            raise LabError(
+                f"no {kind.group} has more than {counted(most, 'row')}; its own position takes {len(kind.axes)} "
+                f"numbers: measure each from at least {kind.least_rows} poses"
+            )
+        left_out = tuple(
+            f"{kind.group} {labels[i] or 'of the file'} has {counts[i]} of the {kind.least_rows} rows "
+            "that say anything of the arm: left out"
+            for i in few
+        )
+        numbers = tuple(i for i in range(len(labels)) if i not in few)
+        model = self.fixtures(arm, np.asarray(nominal), numbers, tuple(labels[i] for i in numbers))
+        full = replace(
+            data,
+            targets=model.targets,
+            points=rows.observed[:, None],
+            conditions={**data.conditions, FIXTURE: number.astype(np.float64)},
+            warnings=(*data.warnings, *rows.warnings, *left_out),
+        )
+        return model, full.take(np.flatnonzero(measured & ~np.isin(number, few)))
+
+    def observed_truth(
+        self, truth: Truth, found: Identification, real: TrueRobot, placed: Mapping[str, Array]
+    ) -> Truth | None:
+        """Return the truth with the base at the origin and the fixtures there; None of a mechanism.
+
+        Without a known length the arm is scaled so that its longest link has its nominal length, as no contact gives
+        its size.
+        """
+        model = found.model
+        assert isinstance(model, Fixtures)
+        if not isinstance(truth.arm, SerialArm):
+            return None
+        scale, at = 1.0, model.scale_link
+        if model.contact and at not in found.base_set.kept:
+            scale = float(model.nominal_arm[at] / truth.of([model.names[at]])[0])
+            truth = replace(_scaled(truth, scale), effects=truth.effects)
+        arm, values = truth.arm, truth.values.copy()
+        assert isinstance(arm, SerialArm)
+        T_base_instrument = se3.inverse(arm.T_tracker_frame0(values))
+        values[:6] = 0.0
+        owners = [f"{model.group}.{label}" for label in model.labels]
+        there = model.at_base(np.stack([placed[owner] for owner in owners]), T_base_instrument, scale)
+        known = dict(zip(model.names[model.first :], there.ravel().tolist(), strict=True))
+        for each in model.offset:
+            known[each.name] = float(placed[each.owner][0])
+        return replace(truth, values=values, effects={**truth.effects, **known})
+
+
+def refuse_blank(
+    data: Measurements, column: str, labels: Sequence[str], group: str, rows: NDArray[np.bool_] | None = None
+) -> None:
+    """Refuse rows to be used that do not say which fixture they are of.
+
+    Args:
+        data: the file's.
+        column: where a label is from.
+        labels: one a row.
+        group: what a fixture is called.
+        rows: ``(n,)`` those with something observed; all, if not given.
+
+    Raises:
+        LabError: the label of such a row is empty.
+    """
+    for row, label in enumerate(labels):
+        if not label and data.use[row] != "skip" and (rows is None or rows[row]):
+            raise LabError(f"{data.where(row)}, column {column}: empty; say which {group} the row is of, or use = skip")
+
+
+def _scaled(truth: Truth, scale: float) -> Truth:
+    """The truth of an arm whose lengths are so many times as long, in the same gauge: all joints turn."""
+    arm = truth.arm
+    assert isinstance(arm, SerialArm)
+    axes = [motion for motion in arm.motions(truth.values) if motion.joint is not None]
+    origins = np.array([motion.origin[:3, 0] for motion in axes if motion.origin is not None])
+    directions = np.array([motion.axis[:3, 0] for motion in axes]) * arm.chain.sign[:, None]
+    targets = arm.points(np.zeros((1, arm.chain.size)), truth.values)[0]
+    return parameters_from_axes(arm, JointAxes(scale * origins, directions, scale * targets), truth.values)

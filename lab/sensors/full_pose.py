@@ -1,0 +1,413 @@
+"""Full poses of a target: its position, and the orientation of a frame that is fixed to it.
+
+Metres and radians are compared by one number, the ratio of their noises. It is given, or estimated from the
+residuals as a ratio of two variance components (Foerstner 1979): the sums of squares of the positions' and of the
+rotations' residuals, each over its own share of the degrees of freedom. Few poses give a rough ratio: n poses leave
+each share about 3 n - 15 numbers, so that the ratio is known to one part in sqrt(3 n - 15).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.calibration.gauss_newton import Observations
+from lab.calibration.identify import Identification, IdentifyOptions, Solve, identify
+from lab.calibration.initial_guess import initial_guess
+from lab.calibration.observation import ROTATION_PARAMETERS, no_extra_residuals, placed_in_instrument_frame
+from lab.calibration.sensor import SensorWords
+from lab.calibration.sequential import fit_sequentially
+from lab.calibration.weights import Noise
+from lab.core import se3
+from lab.core.errors import LabError
+from lab.core.instruments import Instrument, PoseInstrument
+from lab.core.measurements import Measurements, seen_mask
+from lab.core.numbers import positive
+from lab.core.orientation import AngleConvention
+from lab.core.se3 import Array
+from lab.formats.measurement_csv import ObservedColumns
+from lab.formats.orientations import orientation_texts, oriented_target, read_orientations
+from lab.kinematics.compiled.kernels import CompiledChain
+from lab.kinematics.model import Model
+from lab.kinematics.parameter import Parameter, indices_of_groups, names_of
+from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.axes_to_dh import Truth
+from lab.sensors.registry import FitInputs, PoseOptions, VirtualSetup
+from lab.sensors.virtual_sensor import SimulatedReadings, VirtualSensor
+from lab.simulation.effects import Effects
+from lab.simulation.tracking import scattered_points, seen_by, target_rotations
+from lab.simulation.true_robot import TrueRobot
+
+__all__ = ["QUATERNION", "PoseSensor", "Poses", "balanced"]
+
+QUATERNION = ("qw", "qx", "qy", "qz")
+START_RATIO = 1.0  # rad per m: 1 mrad beside 1 mm, until the residuals say better
+ROUNDS = 4  # of the ratio's iteration
+SETTLED = 0.01  # a change of the ratio that is none
+EXACT = 1e-12  # residuals below this have no noise to be compared
+
+
+@dataclass(frozen=True)
+class Poses:
+    """An arm of which positions and one orientation are measured, in the instrument's frame.
+
+    Observed are the positions of the arm's targets (m), then log(R_measured' R_predicted) (rad), measured as zero.
+    The measured orientation is a condition of the row: the quaternion ``<target>_qw`` to ``_qz``.
+
+    Attributes:
+        arm: the arm, measured by points.
+        oriented: the target whose orientation was measured.
+        ratio: the noise of a rotation (rad) where that of a position is 1 m.
+        parameters: the arm's, then the rotation vector of the measured frame in the last one.
+        names: of the parameters.
+    """
+
+    arm: Model
+    oriented: str
+    ratio: float = START_RATIO
+    parameters: tuple[Parameter, ...] = field(init=False, repr=False)
+    names: tuple[str, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        assert self.ratio > 0 and self.oriented in self.arm.targets
+        parameters = (*self.arm.parameters, *ROTATION_PARAMETERS)
+        object.__setattr__(self, "parameters", parameters)
+        object.__setattr__(self, "names", names_of(parameters))
+
+    @property
+    def placed(self) -> tuple[str, ...]:
+        """Groups of parameters without a nominal value."""
+        return placed_in_instrument_frame(self.arm)
+
+    @property
+    def model(self) -> Self:
+        """Itself: it is a model that says how it is observed."""
+        return self
+
+    @property
+    def targets(self) -> tuple[str, ...]:
+        """The arm's, then the orientation."""
+        return (*self.arm.targets, f"{self.oriented} orientation")
+
+    @property
+    def conditions(self) -> tuple[str, ...]:
+        """The arm's, then the measured quaternion."""
+        return (*self.arm.conditions, *(f"{self.oriented}_{part}" for part in QUATERNION))
+
+    @property
+    def units(self) -> Array:
+        """``(k + 1,)``: one for a position, the ratio for the rotation."""
+        return np.append(np.ones(self.positions), self.ratio)
+
+    @property
+    def positions(self) -> int:
+        """How many of the observed quantities are positions: all but the orientation."""
+        return len(self.arm.targets)
+
+    def within(self, data: Measurements) -> Self:
+        """Itself: no parameter is of some rows alone."""
+        return self
+
+    def nominal(self, values: Array) -> Array:
+        """The arm's, with the measured frame along the last one."""
+        return np.concatenate([values[: len(self.arm.names)], np.zeros(3)])
+
+    def column_priority(self) -> tuple[int, ...]:
+        """The arm's order; the tool's rotation after its positions."""
+        order = list(self.arm.column_priority())
+        after = 1 + max(order.index(i) for i in indices_of_groups(self.arm.parameters, ["tool"]))
+        return (*order[:after], *range(len(self.names) - 3, len(self.names)), *order[after:])
+
+    def rank_point(self, values: Array) -> Array:
+        """The arm's ``(p,)``; the tool's rotation as it is in ``values``."""
+        return np.concatenate([self.arm.rank_point(values[:-3]), values[-3:]])
+
+    def structure_joints(self, count: int, rng: np.random.Generator) -> Array:
+        """The arm's ``(count, joints + conditions)`` with no rotation measured: another would turn the same rows."""
+        identity = np.broadcast_to([1.0, 0.0, 0.0, 0.0], (count, 4))
+        return np.concatenate([self.arm.structure_joints(count, rng), identity], axis=1)
+
+    def points(self, inputs: Array, values: Array) -> Array:
+        """Positions and rotations ``(n, k + 1, 3)``, m and rad."""
+        if (code := self._compiled(inputs, values)) is not None:
+            return code.oriented(inputs[:, :-4], values[:-3], values[-3:], inputs[:, -4:], rates=False)[0]
+        arm_inputs, measured = inputs[:, :-4], se3.rotation_from_quaternion(inputs[:, -4:])
+        points = self.arm.points(arm_inputs, values[:-3])
+        flange = _flange_rotation(self.arm, arm_inputs, values[:-3], points)
+        rotation = se3.log(np.swapaxes(measured, 1, 2) @ flange @ se3.exp(values[-3:]))
+        return np.concatenate([points, rotation[:, None]], 1)
+
+    def observe(self, inputs: Array, values: Array) -> tuple[Array, Array]:
+        """Positions and rotations ``(n, k + 1, 3)`` and their derivatives ``(n, k + 1, 3, p)``.
+
+        A rotation w of the predicted frame (in the instrument's) changes the residual v = log(R_measured' R) by
+        J_l(v)^-1 R_measured' w.
+        """
+        if (code := self._compiled(inputs, values)) is not None:
+            return code.oriented(inputs[:, :-4], values[:-3], values[-3:], inputs[:, -4:], rates=True)
+        arm_inputs, measured = inputs[:, :-4], se3.rotation_from_quaternion(inputs[:, -4:])
+        points, jacobian = self.arm.observe(arm_inputs, values[:-3])
+        flange, rates = _flange_rates(self.arm, arm_inputs, values[:-3], jacobian)
+        inverse = np.swapaxes(measured, 1, 2)
+        rotation = se3.log(inverse @ flange @ se3.exp(values[-3:]))  # (n, 3)
+        rates = np.concatenate([rates, flange @ se3.left_jacobian(values[-3:])], axis=2)  # (n, 3, p)
+        rows = np.linalg.solve(se3.left_jacobian(rotation), inverse) @ rates
+        wide = np.concatenate([jacobian, np.zeros((*jacobian.shape[:3], 3))], axis=3)
+        return np.concatenate([points, rotation[:, None]], 1), np.concatenate([wide, rows[:, None]], 1)
+
+    def _compiled(self, inputs: Array, values: Array) -> CompiledChain | None:
+        """The arm in machine code; None where there is none or the arm has effects."""
+        return self.arm.compiled(inputs, values) if isinstance(self.arm, SerialArm) else None
+
+    def initial_guess(self, observed: Observations, values: Array) -> Array:
+        """Base and tool from the positions; the tool's rotation as the mean of R_flange' R_measured."""
+        n = len(self.names) - 3
+        whiten = observed.whiten[:, : self.positions]
+        positions = Observations(observed.inputs[:, :-4], observed.points[:, :-1], whiten)
+        arm = initial_guess(self.arm, positions, values[:n])
+        rows = np.isfinite(observed.points[:, -1]).all(axis=1)
+        inputs = positions.inputs[rows]
+        flange = _flange_rotation(self.arm, inputs, arm, self.arm.points(inputs, arm))
+        measured = se3.rotation_from_quaternion(observed.inputs[rows, -4:])
+        mean = se3.nearest_rotation((np.swapaxes(flange, 1, 2) @ measured).sum(axis=0))
+        return np.concatenate([arm, se3.log(mean)])
+
+    def extra_residuals(self, values: Array) -> tuple[Array, Array]:
+        """None: nothing else is known."""
+        return no_extra_residuals(self)
+
+    def errors(self, data: Measurements, values: Array) -> Array:
+        """Lengths ``(n, k)`` of position errors in m: rotations are fitted, but not validated."""
+        arm = self.arm.points(data.inputs(self.arm.conditions), values[:-3])
+        return np.asarray(np.linalg.norm(arm - data.points[:, : self.positions], axis=2))
+
+    def cv_groups(self, data: Measurements) -> None:
+        """None: repeats of a configuration are held out together."""
+
+
+def _flange_rotation(arm: Model, inputs: Array, values: Array, points: Array) -> Array:
+    """The last frame's rotations ``(n, 3, 3)`` in the instrument's frame.
+
+    A target's position t in the last frame enters its measured position as o + R t: it moves by the frame's axes where
+    t is moved by one.
+
+    Args:
+        arm: the arm, measured by points.
+        inputs: ``(n, joints + conditions)``.
+        values: ``(p,)``.
+        points: ``(n, k, 3)`` of the arm at ``values``.
+    """
+    moved = [arm.points(inputs, there)[:, 0] - points[:, 0] for there in _moved_tools(arm, values)]
+    stretched = np.stack(moved, axis=2)
+    return np.asarray(stretched / np.sqrt((stretched**2).sum(axis=1, keepdims=True)))
+
+
+def _moved_tools(arm: Model, values: Array) -> list[Array]:
+    """The parameters with the first target moved by one along each axis of the last frame."""
+    tool = list(indices_of_groups(arm.parameters, ["tool"]))[:3]
+    return [values + np.eye(len(values))[column] for column in tool]
+
+
+def _flange_rates(arm: Model, inputs: Array, values: Array, jacobian: Array) -> tuple[Array, Array]:
+    """The last frame's rotations ``(n, 3, 3)`` and their rates ``(n, 3, p)``, in the instrument's frame.
+
+    A target's position t in the last frame enters its measured position as o + R t: the derivatives by t are the
+    frame's axes r, and where t is moved by one axis's unit, every other derivative changes by dr. A rotation w makes
+    dr = w x r, so w = (1/2) sum r x dr over the three axes.
+
+    Args:
+        arm: the arm, measured by points.
+        inputs: ``(n, joints + conditions)``.
+        values: ``(p,)``.
+        jacobian: ``(n, k, 3, p)`` of the arm at ``values``.
+    """
+    tool = list(indices_of_groups(arm.parameters, ["tool"]))[:3]
+    stretched = jacobian[:, 0][..., tool]
+    size = np.sqrt((stretched**2).sum(axis=1, keepdims=True))  # 1, but in a frame that grows
+    rotation = stretched / size
+    rates = np.zeros((len(inputs), 3, len(values)), dtype=jacobian.dtype)
+    for axis, moved in enumerate(_moved_tools(arm, values)):
+        change = arm.observe(inputs, moved)[1][:, 0] - jacobian[:, 0]
+        r = 0.5 * rotation[..., axis] / size[..., axis]
+        for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
+            rates[:, i] += r[:, j, None] * change[:, k] - r[:, k, None] * change[:, j]
+    return rotation, rates
+
+
+def balanced(observation: Poses, data: Measurements, nominal: Array, request: IdentifyOptions | None = None) -> Poses:
+    """The observation with the ratio of the two noises that its residuals show (Foerstner 1979).
+
+    The residuals are those of least squares, whichever method then fits the parameters.
+
+    Args:
+        observation: with any ratio to start from.
+        data: the observed poses, as ``identify`` takes them.
+        nominal: ``(p,)`` nominal parameters.
+        request: what is asked of the identification.
+
+    Returns:
+        The observation as it is where nothing is left over, or a noise is none.
+    """
+    request = replace(request or IdentifyOptions(), solve=None)
+    for _ in range(ROUNDS):
+        sums = np.array(_variances(observation, identify(observation, data, nominal, Noise(), request), data))
+        if not np.isfinite(sums).all() or (np.sqrt(sums) < EXACT).any():
+            return observation
+        change = float(np.sqrt(sums[1] / sums[0]))
+        observation = replace(observation, ratio=observation.ratio * change)
+        if abs(change - 1) < SETTLED:
+            break
+    return observation
+
+
+def _variances(observation: Poses, found: Identification, data: Measurements) -> tuple[float, float]:
+    """Variances (m^2) of positions and of rotations: sums of squares over their shares of the degrees of freedom."""
+    _, jacobian = observation.observe(data.inputs(observation.conditions), found.values)
+    rows = jacobian[..., list(found.fit.free)] / observation.units[:, None, None]
+    leverage = ((rows @ found.fit.unit_covariance()) * rows).sum(axis=-1)  # (n, k, 3)
+    measured = seen_mask(data.points)
+    result = []
+    for part in (slice(None, observation.positions), slice(observation.positions, None)):
+        squares = (found.residuals[:, part] / observation.units[part, None])[measured[:, part]] ** 2
+        dof = float((1 - leverage[:, part][measured[:, part]]).sum())
+        result.append(float(squares.sum()) / dof if dof > 0.5 else float("nan"))
+    return result[0], result[1]
+
+
+@dataclass(frozen=True)
+class PoseSensor(VirtualSensor):
+    """Positions of targets and the orientation of one.
+
+    Attributes:
+        orientation: what three angles mean; None where the file has quaternions.
+        ratio: noise of a rotation over that of a position, rad per m; None to estimate it from the residuals.
+        sequential: fit the angles from the orientations first, then the lengths from the positions.
+    """
+
+    name: ClassVar[str] = "pose"
+    words: ClassVar[SensorWords] = SensorWords(
+        measured="positions and orientations",
+        reading="measured pose",
+        error="position error",
+        placed="base and tool",
+        names_targets=True,
+    )
+    columns: ClassVar[ObservedColumns] = ObservedColumns(orientations=True)
+    flags: ClassVar[type[Any] | None] = PoseOptions
+    in_instrument_frame: ClassVar[bool] = True
+    setup: ClassVar[tuple[str, ...]] = ("occlusion", "orientation_share")
+
+    orientation: AngleConvention | None = None
+    ratio: float | None = None
+    sequential: bool = False
+
+    @classmethod
+    def configured(cls, options: PoseOptions, fit: FitInputs) -> Self:
+        """Poses with these options.
+
+        Raises:
+            LabError: a validation file is given, ``--noise-mrad`` without ``--noise-mm``, or a prior
+                for the sequential method.
+        """
+        fit.refuse_validation_file(cls.name)
+        if options.noise_mrad is not None and fit.noise_mm is None:
+            raise LabError("--noise-mrad says what orientations weigh beside positions; give --noise-mm too")
+        if options.method == "sequential" and fit.prior:
+            raise LabError("--prior is of --method global: the sequential method takes none; leave one out")
+        if options.noise_mrad is None or fit.noise_mm is None:
+            return cls(options.orientation, None, options.method == "sequential")
+        positive("--noise-mrad", options.noise_mrad)
+        return cls(options.orientation, options.noise_mrad / fit.noise_mm, options.method == "sequential")
+
+    @property
+    def solve(self) -> Solve | None:
+        """The sequential method, if it is asked for."""
+        return fit_sequentially if self.sequential else None
+
+    def observation(self, arm: Model, data: Measurements, nominal: Array) -> tuple[Model, Measurements]:
+        """Positions of all targets and the orientation of the one that has some.
+
+        Raises:
+            LabError: no target has an orientation or several have, or a column or cell of it cannot be read.
+        """
+        target = oriented_target(data)
+        quaternions = read_orientations(data, target, self.orientation)
+        blank = np.isnan(quaternions[:, 0])
+        rotation = np.where(blank[:, None, None], np.nan, np.zeros((len(data), 1, 3)))  # measured as zero
+        stated = np.where(blank[:, None], [1.0, 0.0, 0.0, 0.0], quaternions)
+        model = Poses(arm, target, START_RATIO if self.ratio is None else self.ratio)
+        conditions = {f"{target}_{part}": stated[:, i] for i, part in enumerate(QUATERNION)}
+        points = np.concatenate([data.points, rotation], axis=1)
+        observed = replace(data, targets=model.targets, points=points, conditions={**data.conditions, **conditions})
+        return model, observed
+
+    def balanced(self, model: Model, data: Measurements, nominal: Array, request: IdentifyOptions) -> Model:
+        """The model with the ratio of the two noises that its residuals show, where none was given."""
+        assert isinstance(model, Poses)
+        return balanced(model, data, nominal, request) if self.ratio is None else model
+
+    def weighed_by(self, instrument: Instrument, data: Measurements) -> Self:
+        """Poses with the ratio of the instrument's noises: of a rotation, and of a position, a mean of those seen."""
+        points = data.points[data.seen]
+        known = isinstance(instrument, PoseInstrument) and instrument.kind != "exact"
+        if self.ratio is not None or not known or not len(points):
+            return self
+        assert isinstance(instrument, PoseInstrument)
+        mean = float(np.trace(instrument.covariance(points), axis1=-2, axis2=-1).mean()) / 3
+        return replace(self, ratio=instrument.rotation_rad / float(np.sqrt(mean)))
+
+    def weighed_as(self, model: Model) -> Self:
+        """Poses with the ratio of this model."""
+        assert isinstance(model, Poses)
+        return replace(self, ratio=model.ratio)
+
+    def simulate(
+        self,
+        real: TrueRobot,
+        joints: Array,
+        targets: tuple[str, ...],
+        instrument: Instrument,
+        rng: np.random.Generator,
+        readings: int,
+        conditions: Mapping[str, Array],
+        setup: VirtualSetup,
+    ) -> SimulatedReadings:
+        """Measure points as ``PointSensor`` does, and orientations of the first target, some of which may be missing.
+
+        The points are those of ``--observe points`` with the same numbers drawn; orientations draw from a child.
+        """
+        assert isinstance(instrument, PoseInstrument)  # else it does not observe poses
+        data, bad, scatter = scattered_points(real, joints, targets, instrument, rng, readings, conditions)
+        turning = rng.spawn(1)[0]
+        exact = target_rotations(real, joints, targets[0], conditions, scatter)
+        rotations = instrument.sample_rotations(exact, turning, readings)
+        visible = np.ones((len(joints), len(targets)), dtype=np.bool_)
+        if setup.occlusion:
+            visible = seen_by(real, joints, targets, instrument, conditions)
+        oriented = visible[:, 0] & _share(len(joints), setup.orientation_share, turning)
+        points = np.where(visible[..., None], data.points, np.nan)
+        columns = orientation_texts(targets[0], rotations, oriented, self.orientation)
+        return SimulatedReadings(replace(data, points=points, other={**data.other, **columns}), bad)
+
+    def observed_truth(
+        self, truth: Truth, found: Identification, real: TrueRobot, placed: Mapping[str, Array]
+    ) -> Truth | None:
+        """Return the truth with the rotation of the measured frame in the arm's last one; None of a mechanism."""
+        model = found.model
+        assert isinstance(model, Poses)
+        if not isinstance(truth.arm, SerialArm):
+            return None
+        rest = np.zeros((1, real.robot.chain.size))
+        measured = target_rotations(real.with_effects(Effects.none(real.robot.chain.size)), rest, model.oriented)[0]
+        last = truth.arm.flange(rest, truth.values)[0, :3, :3]
+        rotation = dict(zip(("tool.rx", "tool.ry", "tool.rz"), se3.log(last.T @ measured).tolist(), strict=True))
+        return replace(truth, effects={**truth.effects, **rotation})
+
+
+def _share(poses: int, share: float, rng: np.random.Generator) -> NDArray[np.bool_]:
+    """``(poses,)``: which poses are of this share, as near as whole poses can be."""
+    chosen = np.zeros(poses, dtype=np.bool_)
+    chosen[rng.permutation(poses)[: max(1, round(share * poses))]] = True
+    return chosen

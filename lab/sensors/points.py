@@ -1,0 +1,55 @@
+"""Measure points: positions of the tool's targets in an instrument's frame, the usual observation."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from lab.calibration.sensor import SensorWords
+from lab.core.instruments import Instrument
+from lab.core.measurements import Measurements
+from lab.core.se3 import Array
+from lab.formats.measurement_csv import ObservedColumns
+from lab.kinematics.model import Model
+from lab.sensors.registry import VirtualSetup
+from lab.sensors.virtual_sensor import SimulatedReadings, VirtualSensor
+from lab.simulation.tracking import measure_with_outlier_mask, seen_by
+from lab.simulation.true_robot import TrueRobot
+
+__all__ = ["PointSensor"]
+
+
+@dataclass(frozen=True)
+class PointSensor(VirtualSensor):
+    """Positions of targets, of which the arm itself is the model (``observation.Points``)."""
+
+    name: ClassVar[str] = "points"
+    words: ClassVar[SensorWords] = SensorWords(
+        measured="points", reading="measured point", error="position error", placed="base and tool", names_targets=True
+    )
+    columns: ClassVar[ObservedColumns] = ObservedColumns()
+    in_instrument_frame: ClassVar[bool] = True
+    setup: ClassVar[tuple[str, ...]] = ("occlusion",)
+
+    def observation(self, arm: Model, data: Measurements, nominal: Array) -> tuple[Model, Measurements]:
+        """Return the arm and the file's points as they are."""
+        return arm, data
+
+    def simulate(
+        self,
+        real: TrueRobot,
+        joints: Array,
+        targets: tuple[str, ...],
+        instrument: Instrument,
+        rng: np.random.Generator,
+        readings: int,
+        conditions: Mapping[str, Array],
+        setup: VirtualSetup,
+    ) -> SimulatedReadings:
+        """Measure points of the targets, of all or of those that the instrument sees."""
+        data, bad = measure_with_outlier_mask(real, joints, targets, instrument, rng, readings, conditions)
+        if setup.occlusion:
+            visible = seen_by(real, joints, targets, instrument, conditions)
+            data = replace(data, points=np.where(visible[..., None], data.points, np.nan))
+        return SimulatedReadings(data, bad)

@@ -1,0 +1,201 @@
+"""A ball on the tool in sockets: each socket's centre is one point, which is fitted."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.calibration.sensor import SensorWords
+from lab.core.errors import LabError
+from lab.core.instruments import Instrument
+from lab.core.measurements import FIXTURE, Measurements
+from lab.core.numbers import positive
+from lab.core.se3 import Array, inverse
+from lab.formats.measurement_csv import ObservedColumns
+from lab.kinematics.model import Model
+from lab.sensors.contact import Chance, Contacts, fixture_measurements, reachable_points, without_sessions
+from lab.sensors.fixtures import FixtureRows, Fixtures, FixtureSensor, refuse_blank
+from lab.sensors.registry import FitInputs, SocketOptions, VirtualSetup
+from lab.sensors.virtual_sensor import SimulatedReadings, refuse_several_targets
+from lab.simulation.true_robot import TrueRobot
+
+__all__ = ["SocketSensor", "Sockets"]
+
+DISTANCE_WEIGHT = 30.0  # a distance between sockets is known that much better (0.01 mm) than a ball sits (0.3 mm)
+WHOLE_LOCATIONS = 3  # from this many on, a location is fitted or held out as one
+_APART_M = 0.1  # of a location's two sockets, where nobody knows it
+_NAMES = ("a", "b")
+_COLUMNS = ("location", "socket")
+
+
+@dataclass(frozen=True)
+class Sockets(Fixtures):
+    """A ball on the tool in sockets: within a location and socket its centre is one point, ``p - centre = 0``.
+
+    Labels are ``<location>.<socket>``.
+
+    Attributes:
+        distance_m: known between the two sockets of every location; None if it is not.
+    """
+
+    distance_m: float | None = None
+    group: ClassVar[str] = "socket"
+    least_rows: ClassVar[int] = 2
+    contact: ClassVar[bool] = True
+
+    def predict(self, points: Array, fixtures: Array) -> tuple[Array, Array, Array]:
+        """Vectors ``(n, 3)`` from the centres."""
+        one = np.broadcast_to(np.eye(3), (len(points), 3, 3))
+        return points - fixtures, one, -one
+
+    def located(self, points: Array, observed: Array) -> Array:
+        """The centre ``(3,)``: the mean of the points."""
+        return np.asarray(points.mean(axis=0))
+
+    def random_fixtures(self, points: Array, rng: np.random.Generator) -> Array:
+        """Centres ``(m, 3)`` at the points themselves."""
+        return points
+
+    def extra_residuals(self, values: Array) -> tuple[Array, Array]:
+        """Of each pair of sockets, how far the known distance is from that of the centres."""
+        pairs = self._pairs()
+        rows, residuals = np.zeros((len(pairs), len(self.names))), np.zeros(len(pairs))
+        for row, (i, j) in enumerate(pairs):
+            a, b = (slice(self.first + 3 * k, self.first + 3 * k + 3) for k in (i, j))
+            apart = float(np.linalg.norm(values[b] - values[a]))
+            along = (values[b] - values[a]) / max(apart, 1e-300)
+            assert self.distance_m is not None
+            residuals[row] = self.distance_m - apart
+            rows[row, a], rows[row, b] = -along, along
+        return DISTANCE_WEIGHT * residuals, DISTANCE_WEIGHT * rows
+
+    def cv_groups(self, data: Measurements) -> NDArray[np.int_] | None:
+        """Labels ``(n,)`` of the rows' locations, where there are three or more."""
+        location = {number: label.rpartition(".")[0] for number, label in zip(self.numbers, self.labels, strict=True)}
+        order = {name: i for i, name in enumerate(dict.fromkeys(location.values()))}
+        if len(order) < WHOLE_LOCATIONS:
+            return None
+        return np.array([order[location[int(number)]] for number in data.conditions[FIXTURE]], dtype=np.int_)
+
+    def _pairs(self) -> list[tuple[int, int]]:
+        """Indices of the two sockets of each location that has both."""
+        if self.distance_m is None:
+            return []
+        at: dict[str, list[int]] = {}
+        for i, label in enumerate(self.labels):
+            at.setdefault(label.rpartition(".")[0], []).append(i)
+        return [(pair[0], pair[1]) for pair in at.values() if len(pair) == 2]
+
+
+@dataclass(frozen=True)
+class SocketSensor(FixtureSensor):
+    """Contacts of a ball with sockets.
+
+    Attributes:
+        distance_m: between the two sockets of a location; None if unknown.
+    """
+
+    name: ClassVar[str] = "socket"
+    words: ClassVar[SensorWords] = SensorWords(
+        measured="a ball's contacts with sockets",
+        reading="location and socket",
+        error="distance from the socket",
+        placed="tool and sockets",
+        names_targets=False,
+    )
+    columns: ClassVar[ObservedColumns] = ObservedColumns(positions=False, texts=_COLUMNS, observed="socket")
+    flags: ClassVar[type[Any] | None] = SocketOptions
+    model: ClassVar[type[Fixtures]] = Sockets
+    finds_poses: ClassVar[bool] = True
+
+    distance_m: float | None = None
+
+    @classmethod
+    def configured(cls, options: SocketOptions, fit: FitInputs) -> Self:
+        """Sockets at this distance.
+
+        Raises:
+            LabError: an instrument or a validation file is given, or the distance is not above zero.
+        """
+        fit.refuse_those_of_points(cls.name)
+        if options.socket_distance_mm is None:
+            return cls()
+        positive("--socket-distance-mm", options.socket_distance_mm)
+        return cls(options.socket_distance_mm / 1e3)
+
+    def rows(self, data: Measurements) -> NDArray[np.bool_]:
+        """``(n,)``: those that name a location and a socket."""
+        none = ("",) * len(data)
+        cells = zip(*(data.other.get(column, none) for column in _COLUMNS), strict=True)
+        return np.array([all(texts) for texts in cells], dtype=np.bool_)
+
+    def fixture_rows(self, arm: Model, data: Measurements, nominal: Array) -> FixtureRows:
+        """The sockets by location and name.
+
+        Raises:
+            LabError: a column is missing, or empty in a row.
+        """
+        for column in _COLUMNS:
+            if column not in data.other:
+                raise LabError(f"column {column} is missing: --observe socket needs location and socket in every row")
+            refuse_blank(data, column, data.other[column], Sockets.group)
+        labels = [f"{location}.{socket}" for location, socket in zip(*(data.other[c] for c in _COLUMNS), strict=True)]
+        return FixtureRows(labels, np.zeros((len(data), 3)))
+
+    def fixtures(self, arm: Model, nominal: Array, numbers: tuple[int, ...], labels: tuple[str, ...]) -> Fixtures:
+        """The sockets, with the distance between the two of a location.
+
+        Raises:
+            LabError: a distance is given, and a location has more than two sockets.
+        """
+        sockets = Sockets(arm, nominal, numbers, labels)
+        if self.distance_m is None:
+            return sockets
+        locations = [label.rpartition(".")[0] for label in labels]
+        for location in dict.fromkeys(locations):
+            if locations.count(location) > 2:
+                raise LabError(
+                    f"location {location} has {locations.count(location)} sockets: --socket-distance-mm is that of "
+                    "two; leave it out, or name pairs as locations of their own"
+                )
+        return replace(sockets, distance_m=self.distance_m)
+
+    def simulate(
+        self,
+        real: TrueRobot,
+        joints: Array,
+        targets: tuple[str, ...],
+        instrument: Instrument,
+        rng: np.random.Generator,
+        readings: int,
+        conditions: Mapping[str, Array],
+        setup: VirtualSetup,
+    ) -> SimulatedReadings:
+        """Put the ball into one socket after the other, in as many poses as ``joints`` ``(n, joints)``: new ones."""
+        refuse_several_targets("socket", targets)
+        chance, placing = Chance.of(real, instrument, (len(joints), 3), rng, readings), rng.spawn(1)[0]
+        set_there = without_sessions(conditions)
+        apart_m = _APART_M if self.distance_m is None else self.distance_m
+        first, near = reachable_points(real, setup.fixtures, placing)
+        second = first + apart_m * _around(real, first) * placing.choice([-1.0, 1.0], (len(first), 1))
+        centres = np.stack([first, second], axis=1).reshape(-1, 3)
+        number = np.arange(len(joints)) % len(centres)
+
+        def gap(points: Array, rows: NDArray[np.int_]) -> Array:
+            return np.asarray(points - centres[number[rows]] - chance.noise[rows] - chance.displaced[rows])
+
+        touching = Contacts(real, set_there, chance.scatter, gap, near[number // 2]).joints(placing)
+        names = [(f"l{1 + i // 2}", _NAMES[i % 2]) for i in number.tolist()]
+        locations, sockets = zip(*names, strict=True)
+        data = fixture_measurements(real, touching, set_there, {"location": locations, "socket": sockets})
+        placed = {f"socket.l{1 + i // 2}.{_NAMES[i % 2]}": centre for i, centre in enumerate(centres)}
+        return SimulatedReadings(data, chance.bad, placed)
+
+
+def _around(real: TrueRobot, points: Array) -> Array:
+    """Unit vectors ``(m, 3)`` around the base's axis at places ``(m, 3)`` m in the instrument's frame: within reach."""
+    T = inverse(real.T_world_tracker) @ real.robot.T_world_frame0
+    around = np.cross(T[:3, 2], points - T[:3, 3])
+    return np.asarray(around / np.linalg.norm(around, axis=1, keepdims=True))

@@ -1,1 +1,0 @@
-"""What an instrument reads of a virtual arm: one module for each kind of observation that is simulated."""

@@ -1,0 +1,179 @@
+"""Track a virtual arm: points and orientations of its targets, with the instrument's noise and outliers."""
+
+import copy
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.core import se3
+from lab.core.errors import LabError
+from lab.core.instruments import Instrument
+from lab.core.measurements import STATION, Measurements, measured
+from lab.core.se3 import Array
+from lab.kinematics.effects.conditions import BUMPED
+from lab.simulation.candidate_poses import field_of_view
+from lab.simulation.effects import NOTHING_SET
+from lab.simulation.model import update_constants
+from lab.simulation.true_robot import TrueRobot
+
+__all__ = [
+    "measure_with_outlier_mask",
+    "misalignments",
+    "recorded",
+    "scattered_points",
+    "seen_by",
+    "target_rotations",
+    "track",
+]
+
+_STREAMS = 4  # of scatter, bad readings, shape of the noise, and systematic errors of the instrument
+
+
+def seen_by(
+    real: TrueRobot, joints: Array, targets: tuple[str, ...], instrument: Instrument, conditions: Mapping[str, Array]
+) -> NDArray[np.bool_]:
+    """``(n, k)``: whether each target is in the instrument's sight, and nothing of the arm in between.
+
+    Args:
+        conditions: what is set at each pose, ``(n,)`` each; of them only the station that measures it matters.
+
+    Raises:
+        LabError: it sees none of them in any pose.
+    """
+    stands = replace(real.robot, model=real.model)
+    station, visible = _stations(real, conditions, len(joints)), np.zeros((len(joints), len(targets)), dtype=np.bool_)
+    for which in np.unique(station):
+        here = station == which
+        views = [field_of_view(stands, (target,), instrument, int(which))(joints[here]) for target in targets]
+        visible[here] = np.stack(views, axis=1)
+    if not visible.any():
+        raise LabError(
+            f"--occlusion: {instrument.name} sees none of {', '.join(targets)} in any pose; place it by a --cell, turn "
+            "the targets to it, or choose the poses with lab design"
+        )
+    return visible
+
+
+def track(
+    real: TrueRobot,
+    joints: Array,
+    targets: tuple[str, ...],
+    instrument: Instrument,
+    rng: np.random.Generator,
+    readings: int = 1,
+    conditions: Mapping[str, Array] = NOTHING_SET,
+) -> Measurements:
+    """What the tracker reads where these joint positions settle: ``measure_with_outlier_mask`` without the mask."""
+    return measure_with_outlier_mask(real, joints, targets, instrument, rng, readings, conditions)[0]
+
+
+def measure_with_outlier_mask(
+    real: TrueRobot,
+    joints: Array,
+    targets: tuple[str, ...],
+    instrument: Instrument,
+    rng: np.random.Generator,
+    readings: int = 1,
+    conditions: Mapping[str, Array] = NOTHING_SET,
+) -> tuple[Measurements, NDArray[np.bool_]]:
+    """What the tracker reads where these joint positions settle, each point the mean of some readings.
+
+    Args:
+        real: the arm as it truly is, before its tracker.
+        joints: ``(m, n)`` rad or m.
+        targets: of the tool.
+        instrument: whose noise and systematic errors the points have.
+        rng: of the noise, the scatter, the bad readings and the systematic errors.
+        readings: how many each point is the mean of.
+        conditions: what is set at each pose, ``(m,)`` each.
+
+    Returns:
+        The measurements, points in the tracker's frame, and ``(m,)`` which poses' readings are bad, for the
+        assessment alone.
+    """
+    return scattered_points(real, joints, targets, instrument, rng, readings, conditions)[:2]
+
+
+def scattered_points(
+    real: TrueRobot,
+    joints: Array,
+    targets: tuple[str, ...],
+    instrument: Instrument,
+    rng: np.random.Generator,
+    readings: int,
+    conditions: Mapping[str, Array],
+) -> tuple[Measurements, NDArray[np.bool_], Array]:
+    """What ``measure_with_outlier_mask`` reads, and how far the joints stood off by chance there, ``(m, n)``.
+
+    Scatter and bad readings are drawn from children of ``rng`` each: the instrument's noise is the same without.
+    """
+    effects, (scattering, failing, shaping, misaligned) = real.effects, rng.spawn(_STREAMS)
+    scatter = effects.scatter(len(joints), scattering)
+    exact = real.points(joints, targets, conditions, scatter)
+    displaced, bad = effects.displacements(len(joints), failing)
+    noise = effects.shaped_noise(instrument.sample(exact, rng, readings) - exact, shaping)
+    points = exact + instrument.errors.sample(exact, misaligned) + noise + displaced[:, None]
+    return recorded(real, effects.shown(joints), targets, points, conditions), bad, scatter
+
+
+def misalignments(rng: np.random.Generator) -> np.random.Generator:
+    """The stream by which ``scattered_points`` draws the instrument's systematic errors, from one not yet spawned."""
+    return rng.spawn(_STREAMS)[-1]
+
+
+def recorded(
+    real: TrueRobot, joints: Array, targets: tuple[str, ...], points: Array, conditions: Mapping[str, Array]
+) -> Measurements:
+    """Measurements of points ``(m, k, 3)`` m under these conditions; those after a bump are a session of their own.
+
+    Where the instrument has several stations, each row names the one that measured it.
+    """
+    data = measured(real.robot.chain.joint_names, joints, targets, points)
+    rest = {name: column for name, column in conditions.items() if name != BUMPED and not name.startswith(STATION)}
+    if len(rest) + (BUMPED in conditions) < len(conditions):
+        names = np.array(real.robot.stations)[_stations(real, conditions, len(joints))]
+        data = replace(data, other={"station": tuple(names.tolist())})
+    if BUMPED not in conditions:
+        return replace(data, conditions=rest)
+    sessions = tuple("2" if after else "1" for after in conditions[BUMPED])
+    return replace(data, conditions=rest, sessions=sessions)
+
+
+def _stations(real: TrueRobot, conditions: Mapping[str, Array], poses: int) -> NDArray[np.int_]:
+    """``(poses,)`` the station, from 0, that measures each pose."""
+    station = np.zeros(poses, dtype=np.int_)
+    for i, name in enumerate(real.robot.stations[1:], start=1):
+        station[conditions.get(STATION + name, np.zeros(poses)) > 0] = i
+    return station
+
+
+def target_rotations(
+    real: TrueRobot,
+    joints: Array,
+    target: str,
+    conditions: Mapping[str, Array] = NOTHING_SET,
+    scatter: Array | float = 0.0,
+) -> Array:
+    """Exact rotations ``(m, 3, 3)`` of a target's frame in the instrument's frame, with all effects.
+
+    The frame's axes are read off points that lie a metre along them, as ``TrueRobot.points`` moves them.
+
+    Args:
+        joints: ``(m, joints)`` rad or m.
+        conditions: what is set at each pose, ``(m,)`` each.
+        scatter: ``(m, joints)`` how far the joints stand off by chance.
+    """
+    origin = real.points(joints, (target,), conditions, scatter)[:, 0]
+    ends = [_moved(real, target, axis).points(joints, (target,), conditions, scatter)[:, 0] for axis in np.eye(3)]
+    return se3.nearest_rotation(np.stack([end - origin for end in ends], axis=-1))
+
+
+def _moved(real: TrueRobot, target: str, offset_m: Array) -> TrueRobot:
+    """The arm with a target moved by ``(3,)`` m along the axes of its own frame."""
+    model = copy.deepcopy(real.model)
+    site = model.site(target)
+    site.pos[:] += se3.rotation_from_quaternion(site.quat) @ offset_m
+    update_constants(model)
+    return replace(real, model=model)

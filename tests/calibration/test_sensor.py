@@ -1,0 +1,53 @@
+"""A sensor that is no part of the package: identification needs nothing of it but the interface."""
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+from helpers.robots import IRB120
+
+from lab.calibration.identify import IdentifyOptions, identify
+from lab.calibration.sensor import Sensor, SensorWords
+from lab.core.instruments import INSTRUMENTS
+from lab.core.measurements import Measurements, measured
+from lab.core.se3 import Array
+from lab.formats.measurement_csv import ObservedColumns
+from lab.kinematics.model import Model
+from lab.kinematics.serial.arm import SerialArm
+
+ARM = SerialArm(IRB120.chain)
+
+
+@dataclass(frozen=True)
+class ShiftedPoints(Sensor):
+    """Points in a frame that is a metre above the instrument's."""
+
+    name: ClassVar[str] = "shifted"
+    words: ClassVar[SensorWords] = SensorWords("points", "point", "position error", "base and tool", True)
+    columns: ClassVar[ObservedColumns] = ObservedColumns()
+    in_instrument_frame: ClassVar[bool] = True
+
+    def observation(self, arm: Model, data: Measurements, nominal: Array) -> tuple[Model, Measurements]:
+        return arm, replace(data, points=data.points + np.array([0.0, 0.0, 1.0]))
+
+
+def test_a_sensor_of_a_stranger_is_identified() -> None:
+    sensor, rng = ShiftedPoints(), np.random.default_rng(0)
+    true = ARM.nominal() + 1e-3 * rng.standard_normal(len(ARM.names))
+    joints = IRB120.chain.random_joints(30, rng)
+    data = measured(IRB120.chain.joint_names, joints, ("p1",), ARM.points(joints, true))
+    model, seen = sensor.observation(ARM, data, ARM.nominal())
+    found = identify(model, seen, ARM.nominal())
+    assert found.status == "converged"
+    np.testing.assert_allclose(ARM.points(joints, found.values), seen.points, atol=1e-12)  # m, rounding alone
+
+
+def test_a_sensor_of_lengths_has_no_weights_and_no_sessions_of_its_own() -> None:
+    sensor = ShiftedPoints()
+    points = np.zeros((3, 2, 3))
+    points[0], points[1, 0] = np.nan, np.nan
+    data = measured(IRB120.chain.joint_names, np.zeros((3, 6)), ("p1", "p2"), points)
+    assert sensor.rows(data).tolist() == [False, True, True] and sensor.targets(data) == ("p1", "p2")
+    assert sensor.with_sessions(ARM, data, ARM.nominal()) is data and sensor.solve is None
+    assert sensor.balanced(ARM, data, ARM.nominal(), IdentifyOptions()) is ARM
+    assert sensor.weighed_by(INSTRUMENTS["exact"], data) is sensor and sensor.weighed_as(ARM) is sensor

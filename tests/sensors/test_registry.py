@@ -1,0 +1,71 @@
+"""The registry of sensors: each answers by its name, and takes its own options."""
+
+import inspect
+import subprocess
+import sys
+from dataclasses import fields
+
+import pytest
+
+from lab.calibration.sensor import Sensor
+from lab.core.errors import LabError
+from lab.sensors.registry import SENSORS, FitInputs, SensorOptions, VirtualSetup, configured_sensor, sensor_named
+from lab.sensors.virtual_sensor import VirtualSensor
+
+
+@pytest.mark.parametrize("name", SENSORS)
+def test_a_sensor_is_registered_by_its_name(name: str) -> None:
+    kind = sensor_named(name)
+    assert kind.name == name and VirtualSensor in kind.__mro__
+    assert not inspect.isabstract(kind)
+    assert configured_sensor(name, SensorOptions(), FitInputs()) == kind()
+    for declared in inspect.get_annotations(Sensor):  # what has no default is said by every kind
+        assert hasattr(kind, declared), declared
+    assert set(kind.setup) <= {field.name for field in fields(VirtualSetup)}
+    words = kind.words
+    assert all(getattr(words, field.name) for field in fields(words) if field.name != "names_targets")
+
+
+def test_the_flags_of_each_sensor_are_options_of_all() -> None:
+    known = {field.name for field in fields(SensorOptions)}
+    own = [field.name for name in SENSORS if sensor_named(name).flags for field in fields(sensor_named(name).flags)]
+    assert known == set(own) and len(own) == len(set(own))
+
+
+REFUSED = {
+    "unknown": ("camera", {}, {}, "--observe camera: unknown; give one of points, pose, cable"),
+    "another kind's flag": ("points", {"orientation": "fixed-xyz"}, {}, "--orientation is of --observe pose; give"),
+    "another kind's value": ("cable", {"method": "sequential"}, {}, "--method sequential is of --observe pose; give"),
+    "another kind's distance": (
+        "pose",
+        {"socket_distance_mm": 50.0},
+        {},
+        "--socket-distance-mm is of --observe socket",
+    ),
+    "a distance of nothing": ("socket", {"socket_distance_mm": 0.0}, {}, "--socket-distance-mm 0: give a number above"),
+    "a noise alone": ("pose", {"noise_mrad": 0.1}, {}, "--noise-mrad says what orientations weigh .* --noise-mm too"),
+    "a noise of nothing": ("pose", {"noise_mrad": 0.0}, {"noise_mm": 0.1}, "--noise-mrad 0: give a number above zero"),
+    "sequential with a prior": ("pose", {"method": "sequential"}, {"prior": True}, "--prior is of --method global"),
+    "an instrument": ("cable", {}, {"instrument": True}, "--observe cable: --validate and --instrument are of points"),
+    "a validation file": ("pose", {}, {"validation_file": True}, "--observe pose: --validate is of points"),
+}
+
+
+@pytest.mark.parametrize(("name", "options", "fit", "what"), REFUSED.values(), ids=REFUSED)
+def test_options_that_do_not_go_together_are_refused(name, options, fit, what) -> None:
+    with pytest.raises(LabError, match=what):
+        configured_sensor(name, SensorOptions(**options), FitInputs(**fit))
+
+
+def test_options_reach_their_kind() -> None:
+    pose = configured_sensor("pose", SensorOptions(noise_mrad=0.3, orientation="fixed-xyz"), FitInputs(noise_mm=0.1))
+    assert pose.ratio == pytest.approx(3.0) and pose.orientation == "fixed-xyz" and pose.solve is None
+    assert configured_sensor("pose", SensorOptions(method="sequential"), FitInputs()).solve is not None
+    socket = configured_sensor("socket", SensorOptions(socket_distance_mm=50.0), FitInputs())
+    assert socket.distance_m == pytest.approx(0.05)
+
+
+def test_a_command_line_needs_no_sensor() -> None:
+    code = "import sys, lab.sensors.registry; print('numpy' in sys.modules)"
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert ran.stdout.strip() == "False"
