@@ -16,7 +16,7 @@ import lab
 from lab.campaign.option_groups import Fitting
 from lab.campaign.options import VirtualCampaign
 from lab.commands.compensate.options import CompensateOptions
-from lab.commands.registry import COMMANDS
+from lab.commands.registry import all_commands
 from lab.core.errors import LabError
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -70,7 +70,7 @@ ABOUT_TEXTS = {"reproduce", "workspace"}  # a page to read
 
 
 def test_every_command_is_a_call_with_the_command_s_options() -> None:
-    for command in [each for each in COMMANDS if each.name not in ABOUT_FOLDERS | ABOUT_TEXTS]:
+    for command in [each for each in all_commands() if each.name not in ABOUT_FOLDERS | ABOUT_TEXTS]:
         call = getattr(lab, command.run.partition(":")[2])  # lab.kinematics is a package, so the call has another name
         options = {field.name for field in fields(command.load_options())} - {"fitting", "effects", "rehearsal"}
         assert options - set(inspect.signature(call).parameters) <= {"file", "config"}, command.name

@@ -18,7 +18,7 @@ from helpers.robots import ROOT
 import lab
 from lab.campaign.robot import load_robot, load_virtual
 from lab.cli import main
-from lab.commands.registry import COMMANDS
+from lab.commands.registry import all_commands
 from lab.core.load_samples import Mounting
 from lab.formats.cell_toml import read_cell
 from lab.formats.certificate_toml import read_certificate_details
@@ -178,7 +178,7 @@ def resolved(name: str) -> bool:
 
 
 def test_every_command_has_its_options_in_the_reference() -> None:
-    names = [command.name for command in COMMANDS]
+    names = [command.name for command in all_commands()]
     reference = (ROOT / "docs" / "reference" / "commands.md").read_text(encoding="utf-8")
     assert re.findall(r"^```{lab-help} (\w+)$", reference, re.MULTILINE) == names
     assert re.findall(r"^\| `lab (\w+)`", reference, re.MULTILINE) == names
@@ -187,7 +187,7 @@ def test_every_command_has_its_options_in_the_reference() -> None:
 
 def test_every_flag_exists(capsys) -> None:
     exist = set()
-    for command in ([], *([each.name] for each in COMMANDS)):
+    for command in ([], *([each.name] for each in all_commands())):
         with contextlib.suppress(SystemExit):
             main([*command, "--help"])
         exist |= set(re.findall(r"--[a-z][a-z-]*", capsys.readouterr().out))

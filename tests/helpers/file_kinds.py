@@ -20,6 +20,9 @@ from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import load_robot
 from lab.commands.calibrate.load_run import read_calibrated
 from lab.commands.payload.known_payload import read_hand_load
+from lab.extensions.reproduction.answer import formula, number
+from lab.extensions.reproduction.item import Item
+from lab.extensions.reproduction.marking import Computed, marked
 from lab.formats.cell_toml import read_cell
 from lab.formats.certificate_toml import read_certificate_details
 from lab.formats.column_map import JointColumns, PointColumns, read_column_map
@@ -38,9 +41,6 @@ from lab.formats.rigid_load_toml import read_load
 from lab.formats.target_csv import read_targets
 from lab.formats.tracker_export import read_tracker_points
 from lab.formats.ur_calibration import read_corrections
-from lab.reproduction.answer import formula, number
-from lab.reproduction.item import Item
-from lab.reproduction.marking import Computed, marked
 from lab.simulation.load_mjcf_urdf import load_model
 from lab.studies.grid import read_study
 
