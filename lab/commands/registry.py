@@ -177,20 +177,6 @@ COMMANDS = (
         "lab.commands.migrate.run:migrate",
     ),
     Command(
-        "payload",
-        "Identify the payload at the flange: its mass, centre of mass and inertia, each with its interval.",
-        "lab.commands.payload.options:PayloadOptions",
-        "lab.commands.payload.run:payload",
-        "payload-{file}",
-    ),
-    Command(
-        "dynamics",
-        "Identify an arm's own dynamics: base parameters of links, motors and friction, with a load or without.",
-        "lab.commands.dynamics.options:DynamicsOptions",
-        "lab.commands.dynamics.run:dynamics",
-        "dynamics-{robot}",
-    ),
-    Command(
         "study",
         "Run many simulated calibrations: a grid of factors, times robots, times draws of the noise.",
         "lab.commands.study.options:StudyOptions",
