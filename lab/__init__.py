@@ -32,14 +32,11 @@ if TYPE_CHECKING:
     from lab.commands.compensate.run import compensate
     from lab.commands.design.result import DesignResult
     from lab.commands.design.run import design
-    from lab.commands.dynamics.run import dynamics
     from lab.commands.import_measurements.run import import_measurements
     from lab.commands.inspect.result import Inspection
     from lab.commands.inspect.run import inspect
     from lab.commands.kinematics.run import solve_kinematics
     from lab.commands.measurements import WorldFrames, read_measurements, world_frames, write_measurements
-    from lab.commands.payload.result import PayloadResult
-    from lab.commands.payload.run import payload
     from lab.commands.predict.result import PredictionResult
     from lab.commands.predict.run import predict
     from lab.commands.result import Result
@@ -52,6 +49,9 @@ if TYPE_CHECKING:
     from lab.core.errors import LabError
     from lab.core.instruments import Instrument
     from lab.core.measurements import Measurements
+    from lab.extensions.dynamics.arm.run import dynamics
+    from lab.extensions.dynamics.payload.result import PayloadResult
+    from lab.extensions.dynamics.payload.run import payload
     from lab.formats.target_csv import Targets
 
 __all__ = [
@@ -106,14 +106,11 @@ _MODULES = {  # where each name is, imported when it is asked for
     "lab.commands.compensate.run": ("compensate",),
     "lab.commands.design.result": ("DesignResult",),
     "lab.commands.design.run": ("design",),
-    "lab.commands.dynamics.run": ("dynamics",),
     "lab.commands.import_measurements.run": ("import_measurements",),
     "lab.commands.inspect.result": ("Inspection",),
     "lab.commands.inspect.run": ("inspect",),
     "lab.commands.kinematics.run": ("solve_kinematics",),
     "lab.commands.measurements": ("WorldFrames", "read_measurements", "world_frames", "write_measurements"),
-    "lab.commands.payload.result": ("PayloadResult",),
-    "lab.commands.payload.run": ("payload",),
     "lab.commands.predict.result": ("PredictionResult",),
     "lab.commands.predict.run": ("predict",),
     "lab.commands.result": ("Result",),
@@ -130,11 +127,28 @@ _MODULES = {  # where each name is, imported when it is asked for
 }
 
 
+_EXTENSIONS = {  # the lab's own extensions, with the names that each registers as ``lab.names``
+    "dynamics": ("PayloadResult", "dynamics", "payload"),
+}
+
+
 def __getattr__(name: str) -> "Any":
     for module, names in _MODULES.items():
         if name in names:
             value = globals()[name] = getattr(import_module(module), name)
             return value
+    if not name.startswith("_"):
+        from lab.extension_points import load, registered
+
+        if name in registered("lab.names"):
+            value = globals()[name] = load("lab.names", name)
+            return value
+    for extension, names in _EXTENSIONS.items():
+        if name in names:
+            raise AttributeError(
+                f"module 'lab' has no attribute '{name}': the extension '{extension}' is not installed; install "
+                "virtual-calibration-lab with its entry points"
+            )
     raise AttributeError(f"module 'lab' has no attribute '{name}'; there are {', '.join(__all__)}")
 
 

@@ -92,11 +92,11 @@ def _told(arguments: list[str], error: Exception) -> tuple[str, int]:
 
 def _run(arguments: list[str]) -> int:
     from lab.commands.program import output_may_close
-    from lab.commands.registry import COMMANDS, command_named
+    from lab.commands.registry import all_commands, command_named
     from lab.core.errors import LabError
 
     if not arguments:
-        raise LabError(f"give a command: {', '.join(each.name for each in COMMANDS)}; see lab --help")
+        raise LabError(f"give a command: {', '.join(each.name for each in all_commands())}; see lab --help")
     if arguments[0] in ("-h", "--help", "--version"):
         import lab
 
@@ -112,9 +112,10 @@ def _help() -> str:
     import textwrap
 
     import lab
-    from lab.commands.registry import COMMANDS
+    from lab.commands.registry import all_commands
 
-    width = max(len(each.name) for each in COMMANDS) + 2
+    commands = all_commands()
+    width = max(len(each.name) for each in commands) + 2
     room, rest = max(40, shutil.get_terminal_size().columns), " " * (width + 2)
     return "\n".join(
         [
@@ -123,7 +124,7 @@ def _help() -> str:
             textwrap.fill((lab.__doc__ or "").partition("\n")[0], room),
             "",
             "commands:",
-            *(textwrap.fill(f"  {each.name:{width}}{each.help}", room, subsequent_indent=rest) for each in COMMANDS),
+            *(textwrap.fill(f"  {each.name:{width}}{each.help}", room, subsequent_indent=rest) for each in commands),
             "",
             textwrap.fill("lab COMMAND --help lists the options of a command; lab --version prints the version.", room),
         ]

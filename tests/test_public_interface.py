@@ -16,7 +16,7 @@ import lab
 from lab.campaign.option_groups import Fitting
 from lab.campaign.options import VirtualCampaign
 from lab.commands.compensate.options import CompensateOptions
-from lab.commands.registry import COMMANDS
+from lab.commands.registry import all_commands
 from lab.core.errors import LabError
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -70,7 +70,7 @@ ABOUT_TEXTS = {"reproduce", "workspace"}  # a page to read
 
 
 def test_every_command_is_a_call_with_the_command_s_options() -> None:
-    for command in [each for each in COMMANDS if each.name not in ABOUT_FOLDERS | ABOUT_TEXTS]:
+    for command in [each for each in all_commands() if each.name not in ABOUT_FOLDERS | ABOUT_TEXTS]:
         call = getattr(lab, command.run.partition(":")[2])  # lab.kinematics is a package, so the call has another name
         options = {field.name for field in fields(command.load_options())} - {"fitting", "effects", "rehearsal"}
         assert options - set(inspect.signature(call).parameters) <= {"file", "config"}, command.name
@@ -104,6 +104,8 @@ def test_a_name_for_a_type_checker_is_the_name_at_run_time() -> None:
     text = Path(lab.__file__).read_text(encoding="utf-8").split("__all__ =")[0]
     for module, names in lab._MODULES.items():
         assert f"from {module} import {', '.join(names)}\n" in text
+    for name in (each for names in lab._EXTENSIONS.values() for each in names):
+        assert f"from {getattr(lab, name).__module__} import {name}\n" in text
 
 
 @pytest.mark.parametrize("name", sorted({"", *lab.__all__} - {"__version__"}))
@@ -185,5 +187,7 @@ def test_kinematics_of_a_table_load_no_statistics() -> None:
     done = subprocess.run([sys.executable, "-c", code, *asked], capture_output=True, text=True, check=True)
     loaded = set(done.stdout.splitlines()[-1].split())
     assert "lab.commands.kinematics.run" in loaded
-    assert not {"scipy.spatial", "scipy.special", "scipy.fft", "numpy.testing", "lab.payload_identification"} & loaded
+    assert (
+        not {"scipy.spatial", "scipy.special", "scipy.fft", "numpy.testing", "lab.extensions.dynamics.payload"} & loaded
+    )
     assert not {"mujoco", "lab.simulation", "lab.kinematics.effects.registry", "lab.kinematics.closed.arm"} & loaded

@@ -19,7 +19,8 @@ class LabHelp(Directive):
 
     def run(self) -> list[nodes.Node]:
         """Run the command and show its standard output as it is."""
-        environment = os.environ | {"COLUMNS": "84", "NO_COLOR": "1", "PYTHONPATH": str(ROOT), "TERM": "dumb"}
+        path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep)
+        environment = os.environ | {"COLUMNS": "84", "NO_COLOR": "1", "PYTHONPATH": path, "TERM": "dumb"}
         done = subprocess.run(
             [sys.executable, "-m", "lab", self.arguments[0], "--help"],
             capture_output=True, text=True, check=True, env=environment,

@@ -1,4 +1,7 @@
-"""Which commands there are: one entry registers one. Nothing of a command is imported before it is asked for."""
+"""List the commands: the core's own by an entry each, and those that extensions register as ``lab.commands``.
+
+Nothing of a command is imported before it is run.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,11 +11,12 @@ from string import Formatter
 from typing import TYPE_CHECKING, Any
 
 from lab.core.errors import LabError
+from lab.extension_points import load, load_all, registered
 
 if TYPE_CHECKING:
     from lab.commands.result import Result
 
-__all__ = ["COMMANDS", "Command", "command_named"]
+__all__ = ["COMMANDS", "Command", "all_commands", "command_named"]
 
 
 @dataclass(frozen=True)
@@ -56,6 +60,8 @@ class Command:
         return self.folder.format(**stems)
 
 
+_GROUP = "lab.commands"  # of entry points
+
 COMMANDS = (
     Command(
         "calibrate",
@@ -98,13 +104,6 @@ COMMANDS = (
         "lab.commands.trajectory.options:TrajectoryOptions",
         "lab.commands.trajectory.run:trajectory",
         "trajectory-{robot}-{points}",
-    ),
-    Command(
-        "reproduce",
-        "Compute the tables, figures and examples of a source again, or set and mark them as an exercise.",
-        "lab.commands.reproduce.options:ReproduceOptions",
-        "lab.commands.reproduce.run:reproduce",
-        "reproduce-{source}",
     ),
     Command(
         "design",
@@ -178,20 +177,6 @@ COMMANDS = (
         "lab.commands.migrate.run:migrate",
     ),
     Command(
-        "payload",
-        "Identify the payload at the flange: its mass, centre of mass and inertia, each with its interval.",
-        "lab.commands.payload.options:PayloadOptions",
-        "lab.commands.payload.run:payload",
-        "payload-{file}",
-    ),
-    Command(
-        "dynamics",
-        "Identify an arm's own dynamics: base parameters of links, motors and friction, with a load or without.",
-        "lab.commands.dynamics.options:DynamicsOptions",
-        "lab.commands.dynamics.run:dynamics",
-        "dynamics-{robot}",
-    ),
-    Command(
         "study",
         "Run many simulated calibrations: a grid of factors, times robots, times draws of the noise.",
         "lab.commands.study.options:StudyOptions",
@@ -200,16 +185,25 @@ COMMANDS = (
 )
 
 
+def all_commands() -> tuple[Command, ...]:
+    """Return the core's commands, then those of extensions; a core command is not replaced by one of the same name."""
+    own = {command.name for command in COMMANDS}
+    return (*COMMANDS, *(each for name, each in load_all(_GROUP).items() if name not in own))
+
+
 def command_named(name: str) -> Command:
-    """The command that is typed so.
+    """Return the command that is typed so.
 
     Raises:
-        LabError: there is none.
+        LabError: there is none, or its extension cannot be imported.
     """
     for command in COMMANDS:
         if command.name == name:
             return command
-    known = ", ".join(command.name for command in COMMANDS)
+    if name in registered(_GROUP):
+        added: Command = load(_GROUP, name)
+        return added
+    known = ", ".join((*(command.name for command in COMMANDS), *registered(_GROUP)))
     raise LabError(f"'{name}' is no command; there are {known}; see lab --help")
 
 

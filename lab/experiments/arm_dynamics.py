@@ -13,20 +13,20 @@ from scipy import signal
 
 from lab.campaign.option_types import Flag
 from lab.campaign.robot import load_virtual
-from lab.commands.rehearsal.day import MeasuringBench, load_of_rehearsal
-from lab.commands.rehearsal.options import Rehearsal
 from lab.core.errors import LabError
-from lab.core.load_samples import PayloadSamples
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.dynamics_identification.identify import fit_runs, predict
-from lab.dynamics_identification.runs import DynamicModel, ThinnedRun, thinned_run
+from lab.extensions.dynamics.arm.base_parameters import base_parameters
+from lab.extensions.dynamics.arm.identify import fit_runs, predict
+from lab.extensions.dynamics.arm.runs import DynamicModel, ThinnedRun, thinned_run
+from lab.extensions.dynamics.load_samples import PayloadSamples
+from lab.extensions.dynamics.payload.from_torques import from_torques
+from lab.extensions.dynamics.rehearsal import MeasuringBench, load_of_rehearsal
+from lab.extensions.dynamics.rehearsal_options import Rehearsal
+from lab.extensions.dynamics.simulation import LoadBench
 from lab.kinematics.dynamics.arm_dynamics import ArmDynamics, directions
-from lab.kinematics.dynamics.base_parameters import base_parameters
 from lab.kinematics.dynamics.rigid_body import LOAD
-from lab.payload_identification.from_torques import from_torques
 from lab.simulation.link_masses import link_inertias
-from lab.simulation.payload_bench import LoadBench
 
 __all__ = ["BIASES", "Bias", "Options", "Row", "Study", "coverage", "loads", "noise_free", "power", "study_of"]
 

@@ -11,9 +11,9 @@ import numpy as np
 from lab.campaign.option_types import Flag
 from lab.core.se3 import Array
 from lab.experiments.script import Answer
+from lab.extensions.reproduction.thesis_case import searched
 from lab.pose_selection.criteria import indices
 from lab.render.document import Document
-from lab.reproduction.thesis_case import searched
 
 __all__ = ["Options", "answer", "best_o1"]
 

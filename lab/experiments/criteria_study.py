@@ -24,9 +24,9 @@ from lab.experiments.which_criterion import (
     answered,
     criterion_study,
 )
+from lab.extensions.reproduction.thesis_case import reproduced
 from lab.render.document import Document, Paragraph, Section
 from lab.render.svg import save_figure
-from lab.reproduction.thesis_case import reproduced
 from lab.studies.progress import study_runner
 
 __all__ = ["Options", "answer"]

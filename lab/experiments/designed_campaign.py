@@ -9,7 +9,7 @@ from lab.calibration.identify import Identification, identify
 from lab.calibration.statistics.model_selection import Selection, select
 from lab.calibration.weights import Noise
 from lab.campaign.robot import Robot, load_virtual
-from lab.commands.payload.known_payload import HandLoad
+from lab.commands.hand_load import HandLoad
 from lab.core.instruments import Instrument, instrument
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for

@@ -19,8 +19,7 @@ from lab.campaign.option_types import Flag
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot, load_virtual
 from lab.campaign.virtual_robot import perturbed_arm
-from lab.commands.payload.known_payload import HandLoad
-from lab.commands.payload.run import payload
+from lab.commands.hand_load import HandLoad
 from lab.commands.trajectory.tracked import TrackedArm, tracking_along
 from lab.compensation.compensator import Compensator
 from lab.core import se3
@@ -29,6 +28,7 @@ from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.experiments.designed_campaign import DesignedCampaign
 from lab.experiments.script import Answer, paragraphs
+from lab.extensions.dynamics.payload.run import payload
 from lab.kinematics.effects.arm import Arm, ArmWithEffects
 from lab.kinematics.effects.bending import ElasticLinks
 from lab.kinematics.inverse.branches import NominalInverse
@@ -100,7 +100,7 @@ def closed(name: str, seed: int, targets: int, times: int) -> dict[str, Any]:
     """One arm from the balance to the verification: errors in mm."""
     weighed = payload(robot=name, simulate=True, method="wrench", payload_kg=LOADS_KG[name], seed=seed)
     assert weighed.truth is not None
-    load = HandLoad.of(weighed.estimate)
+    load = weighed.estimate.hand_load
     true_kg, true_centre = float(weighed.truth[0]), weighed.truth[1:4] / weighed.truth[0]
     day = DesignedCampaign(name, TARGETS, ("compliance", "bending"), payloads_kg=(0.0, true_kg), load=load)
     real, data = measured(day, HandLoad(true_kg, true_centre, load.covariance), seed)

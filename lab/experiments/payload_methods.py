@@ -16,34 +16,36 @@ from numpy.typing import NDArray
 from lab.campaign.option_types import Flag
 from lab.campaign.robot import load_virtual
 from lab.core.errors import LabError
-from lab.core.load_samples import Mounting, PayloadSamples
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.kinematics.dynamics.rigid_body import (
-    elements,
-    hand_motion,
-    inertia_about_centre,
-    torque_regressor,
-    wrench_regressor,
-)
-from lab.payload_identification.estimate import LoadEstimate
-from lab.payload_identification.excitation import (
+from lab.extensions.dynamics.load_samples import Mounting, PayloadSamples
+from lab.extensions.dynamics.payload.estimate import LoadEstimate
+from lab.extensions.dynamics.payload.excitation import (
+    CHECKED,
     RATE_HZ,
     SECONDS,
+    FourierPath,
+    Limits,
     PredictedUncertainty,
     design_path,
     design_poses,
     predicted,
+    random_path,
 )
-from lab.payload_identification.fourier_path import CHECKED, FourierPath, Limits, random_path
-from lab.payload_identification.from_torques import from_torques
-from lab.payload_identification.from_wrench import from_wrench
-from lab.payload_identification.sag_uncertainty import sag_uncertainty
+from lab.extensions.dynamics.payload.from_torques import from_torques
+from lab.extensions.dynamics.payload.from_wrench import from_wrench
+from lab.extensions.dynamics.simulation import CarryingArm, LoadBench, RigidLoad, RunErrors, peak_torques
+from lab.kinematics.dynamics.rigid_body import (
+    elements,
+    hand_motion,
+    inertia_about_centre,
+    sag_uncertainty,
+    torque_regressor,
+    wrench_regressor,
+)
 from lab.pose_selection.exchange import information
 from lab.render.progress import bars
 from lab.simulation.collisions import collides, random_poses
-from lab.simulation.payload import CarryingArm, RigidLoad, peak_torques
-from lab.simulation.payload_bench import LoadBench, RunErrors
 
 __all__ = [
     "DIFFERENCE",

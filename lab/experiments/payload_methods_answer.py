@@ -28,7 +28,7 @@ from lab.experiments.payload_methods import (
     write_motion,
 )
 from lab.experiments.script import Answer, paragraphs, write_rows
-from lab.payload_identification.excitation import predicted
+from lab.extensions.dynamics.payload.excitation import predicted
 from lab.render.document import Document
 from lab.render.style import AXIS, GRID, REFERENCE, SERIES
 from lab.render.svg import save_figure

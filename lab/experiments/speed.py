@@ -38,12 +38,15 @@ from lab.commands.import_measurements.matching import matched
 from lab.commands.import_measurements.options import ImportOptions
 from lab.core.instruments import instrument
 from lab.core.limits import PROGRAM_BYTES
-from lab.core.load_samples import Mounting
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.experiments.closed_loop import compensator_of
 from lab.experiments.script import Answer, paragraphs
+from lab.extensions.dynamics.load_samples import Mounting
+from lab.extensions.dynamics.payload.excitation import Limits, random_path
+from lab.extensions.dynamics.payload.from_torques import from_torques
+from lab.extensions.dynamics.simulation import LoadBench, RigidLoad, RunErrors, peak_torques
 from lab.formats.cell_toml import read_cell
 from lab.formats.joint_log import JointLog
 from lab.formats.programs.reading.program_text import Outside
@@ -56,8 +59,6 @@ from lab.kinematics.inverse.analytic.select import closed_form_of
 from lab.kinematics.inverse.newton import PoseTarget
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.batch import StackedArm
-from lab.payload_identification.fourier_path import Limits, random_path
-from lab.payload_identification.from_torques import from_torques
 from lab.pose_selection.certificate import certify
 from lab.render.document import Document
 from lab.sensors.points import PointSensor
@@ -65,8 +66,6 @@ from lab.simulation.candidate_poses import draw_candidates
 from lab.simulation.cell import in_cell
 from lab.simulation.collisions import random_poses
 from lab.simulation.effects import random_conditions
-from lab.simulation.payload import RigidLoad, peak_torques
-from lab.simulation.payload_bench import LoadBench, RunErrors
 from lab.simulation.tracking import track
 
 __all__ = ["Options", "answer"]

@@ -5,8 +5,7 @@ from typing import Any
 import numpy as np
 
 from lab.experiments.script import paragraphs
-from lab.render.document import Block, Row, Strong, Table
-from lab.reproduction.thesis_case import (
+from lab.extensions.reproduction.thesis_case import (
     CRITERIA,
     HIDDEN,
     INTO,
@@ -18,6 +17,7 @@ from lab.reproduction.thesis_case import (
     thesis_case,
     without,
 )
+from lab.render.document import Block, Row, Strong, Table
 
 __all__ = ["said", "thesis_blocks", "thesis_summary"]
 

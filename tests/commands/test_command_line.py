@@ -14,7 +14,7 @@ from lab.commands import parser_errors, registry
 from lab.commands.command_line import parsed
 from lab.commands.keywords import options_of
 from lab.commands.measurements import read_measurements, world_frames, write_measurements
-from lab.commands.registry import COMMANDS, Command, command_named
+from lab.commands.registry import Command, all_commands, command_named
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.formats.structured import structured
@@ -75,7 +75,7 @@ def test_without_the_parser_s_events_its_own_words_are_shown(
 
 
 def test_names_are_looked_up() -> None:
-    assert [command_named(each.name) for each in COMMANDS] == list(COMMANDS)
+    assert [command_named(each.name) for each in all_commands()] == list(all_commands())
     with pytest.raises(LabError, match="'throw' is no command; there are calibrate, identify"):
         command_named("throw")
 
@@ -83,8 +83,8 @@ def test_names_are_looked_up() -> None:
 def test_help_names_every_command_and_its_options(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--help"]) == 0
     printed = " ".join(capsys.readouterr().out.split())  # lines break where the terminal does
-    assert all(f" {command.name} {command.help}" in printed for command in COMMANDS)
-    for command in COMMANDS:
+    assert all(f" {command.name} {command.help}" in printed for command in all_commands())
+    for command in all_commands():
         with pytest.raises(SystemExit) as stop:
             main([command.name, "--help"])
         said = capsys.readouterr().out

@@ -7,7 +7,7 @@ import pytest
 from helpers.robots import ROOT
 
 from lab.cli import main
-from lab.commands.registry import COMMANDS
+from lab.commands.registry import all_commands
 from lab.core.instruments import INSTRUMENTS, observers
 from lab.pose_selection.criteria import CRITERIA
 
@@ -42,13 +42,13 @@ def test_help_of_every_command_fits_the_terminal(columns: int, monkeypatch, caps
     monkeypatch.setenv("COLUMNS", str(columns))
     assert main(["--help"]) == 0
     told = {"lab": capsys.readouterr().out}
-    for command in COMMANDS:
+    for command in all_commands():
         with pytest.raises(SystemExit):
             main([command.name, "--help"])
         told[command.name] = capsys.readouterr().out
     for name, text in told.items():
         assert max(map(len, text.splitlines())) <= columns, name
         assert not re.search(r"None|…$|\.\.\. *│|options options", text, re.MULTILINE), name
-    assert {name for name in told if told[name]} == {"lab", *(each.name for each in COMMANDS)}
+    assert {name for name in told if told[name]} == {"lab", *(each.name for each in all_commands())}
     again = " ".join(told["certify"].split())
     assert "earlier run's config.json gives the defaults." in again

@@ -20,8 +20,8 @@ from helpers.load_mistakes import (
 )
 from scipy import stats
 
-from lab.core.load_samples import PayloadSamples
-from lab.payload_identification.plausibility import misplaced_points, stuck_channels
+from lab.extensions.dynamics.load_samples import PayloadSamples
+from lab.extensions.dynamics.payload.plausibility import misplaced_points, stuck_channels
 
 ROUTES = {"torques": OF_TORQUES, "wrench": OF_WRENCH}
 LEVEL = 0.05  # of the test of residuals

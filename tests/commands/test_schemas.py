@@ -16,7 +16,7 @@ from helpers.writing_commands import inputs_of_commands, older_run
 
 import lab
 from lab.cli import main
-from lab.commands.registry import COMMANDS, command_named
+from lab.commands.registry import all_commands, command_named
 from lab.commands.run_folder import SCHEMA, write_json
 
 FILES = ("config", "parameters", "result")
@@ -141,7 +141,7 @@ def test_the_json_of_every_command_is_as_its_schema_says(
 
 
 def test_every_command_has_a_schema_and_every_recording_can_be_left_out() -> None:
-    for command in COMMANDS:
+    for command in all_commands():
         kind = schema(FILE_OF.get(command.name, command.name))
         jsonschema.Draft202012Validator.check_schema(kind)
         assert kind["required"] and kind["title"].partition("lab ")[2]

@@ -18,19 +18,18 @@ from helpers.robots import ROOT
 import lab
 from lab.campaign.robot import load_robot, load_virtual
 from lab.cli import main
-from lab.commands.registry import COMMANDS
-from lab.core.load_samples import Mounting
+from lab.commands.registry import all_commands
+from lab.extensions.dynamics.load_files import read_mounting, write_loads
+from lab.extensions.dynamics.load_samples import Mounting
+from lab.extensions.dynamics.simulation import LoadBench, RigidLoad, RunErrors
 from lab.formats.cell_toml import read_cell
 from lab.formats.certificate_toml import read_certificate_details
 from lab.formats.column_map import read_column_map
 from lab.formats.dh_table_toml import read_table
 from lab.formats.drives_toml import read_drives
 from lab.formats.instrument_toml import read_instrument
-from lab.formats.load_csv import read_mounting, write_loads
 from lab.formats.mechanism_toml import read_mechanism
 from lab.simulation.collisions import random_poses
-from lab.simulation.payload import RigidLoad
-from lab.simulation.payload_bench import LoadBench, RunErrors
 from lab.studies.grid import read_study
 
 SCRIPTS = {path.read_text(encoding="utf-8"): path.stem for path in (ROOT / "scripts").glob("*.py")}
@@ -178,7 +177,7 @@ def resolved(name: str) -> bool:
 
 
 def test_every_command_has_its_options_in_the_reference() -> None:
-    names = [command.name for command in COMMANDS]
+    names = [command.name for command in all_commands()]
     reference = (ROOT / "docs" / "reference" / "commands.md").read_text(encoding="utf-8")
     assert re.findall(r"^```{lab-help} (\w+)$", reference, re.MULTILINE) == names
     assert re.findall(r"^\| `lab (\w+)`", reference, re.MULTILINE) == names
@@ -187,7 +186,7 @@ def test_every_command_has_its_options_in_the_reference() -> None:
 
 def test_every_flag_exists(capsys) -> None:
     exist = set()
-    for command in ([], *([each.name] for each in COMMANDS)):
+    for command in ([], *([each.name] for each in all_commands())):
         with contextlib.suppress(SystemExit):
             main([*command, "--help"])
         exist |= set(re.findall(r"--[a-z][a-z-]*", capsys.readouterr().out))

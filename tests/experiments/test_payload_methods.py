@@ -13,9 +13,9 @@ from lab.core import se3
 from lab.core.errors import LabError
 from lab.experiments import payload_methods as script
 from lab.experiments import payload_methods_answer
-from lab.payload_identification.fourier_path import Limits, random_path
+from lab.extensions.dynamics.payload.excitation import Limits, random_path
+from lab.extensions.dynamics.simulation import RunErrors
 from lab.simulation.collisions import random_poses
-from lab.simulation.payload_bench import RunErrors
 
 RUNS = 4
 LIMITS = Limits.of(script.MODEL.chain)

@@ -11,7 +11,7 @@ from lab.experiments import error_sources
 from lab.experiments.other_searches import predicted_rms
 from lab.experiments.script import run_script
 from lab.experiments.thesis_tables import said
-from lab.reproduction.thesis_case import (
+from lab.extensions.reproduction.thesis_case import (
     CRITERIA,
     HIDDEN,
     INTO,

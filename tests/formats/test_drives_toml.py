@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from lab.core.errors import LabError
+from lab.extensions.dynamics.load_files import read_load
 from lab.formats.drives_toml import read_drives, write_drives
-from lab.formats.rigid_load_toml import read_load
 from lab.kinematics.dynamics.rigid_body import inertia_about_centre
 
 TWO = "[[drive]]\ngear_ratio = -48\ntorque_nm_per_a = 0.2\n[[drive]]\ngear_ratio = 32\ntorque_nm_per_a = 0.1\n"

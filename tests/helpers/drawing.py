@@ -13,8 +13,8 @@ _WRITES = {
     "lab.commands.calibrate.recording": "record",
     "lab.commands.compensate.recording": "record_compensation",
     "lab.commands.design.recording": "record_plan",
-    "lab.commands.dynamics.recording": "record_dynamics",
-    "lab.commands.payload.recording": "record_payload",
+    "lab.extensions.dynamics.arm.recording": "record_dynamics",
+    "lab.extensions.dynamics.payload.recording": "record_payload",
     "lab.commands.verify.recording": "record_verification",
 }  # by module: the function that writes a file
 

@@ -9,21 +9,20 @@ import numpy as np
 
 import lab
 from lab.campaign.robot import Robot, load_virtual
-from lab.commands.payload.options import PayloadOptions
-from lab.commands.payload.result import wild_sample
-from lab.commands.payload.run import payload
 from lab.core import se3
 from lab.core.errors import LabError
-from lab.core.load_samples import Mounting, PayloadSamples
 from lab.core.se3 import Array
-from lab.formats.load_csv import write_loads, write_mounting
+from lab.extensions.dynamics.load_files import write_loads, write_mounting
+from lab.extensions.dynamics.load_samples import Mounting, PayloadSamples
+from lab.extensions.dynamics.payload.excitation import Limits, random_path
+from lab.extensions.dynamics.payload.from_sag import CompliantArm, from_sag
+from lab.extensions.dynamics.payload.options import PayloadOptions
+from lab.extensions.dynamics.payload.plausibility import ArmSize, implausibilities, misplaced_points
+from lab.extensions.dynamics.payload.result import wild_sample
+from lab.extensions.dynamics.payload.run import payload
+from lab.extensions.dynamics.simulation import LoadBench, RigidLoad, RunErrors, drawn_mounting
 from lab.kinematics.dynamics.rigid_body import torque_regressor
-from lab.payload_identification.fourier_path import Limits, random_path
-from lab.payload_identification.from_sag import CompliantArm, from_sag
-from lab.payload_identification.plausibility import ArmSize, implausibilities, misplaced_points
 from lab.simulation.collisions import random_poses
-from lab.simulation.payload import RigidLoad, drawn_mounting
-from lab.simulation.payload_bench import LoadBench, RunErrors
 
 __all__ = [
     "OF_DYNAMICS",

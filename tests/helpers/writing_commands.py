@@ -13,12 +13,11 @@ import numpy as np
 from helpers.bad_input import run
 from lab.campaign.robot import load_virtual
 from lab.commands.integrity import said_of_edits
-from lab.core.load_samples import Mounting
 from lab.core.whole_folder import CHECKSUMS
-from lab.formats.load_csv import write_loads, write_mounting
+from lab.extensions.dynamics.load_files import write_loads, write_mounting
+from lab.extensions.dynamics.load_samples import Mounting
+from lab.extensions.dynamics.simulation import LoadBench, RigidLoad, RunErrors
 from lab.simulation.collisions import random_poses
-from lab.simulation.payload import RigidLoad
-from lab.simulation.payload_bench import LoadBench, RunErrors
 
 __all__ = ["COMMANDS", "MIGRATE", "ended", "forked", "inputs_of_commands", "older_run", "weighed", "whole"]
 

@@ -24,7 +24,7 @@ from lab.commands.calibrate.range_dict import measured_range_from_dict, read_cov
 from lab.commands.calibrate.residual_file import read_residual
 from lab.commands.calibrate.run_files import Campaign, SavedParameter, read_run_files
 from lab.commands.calibrate.run_findings import Findings
-from lab.commands.payload.known_payload import HandLoad, carrying
+from lab.commands.hand_load import HandLoad, carrying
 from lab.commands.run_folder import LOAD_FILE
 from lab.core import se3
 from lab.core.errors import LabError, error_context

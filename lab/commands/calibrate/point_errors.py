@@ -9,7 +9,7 @@ from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.workspace_prediction import PredictedErrors
 from lab.commands.calibrate.load_run import Calibrated
 from lab.core.se3 import Array
-from lab.payload_identification.sag_uncertainty import sag_uncertainty
+from lab.kinematics.dynamics.rigid_body import sag_uncertainty
 
 __all__ = ["PointErrors", "load_errors", "point_errors", "visit_covariances"]
 

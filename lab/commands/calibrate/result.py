@@ -46,7 +46,7 @@ from lab.commands.calibrate.range_dict import (
 )
 from lab.commands.calibrate.regions import ValidationBounds, region_to_dict
 from lab.commands.calibrate.residual_file import RESIDUAL_FILE, residual_columns, residual_to_dict, write_residual
-from lab.commands.payload.known_payload import read_hand_load
+from lab.commands.hand_load import read_hand_load
 from lab.commands.result import Result
 from lab.commands.values import ErrorStatistics, error_statistics, exit_code_of, number
 from lab.core import se3

@@ -53,8 +53,8 @@ from lab.commands.calibrate.warnings import (
     of_several_sessions,
     of_validation_beyond,
 )
+from lab.commands.hand_load import carrying
 from lab.commands.keywords import options_of, takes
-from lab.commands.payload.known_payload import carrying
 from lab.core.errors import LabError, error_context
 from lab.core.instruments import observing
 from lab.core.measurements import Measurements

@@ -11,8 +11,8 @@ from lab.campaign.instruments import named_instrument
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot, load_virtual
 from lab.campaign.virtual_robot import asked_conditions, drawn_conditions, fresh_poses, perturbed_arm, poses_to_measure
+from lab.commands.hand_load import carrying
 from lab.commands.keywords import options_of, takes
-from lab.commands.payload.known_payload import carrying
 from lab.core.errors import LabError
 from lab.core.instruments import observing
 from lab.core.measurements import Measurements

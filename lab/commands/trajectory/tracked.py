@@ -8,7 +8,7 @@ import numpy as np
 from lab.campaign.robot import Robot
 from lab.commands.calibrate.load_run import Calibrated
 from lab.commands.calibrate.model_words import listed
-from lab.commands.payload.known_payload import carrying
+from lab.commands.hand_load import carrying
 from lab.commands.trajectory.options import TrajectoryOptions
 from lab.compensation.elastic_tracking import Tracking, tracking
 from lab.core.errors import LabError

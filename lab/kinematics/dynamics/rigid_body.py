@@ -27,6 +27,7 @@ __all__ = [
     "is_physical",
     "load_of",
     "pseudo_inertia",
+    "sag_uncertainty",
     "symmetric",
     "torque_regressor",
     "wrench_regressor",
@@ -95,6 +96,27 @@ def torque_regressor(
     regressor = wrench_regressor(_moved(arm, hinges, speeds, accelerations), gravity)
     joint_derivatives: Array = np.swapaxes(_jacobian(arm, hinges), 1, 2) @ regressor
     return joint_derivatives
+
+
+def sag_uncertainty(
+    arm: SerialArm, values: Array, compliance: Array, joints: Array, gravity: Array, covariance: Array, target: int = 0
+) -> Array:
+    """Root mean square displacement ``(n,)`` m of a target by the uncertainty of the load's mass and first moment.
+
+    The joints give way by C W (m, mc), with W the first four columns of the load's regressor at rest, so the target
+    moves by J C W (m, mc); to first order.
+
+    Args:
+        compliance: C ``(joints,)`` rad/Nm (m/N of a slide).
+        joints: readings ``(n, joints)``.
+        gravity: ``(3,)`` m/s^2 in frame 0.
+        covariance: ``(4, 4)`` of mass and first moment.
+    """
+    still = np.zeros_like(joints)
+    static = torque_regressor(arm, values, joints, still, still, gravity)[:, :, :4]
+    lever = arm.joint_jacobian(joints, values)[:, target]
+    moved = lever @ (compliance[:, None] * static)
+    return np.asarray(np.sqrt(np.einsum("nif,fg,nig->n", moved, covariance, moved)))
 
 
 def hand_jacobian(arm: SerialArm, values: Array, joints: Array) -> Array:

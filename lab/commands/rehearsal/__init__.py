@@ -1,1 +1,0 @@
-"""A measuring day of torques in MuJoCo, for `lab payload --simulate` and `lab dynamics --simulate`."""

@@ -1,1 +1,0 @@
-"""The arm's own dynamic parameters, from torques along a path, with and without a load."""

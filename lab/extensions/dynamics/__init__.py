@@ -1,0 +1,1 @@
+"""Identification of payloads and of an arm's own dynamics."""

@@ -1,0 +1,1 @@
+"""`lab dynamics`: identify the arm's own dynamic parameters."""

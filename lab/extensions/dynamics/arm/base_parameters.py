@@ -1,0 +1,236 @@
+"""The base dynamic parameters of an arm: what its torques determine, and which parameters are grouped into which.
+
+The regressor at random states has columns that depend on others, whatever the motion. By an orthogonal factorization
+of its columns, in an order that prefers what SYMORO+ keeps (XX XY XZ YZ ZZ MX MY, then Ia; Khalil & Creusot 1997), a
+column whose diagonal of R vanishes depends on those before it (Gautier 1991): W2 = W1 K, and the base parameters are
+X1 + K X2. Those of a column of zeros affect no torque.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations_with_replacement
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.core.errors import LabError
+from lab.core.se3 import Array
+from lab.kinematics.dynamics.arm_dynamics import ArmDynamics
+from lab.kinematics.serial.chain import COLUMNS, Chain
+
+__all__ = ["BaseParameters", "Formula", "Term", "base_parameters", "random_states", "regrouping_formulas"]
+
+_STATES = 24  # random ones, each with a row a joint: half as many rows again as six joints have parameters
+_DEPENDS = 1e-8  # of a column's norm: what others leave of it
+_LATE = ("Ia", "M", "MZ", "YY")  # kinds that are grouped into the others where they can be
+
+
+@dataclass(frozen=True)
+class BaseParameters:
+    """A base set of the standard parameters.
+
+    Attributes:
+        names: of the standard parameters, p of them.
+        kept: ``(b,)`` indices of the columns that stay; ``grouped`` ``(g,)`` of those that depend on them.
+        without_effect: indices of those that no torque depends on.
+        regrouping: K ``(b, g)``.
+    """
+
+    names: tuple[str, ...]
+    kept: NDArray[np.int_]
+    grouped: NDArray[np.int_]
+    without_effect: NDArray[np.int_]
+    regrouping: Array
+
+    @property
+    def size(self) -> int:
+        """How many base parameters there are."""
+        return len(self.kept)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Their names: of the standard parameter that each is named after, with R where others are grouped into it."""
+        with_others = np.abs(self.regrouping).max(axis=1, initial=0.0) > 0
+        return tuple(
+            _regrouped(self.names[i]) if grouped else self.names[i]
+            for i, grouped in zip(self.kept.tolist(), with_others.tolist(), strict=True)
+        )
+
+    @property
+    def inertial(self) -> int:
+        """How many of them are of links and motors, not of friction and offsets."""
+        return sum(self.names[i][0] not in "Fo" for i in self.kept.tolist())
+
+    @property
+    def projection(self) -> Array:
+        """``(b, p)``: base parameters of standard ones."""
+        matrix = np.zeros((self.size, len(self.names)))
+        matrix[np.arange(self.size), self.kept] = 1.0
+        matrix[:, self.grouped] = self.regrouping
+        return matrix
+
+
+def random_states(arm: ArmDynamics, count: int, rng: np.random.Generator) -> tuple[Array, Array, Array]:
+    """Joint positions over a whole turn (1 m of slides), speeds and accelerations ``(count, J)``."""
+    shape = (count, arm.chain.size)
+    joints = rng.uniform(-1.0, 1.0, shape) * np.where(arm.chain.prismatic, 1.0, np.pi)
+    return joints, rng.uniform(-2.0, 2.0, shape), rng.uniform(-5.0, 5.0, shape)
+
+
+def base_parameters(arm: ArmDynamics, rng: np.random.Generator) -> BaseParameters:
+    """The base set of an arm, decided at random states."""
+    columns = arm.regressor(*random_states(arm, _STATES, rng)).reshape(-1, len(arm.names))
+    size = np.linalg.norm(columns, axis=0)
+    effect = size > _DEPENDS * size.max()
+    order = np.array([i for i in _preferred(arm.names) if effect[i]])
+    triangle = np.linalg.qr(columns[:, order] / size[order], mode="r")
+    kept = np.abs(np.diag(triangle)) > _DEPENDS
+    chosen, rest = np.sort(order[kept]), np.sort(order[~kept])
+    regrouping = np.linalg.lstsq(columns[:, chosen] / size[chosen], columns[:, rest], rcond=None)[0]
+    regrouping = regrouping / size[chosen][:, None]
+    regrouping[np.abs(regrouping) < _DEPENDS] = 0.0
+    return BaseParameters(arm.names, chosen, rest, np.flatnonzero(~effect), regrouping)
+
+
+def _preferred(names: tuple[str, ...]) -> list[int]:
+    """Indices of the standard parameters, first those that stay if they can, each kind from the base outward."""
+    kinds = [name.rstrip("0123456789") for name in names]
+    rank = [_LATE.index(kind) + 1 if kind in _LATE else 0 for kind in kinds]
+    numbers = [int(name[len(kind) :]) for name, kind in zip(names, kinds, strict=True)]
+    return sorted(range(len(names)), key=lambda i: (rank[i], numbers[i]))
+
+
+def _regrouped(name: str) -> str:
+    kind = name.rstrip("0123456789")
+    return f"{kind}R{name[len(kind) :]}"
+
+
+_LENGTHS = ("d", "a")
+_ZERO_M = 1e-9
+_SAME = 1e-6  # of the largest coefficient of an arm: what the formulas and its own regrouping may differ by
+_NOTHING = 1e-7
+
+
+@dataclass(frozen=True)
+class Term:
+    """Parameters that are grouped with one coefficient.
+
+    Attributes:
+        coefficient: monomials, each the letters that are multiplied, with their factors.
+        names: of the standard parameters.
+    """
+
+    coefficient: tuple[tuple[tuple[str, ...], float], ...]
+    names: tuple[str, ...]
+
+    def value(self, letters: dict[str, float]) -> float:
+        """The coefficient where the letters stand for these lengths (m)."""
+        return sum(factor * float(np.prod([letters[each] for each in word])) for word, factor in self.coefficient)
+
+    def words(self) -> str:
+        """As it stands in a formula, with its sign before it."""
+        if len(self.coefficient) == 1 and not self.coefficient[0][0] and abs(self.coefficient[0][1]) == 1:
+            sign = "−" if self.coefficient[0][1] < 0 else "+"
+            return " ".join(f"{sign} {name}" for name in self.names)
+        names = self.names[0] if len(self.names) == 1 else f"({' + '.join(self.names)})"
+        if len(self.coefficient) == 1:
+            return f"{_monomial(*self.coefficient[0])} {names}"
+        sums = " ".join(_monomial(*each) for each in sorted(self.coefficient, key=_positive_first))
+        return f"+ ({sums.removeprefix('+ ')}) {names}"
+
+
+@dataclass(frozen=True)
+class Formula:
+    """A base parameter: what it is named after, and what is grouped into that."""
+
+    label: str
+    name: str
+    terms: tuple[Term, ...]
+
+    def words(self) -> str:
+        """The right side of its formula."""
+        return " ".join([self.name, *(term.words() for term in self.terms)])
+
+
+def regrouping_formulas(arm: ArmDynamics, base: BaseParameters, rng: np.random.Generator) -> tuple[Formula, ...]:
+    """The formulas of a base set.
+
+    Raises:
+        LabError: the regrouping of this arm is no polynomial of its lengths.
+    """
+    letters = _letters(arm.chain)
+    words = [word for degree in range(3) for word in combinations_with_replacement(sorted(letters), degree)]
+    lengths = rng.uniform(0.5, 1.5, (len(words) + 2, len(letters)))
+    samples = [dict(zip(letters, row, strict=True)) for row in lengths.tolist()]
+    found = [_regrouping(arm, base, each, rng) for each in samples]
+    monomials = np.array([[np.prod([each[letter] for letter in word]) for word in words] for each in samples])
+    flat = np.array(found).reshape(len(samples), -1)
+    factors = np.linalg.lstsq(monomials[1:], flat[1:], rcond=None)[0]  # the first takes no part
+    factors = np.where(np.abs(factors - np.round(factors)) < _NOTHING, np.round(factors), factors)
+    own = np.array([np.prod([letters[letter] for letter in word]) for word in words]) @ factors
+    size = max(1.0, float(np.abs(flat).max(initial=0.0)))
+    wrong = max(
+        float(np.abs(monomials[0] @ factors - flat[0]).max(initial=0.0)),
+        float(np.abs(own - base.regrouping.ravel()).max(initial=0.0)),
+    )
+    if wrong > _SAME * size:
+        raise LabError(f"robot '{arm.chain.name}': its regrouping is no polynomial of its lengths (off by {wrong:.2g})")
+    table = factors.reshape(len(words), *base.regrouping.shape)
+    return tuple(
+        Formula(label, base.names[kept], _terms(words, table[:, i], [base.names[j] for j in base.grouped]))
+        for i, (label, kept) in enumerate(zip(base.labels, base.kept.tolist(), strict=True))
+    )
+
+
+def _letters(chain: Chain) -> dict[str, float]:
+    """The lengths of a table that are not zero, by their letter; the constant of a slide is part of its position."""
+    found = {}
+    for i, row in enumerate(chain.table):
+        for kind in _LENGTHS:
+            value = float(row[COLUMNS.index(kind)])
+            if abs(value) > _ZERO_M and not (kind == "d" and chain.prismatic[i]):
+                found[f"{kind}{i + 1}"] = value
+    return found
+
+
+def _regrouping(arm: ArmDynamics, base: BaseParameters, letters: dict[str, float], rng: np.random.Generator) -> Array:
+    """K of the arm with other lengths, by the same columns."""
+    table = arm.chain.table.copy()
+    for letter, value in letters.items():
+        table[int(letter[1:]) - 1, COLUMNS.index(letter[0])] = value
+    other = base_parameters(replace(arm, chain=arm.chain.with_table(table)), rng)
+    if not (np.array_equal(other.kept, base.kept) and np.array_equal(other.grouped, base.grouped)):
+        raise LabError(f"robot '{arm.chain.name}': its base parameters depend on its lengths beyond their letters")
+    return other.regrouping
+
+
+def _terms(words: Sequence[tuple[str, ...]], factors: Array, names: Sequence[str]) -> tuple[Term, ...]:
+    """Terms of one formula, parameters with one coefficient together; ``factors`` ``(words, names)``."""
+    grouped: dict[tuple[tuple[tuple[str, ...], float], ...], list[str]] = {}
+    for column, name in zip(factors.T, names, strict=True):
+        pairs = zip(words, column.tolist(), strict=True)
+        coefficient = tuple((word, round(factor, 9)) for word, factor in pairs if abs(factor) > _NOTHING)
+        if coefficient:
+            grouped.setdefault(coefficient, []).append(name)
+    terms = [Term(coefficient, tuple(each)) for coefficient, each in grouped.items()]
+    return tuple(sorted(terms, key=lambda term: len(term.coefficient[0][0])))
+
+
+def _positive_first(monomial: tuple[tuple[str, ...], float]) -> bool:
+    return monomial[1] < 0
+
+
+def _monomial(letters: tuple[str, ...], factor: float) -> str:
+    """With its sign before it."""
+    number = "" if letters and abs(abs(factor) - 1) < _NOTHING else _number(abs(factor))
+    return " ".join(("−" if factor < 0 else "+", *filter(None, (number, _product(letters)))))
+
+
+def _product(letters: tuple[str, ...]) -> str:
+    if len(letters) == 2 and letters[0] == letters[1]:
+        return f"{letters[0]}²"
+    return " ".join(letters)
+
+
+def _number(value: float) -> str:
+    return f"{value:.0f}" if abs(value - round(value)) < _NOTHING else f"{value:.6g}"

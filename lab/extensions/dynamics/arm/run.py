@@ -1,0 +1,178 @@
+"""The dynamic parameters of an arm: which ones its torques determine, and from a file what they are."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lab.campaign.robot import Robot, load_robot, load_virtual
+from lab.commands.keywords import options_of, takes
+from lab.core.errors import LabError, error_context
+from lab.core.random import rng_for
+from lab.core.se3 import Array
+from lab.extensions.dynamics.arm.base_parameters import base_parameters
+from lab.extensions.dynamics.arm.estimate import DynamicsEstimate
+from lab.extensions.dynamics.arm.identify import identify_dynamics
+from lab.extensions.dynamics.arm.options import DynamicsOptions
+from lab.extensions.dynamics.arm.physical import nearest_physical_arm
+from lab.extensions.dynamics.arm.plausibility import implausible_dynamics
+from lab.extensions.dynamics.arm.result import DynamicsResult, RehearsedDay
+from lab.extensions.dynamics.arm.runs import DynamicModel
+from lab.extensions.dynamics.load_files import read_load, read_motion, read_mounting
+from lab.extensions.dynamics.load_samples import PayloadSamples
+from lab.extensions.dynamics.payload.plausibility import ArmSize, Implausibility, stuck_channels
+from lab.extensions.dynamics.rehearsal import MeasuringBench, load_of_rehearsal
+from lab.extensions.dynamics.simulation import drawn_mounting
+from lab.formats.drives_toml import Drives, drives_in, read_drives
+from lab.formats.toml import read_toml
+from lab.kinematics.dynamics.arm_dynamics import ArmDynamics, khalil_chain
+from lab.kinematics.dynamics.rigid_body import LOAD
+from lab.simulation.link_masses import link_inertias
+
+__all__ = ["dynamics"]
+
+MOST_NAMED = 8  # base parameters in a warning
+
+
+@takes(DynamicsOptions)
+def dynamics(
+    file: str | Path | DynamicsOptions | None = None, robot: str | Path | Robot = "irb120", **options: Any
+) -> DynamicsResult:
+    """Identify the dynamic parameters of an arm; without a file, say which ones its torques determine.
+
+    Args:
+        file: a motion: joint positions with torques or motor currents, with a payload, without, or both; or all
+            options in one object.
+        robot: the nominal model: a name, a path, or a loaded robot.
+        options: those of ``lab dynamics``, by name: ``drives``, ``validate``, ``without`` and so on.
+
+    Returns:
+        The base parameters, as formulas of the standard ones, with their values and intervals where there is a file.
+
+    Raises:
+        LabError: the robot has loops, or the file lacks what is needed.
+
+    Example:
+        >>> import lab
+        >>> lab.dynamics(robot="course2r").to_dict()["formulas"]["XXR2"]
+        'XX2 − YY2'
+    """
+    if isinstance(file, DynamicsOptions):
+        file.check()
+        return _identified(file, load_virtual(file.robot) if file.rehearsal.simulate else load_robot(file.robot))
+    known = load_robot(robot)
+    given = {"file": None if file is None else str(file), "robot": known.source, **options}
+    asked = options_of("lab.dynamics", DynamicsOptions, given)
+    asked.check()
+    return _identified(asked, load_virtual(known) if asked.rehearsal.simulate else known)
+
+
+def _identified(options: DynamicsOptions, robot: Robot) -> DynamicsResult:
+    model, left_out = robot.serial_model, set(options.without)
+    drives = _drives(options, robot)
+    mounting = drawn_mounting(model)
+    if options.sensor is not None:
+        mounting = read_mounting(options.sensor, sensor=False)
+    arm = ArmDynamics(
+        khalil_chain(model.chain),
+        mounting.gravity,
+        np.eye(model.chain.size) if drives is None else drives.couplings,
+        motor_inertia="motor-inertia" not in left_out,
+        friction="friction" not in left_out,
+        offsets="offsets" not in left_out,
+    )
+    base = base_parameters(arm, rng_for(0, "structure"))
+    described = DynamicsResult(options, robot, arm, base, drives, None, None, None, None, tuple(robot.warnings))
+    if options.rehearsal.simulate:
+        day = _rehearsed(described)
+        return _measured(replace(described, day=day), day.samples, day.other)
+    if options.file is None:
+        return described
+    other = None if options.validate is None else _read(robot, options.validate, drives)
+    return _measured(described, _read(robot, options.file, drives), other)
+
+
+def _drives(options: DynamicsOptions, robot: Robot) -> Drives | None:
+    """How the drives turn the joints: by ``--drives``, or by the robot's own table; None where neither says it."""
+    size, path = robot.serial_model.chain.size, robot.model.path
+    if options.drives is not None:
+        return read_drives(options.drives, size)
+    return drives_in(path, read_toml(path), size) if path.suffix == ".toml" else None
+
+
+def _rehearsed(described: DynamicsResult) -> RehearsedDay:
+    """A virtual measuring day: the designed path and another one, with the load if one is asked for."""
+    robot, asked, base = described.robot, described.options.rehearsal, described.base
+    load = None if asked.payload_kg is None else load_of_rehearsal(asked.payload_kg, asked)
+    bench = MeasuringBench(robot, asked, load, described.arm.couplings)
+    model = DynamicModel(robot.serial_model.chain, described.arm, base)
+
+    def regressor(joints: Array, speeds: Array, accelerations: Array) -> Array:
+        return model.columns(joints, speeds, accelerations)[..., len(LOAD) :]
+
+    samples = bench.driven(bench.designed(regressor), 0)
+    other = replace(bench, load=None).driven(bench.another(), 1)
+    others = {name: value for name, value in bench.truth().items() if name in base.names}
+    truth = base.projection @ described.arm.standard(link_inertias(robot.serial_model), others)
+    return RehearsedDay(samples, other, truth, None if load is None else load.phi)
+
+
+def _measured(described: DynamicsResult, samples: PayloadSamples, other: PayloadSamples | None) -> DynamicsResult:
+    options, robot = described.options, described.robot
+    known, file = None if options.load is None else read_load(options.load), options.file or "--simulate"
+    if known is not None and not samples.loaded.any():
+        raise LabError(f"--load {options.load}: no row of {file} has run = loaded; mark those that carry it")
+    model = DynamicModel(robot.serial_model.chain, described.arm, described.base)
+    with error_context(file), np.errstate(all="ignore"):  # numbers of a nonsensical file may overflow
+        estimate = identify_dynamics(
+            model, samples, known_load=known, delay=options.delay, holdout=options.holdout, other=other,
+            band_hz=options.band_hz,
+        )  # fmt: skip
+        if not estimate.identified.any():
+            raise LabError("nothing of the arm shows: move its joints, several at a time")
+    bodies, links = None, None if robot.loads is None else link_inertias(robot.serial_model)
+    if estimate.identified.all():
+        bodies = nearest_physical_arm(model, estimate, links)
+    elif options.physical:
+        raise LabError("--physical: not every base parameter is identified; move more joints, or leave it out")
+    size = ArmSize.of(robot.serial_model.chain, robot.loads)
+    nominal = None if links is None else _nominal(model, links)
+    every = np.ones(robot.chain.size, dtype=np.bool_)
+    names = [f"the torque of {name}" for name in robot.chain.joint_names]
+    stuck = stuck_channels(replace(samples, wrench=None), names, every)
+    strange = (*stuck, *implausible_dynamics(estimate, model, size, nominal, bodies))
+    said = (*described.warnings, *samples.warnings, *_warnings(estimate, strange))
+    return replace(described, samples=samples, estimate=estimate, physical=bodies, warnings=said, implausible=strange)
+
+
+def _nominal(model: DynamicModel, links: Array) -> Array:
+    """``(b,)`` base parameters by the links' nominal masses ``(J, 10)``, without friction and motors."""
+    return np.asarray(model.base.projection @ model.arm.standard(links, {}))
+
+
+def _read(robot: Robot, file: Path, drives: Drives | None) -> PayloadSamples:
+    """A motion with the drives' torques, as the joints feel them."""
+    chain = robot.chain
+    samples = read_motion(file, chain.joint_names, chain.prismatic, (chain.lower, chain.upper), drives)
+    assert samples.torques is not None
+    if not samples.currents:
+        return samples
+    if drives is None:
+        raise LabError(f"{file}: motor currents need gear ratios and drive gains; give --drives FILE.toml")
+    torques: Array = drives.torques(samples.torques)
+    return replace(samples, torques=torques, currents=False)
+
+
+def _warnings(estimate: DynamicsEstimate, strange: Sequence[Implausibility]) -> list[str]:
+    """What a reader of the estimate should be told."""
+    warnings = [f"not plausible: {each.words}" for each in strange]
+    if estimate.verdict.adequate is False:
+        warnings.append(estimate.verdict.words)
+    hidden = [name for name, seen in zip(estimate.names, estimate.identified, strict=True) if not seen]
+    if hidden:
+        more = f" and {len(hidden) - MOST_NAMED} more" if len(hidden) > MOST_NAMED else ""
+        named = ", ".join(hidden[:MOST_NAMED])
+        warnings.append(f"the motion does not show {named}{more}: move more joints at a time, and faster")
+    return warnings

@@ -1,0 +1,405 @@
+"""The files from which a payload is identified: a CSV of a loaded and an unloaded run, and a small TOML beside it.
+
+The TOML: ``[base]`` with ``tilt_x_deg``, ``tilt_y_deg`` (zero) and ``gravity_m_per_s2`` (9.81), and ``[sensor]`` with
+``sign`` (1 or -1, always given) and ``rotation_vector_deg`` (zeros) from the last frame to the sensor's axes.
+"""
+
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.core import se3
+from lab.core.errors import LabError, error_context
+from lab.core.se3 import Array
+from lab.extensions.dynamics.load_samples import GRAVITY, Mounting, PayloadSamples
+from lab.formats.drives_toml import Drives
+from lab.formats.measurement_csv import ObservedColumns, PoseReader
+from lab.formats.structured import structured
+from lab.formats.toml import is_number, read_toml
+from lab.kinematics.dynamics.rigid_body import is_physical, load_of, symmetric
+
+__all__ = [
+    "WRENCH",
+    "Limits",
+    "read_load",
+    "read_loads",
+    "read_motion",
+    "read_mounting",
+    "write_loads",
+    "write_mounting",
+]
+
+RUNS = ("loaded", "unloaded")
+WRENCH = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
+EVEN = 0.01  # of a time step: how far another may differ from it
+SLACK = 0.01  # rad or m beyond its limits that a joint may be read
+LEAST_MOVING = 10  # rows of a run that is differentiated in time
+_LEAST_STATIC = {True: 2, False: 3}  # loaded poses, with torques or without: below the rank is short anyway
+_OTHER_UNIT = {"rad": "deg", "deg": "rad", "m": "mm", "mm": "m"}
+
+Limits = tuple[Array, Array]
+
+
+def write_loads(path: Path, records: PayloadSamples, joint_names: Sequence[str], prismatic: Sequence[bool]) -> None:
+    """Write the CSV that ``read_loads`` reads back to the bit."""
+    columns: dict[str, list[str]] = {}
+    if records.time_s is not None:
+        columns["time_s"] = _decimals(records.time_s)
+    for j, (name, slides) in enumerate(zip(joint_names, prismatic, strict=True)):
+        columns[f"{name}_{'m' if slides else 'rad'}"] = _decimals(records.joints[:, j])
+    if records.torques is not None:
+        names = _current_columns(prismatic) if records.currents else _torque_columns(prismatic)
+        for name, torque in zip(names, records.torques.T, strict=True):
+            columns[name] = _decimals(torque)
+    if records.wrench is not None:
+        columns |= {name: _decimals(values) for name, values in zip(WRENCH, records.wrench.T, strict=True)}
+    columns["run"] = [RUNS[0] if loaded else RUNS[1] for loaded in records.loaded.tolist()]
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(zip(*columns.values(), strict=True))
+
+
+def _decimals(values: Array) -> list[str]:
+    """Texts that read back to the bit."""
+    return [repr(value) for value in values.tolist()]
+
+
+def _torque_columns(prismatic: Sequence[bool]) -> list[str]:
+    return [f"f{j}_n" if slides else f"tau{j}_nm" for j, slides in enumerate(prismatic, start=1)]
+
+
+def _current_columns(prismatic: Sequence[bool]) -> list[str]:
+    return [f"current{j}_a" for j in range(1, len(prismatic) + 1)]
+
+
+def read_loads(
+    path: Path, joint_names: Sequence[str], prismatic: Sequence[bool], limits: Limits | None = None
+) -> PayloadSamples:
+    """Read a file of a loaded and an unloaded run.
+
+    Args:
+        joint_names: the robot's; the file may call them q1…qn instead.
+        prismatic: which of them slide.
+        limits: lower and upper ``(J,)`` of the joint positions, rad or m.
+
+    Raises:
+        LabError: with the file, the line as an editor counts it, and the column.
+    """
+    return _LoadReader(path, list(joint_names), list(prismatic), ObservedColumns()).read_records(limits)
+
+
+def read_motion(
+    path: Path,
+    joint_names: Sequence[str],
+    prismatic: Sequence[bool],
+    limits: Limits | None = None,
+    drives: Drives | None = None,
+) -> PayloadSamples:
+    """Read a file of an arm in motion: times, positions of joints or motors, and torques or the motors' currents.
+
+    A column ``run`` says which rows were measured with a load; without it none were.
+
+    Args:
+        joint_names: the robot's; the file may call them q1…qn instead.
+        prismatic: which of them slide.
+        limits: lower and upper ``(J,)`` of the joint positions, rad or m.
+        drives: how motors turn the joints; needed for positions of motors.
+
+    Raises:
+        LabError: with the file, the line as an editor counts it, and the column.
+    """
+    return _LoadReader(path, list(joint_names), list(prismatic), ObservedColumns()).read_arm(limits, drives)
+
+
+class _LoadReader(PoseReader):
+    """A file of runs being read."""
+
+    unknown_are = "passed over"
+
+    def read_arm(self, limits: Limits | None, drives: Drives | None) -> PayloadSamples:
+        """The runs of an arm in motion."""
+        joints = self._joints(limits) if (motors := self._motors(drives)) is None else motors
+        if motors is not None:
+            self._refuse_beyond(joints, limits)
+        torques = self._all_or_none(_torque_columns(self.prismatic), "of every joint")
+        currents = self._all_or_none(_current_columns(self.prismatic), "of every motor")
+        self._refuse_unknown_loads()
+        if (torques is None) == (currents is None):
+            names = (
+                f"{_torque_columns(self.prismatic)[0]} and so on, or {_current_columns(self.prismatic)[0]} and so on"
+            )
+            found = "neither torques nor motor currents" if torques is None else "torques and motor currents"
+            raise LabError(f"{self.path}: line 1: {found}; give one of the two: {names}")
+        if "time_s" not in self.header:
+            raise LabError(f"{self.path}: line 1: no column time_s; an arm's dynamics show in a motion alone")
+        loaded = self._runs() if "run" in self.header else np.zeros(len(joints), dtype=np.bool_)
+        time_s = self.numbers("time_s")
+        for run, name in ((True, RUNS[0]), (False, RUNS[1])):
+            rows = np.flatnonzero(loaded == run)
+            if 0 < len(rows) < LEAST_MOVING:
+                raise LabError(f"{self.path}: {len(rows)} rows with run = {name}; give at least {LEAST_MOVING}")
+            self._refuse_uneven(time_s, rows)
+        self._rest([])
+        measured, lines, warnings = torques if currents is None else currents, tuple(self.lines), tuple(self.warnings)
+        return PayloadSamples(time_s, joints, measured, None, loaded, lines, warnings, currents is not None)
+
+    def _motors(self, drives: Drives | None) -> Array | None:
+        """The joint positions by the motors' ``motor1_rad`` and so on; None where the file has joints."""
+        given = [column for column in self.header if re.fullmatch(r"motor\d*(_.*)?", column)]
+        if not given:
+            return None
+        if drives is None:
+            raise LabError(
+                f"{self.path}: line 1: {given[0]}: motor positions need gear ratios; give --drives FILE.toml"
+            )
+        factors: dict[str, Array | float] = {"rad": 1.0, "deg": np.pi / 180, "turns": 2 * np.pi}
+        if drives.counts_per_turn is not None:
+            factors["counts"] = 2 * np.pi / drives.counts_per_turn
+        positions = np.empty((len(self), len(self.joint_names)))
+        for j in range(len(self.joint_names)):
+            names = {f"motor{j + 1}_{unit}": factor for unit, factor in factors.items()}
+            found = [name for name in names if name in given]
+            if len(found) != 1:
+                what = f"{' and '.join(found)} are the same motor" if found else f"motor {j + 1} is missing"
+                counts = "" if "counts" in factors else " (_counts where the drives have counts_per_turn)"
+                raise LabError(f"{self.path}: line 1: {what}; give one of {', '.join(names)}{counts}")
+            factor = names[found[0]]
+            positions[:, j] = self.numbers(found[0]) * (factor if isinstance(factor, float) else factor[j])
+            given.remove(found[0])
+        if given:
+            raise LabError(f"{self.path}: line 1: column {given[0]} is no motor of the robot; remove it")
+        if joints := [c for c in self.unread for n, name in enumerate(self.joint_names, 1)
+                      if re.fullmatch(rf"({re.escape(name)}|q{n})_(rad|deg|mm|m)", c)]:  # fmt: skip
+            raise LabError(
+                f"{self.path}: line 1: {joints[0]}: the motors' positions say where the joints are; give one of both"
+            )
+        return drives.joints(positions)
+
+    def _refuse_beyond(self, joints: Array, limits: Limits | None) -> None:
+        """Refuse joint positions that motors cannot have turned the joints to."""
+        if limits is None:
+            return
+        beyond = np.argwhere((joints < limits[0] - SLACK) | (joints > limits[1] + SLACK))
+        if beyond.size:
+            row, j = beyond[0].tolist()
+            factor, unit = (1e3, "mm") if self.prismatic[j] else (180 / np.pi, "°")
+            low, high = (factor * each[j] for each in limits)
+            raise LabError(
+                f"{self.path}: line {self.lines[row]}: the motors turn joint {self.joint_names[j]} to "
+                f"{factor * joints[row, j]:.6g} {unit}, beyond its limits of {low:.4g} to {high:.4g}; look at the "
+                "signs of the gear ratios, at the couplings, and at motor_zero_deg"
+            )
+
+    def _joints(self, limits: Limits | None) -> Array:
+        joints = np.stack([self._joint(j) for j in range(len(self.joint_names))], axis=1)
+        self._refuse_further_joints()
+        self._refuse_degrees(joints, limits)
+        return joints
+
+    def read_records(self, limits: Limits | None) -> PayloadSamples:
+        """The runs with and without a payload, along a motion or in static poses."""
+        joints = self._joints(limits)
+        torques = self._all_or_none(_torque_columns(self.prismatic), "of every joint")
+        wrench = self._all_or_none(WRENCH, "of all six")
+        self._refuse_unknown_loads()
+        if torques is None and wrench is None:
+            raise LabError(
+                f"{self.path}: line 1: no torques and no wrench; give {_torque_columns(self.prismatic)[0]} and so on, "
+                f"or {', '.join(WRENCH)}"
+            )
+        loaded = self._runs()
+        time_s = self.numbers("time_s") if "time_s" in self.header else None
+        self._refuse_few(loaded, time_s, torques)
+        if time_s is not None:
+            for run in (True, False):
+                self._refuse_uneven(time_s, np.flatnonzero(loaded == run))
+        self._rest([])
+        return PayloadSamples(time_s, joints, torques, wrench, loaded, tuple(self.lines), tuple(self.warnings))
+
+    def _number(self, row: int, column: str, cell: str, exponent: int) -> float:
+        if not cell or cell.lower().lstrip("+-") in ("nan", "inf", "infinity"):
+            found = f"'{cell}' is not a finite number" if cell else "the cell is empty"
+            raise self.fail(row, column, f"{found}; give a number, or end the file before the gap")
+        return super()._number(row, column, cell, exponent)
+
+    def _refuse_degrees(self, joints: Array, limits: Limits | None) -> None:
+        """Refuse joint positions beyond the limits, or beyond a whole turn where there are none: another unit."""
+        for j, slides in enumerate(self.prismatic):
+            most = np.inf if slides else 2 * np.pi
+            low, high = (-most, most) if limits is None else (limits[0][j], limits[1][j])
+            beyond = np.flatnonzero((joints[:, j] < low - SLACK) | (joints[:, j] > high + SLACK))
+            if not beyond.size:
+                continue
+            row, column = int(beyond[0]), self._joint_column(j)
+            stem, unit = column.rsplit("_", 1)
+            other, factor = _OTHER_UNIT[unit], {"deg": 180 / np.pi, "mm": 1e3}.get(unit, 1.0)
+            span = f"{factor * low:.4g} to {factor * high:.4g}"
+            looks = {"rad": ", which looks like degrees", "m": ", which looks like millimetres"}.get(unit, "")
+            seems = looks if abs(joints[row, j]) > 2 * np.pi else ""
+            raise self.fail(
+                row,
+                column,
+                f"{factor * joints[row, j]:.6g} {unit} is beyond its limits of {span}{seems}; "
+                f"rename the column to {stem}_{other} if it is so, or take the right --robot",
+            )
+
+    def _joint_column(self, j: int) -> str:
+        stems = (self.joint_names[j], f"q{j + 1}")
+        return next(c for stem in stems for unit in _OTHER_UNIT if (c := f"{stem}_{unit}") in self.header)
+
+    def _all_or_none(self, names: Sequence[str], of: str) -> Array | None:
+        given = [name for name in names if name in self.header]
+        if not given:
+            return None
+        if missing := [name for name in names if name not in given]:
+            raise LabError(f"{self.path}: line 1: {missing[0]} is missing beside {given[0]}; give the columns {of}")
+        return np.stack([self.numbers(name) for name in names], axis=1)
+
+    def _refuse_unknown_loads(self) -> None:
+        expected = [*_torque_columns(self.prismatic), *WRENCH]
+        for column in self.unread:
+            if column not in expected and re.fullmatch(r"(tau\d*|f\d+|[fm][xyz])(_.*)?", column):
+                raise LabError(
+                    f"{self.path}: line 1: column {column}: unknown unit or axis; loads of this robot are given as "
+                    f"{', '.join(expected)}"
+                )
+            if re.fullmatch(r"(time|t)(_.*)?", column) and column != "time_s":
+                raise LabError(f"{self.path}: line 1: column {column}: unknown unit; give the time as time_s")
+
+    def _runs(self) -> NDArray[np.bool_]:
+        texts = self.texts("run")
+        if texts is None:
+            raise LabError(f"{self.path}: line 1: no column run; say in each row whether it is {' or '.join(RUNS)}")
+        for i, text in enumerate(texts):
+            if text not in RUNS:
+                raise self.fail(i, "run", f"'{text}' is unknown; write {' or '.join(RUNS)}")
+        return np.array([text == RUNS[0] for text in texts])
+
+    def _refuse_few(self, loaded: NDArray[np.bool_], time_s: Array | None, torques: Array | None) -> None:
+        least = _LEAST_STATIC[torques is not None] if time_s is None else LEAST_MOVING
+        counts = {RUNS[0]: int(loaded.sum()), RUNS[1]: int((~loaded).sum())}
+        for run, count in counts.items():
+            needed = run == RUNS[0] or (count and torques is not None)
+            if needed and count < least:
+                kind = "static poses" if time_s is None else "samples of a motion"
+                raise LabError(f"{self.path}: {count} rows with run = {run}; give at least {least} {kind}")
+
+    def _refuse_uneven(self, time_s: Array, rows: NDArray[np.int_]) -> None:
+        """Within one run, all steps are to be the same and forward."""
+        if len(rows) < 2:
+            return
+        steps = np.diff(time_s[rows])
+        usual = float(np.median(steps))
+        if not usual > 0:
+            raise self.fail(int(rows[1]), "time_s", "the time does not rise; give the rows of a run in their order")
+        uneven = np.flatnonzero(np.abs(steps - usual) > EVEN * usual)
+        if uneven.size:
+            i = int(uneven[0])
+            raise self.fail(
+                int(rows[i + 1]),
+                "time_s",
+                f"a step of {steps[i]:.6g} s where the others are {usual:.6g} s; give evenly timed rows, without gaps",
+            )
+
+
+def write_mounting(path: Path, mounting: Mounting) -> None:
+    """Write the TOML that ``read_mounting`` reads back, to rounding."""
+    x, y = np.rad2deg(mounting.tilt_rad).tolist()
+    turn = ", ".join(repr(angle) for angle in np.rad2deg(se3.log(mounting.rotation)).tolist())
+    path.write_text(
+        f"[base]\ntilt_x_deg = {x!r}\ntilt_y_deg = {y!r}\n"
+        f"gravity_m_per_s2 = {float(np.linalg.norm(mounting.gravity))!r}\n\n"
+        f"[sensor]\nsign = {int(mounting.sign)}  # 1: the hand's force on the load; -1: the load's on the hand\n"
+        f"rotation_vector_deg = [{turn}]  # from the last frame to the sensor's axes\n",
+        encoding="utf-8",
+    )
+
+
+@dataclass(frozen=True)
+class _BaseSection:
+    """How the robot's base stands."""
+
+    tilt_x_deg: float = 0.0
+    tilt_y_deg: float = 0.0
+    gravity_m_per_s2: float = GRAVITY
+
+
+@dataclass(frozen=True)
+class _SensorSection:
+    """How a wrist sensor stands in the last frame."""
+
+    sign: float | None = None
+    rotation_vector_deg: tuple[float, ...] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class _MountingFile:
+    base: _BaseSection = field(default_factory=_BaseSection)
+    sensor: _SensorSection = field(default_factory=_SensorSection)
+
+
+def read_mounting(path: Path, *, sensor: bool = True) -> Mounting:
+    """Read the TOML beside a file of runs.
+
+    Args:
+        sensor: whether there is a wrench, so that its sign matters.
+
+    Raises:
+        LabError: the file is missing or malformed, has no sign, or a gravity that is not the Earth's.
+    """
+    found = structured(path, _MountingFile, read_toml(path))
+    base, wrist = found.base, found.sensor
+    if sensor and wrist.sign is None:
+        raise LabError(
+            f"{path}: [sensor] sign is missing; write 1 if it reads what the hand does to the load (at rest, fz is "
+            "positive where the sensor's z points up), -1 for the opposite"
+        )
+    numbers = {"base": (base.tilt_x_deg, base.tilt_y_deg, base.gravity_m_per_s2), "sensor": wrist.rotation_vector_deg}
+    for section, values in numbers.items():
+        if wrong := [value for value in values if not is_number(value)]:
+            raise LabError(f"{path}: [{section}] {wrong[0]} is no finite number; give one")
+    if len(wrist.rotation_vector_deg) != 3:
+        turn = list(wrist.rotation_vector_deg)
+        raise LabError(f"{path}: [sensor] rotation_vector_deg is {turn}; give three angles, [x, y, z]")
+    tilt = np.deg2rad([base.tilt_x_deg, base.tilt_y_deg])
+    if (np.abs(tilt) > np.pi).any():
+        raise LabError(f"{path}: [base] the tilt is more than half a turn; give degrees, -180 to 180")
+    with error_context(path):
+        sign = 1.0 if wrist.sign is None else wrist.sign
+        return Mounting.tilted(tilt, base.gravity_m_per_s2, sign, np.deg2rad(wrist.rotation_vector_deg))
+
+
+@dataclass(frozen=True)
+class _LoadSection:
+    mass_kg: float
+    com_mm: tuple[float, ...]
+    inertia_kgcm2: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class _LoadFile:
+    load: _LoadSection
+
+
+def read_load(path: Path) -> Array:
+    """Phi ``(10,)`` of a load about the last frame's origin, as ``rigid_body.LOAD``.
+
+    ``com_mm`` is x y z, ``inertia_kgcm2`` is Ixx Iyy Izz Ixy Ixz Iyz about the centre of mass.
+
+    Raises:
+        LabError: the file is missing or malformed, or no body is like that.
+    """
+    found = structured(path, _LoadFile, read_toml(path)).load
+    for name, values, count in (("com_mm", found.com_mm, 3), ("inertia_kgcm2", found.inertia_kgcm2, 6)):
+        if len(values) != count or not np.isfinite(values).all():
+            raise LabError(f"{path}: [load] {name} is {list(values)}; give {count} finite numbers")
+    phi = load_of(found.mass_kg, np.array(found.com_mm) / 1e3, symmetric(np.array(found.inertia_kgcm2) / 1e4))
+    if not is_physical(phi):
+        raise LabError(f"{path}: [load] no body has this mass and inertia; give mass_kg above zero, and kg cm²")
+    return phi

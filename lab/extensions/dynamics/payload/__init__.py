@@ -1,0 +1,1 @@
+"""`lab payload`: identify the payload at the flange."""

@@ -1,0 +1,253 @@
+"""A load as identified: its parameters with intervals, what follows from them, and what the data do not show."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from lab.commands.hand_load import HandLoad
+from lab.core.se3 import Array
+from lab.extensions.dynamics.regression import ChannelSolution, ResidualVerdict
+from lab.kinematics.dynamics.rigid_body import (
+    LOAD,
+    elements,
+    hand_jacobian,
+    inertia_about_centre,
+    is_physical,
+    symmetric,
+)
+from lab.kinematics.serial.arm import SerialArm
+
+__all__ = ["LoadEstimate", "Nuisance", "estimate_of", "excitation_advice"]
+
+
+@dataclass(frozen=True)
+class Nuisance:
+    """What had to be estimated along.
+
+    Attributes:
+        name: ``offset.fx``, ``friction.q1`` (of the torque), ``delay``, ``tilt.x``, ``turn.z`` and so on.
+        unit: N, Nm, s, rad, or "" of a fraction.
+        half_width: of its 95 % interval.
+    """
+
+    name: str
+    value: float
+    half_width: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class LoadEstimate:
+    """The load at the hand, about the origin and in the axes of ``frame``, with 95 % intervals.
+
+    What is not identified is NaN, here and in everything that follows from it.
+
+    Attributes:
+        method: ``torques``, ``wrench`` or ``sag``, and whether of static poses or a motion.
+        phi: ``(10,)`` as ``LOAD``: kg, kg m and kg m^2.
+        covariance: ``(10, 10)``.
+        half_width: ``(10,)`` of phi.
+        com_half_width, inertia_com_half_width: ``(3,)`` m and ``(3, 3)`` kg m^2, to first order.
+        rank, columns: of all that was estimated, with the nuisances; equal where all of it was identified.
+        rows: the numbers that were fitted, each of which counts as independent.
+        sigma: ``(d,)`` noise of one reading: each joint's torque (Nm, N of a slide), sensor's axis, or coordinate (m).
+        measured, residual: ``(n, d)`` what was to be explained, and what of that is left, in the channels' units.
+        moved: whether it was moved to what a body can have, by ``physical_consistency``.
+        unidentified: sentences that say what is not identified, and which motion would show it.
+        physical: whether a body can have these parameters; None where there is no mass to judge by.
+    """
+
+    method: str
+    frame: str
+    phi: Array
+    covariance: Array
+    half_width: Array
+    com_half_width: Array
+    inertia_com_half_width: Array
+    rank: int
+    columns: int
+    rows: int
+    sigma: Array
+    measured: Array
+    residual: Array
+    unidentified: tuple[str, ...]
+    nuisance: tuple[Nuisance, ...]
+    verdict: ResidualVerdict
+    moved: bool = False
+
+    @property
+    def identified(self) -> tuple[str, ...]:
+        """The names of ``LOAD`` that are."""
+        return tuple(name for name, value in zip(LOAD, self.phi, strict=True) if np.isfinite(value))
+
+    @property
+    def mass_kg(self) -> float:
+        """Its mass."""
+        return float(self.phi[0])
+
+    @property
+    def hand_load(self) -> HandLoad:
+        """The part that gravity acts on; NaN where it is not identified."""
+        return HandLoad(self.mass_kg, self.com_m, self.covariance[:4, :4])
+
+    @property
+    def mass_half_width_kg(self) -> float:
+        """Of its mass."""
+        return float(self.half_width[0])
+
+    @property
+    def com_m(self) -> Array:
+        """``(3,)``, its centre of mass."""
+        centre: Array = self.phi[1:4] / self.phi[0]
+        return centre
+
+    @property
+    def inertia_kgm2(self) -> Array:
+        """``(3, 3)`` about the frame's origin."""
+        return symmetric(self.phi[4:])
+
+    @property
+    def inertia_half_width_kgm2(self) -> Array:
+        """``(3, 3)`` about the frame's origin."""
+        return symmetric(self.half_width[4:])
+
+    @property
+    def inertia_com_kgm2(self) -> Array:
+        """``(3, 3)`` about the centre of mass."""
+        return inertia_about_centre(self.phi)
+
+    @cached_property
+    def physical(self) -> bool | None:
+        """Whether its pseudo-inertia is positive definite; without an inertia, whether the mass is positive."""
+        if not np.isfinite(self.phi[0]):
+            return None
+        if not np.isfinite(self.phi).all():
+            return bool(self.phi[0] > 0)
+        return is_physical(self.phi)
+
+    @property
+    def adequate(self) -> bool | None:
+        """Whether the residuals are what noise explains; None where there are too few to tell."""
+        return self.verdict.adequate
+
+
+def estimate_of(
+    method: str,
+    solution: ChannelSolution,
+    nuisance: dict[str, tuple[float, str]],
+    unidentified: tuple[str, ...],
+    verdict: ResidualVerdict,
+    gain: float,
+) -> LoadEstimate:
+    """The load whose ten parameters come first in a solution.
+
+    Args:
+        nuisance: values and units of the other parameters, by name, which the solution may hold as steps only.
+        gain: standard deviation of the solution's rows where that of one reading is one.
+    """
+    identifiable = solution.identifiable[:10]
+    phi = np.where(identifiable, solution.values[:10], np.nan)
+    slopes = np.eye(len(solution.values))
+    widths = np.where(solution.identifiable, solution.half_widths(slopes), np.nan)
+    covariance = np.where(np.outer(identifiable, identifiable), solution.covariance[:10, :10], np.nan)
+    found = [
+        Nuisance(name, value if solution.identifiable[i] else np.nan, float(widths[i]), unit)
+        for name, (value, unit) in nuisance.items()
+        for i in [solution.names.index(name)]
+    ]
+    centre = _widths_of(solution, _centre_slopes(phi)) if identifiable[:4].all() else np.full(3, np.nan)
+    inner = _widths_of(solution, _inner_slopes(phi)) if identifiable.all() else np.full(6, np.nan)
+    return LoadEstimate(
+        method=method,
+        frame="flange",
+        phi=phi,
+        covariance=covariance,
+        half_width=widths[:10],
+        com_half_width=centre,
+        inertia_com_half_width=symmetric(inner),
+        rank=solution.model.rank,
+        columns=len(solution.names),
+        rows=solution.residual.size,
+        sigma=solution.sigma / gain,
+        measured=solution.measured,
+        residual=solution.residual * solution.sigma,
+        unidentified=unidentified,
+        nuisance=tuple(found),
+        verdict=verdict,
+    )
+
+
+def _widths_of(solution: ChannelSolution, slopes: Array) -> Array:
+    """Half-widths ``(k,)`` of what moves by ``slopes`` ``(k, 10)`` with the load's parameters."""
+    padded = np.zeros((len(slopes), len(solution.names)))
+    padded[:, :10] = slopes
+    return solution.half_widths(padded)
+
+
+def _centre_slopes(phi: Array) -> Array:
+    """Derivatives ``(3, 10)`` of the centre of mass."""
+    slopes = np.zeros((3, 10))
+    slopes[:, 0] = -phi[1:4] / phi[0] ** 2
+    slopes[:, 1:4] = np.eye(3) / phi[0]
+    return slopes
+
+
+def _inner_slopes(phi: Array) -> Array:
+    """Derivatives ``(6, 10)`` of the inertia's elements about the centre of mass, I - (s's 1 - s s') / m, s = m c."""
+    mass, moment = phi[0], phi[1:4]
+    slopes = np.zeros((6, 10))
+    slopes[:, 0] = elements(moment @ moment * np.eye(3) - np.outer(moment, moment)) / mass**2
+    for axis, unit in enumerate(np.eye(3)):
+        mixed = np.outer(unit, moment)
+        slopes[:, 1 + axis] = -elements(2 * moment[axis] * np.eye(3) - mixed - mixed.T) / mass
+    slopes[:, 4:] = np.eye(6)
+    return slopes
+
+
+_AXES = "xyz"
+_SHOWN = 200  # samples to tell by which joints turn the hand
+
+
+def excitation_advice(
+    solution: ChannelSolution, moving: bool, arm: SerialArm, values: Array, joints: Array
+) -> tuple[str, ...]:
+    """A sentence for each group of parameters that is not identified, or only to more than its own size."""
+    identifiable, found = solution.identifiable[:10], []
+    joints = joints[:: max(1, len(joints) // _SHOWN)]
+    if not identifiable[:4].all():
+        names = ", ".join(np.array(LOAD[:4])[~identifiable[:4]])
+        found.append(f"{names}: not identifiable one by one; add poses that turn the hand about other horizontal axes")
+    if not moving:
+        found.append(
+            "the inertia: static poses show mass and centre of mass alone; move the hand along a quick path that "
+            f"turns it about all its axes ({_turned_by(arm, values, joints, range(3))})"
+        )
+        return tuple(found)
+    vague = _vague(solution)
+    for k in range(4, 10):
+        if identifiable[k] and not vague[k - 4]:
+            continue
+        axes = sorted({_AXES.index(letter) for letter in LOAD[k][1:]})
+        why = "shown only to more than the load's whole inertia" if identifiable[k] else "not shown by this path"
+        about = " and ".join(_AXES[axis] for axis in axes)
+        found.append(
+            f"{LOAD[k]}: {why}; turn the hand faster about its {about} ({_turned_by(arm, values, joints, axes)}): "
+            "the interval falls with the square of the speed"
+        )
+    return tuple(found)
+
+
+def _vague(solution: ChannelSolution) -> Array:
+    """``(6,)`` whether the interval of an element of the inertia is wider than the largest that is found."""
+    widths = solution.half_widths(np.eye(len(solution.names)))[4:10]
+    return np.asarray(widths > np.abs(solution.values[4:7]).max())
+
+
+def _turned_by(arm: SerialArm, values: Array, joints: Array, axes: "range | list[int]") -> str:
+    """The joints that turn the hand most about these of its axes, at the poses that there were."""
+    turning = np.abs(hand_jacobian(arm, values, joints)[:, 3:]).mean(axis=0)  # (3, J)
+    if not turning.any():
+        return "no joint turns it"
+    best = sorted({int(np.argmax(turning[axis])) for axis in axes if turning[axis].any()})
+    return "joints " + ", ".join(arm.chain.joint_names[j] for j in best)

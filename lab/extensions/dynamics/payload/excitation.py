@@ -1,0 +1,543 @@
+"""Design motions and poses that show a load best: D-optimal Fourier paths, and D-optimal static poses.
+
+A path is a Fourier series of each joint (Swevers, Ganseman, Tükel, De Schutter & Van Brussel 1997). It is sought like
+the poses of ``design``: the best of a batch of random paths, then an ascent of its coefficients, within limits and
+around what is forbidden (``PathSearch``). The score is the determinant of the information: the condition number is
+reported, and is no goal. The arm is seen through plain callables.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from lab.core.errors import LabError
+from lab.core.progress import Progress, no_progress
+from lab.core.se3 import Array
+from lab.kinematics.dynamics.rigid_body import Dynamics
+from lab.kinematics.serial.chain import Chain
+from lab.pose_selection.criteria import Criterion, criterion
+from lab.pose_selection.exchange import Feasible, ascend, exchange, information
+from lab.pose_selection.tour import rated
+
+__all__ = [
+    "CHECKED",
+    "HARMONICS",
+    "PERIOD_S",
+    "RATE_HZ",
+    "SECONDS",
+    "Allowed",
+    "Box",
+    "FourierPath",
+    "Limits",
+    "PathDesign",
+    "PathSearch",
+    "PoseDesign",
+    "PredictedUncertainty",
+    "Regressor",
+    "bases",
+    "design_path",
+    "design_poses",
+    "predicted",
+    "random_path",
+    "rest_shapes",
+]
+
+HARMONICS, PERIOD_S = 5, 5.0
+_MARGIN = 0.02  # of a joint's range, kept from each limit
+CHECKED = 1000  # times of a period at which limits, contacts and torques are looked at
+_KEPT = 0.999  # of a limit of speed or acceleration: what may lie between those times
+
+
+def bases(times: Array, period_s: float, harmonics: int) -> Array:
+    """The functions of a Fourier series and their two derivatives by time, ``(3, n, 1 + 2 h)``."""
+    rates = 2 * np.pi / period_s * np.arange(1, harmonics + 1)
+    phase = np.outer(times, rates)
+    one, cosine, sine = np.ones((len(times), 1)), np.cos(phase), np.sin(phase)
+    return np.stack(
+        [
+            np.hstack([one, cosine, sine]),
+            np.hstack([0 * one, -rates * sine, rates * cosine]),
+            np.hstack([0 * one, -(rates**2) * cosine, -(rates**2) * sine]),
+        ]
+    )
+
+
+def rest_shapes(harmonics: int) -> Array:
+    """Orthonormal columns ``(1 + 2 h, 2 h - 1)`` of series that are at rest where a period begins and ends.
+
+    A series whose speed and acceleration vanish there has coefficients with sum k s_k = 0 and sum k^2 c_k = 0 (e.g.
+    Swevers, Verdonck & De Schutter 2007): what is orthogonal to those. The first column is the constant.
+    """
+    order = np.arange(1, harmonics + 1, dtype=np.float64)
+    shapes = np.zeros((1 + 2 * harmonics, 2 * harmonics - 1))
+    shapes[0, 0] = 1.0
+    for i, moving in enumerate((order**2, order)):
+        rows = slice(1 + i * harmonics, 1 + (i + 1) * harmonics)
+        free = np.linalg.svd(moving[None])[2][1:].T
+        shapes[rows, 1 + i * (harmonics - 1) : 1 + (i + 1) * (harmonics - 1)] = free
+    return shapes
+
+
+@dataclass(frozen=True)
+class FourierPath:
+    """A periodic path: each joint a constant and h harmonics.
+
+    Attributes:
+        coefficients: ``(1 + 2 h, J)`` rad or m: the middle, h cosines, h sines.
+        period_s: of the first harmonic.
+    """
+
+    coefficients: Array
+    period_s: float = PERIOD_S
+
+    def at(self, times: Array) -> tuple[Array, Array, Array]:
+        """Readings, speeds and accelerations ``(n, J)`` at times ``(n,)`` s."""
+        joints, speeds, accelerations = bases(times, self.period_s, len(self.coefficients) // 2) @ self.coefficients
+        return joints, speeds, accelerations
+
+
+@dataclass(frozen=True)
+class Box:
+    """Where a path may be: within ``half`` of ``middle``, ``(3, J)`` of readings, speeds and accelerations."""
+
+    middle: Array
+    half: Array
+
+    def fitted(self, coefficients: Array, basis: Array) -> Array:
+        """The path ``(1 + 2 h, J)``, each joint's motion as small and as shifted as the box demands."""
+        motion = basis[:, :, 1:] @ coefficients[1:]  # (3, n, J)
+        largest = np.abs(motion[1:]).max(axis=1) / (_KEPT * self.half[1:])
+        span = np.ptp(motion[0], axis=0) / (2 * self.half[0])
+        fitted = coefficients.copy()
+        fitted[1:] /= np.maximum(1.0, np.maximum(span, largest.max(axis=0)))
+        swing = basis[0][:, 1:] @ fitted[1:]
+        least = self.middle[0] - self.half[0] - swing.min(axis=0)
+        most = self.middle[0] + self.half[0] - swing.max(axis=0)
+        fitted[0] = np.clip(fitted[0], least, np.maximum(least, most))
+        return fitted
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What the joints may do, ``(J,)`` each in rad or m; infinite where there is no limit of a torque (Nm, N)."""
+
+    lower: Array
+    upper: Array
+    speed: Array
+    acceleration: Array
+    torque: Array
+
+    def __post_init__(self) -> None:
+        for name in ("speed", "acceleration", "torque"):
+            value = getattr(self, name)
+            if not (value > 0).all() or (name != "torque" and not np.isfinite(value).all()):
+                raise LabError(f"a path's largest {name} is {value}; give a number above zero for every joint")
+
+    @property
+    def box(self) -> Box:
+        """The limits of readings, speeds and accelerations."""
+        middle, still = (self.lower + self.upper) / 2, np.zeros_like(self.lower)
+        half = np.array([(self.upper - self.lower) / 2, self.speed, self.acceleration])
+        return Box(np.array([middle, still, still]), half)
+
+    @classmethod
+    def of(cls, chain: Chain, torque: Array | None = None, margin: float = _MARGIN) -> "Limits":
+        """Those of a chain, a margin of each range kept; representative rates where it gives none (``tour.rated``)."""
+        keep_off, known = margin * (chain.upper - chain.lower), rated(chain)[0]
+        return cls(
+            chain.lower + keep_off,
+            chain.upper - keep_off,
+            known.speed,
+            known.acceleration,
+            np.full(chain.size, np.inf) if torque is None else torque,
+        )
+
+
+def random_path(
+    limits: Limits, rng: np.random.Generator, period_s: float = PERIOD_S, *, at_rest: bool = False
+) -> FourierPath:
+    """A path of random coefficients, each joint as fast and as far as its limits allow.
+
+    Args:
+        at_rest: whether each period begins and ends at rest.
+    """
+    order = np.arange(1, HARMONICS + 1)
+    drawn = rng.standard_normal((1 + 2 * HARMONICS, len(limits.lower)))
+    drawn[1:] *= 10 * limits.box.half[0] / np.concatenate([order, order])[:, None] ** rng.uniform(0.0, 2.0)
+    drawn[0] = rng.uniform(limits.lower, limits.upper)
+    if at_rest:
+        shapes = rest_shapes(HARMONICS)
+        drawn = shapes @ (shapes.T @ drawn)
+    times = period_s * np.arange(CHECKED) / CHECKED
+    return FourierPath(limits.box.fitted(drawn, bases(times, period_s, HARMONICS)), period_s)
+
+
+Allowed = Callable[[Array], tuple[NDArray[np.bool_], NDArray[np.bool_]]]
+"""States ``(n, 3, J)`` (reading, speed, acceleration) to whether each is free of contacts, and within the torques."""
+
+_SAMPLES = 96  # of a period, during the ascent
+_STEP = 1e-6  # of forward differences, rad or m, per s and s^2
+_NEAR = 0.995  # of a limit, where its wall begins; readings, speeds and accelerations are in units of theirs
+_LIMIT_WALL, _CUT_WALL = 30.0, 100.0  # weights of the squares
+_BEFORE = 0.01  # of a limit: a wall stands so far before what is forbidden
+_BISECTIONS, _ITERATIONS = 7, 60
+_SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)
+_GAIN = 1e-3  # of the score: with less to win, an ascent is over
+
+
+@dataclass
+class _Walls:
+    """What was found to be forbidden: at times ``rows`` ``(c,)``, states with normal . state above ``bound``."""
+
+    rows: NDArray[np.int_] = field(default_factory=lambda: np.empty(0, dtype=np.int_))
+    normals: Array = field(default_factory=lambda: np.empty((0, 3, 0)))  # (c, 3, J), states in units of the box
+    bounds: Array = field(default_factory=lambda: np.empty(0))
+
+    def add(self, rows: NDArray[np.int_], normals: Array, bounds: Array) -> None:
+        self.rows = np.concatenate([self.rows, rows])
+        self.normals = np.concatenate([self.normals.reshape(-1, *normals.shape[1:]), normals])
+        self.bounds = np.concatenate([self.bounds, bounds])
+
+
+class PathSearch:
+    """One question: a whitened regressor, a criterion, a box, and what else is allowed."""
+
+    def __init__(
+        self,
+        regressor: Callable[[Array, Array, Array], Array],
+        goal: Criterion,
+        box: Box,
+        allowed: Allowed,
+        period_s: float,
+        shapes: Array,
+    ) -> None:
+        """The regressor gives whitened rows ``(n, r, p)`` at readings, speeds and accelerations.
+
+        Args:
+            shapes: ``(1 + 2 h, s)`` orthonormal columns, the constant first: a path's Fourier coefficients are these
+                times what is sought ``(s, J)``.
+        """
+        self._regressor, self._goal, self.box, self._allowed = regressor, goal, box, allowed
+        harmonics = len(shapes) // 2
+        self._coarse = bases(period_s * np.arange(_SAMPLES) / _SAMPLES, period_s, harmonics) @ shapes
+        self.fine = bases(period_s * np.arange(CHECKED) / CHECKED, period_s, harmonics) @ shapes
+        order = np.concatenate([[1], *[np.arange(1, harmonics + 1)] * 2])
+        self._scale = 1 / (order @ shapes**2)[:, None]  # a harmonic's speed grows with its order
+
+    def states(self, coefficients: Array) -> Array:
+        """``(n, 3, J)`` along a path, at the times checked."""
+        motion: Array = self.fine @ coefficients
+        return motion.transpose(1, 0, 2)
+
+    def score(self, coefficients: Array) -> float:
+        """The criterion's."""
+        rows = self._regressor(*(self._coarse @ coefficients))
+        return float(self._goal.score(information(rows)))
+
+    def is_allowed(self, coefficients: Array) -> bool:
+        """Whether the path touches nothing and keeps to the torques, looked at coarsely first."""
+        states = self.states(coefficients)
+        return all(self._may(states[part]).all() for part in (slice(None, None, 25), slice(None)))
+
+    def _may(self, states: Array) -> NDArray[np.bool_]:
+        free, strong = self._allowed(states)
+        return free & strong
+
+    def ascents(self, path: Array, rounds: int) -> Iterator[tuple[Array, float]]:
+        """Better and better allowed paths with their scores; ``path`` is allowed and within the box."""
+        walls, score = _Walls(), self.score(path)
+        for _ in range(rounds):
+            proposal = self.box.fitted(self._proposed(path, walls), self.fine)
+            hoped = self.score(proposal)
+            if hoped < score + _GAIN:
+                return
+            free, strong = self._allowed(self.states(proposal))
+            if not (free & strong).all():
+                self._wall_off(walls, path, proposal, free, strong)
+            for share in _SHARES:
+                tried = path + share * (proposal - path)
+                if (reached := self.score(tried)) > score and self.is_allowed(tried):
+                    path, score = tried, reached
+                    break
+            yield path, score
+
+    def _wall_off(
+        self, walls: _Walls, path: Array, proposal: Array, free: NDArray[np.bool_], strong: NDArray[np.bool_]
+    ) -> None:
+        """A wall for each time at which the proposal is forbidden, across the way to it."""
+        rows = np.flatnonzero(~(free & strong))
+        start = self.states(path)[rows]
+        way = self.states(proposal)[rows] - start
+        near, far = np.zeros((len(rows), 1, 1)), np.ones((len(rows), 1, 1))
+        for _ in range(_BISECTIONS):
+            middle = (near + far) / 2
+            may = self._may(start + middle * way)[:, None, None]
+            near, far = np.where(may, middle, near), np.where(may, far, middle)
+        normals = way / self.box.half
+        normals[~free[rows], 1:] = 0.0  # a contact asks for readings alone
+        size = np.sqrt((normals**2).sum(axis=(1, 2)))
+        normals /= np.maximum(size, 1e-12)[:, None, None]
+        walls.add(rows, normals, (normals * (start + near * way) / self.box.half).sum(axis=(1, 2)) - _BEFORE)
+
+    def _proposed(self, path: Array, walls: _Walls) -> Array:
+        """Where a quasi-Newton ascent takes a path, held by walls alone."""
+
+        def downhill(flat: Array) -> tuple[float, Array]:
+            coefficients = self._scale * flat.reshape(path.shape)
+            score, slope = self._slope(coefficients)
+            height, steepness = self._climbed(coefficients, walls)
+            return height - score, (self._scale * (steepness - slope)).ravel()
+
+        solved = minimize(
+            downhill, (path / self._scale).ravel(), jac=True, method="L-BFGS-B", options={"maxiter": _ITERATIONS}
+        )
+        proposal: Array = self._scale * solved.x.reshape(path.shape)
+        return proposal
+
+    def _slope(self, coefficients: Array) -> tuple[float, Array]:
+        """The score, and its derivatives by the coefficients.
+
+        With M = sum of W'W and S the score's slope by M, it is 2 <W S, dW>: dW by forward differences of each
+        sample's reading, speed and acceleration, then the chain rule through the series.
+        """
+        motion = self._coarse @ coefficients  # (3, n, J)
+        size = coefficients.shape[1]
+        around = np.tile(motion[:, None], (1, 1 + 3 * size, 1, 1))  # (3, moved, n, J)
+        for kind in range(3):
+            for joint in range(size):
+                around[kind, 1 + kind * size + joint, :, joint] += _STEP
+        rows = self._regressor(*around.reshape(3, -1, size))
+        here = rows[:_SAMPLES]
+        total = information(here)
+        pull = (here @ self._goal.slope(total)).reshape(_SAMPLES, -1)
+        rows = rows.reshape(1 + 3 * size, _SAMPLES, -1)  # (moved, n, r p)
+        by_state = 2 * np.einsum("nx,mnx->mn", pull, (rows[1:] - rows[0]) / _STEP)
+        by_state = by_state.reshape(3, size, _SAMPLES)
+        return float(self._goal.score(total)), np.einsum("kns,kjn->sj", self._coarse, by_state)
+
+    def _climbed(self, coefficients: Array, walls: _Walls) -> tuple[float, Array]:
+        """How far a path is up the walls, and the derivatives by the coefficients."""
+        half = self.box.half[:, None]
+        beyond = (self._coarse @ coefficients - self.box.middle[:, None]) / half  # (3, n, J)
+        over = np.sign(beyond) * np.maximum(np.abs(beyond) - _NEAR, 0.0)
+        height = _LIMIT_WALL * float((over**2).sum())
+        slope = 2 * _LIMIT_WALL * np.einsum("kns,knj->sj", self._coarse, over / half)
+        if len(walls.rows):
+            basis = self.fine[:, walls.rows]
+            states = (basis @ coefficients).transpose(1, 0, 2) / self.box.half
+            deep = np.maximum((walls.normals * states).sum(axis=(1, 2)) - walls.bounds, 0.0)
+            height += _CUT_WALL * float((deep**2).sum())
+            pushed = deep[:, None, None] * walls.normals / self.box.half
+            slope = slope + 2 * _CUT_WALL * np.einsum("kns,nkj->sj", basis, pushed)
+        return height, slope
+
+
+Regressor = Callable[[Array, Array, Array], Array]
+"""Joints, speeds and accelerations ``(n, J)`` to rows ``(n, r, p)``: what is read is linear in the p parameters."""
+
+SECONDS, RATE_HZ = 10.0, 1000.0
+_DRAWN, _CANDIDATES = 200, 2000  # random paths and poses
+_SHRUNK = (1.0, 0.7, 0.5, 0.35, 0.2, 0.1)
+_UNSHOWN = 1e-12  # least eigenvalue of the information of unit columns, of the largest
+
+
+@dataclass(frozen=True)
+class PredictedUncertainty:
+    """How well parameters will be known.
+
+    Attributes:
+        covariance: ``(p, p)`` of the parameters, in the regressor's units and order.
+        condition: of the regressor with its columns scaled to unit length. A path is not better for a lower one.
+        score: log det of the information.
+    """
+
+    covariance: Array
+    condition: float
+    score: float
+
+    @property
+    def sigma(self) -> Array:
+        """``(p,)`` standard deviations."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @classmethod
+    def of(cls, information: Array) -> "PredictedUncertainty":
+        """From an information matrix ``(p, p)``.
+
+        Raises:
+            LabError: not every parameter is shown.
+        """
+        size = np.sqrt(np.maximum(np.diag(information), 1e-300))
+        scaled = information / np.outer(size, size)
+        values = np.linalg.eigvalsh(scaled)
+        if values[0] < _UNSHOWN * values[-1]:
+            raise LabError("the motion does not show every parameter; let more joints move, or free fewer parameters")
+        score = float(np.log(values).sum() + 2 * np.log(size).sum())
+        return cls(np.linalg.inv(scaled) / np.outer(size, size), float(np.sqrt(values[-1] / values[0])), score)
+
+
+@dataclass(frozen=True)
+class PathDesign:
+    """A path, and how well it will show the parameters."""
+
+    path: FourierPath
+    prediction: PredictedUncertainty
+
+
+@dataclass(frozen=True)
+class PoseDesign:
+    """Static poses ``(n, J)``, and how well they will show the parameters."""
+
+    joints: Array
+    prediction: PredictedUncertainty
+
+
+def predicted(
+    path: FourierPath, regressor: Regressor, sigma: Array, seconds: float = SECONDS, rate_hz: float = RATE_HZ
+) -> PredictedUncertainty:
+    """What a path will show of the parameters.
+
+    Args:
+        sigma: ``(r,)``, standard deviation of a sample's rows.
+    """
+    rows = regressor(*path.at(path.period_s * np.arange(CHECKED) / CHECKED)) / sigma[:, None]
+    return PredictedUncertainty.of(seconds * rate_hz / CHECKED * information(rows))
+
+
+def design_path(
+    regressor: Regressor,
+    sigma: Array,
+    limits: Limits,
+    feasible: Feasible,
+    rng: np.random.Generator,
+    *,
+    torque: Dynamics | None = None,
+    seconds: float = SECONDS,
+    rate_hz: float = RATE_HZ,
+    period_s: float = PERIOD_S,
+    goal: Criterion | None = None,
+    starts: int = 4,
+    rounds: int = 12,
+    at_rest: bool = False,
+    drawn: int = _DRAWN,
+    progress: Progress = no_progress,
+) -> PathDesign:
+    """The path that shows the parameters best, as far as is found; one generator state gives one path.
+
+    Args:
+        regressor: of the parameters; those of no interest (offsets) may be among them.
+        sigma: ``(r,)``, standard deviation of a sample's rows: of a difference of torques, √2 of one's.
+        feasible: whether readings ``(n, J)`` touch nothing.
+        torque: of the joints, to be kept within the limits' torque; needed where that is finite.
+        seconds, rate_hz: how long and how often is measured.
+        goal: another criterion than the determinant, of whitened rows in the regressor's units: to compare.
+        starts: random paths to ascend from.
+        rounds: ascents from each.
+        at_rest: whether each period is to begin and end at rest.
+        drawn: random paths, of which the best are taken.
+
+    Raises:
+        LabError: no random path is allowed, or one does not show every parameter.
+    """
+    allowed = _allowance(limits, feasible, torque)
+    paths = [random_path(limits, rng, period_s, at_rest=at_rest) for _ in range(drawn)]
+    shapes = rest_shapes(HARMONICS) if at_rest else np.eye(1 + 2 * HARMONICS)
+
+    def whitened(joints: Array, speeds: Array, accelerations: Array) -> Array:
+        rows: Array = regressor(joints, speeds, accelerations) / sigma[:, None]
+        return rows
+
+    columns = predicted(paths[0], regressor, sigma).covariance.shape[0]
+    search = PathSearch(whitened, goal or criterion("O1", columns), limits.box, allowed, period_s, shapes)
+    best = (-np.inf, shapes.T @ paths[0].coefficients)
+    for i, start in enumerate(_started(search, [shapes.T @ path.coefficients for path in paths], starts)):
+        best = max(best, (search.score(start), start), key=_first)
+        for j, (path, score) in enumerate(search.ascents(start, rounds)):
+            progress(i * rounds + j + 1, starts * rounds)
+            best = max(best, (score, path), key=_first)
+    progress(starts * rounds, starts * rounds)
+    found = FourierPath(shapes @ best[1], period_s)
+    return PathDesign(found, predicted(found, regressor, sigma, seconds, rate_hz))
+
+
+def _first(scored: tuple[float, Array]) -> float:
+    return scored[0]
+
+
+def design_poses(
+    regressor: Regressor,
+    sigma: Array,
+    count: int,
+    limits: Limits,
+    feasible: Feasible,
+    rng: np.random.Generator,
+    *,
+    torque: Dynamics | None = None,
+) -> PoseDesign:
+    """The static poses that show the parameters best: exchange among random ones, then an ascent (``design``).
+
+    Args:
+        regressor: of parameters that show at rest: mass and first moment, a sensor's offsets.
+        sigma: ``(r,)``, standard deviation of a pose's rows.
+        feasible: whether readings ``(n, J)`` touch nothing.
+        torque: as in ``design_path``.
+
+    Raises:
+        LabError: too few poses are allowed, or so many do not show every parameter.
+    """
+    allowed = _allowance(limits, feasible, torque)
+
+    def may(joints: Array) -> NDArray[np.bool_]:
+        free, strong = allowed(np.stack([joints, 0 * joints, 0 * joints], axis=1))
+        return free & strong
+
+    def rows(joints: Array) -> Array:
+        whitened: Array = regressor(joints, 0 * joints, 0 * joints) / sigma[:, None]
+        return whitened
+
+    drawn = rng.uniform(limits.lower, limits.upper, (_CANDIDATES, len(limits.lower)))
+    candidates = drawn[may(drawn)]
+    if len(candidates) < count:
+        raise LabError(
+            f"only {len(candidates)} of {_CANDIDATES} random poses are allowed, {count} asked for: ask fewer"
+        )
+    jacobian = rows(candidates)
+    goal = criterion("O1", jacobian.shape[2])
+    chosen = exchange(candidates, jacobian, count, goal, rng)
+    best = ascend(chosen, rows, goal, may, limits.lower, limits.upper)
+    return PoseDesign(best.joints, PredictedUncertainty.of(information(best.jacobian)))
+
+
+def _allowance(limits: Limits, feasible: Feasible, torque: Dynamics | None) -> Allowed:
+    limited = bool(np.isfinite(limits.torque).any())
+    if limited and torque is None:
+        raise LabError("torques are limited, but nothing says what they are: give the arm's dynamics")
+
+    def allowed(states: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        free = feasible(states[:, 0])
+        if not limited or torque is None:
+            return free, np.ones(len(states), dtype=np.bool_)
+        needed = np.abs(torque(states[:, 0], states[:, 1], states[:, 2]))
+        return free, np.asarray((needed <= limits.torque).all(axis=1))
+
+    return allowed
+
+
+def _started(search: PathSearch, paths: list[Array], starts: int) -> list[Array]:
+    """The best of the random paths that are allowed, after each has shrunk until it is."""
+    found: list[tuple[float, Array]] = []
+    for path in paths:
+        for share in _SHRUNK:
+            tried = path * np.append(1.0, np.full(len(path) - 1, share))[:, None]
+            if search.is_allowed(tried):
+                found.append((search.score(tried), tried))
+                break
+    if not found:
+        raise LabError(
+            f"none of {len(paths)} random paths keeps free of contacts and within the torques: give more room"
+        )
+    found.sort(key=_first, reverse=True)
+    return [coefficients for _, coefficients in found[:starts]]

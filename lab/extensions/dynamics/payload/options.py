@@ -1,0 +1,70 @@
+"""What can be asked of ``lab payload``."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import tyro
+
+from lab.campaign.option_types import Flag, NoRecording
+from lab.core.errors import LabError
+from lab.core.numbers import positive
+from lab.core.serials import check_serial
+from lab.extensions.dynamics.rehearsal_options import Rehearsal
+
+__all__ = ["PayloadOptions"]
+
+
+@dataclass(frozen=True)
+class PayloadOptions:
+    """Which payload at the flange to identify, from what."""
+
+    file: tyro.conf.Positional[Path | None] = None
+    """Rows of a loaded and an unloaded run, CSV: joints with torques, a sensor's wrench, or tracked points."""
+    robot: str = "irb120"
+    """A model's name, or a path to an MJCF, a URDF or a table."""
+    cell: Path | None = None
+    """What stands around the robot, what it carries, its narrower limits, the instrument's place: TOML."""
+    sensor: Path | None = None
+    """How base and wrist sensor stand, TOML: tilt and gravity, the sensor's sign and rotation."""
+    run: Path | None = None
+    """The folder of a calibrated arm with compliances: mass and its centre from how far it sags (tracked points)."""
+    accept_edited: Flag = False
+    """Build on a run too whose files were changed since it was written."""
+    method: Literal["torques", "wrench"] | None = None
+    """What of the file to use, where it has both: the wrench, if not given."""
+    friction: Flag = False
+    """Fit what share of its torque each joint loses to friction (of torques)."""
+    delay: Flag = False
+    """Fit how much later torques or wrench are than the positions."""
+    tilt: Flag = False
+    """Fit how the base is tilted beyond what --sensor says (of a wrench)."""
+    turn: Flag = False
+    """Fit how the sensor is turned beyond what --sensor says (of a wrench)."""
+    physical: Flag = False
+    """Take the nearest parameters that some body has."""
+    stiffness_nm_per_rad: float = 1e5
+    """Of the joints that bear the arm, by which the cost of an uncertain load is reckoned."""
+    serial: str | None = None
+    """The serial number of the arm; refused where --run is of another one."""
+
+    no_recording: NoRecording = False
+    rehearsal: Rehearsal = field(default_factory=Rehearsal)
+    """The measuring day, where it is rehearsed."""
+
+    def check(self) -> None:
+        """Refuse what makes no sense together, with a LabError that names the option."""
+        check_serial(self.serial)
+        self.rehearsal.check()
+        self.rehearsal.refuse_unasked()
+        if (self.file is None) != self.rehearsal.simulate:
+            raise LabError("give a FILE of measurements, or --simulate to rehearse it; one of the two")
+        if self.rehearsal.simulate and (self.run is not None or self.sensor is not None):
+            raise LabError(
+                "--simulate rehearses torques or a wrist sensor, as it stands itself; leave --run, --sensor out"
+            )
+        positive("--stiffness-nm-per-rad", self.stiffness_nm_per_rad)
+        given = {"--sensor": self.sensor, "--method": self.method}
+        given |= {f"--{name}": getattr(self, name) or None for name in ("friction", "delay", "tilt", "turn")}
+        if self.run is not None and (both := [name for name, value in given.items() if value is not None]):
+            raise LabError(f"--run is of an arm that sags, {both[0]} of torques or a wrench; give one")

@@ -1,0 +1,283 @@
+"""The payload at the flange, from a file: by the joints' torques, a wrist sensor's wrench, or the arm's sag."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lab.campaign.robot import Robot, load_robot, load_virtual
+from lab.commands.calibrate.load_run import Calibrated, calibrated_by, folder_of, read_calibrated
+from lab.commands.keywords import options_of, takes
+from lab.core.copies import copied_rows, said_of_copies
+from lab.core.errors import LabError, error_context
+from lab.core.measurements import Measurements
+from lab.core.random import rng_for
+from lab.core.se3 import Array
+from lab.core.serials import one_serial
+from lab.extensions.dynamics.load_files import WRENCH, read_loads, read_mounting
+from lab.extensions.dynamics.load_samples import Mounting, PayloadSamples
+from lab.extensions.dynamics.payload.estimate import LoadEstimate
+from lab.extensions.dynamics.payload.from_sag import CompliantArm, from_sag
+from lab.extensions.dynamics.payload.from_torques import from_torques
+from lab.extensions.dynamics.payload.from_wrench import from_wrench
+from lab.extensions.dynamics.payload.options import PayloadOptions
+from lab.extensions.dynamics.payload.physical_consistency import physical_estimate
+from lab.extensions.dynamics.payload.plausibility import (
+    ArmSize,
+    Implausibility,
+    implausibilities,
+    misplaced_points,
+    not_of_the_arm,
+    stuck_channels,
+)
+from lab.extensions.dynamics.payload.result import PayloadResult, UncertaintyCost, wild_sample
+from lab.extensions.dynamics.rehearsal import MeasuringBench, load_of_rehearsal
+from lab.extensions.dynamics.simulation import drawn_mounting, own_dynamics
+from lab.formats.measurement_csv import read_measurements
+from lab.kinematics.dynamics.rigid_body import sag_uncertainty, torque_regressor
+from lab.kinematics.serial.arm import SerialArm
+from lab.simulation.collisions import random_poses
+
+if TYPE_CHECKING:
+    from lab.commands.calibrate.run import CalibrationResult
+
+__all__ = ["payload"]
+
+_REHEARSED_KG = 1.0
+_LEAST_LEVER = 0.1  # m, times gravity: a drive whose torque a load changes by less may stand still
+COSTED = 200  # poses over which the cost of an uncertain load is averaged
+SAME_RAD = 1e-6  # rad or m: joint positions of one pose
+
+
+@takes(PayloadOptions)
+def payload(
+    file: str | Path | PayloadOptions | None = None,
+    robot: str | Path | Robot = "irb120",
+    run: "str | Path | CalibrationResult | None" = None,
+    **options: Any,
+) -> PayloadResult:
+    """Identify the payload at the flange: its mass, centre of mass and inertia, each with its interval.
+
+    Args:
+        file: rows of a loaded and an unloaded run: joint positions with torques, a sensor's wrench, or tracked points;
+            or all options in one object. None where the measuring day is rehearsed (``simulate``).
+        robot: the nominal model: a name, a path, or a loaded robot.
+        run: of tracked points, what calibrated the robot with its compliances: a result, or the folder of a run.
+        options: those of ``lab payload``, by name: ``sensor``, ``method``, ``friction`` and so on.
+
+    Returns:
+        Mass (kg), centre of mass (m) and inertia (kg m²), in the frame of the flange.
+
+    Raises:
+        LabError: the file lacks what the method needs, or does not show a payload.
+    """
+    if isinstance(file, PayloadOptions):
+        file.check()
+        known_run = None if file.run is None else read_calibrated(file.run, accept_edited=file.accept_edited)
+        return _payload(file, file.robot, known_run)
+    known = load_robot(robot)
+    given = {"file": None if file is None else str(file), "robot": known.source, **folder_of(run), **options}
+    asked = options_of("lab.payload", PayloadOptions, given)
+    asked.check()
+    by = None if asked.run is None else calibrated_by(run, asked.run, accept_edited=asked.accept_edited)
+    return _payload(asked, known, by)
+
+
+def _payload(options: PayloadOptions, nominal: str | Robot, run: Calibrated | None) -> PayloadResult:
+    if run is not None:
+        stated = {str(run.folder): run.serial, "--serial": options.serial}
+        serial = one_serial(stated, "identify its payload with a run of its own")
+        return _by_sag(replace(options, serial=serial), run)
+    robot = load_virtual(nominal, options.cell) if options.rehearsal.simulate else load_robot(nominal, options.cell)
+    truth = None
+    if options.file is None:
+        samples, mounting, truth = _rehearsed(options, robot)
+    else:
+        samples, mounting = _read(options, options.file, robot)
+    method = options.method or ("torques" if samples.wrench is None else "wrench")
+    arm = robot.serial_arm(("p1",))
+    with (
+        error_context(options.file or "--simulate"),
+        np.errstate(all="ignore"),
+    ):  # numbers of a nonsensical file may overflow
+        fitted = _fitted(options, robot, samples, mounting, method)
+        strange = (
+            *_stuck(robot, samples, mounting, method),
+            *implausibilities(
+                fitted,
+                ArmSize.of(robot.serial_model.chain, robot.loads),
+                samples,
+                lambda other: _fitted(options, robot, other, mounting, method),
+                lambda joints: arm.flange(joints, arm.nominal(robot.tool))[:, 2, :3],
+            ),
+        )
+        _refuse_senseless(fitted, strange)
+    estimate = physical_estimate(fitted) if options.physical else fitted
+    compliance = _compliance(robot, options.stiffness_nm_per_rad)
+    cost = _cost(robot, arm, arm.nominal(robot.tool), compliance, mounting, estimate)
+    warnings = (*robot.warnings, *samples.warnings, *_warnings(estimate, strange))
+    return PayloadResult(options, robot, samples, mounting, estimate, cost, warnings, implausible=strange, truth=truth)
+
+
+def _read(options: PayloadOptions, file: Path, robot: Robot) -> tuple[PayloadSamples, Mounting]:
+    """The file, and how arm and sensor stand."""
+    chain = robot.chain
+    samples = read_loads(file, chain.joint_names, chain.prismatic, (chain.lower, chain.upper))
+    samples = samples.without_copies(file)
+    wrench = samples.wrench is not None if options.method is None else options.method == "wrench"
+    if options.sensor is not None:
+        return samples, read_mounting(options.sensor, sensor=wrench)
+    if wrench:
+        raise LabError(f"{file}: a wrench needs its sensor's sign; give --sensor FILE.toml")
+    return samples, drawn_mounting(robot.serial_model)
+
+
+def _rehearsed(options: PayloadOptions, robot: Robot) -> tuple[PayloadSamples, Mounting, Array]:
+    """A virtual measuring day: what is read, how arm and sensor are thought to stand, and the load's phi ``(10,)``."""
+    asked = options.rehearsal
+    load = load_of_rehearsal(asked.payload_kg or _REHEARSED_KG, asked)
+    bench = MeasuringBench(robot, asked, load)
+    if options.method == "wrench":
+        return bench.at_rest(), bench.mounting, load.phi
+    arm = robot.serial_arm(("p1",))
+    values, gravity = arm.nominal(robot.tool), bench.mounting.gravity
+
+    def regressor(joints: Array, speeds: Array, accelerations: Array) -> Array:
+        return torque_regressor(arm, values, joints, speeds, accelerations, gravity)
+
+    return bench.driven(bench.designed(regressor), 0), bench.mounting, load.phi
+
+
+def _fitted(
+    options: PayloadOptions, robot: Robot, samples: PayloadSamples, mounting: Mounting, method: str
+) -> LoadEstimate:
+    arm = robot.serial_arm(("p1",))
+    values = arm.nominal(robot.tool)
+    if method == "wrench":
+        _refuse(options, "friction", options.friction, "torques")
+        return from_wrench(arm, values, samples, mounting, tilt=options.tilt, turn=options.turn, delay=options.delay)
+    _refuse(options, "tilt", options.tilt, "wrench")
+    _refuse(options, "turn", options.turn, "wrench")
+    if robot.loads is None:
+        raise LabError(
+            f"robot {robot.name} has no masses, so its own torques hide the payload's; give mass_kg "
+            "of its joints, or measure with a wrist sensor"
+        )
+    own = own_dynamics(robot.serial_model, mounting.gravity)
+    return from_torques(arm, values, samples, mounting.gravity, own=own, friction=options.friction, delay=options.delay)
+
+
+def _stuck(robot: Robot, samples: PayloadSamples, mounting: Mounting, method: str) -> tuple[Implausibility, ...]:
+    """Channels that do not change, or do not follow the arm's own weight, where load and arm make them."""
+    if method == "wrench":
+        return stuck_channels(samples.run(True), [f"the column {name}" for name in WRENCH], np.ones(6, dtype=np.bool_))
+    arm = robot.serial_arm(("p1",))
+    joints, rest = samples.joints, np.zeros_like(samples.joints)
+    weight = torque_regressor(arm, arm.nominal(robot.tool), joints, rest, rest, mounting.gravity)[..., :4]
+    shows = (np.ptp(weight, axis=0) > _LEAST_LEVER).any(axis=1)
+    names = [f"the torque of {name}" for name in robot.chain.joint_names]
+    said = stuck_channels(replace(samples, wrench=None), names, np.asarray(shows, dtype=np.bool_))
+    still = samples.run(False)
+    if samples.time_s is not None or still.torques is None:
+        return said
+    nothing = np.zeros_like(still.joints)
+    expected = own_dynamics(robot.serial_model, mounting.gravity)(still.joints, nothing, nothing)
+    return said + not_of_the_arm(still.torques, expected, robot.chain.joint_names)
+
+
+def _refuse_senseless(found: LoadEstimate, strange: Sequence[Implausibility]) -> None:
+    """Refuse an estimate of nothing at all, or of a mass below zero."""
+    if not found.identified:
+        raise LabError("nothing of the load shows: move the arm, so that gravity pulls at its joints in other ways")
+    if found.mass_kg + found.mass_half_width_kg < 0:
+        cause = "loaded and unloaded rows are exchanged, or the sensor's sign is the other one"
+        if len(strange) > 1:
+            cause = strange[-1].words
+        raise LabError(f"the load would weigh {found.mass_kg:.4g} kg: {cause}; mend that")
+
+
+def _refuse(options: PayloadOptions, name: str, given: bool, method: str) -> None:
+    if given:
+        raise LabError(f"--{name} is for --method {method}: leave it out")
+
+
+def _by_sag(options: PayloadOptions, run: Calibrated) -> PayloadResult:
+    """From tracker positions with and without the load, and the compliances of a calibrated arm."""
+    robot, values = run.robot, run.geometry[1]
+    arm = robot.serial_arm(run.arm.targets)
+    assert options.file is not None
+    data = read_measurements(options.file, robot.chain.joint_names, robot.chain.prismatic)
+    if data.targets != arm.targets:
+        raise LabError(
+            f"{options.file}: targets {', '.join(data.targets)}, but {options.run} identified "
+            f"{', '.join(arm.targets)}; give the file of that tool"
+        )
+    compliance = run.compliance
+    if robot.loads is None:
+        raise LabError(f"{options.run}: robot {robot.name} has no masses, so no compliance was identified; give masses")
+    joints, unloaded, loaded, said = _paired(options, data)
+    with error_context(options.file), np.errstate(all="ignore"):  # numbers of a nonsensical file may overflow
+        fitted = from_sag(arm, values, CompliantArm(compliance, robot.loads), joints, unloaded, loaded)
+        strange = (
+            *misplaced_points(arm.points(joints, values), unloaded, loaded),
+            *implausibilities(fitted, ArmSize.of(robot.serial_model.chain, robot.loads)),
+        )
+        _refuse_senseless(fitted, strange)
+    estimate = physical_estimate(fitted) if options.physical else fitted
+    mounting = Mounting(robot.loads.gravity)
+    cost = _cost(robot, arm, values, compliance, mounting, estimate)
+    warnings = (*run.warnings, *data.warnings, *said, *_warnings(estimate, strange))
+    return PayloadResult(options, robot, None, mounting, estimate, cost, warnings, data.targets, strange)
+
+
+def _paired(options: PayloadOptions, data: Measurements) -> tuple[Array, Array, Array, list[str]]:
+    """Joint positions ``(n, joints)``, and points ``(n, k, 3)`` without and with the payload, at the same poses.
+
+    Pairs that repeat an earlier one to the last digit are left out, and told.
+    """
+    column = data.other.get("run")
+    if column is None or set(column) - {"loaded", "unloaded"}:
+        raise LabError(f"{options.file}: say in a column run of each row whether it is loaded or unloaded")
+    with_it, without = (
+        np.array([i for i, text in enumerate(column) if text == kind]) for kind in ("loaded", "unloaded")
+    )
+    if len(with_it) != len(without) or np.abs(data.joints[with_it] - data.joints[without]).max(initial=0) > SAME_RAD:
+        raise LabError(f"{options.file}: give the same joint positions loaded and unloaded, in one order")
+    parts = data.joints[with_it], data.points[without], data.points[with_it]
+    copies = copied_rows(np.concatenate([each.reshape(len(with_it), -1) for each in parts], axis=1))
+    kept = np.setdiff1d(np.arange(len(with_it)), [row for row, _ in copies])
+    where = [data.where(int(with_it[row])) for row in copies[0]] if copies else []
+    said = [f"{said_of_copies(options.file, len(copies), *where)}: left out"] if copies else []
+    return parts[0][kept], parts[1][kept], parts[2][kept], said
+
+
+def _compliance(robot: Robot, stiffness_nm_per_rad: float) -> Array:
+    """Of the joints that bear the arm's weight (or would, if it had a mass), all alike."""
+    compliance = np.zeros(robot.chain.size)
+    bearing = range(robot.chain.size) if robot.loads is None else robot.loads.bearing(rng_for(0, "structure"))
+    compliance[[j for j in bearing if not robot.chain.prismatic[j]]] = 1 / stiffness_nm_per_rad
+    return compliance
+
+
+def _cost(
+    robot: Robot, arm: SerialArm, values: Array, compliance: Array, mounting: Mounting, estimate: LoadEstimate
+) -> UncertaintyCost:
+    covariance = estimate.hand_load.covariance
+    if not np.isfinite(covariance).all():
+        return UncertaintyCost(compliance, float("nan"))
+    joints = random_poses(robot.model, COSTED, rng_for(0, "fresh"))
+    off = sag_uncertainty(arm, values, compliance, joints, mounting.gravity, covariance)
+    return UncertaintyCost(compliance, float(np.sqrt((off**2).mean())))
+
+
+def _warnings(estimate: LoadEstimate, strange: Sequence[Implausibility]) -> list[str]:
+    """What a reader of the estimate should be told."""
+    warnings = [f"not plausible: {each.words}" for each in strange]
+    warnings += [] if (wild := wild_sample(estimate)) is None else [wild]
+    if estimate.adequate is False:
+        warnings.append(estimate.verdict.words)
+    if estimate.physical is False:
+        warnings.append("no body has these parameters (its pseudo-inertia is not positive definite): --physical")
+    return warnings

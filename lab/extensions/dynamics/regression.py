@@ -1,0 +1,282 @@
+"""Weighted least squares of rows in channels (joints, or a sensor's axes), whose noise may be estimated along."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy  # its parts are loaded at their first use, which not every process comes to
+from numpy.typing import NDArray
+
+from lab.core.errors import LabError
+from lab.core.linear_model import LinearModel, half_width_95, matched_dof, p_value_of_squares
+from lab.core.se3 import Array
+from lab.core.significance import PAYLOAD_RESIDUALS
+
+__all__ = ["BiasCandidate", "ChannelSolution", "ResidualVerdict", "Series", "least_squares", "verdict"]
+
+RANK_TOLERANCE = 1e-9  # of the largest singular value of the scaled columns
+ROUNDING = 1e-6  # of the signal: noise below is what computing leaves, and not fitted to
+OWN_NOISE = 20  # rows from which on a channel's noise is estimated by itself
+_ROUNDS, _SETTLED = 20, 1e-6
+
+
+@dataclass(frozen=True)
+class ChannelSolution:
+    """What least squares found of rows in channels.
+
+    Attributes:
+        names: of the parameters, p of them.
+        values: ``(p,)``; zero where they are not identifiable.
+        model: the whitened columns ``(n d, p)``, row by row with its channels.
+        covariances: ``(g, p, p)``, as the noise of each group of channels makes it; zero where not identifiable.
+        dof: ``(g,)`` of each group's noise; infinite where sigma was given.
+        sigma: ``(d,)`` noise of a row in each channel, in its unit.
+        measured: ``(n, d)`` what was to be explained.
+        residual: ``(n, d)`` measured less fitted, by sigma.
+        rounding: whether some channel's noise is too small to be noise.
+    """
+
+    names: tuple[str, ...]
+    values: Array
+    model: LinearModel
+    covariances: Array
+    dof: Array
+    sigma: Array
+    measured: Array
+    residual: Array
+    rounding: bool
+
+    @property
+    def identifiable(self) -> NDArray[np.bool_]:
+        """``(p,)`` whether the rows determine a parameter."""
+        return self.model.identifiable
+
+    @property
+    def covariance(self) -> Array:
+        """``(p, p)``."""
+        return np.asarray(self.covariances.sum(axis=0))
+
+    @property
+    def sigma_known(self) -> bool:
+        """Whether sigma was given."""
+        return bool(np.isinf(self.dof).all())
+
+    def half_widths(self, slopes: Array) -> Array:
+        """Half-widths ``(k,)`` of 95 % intervals of what moves by ``slopes`` ``(k, p)`` with the parameters.
+
+        Student's t, with the degrees of freedom of a sum of variances (Satterthwaite 1946).
+        """
+        shares = np.einsum("kp,gpq,kq->kg", slopes, self.covariances, slopes)
+        variance = shares.sum(axis=1)
+        dof = matched_dof(variance, 2 * (shares**2 / self.dof).sum(axis=1))
+        half: Array = half_width_95(dof) * np.sqrt(variance)
+        return half
+
+
+def least_squares(
+    names: Sequence[str], columns: Array, measured: Array, groups: Sequence[int], sigma: Array | None = None
+) -> ChannelSolution:
+    """Parameters from ``columns`` ``(n, d, p)`` and what was ``measured`` ``(n, d)``.
+
+    Without sigma, channels of a group share one, found from the residuals in turn with the parameters: the sum of
+    squares by the rows less what the fit takes of them (its leverages), which is unbiased where all is linear.
+
+    Args:
+        groups: ``(d,)`` labels from 0 on; where there are ``OWN_NOISE`` rows every channel is its own.
+        sigma: ``(d,)`` of a row, if known.
+
+    Raises:
+        LabError: there are no more rows than parameters, and no sigma.
+    """
+    label = np.arange(measured.shape[1]) if len(measured) >= OWN_NOISE else np.asarray(groups)
+    count = int(label.max()) + 1
+    least = ROUNDING * max(float(np.sqrt((measured**2).mean())), 1e-300)
+    if sigma is not None:
+        found, dof = _solved(names, columns, measured, np.maximum(sigma, least)), np.full(count, np.inf)
+        return replace(found, covariances=_covariances(found, label, dof), dof=dof)
+    found = _reweighted(names, columns, measured, label, least)
+    dof = np.maximum(_residual_dof(found, label, count), 1.0)
+    rounding = bool((found.sigma <= 1.001 * least).any())
+    return replace(found, covariances=_covariances(found, label, dof), dof=dof, rounding=rounding)
+
+
+def _reweighted(
+    names: Sequence[str], columns: Array, measured: Array, label: NDArray[np.int_], least: float
+) -> ChannelSolution:
+    """The solution whose sigmas, ``least`` or more, are those that its own residuals say.
+
+    A fixed point, not Newton's method: the weights follow the residuals, and each round is a whole linear fit.
+    """
+    count = int(label.max()) + 1
+    spread = np.array([np.sqrt((measured[:, label == g] ** 2).mean()) for g in range(count)])
+    found = _solved(names, columns, measured, np.maximum(spread, least)[label])
+    for _ in range(_ROUNDS):
+        before, free = found.sigma, _residual_dof(found, label, count)
+        if free.sum() < 0.5:
+            raise LabError(
+                f"{measured.size} measured numbers for {found.model.rank} unknowns leave none to tell the noise: "
+                "give more samples or poses, or the noise's sigma"
+            )
+        squares = np.array([(found.residual[:, label == g] ** 2).sum() for g in range(count)])
+        scale = np.sqrt(np.where(free > 0.5, squares / np.maximum(free, 0.5), squares.sum() / free.sum()))
+        found = _solved(names, columns, measured, np.maximum(before * scale[label], least))
+        if np.abs(found.sigma / before - 1).max() < _SETTLED:
+            break
+    return found
+
+
+def _residual_dof(found: ChannelSolution, label: NDArray[np.int_], count: int) -> Array:
+    """Rows of each group less its leverages."""
+    left = 1 - found.model.leverages.reshape(found.residual.shape).sum(axis=0) / len(found.residual)
+    return np.array([left[label == g].sum() for g in range(count)]) * len(found.residual)
+
+
+def _covariances(found: ChannelSolution, label: NDArray[np.int_], dof: Array) -> Array:
+    """The covariance ``(g, p, p)`` by groups, larger for weights that were estimated (Kenward & Roger 1997).
+
+    In the coordinates of the basis the information of group j is H_j, and all of it 1: the covariance has its part
+    H_j + 4 / nu_j (H_j - H_j^2).
+    """
+    rows = found.model.basis.reshape(*found.residual.shape, -1)
+    back = np.where(found.identifiable[:, None], found.model.back, 0.0)
+    parts = []
+    for g, nu in enumerate(dof):
+        own = np.einsum("ndr,nds->rs", rows[:, label == g], rows[:, label == g])
+        parts.append(back @ (own + 4 / nu * (own - own @ own)) @ back.T)
+    return np.array(parts)
+
+
+def _solved(names: Sequence[str], columns: Array, measured: Array, sigma: Array) -> ChannelSolution:
+    """For a given sigma ``(d,)``; covariances and degrees of freedom are left open."""
+    model = LinearModel.of((columns / sigma[:, None]).reshape(-1, columns.shape[2]), RANK_TOLERANCE)
+    target, nothing = (measured / sigma).ravel(), np.empty(0)
+    values = np.where(model.identifiable, model.solve(target), 0.0)
+    residual = model.residual(target).reshape(measured.shape)
+    return ChannelSolution(tuple(names), values, model, nothing, nothing, sigma, measured, residual, False)
+
+
+_SLOW_HZ = 5.0  # below it a quick arm's torques change
+_MOST_SLOW = 0.5  # of the band
+_NEW = 1e-6  # of a suspect's column: what the fit's own columns must leave of it
+
+
+@dataclass(frozen=True)
+class BiasCandidate:
+    """What a residual may follow.
+
+    Attributes:
+        columns: ``(n, d, k)`` beside those fitted.
+        words: what it is, and how it is cured.
+    """
+
+    columns: Array
+    words: str
+
+
+@dataclass(frozen=True)
+class Series:
+    """Rows that are evenly timed samples, one after the other, of which a band of half their rate is used.
+
+    Attributes:
+        first, last: the rows are ``first:last``.
+        band_hz: of what is in them.
+    """
+
+    first: int
+    last: int
+    band_hz: float
+
+    @property
+    def slow(self) -> int:
+        """How many of a cosine transform's coefficients are slow."""
+        return round((self.last - self.first) * min(_SLOW_HZ / self.band_hz, _MOST_SLOW))
+
+
+@dataclass(frozen=True)
+class ResidualVerdict:
+    """Whether the residuals are what noise explains.
+
+    Attributes:
+        adequate: None where there are too few numbers to tell.
+        p: the chance of residuals like these if they are noise; NaN if not told.
+        words: a sentence with its figures.
+    """
+
+    adequate: bool | None
+    p: float
+    words: str
+
+
+def verdict(
+    solution: ChannelSolution, suspects: Sequence[BiasCandidate], series: Sequence[Series] = ()
+) -> ResidualVerdict:
+    """All tests that there are numbers for; rows that are in no series are poses, or anything in no order."""
+    outcomes = [(_added(solution, _slow(suspect.columns, series)), suspect.words) for suspect in suspects]
+    outcomes.append((_slowness(solution, series), "something slow without a name, as the load's own torques are slow"))
+    if solution.sigma_known:
+        outcomes.append(
+            (_too_large(solution), "more than the noise's given sigma: it is larger, or the model is wrong")
+        )
+    tested = [(p, words) for p, words in outcomes if not np.isnan(p)]
+    if not tested:
+        return ResidualVerdict(
+            None, np.nan, "whether the residuals are noise cannot be said: there are too few of them"
+        )
+    least, words = min(tested)
+    p = min(1.0, len(tested) * least)
+    counted = f"(p = {p:.2g}, the least of {len(tested)} tests)"
+    if p >= PAYLOAD_RESIDUALS:
+        return ResidualVerdict(True, p, f"the residuals are what independent noise explains {counted}")
+    return ResidualVerdict(False, p, f"the intervals are too small: the residuals follow {words} {counted}")
+
+
+def _added(solution: ChannelSolution, columns: Array) -> float:
+    """The p of F for further columns; NaN where the fit's own columns or the numbers leave nothing of them."""
+    rows = (columns / solution.sigma[:, None]).reshape(solution.residual.size, -1)
+    length = np.linalg.norm(rows, axis=0)
+    rows = rows[:, length > 0] / length[length > 0]
+    rows = solution.model.residual(rows)
+    u, sizes, _ = np.linalg.svd(rows, full_matrices=False)
+    pull = u[:, sizes > _NEW].T @ solution.residual.ravel()
+    squares, gained = float((solution.residual**2).sum()), float(pull @ pull)
+    dof = solution.model.dof - len(pull)
+    if len(pull) == 0 or dof < 3:
+        return float("nan")
+    if solution.sigma_known:
+        return float(p_value_of_squares(gained, len(pull)))
+    noise = max((squares - gained) / dof, 1.0 if solution.rounding else 1e-300)
+    return float(p_value_of_squares(gained, len(pull), dof, noise))
+
+
+def _slow(columns: Array, series: Sequence[Series]) -> Array:
+    """The columns ``(n, d, k)`` without what is quick in them."""
+    slow = np.array(columns)
+    for part in series:
+        rows = slice(part.first, part.last)
+        transformed = scipy.fft.dct(columns[rows], axis=0, norm="ortho")
+        transformed[part.slow :] = 0.0
+        slow[rows] = scipy.fft.idct(transformed, axis=0, norm="ortho")
+    return slow
+
+
+def _slowness(solution: ChannelSolution, series: Sequence[Series]) -> float:
+    """The p of F of the residuals' slow part against their quick one, each by its rows less its leverages."""
+    squares, dof = np.zeros(2), np.zeros(2)
+    basis = solution.model.basis.reshape(*solution.residual.shape, -1)
+    for part in series:
+        rows = slice(part.first, part.last)
+        power = scipy.fft.dct(solution.residual[rows], axis=0, norm="ortho") ** 2
+        left = 1 - (scipy.fft.dct(basis[rows], axis=0, norm="ortho") ** 2).sum(axis=2)
+        for i, which in enumerate((slice(0, part.slow), slice(part.slow, None))):
+            squares[i] += power[which].sum()
+            dof[i] += left[which].sum()
+    if dof.min() < 3:
+        return float("nan")
+    mean = np.maximum(squares / dof, 1.0 if solution.rounding else 1e-300)
+    return float(p_value_of_squares(mean[0] * dof[0], dof[0], dof[1], mean[1]))
+
+
+def _too_large(solution: ChannelSolution) -> float:
+    """The p of chi squared of all residuals, by the given sigma."""
+    dof = solution.model.dof
+    return float(p_value_of_squares((solution.residual**2).sum(), dof)) if dof > 0 else float("nan")

@@ -1,0 +1,197 @@
+"""The measuring day: a D-optimal path from rest to rest, driven by a virtual arm with and without its load."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.campaign.robot import Robot
+from lab.core.errors import LabError
+from lab.core.linear_model import LinearModel
+from lab.core.random import rng_for
+from lab.core.se3 import Array
+from lab.extensions.dynamics.load_samples import Mounting, PayloadSamples
+from lab.extensions.dynamics.payload.excitation import (
+    CHECKED,
+    PERIOD_S,
+    FourierPath,
+    Limits,
+    Regressor,
+    design_path,
+    design_poses,
+    random_path,
+)
+from lab.extensions.dynamics.rehearsal_options import Rehearsal
+from lab.extensions.dynamics.simulation import (
+    CarryingArm,
+    LoadBench,
+    RigidLoad,
+    RunErrors,
+    drawn_mounting,
+    peak_torques,
+)
+from lab.kinematics.dynamics.rigid_body import LOAD, Dynamics, hand_motion, wrench_regressor
+from lab.simulation.collisions import collides
+from lab.simulation.serial_model import SerialModel
+
+__all__ = ["MeasuringBench", "load_of_rehearsal"]
+
+_DRAWN, _TRIES = 20, 200  # random paths to begin with, and to find another one
+_POSES = 20  # at rest, for a wrist sensor
+_FORCE_N, _MOMENT_NM = 0.05, 0.002  # noise of a wrist sensor
+_OFFSETS = (1.0, -2.0, 0.5, 0.02, -0.01, 0.03)  # N and Nm, of a wrist sensor
+_DENSITY = 2700.0  # kg/m^3, aluminium
+_SHOWN = 1e-9  # of the largest singular value
+_SPARE = 1.5  # of what a nominal arm needs on random paths: its largest torques, where none are given
+
+
+def load_of_rehearsal(mass_kg: float, options: Rehearsal) -> RigidLoad:
+    """An aluminium ball."""
+    radius = (0.75 * mass_kg / np.pi / _DENSITY) ** (1 / 3)
+    return RigidLoad(mass_kg, np.array(options.payload_mm) / 1e3, 0.4 * mass_kg * radius**2 * np.eye(3))
+
+
+@dataclass(frozen=True)
+class MeasuringBench:
+    """A virtual arm on its bench.
+
+    Attributes:
+        load: None of an arm that carries none.
+        couplings: C ``(J, J)`` of the drives; None where each turns its own joint.
+    """
+
+    robot: Robot
+    options: Rehearsal
+    load: RigidLoad | None
+    couplings: Array | None = None
+
+    @property
+    def _model(self) -> SerialModel:
+        return self.robot.serial_model
+
+    @property
+    def mounting(self) -> Mounting:
+        """As the arm is thought to stand; the sensor reads what the load does to the hand."""
+        return Mounting(drawn_mounting(self._model).gravity, -1.0)
+
+    @cached_property
+    def _given_torques(self) -> Array | None:
+        """The joints' largest torques ``(J,)``; None where the robot does not say them."""
+        try:
+            return peak_torques(self._model)
+        except LabError:
+            return None
+
+    @cached_property
+    def largest_torques(self) -> Array:
+        """The joints' largest torques ``(J,)``; where none are given, what the nominal arm needs, and some more."""
+        if self._given_torques is not None:
+            return self._given_torques
+        limits, own = Limits.of(self._model.chain), CarryingArm(self._model, self.mounting.gravity)
+        rng = rng_for(self.options.seed, "structure")
+        needed = [np.abs(own.torques(*_checked(random_path(limits, rng)))).max(axis=0) for _ in range(3)]
+        return np.asarray(_SPARE * np.max(needed, axis=0))
+
+    def errors(self) -> RunErrors:
+        """What the arm and its sensors do wrong."""
+        options, largest = self.options, self.largest_torques
+        coulomb = options.friction_percent / 100 * largest
+        tilt = np.deg2rad(options.base_tilt_deg or (0.0, 0.0))
+        return RunErrors(
+            torque_noise_nm=options.noise_percent / 100 * largest,
+            coulomb_nm=coulomb,
+            viscous_nm_s=coulomb / Limits.of(self._model.chain).speed,
+            motor_inertia_kgm2=options.motor_inertia_kgm2,
+            lag_s=options.lag_ms / 1e3,
+            torque_filter_hz=options.filter_hz,
+            force_noise_n=_FORCE_N,
+            moment_noise_nm=_MOMENT_NM,
+            wrench_offset=_OFFSETS,
+            tilt_rad=(float(tilt[0]), float(tilt[1])),
+        )
+
+    def truth(self) -> dict[str, float]:
+        """The standard parameters of drives and joints, by name."""
+        errors, size = self.errors(), self._model.chain.size
+        each = (("Ia", errors.motor_inertia_kgm2), ("Fc", errors.coulomb_nm), ("Fv", errors.viscous_nm_s))
+        return {
+            f"{kind}{j + 1}": float(value)
+            for kind, values in each
+            for j, value in enumerate(np.broadcast_to(values, size).tolist())
+        }
+
+    def designed(self, regressor: Regressor) -> FourierPath:
+        """The path that shows the regressor's parameters best, those that any motion shows, as far as is sought."""
+        limits, strain = self._limits()
+        states = np.concatenate(
+            [_checked(random_path(limits, rng_for(self.options.seed, "structure", i))) for i in range(3)], axis=1
+        )[:, ::25]
+        rows = regressor(states[0], states[1], states[2])
+        seen = LinearModel.of(rows.reshape(-1, rows.shape[2]), _SHOWN).identifiable
+
+        def shown(joints: Array, speeds: Array, accelerations: Array) -> Array:
+            return regressor(joints, speeds, accelerations)[..., seen]
+
+        return design_path(
+            shown, self.largest_torques, limits, self._touches_nothing, rng_for(self.options.seed, "design"),
+            torque=strain, period_s=self._period_s, starts=1, rounds=self.options.rounds, at_rest=True, drawn=_DRAWN,
+        ).path  # fmt: skip
+
+    def another(self) -> FourierPath:
+        """A random path that touches nothing, to predict.
+
+        Raises:
+            LabError: none is found.
+        """
+        limits, strain = self._limits()
+        rng = rng_for(self.options.seed, "fresh")
+        for _ in range(_TRIES):
+            path = random_path(limits, rng, self._period_s, at_rest=True)
+            states = _checked(path)
+            if self._touches_nothing(states[0]).all() and (np.abs(strain(*states)) <= limits.torque).all():
+                return path
+        raise LabError(f"none of {_TRIES} random paths keeps free of contacts: give the robot more room")
+
+    def driven(self, path: FourierPath, run: int) -> PayloadSamples:
+        """What is read along a path, with the load if there is one, and without it; torques alone."""
+        bench = LoadBench(self._model, self.load, self.mounting, self.errors(), self.couplings)
+        rng = rng_for(self.options.seed, "noise", run)
+        records = bench.moving(path.at, self.options.seconds, self.options.rate_hz, rng)
+        return replace(records, wrench=None)
+
+    def at_rest(self) -> PayloadSamples:
+        """What a wrist sensor reads in D-optimal static poses, with the load and without it."""
+        arm = self.robot.serial_arm(("p1",))
+        values, gravity = arm.nominal(self.robot.tool), self.mounting.gravity
+
+        def regressor(joints: Array, speeds: Array, accelerations: Array) -> Array:
+            motion = hand_motion(arm, values, joints, speeds, accelerations)
+            shown = wrench_regressor(motion, gravity)[..., : LOAD.index("Ixx")]
+            return np.concatenate([shown, np.broadcast_to(np.eye(6), (len(joints), 6, 6))], axis=2)
+
+        sigma = np.repeat([_FORCE_N, _MOMENT_NM], 3)
+        limits, strain = self._limits()
+        rng = rng_for(self.options.seed, "design")
+        poses = design_poses(regressor, sigma, _POSES, limits, self._touches_nothing, rng, torque=strain).joints
+        bench = LoadBench(self._model, self.load, self.mounting, self.errors())
+        return replace(bench.resting(poses, rng_for(self.options.seed, "noise")), torques=None)
+
+    @property
+    def _period_s(self) -> float:
+        """So long that the run ends where a period does."""
+        return self.options.seconds / max(1, round(self.options.seconds / PERIOD_S))
+
+    def _limits(self) -> tuple[Limits, Dynamics]:
+        strain = CarryingArm(self._model, self.mounting.gravity, self.load).torques
+        given = self._given_torques
+        left = None if given is None else (1 - 2 * self.options.friction_percent / 100) * given
+        return Limits.of(self._model.chain, torque=left), strain
+
+    def _touches_nothing(self, joints: Array) -> NDArray[np.bool_]:
+        return ~collides(self._model, joints)
+
+
+def _checked(path: FourierPath) -> tuple[Array, Array, Array]:
+    """The states of a path at which its limits are looked at."""
+    return path.at(path.period_s * np.arange(CHECKED) / CHECKED)

@@ -1,0 +1,412 @@
+"""A rigid load welded to a virtual arm's flange, and the arm's exact inverse dynamics with and without it.
+
+Torques and the wrist's wrench are MuJoCo's ``mj_inverse`` of the nominal masses alone: its damping, friction loss,
+springs, armature, contacts and limits are off, because it counts them in, and friction loss only softly. What an arm
+has of friction is added by hand (``load_runs``).
+"""
+
+import copy
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from scipy import signal
+from scipy.interpolate import make_interp_spline
+
+from lab.core import se3
+from lab.core.errors import LabError
+from lab.core.se3 import Array
+from lab.extensions.dynamics.load_samples import Mounting, PayloadSamples
+from lab.kinematics.dynamics.arm_dynamics import directions
+from lab.kinematics.dynamics.rigid_body import Dynamics
+from lab.simulation.model import at_zero, body_pose, compiled, update_constants
+from lab.simulation.serial_model import SerialModel, last_frame
+
+__all__ = ["CarryingArm", "LoadBench", "RigidLoad", "RunErrors", "drawn_mounting", "own_dynamics", "peak_torques"]
+
+_LEAST_KG = 1e-6  # of all moving bodies: with less there is no dynamics
+_UPPER = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))  # the inertia's elements in their order in phi
+_ROUNDING = 1e-12  # of an inertia
+
+
+@dataclass(frozen=True)
+class RigidLoad:
+    """What hangs at the hand; its frame is the arm's last one.
+
+    Attributes:
+        mass_kg: above zero.
+        centre_m: ``(3,)``, the centre of mass.
+        inertia_kgm2: ``(3, 3)`` about the centre of mass, in the last frame's axes.
+    """
+
+    mass_kg: float
+    centre_m: Array
+    inertia_kgm2: Array
+
+    def __post_init__(self) -> None:
+        assert self.centre_m.shape == (3,) and self.inertia_kgm2.shape == (3, 3)
+        if not (0 < self.mass_kg < np.inf) or not np.isfinite(self.centre_m).all():
+            raise LabError(f"a load of {self.mass_kg:g} kg at {self.centre_m} m: give a mass above zero and a place")
+        inertia = self.inertia_kgm2
+        least = _ROUNDING * np.abs(inertia).max(initial=0.0)
+        if not np.isfinite(inertia).all() or np.abs(inertia - inertia.T).max() > least:
+            raise LabError("a load's inertia is to be finite and symmetric, (3, 3) in kg m^2")
+        moments = np.linalg.eigvalsh(inertia)
+        if moments[0] < -least or moments[2] > moments[0] + moments[1] + least:
+            raise LabError(f"no body has principal inertias of {moments} kg m^2: one is above the sum of the others")
+
+    @property
+    def phi(self) -> Array:
+        """The ten parameters: mass, mass times centre, inertia about the last frame's origin (xx yy zz xy xz yz)."""
+        lever = se3.skew(self.centre_m)
+        about_origin = self.inertia_kgm2 - self.mass_kg * lever @ lever
+        return np.array([self.mass_kg, *(self.mass_kg * self.centre_m), *(about_origin[cell] for cell in _UPPER)])
+
+
+class CarryingArm:
+    """The nominal arm with a load (or none) under some gravity: its exact inverse dynamics. By one thread."""
+
+    def __init__(self, robot: SerialModel, gravity: Array, load: RigidLoad | None = None) -> None:
+        """Gravity ``(3,)`` m/s^2 in frame 0.
+
+        Raises:
+            LabError: no moving body of the arm weighs anything.
+        """
+        if _moving_mass(robot) < _LEAST_KG:
+            raise LabError(f"{robot.path}: no link has a mass, so there is no dynamics; give mass_kg of its joints")
+        self._loaded = load is not None
+        self._model = _bare(robot.model if load is None else _with_load(robot, load))
+        self._model.opt.gravity[:] = robot.T_world_frame0[:3, :3] @ gravity
+        self._data = mujoco.MjData(self._model)
+        joints = [self._model.joint(name) for name in robot.chain.joint_names]
+        self._qpos, self._dof = [int(j.qposadr[0]) for j in joints], [int(j.dofadr[0]) for j in joints]
+
+    def torques(self, joints: Array, speeds: Array, accelerations: Array) -> Array:
+        """Torques ``(n, J)`` that move the arm so, without friction; Nm (N of a slide)."""
+        return self.torques_and_wrench(joints, speeds, accelerations)[0]
+
+    def torques_and_wrench(self, joints: Array, speeds: Array, accelerations: Array) -> tuple[Array, Array]:
+        """The torques, and the wrench ``(n, 6)`` (N, Nm) of the hand on the load.
+
+        The wrench is about the last frame's origin, in its axes; zero without a load.
+        """
+        model, data = self._model, self._data
+        torques, wrench = np.empty_like(joints), np.zeros((len(joints), 6))
+        rows = zip(joints, speeds, accelerations, strict=True)
+        for i, (data.qpos[self._qpos], data.qvel[self._dof], data.qacc[self._dof]) in enumerate(rows):
+            mujoco.mj_inverse(model, data)
+            torques[i] = data.qfrc_inverse[self._dof]
+            if self._loaded:
+                wrench[i] = data.sensordata[-6:]
+        return torques, wrench
+
+
+def own_dynamics(robot: SerialModel, gravity: Array, scale: float = 1.0) -> Dynamics:
+    """The arm's own torques without a load, as a callable for those who may not know MuJoCo.
+
+    Args:
+        gravity: ``(3,)`` m/s^2 in frame 0.
+        scale: of all masses and inertias: 1.1 is a model that is wrong by 10 %.
+
+    Raises:
+        LabError: no link weighs anything.
+    """
+    arm = CarryingArm(robot, gravity)
+    return lambda joints, speeds, accelerations: scale * arm.torques(joints, speeds, accelerations)
+
+
+def peak_torques(robot: SerialModel) -> Array:
+    """The joints' largest torques ``(J,)``, Nm (N of a slide).
+
+    Raises:
+        LabError: the robot does not say one.
+    """
+    joints = [robot.model.joint(name) for name in robot.chain.joint_names]
+    for joint in joints:
+        if not robot.model.jnt_actfrclimited[joint.id]:
+            raise LabError(f"{robot.path}: joint {joint.name} has no peak torque; give torque_nm of every joint")
+    return np.array([np.abs(robot.model.jnt_actfrcrange[joint.id]).max() for joint in joints])
+
+
+def drawn_mounting(robot: SerialModel) -> Mounting:
+    """The nominal arm, with a sensor that reads what the hand does to the load."""
+    return Mounting(robot.T_world_frame0[:3, :3].T @ robot.model.opt.gravity)
+
+
+def _moving_mass(robot: SerialModel) -> float:
+    model = robot.model
+    return float(model.body_subtreemass[model.body(robot.bodies[0]).id])
+
+
+def _with_load(robot: SerialModel, load: RigidLoad) -> mujoco.MjModel:
+    """The arm's model with one more body, welded to the flange's carrier in the last frame, and sensors at the weld."""
+    spec = robot.spec.copy()
+    T_world_carrier = body_pose(at_zero(robot.model), int(robot.model.body(robot.carrier).id))
+    T_carrier_last = se3.inverse(T_world_carrier) @ last_frame(robot.chain, robot.T_world_frame0)
+    name = "load"
+    while name in {body.name for body in spec.bodies} | {site.name for site in spec.sites}:
+        name += "_"
+    body = spec.body(robot.carrier).add_body(
+        name=name, pos=T_carrier_last[:3, 3], quat=se3.quaternion_from_rotation(T_carrier_last[:3, :3])
+    )
+    body.explicitinertial, body.mass, body.inertia, body.ipos = True, 1.0, np.ones(3), np.ones(3)
+    body.add_site(name=name)
+    for kind in (mujoco.mjtSensor.mjSENS_FORCE, mujoco.mjtSensor.mjSENS_TORQUE):
+        spec.add_sensor(type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=name)
+    model = compiled(robot.path, spec)
+    hung = model.body(name)  # in place: compilation rounds off what is nearly a plane or a rod
+    moments, axes = np.linalg.eigh(load.inertia_kgm2)
+    axes[:, 0] *= np.linalg.det(axes)
+    model.body_sameframe[hung.id] = int(mujoco.mjtSameFrame.mjSAMEFRAME_NONE)
+    hung.mass[:], hung.ipos[:], hung.inertia[:] = load.mass_kg, load.centre_m, moments
+    hung.iquat[:] = se3.quaternion_from_rotation(axes)
+    return model
+
+
+def _bare(model: mujoco.MjModel) -> mujoco.MjModel:
+    """A copy with nothing but masses: what ``mj_inverse`` counts in besides is off."""
+    bare = copy.deepcopy(model)
+    off = ("CONSTRAINT", "CONTACT", "SPRING", "DAMPER")  # limits, friction loss; without the last two nothing passive
+    bare.opt.disableflags = sum(int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{name}")) for name in off)
+    bare.opt.enableflags = 0
+    bare.dof_armature[:] = 0.0
+    update_constants(bare)
+    return bare
+
+
+Path = Callable[[Array], tuple[Array, Array, Array]]
+"""Times ``(n,)`` s to joint positions, speeds and accelerations ``(n, J)``; also a little before and after the run."""
+
+_EACH_JOINT = (
+    "encoder_rad",
+    "torque_noise_nm",
+    "coulomb_nm",
+    "viscous_nm_s",
+    "servo_rad_per_nm",
+    "motor_inertia_kgm2",
+    "motor_coulomb_nm",
+    "motor_viscous_nm_s",
+)
+_FILTER_ORDER = 2  # of the torque channel's Butterworth filter
+_SPARE = 8  # samples around a run on which the spline of its shift stands
+
+
+@dataclass(frozen=True)
+class RunErrors:
+    """What is not perfect; all zero is. Where ``(J,)`` is said, one number serves for all joints.
+
+    Attributes:
+        encoder_rad: standard deviation of a joint encoder, rad (m), ``(J,)``.
+        torque_noise: the same of a torque, as a share of the joint's peak torque.
+        torque_noise_nm: the same in Nm (N), ``(J,)``, beside that share.
+        coulomb_nm: Coulomb friction, Nm (N), ``(J,)``.
+        viscous_nm_s: viscous friction, Nm s/rad (N s/m), ``(J,)``.
+        load_friction: mu: friction grows by this share of the torque that the joint carries.
+        stiction: the share of Coulomb friction, of either sign, that a joint at rest may still carry.
+        lag_s: how late the torques are.
+        motor_inertia_kgm2: of what turns at each motor, as its joint feels it, ``(J,)``.
+        motor_coulomb_nm, motor_viscous_nm_s: friction at the motors, as their joints feel it, ``(J,)``.
+        torque_offset_nm: steady errors of the torques, ``(J,)``; of either sign.
+        torque_filter_hz: the torques come through a causal low-pass of this frequency; 0 is none.
+        servo_rad_per_nm: by how much the load's torque shifts the path, rad/Nm (m/N), ``(J,)``.
+        force_noise_n, moment_noise_nm: standard deviations of the wrist sensor.
+        wrench_offset: ``(6,)`` N and Nm.
+        wrench_gain: ``(6,)`` relative errors: 0.01 reads 1 % too much.
+        tilt_rad: ``(2,)``, how far the base leans beyond what the mounting says.
+        turn_rad: ``(3,)``, how far the sensor is turned beyond what the mounting says; a rotation vector.
+    """
+
+    encoder_rad: Array | float = 0.0
+    torque_noise: float = 0.0
+    torque_noise_nm: Array | float = 0.0
+    coulomb_nm: Array | float = 0.0
+    viscous_nm_s: Array | float = 0.0
+    load_friction: float = 0.0
+    stiction: float = 0.0
+    lag_s: float = 0.0
+    motor_inertia_kgm2: Array | float = 0.0
+    motor_coulomb_nm: Array | float = 0.0
+    motor_viscous_nm_s: Array | float = 0.0
+    torque_offset_nm: tuple[float, ...] = ()
+    torque_filter_hz: float = 0.0
+    servo_rad_per_nm: Array | float = 0.0
+    force_noise_n: float = 0.0
+    moment_noise_nm: float = 0.0
+    wrench_offset: tuple[float, ...] = (0.0,) * 6
+    wrench_gain: tuple[float, ...] = (0.0,) * 6
+    tilt_rad: tuple[float, ...] = (0.0,) * 2
+    turn_rad: tuple[float, ...] = (0.0,) * 3
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not np.isfinite(value).all():
+                raise LabError(f"errors of a run: {name} is {value}; give finite numbers")
+            default = getattr(RunErrors, name)
+            if isinstance(default, tuple) and default and len(value) != len(default):
+                raise LabError(f"errors of a run: {name} has {len(value)} numbers; give {len(default)}")
+            if not isinstance(default, tuple) and (np.asarray(value) < 0).any():
+                raise LabError(f"errors of a run: {name} is {value}; give zero or more")
+
+
+class LoadBench:
+    """An arm that measures with a load and without it; one generator state gives one set of records."""
+
+    def __init__(
+        self,
+        robot: SerialModel,
+        load: RigidLoad | None,
+        mounting: Mounting,
+        errors: RunErrors,
+        couplings: Array | None = None,
+    ) -> None:
+        """The mounting is what is known of the set-up; the errors come on top.
+
+        Args:
+            load: None of an arm that never carries one, and has no loaded run.
+            couplings: C ``(J, J)``, what each drive turns by the joints' positions (``ArmDynamics``); torques are then
+                those of the drives.
+
+        Raises:
+            LabError: the arm has no masses, torque noise is asked for and it has no peak torques, or an error is not
+                for its joints.
+        """
+        for name in _EACH_JOINT:
+            if np.shape(value := getattr(errors, name)) not in ((), (robot.chain.size,)):
+                raise LabError(f"errors of a run: {name} is {value}; give one number, or {robot.chain.size} of them")
+        leaning = se3.exp(np.append(errors.tilt_rad, 0.0))
+        gravity = leaning.T @ mounting.gravity
+        if len(errors.torque_offset_nm) not in (0, robot.chain.size):
+            raise LabError(f"errors of a run: torque_offset_nm: give {robot.chain.size} numbers, one a joint")
+        self._arms = {False: CarryingArm(robot, gravity)}
+        if load is not None:
+            self._arms[True] = CarryingArm(robot, gravity, load)
+        self._couplings = np.eye(robot.chain.size) if couplings is None else couplings
+        self._T_last_sensor = mounting.rotation @ se3.exp(np.array(errors.turn_rad))
+        self._sign, self._errors, self._size = mounting.sign, errors, robot.chain.size
+        share = errors.torque_noise * peak_torques(robot) if errors.torque_noise else np.zeros(self._size)
+        self._noise_nm = np.hypot(share, errors.torque_noise_nm)
+
+    def moving(self, path: Path, seconds: float, rate_hz: float, rng: np.random.Generator) -> PayloadSamples:
+        """A loaded and then an unloaded run along a path, sampled at a rate from time zero on.
+
+        Raises:
+            LabError: there are too few samples in that time.
+        """
+        times = np.arange(round(seconds * rate_hz)) / rate_hz
+        if len(times) < 2:
+            raise LabError(f"{seconds:g} s at {rate_hz:g} Hz are {len(times)} samples; ask for more")
+        chance, ways = _Chance(rng), [(False, path)]
+        if True in self._arms:
+            shifted = self._shifted(path, times) if np.any(self._errors.servo_rad_per_nm) else path
+            ways = [(True, shifted), *ways]
+        runs = [self._run(way, times, loaded, chance) for loaded, way in ways]
+        return self._recorded(np.tile(times, len(runs)), runs)
+
+    def resting(self, joints: Array, rng: np.random.Generator) -> PayloadSamples:
+        """Static poses ``(n, J)``, first all with the load, then all without it.
+
+        Raises:
+            LabError: there is no load.
+        """
+        if True not in self._arms:
+            raise LabError("an arm without a load: poses at rest show a load alone; give one")
+        zero = np.zeros_like(joints)
+        chance, errors = _Chance(rng), self._errors
+        hanging = self._load_torque(joints, zero, zero)
+        runs = []
+        for loaded, stand in ((True, joints - errors.servo_rad_per_nm * hanging), (False, joints)):
+            torques, wrench = self._arms[loaded].torques_and_wrench(stand, zero, zero)
+            stuck = errors.stiction * errors.coulomb_nm * chance.stiction.uniform(-1.0, 1.0, joints.shape)
+            runs.append(self._read(stand, torques + stuck, wrench, loaded, chance))
+        return self._recorded(None, runs)
+
+    def _run(self, path: Path, times: Array, loaded: bool, chance: "_Chance") -> PayloadSamples:
+        arm, late = self._arms[loaded], self._errors.lag_s
+        motion = path(times)
+        torques, wrench = arm.torques_and_wrench(*motion)
+        driven = self._driven(torques, *motion[1:])
+        if late:
+            before = path(times - late)
+            driven = self._driven(arm.torques(*before), *before[1:])
+        if self._errors.torque_filter_hz:
+            driven = self._filtered(driven, float(times[1] - times[0]))
+        return self._read(motion[0], driven, wrench, loaded, chance)
+
+    def _friction(self, torques: Array, speeds: Array) -> Array:
+        errors = self._errors
+        dry: Array = errors.coulomb_nm + errors.load_friction * np.abs(torques)
+        return dry * directions(speeds) + errors.viscous_nm_s * speeds
+
+    def _driven(self, torques: Array, speeds: Array, accelerations: Array) -> Array:
+        """What the drives give ``(n, J)`` for the joints' torques: tau = C' f, and what turns at the motors."""
+        errors, couplings = self._errors, self._couplings
+        turned, rates = speeds @ couplings.T, accelerations @ couplings.T
+        given = np.linalg.solve(couplings.T, (torques + self._friction(torques, speeds)).T).T
+        own = errors.motor_coulomb_nm * directions(turned) + errors.motor_viscous_nm_s * turned
+        driven: Array = given + errors.motor_inertia_kgm2 * rates + own
+        return driven + np.array(errors.torque_offset_nm) if errors.torque_offset_nm else driven
+
+    def _filtered(self, torques: Array, step_s: float) -> Array:
+        """The torques after the channel's filter, which was settled before the run."""
+        if not self._errors.torque_filter_hz < 0.5 / step_s:
+            raise LabError(f"torque_filter_hz of {self._errors.torque_filter_hz:g} Hz: above half the sampling rate")
+        sections = signal.butter(_FILTER_ORDER, self._errors.torque_filter_hz, fs=1 / step_s, output="sos")
+        settled = signal.sosfilt_zi(sections)[..., None] * torques[0]
+        filtered: Array = signal.sosfilt(sections, torques, axis=0, zi=settled)[0]
+        return filtered
+
+    def _read(self, joints: Array, torques: Array, wrench: Array, loaded: bool, chance: "_Chance") -> PayloadSamples:
+        """What encoders, drives and sensor show of one run; ``wrench`` is the hand's on the load, in the last frame."""
+        errors = self._errors
+        turned = (wrench.reshape(-1, 2, 3) @ self._T_last_sensor).reshape(-1, 6)  # rows: R' f
+        noise = np.repeat([errors.force_noise_n, errors.moment_noise_nm], 3) * chance.wrench.standard_normal(
+            wrench.shape
+        )
+        return PayloadSamples(
+            None,
+            joints + errors.encoder_rad * chance.encoder.standard_normal(joints.shape),
+            torques + self._noise_nm * chance.torque.standard_normal(torques.shape),
+            (1 + np.array(errors.wrench_gain)) * self._sign * turned + errors.wrench_offset + noise,
+            np.full(len(joints), loaded),
+        )
+
+    def _recorded(self, times: Array | None, runs: list[PayloadSamples]) -> PayloadSamples:
+        torques, wrench = ([getattr(run, name) for run in runs] for name in ("torques", "wrench"))
+        return PayloadSamples(
+            times,
+            np.concatenate([run.joints for run in runs]),
+            np.concatenate(torques),
+            np.concatenate(wrench),
+            np.concatenate([run.loaded for run in runs]),
+        )
+
+    def _load_torque(self, joints: Array, speeds: Array, accelerations: Array) -> Array:
+        """What the load alone asks of the joints, ``(n, J)``."""
+        with_load, without = (self._arms[loaded].torques(joints, speeds, accelerations) for loaded in (True, False))
+        difference: Array = with_load - without
+        return difference
+
+    def _shifted(self, path: Path, times: Array) -> Path:
+        """The path as the load shifts it: a smooth function of time, so that speeds and accelerations fit positions.
+
+        The shift is that of the load's torque on the path that was asked for (first order), a spline of degree 5.
+        """
+        step = times[1] - times[0]
+        spare = _SPARE + int(np.ceil(self._errors.lag_s / step))
+        knots = times[0] + step * np.arange(-spare, len(times) + _SPARE)
+        shift = make_interp_spline(knots, -self._errors.servo_rad_per_nm * self._load_torque(*path(knots)), k=5)
+        rates = [shift, shift.derivative(1), shift.derivative(2)]
+
+        def shifted(at: Array) -> tuple[Array, Array, Array]:
+            joints, speeds, accelerations = (asked + rate(at) for asked, rate in zip(path(at), rates, strict=True))
+            return joints, speeds, accelerations
+
+        return shifted
+
+
+class _Chance:
+    """Independent streams: more noise here leaves the draws there as they were."""
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        self.encoder, self.torque, self.wrench, self.stiction = rng.spawn(4)

@@ -1,0 +1,13 @@
+"""Register the command ``lab reproduce``."""
+
+from lab.commands.registry import Command
+
+__all__ = ["REPRODUCE"]
+
+REPRODUCE = Command(
+    "reproduce",
+    "Compute the tables, figures and examples of a source again, or set and mark them as an exercise.",
+    "lab.extensions.reproduction.options:ReproduceOptions",
+    "lab.extensions.reproduction.run:reproduce",
+    "reproduce-{source}",
+)

@@ -1,0 +1,116 @@
+"""The sources' robots at random positions, and matrices entry by entry."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from lab.campaign.robot import load_robot
+from lab.core.random import rng_for
+from lab.core.se3 import Array
+from lab.extensions.reproduction.answer import Answer, formula, number
+from lab.extensions.reproduction.formula import Variables
+from lab.kinematics.serial.arm import SerialArm
+
+__all__ = ["SAMPLES", "Sampled", "matrix_formulas", "matrix_numbers", "sampled", "serial"]
+
+SAMPLES = 20  # random positions at which a formula is compared
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """A serial arm at random joint positions within its limits.
+
+    Attributes:
+        values: parameters ``(p,)`` of the nominal model, SI; the target is the last frame's origin.
+        joints: ``(n, joints)`` rad or m.
+        unit: how many of the source's units of length are one metre.
+    """
+
+    arm: SerialArm
+    values: Array
+    joints: Array
+    unit: float
+
+    @property
+    def variables(self) -> dict[str, Array]:
+        """q1 ... of the source: rad, and its units of length."""
+        scale = np.where(self.arm.chain.prismatic, self.unit, 1.0)
+        return {f"q{i + 1}": column for i, column in enumerate((self.joints * scale).T)}
+
+    def between(self, first: int, last: int) -> Array:
+        """Poses ``(n, 4, 4)`` of one frame in another, lengths in the source's unit."""
+        Ts = np.tile(np.eye(4), (len(self.joints), 1, 1))
+        for link in np.moveaxis(self.arm.links(self.joints, self.values)[:, first:last], 1, 0):
+            Ts = Ts @ link
+        return np.asarray(Ts * _lengths(self.unit))
+
+    def jacobian(self) -> Array:
+        """Geometric Jacobians ``(n, 6, joints)`` of the last frame's origin in the base, lengths in the unit."""
+        found = self.arm.tool(self.joints, self.values)[1].copy()
+        found[:, :3] *= self.unit
+        found[..., list(self.arm.chain.prismatic)] /= self.unit
+        return found
+
+
+@cache
+def serial(name: str) -> tuple[SerialArm, Array]:
+    """A shipped robot's nominal arm whose target is the last frame's origin, and its parameters."""
+    arm = load_robot(name).serial_arm(("p1",))
+    return arm, arm.nominal({"p1": np.zeros(3)})
+
+
+@cache
+def sampled(name: str, unit: float = 1.0) -> Sampled:
+    """A shipped robot at random joint positions."""
+    arm, values = serial(name)
+    return Sampled(arm, values, arm.chain.random_joints(SAMPLES, rng_for(0, "structure")), unit)
+
+
+def matrix_formulas(
+    name: str,
+    printed: str,
+    exact: Array,
+    variables: Variables,
+    right: Mapping[str, str] | None = None,
+    errata: Mapping[str, str] | None = None,
+) -> tuple[Answer, ...]:
+    """Each entry of a matrix as a formula.
+
+    Args:
+        printed: rows divided by ``;``, entries by ``|``; "" where the source leaves the matrix to the reader.
+        exact: ``(n, rows, columns)``.
+        right: by the places ``(1,2)`` of wrong entries or of all that are not printed.
+        errata: why, by place.
+    """
+    right, errata = right or {}, errata or {}
+    rows = _entries(printed) if printed else [[""] * exact.shape[2] for _ in range(exact.shape[1])]
+    return tuple(
+        formula(
+            f"{name}({i + 1},{j + 1})", text, exact[:, i, j], variables,
+            right=right.get(f"({i + 1},{j + 1})", ""), erratum=errata.get(f"({i + 1},{j + 1})", ""),
+        )
+        for i, row in enumerate(rows)
+        for j, text in enumerate(row)
+    )  # fmt: skip
+
+
+def matrix_numbers(name: str, printed: str, exact: Array, units: Sequence[str] = ()) -> tuple[Answer, ...]:
+    """Each entry of a printed matrix of numbers; ``units`` are those of its columns."""
+    return tuple(
+        number(f"{name}({i + 1},{j + 1})", text, float(exact[i, j]), units[j] if units else "")
+        for i, row in enumerate(_entries(printed))
+        for j, text in enumerate(row)
+    )
+
+
+def _entries(printed: str) -> list[list[str]]:
+    return [[entry.strip() for entry in row.split("|")] for row in printed.split(";")]
+
+
+def _lengths(unit: float) -> Array:
+    """What turns a pose in metres into one in another unit."""
+    scale = np.ones((4, 4))
+    scale[:3, 3] = unit
+    return scale

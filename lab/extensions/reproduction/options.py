@@ -1,0 +1,29 @@
+"""What can be asked of ``lab reproduce``."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from lab.campaign.option_types import Flag
+from lab.core.errors import LabError
+from lab.extensions.reproduction.registry import SourceName
+
+__all__ = ["ReproduceOptions"]
+
+
+@dataclass(frozen=True)
+class ReproduceOptions:
+    """Which source, and whether its answers are shown, asked, or marked."""
+
+    source: tyro.conf.Positional[SourceName]
+    """thesis: Mahdadi and Bouafia 2020; elastic: Benmisra 2007; course: Mallem 2011; staubli: the RX 130 and TX 40."""
+    exercise: Flag = False
+    """Leave the answers blank, and write exercise.csv with a row for each."""
+    mark: Path | None = None
+    """An exercise.csv that was filled in: say which of its answers are right."""
+
+    def check(self) -> None:
+        """Refuse an exercise that is marked at once, with a LabError."""
+        if self.exercise and self.mark is not None:
+            raise LabError("--exercise writes the blanks and --mark reads the answers; give one of them")

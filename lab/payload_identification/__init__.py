@@ -1,1 +1,0 @@
-"""Identify the payload at the flange."""

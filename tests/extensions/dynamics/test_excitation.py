@@ -1,0 +1,348 @@
+"""Motions that show a load: what is predicted comes out, limits are kept, and the determinant is what counts."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from helpers.robots import VERSATRAN
+
+from lab.campaign.robot import load_virtual
+from lab.core.errors import LabError
+from lab.core.se3 import Array
+from lab.extensions.dynamics.payload.excitation import (
+    Box,
+    FourierPath,
+    Limits,
+    PathSearch,
+    PredictedUncertainty,
+    _Walls,
+    design_path,
+    design_poses,
+    predicted,
+    random_path,
+)
+from lab.extensions.dynamics.simulation import CarryingArm, RigidLoad
+from lab.kinematics.dynamics.rigid_body import hand_motion, torque_regressor, wrench_regressor
+from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.chain import Chain
+from lab.pose_selection.criteria import criterion
+from lab.pose_selection.exchange import information
+from lab.simulation.collisions import collides, random_poses
+
+TX40 = load_virtual("tx40").model
+ARM = SerialArm(TX40.chain)
+VALUES, DOWN = ARM.nominal(), np.array([0.0, 0.0, -9.81])
+PEAK_NM = np.array([131.8, 131.8, 103.5, 46.1, 43.2, 30.7])
+SIGMA_NM = np.sqrt(2) * 0.005 * PEAK_NM  # of a difference of two readings
+LOAD = RigidLoad(1.5, np.array([0.010, -0.005, 0.060]), np.diag([22.5e-4, 26e-4, 12.5e-4]))
+LIMITS = Limits.of(TX40.chain)
+SENSOR = np.repeat([0.05, 0.002], 3)
+
+
+def torques(joints: Array, speeds: Array, accelerations: Array) -> Array:
+    return torque_regressor(ARM, VALUES, joints, speeds, accelerations, DOWN)
+
+
+def static_torques(joints: Array, speeds: Array, accelerations: Array) -> Array:
+    return torques(joints, speeds, accelerations)[:, :, :4]
+
+
+def wrenches(joints: Array, speeds: Array, accelerations: Array) -> Array:
+    """The ten parameters and a sensor's six offsets."""
+    shown = wrench_regressor(hand_motion(ARM, VALUES, joints, speeds, accelerations), DOWN)
+    return np.concatenate([shown, np.broadcast_to(np.eye(6), (len(joints), 6, 6))], axis=2)
+
+
+def static_wrenches(joints: Array, speeds: Array, accelerations: Array) -> Array:
+    return np.delete(wrenches(joints, speeds, accelerations), np.arange(4, 10), axis=2)
+
+
+def touches_nothing(joints: Array) -> np.ndarray:
+    return ~collides(TX40, joints)
+
+
+def mass_and_centre(prediction: PredictedUncertainty) -> Array:
+    """Standard deviations of the mass (%) and the centre of mass (mm)."""
+    by_moments = np.column_stack([-LOAD.centre_m, np.eye(3)]) / LOAD.mass_kg
+    covariance = by_moments @ prediction.covariance[:4, :4] @ by_moments.T
+    return np.append(100 * prediction.sigma[0] / LOAD.mass_kg, 1e3 * np.sqrt(np.diag(covariance)))
+
+
+# Paths and limits
+
+
+def test_a_path_derives_as_it_says() -> None:
+    path = FourierPath(np.random.default_rng(0).normal(size=(11, 3)), 4.0)
+    times = np.linspace(0, 9, 50)
+    np.testing.assert_allclose(path.at(times)[0], path.at(times + 4.0)[0], atol=1e-12)
+    stepped = path.at(times + 1e-30j)
+    for order in (0, 1):
+        np.testing.assert_allclose(path.at(times)[order + 1], stepped[order].imag / 1e-30, atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_random_paths_use_their_limits_and_keep_them(seed: int) -> None:
+    path = random_path(LIMITS, np.random.default_rng(seed))
+    joints, speeds, accelerations = path.at(np.linspace(0, 5, 1777))  # other times than the search looks at
+    assert (joints >= LIMITS.lower - 1e-4).all() and (joints <= LIMITS.upper + 1e-4).all()
+    largest = np.array(
+        [np.abs(speeds).max(axis=0) / LIMITS.speed, np.abs(accelerations).max(axis=0) / LIMITS.acceleration]
+    )
+    assert (largest <= 1).all()
+    span = np.ptp(joints, axis=0) / (LIMITS.upper - LIMITS.lower)
+    np.testing.assert_allclose(np.maximum(span, largest.max(axis=0)), 1.0, atol=2e-3)
+
+
+def test_limits_of_a_chain() -> None:
+    np.testing.assert_allclose(LIMITS.speed, np.deg2rad([287, 287, 430, 410, 320, 700]))
+    np.testing.assert_allclose(LIMITS.acceleration, LIMITS.speed / 0.3)
+    assert np.isinf(LIMITS.torque).all()
+    np.testing.assert_allclose(LIMITS.upper - LIMITS.lower, 0.96 * (TX40.chain.upper - TX40.chain.lower))
+    given = replace(TX40.chain, acceleration=np.array([1.0, np.nan, 3, 4, 5, 6]))
+    np.testing.assert_allclose(Limits.of(given).acceleration[:2], [1, LIMITS.acceleration[1]])
+    assert (Limits.of(VERSATRAN).speed > 0).all()  # representative ones, where a robot says none
+    with pytest.raises(LabError, match=r"a path's largest torque is .* give a number above zero"):
+        Limits.of(TX40.chain, np.zeros(6))
+
+
+# What is predicted
+
+
+def test_a_prediction_is_the_spread_of_least_squares() -> None:
+    path, rng = random_path(LIMITS, np.random.default_rng(1)), np.random.default_rng(2)
+    rows = torques(*path.at(np.arange(500) / 50.0)) / SIGMA_NM[:, None]
+    design = rows.reshape(-1, 10)
+    found = np.linalg.lstsq(design, rng.standard_normal((len(design), 2000)), rcond=None)[0]
+    told = predicted(path, torques, SIGMA_NM, seconds=10, rate_hz=50)
+    np.testing.assert_allclose(found.std(axis=1), told.sigma, rtol=0.06)  # 2,000 trials: 1.6 % each
+    assert told.score == pytest.approx(np.linalg.slogdet(design.T @ design)[1], abs=1e-3)
+    scaled = design / np.linalg.norm(design, axis=0)
+    assert told.condition == pytest.approx(np.linalg.cond(scaled), rel=1e-3)
+
+
+def test_ranks() -> None:
+    """Torques at rest: four parameters from two poses. A sensor with offsets: ten from three."""
+    joints = random_poses(TX40, 3, np.random.default_rng(0))
+    for regressor, sigma, enough in ((static_torques, SIGMA_NM, 2), (static_wrenches, SENSOR, 3)):
+        rows = regressor(joints, 0 * joints, 0 * joints) / sigma[:, None]
+        PredictedUncertainty.of(information(rows[:enough]))
+        with pytest.raises(LabError, match="does not show every parameter"):
+            PredictedUncertainty.of(information(rows[: enough - 1]))
+
+
+def test_static_torques_show_what_the_facts_say() -> None:
+    """18.7 %/sqrt n of random poses, 13.1 %/sqrt n of the best."""
+    rng = np.random.default_rng(0)
+    joints = random_poses(TX40, 2000, rng)
+    rows = static_torques(joints, 0 * joints, 0 * joints) / SIGMA_NM[:, None]
+    anywhere = mass_and_centre(PredictedUncertainty.of(information(rows) / len(rows)))[0]
+    best = design_poses(static_torques, SIGMA_NM, 20, LIMITS, touches_nothing, rng)
+    chosen = mass_and_centre(best.prediction)[0] * np.sqrt(20)
+    assert anywhere == pytest.approx(18.7, rel=0.03)
+    assert 11.5 < chosen < 13.1 * 1.02
+    assert touches_nothing(best.joints).all() and not TX40.chain.beyond_limits(best.joints, 0.0).any()
+
+
+def test_a_sensor_shows_what_the_facts_say() -> None:
+    """20 poses, offsets free: m 0.08 %, c 0.04 0.04 0.06 mm."""
+    best = design_poses(static_wrenches, SENSOR, 20, LIMITS, touches_nothing, np.random.default_rng(0))
+    assert (mass_and_centre(best.prediction) <= [0.085, 0.045, 0.045, 0.065]).all()
+    assert best.prediction.sigma.shape == (10,)
+
+
+# The search
+
+
+def toy_regressor(joints: Array, speeds: Array, accelerations: Array) -> Array:
+    """Two rows, three parameters, nothing but made up."""
+    (x, y), (v, w), (a, b) = joints.T, speeds.T, accelerations.T
+    return np.stack([a + np.cos(x), v * w, np.sin(y), b, x * y + v, w + np.cos(x)], axis=1).reshape(-1, 2, 3)
+
+
+TWO = np.ones(2)
+TOY = Limits(-2 * TWO, 2 * TWO, 3 * TWO, 10 * TWO, np.inf * TWO)
+
+
+def anywhere(joints: Array) -> np.ndarray:
+    return np.ones(len(joints), dtype=bool)
+
+
+def outside_a_disc(joints: Array) -> np.ndarray:
+    return np.hypot(*(joints - 0.3).T) > 0.8
+
+
+def toy(seed: int = 0, limits: Limits = TOY, feasible=anywhere, **options):
+    rng = np.random.default_rng(seed)
+    return design_path(toy_regressor, TWO, limits, feasible, rng, starts=2, rounds=8, **options)
+
+
+@cache
+def usual():
+    """What most tests look at."""
+    return toy()
+
+
+@pytest.mark.parametrize("name", ["O1", "condition"])
+def test_the_slope_of_the_score(name: str) -> None:
+    allowed = lambda states: (np.ones(len(states), bool),) * 2  # noqa: E731
+    whitened = lambda *motion: torques(*motion) / SIGMA_NM[:, None]  # noqa: E731
+    search = PathSearch(whitened, criterion(name, 10), LIMITS.box, allowed, 5.0, np.eye(11))
+    path = random_path(LIMITS, np.random.default_rng(4)).coefficients
+    score, slope = search._slope(path)
+    assert score == pytest.approx(search.score(path), rel=1e-12)
+    for cell in ((0, 1), (2, 0), (5, 3), (7, 4), (10, 5)):
+        step = np.zeros_like(path)
+        step[cell] = 1e-5
+        numeric = (search.score(path + step) - search.score(path - step)) / 2e-5
+        assert slope[cell] == pytest.approx(numeric, rel=1e-4, abs=1e-4 * np.abs(slope).max())
+
+
+def test_the_slope_of_the_walls() -> None:
+    rng = np.random.default_rng(0)
+    search = PathSearch(
+        toy_regressor,
+        criterion("O1", 3),
+        Box(rng.normal(size=(3, 2)), rng.uniform(0.5, 2.0, (3, 2))),
+        lambda s: s,
+        5.0,
+        np.eye(11),
+    )
+    walls = _Walls()
+    for _ in range(2):
+        walls.add(rng.integers(0, 1000, 7), rng.normal(size=(7, 3, 2)), rng.normal(size=7))
+    path = rng.normal(size=(11, 2))
+    slope = search._climbed(path, walls)[1]
+    for cell in np.ndindex(path.shape):
+        step = np.zeros_like(path)
+        step[cell] = 1e-6
+        numeric = (search._climbed(path + step, walls)[0] - search._climbed(path - step, walls)[0]) / 2e-6
+        assert slope[cell] == pytest.approx(numeric, rel=1e-5, abs=1e-3)
+
+
+@pytest.mark.thorough
+def test_one_seed_gives_one_path() -> None:
+    first, again, other = toy(0), usual(), toy(2)
+    np.testing.assert_array_equal(first.path.coefficients, again.path.coefficients)
+    assert not np.array_equal(first.path.coefficients, other.path.coefficients)
+
+
+@pytest.mark.thorough
+def test_a_path_goes_around_what_is_forbidden() -> None:
+    free, around = usual(), toy(feasible=outside_a_disc)
+    times = np.linspace(0, 5, 2000)
+    assert not outside_a_disc(free.path.at(times)[0]).all()  # else there is nothing to go around
+    assert outside_a_disc(around.path.at(times)[0]).all()
+    drawn = [random_path(TOY, np.random.default_rng(i)) for i in range(200)]
+    allowed = [path for path in drawn if outside_a_disc(path.at(times)[0]).all()]
+    best = max(predicted(path, toy_regressor, TWO).score for path in allowed)
+    assert best < around.prediction.score <= free.prediction.score + 0.2
+
+
+@pytest.mark.thorough
+def test_torques_are_kept() -> None:
+    """A made-up torque that speed and acceleration of both joints raise, below a limit that the free path passes."""
+
+    def torque(joints: Array, speeds: Array, accelerations: Array) -> Array:
+        return accelerations + accelerations[:, ::-1] / 2 + speeds**2 + 3 * np.cos(joints)
+
+    times = np.linspace(0, 5, 2000)
+    free, held = usual(), toy(limits=replace(TOY, torque=np.array([6.0, 7.0])), torque=torque)
+    assert (np.abs(torque(*free.path.at(times))).max(axis=0) > [6.0, 7.0]).all()
+    assert (np.abs(torque(*held.path.at(times))).max(axis=0) <= np.array([6.0, 7.0]) + 1e-3).all()
+    assert held.prediction.score < free.prediction.score
+
+
+def test_limits_are_kept_on_other_times_than_those_looked_at() -> None:
+    joints, speeds, accelerations = usual().path.at(np.linspace(0, 5, 1777))
+    assert np.abs(joints).max() <= 2 + 1e-4 and np.abs(speeds).max() <= 3 and np.abs(accelerations).max() <= 10
+
+
+def test_progress_rises_to_the_end() -> None:
+    told: list[tuple[int, int]] = []
+    toy(progress=lambda done, all_of_it: told.append((done, all_of_it)))
+    done = [each[0] for each in told]
+    assert done == sorted(done) and told[-1] == (16, 16) and len(told) > 4
+
+
+def test_what_cannot_be_designed() -> None:
+    with pytest.raises(LabError, match="torques are limited, but nothing says what they are"):
+        toy(limits=replace(TOY, torque=TWO))
+    with pytest.raises(LabError, match="none of 200 random paths keeps free of contacts and within the torques"):
+        toy(feasible=lambda joints: ~anywhere(joints))
+    still = np.ones((1, 2, 3)) * np.arange(3)
+    with pytest.raises(LabError, match="does not show every parameter; let more joints move"):
+        design_path(lambda q, v, a: np.repeat(still, len(q), axis=0), TWO, TOY, anywhere, np.random.default_rng(0))
+    with pytest.raises(LabError, match=r"only 0 of 2000 random poses are allowed, 20 asked for"):
+        design_poses(static_torques, SIGMA_NM, 20, LIMITS, lambda q: ~anywhere(q), np.random.default_rng(0))
+    with pytest.raises(LabError, match="1 poses cannot show 10 parameters: ask for 2 or more"):
+        design_poses(static_wrenches, SENSOR, 1, LIMITS, touches_nothing, np.random.default_rng(0))
+
+
+def test_static_poses_keep_the_torques() -> None:
+    arm, rest = CarryingArm(TX40, DOWN, LOAD), np.zeros((1, 6))
+    weak = replace(LIMITS, torque=np.array([50.0, 20.0, 50, 50, 50, 50]))
+    best = design_poses(
+        static_torques, SIGMA_NM, 6, weak, touches_nothing, np.random.default_rng(0), torque=arm.torques
+    )
+    held = arm.torques(best.joints, *(np.repeat(rest, 6, axis=0),) * 2)
+    assert (np.abs(held) <= weak.torque).all()
+
+
+# The TX 40
+
+
+@pytest.mark.slow
+def test_a_little_search_beats_random_paths() -> None:
+    rng = np.random.default_rng(0)
+    best = design_path(torques, SIGMA_NM, LIMITS, touches_nothing, rng, starts=1, rounds=2)
+    drawn = [predicted(random_path(LIMITS, rng), torques, SIGMA_NM) for _ in range(100)]
+    assert best.prediction.score > max(each.score for each in drawn) + 3
+    assert (best.prediction.sigma < np.median([each.sigma for each in drawn], axis=0)).all()
+    assert touches_nothing(best.path.at(np.linspace(0, 5, 1777))[0]).all()
+
+
+@pytest.mark.slow
+def test_a_designed_path_shows_more_than_the_facts_say() -> None:
+    """Under the limits of speed and torque: m 0.21 %, c 0.09 0.09 0.35 mm, inertia 1.2 1.2 0.5e-4 and better."""
+    limits = Limits.of(TX40.chain, torque=PEAK_NM)
+    arm = CarryingArm(TX40, DOWN, LOAD)
+    best = design_path(torques, SIGMA_NM, limits, touches_nothing, np.random.default_rng(0), torque=arm.torques)
+    assert (mass_and_centre(best.prediction) <= [0.21, 0.09, 0.09, 0.35]).all()
+    assert (best.prediction.sigma[4:7] <= [1.2e-4, 1.2e-4, 0.5e-4]).all()
+    motion = best.path.at(np.linspace(0, 5, 1777))
+    assert touches_nothing(motion[0]).all() and (np.abs(arm.torques(*motion)) <= PEAK_NM).all()
+
+
+@pytest.mark.slow
+def test_the_best_condition_number_is_worse_than_a_random_path() -> None:
+    """In kg, kg m and kg m^2 the condition number is best where the inertia shows as little as can be."""
+    rng = np.random.default_rng(0)
+    drawn = [predicted(random_path(LIMITS, rng), torques, SIGMA_NM) for _ in range(100)]
+    usual = np.median([each.sigma for each in drawn], axis=0)
+    by = {
+        name: design_path(torques, SIGMA_NM, LIMITS, touches_nothing, rng, goal=criterion(name, 10), starts=2)
+        for name in ("O1", "condition")
+    }
+    conditions = {name: np.linalg.cond(each.prediction.covariance) ** 0.5 for name, each in by.items()}
+    assert conditions["condition"] < 0.3 * conditions["O1"]
+    assert (by["condition"].prediction.sigma[4:] > 2 * usual[4:]).all()
+    assert (by["O1"].prediction.sigma[4:] < 0.5 * usual[4:]).all()
+
+
+def test_inertia_shows_with_the_square_of_speed() -> None:
+    path = random_path(LIMITS, np.random.default_rng(3))
+    slow, fast = (predicted(replace(path, period_s=period), torques, SIGMA_NM) for period in (50.0, 100.0))
+    np.testing.assert_allclose(fast.sigma[4:] / slow.sigma[4:], 4.0, rtol=0.05)
+
+
+def test_a_moving_sensor_shows_sixteen() -> None:
+    told = predicted(random_path(LIMITS, np.random.default_rng(3)), wrenches, SENSOR)
+    assert told.sigma.shape == (16,) and told.sigma[0] < 0.001 * LOAD.mass_kg
+
+
+def test_a_chain_of_slides_has_limits() -> None:
+    chain: Chain = replace(VERSATRAN, speed=np.ones(6))
+    path = random_path(Limits.of(chain), np.random.default_rng(0))
+    joints = path.at(np.linspace(0, 5, 500))[0]
+    assert not chain.beyond_limits(joints, 0.0).any()
