@@ -40,13 +40,6 @@ _STEPS, _REACHED = 60, 1e-6  # Gauss-Newton steps to a point, and how near (m) i
 _LONGEST_STEP = 0.3  # rad or m of a joint
 _DAMPING = 1e-6  # of the largest eigenvalue
 
-_WORDS: dict[RegionKind, str] = {
-    "measured": "where poses were measured",
-    "workspace": "over the workspace",
-    "box": "in the box of the task",
-    "targets": "at the targets of the task",
-}
-
 
 @dataclass(frozen=True)
 class Region:
@@ -61,11 +54,6 @@ class Region:
     kind: RegionKind
     inputs: Array
     factors: Array | None = None
-
-    @property
-    def words(self) -> str:
-        """Name the region at the end of a sentence."""
-        return _WORDS[self.kind]
 
 
 def measured_region(found: Identification, observed: Observations, turning: NDArray[np.bool_]) -> Region:

@@ -82,7 +82,7 @@ class RegionPrediction:
     """Predicted position errors (m) over the poses of a region; NaN where they are not known.
 
     Attributes:
-        kind, words: the region's.
+        kind: the region's.
         poses: how many poses stand for it.
         rms_m: root mean square, by the parameters' covariance.
         mean_m, p95_m: the mean, and the length that 95 % of the errors do not exceed, over poses and over campaigns
@@ -95,7 +95,6 @@ class RegionPrediction:
     """
 
     kind: RegionKind
-    words: str
     poses: int
     rms_m: float
     mean_m: float
@@ -209,7 +208,7 @@ def predict_over_region(
         measured: the joint positions that were measured, and what the model may lack beyond them.
     """
     model, nothing = identification.model, float("nan")
-    unknown = RegionPrediction(region.kind, region.words, 0, nothing, nothing, nothing, nothing)
+    unknown = RegionPrediction(region.kind, 0, nothing, nothing, nothing, nothing)
     if not observation_of(model).positions:
         return unknown
     inputs, jacobian, reached = _reached(model, identification.values, region.inputs)

@@ -9,11 +9,13 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import date
+from typing import Any
 
+from lab.core.checks import Check
 from lab.formats.certificate_toml import CertificateDetails
 from lab.formats.programs.registry import language_of_maker
 
-__all__ = ["CampaignFacts", "Implausibility", "implausibilities"]
+__all__ = ["CampaignFacts", "implausibilities"]
 
 USUAL_C = (15.0, 35.0)  # of a hall in which robots are measured
 LONGEST_YEARS = 2.0  # between two calibrations of an instrument, where its certificate states no end
@@ -44,23 +46,13 @@ class CampaignFacts:
     repeatability_mm: float | None = None
 
 
-@dataclass(frozen=True)
-class Implausibility:
-    """A detail that cannot be right, or is unusual.
+def implausibilities(details: CertificateDetails, facts: CampaignFacts) -> tuple[Check, ...]:
+    """Check all details of a certificate against each other and against the run.
 
-    Attributes:
-        where: the details' section and name.
-        words: what is wrong, in one sentence.
-        impossible: whether no certificate can be issued with it.
+    Returns:
+        The checks that found something: failed where no certificate can be issued with it, noted where it is unusual.
+        Their data has ``where``, the details' section and name.
     """
-
-    where: str
-    words: str
-    impossible: bool
-
-
-def implausibilities(details: CertificateDetails, facts: CampaignFacts) -> tuple[Implausibility, ...]:
-    """Check all details of a certificate against each other and against the run."""
     return (
         *_of_dates(details, facts),
         *_of_robot(details, facts),
@@ -70,86 +62,79 @@ def implausibilities(details: CertificateDetails, facts: CampaignFacts) -> tuple
     )
 
 
-def _of_dates(details: CertificateDetails, facts: CampaignFacts) -> Iterator[Implausibility]:
+def _of_dates(details: CertificateDetails, facts: CampaignFacts) -> Iterator[Check]:
     """Order the days of calibration, measurement and issue."""
     stated, issued = _day(details.certificate.measured_on or facts.measured_on), _day(details.certificate.date)
     if details.certificate.measured_on and facts.measured_on and facts.measured_on != details.certificate.measured_on:
-        words = f"measured_on is {details.certificate.measured_on}, but the run was measured on {facts.measured_on}"
-        yield Implausibility("certificate.measured_on", words, True)
+        days = {"stated": details.certificate.measured_on, "of_run": facts.measured_on}
+        yield _found("other_day", "certificate.measured_on", impossible=True, **days)
     if stated and issued and stated > issued:
-        words = f"the measurements of {stated} are later than the issue of the certificate on {issued}"
-        yield Implausibility("certificate.date", words, True)
+        yield _found("issued_before", "certificate.date", impossible=True, measured_on=stated, issued=issued)
     if stated and issued and (issued - stated).days > LONGEST_DAYS_TO_ISSUE:
-        days = (issued - stated).days
-        words = f"the certificate of {issued} is issued {days:,} days after the measurements of {stated}"
-        yield Implausibility("certificate.date", words, False)
+        late = {"measured_on": stated, "issued": issued, "days": (issued - stated).days}
+        yield _found("issued_late", "certificate.date", impossible=False, **late)
     for name, gauge in (("instrument", details.instrument), ("reflector", details.reflector)):
         yield from _of_certificate(name, _day(gauge.certificate_date), _day(gauge.valid_until), stated, issued)
 
 
 def _of_certificate(
     name: str, checked: date | None, until: date | None, measured: date | None, issued: date | None
-) -> Iterator[Implausibility]:
+) -> Iterator[Check]:
     """Check the certificate of an instrument or a reflector: it has to hold on the day of the measurements."""
-    where, its = f"{name}.certificate_date", f"the certificate of the {name}"
+    where, end = f"{name}.certificate_date", f"{name}.valid_until"
+    dates: dict[str, Any] = {"gauge": name, "checked": checked, "until": until, "issued": issued}
     if checked and until and until < checked:
-        words = f"{its} of {checked} ends before it begins, on {until}"
-        yield Implausibility(f"{name}.valid_until", words, True)
+        yield _found("ends_before_begin", end, impossible=True, **dates)
         return
     if checked and issued and checked > issued:
-        yield Implausibility(where, f"{its} of {checked} is later than this certificate of {issued}", True)
+        yield _found("later_than_issue", where, impossible=True, **dates)
     on = measured or issued
     if on is None:
         if checked or until:
-            words = f"{its} ({checked or until}) cannot be judged: no day of the measurements is stated"
-            yield Implausibility(where, words, True)
+            yield _found("no_day", where, impossible=True, **dates)
         return
-    of = f"the measurements of {on}" if measured else f"this certificate of {on}"
+    dates |= {"on": on, "measured": measured is not None}
     if checked and measured and checked > measured:
-        yield Implausibility(where, f"{its} of {checked} is later than {of}: nothing says how it was then", True)
+        yield _found("later_than_measured", where, impossible=True, **dates)
     if until and until < on:
-        yield Implausibility(f"{name}.valid_until", f"{its} ended on {until}, before {of}", True)
+        yield _found("ended", end, impossible=True, **dates)
     if checked and not until and (on - checked).days > LONGEST_YEARS * _YEAR:
-        years = (on - checked).days / _YEAR
-        words = f"{its} of {checked} is {years:.1f} years older than {of}, and states no end (valid_until)"
-        yield Implausibility(where, words, True)
+        yield _found("old", where, impossible=True, years=(on - checked).days / _YEAR, **dates)
 
 
-def _of_robot(details: CertificateDetails, facts: CampaignFacts) -> Iterator[Implausibility]:
+def _of_robot(details: CertificateDetails, facts: CampaignFacts) -> Iterator[Check]:
     robot = details.robot
     stated = f"{robot.maker} {robot.model}".strip()
     makers = language_of_maker(stated), language_of_maker(facts.robot)
     other = robot.model and not (_names(robot.model, facts.robot) or _names(facts.robot, stated))
     if other or (None not in makers and makers[0] is not makers[1]):
-        words = f"the certificate is of a robot {stated}, but the run calibrates the model {facts.robot}"
-        yield Implausibility("robot.model", words, makers[1] is not None)
+        impossible = makers[1] is not None
+        yield _found("other_robot", "robot.model", impossible=impossible, stated=stated, of_run=facts.robot)
     if robot.serial_number and robot.serial_number == details.instrument.serial_number:
-        words = f"robot and instrument have the same serial number, {robot.serial_number}"
-        yield Implausibility("robot.serial_number", words, True)
+        yield _found("same_serial", "robot.serial_number", impossible=True, serial=robot.serial_number)
 
 
-def _of_instrument(details: CertificateDetails, facts: CampaignFacts) -> Iterator[Implausibility]:
+def _of_instrument(details: CertificateDetails, facts: CampaignFacts) -> Iterator[Check]:
     stated = f"{details.instrument.maker} {details.instrument.model}".strip()
     known = facts.instrument
     if details.instrument.model and known and not _shares_a_word(stated, known):
-        words = f"the certificate is of an instrument {stated}, but the run was weighted by the noise of {known}"
-        yield Implausibility("instrument.model", words, False)
+        yield _found("other_instrument", "instrument.model", impossible=False, stated=stated, of_run=known)
 
 
-def _of_surroundings(details: CertificateDetails) -> Iterator[Implausibility]:
+def _of_surroundings(details: CertificateDetails) -> Iterator[Check]:
     room, low, high = details.environment, details.instrument.lowest_c, details.instrument.highest_c
     if (at := room.temperature_c) is not None:
         unfit = not low <= at <= high
         if unfit or not USUAL_C[0] <= at <= USUAL_C[1]:
-            range_words = f"the instrument works from {low:g} to {high:g} °C"
-            usual = f"robots are measured at {USUAL_C[0]:g} to {USUAL_C[1]:g} °C"
-            words = f"the temperature is {at:g} °C, but {range_words if unfit else usual}"
-            yield Implausibility("environment.temperature_c", words, unfit)
+            least, most = (low, high) if unfit else USUAL_C
+            temperature = {"at_c": at, "least_c": least, "most_c": most}
+            name = "unfit_temperature" if unfit else "unusual_temperature"
+            yield _found(name, "environment.temperature_c", impossible=unfit, **temperature)
     if (known := details.robot_temperature) is not None:
         spread = min(known[0].limit, 2 * known[0].standard)
         if spread > MOST_ROBOT_KELVIN:
-            words = f"the robot's temperature is stated within {spread:g} K, more than {MOST_ROBOT_KELVIN:g} K"
-            yield Implausibility("environment.robot_temperature_k", words, False)
+            sizes = {"spread_k": spread, "most_k": MOST_ROBOT_KELVIN}
+            yield _found("robot_temperature", "environment.robot_temperature_k", impossible=False, **sizes)
     numbers: dict[str, tuple[float | None, tuple[float, float], str]] = {
         "expansion_ppm_per_k": (room.expansion_ppm_per_k, USUAL_EXPANSION_PPM, "ppm/K"),
         "pressure_hpa": (room.pressure_hpa, USUAL_PRESSURE_HPA, "hPa"),
@@ -157,21 +142,25 @@ def _of_surroundings(details: CertificateDetails) -> Iterator[Implausibility]:
     }
     for name, (value, (least, most), unit) in numbers.items():
         if value is not None and not least <= value <= most:
-            words = f"{name} is {value:g} {unit}, usual is {least:g} to {most:g} {unit}: is the unit right?"
-            yield Implausibility(f"environment.{name}", words, False)
+            sizes = {"value": value, "least": least, "most": most}
+            yield _found("unusual_number", f"environment.{name}", impossible=False, name=name, unit=unit, **sizes)
 
 
-def _of_repeatability(details: CertificateDetails, facts: CampaignFacts) -> Iterator[Implausibility]:
+def _of_repeatability(details: CertificateDetails, facts: CampaignFacts) -> Iterator[Check]:
     stated, found = details.robot.repeatability_mm, facts.repeatability_mm
     if stated is None:
         return
     low, high = USUAL_REPEATABILITY_MM
     if not low <= stated <= high:
-        words = f"repeatability_mm is {stated:g} mm, data sheets state {low:g} to {high:g} mm: is the unit right?"
-        yield Implausibility("robot.repeatability_mm", words, False)
+        sizes = {"stated_mm": stated, "least_mm": low, "most_mm": high}
+        yield _found("unusual_repeatability", "robot.repeatability_mm", impossible=False, **sizes)
     if found is not None and not 1 / REPEATABILITY_RATIO <= found / stated <= REPEATABILITY_RATIO:
-        words = f"the repeatability is stated as {stated:g} mm, but repeated poses show {found:.2g} mm"
-        yield Implausibility("robot.repeatability_mm", words, False)
+        sizes = {"stated_mm": stated, "found_mm": found}
+        yield _found("other_repeatability", "robot.repeatability_mm", impossible=False, **sizes)
+
+
+def _found(what: str, where: str, *, impossible: bool, **data: Any) -> Check:
+    return Check(f"certificate.{what}", "failed" if impossible else "noted", data={"where": where, **data})
 
 
 def _day(text: str) -> date | None:

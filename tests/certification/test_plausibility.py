@@ -4,8 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from lab.certification.plausibility import CampaignFacts, Implausibility, implausibilities
+from lab.certification.plausibility import CampaignFacts, implausibilities
+from lab.core.checks import Check
 from lab.formats.certificate_toml import read_certificate_details
+from lab.render.phrases.registry import phrase
 
 GOOD = {
     "certificate": {"date": "2026-03-31", "measured_on": "2026-03-30"},
@@ -23,9 +25,7 @@ GOOD = {
 FACTS = CampaignFacts("irb120", "leica-at960", "2026-03-30", 0.012)
 
 
-def found(
-    folder: Path, changes: dict[str, str | float | None], facts: CampaignFacts = FACTS
-) -> tuple[Implausibility, ...]:
+def found(folder: Path, changes: dict[str, str | float | None], facts: CampaignFacts = FACTS) -> tuple[Check, ...]:
     """What is implausible of the good details with some changed, by ``section.name``; None takes one out."""
     sections = {section: dict(values) for section, values in GOOD.items()}
     for where, value in changes.items():
@@ -86,8 +86,9 @@ IMPOSSIBLE: dict[str, tuple[dict[str, str | float | None], str, str]] = {
 @pytest.mark.parametrize("case", IMPOSSIBLE, ids=IMPOSSIBLE)
 def test_details_that_cannot_be_right_are_named(case: str, tmp_path: Path) -> None:
     changes, where, words = IMPOSSIBLE[case]
-    named = {each.where: each for each in found(tmp_path, changes)}
-    assert where in named and words in named[where].words and named[where].impossible, named
+    named = {each.data["where"]: each for each in found(tmp_path, changes)}
+    assert where in named and named[where].outcome == "failed", named
+    assert words in phrase(named[where])
 
 
 UNUSUAL: dict[str, tuple[dict[str, str | float | None], str]] = {
@@ -106,16 +107,16 @@ UNUSUAL: dict[str, tuple[dict[str, str | float | None], str]] = {
 def test_unusual_details_are_named_and_possible(case: str, tmp_path: Path) -> None:
     changes, words = UNUSUAL[case]
     named = found(tmp_path, changes)
-    assert any(words in each.words for each in named), named
-    assert not any(each.impossible for each in named)
+    assert any(words in phrase(each) for each in named), named
+    assert {each.outcome for each in named} == {"noted"}
 
 
 def test_a_certificate_of_an_instrument_without_any_day_to_hold_on_cannot_be_judged(tmp_path: Path) -> None:
     without = {"certificate.date": None, "certificate.measured_on": None, "reflector.certificate_date": None}
     (named,) = found(tmp_path, without, CampaignFacts("irb120"))
-    assert named.impossible and "(2025-11-02) cannot be judged" in named.words
+    assert named.outcome == "failed" and "(2025-11-02) cannot be judged" in phrase(named)
 
 
 def test_an_unknown_name_of_a_robot_is_flagged_only(tmp_path: Path) -> None:
     (named,) = found(tmp_path, {}, CampaignFacts("cell 7"))
-    assert not named.impossible and "cell 7" in named.words
+    assert named.outcome == "noted" and "cell 7" in phrase(named)

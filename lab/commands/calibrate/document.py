@@ -51,7 +51,7 @@ from lab.render.document import (
 )
 from lab.render.format import capital, digits_of, fixed, plus_minus, sentence, short
 from lab.render.phrases.registry import in_one_line, phrases
-from lab.render.phrases.verdict import gate_words, without_figures
+from lab.render.phrases.verdict import gate_words, region_words, without_figures
 from lab.render.units import display_unit
 
 __all__ = ["document_of", "parameters_table", "verdict_blocks"]
@@ -210,7 +210,7 @@ def _predictions(result: CalibrationResult) -> Table:
     region, elsewhere, bounds = result.verdict.region, result.verdict.elsewhere, result.bounds
     rows: list[Row] = []
     if np.isfinite(region.p95_m):
-        rows.append((region.words, short(1e3 * region.mean_m), short(1e3 * region.p95_m), "", ""))
+        rows.append((region_words(region), short(1e3 * region.mean_m), short(1e3 * region.p95_m), "", ""))
     if elsewhere is not None and np.isfinite(elsewhere.p95_m):
         where = f"extrapolated: {100 * elsewhere.extrapolated_share:.0f} % of the workspace"
         rows.append((where, short(1e3 * elsewhere.mean_m), short(1e3 * elsewhere.p95_m), "", ""))
@@ -258,7 +258,7 @@ def _noise(result: CalibrationResult) -> str:
     if np.isfinite(region.rms_m):
         text += (
             f" The parameters' covariance alone predicts a position error of {short(1e3 * region.rms_m)} mm "
-            f"(RMS {region.words})."
+            f"(RMS {region_words(region)})."
         )
     return text
 

@@ -28,6 +28,7 @@ from lab.render.document import (
     Warnings,
 )
 from lab.render.format import capital, digits_of, fixed, sentence, short
+from lab.render.phrases.registry import in_one_line
 from lab.render.phrases.verdict import gate_words
 from lab.render.style import AFTER
 from lab.render.svg import axes_picture
@@ -127,7 +128,7 @@ def _withheld(result: Certificate) -> tuple[Block, ...]:
     """Report that the certificate is not issued, where details are impossible."""
     if result.issued:
         return ()
-    why = "; ".join(each.words for each in result.implausible if each.impossible)
+    why = in_one_line(each for each in result.implausible if each.outcome == "failed")
     badge = Badge("not issued", "bad")
     return (Paragraph(("This certificate is ", badge, f": {why}. Correct --details, or measure again.")),)
 

@@ -1,7 +1,7 @@
 """A certificate: typed, and as plain values."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,15 +11,16 @@ from lab.certification.budget import COVERAGE, Budget, BudgetLine, InputQuantity
 from lab.certification.characteristics import CHARACTERISTICS, Accuracy, PoseAccuracy, Repeats
 from lab.certification.conformity import Conformity
 from lab.certification.lack_of_fit import LackOfFit
-from lab.certification.plausibility import Implausibility
 from lab.commands.calibrate.load_run import Calibrated
 from lab.commands.certify.options import CertifyOptions
 from lab.commands.result import Result
 from lab.commands.values import ErrorStatistics, error_statistics, number
 from lab.compensation.iso9283 import CYCLES
+from lab.core.checks import Check
 from lab.core.instruments import Instrument
 from lab.core.se3 import Array
 from lab.formats.certificate_toml import CertificateDetails
+from lab.render.phrases.registry import phrase
 from lab.render.phrases.verdict import gate_words
 
 if TYPE_CHECKING:
@@ -103,7 +104,7 @@ class Certificate(Result):
     conformity: Conformity | None
     warnings: tuple[str, ...]
     poses: int
-    implausible: tuple[Implausibility, ...]
+    implausible: tuple[Check, ...]
     validation: LackOfFit | None
     unseen: tuple[Unseen, ...]
     with_unseen_m: tuple[float, ...]
@@ -111,7 +112,7 @@ class Certificate(Result):
     @property
     def issued(self) -> bool:
         """True where the details allow a certificate."""
-        return not any(each.impossible for each in self.implausible)
+        return not any(each.outcome == "failed" for each in self.implausible)
 
     @property
     def exit_code(self) -> int:
@@ -153,7 +154,7 @@ class Certificate(Result):
             "validation": None if self.validation is None else _validation_to_dict(self.validation),
             "unseen": [_unseen_to_dict(each) for each in self.unseen],
             "issued": self.issued,
-            "implausible": [asdict(each) for each in self.implausible],
+            "implausible": [_implausible_to_dict(each) for each in self.implausible],
             "conformity": None if self.conformity is None else self._conformity_to_dict(self.conformity),
             "iso_9283": self._iso_to_dict(),
             "warnings": list(self.warnings),
@@ -245,6 +246,10 @@ def _validation_to_dict(found: LackOfFit) -> dict[str, Any]:
         "p": found.p,
         "lack_of_fit_mm": 1e3 * found.sigma_m,
     }
+
+
+def _implausible_to_dict(found: Check) -> dict[str, Any]:
+    return {"where": found.data["where"], "words": phrase(found), "impossible": found.outcome == "failed"}
 
 
 def _unseen_to_dict(found: Unseen) -> dict[str, Any]:

@@ -43,6 +43,7 @@ from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.tracker_errors import TrackerErrors
 from lab.formats.certificate_toml import CertificateDetails, read_certificate_details
+from lab.render.phrases.registry import phrases
 from lab.render.progress import Stage, status
 
 __all__ = ["certify"]
@@ -96,11 +97,11 @@ def _certified(options: CertifyOptions, stage: Stage) -> Certificate:
     totals = _with_unseen(quantities, unseen, propagation, budgets)
     facts = _facts(calibrated, source, robot)
     strange = implausibilities(details, facts)
-    issued = not any(each.impossible for each in strange)
+    issued = not any(each.outcome == "failed" for each in strange)
     statement = None
     if issued:
         statement = _conformity(options, calibrated, totals[0] if device is None else budgets[0].expanded_m)
-    warnings = [*(each.words for each in strange), *_warnings(calibrated, device, details, chance, robot, validation)]
+    warnings = [*phrases(strange), *_warnings(calibrated, device, details, chance, robot, validation)]
     return Certificate(
         options,
         calibrated,

@@ -3,11 +3,11 @@
 from collections.abc import Callable, Iterable
 
 from lab.core.checks import Check
-from lab.render.phrases import verdict, verify
+from lab.render.phrases import certify, verdict, verify
 
 __all__ = ["PHRASES", "in_one_line", "phrase", "phrases"]
 
-PHRASES: dict[str, Callable[[Check], str]] = {**verdict.PHRASES, **verify.PHRASES}
+PHRASES: dict[str, Callable[[Check], str]] = {**certify.PHRASES, **verdict.PHRASES, **verify.PHRASES}
 
 
 def phrase(check: Check) -> str:

@@ -5,11 +5,19 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from lab.calibration.noise.plausibility import COMMON_NOISE_M
-from lab.calibration.workspace_prediction import Distance
+from lab.calibration.regions import RegionKind
+from lab.calibration.workspace_prediction import Distance, RegionPrediction
 from lab.core.checks import Check
 from lab.core.wording import short_length
 
-__all__ = ["PHRASES", "gate_words", "mm", "without_figures"]
+__all__ = ["PHRASES", "gate_words", "mm", "region_words", "without_figures"]
+
+_REGIONS: Mapping[RegionKind, str] = {
+    "measured": "where poses were measured",
+    "workspace": "over the workspace",
+    "box": "in the box of the task",
+    "targets": "at the targets of the task",
+}
 
 
 def gate_words(gate_mm: float | None) -> str:
@@ -20,6 +28,11 @@ def gate_words(gate_mm: float | None) -> str:
 def mm(length_m: float) -> str:
     """Return a length in mm with three digits; from 100 mm on, with all of them before the point."""
     return f"{1e3 * length_m:,.0f} mm" if length_m >= 0.1 else f"{1e3 * length_m:.3g} mm"
+
+
+def region_words(region: RegionPrediction) -> str:
+    """Return the name of a region as the end of a sentence."""
+    return _REGIONS[region.kind]
 
 
 _NOT_TESTED = {
@@ -290,12 +303,12 @@ def _error(check: Check) -> str:
     region, elsewhere, condition = (check.data[name] for name in ("region", "elsewhere", "condition"))
     of_condition = f", condition number {condition:,.0f}" if np.isfinite(condition) else ""
     if not np.isfinite(region.p95_m):
-        return f"the error {region.words} cannot be predicted{of_condition}"
+        return f"the error {region_words(region)} cannot be predicted{of_condition}"
     there = ""
     if elsewhere is not None and np.isfinite(elsewhere.p95_m):
         share = f"{100 * elsewhere.extrapolated_share:.0f} % of the workspace"
         there = f", in the extrapolated {share} {mm(elsewhere.p95_m)}"
-    return f"the predicted 95 % error {region.words} is {mm(region.p95_m)}{there}{of_condition}"
+    return f"the predicted 95 % error {region_words(region)} is {mm(region.p95_m)}{there}{of_condition}"
 
 
 def _limit(check: Check) -> str:
@@ -311,7 +324,7 @@ def _limit(check: Check) -> str:
 
 def _cover(check: Check) -> str:
     region = check.data["region"]
-    share = f"{100 * region.extrapolated_share:.0f} % of the poses {region.words}"
+    share = f"{100 * region.extrapolated_share:.0f} % of the poses {region_words(region)}"
     return f"{share} are extrapolated: not covered by measured poses"
 
 

@@ -1,0 +1,143 @@
+"""Phrases of checks, and that nothing is decided by them: with every phrase replaced, all else stays as it is."""
+
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.drawing import nothing_drawn
+from helpers.mistakes import MISTAKES, session_with_noise
+
+import lab
+from lab.calibration.noise.rigid_distances import InstrumentNoise
+from lab.calibration.noise.shared_errors import Move, SharedErrors
+from lab.commands.certify.options import CertifyOptions
+from lab.commands.certify.run import certify
+from lab.commands.result import Result
+from lab.commands.trend.options import TrendOptions
+from lab.commands.trend.run import trend
+from lab.core.measurements import Measurements
+from lab.render.phrases.registry import PHRASES
+from lab.render.phrases.verdict import mm
+
+SENTENCES = {"words", "reason", "reasons", "warnings", "adequacy", "why_not", "rule_words", "source", "seconds", "run"}
+
+
+def without_sentences(value: Any) -> Any:
+    """All of a result but its sentences, and what another run or folder changes."""
+    if isinstance(value, Mapping):
+        return {key: without_sentences(each) for key, each in value.items() if key not in SENTENCES}
+    return [without_sentences(each) for each in value] if isinstance(value, list | tuple) else value
+
+
+def outcomes(made: Iterable[Result]) -> list[str]:
+    """Exit code and JSON of commands, without sentences."""
+    return [json.dumps([each.exit_code, without_sentences(each.to_dict())], sort_keys=True) for each in made]
+
+
+@cache
+def session(mistake: str = "", size_m: float = 1e-3, seed: int = 1, poses: int = 25) -> Measurements:
+    data, rng = session_with_noise(seed, poses)
+    return MISTAKES[mistake](data, rng, size_m) if mistake else data
+
+
+def with_outliers() -> Measurements:
+    data = session()
+    points = data.points.copy()
+    points[[4, 11]] += 2e-3
+    return replace(data, points=points)
+
+
+def identified(data: Measurements, **options: Any) -> lab.CalibrationResult:
+    return lab.identify(data, robot="irb120", **{"holdout": 0.3, **options})
+
+
+def of_runs(folder: Path) -> Iterator[Result]:
+    """What builds on runs that lie in folders: these hold the sentences of that time."""
+    first, second = (session(seed=seed, poses=20) for seed in (1, 2))
+    for name, data, day in (("one", first, "2026-01-10"), ("two", second, "2026-02-10")):
+        found = identified(data, noise_mm=0.003, date=day)
+        assert found.verdict.word == "doubtful"
+        found.save(folder / name)
+        yield found
+    moved = replace(second, joints=second.joints + np.eye(second.joints.shape[1])[2] * 1e-3)
+    yield lab.verify(folder / "one", second)
+    yield lab.verify(folder / "one", moved)
+    yield certify(CertifyOptions(folder / "one"))
+    yield lab.compare([folder / "one", folder / "two"])
+    yield trend(TrendOptions(folder))
+    yield lab.status(folder)
+
+
+def of_measurements() -> Iterator[Result]:
+    data = session()
+    yield identified(data, noise_mm=0.2)
+    yield identified(session("the tracker moved half way", 3e-3))
+    yield identified(data, noise_mm=0.009, gate_mm=0.001)
+    yield identified(replace(data, points=0 * data.points))
+
+
+def of_many() -> Iterator[Result]:
+    yield identified(with_outliers(), noise_mm=0.009, robust=True, gate_mm=0.01)
+    for mistake in MISTAKES:
+        yield identified(session(mistake))
+        yield identified(session(mistake), noise_mm=0.009, gate_mm=0.5)
+    yield identified(with_outliers())
+    yield identified(session(), noise_mm=0.009)
+    yield identified(session(), model="auto")
+    yield identified(session("the tracker moved half way", 3e-3), model="auto")
+    yield identified(session(), prior="on")
+    yield identified(session(poses=15), gate_mm=0.2)
+    yield lab.calibrate("irb120", poses=40, seed=1)
+    yield lab.calibrate("irb120", poses=60, seed=1, stiffness_nm_per_rad=3e4)
+    yield lab.calibrate("irb120", poses=40, seed=2, observe="plane", prior="on")
+    yield lab.calibrate("irb120", poses=30, seed=3, targets=("p1", "p2", "p3"), noise_mm=0.02)
+    yield lab.design("irb120", poses=12, candidates=200)
+
+
+@pytest.fixture
+def silent(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
+    """Replaces every phrase by "x"."""
+
+    def silence() -> None:
+        for name in PHRASES:
+            monkeypatch.setitem(PHRASES, name, lambda _: "x")
+        for kind in (Move, InstrumentNoise):
+            monkeypatch.setattr(kind, "words", property(lambda _: "x"))
+        monkeypatch.setattr(SharedErrors, "words", property(lambda _: ("x",)))
+
+    return silence
+
+
+def test_lengths_have_three_digits() -> None:
+    assert (mm(2.5), mm(0.0012345), mm(0.9996)) == ("2,500 mm", "1.23 mm", "1,000 mm")
+
+
+def test_no_decision_of_a_fit_depends_on_a_phrase(silent: Callable[[], None]) -> None:
+    with nothing_drawn():
+        said = outcomes(of_measurements())
+        silent()
+        assert outcomes(of_measurements()) == said
+        assert identified(session(), noise_mm=0.2).to_dict()["reasons"] == ["x"]
+
+
+def test_no_decision_that_builds_on_runs_depends_on_a_phrase(silent: Callable[[], None], tmp_path: Path) -> None:
+    with nothing_drawn():
+        said = outcomes(of_runs(tmp_path / "runs"))
+        (tmp_path / "runs").rename(tmp_path / "said")
+        silent()
+        assert outcomes(of_runs(tmp_path / "runs")) == said
+    reasons = json.loads((tmp_path / "runs" / "one" / "result.json").read_text())["reasons"]
+    assert reasons and set(reasons) == {"x"}
+
+
+@pytest.mark.thorough
+def test_no_decision_of_many_commands_depends_on_a_phrase(silent: Callable[[], None]) -> None:
+    with nothing_drawn():
+        said = outcomes(of_many())
+        silent()
+        assert outcomes(of_many()) == said
