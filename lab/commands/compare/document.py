@@ -77,7 +77,7 @@ def _words(result: ComparisonResult, difference: Difference) -> str:
 
 
 def _table(result: ComparisonResult, difference: Difference) -> Table:
-    parameters = {each.name: each for each in result.runs[0].arm.parameters}
+    parameters = {each.name: each for each in result.runs[0].estimate.arm.parameters}
     rows: list[Row] = []
     for name, change, half in zip(difference.names, difference.changes, difference.half_widths, strict=True):
         factor, unit, _ = display_unit(parameters[name])
