@@ -22,8 +22,10 @@ TYPE_CHECKING = False  # as type checkers read it; importing typing would take l
 if TYPE_CHECKING:
     from typing import Any
 
+    from lab.calibration.estimate import Estimate
     from lab.campaign.instruments import instrument
     from lab.campaign.robot import Robot, load_robot
+    from lab.commands.calibrate.load_run import load_estimate
     from lab.commands.calibrate.result import CalibrationResult
     from lab.commands.calibrate.run import calibrate, identify
     from lab.commands.calibrate.simulate import MeasuringDay, simulate
@@ -58,6 +60,7 @@ __all__ = [
     "CalibrationResult",
     "CompensationResult",
     "DesignResult",
+    "Estimate",
     "Inspection",
     "Instrument",
     "LabError",
@@ -81,6 +84,7 @@ __all__ = [
     "import_measurements",
     "inspect",
     "instrument",
+    "load_estimate",
     "load_robot",
     "payload",
     "predict",
@@ -98,6 +102,8 @@ __all__ = [
 _MODULES = {  # where each name is, imported when it is asked for
     "lab.campaign.instruments": ("instrument",),
     "lab.campaign.robot": ("Robot", "load_robot"),
+    "lab.calibration.estimate": ("Estimate",),
+    "lab.commands.calibrate.load_run": ("load_estimate",),
     "lab.commands.calibrate.result": ("CalibrationResult",),
     "lab.commands.calibrate.run": ("calibrate", "identify"),
     "lab.commands.calibrate.simulate": ("MeasuringDay", "simulate"),

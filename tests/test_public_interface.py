@@ -88,6 +88,7 @@ def test_help_shows_what_is_required() -> None:
         "identify": ["measurements"],
         "import_measurements": ["points", "joints"],
         "instrument": ["name"],
+        "load_estimate": ["folder"],
         "load_robot": ["robot"],
         "predict": ["joints"],
         "read_measurements": ["path"],

@@ -34,7 +34,7 @@ from lab.kinematics.model import Model
 from lab.render.document import Document, Section
 from lab.studies import executors
 from lab.verification.change_test import change_test
-from lab.verification.estimated_noise import STEP, with_estimated_noise
+from lab.verification.new_measurements import STEP, with_estimated_noise
 from lab.verification.prediction import CalibrationPrediction, VerificationProblem
 
 __all__ = ["CASES", "Case", "Options", "answer", "study"]

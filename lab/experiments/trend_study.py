@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lab.calibration.estimate import IdentifiedSubset
 from lab.campaign.option_types import Flag
 from lab.campaign.robot import load_robot
 from lab.core.random import rng_for
@@ -22,7 +23,6 @@ from lab.kinematics.gauge import base_set
 from lab.render.document import Document, Section, Table
 from lab.simulation.collisions import random_poses
 from lab.verification.change_points import Directions, Series
-from lab.verification.difference import Estimates
 
 __all__ = ["Months", "Options", "answer", "named_within_two", "unchanged_years"]
 
@@ -93,7 +93,7 @@ class Months:
             noise = rng.uniform(-HALF_WIDTH_M, HALF_WIDTH_M, self.gains[k].shape[1])
             values = shift + self.gains[k] @ noise
             angles = tuple(name.endswith(("theta", "alpha", "beta")) for name in self.names)
-            estimates.append(Estimates(self.names, values, self.covariances[k], angles))
+            estimates.append(IdentifiedSubset(self.names, values, self.covariances[k], angles))
         one = Directions(self.names, np.eye(len(self.names)))
         return Series(estimates, [_MONTH * i for i in range(len(shifts))], one)
 

@@ -20,7 +20,7 @@ from lab.formats.text_file import read_text, refuse_unbounded
 if TYPE_CHECKING:
     from cattrs import Converter
 
-__all__ = ["read_json", "read_structured", "structured"]
+__all__ = ["read_json", "read_structured", "structured", "unstructured"]
 
 Kind = TypeVar("Kind")
 _PLAIN = {int: "a whole number", float: "a number", str: "a text", bool: "true or false", Path: "a path as text"}
@@ -55,6 +55,11 @@ def structured(where: object, kind: type[Kind], values: object, *, extra: bool =
     except _InvalidError as error:
         message = f"{error.value!r} is to be {error.valid}"
     raise LabError(f"{where}: {message}" if where else message)
+
+
+def unstructured(value: object) -> Any:
+    """Return a dataclass as plain values by its fields' names, which ``structured`` makes the same dataclass of."""
+    return _converter(True).unstructure(value)
 
 
 def read_json(path: Path, mend: str) -> Any:

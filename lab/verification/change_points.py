@@ -16,11 +16,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lab.calibration.estimate import IdentifiedSubset
 from lab.core.linear_model import half_width_95, p_value_of_squares
 from lab.core.probabilities import chi2_isf, t_isf, t_sf
 from lab.core.se3 import Array
 from lab.core.significance import TREND_YEAR
-from lab.verification.difference import Estimates
 
 __all__ = ["POWER", "ChangePoint", "Directions", "Series", "levels"]
 
@@ -102,7 +102,7 @@ class _Pooled:
 class Series:
     """Calibrations of one robot in the order of their days."""
 
-    def __init__(self, estimates: Sequence[Estimates], days: Sequence[float], directions: Directions) -> None:
+    def __init__(self, estimates: Sequence[IdentifiedSubset], days: Sequence[float], directions: Directions) -> None:
         """Of calibrations that identified the same parameters; ``directions`` of these."""
         self._estimates, self._days = estimates, days
         first = estimates[0]

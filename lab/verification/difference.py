@@ -9,31 +9,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lab.calibration.estimate import IdentifiedSubset
 from lab.core.linear_model import half_width_95, p_value_of_squares
 from lab.core.probabilities import t_sf
 from lab.core.se3 import Array
 from lab.core.significance import VERIFICATION
 
-__all__ = ["Difference", "Estimates", "difference_of"]
-
-
-@dataclass(frozen=True)
-class Estimates:
-    """What one calibration says of the parameters that are compared.
-
-    Attributes:
-        names: of the parameters ``(f,)``.
-        values: ``(f,)`` in SI units.
-        covariance: ``(f, f)``.
-        is_angle: ``(f,)`` whether each is an angle, of which whole turns mean nothing.
-        dof: degrees of freedom of the noise; None where it was known.
-    """
-
-    names: tuple[str, ...]
-    values: Array
-    covariance: Array
-    is_angle: tuple[bool, ...]
-    dof: int | None = None
+__all__ = ["Difference", "difference_of"]
 
 
 @dataclass(frozen=True)
@@ -59,7 +41,7 @@ class Difference:
         return self.p < VERIFICATION
 
 
-def difference_of(first: Estimates, second: Estimates) -> Difference:
+def difference_of(first: IdentifiedSubset, second: IdentifiedSubset) -> Difference:
     """Compare two calibrations that identified the same parameters."""
     assert first.names == second.names
     changes = second.values - first.values

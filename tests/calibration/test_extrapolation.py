@@ -7,6 +7,14 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120
 
+from lab.calibration.estimate_files import (
+    POSES_FILE,
+    Extrapolation,
+    measured_range_from_dict,
+    measured_range_to_dict,
+    read_cover,
+    write_cover,
+)
 from lab.calibration.extrapolation import MeasuredRange, measured_range
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import WEAK, Identification, identify
@@ -16,14 +24,6 @@ from lab.calibration.statistics.useful_parameters import TELLING, largest_useful
 from lab.calibration.validation import Errors, Validation
 from lab.calibration.verdict import verdict
 from lab.calibration.weights import Noise
-from lab.commands.calibrate.range_dict import (
-    POSES_FILE,
-    extrapolation_to_dict,
-    measured_range_from_dict,
-    measured_range_to_dict,
-    read_cover,
-    write_cover,
-)
 from lab.commands.calibrate.warnings import of_validation_beyond
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
@@ -120,9 +120,7 @@ def test_the_range_is_written_and_read(tmp_path: Path) -> None:
     said = replace(ranged(campaign(0, 3e-3)[0])[1], growth=2e-3, unsure=1e-3)
     assert said.cover is not None
     content = measured_range_to_dict(said, IRB120.chain)
-    more = extrapolation_to_dict(said, (0.5, 0.25), said.cover.poses, process=False)
-    assert more is not None and more["workspace_extrapolated_share"] == 0.25
-    assert more["validation_extrapolated"] == said.uncovered(said.cover.poses).sum()
+    more = Extrapolation(1e3 * said.growth, 1e3 * said.unsure)
     write_cover(tmp_path / POSES_FILE, said.cover, IRB120.chain)
     again = measured_range_from_dict(content, more, IRB120.chain, read_cover(tmp_path, IRB120.chain))
     assert again is not None and said.is_worse_beyond
@@ -134,7 +132,7 @@ def test_the_range_is_written_and_read(tmp_path: Path) -> None:
     assert measured_range_to_dict(None, IRB120.chain) is None
     assert read_cover(tmp_path / "older", IRB120.chain) is None
     with pytest.raises(LabError, match="growth_mrad"):
-        measured_range_from_dict(content, {"growth_mrad": -1}, IRB120.chain)
+        Extrapolation(growth_mrad=-1)
     (tmp_path / POSES_FILE).write_text("q1_deg\n3\n", "utf-8")
     with pytest.raises(LabError, match="has no column"):
         read_cover(tmp_path, IRB120.chain)

@@ -52,7 +52,7 @@ def test_a_verification_shows_measured_less_predicted(seven_run: Path, seven, tm
 def test_corrected_targets_show_what_the_arm_would_miss(seven_run: Path, tmp_path: Path) -> None:
     """Stops that are only passed have no target; the arrows are what the nominal model's joints would miss."""
     calibrated = read_calibrated(seven_run)
-    arm, values = calibrated.geometry
+    arm, values = calibrated.estimate.geometry
     points = 1e3 * arm.points(0.6 * arm.chain.random_joints(6, np.random.default_rng(1)), values)[:, 0]
     file = tmp_path / "targets.csv"
     file.write_text("p1_x_mm,p1_y_mm,p1_z_mm\n" + "".join("{},{},{}\n".format(*row) for row in points.tolist()))

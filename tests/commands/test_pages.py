@@ -57,7 +57,7 @@ def pages(tmp_path_factory, drawn_run: Path, drawn_plan: Path, drawn_study: Path
             part = day.take(range(30 * i, 30 * i + 30))
             lab.identify(part, robot="irb120", instrument="uniform-8um", date=at).save(history / f"run{i}")
     calibrated = read_calibrated(drawn_run)
-    arm, values = calibrated.geometry
+    arm, values = calibrated.estimate.geometry
     again = lab.simulate("irb120", poses=8, seed=7).measurements
     moved = replace(again, points=again.points + np.array([2e-4, 0, 0]))
     write_measurements(folder / "again.csv", moved, calibrated.robot.chain.prismatic)

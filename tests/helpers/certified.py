@@ -112,7 +112,9 @@ def outcome(mistake: Mistake, seed: int, folder: Path) -> Outcome:
         return Outcome(None, result.verdict.word, np.ones(0), np.nan)
     fresh = _not_fitted(exact, result.fitted) if mistake.holdout else exact
     calibrated = found.calibrated
-    predicted = calibrated.arm.points(fresh.inputs(calibrated.arm.conditions), calibrated.values)
+    predicted = calibrated.estimate.arm.points(
+        fresh.inputs(calibrated.estimate.arm.conditions), calibrated.estimate.values
+    )
     off = np.linalg.norm(predicted - fresh.points, axis=2)[:, 0]  # of the first target, which a certificate is of
     budget = found.budgets[0]
     kept = [line.quantity for line in budget.lines if line.quantity.name not in ("stability", "lack of fit")]

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from lab.calibration.estimate import IdentifiedSubset
 from lab.core.significance import TREND_YEAR
 from lab.verification.change_points import Directions, Series, levels
-from lab.verification.difference import Estimates
 
 COUNT = 8
 SCALE = np.geomspace(1e-6, 1e-3, COUNT)
@@ -15,7 +15,7 @@ PARAMETERS = Directions(NAMES, np.eye(COUNT))
 
 def calibrations(
     rng: np.random.Generator, shifts: np.ndarray, dof: int | None = None, poses: np.random.Generator | None = None
-) -> list[Estimates]:
+) -> list[IdentifiedSubset]:
     """Of an arm whose parameters are off by ``shifts``; each covariance is drawn from ``poses``."""
     estimates = []
     for shift in shifts:
@@ -23,7 +23,7 @@ def calibrations(
         own = SCALE[:, None] * (root @ root.T) * SCALE
         draw = rng.multivariate_normal(shift, own, method="cholesky")
         share = 1.0 if dof is None else rng.chisquare(dof) / dof
-        estimates.append(Estimates(NAMES, draw, share * own, (True,) * COUNT, dof))
+        estimates.append(IdentifiedSubset(NAMES, draw, share * own, (True,) * COUNT, dof))
     return estimates
 
 

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from lab.calibration.estimate import IdentifiedSubset
 from lab.core.significance import VERIFICATION
-from lab.verification.difference import Estimates, difference_of
+from lab.verification.difference import difference_of
 
 COUNT = 12
 SCALE = np.geomspace(1e-6, 1e-3, COUNT)
@@ -24,7 +25,7 @@ def pair(rng: np.random.Generator, moved: np.ndarray | float = 0.0, dof: int | N
         own = covariance(rng)
         draw = rng.multivariate_normal(true + shift, own, method="cholesky")
         share = 1.0 if dof is None else rng.chisquare(dof) / dof
-        found.append(Estimates(NAMES, draw, share * own, (True,) * COUNT, dof))
+        found.append(IdentifiedSubset(NAMES, draw, share * own, (True,) * COUNT, dof))
     return tuple(found)
 
 

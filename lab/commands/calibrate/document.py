@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from lab.calibration.estimate import EstimatedParameter
 from lab.calibration.identifiability import Direction
 from lab.calibration.prior import ActingPrior
 from lab.calibration.sensor import SensorWords
@@ -22,7 +23,7 @@ from lab.commands.calibrate.figures import (
     error_histograms,
     has_correction,
 )
-from lab.commands.calibrate.findings import EstimatedParameter, correlated_pairs
+from lab.commands.calibrate.findings import correlated_pairs
 from lab.commands.calibrate.fit_result import Named
 from lab.commands.calibrate.model_words import model_name, standing
 from lab.commands.calibrate.result import CalibrationResult, errors_without_outliers, outliers_found
@@ -336,28 +337,29 @@ def _parameters(result: CalibrationResult, words: SensorWords) -> Section:
     return Section(
         "Parameters",
         (
-            parameters_table(result.parameters),
+            parameters_table(result),
             Paragraph(note, "note"),
-            Figure("corrections", correction_pictures(result.parameters), caption),
+            Figure("corrections", correction_pictures(result), caption),
         ),
         shown_in=PAGE,
     )
 
 
-def parameters_table(rows: Sequence[EstimatedParameter]) -> Table:
+def parameters_table(result: CalibrationResult) -> Table:
     """Every parameter with its 95 % interval, or why it has none."""
+    rows, parameters = result.parameters, result.identification.model.parameters
     kinds = tuple("" if row.identified and not row.weakly_observable else "quiet" for row in rows)
     columns = ("parameter", "correction", "95 % interval", "unit", "estimated", "nominal", "status")
-    return Table(columns, tuple(map(_parameter_row, rows)), row_kinds=kinds)
+    return Table(columns, tuple(map(_parameter_row, parameters, rows)), row_kinds=kinds)
 
 
-def _parameter_row(row: EstimatedParameter) -> Row:
-    factor, unit, digits = display_unit(row.parameter)
+def _parameter_row(parameter: Parameter, row: EstimatedParameter) -> Row:
+    factor, unit, digits = display_unit(parameter)
     half = factor * row.half_width_95
     digits = digits_of(half, digits)
     return (
         Code(row.name),  # what matters comes first: a telephone shows the first columns
-        fixed(factor * (row.estimate - row.nominal), digits, signed=True) if has_correction(row) else "",
+        fixed(factor * (row.estimate - row.nominal), digits, signed=True) if has_correction(parameter, row) else "",
         plus_minus(half, digits) if np.isfinite(half) else "",
         unit,
         fixed(factor * row.estimate, digits) if row.identified else "",
@@ -368,17 +370,17 @@ def _parameter_row(row: EstimatedParameter) -> Row:
 
 def _status(row: EstimatedParameter) -> str:
     """The status; of a parameter that is fixed, also what it is aliased with."""
-    names = [name for name, _ in sorted(row.aliased_with, key=lambda alias: -abs(alias[1]))]
+    names = [name for name, _ in sorted(row.aliases.items(), key=lambda alias: -abs(alias[1]))]
     more = f" and {len(names) - _MOST_ALIASES} more" if len(names) > _MOST_ALIASES else ""
     aliased = f"; aliased with {', '.join(names[:_MOST_ALIASES])}{more}" if names else ""
-    return f"{'weakly observable' if row.weakly_observable else _STATUS[row.status]}{aliased}"
+    return f"{'weakly observable' if row.weakly_observable else _STATUS[str(row.status)]}{aliased}"
 
 
 def _identifiability(result: CalibrationResult) -> tuple[Block, ...]:
     """What the robot's structure and these poses allow to be identified."""
     found = result.identification
     directions, pairs = result.weak_directions, correlated_pairs(found)
-    parameters = {each.name: each.parameter for each in result.parameters}
+    parameters = {each.name: each for each in found.model.parameters}
     weak = tuple(
         (f"1/{1 / each.singular_value:,.0f}", _mixture(each, parameters), f"{short(1e6 * each.moved)} µm")
         for each in directions

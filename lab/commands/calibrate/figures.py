@@ -4,10 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from lab.calibration.estimate import EstimatedParameter
 from lab.commands.calibrate.error_map import ArmPoses
-from lab.commands.calibrate.findings import EstimatedParameter
 from lab.commands.calibrate.result import CalibrationResult
 from lab.core.se3 import Array
+from lab.kinematics.parameter import Parameter
 from lab.render.charts.axes import Axes
 from lab.render.document import Picture
 from lab.render.format import short
@@ -27,7 +28,7 @@ from lab.render.style import (
     MUTED,
 )
 from lab.render.svg import axes_picture, cube, log_ticks, view
-from lab.render.units import display_unit
+from lab.render.units import DisplayUnit, display_unit
 
 __all__ = [
     "arm_views",
@@ -45,7 +46,7 @@ _FAR = 1.3  # half the edge of the arm's cube: an instrument farther off is only
 def main_picture(result: CalibrationResult) -> Picture:
     """The errors before and after calibration, or the corrections where there was no validation."""
     found = error_histograms(result, "error")
-    return found[0] if found else correction_pictures(result.parameters)[0]
+    return found[0] if found else correction_pictures(result)[0]
 
 
 def error_histograms(result: CalibrationResult, error: str) -> tuple[Picture, ...]:
@@ -60,22 +61,26 @@ def error_histograms(result: CalibrationResult, error: str) -> tuple[Picture, ..
     return (histograms("errors", spreads, error, result.options.gate_mm),)
 
 
-def has_correction(row: EstimatedParameter) -> bool:
+def has_correction(parameter: Parameter, row: EstimatedParameter) -> bool:
     """Whether the nominal model says what the parameter would be: base, tool and fixtures are only placed."""
-    return row.identified and bool(np.isfinite(row.parameter.scale))
+    return row.identified and bool(np.isfinite(parameter.scale))
 
 
-def correction_pictures(rows: Sequence[EstimatedParameter]) -> tuple[Picture, ...]:
+def correction_pictures(result: CalibrationResult) -> tuple[Picture, ...]:
     """By how much parameters differ from their nominal values, with 95 % intervals, a picture for each unit."""
     by_unit: dict[str, list[EstimatedParameter]] = {"mm": []}
-    for row in filter(has_correction, rows):
-        by_unit.setdefault(display_unit(row.parameter).name, []).append(row)
-    units = [(unit, of) for unit, of in by_unit.items() if of]
-    return tuple(_corrections(of, unit, number) for number, (unit, of) in enumerate(units))
+    units = dict[str, DisplayUnit]()
+    for parameter, row in zip(result.identification.model.parameters, result.parameters, strict=True):
+        if has_correction(parameter, row):
+            unit = display_unit(parameter)
+            units.setdefault(unit.name, unit)
+            by_unit.setdefault(unit.name, []).append(row)
+    shown = [(units[name], rows) for name, rows in by_unit.items() if rows]
+    return tuple(_corrections(rows, unit, number) for number, (unit, rows) in enumerate(shown))
 
 
-def _corrections(rows: Sequence[EstimatedParameter], unit: str, number: int) -> Picture:
-    factor = display_unit(rows[0].parameter).factor
+def _corrections(rows: Sequence[EstimatedParameter], display: DisplayUnit, number: int) -> Picture:
+    factor, unit, _ = display
     offsets = factor * np.array([row.estimate - row.nominal for row in rows])
     halves = factor * np.array([row.half_width_95 for row in rows])
     reach = np.abs(offsets) + np.nan_to_num(halves)

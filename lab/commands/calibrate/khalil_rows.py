@@ -5,11 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from lab.calibration.identify import Identification
+from lab.calibration.estimate import Estimate
 from lab.commands.values import number
 from lab.core import se3
 from lab.core.se3 import Array
-from lab.kinematics.parameter import targets_of
 from lab.kinematics.serial.khalil_frames import ANGULAR, SYMBOLS, khalil_frame
 
 __all__ = ["khalil_rows"]
@@ -19,24 +18,25 @@ _BASE = tuple(f"base.{axis}" for axis in ("x", "y", "z", "rx", "ry", "rz"))
 _TURN = ("tool.rx", "tool.ry", "tool.rz")
 
 
-def khalil_rows(found: Identification, nominal: Array, exported: Array) -> list[dict[str, Any]]:
-    """Rows of Z (the base in the instrument's frame) and of E of each target (in the last frame); none without a base.
+def khalil_rows(estimate: Estimate, width_95: float) -> list[dict[str, Any]]:
+    """Return rows of Z (the base in the instrument's frame) and of E of each target (in the last frame), if any.
 
     Their intervals are those of the base and the tool, carried over by the derivatives. Where no orientation of the
-    tool was measured, E's is that of the last frame, so that its axes are parallel; a ``note`` says it.
+    tool was measured, E's is that of the last frame, so that its axes are parallel; a ``note`` says it. There are none
+    without a base.
 
     Args:
-        found: of any model.
-        nominal, exported: ``(p,)`` as the other rows have them.
+        estimate: of any model.
+        width_95: half of the widest 95 % interval of a parameter, in standard deviations.
     """
-    names = found.model.names
+    names = list(estimate.params)
     if not set(_BASE) <= set(names):
         return []
-    owners = {"Z": [names.index(name) for name in _BASE]}
-    turn = [names.index(name) for name in _TURN if name in names]
-    for target in targets_of(found.model.parameters):
-        owners[f"E.{target}"] = [*(names.index(f"tool.{target}.{axis}") for axis in "xyz"), *turn]
-    return [row for owner, index in owners.items() for row in _rows(owner, index, found, (nominal, exported))]
+    owners = {"Z": list(_BASE)}
+    turn = [name for name in _TURN if name in names]
+    for target in estimate.rigid.targets:
+        owners[f"E.{target}"] = [*(f"tool.{target}.{axis}" for axis in "xyz"), *turn]
+    return [row for owner, index in owners.items() for row in _rows(owner, index, estimate, width_95)]
 
 
 def _pose(values: Array) -> Array:
@@ -48,21 +48,23 @@ def _six(values: Array) -> Array:
     return khalil_frame(_pose(values)).values
 
 
-def _rows(owner: str, index: Sequence[int], found: Identification, others: tuple[Array, Array]) -> list[dict[str, Any]]:
-    values = found.values[list(index)]
-    frame, nominal, exported = khalil_frame(_pose(values)), *(_six(each[list(index)]) for each in others)
-    std, wide = _deviations(values, index, found), float(found.half_width_95.max())
+def _rows(owner: str, names: Sequence[str], estimate: Estimate, wide: float) -> list[dict[str, Any]]:
+    given = [estimate.params[name] for name in names]
+    values = np.array([each.estimate for each in given])
+    frame = khalil_frame(_pose(values))
+    nominal, exported = (_six(np.array([getattr(row, key) for row in given])) for key in ("nominal", "exported"))
+    std = _deviations(values, names, estimate)
     rows = []
     for i, symbol in enumerate(SYMBOLS):
-        estimate, deviation = float(frame.values[i]), None if frame.note else number(float(std[i]))
+        value, deviation = float(frame.values[i]), None if frame.note else number(float(std[i]))
         row: dict[str, Any] = {
             "name": f"{owner}.{symbol}",
             "unit": "rad" if ANGULAR[i] else "m",
             "nominal": float(nominal[i]),
-            "estimate": estimate,
+            "estimate": value,
             "exported": float(exported[i]),
             "std": deviation,
-            "interval_95": None if deviation is None else [estimate - wide * deviation, estimate + wide * deviation],
+            "interval_95": None if deviation is None else [value - wide * deviation, value + wide * deviation],
             "status": "converted",
             "weakly_observable": False,
             "aliases": {},
@@ -71,11 +73,10 @@ def _rows(owner: str, index: Sequence[int], found: Identification, others: tuple
     return rows
 
 
-def _deviations(values: Array, index: Sequence[int], found: Identification) -> Array:
+def _deviations(values: Array, names: Sequence[str], estimate: Estimate) -> Array:
     """Standard deviations ``(6,)`` of the six, from those of the fitted ones among these parameters."""
-    free = list(found.fit.free)
-    fitted = [k for k, parameter in enumerate(index) if parameter in free]
-    steps = _STEP * np.eye(len(index))[fitted]
+    fitted = [k for k, name in enumerate(names) if name in estimate.identified]
+    steps = _STEP * np.eye(len(names))[fitted]
     slopes = np.array([(_six(values + step) - _six(values - step)) / (2 * _STEP) for step in steps]).reshape(-1, 6)
-    at = [free.index(index[k]) for k in fitted]
-    return np.sqrt(np.maximum(np.diag(slopes.T @ found.covariance[np.ix_(at, at)] @ slopes), 0.0))
+    at = [estimate.identified.index(names[k]) for k in fitted]
+    return np.sqrt(np.maximum(np.diag(slopes.T @ estimate.covariance[np.ix_(at, at)] @ slopes), 0.0))

@@ -1,105 +1,151 @@
-"""A calibrated arm, read back from the folder of the run that identified it."""
+"""A run of ``lab calibrate`` or ``lab identify``, read back from its folder: its provenance, verdict and estimate."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from lab.calibration.extrapolation import MeasuredRange
-from lab.calibration.noise.shared_errors import SharedErrors
-from lab.calibration.noise.small_samples import ComponentErrors
-from lab.calibration.pose_cover import PoseCover
-from lab.calibration.residual.process import GROUP, JointProcess, PredictedBy
-from lab.campaign.config_file import RunInputs
+from lab.calibration.estimate import Estimate, IdentifiedSubset
+from lab.calibration.estimate_files import (
+    COVARIANCE_FILE,
+    PARAMETERS_FILE,
+    POSES_FILE,
+    RESIDUAL_FILE,
+    RESULT_FILE,
+    read_estimate,
+)
+from lab.calibration.noise.saved_model import NoiseModel
+from lab.campaign.config_file import CONFIG_FILE, RunConfig, RunInputs, input_names, read_config
 from lab.campaign.instruments import named_instrument
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot, load_robot, load_virtual
-from lab.commands.calibrate.exports import ArmExport, lasting_arm
-from lab.commands.calibrate.noise import component_errors_from_dict, noise_model_from_dict
-from lab.commands.calibrate.range_dict import measured_range_from_dict, read_cover
-from lab.commands.calibrate.residual_file import read_residual
-from lab.commands.calibrate.run_files import Campaign, SavedParameter, read_run_files
-from lab.commands.calibrate.run_findings import Findings
+from lab.commands.calibrate.exports import ArmExport
+from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.hand_load import HandLoad, carrying
+from lab.commands.integrity import said_of_edits
 from lab.commands.run_folder import LOAD_FILE
-from lab.core import se3
 from lab.core.errors import LabError, error_context
 from lab.core.instruments import Instrument
+from lab.core.measurements import LAST_MOVE
 from lab.core.se3 import Array
 from lab.core.serials import called
-from lab.formats.structured import structured
-from lab.kinematics.effects.arm import Arm
-from lab.kinematics.inverse.branches import NominalInverse
-from lab.kinematics.model import RigidArm
+from lab.core.wording import be
+from lab.formats.structured import read_structured, structured
+from lab.kinematics.effects.conditions import PAYLOAD
+from lab.render.phrases.verdict import gate_words
 from lab.sensors.registry import sensor_named
 
 if TYPE_CHECKING:
     from lab.commands.calibrate.result import CalibrationResult
 
-__all__ = ["Calibrated", "calibrated_by", "folder_of", "read_calibrated"]
+__all__ = [
+    "CALIBRATIONS",
+    "MEASUREMENTS_FILE",
+    "READ_FILES",
+    "CalibrationRun",
+    "Campaign",
+    "RunVerdict",
+    "calibrated_by",
+    "condition_notes",
+    "folder_of",
+    "load_estimate",
+    "read_calibrated",
+    "read_header",
+    "refuse_other_parameters",
+    "said_of_extrapolated",
+]
 
-_TURN = ("tool.rx", "tool.ry", "tool.rz")
+Campaign = VirtualCampaign | MeasuredCampaign
+CALIBRATIONS: Mapping[str, type[Campaign]] = {"calibrate": VirtualCampaign, "identify": MeasuredCampaign}
+MEASUREMENTS_FILE = "measurements.csv"
+READ_FILES = (
+    CONFIG_FILE, RESULT_FILE, PARAMETERS_FILE, COVARIANCE_FILE, RESIDUAL_FILE, POSES_FILE, MEASUREMENTS_FILE, LOAD_FILE,
+)  # fmt: skip
+_MEND = "give the folder of a run of lab calibrate or lab identify, or make the run again"
+_STATISTICS = {"mean", "rms", "p95", "max", "count"}
 
 
 @dataclass(frozen=True)
-class Calibrated:
-    """What a run found out about an arm, as far as it holds on another day.
+class NamedOutlier:
+    """A pose that the test of outliers names, and whether it was held out."""
+
+    id: str
+    held_out: bool = False
+
+
+@dataclass(frozen=True)
+class RunVerdict:
+    """How a run was judged; keys of its ``result.json``.
+
+    Attributes:
+        after_mm, before_mm: errors after and before; None where nothing was there to validate on.
+        judged_by: on what; None without validation.
+        outliers: poses that the test of outliers names.
+        outliers_left_out: whether these were not fitted.
+        noise_model: errors that the measurements share, as the run found them; None where there are none.
+    """
+
+    verdict: str
+    reason: str
+    adequacy: str
+    after_mm: Mapping[str, float] | None = None
+    before_mm: Mapping[str, float] | None = None
+    judged_by: str | None = None
+    outliers: tuple[NamedOutlier, ...] = ()
+    outliers_left_out: bool = False
+    noise_model: NoiseModel | None = None
+    reasons: tuple[str, ...] = ()
+    gate_mm: float | None = None
+    schema: int = 0
+    migrated: bool = False
+
+    @property
+    def usable(self) -> bool:
+        """Whether others may build on the run: it is good, or doubtful for reasons that they are told."""
+        return self.verdict in ("good", "doubtful")
+
+    @property
+    def words(self) -> str:
+        """The verdict with its gate, for a person."""
+        return f"{self.verdict}, {gate_words(self.gate_mm)}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what the result of whoever builds on the run holds of its verdict."""
+        return {"verdict": self.verdict, "reasons": list(self.reasons), "gate_mm": self.gate_mm}
+
+    def __post_init__(self) -> None:
+        """Refuse lists of errors that lack one or have one below zero, with a LabError."""
+        for name in ("after_mm", "before_mm"):
+            if (sizes := getattr(self, name)) is not None and (missing := _STATISTICS - set(sizes)):
+                raise LabError(f"{name}: '{min(missing)}' is missing")
+            if min((sizes or {}).values(), default=0.0) < 0:
+                raise LabError(f"{name}: a size of errors is not below zero")
+
+
+@dataclass(frozen=True)
+class CalibrationRun:
+    """A calibration with its provenance: who uses an estimate of a run takes it from here.
 
     Attributes:
         folder: of the run.
-        arm: as it was identified, without the groups of effects that say nothing of another day.
-        values: ``(p,)`` of the arm, as exported: the most likely ones of those that predict the same.
-        nominal_aligned: ``(p,)`` nominal links with the base and tool that suit them best.
-        R_last_tool: rotation ``(3, 3)`` of the measured tool in the last frame; one where no orientation was measured.
-        left_out: groups of effects of the run's own day.
-        identified: the parameters that ``covariance`` ``(f, f)`` is of.
-        result: what ``result.json`` holds.
+        robot: that was calibrated, with payloads where the load of the estimate hangs.
+        estimate: what was identified.
+        result: how the run was judged.
         options: of the run.
-        inputs: that it was made from; None of a result in memory, whose are at hand.
-        load: at the flange, where that was identified.
-        estimates: ``(f,)`` of the identified parameters: ``values`` share aliased errors among more of them.
-        process: the offsets of its joints that no group explains; None where they were not asked for.
-        cover: the poses that were fitted; None of a run of an older version.
-        edits: what is said of its files if they were changed since the run was written.
+        load: at the flange; that of the estimate.
+        inputs: that the run was made from; None of a result in memory, whose are at hand.
+        edits: sentences about files that were changed since the run was written.
     """
 
     folder: Path
     robot: Robot
-    arm: Arm
-    values: Array
-    nominal_aligned: Array
-    R_last_tool: Array
-    identified: tuple[str, ...]
-    covariance: Array
-    left_out: tuple[str, ...]
-    result: Findings
+    estimate: Estimate
+    result: RunVerdict
     options: Campaign
     load: HandLoad | None
-    estimates: Array
     inputs: RunInputs | None = None
     edits: tuple[str, ...] = ()
-    process: JointProcess | None = None
-    cover: PoseCover | None = None
-
-    def with_targets(self, targets: tuple[str, ...]) -> Arm:
-        """The arm with other targets."""
-        arm = self.robot.arm_with(targets, [name for name in self.groups if name != GROUP])
-        return arm if self.process is None else self.process.added_to(arm)
-
-    @cached_property
-    def predicted_by(self) -> PredictedBy | None:
-        """What says how sure predicted points are, where the arm's offsets that no group explains are predicted too."""
-        if self.process is None:
-            return None
-        measured = self.arm.targets[: self.process.seen.shape[1]]  # behind them there may be points that were not
-        arm = self.robot.arm_with(measured, [name for name in self.groups if name != GROUP])
-        free = tuple(arm.names.index(name) for name in self.identified)
-        named = dict(zip(self.arm.names, self.values.tolist(), strict=True))
-        return PredictedBy(self.process, arm, np.array([named[name] for name in arm.names]), free)
 
     @property
     def serial(self) -> str | None:
@@ -112,97 +158,20 @@ class Calibrated:
         return called(self.robot.name, self.serial)
 
     def export(self, inputs: Array) -> ArmExport:
-        """The arm for ``calibrated.py``, which is checked at inputs ``(n, joints + conditions)``."""
+        """Return the arm for ``calibrated.py``, which is checked at inputs ``(n, joints + conditions)``."""
         kind = sensor_named(self.options.observe)
-        return ArmExport(
-            self.robot,
-            self.arm,
-            self.values,
-            self.left_out,
-            self.R_last_tool,
-            0.0 if self.load is None else self.load.mass_kg,
-            "" if kind.in_instrument_frame else kind.name,
-            self.result.words,
-            inputs,
-        )
-
-    @property
-    def geometry(self) -> tuple[RigidArm, Array]:
-        """The arm without its effects, and its parameters."""
-        arm = self.arm.rigid
-        return arm, self.values[: len(arm.names)]
-
-    def nominal_inverse(self, target: int) -> NominalInverse:
-        """What its controller computes with, to bring a target somewhere."""
-        arm = self.arm.rigid
-        return NominalInverse(arm, self.nominal_aligned[: len(arm.names)], target)
-
-    @property
-    def compliance(self) -> Array:
-        """The joints' compliances ``(joints,)`` rad/Nm (m/N) that were identified; zero of joints without one."""
-        found = dict(zip(self.arm.names, self.values.tolist(), strict=True))
-        return np.array([found.get(f"joint{i + 1}.compliance", 0.0) for i in range(self.robot.chain.size)])
-
-    @property
-    def groups(self) -> tuple[str, ...]:
-        """Of effects that the arm has."""
-        return self.arm.groups
-
-    def lacking(self, sigma_m: float) -> tuple[float, float, int | None]:
-        """What the model lacks (m a coordinate), a factor of its covariance, and sigma's degrees of freedom.
-
-        Where the run's residuals were more than its noise, or that was estimated, they are the measure.
-
-        Args:
-            sigma_m: noise of new measurements.
-        """
-        result = self.result
-        if result.noise_model is not None:  # it says itself how large the residuals are
-            return 0.0, 1.0, result.freedom
-        if result.noise_known and result.adequate is not False:
-            return 0.0, 1.0, None
-        residual_m = (result.residual_mm or 0.0) / 1e3
-        noise_m = (result.noise_mm or 0.0) / 1e3 if result.noise_known else sigma_m
-        by_noise = result.noise_known and not result.cluster_robust
-        larger = (residual_m / noise_m) ** 2 if by_noise else 1.0
-        return float(np.sqrt(max(residual_m**2 - noise_m**2, 0.0))), larger, result.freedom
+        observed = "" if kind.in_instrument_frame else kind.name
+        return ArmExport(self.estimate, observed, self.result.words, inputs)
 
     @property
     def prior_took_part(self) -> bool:
         """True where tolerances of manufacture took part in the fit."""
-        found = self.result.prior
-        return self.options.fitting.prior == "on" if found is None else found.acts_in > 0
-
-    @property
-    def shared(self) -> SharedErrors | None:
-        """Errors that the numbers of a measurement share, beside the instrument's."""
-        values = dict(zip(self.arm.names, self.values.tolist(), strict=True))
-        return noise_model_from_dict(self.result.noise_model, values)
-
-    @property
-    def component_errors(self) -> ComponentErrors | None:
-        """How well the variances of these are known; its slopes are of ``identified``."""
-        return component_errors_from_dict(self.result.noise_model)
-
-    @cached_property
-    def measured(self) -> MeasuredRange | None:
-        """The joint positions that were fitted, and what the model may lack beyond them."""
-        result = self.result
-        return measured_range_from_dict(result.measured_range, result.extrapolation, self.robot.chain, self.cover)
-
-    def extrapolated(self, joints: Array) -> NDArray[np.bool_]:
-        """``(n,)`` which positions ``(n, joints)`` no fitted pose is near, where the model is known to lack something.
-
-        Nowhere for a run of an older version, which does not keep its poses.
-        """
-        measured = self.measured
-        if measured is None or not (measured.is_worse_beyond or self.process is not None):
-            return np.zeros(len(joints), dtype=np.bool_)
-        return measured.uncovered(joints)
+        directions = self.estimate.prior_acts_in
+        return self.options.fitting.prior == "on" if directions is None else directions > 0
 
     @cached_property
     def instrument(self) -> Instrument | None:
-        """The instrument by whose noise the run weighed its measurements; None where it was given none.
+        """The instrument by whose noise the run weighted its measurements; None where it was given none.
 
         Raises:
             LabError: its file is not that of the run.
@@ -214,33 +183,44 @@ class Calibrated:
 
     @property
     def readings(self) -> int:
-        """How many readings each measurement is the mean of."""
+        """The number of readings that each measurement is the mean of."""
         return self.options.readings if isinstance(self.options, VirtualCampaign) else 1
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What whoever builds on the run should be told of it."""
-        result, said = self.result, [*self.robot.warnings, *self.edits]
-        if result.schema == 0 or result.migrated:
-            said.append(f"{self.folder}: an older version of the lab made this run, and judged it by other rules")
+        """Warnings for whoever builds on the run."""
+        return (*self.robot.warnings, *self.edits, *self._named(self._older), *self._doubts)
+
+    @property
+    def named_warnings(self) -> tuple[str, ...]:
+        """The same, each with the run's folder: for who checks several runs."""
+        return (*self._named(self.robot.warnings), *self.edits, *self._named((*self._older, *self._doubts)))
+
+    def _named(self, said: Sequence[str]) -> list[str]:
+        return [f"{self.folder}: {each}" for each in said]
+
+    @property
+    def _older(self) -> list[str]:
+        if self.result.schema > 0 and not self.result.migrated:
+            return []
+        return ["an older version of the lab made this run, and judged it by other rules"]
+
+    @property
+    def _doubts(self) -> list[str]:
+        """Why the predicted error of the run may be too small."""
+        result, said = self.result, []
         if result.verdict != "good":
             why = f" ({'; '.join(result.reasons) or result.reason})" if result.reason else ""
             belief = "may be too small" if result.usable else "is not to be believed"
             said.append(f"the verdict of the run is '{result.verdict}'{why}: its predicted error {belief}")
-        if result.adequate is False:
+        if self.estimate.adequate is False:
             said.append(f"of the run: {result.adequacy}: what the model lacked is taken for noise")
-        if self.left_out:
-            said.append(f"of the run: {', '.join(self.left_out)} was of its own day, and is left out")
-        return tuple(said)
-
-    @property
-    def named_warnings(self) -> tuple[str, ...]:
-        """The same, each with the run's folder: for who looks at several runs."""
-        own = f"{self.folder}: "
-        return tuple(said if said.startswith(own) else own + said for said in self.warnings)
+        if self.estimate.left_out:
+            said.append(f"of the run: {', '.join(self.estimate.left_out)} was of its own day, and is left out")
+        return said
 
     def refuse_unfit(self, what: str) -> None:
-        """A LabError for a run whose verdict is bad or not judged: ``what`` is not to be built on it."""
+        """Refuse a run whose verdict is bad or not judged, with a LabError: ``what`` is not to be built on it."""
         word, reason = self.result.verdict, self.result.reason
         if not self.result.usable:
             why = f" ({reason})" if reason else ""
@@ -250,7 +230,7 @@ class Calibrated:
             )
 
     def refuse_unplaced(self, what: str) -> None:
-        """A LabError for a run whose observations give ``what`` (a plural) no frame: of cables, sockets or planes."""
+        """Refuse a run whose observations give ``what`` (a plural) no frame: of cables, sockets or planes."""
         if not sensor_named(observed := self.options.observe).in_instrument_frame:
             raise LabError(
                 f"{self.folder}: identified with --observe {observed}, so in which frame {what} would be it does not "
@@ -260,10 +240,11 @@ class Calibrated:
 
 def read_calibrated(
     folder: Path, load: Path | None = None, cell: Path | None = None, *, accept_edited: bool = False
-) -> Calibrated:
+) -> CalibrationRun:
     """Read a run of ``lab calibrate`` or ``lab identify``.
 
     Args:
+        folder: of the run.
         accept_edited: whether its files may have been changed since it was written.
         load: the folder of a run of ``lab payload``, whose load it carries from now on; by default that which it was
             identified with, if any.
@@ -272,8 +253,8 @@ def read_calibrated(
     Raises:
         LabError: it is no such run, lacks a file, or is of another robot than the one of that name here.
     """
-    files = read_run_files(folder)
-    options, inputs = files.options, files.inputs
+    config, verdict, options = read_header(folder)
+    inputs = RunInputs(folder, config)
     if cell is None and options.cell is not None:
         cell = inputs.path(options.cell)
     try:
@@ -281,19 +262,55 @@ def read_calibrated(
         robot = load_it(inputs.copy(options.robot) or options.robot, cell)
     except LabError as error:
         raise LabError(f"{folder}: the robot it is of cannot be loaded from here: {error}") from error
-    if files.config.model_sha256 != robot.sha256:
+    if config.model_sha256 != robot.sha256:
         raise LabError(
             f"{folder}: is a run of another robot: the files of '{options.robot}' are not those that it was made with; "
             "identify again"
         )
     payload_of = load or (folder if (folder / LOAD_FILE).is_file() else None)
     robot, payload = carrying(robot, payload_of, accept_edited=accept_edited)
-    covariance = (files.identified, files.covariance)
-    found = _calibrated(folder, robot, files.parameters, covariance, files.findings, options, payload, None)
-    found = replace(found, cover=read_cover(folder, robot.chain), inputs=inputs)
-    with error_context(folder / "result.json"):  # what is wrong is told before work begins
-        _ = found.shared, found.measured, found.component_errors
-    return replace(found, edits=files.edits(accept=accept_edited))
+    estimate = read_estimate(folder, robot, payload)
+    edits = said_of_edits(folder, (*READ_FILES, *input_names(folder)), accept=accept_edited)
+    return CalibrationRun(folder, robot, estimate, verdict, options, payload, inputs, edits)
+
+
+def read_header(folder: Path) -> tuple[RunConfig, RunVerdict, Campaign]:
+    """Read how a run was made and judged."""
+    config = read_config(folder, _MEND)
+    verdict = read_structured(folder / RESULT_FILE, RunVerdict, _MEND)
+    if config.command not in CALIBRATIONS:
+        raise LabError(f"{folder}: is no run of lab calibrate or lab identify; give the folder of one")
+    options = structured(f"{folder / CONFIG_FILE}: options", CALIBRATIONS[config.command], config.options, extra=True)
+    if config.schema:  # what an older version let pass may be refused today
+        with error_context(folder / CONFIG_FILE):
+            options.check()
+    return config, verdict, options
+
+
+def load_estimate(folder: str | Path, robot: str | Path | Robot | None = None) -> Estimate:
+    """Load the estimate of a run: parameters with their covariance, and the points that they predict.
+
+    Args:
+        folder: of a run of ``calibrate`` or ``identify``; or a folder that ``estimate.save`` wrote, with ``robot``.
+        robot: the nominal robot, where the folder is no whole run.
+
+    Raises:
+        LabError: the folder holds no estimate, is of another robot, or was changed since it was written.
+
+    Example:
+        >>> import lab, numpy as np, pathlib, tempfile
+        >>> folder = pathlib.Path(tempfile.mkdtemp()) / "run"
+        >>> _ = lab.calibrate("irb120", seed=7).save(folder)
+        >>> estimate = lab.load_estimate(folder)
+        >>> f"{1e3 * estimate.params['link2.a'].value:.1f} mm"
+        '270.5 mm'
+        >>> there = estimate.predict(np.array([[0.1, 0.2, -0.3, 0.4, 0.5, 0.6]]))
+        >>> there.points.shape, there.covariance.shape
+        ((1, 1, 3), (1, 1, 3, 3))
+    """
+    if robot is None:
+        return read_calibrated(Path(folder)).estimate
+    return read_estimate(Path(folder), load_robot(robot))
 
 
 def calibrated_by(
@@ -303,75 +320,81 @@ def calibrated_by(
     cell: Path | None = None,
     *,
     accept_edited: bool = False,
-) -> Calibrated:
-    """What a result in memory found out; of anything else what its folder says."""
+) -> CalibrationRun:
+    """Return the run of a result in memory; of anything else that of its folder."""
     from lab.commands.calibrate.result import CalibrationResult
 
     if not isinstance(run, CalibrationResult):
         return read_calibrated(folder, load, cell, accept_edited=accept_edited)
-    findings = structured(folder, Findings, run.to_dict(), extra=True)
-    rows = {row.name: SavedParameter(row.name, row.nominal, row.exported, row.estimate) for row in run.parameters}
+    verdict = structured(folder, RunVerdict, run.to_dict(), extra=True)
     robot, payload = carrying(run.robot.placed_in(cell), load or run.options.fitting.load)
-    found = run.identification
-    names = tuple(found.model.names[i] for i in found.fit.free)
-    given = (names, found.covariance)
-    in_memory = _calibrated(folder, robot, rows, given, findings, run.options, payload, run.fit.process)
-    return in_memory if run.fit.measured is None else replace(in_memory, cover=run.fit.measured.cover)
+    estimate = replace(run.estimate, loads=robot.loads, load=payload)
+    return CalibrationRun(folder, robot, estimate, verdict, run.options, payload)
 
 
 def folder_of(run: "CalibrationResult | str | Path | None") -> dict[str, str]:
-    """The option ``run``: a folder, or what a result in memory is called; nothing where none is given."""
+    """Return the option ``run``: a folder, or a name for a result in memory; nothing where none is given."""
     if run is None:
         return {}
     return {"run": str(run) if isinstance(run, str | Path) else "run-in-memory"}
 
 
-def _calibrated(
-    folder: Path,
-    robot: Robot,
-    rows: Mapping[str, SavedParameter],
-    covariance: tuple[Sequence[str], Array],
-    result: Findings,
-    options: Campaign,
-    load: HandLoad | None,
-    process: JointProcess | None,
-) -> Calibrated:
-    """What a run found out, from the parts of its folder, or of a result.
+def refuse_other_parameters(runs: Sequence[CalibrationRun], subsets: Sequence[IdentifiedSubset]) -> None:
+    """Refuse runs that are of another robot than the first, or whose compared parameters are others.
 
     Args:
-        rows: every parameter by its name.
-        covariance: names ``(f)`` and matrix ``(f, f)`` of those that were identified.
-        process: of a result in memory; None of a folder, whose file has it.
+        runs: the runs.
+        subsets: the parameters of each that are compared.
+
+    Raises:
+        LabError: a run is, or its are.
     """
-    targets = tuple(name.split(".")[1] for name in rows if name.startswith("tool.") and name.endswith(".x"))
-    if not targets:
-        raise LabError(f"{folder}/parameters.json: has no tool (tool.p1.x…), so nothing is there to be aimed")
-    chosen = [name for name in result.model.split("+") if name != "geometric"]
-    if GROUP in chosen and process is None:
-        rest, _ = lasting_arm(robot, targets, chosen, None)
-        process = read_residual(folder, result.residual, robot.chain, rest.conditions, targets)
-    arm, left_out = lasting_arm(robot, targets, chosen, process)
-    if missing := [name for name in arm.names if name not in rows]:
-        raise LabError(f"{folder}/parameters.json: has no {missing[0]}: it is of another robot, or was cut short")
-    exported, nominal = (np.array([getattr(rows[n], key) for n in arm.names]) for key in ("exported", "nominal"))
-    turn = np.array([rows[name].exported for name in _TURN]) if set(_TURN) <= set(rows) else np.zeros(3)
-    labels, matrix = covariance
-    kept = [i for i, name in enumerate(labels) if name in arm.names]
-    names, part = tuple(labels[i] for i in kept), matrix[np.ix_(kept, kept)]
-    estimates = np.array([rows[name].estimate for name in names])
-    return Calibrated(
-        folder,
-        robot,
-        arm,
-        exported,
-        nominal,
-        se3.exp(turn),
-        names,
-        part,
-        left_out,
-        result,
-        options,
-        load,
-        estimates,
-        process=process,
-    )
+    first, names = runs[0], set(subsets[0].names)
+    for run, each in zip(runs[1:], subsets[1:], strict=True):
+        if run.robot.sha256 != first.robot.sha256:
+            raise LabError(f"{run.folder}: is of another robot than {first.folder}; compare runs of one robot")
+        if other := set(each.names) ^ names:
+            raise LabError(
+                f"{run.folder}: {min(other)} was identified in it or in {first.folder}, but not in both: the others "
+                "mean something else in each; identify both with the same --model, --fix and --free"
+            )
+
+
+def condition_notes(run: CalibrationRun, file: object, given: Sequence[str], row: str, verb: str) -> list[str]:
+    """Word what is assumed of the conditions that a model asks for.
+
+    Args:
+        run: whose model it is.
+        file: that the rows are of.
+        given: names of the conditions that the rows give.
+        row: what a row is: pose, target.
+        verb: what is done with hysteresis: predicted, corrected.
+    """
+    asked, said = run.estimate.arm.conditions, []
+    if unused := [name for name in given if name not in asked]:
+        said.append(f"{file}: {', '.join(unused)} makes no difference: the model of {run.folder} does not ask for it")
+    if PAYLOAD in asked and PAYLOAD not in given:
+        carried = f"the flange is assumed to carry nothing at any {row}"
+        if run.load is not None:
+            carried = f"every {row} carries the load that was identified, {run.load.mass_kg:.4g} kg"
+        said.append(f"{file}: no column payload_kg: {carried}")
+    if any(name.startswith(LAST_MOVE) for name in asked):
+        said.append(f"{file}: hysteresis is {verb} for moves from each {row} to the next one there")
+    return said
+
+
+def said_of_extrapolated(what: str, ids: list[str], count: int) -> list[str]:
+    """Word that targets or poses are extrapolated, with the first of them; nothing where none is.
+
+    Args:
+        what: the plural of what they are.
+        ids: of those that no fitted pose is near.
+        count: of all.
+    """
+    if not ids:
+        return []
+    return [
+        f"{len(ids)} of {count} {what} {be(len(ids))} extrapolated: not covered ({ids[0]} first); no pose that the "
+        "run fitted is near, and its model lacks something: what is predicted there says how regions that were "
+        "left out were missed"
+    ]

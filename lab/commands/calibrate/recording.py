@@ -74,7 +74,7 @@ def summary_text(outcome: CalibrationResult, shown: Scene) -> str:
 
 def parameters_text(outcome: CalibrationResult) -> str:
     """Every parameter, as Markdown."""
-    return to_markdown(Document("Parameters", (parameters_table(outcome.parameters),)))
+    return to_markdown(Document("Parameters", (parameters_table(outcome),)))
 
 
 def _legend(outcome: CalibrationResult, shown: Scene) -> Section:

@@ -8,11 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from lab.calibration.estimate import Estimate, EstimatedParameter, estimate_of
+from lab.calibration.estimate_files import measured_range_to_dict, residual_to_dict, save_estimate
 from lab.calibration.identifiability import Direction
 from lab.calibration.identify import Identification
 from lab.calibration.most_likely_parameters import most_likely_parameters
 from lab.calibration.noise.rigid_distances import InstrumentNoise
-from lab.calibration.observation import ROTATION_PARAMETERS, observation_of
+from lab.calibration.noise.saved_model import noise_model_to_dict
+from lab.calibration.observation import observation_of
 from lab.calibration.prior import Tolerance
 from lab.calibration.residual.estimation import ExpectedGain
 from lab.calibration.residual.process import GROUP
@@ -25,31 +28,20 @@ from lab.calibration.verdict import Answer, Verdict, rotation_noise_rad
 from lab.calibration.workspace_prediction import Distance
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot
-from lab.commands.calibrate.exports import ArmExport, comment_of_lacking, lasting_arm, without_effects
+from lab.commands.calibrate.exports import ArmExport, comment_of_lacking
 from lab.commands.calibrate.findings import (
-    EstimatedParameter,
     JointStiffness,
     correlated_pairs,
     direction_to_dict,
-    estimated_parameters,
     stiffnesses,
     weak_directions_of,
 )
 from lab.commands.calibrate.fit_result import FitReport, Named
-from lab.commands.calibrate.noise import noise_model_to_dict
 from lab.commands.calibrate.options import MeasuredCampaign
-from lab.commands.calibrate.range_dict import (
-    POSES_FILE,
-    extrapolation_to_dict,
-    measured_range_to_dict,
-    write_cover,
-)
 from lab.commands.calibrate.regions import ValidationBounds, region_to_dict
-from lab.commands.calibrate.residual_file import RESIDUAL_FILE, residual_columns, residual_to_dict, write_residual
 from lab.commands.hand_load import read_hand_load
 from lab.commands.result import Result
 from lab.commands.values import ErrorStatistics, error_statistics, exit_code_of, number
-from lab.core import se3
 from lab.core.checks import Check, Outcome
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
@@ -130,9 +122,26 @@ class CalibrationResult(Result):
         return most_likely_parameters(self.identification, self.nominal, self.tolerance)
 
     @cached_property
+    def estimate(self) -> Estimate:
+        """The identified arm as it holds on another day: parameters with their covariance, and what they predict."""
+        load, noise = self.options.fitting.load, self.fit.noise
+        return estimate_of(
+            self.identification,
+            self.exported,
+            self.robot,
+            [*self.fit.groups, *[GROUP] * (self.fit.process is not None)],
+            adequate=self.fit.adequacy.adequate,
+            shared=noise.shared,
+            component_errors=noise.component_errors,
+            tail_dof=self.fit.tail_dof,
+            measured=self.fit.measured,
+            load=None if load is None else read_hand_load(load, accept_edited=True),
+        )
+
+    @property
     def parameters(self) -> tuple[EstimatedParameter, ...]:
         """Every parameter: nominal, estimated, how sure."""
-        return estimated_parameters(self.identification, self.exported)
+        return self.estimate.rows
 
     @cached_property
     def weak_directions(self) -> tuple[Direction, ...]:
@@ -234,23 +243,9 @@ class CalibrationResult(Result):
     @cached_property
     def _export(self) -> ArmExport:
         """The arm as it holds on another day, for ``calibrated.py``."""
-        model, robot = self.identification.model, self.robot
-        groups = [*self.fit.groups, *[GROUP] * (self.fit.process is not None)]
-        arm, left_out = lasting_arm(robot, targets_of(model.parameters), groups, self.fit.process)
-        found = dict(zip(model.names, self.exported.tolist(), strict=True))
-        turn = np.array([found.get(each.name, 0.0) for each in ROTATION_PARAMETERS])
-        load = self.options.fitting.load
-        return ArmExport(
-            robot,
-            arm,
-            np.array([found[name] for name in arm.names]),
-            left_out,
-            se3.exp(turn),
-            0.0 if load is None else read_hand_load(load, accept_edited=True).mass_kg,
-            "" if self.kind.in_instrument_frame else self.kind.name,
-            f"{self.verdict.word}, {gate_words(self.options.gate_mm)}",
-            self.fitted.inputs(arm.conditions),
-        )
+        observed = "" if self.kind.in_instrument_frame else self.kind.name
+        verdict = f"{self.verdict.word}, {gate_words(self.options.gate_mm)}"
+        return ArmExport(self.estimate, observed, verdict, self.fitted.inputs(self.estimate.arm.conditions))
 
     @cached_property
     def _module(self) -> tuple[str, str | None]:
@@ -260,15 +255,14 @@ class CalibrationResult(Result):
     @cached_property
     def _off_m(self) -> float | None:
         """How far geometry alone is off (m, root mean square) at the fitted poses; None where there is nothing else."""
-        found = self._export
-        return without_effects(found.arm, found.values, found.inputs)
+        return self.estimate.geometry_error(self._export.inputs)
 
     @cached_property
     def _descriptions(self) -> dict[str, str]:
         """The files that describe the arm's geometry; those in other formats are ``lab compensate``'s."""
         arm, values = self.rigid(self.exported)
         lacking = comment_of_lacking(
-            self._export.arm.groups, self._off_m, "at the measured poses", module=self._module[1] is None
+            self.estimate.groups, self._off_m, "at the measured poses", module=self._module[1] is None
         )
         texts = {name: self.robot.description(name, arm.targets, values, lacking) for name in self.robot.kept_files}
         return {name: text for name, text in texts.items() if text}
@@ -277,7 +271,7 @@ class CalibrationResult(Result):
     def _exports(self) -> dict[str, Any]:
         """What ``result.json`` says of the files that hold the arm."""
         found, off = self._export, self._off_m
-        alone = {"has": ["geometric"], "lacks": [*found.arm.groups, *found.left_out]}
+        alone = {"has": ["geometric"], "lacks": [*self.estimate.groups, *self.estimate.left_out]}
         of_geometry = {**alone, "off_mm": None if off is None else number(1e3 * off)}
         return {MODULE_FILE: found.to_dict(self._module[1]), **dict.fromkeys(self._descriptions, of_geometry)}
 
@@ -297,14 +291,18 @@ class CalibrationResult(Result):
 
     @property
     def _extrapolation(self) -> dict[str, Any] | None:
-        """What ``result.json`` says of where nothing was measured."""
+        """The part of ``result.json`` about where nothing was measured."""
+        if (measured := self.fit.measured) is None:
+            return None
         workspace, rows = self.verdict.workspace, self.validation.rows
-        return extrapolation_to_dict(
-            self.fit.measured,
-            (workspace.beyond_share, workspace.uncovered_share),
-            None if rows is None else rows.joints,
-            process=self.fit.process is not None,
-        )
+        lacks = self.fit.process is not None or measured.is_worse_beyond
+        return {
+            "growth_mrad": 1e3 * measured.growth,
+            "unsure_mrad": 1e3 * measured.unsure,
+            "workspace_beyond_share": workspace.beyond_share,
+            "workspace_extrapolated_share": workspace.uncovered_share,
+            "validation_extrapolated": None if rows is None else int((measured.uncovered(rows.joints) & lacks).sum()),
+        }
 
     def document(self) -> "Document":
         """What a person reads."""
@@ -314,8 +312,8 @@ class CalibrationResult(Result):
 
     def columns(self) -> Mapping[str, Sequence[Any]]:
         """The parameters, in SI units."""
-        rows = [row.to_dict() for row in self.parameters]
-        return {name: [row[name] for row in rows] for name in ("name", "unit", "nominal", "estimate", "std", "status")}
+        names = ("name", "unit", "nominal", "estimate", "std", "status")
+        return {name: [getattr(row, name) for row in self.parameters] for name in names}
 
     def plot(self) -> "Figure":
         """Draw the errors before and after calibration, or the corrections where there was no validation."""
@@ -326,27 +324,19 @@ class CalibrationResult(Result):
     def write(self, folder: Path) -> None:
         """Write every file of the run into a folder that is there."""
         from lab.commands.calibrate.khalil_rows import khalil_rows
-        from lab.commands.run_folder import write_config, write_json
+        from lab.commands.run_folder import write_config
         from lab.formats.measurement_csv import write_measurements
 
         robot, options = self.robot, self.options
         write_config(folder, self.command, options, robot.sha256)
         write_measurements(folder / "measurements.csv", self.measurements, robot.chain.prismatic)
-        converted = khalil_rows(self.identification, self.nominal, self.exported)
-        write_json(folder / "parameters.json", [*(row.to_dict() for row in self.parameters), *converted])
-        _write_covariance(folder / "covariance.csv", self.identification)
+        converted = khalil_rows(self.estimate, float(self.identification.half_width_95.max()))
+        save_estimate(folder, self.estimate, result=self.to_dict(), converted=converted)
         if options.fitting.load is not None:
             read_hand_load(options.fitting.load, accept_edited=options.fitting.accept_edited).write(folder)
         for name, text in self._descriptions.items():
             (folder / name).write_text(text, encoding="utf-8")
         (folder / MODULE_FILE).write_text(self._module[0], encoding="utf-8")
-        write_json(folder / "result.json", self.to_dict())
-        if (process := self.fit.process) is not None:
-            model = self.identification.model
-            columns = residual_columns(robot.chain, model.conditions, model.targets)
-            write_residual(folder / RESIDUAL_FILE, process, columns)
-        if self.fit.measured is not None and self.fit.measured.cover is not None:
-            write_cover(folder / POSES_FILE, self.fit.measured.cover, robot.chain)
         drawn = observation_of(self.identification.model).positions
         if drawn and not options.no_recording:  # of a cable or a socket there is nothing to draw
             from lab.commands.calibrate.recording import record
@@ -391,13 +381,6 @@ def outliers_found(result: CalibrationResult) -> int:
 def errors_without_outliers(result: CalibrationResult) -> ErrorStatistics | None:
     """Errors after, without the poses that the test of outliers names; None where it names none of them."""
     return None if (robust := result.validation.robust) is None else error_statistics(robust.after)
-
-
-def _write_covariance(path: Path, identification: Identification) -> None:
-    """The covariance of the identified parameters in SI units, as ``parameters.json`` has them, a row each."""
-    names = [identification.model.names[i] for i in identification.fit.free]
-    rows = ([name, *map(repr, row)] for name, row in zip(names, identification.covariance.tolist(), strict=True))
-    path.write_text("\n".join(",".join(row) for row in [["parameter", *names], *rows]) + "\n", encoding="utf-8")
 
 
 def _instrument_to_dict(found: InstrumentNoise | None) -> dict[str, Any] | None:

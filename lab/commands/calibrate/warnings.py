@@ -22,8 +22,8 @@ from lab.calibration.verdict import Verdict
 from lab.campaign.robot import Robot
 from lab.commands.calibrate.advice import changes
 from lab.commands.calibrate.fit_result import Named
+from lab.commands.calibrate.load_run import said_of_extrapolated
 from lab.commands.calibrate.model_words import listed
-from lab.commands.calibrate.range_dict import said_of_extrapolated
 from lab.core.instruments import Instrument, is_isotropic
 from lab.core.measurements import Measurements, evenly, seen_mask
 from lab.core.se3 import Array

@@ -7,7 +7,7 @@ import numpy as np
 from lab.calibration.noise.shared_errors import row_times
 from lab.certification.characteristics import Repeats
 from lab.certification.quantities import FrameMotion, KnownSpread, Placement, RandomErrors
-from lab.commands.calibrate.load_run import Calibrated
+from lab.commands.calibrate.load_run import CalibrationRun
 from lab.commands.certify.fitted import FittedRows
 from lab.core.instruments import Instrument
 from lab.core.linear_model import p_value_of_squares
@@ -20,7 +20,7 @@ _BY_NOISE_MODEL = "by the run's noise model"
 
 
 def random_errors(
-    calibrated: Calibrated,
+    calibrated: CalibrationRun,
     fitted: FittedRows,
     device: Instrument | None,
     stated_mm: float | None,
@@ -33,13 +33,13 @@ def random_errors(
         stated_mm: the robot's repeatability (RP), as its data sheet states it.
         found: what repeated poses say of it; None where none was repeated.
     """
-    result = calibrated.result
+    result, estimate = calibrated.result, calibrated.estimate
     instrument_m = instrument_noise_m(calibrated, fitted, device)
-    lacking, larger, dof = calibrated.lacking(instrument_m)
-    if result.noise_model is not None and not result.noise_known:  # what is independent there is not all the noise
+    lacking, larger, dof = estimate.discrepancy(instrument_m)
+    if result.noise_model is not None and not estimate.noise_known:  # what is independent there is not all the noise
         lacking = float(np.sqrt(max((result.noise_model.independent_mm / 1e3) ** 2 - instrument_m**2, 0.0)))
-    elif result.noise_known and not lacking and (excess := _excess(calibrated)) > 1:
-        lacking, larger, dof = fitted.sigma_m * float(np.sqrt(excess - 1)), max(larger, excess), result.freedom
+    elif estimate.noise_known and not lacking and (excess := _excess(calibrated)) > 1:
+        lacking, larger, dof = fitted.sigma_m * float(np.sqrt(excess - 1)), max(larger, excess), estimate.dof
     freedom = np.inf if dof is None else float(dof)
     scattered = result.noise_model is not None and result.noise_model.joint_scatter_mrad > 0
     repeatability = _repeatability(fitted, instrument_m, stated_mm, found, of_residuals=scattered)
@@ -47,22 +47,22 @@ def random_errors(
     left = float(np.sqrt(max(lacking**2 - known_m**2, 0.0)))
     wandering_m = 0.0 if result.noise_model is None else result.noise_model.wandering_mm / 1e3
     return RandomErrors(
-        larger * calibrated.covariance,
+        larger * estimate.free_covariance,
         KnownSpread(fitted.sigma_m * float(np.sqrt(larger)), freedom, _noise_source(calibrated)),
         _placement(calibrated, fitted),
         repeatability,
-        not result.noise_known or larger > 1 or calibrated.shared is not None,
+        not estimate.noise_known or larger > 1 or estimate.shared is not None,
         KnownSpread(left, freedom, _model_source(calibrated, device)) if left else None,
         KnownSpread(wandering_m, np.inf, _BY_NOISE_MODEL) if wandering_m else None,
     )
 
 
-def instrument_noise_m(calibrated: Calibrated, fitted: FittedRows, device: Instrument | None) -> float:
+def instrument_noise_m(calibrated: CalibrationRun, fitted: FittedRows, device: Instrument | None) -> float:
     """Estimate the noise of one measured coordinate that is the instrument's, not the robot's (m)."""
-    return fitted.sigma_m if calibrated.result.noise_known else _device_sigma(device, fitted)
+    return fitted.sigma_m if calibrated.estimate.noise_known else _device_sigma(device, fitted)
 
 
-def motions_found(calibrated: Calibrated, fitted: FittedRows) -> Iterator[FrameMotion]:
+def motions_found(calibrated: CalibrationRun, fitted: FittedRows) -> Iterator[FrameMotion]:
     """Steps and drift that the run found beside its model: how far the ends of the campaign are from its result."""
     found = calibrated.result.noise_model
     if found is None:
@@ -79,13 +79,13 @@ def motions_found(calibrated: Calibrated, fitted: FittedRows) -> Iterator[FrameM
         yield FrameMotion(words, _BY_NOISE_MODEL, found.drift_mm / 1e3 * float(np.sqrt(3)))
 
 
-def _excess(calibrated: Calibrated) -> float:
+def _excess(calibrated: CalibrationRun) -> float:
     """The variance of the residuals over that of the noise that was given; 1 where chance explains it."""
-    result = calibrated.result
-    if result.noise_model is not None or not result.noise_mm or not result.freedom:
+    estimate = calibrated.estimate
+    if estimate.shared is not None or not estimate.noise_m or not estimate.dof:
         return 1.0
-    ratio = ((result.residual_mm or 0.0) / result.noise_mm) ** 2
-    p = float(p_value_of_squares(ratio * result.freedom, result.freedom))
+    ratio = (estimate.residual_m / estimate.noise_m) ** 2
+    p = float(p_value_of_squares(ratio * estimate.dof, estimate.dof))
     return ratio if p < VERDICT_LACK_OF_FIT else 1.0
 
 
@@ -129,22 +129,22 @@ def _scatter_m(fitted: FittedRows) -> float:
     return float(np.sqrt((moved**2).sum(axis=-1).mean()))
 
 
-def _placement(calibrated: Calibrated, fitted: FittedRows) -> Placement:
-    if not calibrated.result.noise_known:
+def _placement(calibrated: CalibrationRun, fitted: FittedRows) -> Placement:
+    if not calibrated.estimate.noise_known:
         return "in the residuals"
     device = fitted.instrument
     return "in the noise" if device is not None and device.errors.placement else "beside"
 
 
-def _noise_source(calibrated: Calibrated) -> str:
-    if not calibrated.result.noise_known:
+def _noise_source(calibrated: CalibrationRun) -> str:
+    if not calibrated.estimate.noise_known:
         return "residuals of the fit"
     if calibrated.options.noise_mm is not None:
         return "noise given to the run"
     return f"noise of {calibrated.options.instrument}, given to the run"
 
 
-def _model_source(calibrated: Calibrated, device: Instrument | None) -> str:
-    if not calibrated.result.noise_known and device is None:
+def _model_source(calibrated: CalibrationRun, device: Instrument | None) -> str:
+    if not calibrated.estimate.noise_known and device is None:
         return "residuals; how much of them is the instrument's is not known, so all count"
     return "residuals beyond the instrument's noise"

@@ -150,7 +150,7 @@ def _details(result: Certificate) -> tuple[Block, ...]:
     parts: dict[str, list[tuple[str, str]]] = {
         "Calibration": [
             ("robot model", result.calibrated.robot.name),
-            ("measured", f"{result.poses} poses, targets {', '.join(result.calibrated.arm.targets)}"),
+            ("measured", f"{result.poses} poses, targets {', '.join(result.calibrated.estimate.arm.targets)}"),
             ("measured on", str(result.calibrated.options.date or "not stated")),
             ("instrument", "not known" if result.device is None else result.device.name),
         ]

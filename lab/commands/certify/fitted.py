@@ -9,9 +9,8 @@ from lab.calibration.observation import observation_of
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M
 from lab.calibration.validation import hold_out, hold_out_last
 from lab.calibration.weights import Noise, root_mean_square_sigma, weighed
-from lab.commands.calibrate.load_run import Calibrated
+from lab.commands.calibrate.load_run import MEASUREMENTS_FILE, CalibrationRun
 from lab.commands.calibrate.options import MeasuredCampaign
-from lab.commands.calibrate.run_files import MEASUREMENTS_FILE
 from lab.core.errors import LabError
 from lab.core.instruments import Instrument
 from lab.core.measurements import Measurements
@@ -61,7 +60,7 @@ class FittedRows:
         return {name: rows for name, rows in found.items() if rows is not None}
 
 
-def fitted_rows(calibrated: Calibrated) -> FittedRows:
+def fitted_rows(calibrated: CalibrationRun) -> FittedRows:
     """Read them.
 
     Raises:
@@ -73,14 +72,14 @@ def fitted_rows(calibrated: Calibrated) -> FittedRows:
     rows, judged = _split(calibrated)
     device = calibrated.instrument
     noise = _noise(calibrated, device)
-    observation = observation_of(calibrated.arm)
+    observation = observation_of(calibrated.estimate.arm)
     observed, _ = weighed(observation, rows, noise)
     sigma = root_mean_square_sigma(observed, 0)
     validated = _validated(calibrated)
     return FittedRows(rows, judged, observed, sigma, None if noise.instrument is None else device, validated)
 
 
-def _validated(calibrated: Calibrated) -> Measurements | None:
+def _validated(calibrated: CalibrationRun) -> Measurements | None:
     """The rows of the validation file, less those that place base or tool anew; None without a file."""
     options, chain, inputs = calibrated.options, calibrated.robot.chain, calibrated.inputs
     if not isinstance(options, MeasuredCampaign) or options.validate is None or inputs is None:
@@ -92,19 +91,19 @@ def _validated(calibrated: Calibrated) -> Measurements | None:
     return read if len(read) else None
 
 
-def _split(calibrated: Calibrated) -> tuple[Measurements, Measurements | None]:
+def _split(calibrated: CalibrationRun) -> tuple[Measurements, Measurements | None]:
     chain, result = calibrated.robot.chain, calibrated.result
     path = calibrated.folder / MEASUREMENTS_FILE
     read = read_measurements(path, chain.joint_names, chain.prismatic)
-    if unknown := [name for name in calibrated.arm.targets if name not in read.targets]:
+    if unknown := [name for name in calibrated.estimate.arm.targets if name not in read.targets]:
         raise LabError(f"{path}: has no target {unknown[0]}, which the run identified; make the run again")
     read = read.take(np.flatnonzero(read.seen.any(axis=1)))
     rows, judged = read.only("calibrate"), read.only("test")
     if isinstance(options := calibrated.options, MeasuredCampaign):
         if options.holdout is not None:
-            rows, judged = hold_out(calibrated.arm, rows, options.holdout, options.seed)
+            rows, judged = hold_out(calibrated.estimate.arm, rows, options.holdout, options.seed)
         if options.holdout_last is not None:
-            rows, judged = hold_out_last(calibrated.arm, rows, options.holdout_last)
+            rows, judged = hold_out_last(calibrated.estimate.arm, rows, options.holdout_last)
     if result.outliers_left_out:
         rows = rows.without([each.id for each in result.outliers if not each.held_out])
     if not len(rows):
@@ -112,12 +111,12 @@ def _split(calibrated: Calibrated) -> tuple[Measurements, Measurements | None]:
     return rows, judged if len(judged) else None
 
 
-def _noise(calibrated: Calibrated, device: Instrument | None) -> Noise:
+def _noise(calibrated: CalibrationRun, device: Instrument | None) -> Noise:
     """As the run weighed its rows."""
-    shared = calibrated.shared
+    shared = calibrated.estimate.shared
     if (given := calibrated.options.noise_mm) is not None:
         return Noise(sigma_m=given / 1e3, shared=shared)
     if device is not None:
         return Noise(device, readings=calibrated.readings, shared=shared)
-    estimated = max((calibrated.result.noise_mm or 0.0) / 1e3, LEAST_SIGMA_M)
+    estimated = max(calibrated.estimate.noise_m, LEAST_SIGMA_M)
     return Noise(sigma_m=estimated, shared=None if shared is None else replace(shared, independent_share=1.0))

@@ -11,7 +11,7 @@ from lab.certification.budget import COVERAGE, Budget, BudgetLine, InputQuantity
 from lab.certification.characteristics import CHARACTERISTICS, Accuracy, PoseAccuracy, Repeats
 from lab.certification.conformity import Conformity
 from lab.certification.lack_of_fit import LackOfFit
-from lab.commands.calibrate.load_run import Calibrated
+from lab.commands.calibrate.load_run import CalibrationRun
 from lab.commands.certify.options import CertifyOptions
 from lab.commands.result import Result
 from lab.commands.values import ErrorStatistics, error_statistics, number
@@ -96,7 +96,7 @@ class Certificate(Result):
     """
 
     options: CertifyOptions
-    calibrated: Calibrated
+    calibrated: CalibrationRun
     details: CertificateDetails
     device: Instrument | None
     budgets: tuple[Budget, ...]

@@ -28,7 +28,7 @@ from lab.certification.quantities import (
     temperature_of,
     unseen_move_of,
 )
-from lab.commands.calibrate.load_run import Calibrated, read_calibrated
+from lab.commands.calibrate.load_run import CalibrationRun, read_calibrated
 from lab.commands.certify.chance import instrument_noise_m, motions_found, random_errors
 from lab.commands.certify.fitted import FittedRows, fitted_rows
 from lab.commands.certify.fitted_motion import fitted_motions
@@ -69,7 +69,7 @@ def _certified(options: CertifyOptions, stage: Stage) -> Certificate:
     if not options.force:
         calibrated.refuse_unfit("a certificate")
     details = details.of_arm(calibrated.serial, str(options.details), str(options.run))
-    if not np.isfinite(calibrated.covariance).all():
+    if not np.isfinite(calibrated.estimate.free_covariance).all():
         raise LabError(
             f"{options.run}: its covariance is unknown, as its poses left no residuals to say the noise; identify "
             "again with more poses, or with --noise-mm"
@@ -119,27 +119,27 @@ def _certified(options: CertifyOptions, stage: Stage) -> Certificate:
     )
 
 
-def _propagation(calibrated: Calibrated, fitted: FittedRows) -> Propagation:
-    free = tuple(calibrated.arm.names.index(name) for name in calibrated.identified)
+def _propagation(calibrated: CalibrationRun, fitted: FittedRows) -> Propagation:
+    free = calibrated.estimate.free
     return Propagation.of(
-        observation_of(calibrated.arm),
+        observation_of(calibrated.estimate.arm),
         fitted.observed,
-        calibrated.values,
+        calibrated.estimate.values,
         free,
-        calibrated.covariance if calibrated.prior_took_part else None,
+        calibrated.estimate.free_covariance if calibrated.prior_took_part else None,
     )
 
 
-def _found(calibrated: Calibrated, fitted: FittedRows) -> RobotFound:
+def _found(calibrated: CalibrationRun, fitted: FittedRows) -> RobotFound:
     """What the measured points say of the robot, commanded through the calibrated and the nominal model.
 
     Accuracy is that of rows that were not fitted; where all were, only the nominal model has one.
     """
-    arm, rows = calibrated.arm, fitted.rows if fitted.judged is None else fitted.judged
+    arm, rows = calibrated.estimate.arm, fitted.rows if fitted.judged is None else fitted.judged
     columns = [rows.targets.index(name) for name in arm.targets]
     measured, labels = rows.points[:, columns], _poses(rows)
     inputs = rows.inputs(arm.conditions)
-    after, before = (arm.points(inputs, values) for values in (calibrated.values, calibrated.nominal_aligned))
+    after, before = (arm.points(inputs, values) for values in (calibrated.estimate.values, calibrated.estimate.nominal))
     pairs = [distance_errors(measured, points, labels, rng_for(0, "split")) for points in (before, after)]
     of_fitted_rows = fitted.judged is None
     return RobotFound(
@@ -151,10 +151,10 @@ def _found(calibrated: Calibrated, fitted: FittedRows) -> RobotFound:
     )
 
 
-def _repeated(calibrated: Calibrated, fitted: FittedRows) -> tuple[Repeats | None, tuple[str, ...]]:
+def _repeated(calibrated: CalibrationRun, fitted: FittedRows) -> tuple[Repeats | None, tuple[str, ...]]:
     """The repeats of all rows, fitted or not, and which rows have any."""
     arm, errors, labels, places, where = (
-        calibrated.arm,
+        calibrated.estimate.arm,
         list[Array](),
         list[NDArray[np.int_]](),
         list[Array](),
@@ -164,7 +164,7 @@ def _repeated(calibrated: Calibrated, fitted: FittedRows) -> tuple[Repeats | Non
     first = 0
     for name, rows in fitted.sets.items():
         inputs, poses = rows.inputs((*arm.conditions, PLACE)), _poses(rows)
-        points = arm.points(inputs[:, :-1], calibrated.values)
+        points = arm.points(inputs[:, :-1], calibrated.estimate.values)
         measured = rows.points[:, [rows.targets.index(target) for target in targets]]
         errors.append(measured - points[:, [arm.targets.index(target) for target in targets]])
         labels.append(poses + first)
@@ -188,7 +188,7 @@ def _poses(rows: Measurements) -> NDArray[np.int_]:
 
 
 def _quantities(
-    calibrated: Calibrated,
+    calibrated: CalibrationRun,
     fitted: FittedRows,
     device: Instrument | None,
     source: str,
@@ -201,7 +201,7 @@ def _quantities(
     motions = *motions_found(calibrated, fitted), *fitted_motions(calibrated, fitted.rows, propagation.positions)
     found += [motion_of(propagation, motion) for motion in motions]
     if (known := details.robot_temperature) is not None:
-        values = dict(zip(calibrated.arm.names, calibrated.values.tolist(), strict=True))
+        values = dict(zip(calibrated.estimate.arm.names, calibrated.estimate.values.tolist(), strict=True))
         foot = np.array([values.get(f"base.{axis}", 0.0) for axis in "xyz"])
         found.append(temperature_of(propagation, foot, *known))
     if details.scale is not None:
@@ -238,14 +238,14 @@ def _with_unseen(
     return tuple(max(more, own.expanded_m) for more, own in zip(expanded, budgets, strict=True))
 
 
-def _facts(calibrated: Calibrated, source: str, robot: RobotFound) -> CampaignFacts:
+def _facts(calibrated: CalibrationRun, source: str, robot: RobotFound) -> CampaignFacts:
     """What the run says of the robot, the instrument and the day."""
     measured_mm = None if robot.repeats is None else 1e3 * robot.repeats.repeatability.mean_m
     instrument = source if source in INSTRUMENTS else ""
     return CampaignFacts(calibrated.robot.name, instrument, calibrated.options.date or "", measured_mm)
 
 
-def _conformity(options: CertifyOptions, calibrated: Calibrated, expanded_m: float) -> Conformity | None:
+def _conformity(options: CertifyOptions, calibrated: CalibrationRun, expanded_m: float) -> Conformity | None:
     """The statement, where there is a tolerance and a value."""
     result = calibrated.result
     tolerance = result.gate_mm if options.tolerance_mm is None else options.tolerance_mm
@@ -256,7 +256,7 @@ def _conformity(options: CertifyOptions, calibrated: Calibrated, expanded_m: flo
 
 
 def _warnings(
-    calibrated: Calibrated,
+    calibrated: CalibrationRun,
     device: Instrument | None,
     details: CertificateDetails,
     chance: RandomErrors,

@@ -11,7 +11,7 @@ from lab.certification.budget import InputQuantity
 from lab.certification.lack_of_fit import ValidationErrors
 from lab.certification.propagation import Propagation
 from lab.certification.quantities import RandomErrors
-from lab.commands.calibrate.load_run import Calibrated
+from lab.commands.calibrate.load_run import CalibrationRun
 from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.certify.fitted import FittedRows
 from lab.core.covariance import covariance_root
@@ -26,7 +26,7 @@ _MOST_LEVERAGE = 0.95  # of a held-out number: beyond, its error is all predicti
 
 
 def validation_errors(
-    calibrated: Calibrated,
+    calibrated: CalibrationRun,
     fitted: FittedRows,
     propagation: Propagation,
     quantities: Sequence[InputQuantity],
@@ -63,16 +63,16 @@ def validation_errors(
     return ValidationErrors(rms_m, p95_m, _distinct(calibrated, rows), own, shared, freedom, known)
 
 
-def _distinct(calibrated: Calibrated, rows: Measurements) -> int:
+def _distinct(calibrated: CalibrationRun, rows: Measurements) -> int:
     """Count the poses of some rows."""
-    return int(cv_groups_of(calibrated.arm, rows).max()) + 1
+    return int(cv_groups_of(calibrated.estimate.arm, rows).max()) + 1
 
 
-def _slopes(calibrated: Calibrated, rows: Measurements) -> Array:
+def _slopes(calibrated: CalibrationRun, rows: Measurements) -> Array:
     """``(points, 3, f)`` derivatives of the measured points of some rows by the identified parameters."""
-    arm = calibrated.arm
-    free = [arm.names.index(name) for name in calibrated.identified]
-    _, slopes = arm.observe(rows.inputs(arm.conditions), calibrated.values)
+    arm = calibrated.estimate.arm
+    free = list(calibrated.estimate.free)
+    _, slopes = arm.observe(rows.inputs(arm.conditions), calibrated.estimate.values)
     known = [name for name in arm.targets if name in rows.targets] or list(arm.targets[:1])
     picked = slopes[:, [arm.targets.index(name) for name in known]][..., free]
     if set(known) <= set(rows.targets):
@@ -95,7 +95,7 @@ def _of_quantities(shown: Sequence[InputQuantity], slopes: Array, instrument_m: 
 
 
 def _by_folds(
-    calibrated: Calibrated, fitted: FittedRows, shown: Sequence[InputQuantity], instrument_m: float
+    calibrated: CalibrationRun, fitted: FittedRows, shown: Sequence[InputQuantity], instrument_m: float
 ) -> tuple[int, Array, Array]:
     """The same of cross-validation: poses, own and shared.
 
@@ -103,10 +103,10 @@ def _by_folds(
     of prediction and the noise have the covariance (I - H)^-1 together, in units of the noise.
     """
     rows = fitted.rows
-    arm = calibrated.arm
+    arm = calibrated.estimate.arm
     labels = folds(cv_groups_of(arm, rows), calibrated.options.seed)
-    free = [arm.names.index(name) for name in calibrated.identified]
-    _, slopes = observation_of(arm).model.observe(rows.inputs(arm.conditions), calibrated.values)
+    free = list(calibrated.estimate.free)
+    _, slopes = observation_of(arm).model.observe(rows.inputs(arm.conditions), calibrated.estimate.values)
     columns = [rows.targets.index(name) for name in arm.targets]
     of_noise = [each for each in shown if each.shifts is None]
     sigma = float(np.sqrt(instrument_m**2 + sum(each.uncertainty.standard**2 for each in of_noise)))
@@ -116,10 +116,10 @@ def _by_folds(
 
 
 def _fold_blocks(
-    calibrated: Calibrated, sigma_m: float, slopes: Array, seen: NDArray[np.bool_], labels: NDArray[np.int_]
+    calibrated: CalibrationRun, sigma_m: float, slopes: Array, seen: NDArray[np.bool_], labels: NDArray[np.int_]
 ) -> Iterator[Array]:
     """Yield the blocks ``(points, 3, 3)`` of (I - H)^-1 of each fold."""
-    root = covariance_root(calibrated.covariance) / sigma_m
+    root = covariance_root(calibrated.estimate.free_covariance) / sigma_m
     for fold in np.unique(labels):
         here = np.flatnonzero(labels == fold)[:_MOST_ROWS]
         picked = slopes[here][seen[here]]
@@ -130,11 +130,11 @@ def _fold_blocks(
         yield whole[np.arange(len(picked)), :, np.arange(len(picked))]
 
 
-def _placed_anew(calibrated: Calibrated, rows: Measurements, shared: Array) -> Array:
+def _placed_anew(calibrated: CalibrationRun, rows: Measurements, shared: Array) -> Array:
     """Remove from shared errors what placing base or targets anew takes up, so that those of the links are left."""
     options = calibrated.options
     assert isinstance(options, MeasuredCampaign)
-    free = [i for i, name in enumerate(calibrated.identified) if name.split(".")[0] in options.refit]
+    free = [i for i, name in enumerate(calibrated.estimate.free_names) if name.split(".")[0] in options.refit]
     if not free:
         return shared
     placed = _slopes(calibrated, rows)[..., free].reshape(-1, len(free))

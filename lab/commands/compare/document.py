@@ -87,7 +87,7 @@ def _table(result: ComparisonResult, difference: Difference) -> Table:
 
 def _figures(result: ComparisonResult, difference: Difference) -> dict[str, tuple[str, str, str]]:
     """Unit, difference and half of its 95 % interval of each parameter, as a person reads them."""
-    parameters, figures = {each.name: each for each in result.runs[0].arm.parameters}, {}
+    parameters, figures = {each.name: each for each in result.runs[0].estimate.arm.parameters}, {}
     for name, change, half in zip(difference.names, difference.changes, difference.half_widths, strict=True):
         factor, unit, _ = display_unit(parameters[name])
         if unit == "°":

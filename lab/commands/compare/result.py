@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lab.commands.calibrate.load_run import Calibrated
+from lab.commands.calibrate.load_run import CalibrationRun
 from lab.commands.compare.options import CompareOptions
 from lab.commands.result import Result
 from lab.core.significance import VERIFICATION
@@ -31,7 +31,7 @@ class ComparisonResult(Result):
     """
 
     options: CompareOptions
-    runs: tuple[Calibrated, ...]
+    runs: tuple[CalibrationRun, ...]
     differences: tuple[Difference, ...]
     serial: str | None = None
 

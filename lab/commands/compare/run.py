@@ -6,15 +6,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lab.commands.calibrate.estimates import estimates_of, refuse_other_parameters
-from lab.commands.calibrate.load_run import Calibrated, calibrated_by, read_calibrated
+from lab.calibration.estimate import IdentifiedSubset
+from lab.commands.calibrate.load_run import (
+    CalibrationRun,
+    calibrated_by,
+    read_calibrated,
+    refuse_other_parameters,
+)
 from lab.commands.compare.options import CompareOptions
 from lab.commands.compare.result import ComparisonResult
 from lab.commands.keywords import options_of, takes
 from lab.core.copies import copied_rows
 from lab.core.errors import LabError
 from lab.core.serials import one_serial
-from lab.verification.difference import Estimates, difference_of
+from lab.verification.difference import difference_of
 
 if TYPE_CHECKING:
     from lab.commands.calibrate.run import CalibrationResult
@@ -58,19 +63,19 @@ def compare(runs: "Sequence[str | Path | CalibrationResult] | CompareOptions", *
     )
 
 
-def _compared(options: CompareOptions, runs: Sequence[Calibrated]) -> ComparisonResult:
+def _compared(options: CompareOptions, runs: Sequence[CalibrationRun]) -> ComparisonResult:
     if not options.force:
         for run in runs:
             run.refuse_unfit("a comparison")
     serial = one_serial({str(run.folder): run.serial for run in runs}, "compare runs of one arm")
-    estimates = [estimates_of(run) for run in runs]
+    estimates = [run.estimate.subset() for run in runs]
     refuse_other_parameters(runs, estimates)
     _refuse_same(runs, estimates)
     differences = tuple(difference_of(estimates[0], each) for each in estimates[1:])
     return ComparisonResult(options, tuple(runs), differences, serial)
 
 
-def _refuse_same(runs: Sequence[Calibrated], estimates: Sequence[Estimates]) -> None:
+def _refuse_same(runs: Sequence[CalibrationRun], estimates: Sequence[IdentifiedSubset]) -> None:
     """Refuse a run that is given twice, or a copy of one: between the same numbers nothing can have moved."""
     if copies := copied_rows(np.stack([each.values for each in estimates])):
         folder, same = (runs[i].folder for i in copies[0])

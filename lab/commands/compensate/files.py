@@ -32,14 +32,14 @@ def write_files(folder: Path, result: CompensationResult) -> None:
     _write_csv(folder / JOINTS, result, {**result.stops.columns(chain), **_stop_conditions(result)})
     at_targets = {**_cartesian_columns(result, rows), **joint_columns(chain, result.found.joints[rows])}
     _write_csv(folder / CARTESIAN, result, {**ids, **at_targets, **_conditions(result, rows), **marked})
-    nominal_inverse = run.nominal_inverse(result.target)  # what the corrected targets are for
+    nominal_inverse = run.estimate.nominal_inverse(result.target)  # what the corrected targets are for
     exact = run.robot.description_files[-1]
     nominal = run.robot.description(exact, nominal_inverse.arm.targets, nominal_inverse.values)
     (folder / NOMINAL).write_text(nominal, encoding="utf-8")
-    arm, values = run.geometry
+    arm, values = run.estimate.geometry
     module, refused = run.export(result.arm_inputs[rows]).module()
     off = result.without_effects_m
-    lacking = comment_of_lacking(run.groups, off, "at the corrected targets", module=refused is None)
+    lacking = comment_of_lacking(run.estimate.groups, off, "at the corrected targets", module=refused is None)
     for name in run.robot.description_files:
         if text := run.robot.description(name, arm.targets, values, lacking):
             (folder / name).write_text(text, encoding="utf-8")
@@ -53,9 +53,9 @@ def write_files(folder: Path, result: CompensationResult) -> None:
 
 def _moves(result: CompensationResult) -> TargetMoves:
     """What a controller's program is made from, with the base and tool that suit the controller's links."""
-    run, nominal_inverse = result.run, result.run.nominal_inverse(result.target)
+    run, nominal_inverse = result.run, result.run.estimate.nominal_inverse(result.target)
     T_instrument_frame0 = nominal_inverse.arm.T_tracker_frame0(nominal_inverse.values)
-    T_last_tool, stops = se3.pose(run.R_last_tool, nominal_inverse.tools[result.target]), result.stops
+    T_last_tool, stops = se3.pose(run.estimate.R_last_tool, nominal_inverse.tools[result.target]), result.stops
     T_frame0_instrument = se3.inverse(T_instrument_frame0)
     postures = postures_of(nominal_inverse.arm, nominal_inverse.values, stops.joints)
     return TargetMoves(
@@ -66,7 +66,7 @@ def _moves(result: CompensationResult) -> TargetMoves:
 def _cartesian_columns(result: CompensationResult, rows: NDArray[np.int_]) -> dict[str, Any]:
     """Positions in mm and quaternions wxyz, in the frame of the targets' file."""
     positions, tool = 1e3 * result.found.positions[rows], result.targets.tool
-    quaternions = se3.quaternion_from_rotation(result.found.rotations[rows] @ result.run.R_last_tool)
+    quaternions = se3.quaternion_from_rotation(result.found.rotations[rows] @ result.run.estimate.R_last_tool)
     columns = {f"{tool}_{axis}_mm": values for axis, values in zip("xyz", positions.T, strict=True)}
     return columns | {f"{tool}_q{part}": values for part, values in zip("wxyz", quaternions.T, strict=True)}
 

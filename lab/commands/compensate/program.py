@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.commands.calibrate.load_run import Calibrated
+from lab.commands.calibrate.load_run import CalibrationRun
 from lab.commands.compensate.options import CompensateOptions
 from lab.commands.compensate.program_postures import asked_for
 from lab.commands.compensate.program_reference import ProgramReference, frames_of, program_reference
@@ -262,7 +262,7 @@ def outside_of(options: CompensateOptions) -> Outside:
     return Outside(frames, pulses)
 
 
-def open_program(options: CompensateOptions, run: Calibrated) -> OpenProgram:
+def open_program(options: CompensateOptions, run: CalibrationRun) -> OpenProgram:
     """Read the program that is asked for, and say its targets for the arm.
 
     Raises:
@@ -295,7 +295,7 @@ def open_program(options: CompensateOptions, run: Calibrated) -> OpenProgram:
     if not len(kept):
         raise LabError(f"{path}: no target can be corrected; line {left[0].line}: {left[0].reason}")
     targets = Targets(
-        reference.run.arm.targets[reference.target],
+        reference.run.estimate.arm.targets[reference.target],
         _names(read.targets, rows[kept]),
         wanted.positions[kept],
         wanted.rotations[kept],

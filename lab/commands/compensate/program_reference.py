@@ -13,8 +13,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from lab.calibration.estimate import Estimate, EstimatedParameter
 from lab.calibration.prior import Tolerance, alias_matrix, standard_deviations
-from lab.commands.calibrate.load_run import Calibrated
+from lab.commands.calibrate.load_run import CalibrationRun
 from lab.compensation.flange import Flange, located_flange
 from lab.core import se3
 from lab.core.se3 import Array
@@ -49,7 +50,7 @@ class ProgramReference:
         gain: ``(6, f)`` how the flange's motion in the last frame follows the identified parameters.
     """
 
-    run: Calibrated
+    run: CalibrationRun
     flange: Flange
     sigma: Array
     dof: float
@@ -60,7 +61,7 @@ class ProgramReference:
     @cached_property
     def nominal(self) -> NominalInverse:
         """The controller's arm, which brings its flange somewhere."""
-        return self.run.nominal_inverse(self.target)
+        return self.run.estimate.nominal_inverse(self.target)
 
     def point_of(self, read: ProgramText, target: TargetText) -> int:
         """The arm's target that stands for a program's target: its tool; of joint positions the only one, if so."""
@@ -83,7 +84,7 @@ class ProgramReference:
     @property
     def measured_targets(self) -> tuple[str, ...]:
         """The points that were measured."""
-        return self.run.arm.targets[: self.target]
+        return self.run.estimate.arm.targets[: self.target]
 
     @property
     def stated(self) -> tuple[str, ...]:
@@ -98,31 +99,39 @@ class ProgramReference:
         return () if default and not self.flange.believed else names
 
 
-def program_reference(run: Calibrated, read: ProgramText) -> ProgramReference:
+def program_reference(run: CalibrationRun, read: ProgramText) -> ProgramReference:
     """Find base and flange of the calibrated arm, and give it the points of a program's tools."""
     sigma, dof = _own_tolerance(run)
     flange, gain = _flange(run, sigma, dof)
-    measured = len(run.arm.targets)
+    estimate, targets = run.estimate, run.estimate.arm.targets
+    measured = len(targets)
     T_flange_last = se3.inverse(flange.T_last_flange)
-    in_flange = se3.transform(T_flange_last, _tools(run, run.values))
+    in_flange = se3.transform(T_flange_last, _tools(run, estimate.values))
     names = dict.fromkeys(_tool_of(read, each) for each in read.targets)
     places = [in_flange[0] if not name else frames_of(read, name)[0][:3, 3] for name in names]
-    new = _named(run.arm.targets, ["controller flange", *(name or f"{run.arm.targets[0]} in flange" for name in names)])
-    arm = run.with_targets((*run.arm.targets, *new))
+    new = _named(targets, ["controller flange", *(name or f"{targets[0]} in flange" for name in names)])
+    arm = estimate.with_targets((*targets, *new))
     tools = np.stack([np.zeros(3), *places])
-    real = {**_by_name(run, run.values), **_points_by_name(new, se3.transform(flange.T_last_flange, tools))}
-    nominal = {**_by_name(run, run.nominal_aligned), **_points_by_name(new, tools)}
+    real = {**_by_name(run, estimate.values), **_points_by_name(new, se3.transform(flange.T_last_flange, tools))}
+    nominal = {**_by_name(run, estimate.nominal), **_points_by_name(new, tools)}
     nominal |= {name: real[name] for name in arm.names if name.startswith("base.")}
-    nominal |= _points_by_name(run.arm.targets, in_flange)
-    extended = replace(
-        run,
-        arm=arm,
-        values=np.array([real[name] for name in arm.names]),
-        nominal_aligned=np.array([nominal[name] for name in arm.names]),
-        R_last_tool=flange.T_last_flange[:3, :3],
-    )
+    nominal |= _points_by_name(targets, in_flange)
+    rows = _extended(estimate, real, nominal, flange)
+    extended = replace(run, estimate=replace(estimate, rigid=arm.rigid, rows=rows))
     points = {name: measured + 1 + i for i, name in enumerate(names)}
     return ProgramReference(extended, flange, sigma, dof, measured, points, gain)
+
+
+def _extended(
+    estimate: Estimate, real: Mapping[str, float], nominal: Mapping[str, float], flange: Flange
+) -> tuple[EstimatedParameter, ...]:
+    """Return rows of an arm with further points, whose measured tool is the flange."""
+    turn = dict(zip(("tool.rx", "tool.ry", "tool.rz"), se3.log(flange.T_last_flange[:3, :3]).tolist(), strict=True))
+    rows = {row.name: row for row in estimate.rows}
+    for name, value in {**real, **turn}.items():
+        row = rows.get(name, EstimatedParameter(name=name, nominal=value, estimate=value, exported=value))
+        rows[name] = replace(row, nominal=nominal.get(name, value), exported=value)
+    return tuple(rows.values())
 
 
 def frames_of(read: ProgramText, tool: str, base: str = "") -> tuple[Array, Array]:
@@ -139,7 +148,7 @@ def _tool_of(read: ProgramText, target: TargetText) -> str:
     return tools.pop() if len(tools) == 1 else ""
 
 
-def _own_tolerance(run: Calibrated) -> tuple[Array, float]:
+def _own_tolerance(run: CalibrationRun) -> tuple[Array, float]:
     """Tolerances ``(6,)`` (m, rad) of this arm's links, as its identified ones show them, and degrees of freedom.
 
     An identified parameter is off by its own error and by those of the parameters that it is aliased with
@@ -147,14 +156,15 @@ def _own_tolerance(run: Calibrated) -> tuple[Array, float]:
     """
     fitting = run.options.fitting
     tolerance = Tolerance(fitting.tolerance_mm / 1e3, fitting.tolerance_mrad / 1e3)
-    arm, nominal = run.arm, run.nominal_aligned
+    arm, nominal = run.estimate.arm, run.estimate.nominal
     structure = base_set(arm, nominal)
     spread = standard_deviations(arm, tolerance)
     spread[~np.isfinite(spread)] = 0.0
     wide = np.sqrt(((alias_matrix(structure, len(arm.names)) * spread) ** 2).sum(axis=1))
     by_name = dict(zip((arm.names[i] for i in structure.kept), wide.tolist(), strict=True))
-    deviations = dict(zip(run.identified, np.sqrt(np.diag(run.covariance)).tolist(), strict=True))
-    estimates, drawn = dict(zip(run.identified, run.estimates.tolist(), strict=True)), _by_name(run, nominal)
+    deviation = np.sqrt(np.diag(run.estimate.free_covariance))
+    deviations = dict(zip(run.estimate.free_names, deviation.tolist(), strict=True))
+    estimates, drawn = {name: row.estimate for name, row in run.estimate.params.items()}, _by_name(run, nominal)
     sums, counts = {True: 0.0, False: 0.0}, {True: 0, False: 0}
     for each in arm.parameters:
         name = each.name
@@ -174,37 +184,37 @@ def _own_tolerance(run: Calibrated) -> tuple[Array, float]:
     return sigma, float(_GIVEN_DOF + min(counts.values()))
 
 
-def _flange(run: Calibrated, sigma: Array, dof: float) -> tuple[Flange, Array]:
+def _flange(run: CalibrationRun, sigma: Array, dof: float) -> tuple[Flange, Array]:
     """The flange, by the measured points whose places in it are stated; ``(6, f)`` how it follows the parameters."""
     stated = run.robot.tool
-    known = _stated(stated, run.arm.targets)
+    known = _stated(stated, run.estimate.arm.targets)
     columns = [f"tool.{name}.{axis}" for name in known for axis in "xyz"]
-    kept = [i for i, name in enumerate(columns) if name in run.identified]
-    at = [run.identified.index(columns[i]) for i in kept]
+    kept = [i for i, name in enumerate(columns) if name in run.estimate.free_names]
+    at = [run.estimate.free_names.index(columns[i]) for i in kept]
     moved = np.eye(len(columns))  # how the points follow what was measured of them
     covariance = np.zeros_like(moved)
-    covariance[np.ix_(kept, kept)] = run.covariance[np.ix_(at, at)]
-    measured = _by_name(run, run.values)
+    covariance[np.ix_(kept, kept)] = run.estimate.free_covariance[np.ix_(at, at)]
+    measured = _by_name(run, run.estimate.values)
     points = np.array([measured[name] for name in columns]).reshape(-1, 3)
     places = np.array([stated[name] for name in known]).reshape(-1, 3)
     if posed := run.options.observe == "pose" and len(known) == 1:
         ends = _POSE_M * np.eye(3)
-        points = np.concatenate([points, points + ends @ run.R_last_tool.T])
+        points = np.concatenate([points, points + ends @ run.estimate.R_last_tool.T])
         places = np.concatenate([places, places + ends @ _stated_turn(run, known[0]).T])
         moved = np.tile(moved, (4, 1))
     flange = located_flange(points, moved @ covariance @ moved.T, places, _prior(run, sigma), dof, posed=posed)
     flange = replace(flange, gain=flange.gain @ moved, off_m=flange.off_m[: len(known)])
-    gain = np.zeros((6, len(run.identified)))
+    gain = np.zeros((6, len(run.estimate.free_names)))
     gain[:, at] = flange.gain[:, kept]
     return flange, gain
 
 
-def _prior(run: Calibrated, sigma: Array) -> Array:
+def _prior(run: CalibrationRun, sigma: Array) -> Array:
     """Covariance ``(6, 6)`` (m, rad) that tolerances ``(6,)`` give the flange in the last frame.
 
     The face is off the last link, and along and about its axis the last link is off, too.
     """
-    arm, values = run.geometry
+    arm, values = run.estimate.geometry
     T, jacobian = arm.tool(np.zeros((1, arm.chain.size)), values)
     axis = T[0, :3, :3].T @ jacobian[0, 3:, -1]
     along = np.outer(axis, axis) / (axis @ axis)
@@ -219,22 +229,22 @@ def _stated(tool: Mapping[str, Array], names: Sequence[str]) -> tuple[str, ...]:
     return tuple(name for name in names if name in tool)
 
 
-def _stated_turn(run: Calibrated, name: str) -> Array:
+def _stated_turn(run: CalibrationRun, name: str) -> Array:
     """Rotation ``(3, 3)`` of a target in the flange, as the robot's description or its cell has it."""
-    model, arm = run.robot.model, run.robot.serial_arm(run.arm.targets)
+    model, arm = run.robot.model, run.robot.serial_arm(run.estimate.arm.targets)
     last = arm.flange(np.zeros((1, arm.chain.size)), arm.nominal())[0]
     target = site_pose(model.model, at_zero(model.model), name)
     return np.asarray((model.T_world_frame0 @ last)[:3, :3].T @ target[:3, :3])
 
 
-def _tools(run: Calibrated, values: Array) -> Array:
+def _tools(run: CalibrationRun, values: Array) -> Array:
     """Places ``(k, 3)`` m of the measured points in the last frame."""
     named = _by_name(run, values)
-    return np.array([[named[f"tool.{name}.{axis}"] for axis in "xyz"] for name in run.arm.targets])
+    return np.array([[named[f"tool.{name}.{axis}"] for axis in "xyz"] for name in run.estimate.arm.targets])
 
 
-def _by_name(run: Calibrated, values: Array) -> dict[str, float]:
-    return dict(zip(run.arm.names, values.tolist(), strict=True))
+def _by_name(run: CalibrationRun, values: Array) -> dict[str, float]:
+    return dict(zip(run.estimate.arm.names, values.tolist(), strict=True))
 
 
 def _points_by_name(names: Sequence[str], places: Array) -> dict[str, float]:

@@ -79,10 +79,8 @@ def used_tools(result: "CompensationResult") -> tuple[UsedTool, ...]:
         tool = UsedTool(names[k], counts[k], tuple(place.tolist()))
         apart = np.linalg.norm(measured - place, axis=1)
         if names[k] and apart.min() < _SAME_M:
-            nearest = int(apart.argmin())
-            tool = UsedTool(
-                tool.name, tool.targets, tool.position_m, reference.run.arm.targets[nearest], float(apart[nearest])
-            )
+            nearest, names_of = int(apart.argmin()), reference.run.estimate.arm.targets
+            tool = UsedTool(tool.name, tool.targets, tool.position_m, names_of[nearest], float(apart[nearest]))
         found.append(tool)
     return tuple(found)
 

@@ -29,9 +29,10 @@ def record_compensation(path: Path, result: CompensationResult) -> None:
     aimed = rows[which[at_target]]
     wanted, found = result.wanted.positions[aimed], result.found
     conditions = result.arm_inputs[:, joints.shape[1] :]
-    before = run.arm.points(np.concatenate([found.uncorrected, conditions], axis=1)[aimed], run.values)
+    uncorrected = np.concatenate([found.uncorrected, conditions], axis=1)[aimed]
+    before = run.estimate.arm.points(uncorrected, run.estimate.values)
     before = before[np.arange(len(aimed)), result.target if result.points is None else result.points[aimed]]
-    rigid, values = run.geometry
+    rigid, values = run.estimate.geometry
     scene = ErrorScene(
         run.robot.model,
         rigid,

@@ -11,12 +11,9 @@ from numpy.typing import NDArray
 
 from lab.calibration.pose_cover import MOST_UNCOVERED
 from lab.calibration.prior import Tolerance
-from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.verdict import MOST_TOLERANCES
 from lab.calibration.workspace_prediction import tolerance_rms
-from lab.commands.calibrate.load_run import Calibrated
-from lab.commands.calibrate.point_errors import load_errors, visit_covariances
-from lab.commands.calibrate.range_dict import said_of_extrapolated
+from lab.commands.calibrate.load_run import CalibrationRun, said_of_extrapolated
 from lab.commands.compensate.near_singular import near_singular
 from lab.commands.compensate.options import CompensateOptions
 from lab.commands.compensate.program import CorrectedProgram
@@ -69,7 +66,7 @@ class CompensationResult(Result):
     """
 
     options: CompensateOptions
-    run: Calibrated
+    run: CalibrationRun
     targets: Targets
     wanted: PoseTarget
     found: Compensation
@@ -118,7 +115,7 @@ class CompensationResult(Result):
     def _extrapolated(self) -> NDArray[np.bool_]:
         """``(n,)`` which targets are reached where no fitted pose is near and the model lacks something."""
         joints = self.arm_inputs[:, : self.run.robot.chain.size]
-        return np.asarray(self.run.extrapolated(joints) & self.found.converged)
+        return np.asarray(self.run.estimate.extrapolated(joints) & self.found.converged)
 
     @property
     def _extrapolated_share(self) -> float:
@@ -171,7 +168,7 @@ class CompensationResult(Result):
         """``(n,)`` how far the tolerances of the links let each target be missed (m, RMS)."""
         fitting = self.run.options.fitting
         tolerance = Tolerance(fitting.tolerance_mm / 1e3, fitting.tolerance_mrad / 1e3)
-        parts = [tolerance_rms(self.run.arm, jacobian, tolerance) for jacobian in self._sensitivities()]
+        parts = [tolerance_rms(self.run.estimate.arm, jacobian, tolerance) for jacobian in self._sensitivities()]
         return np.concatenate(parts)
 
     @cached_property
@@ -183,7 +180,9 @@ class CompensationResult(Result):
         """
         assert self.reference is not None
         tolerance = Tolerance(self.reference.sigma[0], self.reference.sigma[3])
-        usual = np.concatenate([tolerance_rms(self.run.arm, each, tolerance) for each in self._sensitivities()])
+        usual = np.concatenate(
+            [tolerance_rms(self.run.estimate.arm, each, tolerance) for each in self._sensitivities()]
+        )
         return {
             i: (
                 f"{self.targets.ids[i]}: the expected error is {1e3 * self._model_m[i]:.3g} mm with the correction and "
@@ -196,17 +195,19 @@ class CompensationResult(Result):
     def _sensitivities(self) -> Iterator[Array]:
         """Derivatives ``(some, 3, p)`` of the aimed point by the parameters, of some targets at a time."""
         run = self.run
-        return (_of_points(run.arm.observe(each, run.values)[1], at) for each, at in self._blocks())
+        return (_of_points(run.estimate.arm.observe(each, run.estimate.values)[1], at) for each, at in self._blocks())
 
     def _by_identified(self) -> Iterator[tuple[Array, Array]]:
         """Derivatives ``(some, 3, f)`` of the aimed point by the identified parameters, the flange's with the tool's.
 
         And ``(some, 3, 3)`` by the point's place in the last frame.
         """
-        names, reference = self.run.arm.names, self.reference
-        columns = [names.index(name) for name in self.run.identified]
+        names, reference = self.run.estimate.arm.names, self.reference
+        columns = list(self.run.estimate.free)
         for (_, at), jacobian in zip(self._blocks(), self._sensitivities(), strict=True):
-            places = [[names.index(f"tool.{self.run.arm.targets[k]}.{axis}") for axis in "xyz"] for k in at.tolist()]
+            places = [
+                [names.index(f"tool.{self.run.estimate.arm.targets[k]}.{axis}") for axis in "xyz"] for k in at.tolist()
+            ]
             by_tool = np.take_along_axis(jacobian, np.array(places)[:, None], axis=2)
             found = jacobian[..., columns]
             if reference is not None:
@@ -233,7 +234,7 @@ class CompensationResult(Result):
     @property
     def model(self) -> str:
         """The model's groups, joined by +."""
-        return "+".join(("geometric", *self.run.groups))
+        return self.run.estimate.model
 
     def mean_and_max_mm(self, lengths: Array) -> tuple[float | None, float | None]:
         """Mean and largest (mm) of lengths ``(n,)`` (m) over the targets that are reached; None without any."""
@@ -384,30 +385,37 @@ class CompensationResult(Result):
 
         None of the columns where an arm's offsets are predicted too.
         """
-        run = self.run
-        if run.predicted_by is not None:
+        estimate = self.run.estimate
+        if estimate.process is not None:
             return np.empty((len(self.arm_inputs), 3, 0))
-        _, larger, _ = run.lacking((run.result.noise_mm or 0.0) / 1e3)
-        root = np.sqrt(larger) * covariance_root(run.covariance)
+        root = np.sqrt(estimate.discrepancy().inflation) * covariance_root(estimate.free_covariance)
         return np.concatenate([slopes @ root for slopes, _ in self._by_identified()])
+
+    @cached_property
+    def _mean_squares(self) -> dict[str, Array]:
+        """Mean squares ``(n,)`` (m^2) of the predicted error of the aimed points, by cause."""
+        estimate, causes = self.run.estimate, ("identified", "discrepancy", "extrapolation", "visit")
+        found: dict[str, list[Array]] = {name: [] for name in causes}
+        for inputs, at in self._blocks():
+            predicted = estimate.predict(inputs, at)
+            for name in causes:
+                found[name].append(np.trace(getattr(predicted, name)[:, 0], axis1=1, axis2=2))
+        return {name: np.concatenate(parts) for name, parts in found.items()}
 
     @cached_property
     def _independent_m(self) -> Array:
         """The part ``(n,)`` of the predicted error that differs from target to target (m, RMS)."""
-        run = self.run
-        if run.predicted_by is not None:
-            k = 0 if self.points is not None else self.target
-            known = np.trace(run.predicted_by.covariances(self.arm_inputs)[:, k], axis1=1, axis2=2)
-            return np.asarray(np.sqrt(known + self.load_m**2 + self.beyond_m**2))
-        lacking, _, _ = run.lacking((run.result.noise_mm or 0.0) / 1e3)
-        return np.asarray(np.sqrt(3 * lacking**2 + self._shared_m**2 + self.load_m**2 + self.beyond_m**2))
+        squares = self._mean_squares
+        known = squares["identified"] if self.run.estimate.process is not None else 0.0
+        rest = squares["discrepancy"] + squares["extrapolation"] + squares["visit"]
+        return np.asarray(np.sqrt(known + rest + self.load_m**2))
 
     @cached_property
     def expected(self) -> ProgramErrors | None:
         """Of a program, the errors to expect in the robot's base and of the targets relative to each other."""
         if self.reference is None or self.points is None:
             return None
-        _, _, dof = self.run.lacking((self.run.result.noise_mm or 0.0) / 1e3)
+        dof = self.run.estimate.discrepancy().dof
         by_tool = np.concatenate([slopes for _, slopes in self._by_identified()])
         return program_errors(
             self.reference,
@@ -422,34 +430,17 @@ class CompensationResult(Result):
     @cached_property
     def beyond_m(self) -> Array:
         """The part ``(n,)`` of the predicted error that is what the model may lack where nothing was measured (m)."""
-        run = self.run
-        if run.measured is None:
-            return np.zeros(len(self.arm_inputs))
-        parts = [_of_points(run.measured.unknown(run.arm, each, run.values), at) for each, at in self._blocks()]
-        return np.asarray(np.sqrt((np.concatenate(parts) ** 2).sum(axis=(1, 2))))
-
-    @property
-    def _shared_m(self) -> Array:
-        """What errors shared by the run's measurements make of a target ``(n,)`` (m, RMS): the arm may make them."""
-        run = self.run
-        if run.shared is None:
-            return np.zeros(len(self.arm_inputs))
-        size = run.robot.chain.size
-        parts = [
-            visit_covariances(run, _of_points(by_joint_positions(run.arm, each, run.values, size), at))
-            for each, at in self._blocks()
-        ]
-        return np.asarray(np.sqrt(np.trace(np.concatenate(parts), axis1=1, axis2=2)))
+        return np.asarray(np.sqrt(self._mean_squares["extrapolation"]))
 
     @cached_property
     def load_m(self) -> Array:
         """The part ``(n,)`` of the predicted error that is the uncertainty of an identified payload (m, RMS)."""
-        return load_errors(self.run, self.arm_inputs, [self.target])[:, 0]
+        return self.run.estimate.load_errors(self.arm_inputs, [self.target])[:, 0]
 
     @property
     def target(self) -> int:
         """The index of the arm's target that is aimed."""
-        return self.run.arm.targets.index(self.targets.tool)
+        return self.run.estimate.arm.targets.index(self.targets.tool)
 
 
 def _of_points(values: Array, points: NDArray[np.int_]) -> Array:

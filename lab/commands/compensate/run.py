@@ -8,8 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lab.campaign.reachability import ReachabilityGraph, free_home, reachability, refusals, stops_in_order
-from lab.commands.calibrate.exports import without_effects
-from lab.commands.calibrate.load_run import Calibrated, calibrated_by, folder_of, read_calibrated
+from lab.commands.calibrate.load_run import (
+    CalibrationRun,
+    calibrated_by,
+    condition_notes,
+    folder_of,
+    read_calibrated,
+)
 from lab.commands.calibrate.model_words import listed
 from lab.commands.compensate.options import CompensateOptions
 from lab.commands.compensate.program import OpenProgram, open_program
@@ -24,6 +29,7 @@ from lab.core.measurements import LAST_MOVE, asked, last_moves
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.formats.target_csv import Targets, read_targets
+from lab.kinematics.effects.conditions import PAYLOAD
 from lab.kinematics.inverse.branches import nearest_whole_turns
 from lab.kinematics.inverse.newton import PLACES, PoseTarget
 from lab.pose_selection.tour import rated
@@ -84,7 +90,7 @@ def compensate(
     return _compensated(asked, by, in_memory)
 
 
-def _compensated(options: CompensateOptions, run: Calibrated, given: Targets | None = None) -> CompensationResult:
+def _compensated(options: CompensateOptions, run: CalibrationRun, given: Targets | None = None) -> CompensationResult:
     if not options.force:
         run.refuse_unfit("compensation")
     if options.program is not None:
@@ -95,7 +101,7 @@ def _compensated(options: CompensateOptions, run: Calibrated, given: Targets | N
     return _corrected(options, run, targets, _access(options, run))
 
 
-def _of_program(options: CompensateOptions, run: Calibrated) -> CompensationResult:
+def _of_program(options: CompensateOptions, run: CalibrationRun) -> CompensationResult:
     """Correct the targets of a program, and its text."""
     program = open_program(options, run)
     done = _corrected_program(options, program)
@@ -129,7 +135,7 @@ def _corrected_program(options: CompensateOptions, program: OpenProgram) -> Comp
     moved, in_flange = done.found.rotations, done.found
     targets = replace(
         program.targets,
-        tool=reference.run.arm.targets[points[0]],
+        tool=reference.run.estimate.arm.targets[points[0]],
         positions=program.targets.positions + (turned @ offsets)[..., 0],
     )
     found = replace(
@@ -141,7 +147,7 @@ def _corrected_program(options: CompensateOptions, program: OpenProgram) -> Comp
 
 def _corrected(
     options: CompensateOptions,
-    run: Calibrated,
+    run: CalibrationRun,
     targets: Targets,
     access: ReachabilityGraph | None,
     program: OpenProgram | None = None,
@@ -158,26 +164,28 @@ def _corrected(
     source = str(options.source)
     run.refuse_unplaced("targets")
     _refuse_beyond_limits(run, targets, source)
-    if targets.tool not in run.arm.targets:
+    if targets.tool not in run.estimate.arm.targets:
         raise LabError(
             f"{source}: tool {targets.tool} was not identified in {run.folder}, which has "
-            f"{', '.join(run.arm.targets)}; rename the columns, or measure that point"
+            f"{', '.join(run.estimate.arm.targets)}; rename the columns, or measure that point"
         )
     conditions, warnings = _conditions(run, targets, source)
-    target = run.arm.targets.index(targets.tool)
-    wanted = PoseTarget(targets.positions, targets.rotations @ run.R_last_tool.T)
+    target = run.estimate.arm.targets.index(targets.tool)
+    wanted = PoseTarget(targets.positions, targets.rotations @ run.estimate.R_last_tool.T)
     may_not = refusals(run.robot.model, access) if (checked := _is_checked(options, run)) else None
     keep, bound = current_keep(), ASKED_FOR if program is None else _AS_ASKED
-    compensator = Compensator(run.nominal_inverse(target), run.arm, run.values, may_not, bound, keep=keep)
+    compensator = Compensator(
+        run.estimate.nominal_inverse(target), run.estimate.arm, run.estimate.values, may_not, bound, keep=keep
+    )
     found, conditions = _in_their_order(compensator, wanted, conditions, targets)
     corrected = None
     if program is not None:
         corrected, found = program.rewritten(found, options.digits)
     inputs = np.concatenate([found.joints, conditions], axis=1)
-    without = without_effects(run.arm, run.values, inputs[found.converged], target)
+    without = run.estimate.geometry_error(inputs[found.converged], target)
     if without is not None:
         warnings.append(
-            f"the exported arm holds geometry alone: without {', '.join(listed(run.groups))} it is off by "
+            f"the exported arm holds geometry alone: without {', '.join(listed(run.estimate.groups))} it is off by "
             f"{1e3 * without:.2g} mm at these targets"
         )
     warnings += _left_out(run, targets, found)
@@ -199,7 +207,7 @@ def _corrected(
     return done
 
 
-def _left_out(run: Calibrated, targets: Targets, found: Compensation) -> list[str]:
+def _left_out(run: CalibrationRun, targets: Targets, found: Compensation) -> list[str]:
     """What so few joints cannot do at these targets."""
     size, said = run.robot.chain.size, []
     if found.unturned_rad.max() > UNTURNED_RAD:
@@ -216,7 +224,7 @@ def _left_out(run: Calibrated, targets: Targets, found: Compensation) -> list[st
     return said
 
 
-def _access(options: CompensateOptions, run: Calibrated) -> ReachabilityGraph | None:
+def _access(options: CompensateOptions, run: CalibrationRun) -> ReachabilityGraph | None:
     """Where the arm may go without touching anything; None where that is not asked, or its shapes are not known."""
     model = run.robot.model
     if not _is_checked(options, run):
@@ -227,11 +235,11 @@ def _access(options: CompensateOptions, run: Calibrated) -> ReachabilityGraph | 
     return reachability(model, home, near, lambda joints: ~collides(model, joints), _HUBS)
 
 
-def _is_checked(options: CompensateOptions, run: Calibrated) -> bool:
+def _is_checked(options: CompensateOptions, run: CalibrationRun) -> bool:
     return not (options.no_check or run.robot.model.missing)
 
 
-def _refuse_beyond_limits(run: Calibrated, targets: Targets, source: str) -> None:
+def _refuse_beyond_limits(run: CalibrationRun, targets: Targets, source: str) -> None:
     outside = run.robot.chain.beyond_limits(targets.joints, 1e-9)
     if outside.any():
         row, joint = np.argwhere(outside)[0].tolist()
@@ -254,23 +262,17 @@ def _in_their_order(
         return replace(compensator, progress=partial(stage, "targets"))(wanted, moved, targets.joints), moved
 
 
-def _conditions(run: Calibrated, targets: Targets, source: str) -> tuple[Array, list[str]]:
-    """What the arm's effects ask for at each target ``(n, c)``, and what was taken for granted."""
-    given, said = targets.conditions, []
-    if run.load is not None and "payload_kg" in run.arm.conditions and "payload_kg" not in given:
-        given = {**given, "payload_kg": np.full(len(targets), run.load.mass_kg)}
-        said.append(f"every target carries the load that was identified, {run.load.mass_kg:.4g} kg")
+def _conditions(run: CalibrationRun, targets: Targets, source: str) -> tuple[Array, list[str]]:
+    """The conditions of the arm's effects at each target ``(n, c)``, and notes of what is assumed of them."""
+    given, conditions = targets.conditions, run.estimate.arm.conditions
+    said = condition_notes(run, source, list(given), "target", "corrected")
+    if run.load is not None and PAYLOAD in conditions and PAYLOAD not in given:
+        given = {**given, PAYLOAD: np.full(len(targets), run.load.mass_kg)}
     with error_context(source):
         columns = [
             np.zeros(len(targets))  # until it is known where the joints come from
             if name.startswith(LAST_MOVE)
             else asked(given, name, len(targets), lambda row: f"line {targets.lines[row]}")
-            for name in run.arm.conditions
+            for name in conditions
         ]
-    if unused := [name for name in targets.conditions if name not in run.arm.conditions]:
-        said.append(f"{source}: {', '.join(unused)} makes no difference: the model of {run.folder} does not ask for it")
-    if any(name.startswith(LAST_MOVE) for name in run.arm.conditions):
-        said.append(f"{source}: hysteresis is corrected for moves from each target to the next one there")
-    if "payload_kg" in run.arm.conditions and "payload_kg" not in given:
-        said.append(f"{source}: no column payload_kg: the flange is assumed to carry nothing at any target")
     return np.stack(columns, axis=1) if columns else np.empty((len(targets), 0)), said

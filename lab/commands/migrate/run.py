@@ -6,9 +6,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from lab.calibration.estimate import EstimatedParameter
+from lab.calibration.estimate_files import read_estimate_files
 from lab.calibration.identify import WEAK
 from lab.campaign.config_file import CONFIG_FILE, INPUTS, read_config
-from lab.commands.calibrate.run_files import CALIBRATIONS, SavedParameter, read_run_files
+from lab.commands.calibrate.load_run import CALIBRATIONS, read_header
 from lab.commands.integrity import is_older, refuse_edits
 from lab.commands.migrate.options import MigrateOptions
 from lab.commands.migrate.result import Migrated, MigrationResult
@@ -54,9 +56,10 @@ def _migrated(folder: Path, date: str | None) -> tuple[str, ...]:
     config, known = _object(folder / CONFIG_FILE), read_config(folder, _NO_RUN)
     if "model_sha256" not in config:
         raise LabError(f"{folder}/config.json: is not what the lab writes; {_NO_RUN}")
-    parameters = dict[str, SavedParameter]()
+    parameters = dict[str, EstimatedParameter]()
     if known.command in CALIBRATIONS:  # no checksums for what does not hold what a run holds
-        parameters.update(read_run_files(folder).parameters)
+        read_header(folder)
+        parameters.update({row.name: row for row in read_estimate_files(folder).rows})
     files, done = dict[str, Any](), []
     if is_older(folder):
         done.append(f"schema {SCHEMA}")
@@ -101,7 +104,7 @@ def _is_of_run(path: Path) -> bool:
     return not path.is_symlink() and (path.is_dir() if path.name == INPUTS else path.is_file())
 
 
-def _observability(row: Mapping[str, Any], parameter: SavedParameter) -> dict[str, Any]:
+def _observability(row: Mapping[str, Any], parameter: EstimatedParameter) -> dict[str, Any]:
     """A row of ``parameters.json`` that says whether the parameter is weakly observable."""
     sure = parameter.std is not None and parameter.std <= WEAK
     weak = parameter.status == "identified" and parameter.unit in ("m", "rad") and not sure

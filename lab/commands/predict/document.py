@@ -64,19 +64,19 @@ def _two(result: PredictionResult) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _lead(result: PredictionResult) -> str:
-    points, size = ", ".join(result.run.arm.targets), result.radius_statistics_mm["together"]
+    points, size = ", ".join(result.run.estimate.arm.targets), result.radius_statistics_mm["together"]
     text = (
-        f"Where {points} is" if len(result.run.arm.targets) == 1 else f"Where the points {points} are"
+        f"Where {points} is" if len(result.run.estimate.arm.targets) == 1 else f"Where the points {points} are"
     ) + f" at {counted(len(result.rows), 'pose')} of the arm that {result.run.folder} calibrated"
     if size["mean"] is None or size["max"] is None:
         return text + ": it can take none of them."
     text += (
         f": 95 % of the errors are within {short(size['mean'])} mm on average, {short(size['max'])} mm at most, the "
-        f"noise of a new measurement aside. Model: {model_name(result.run.groups)}."
+        f"noise of a new measurement aside. Model: {model_name(result.run.estimate.groups)}."
     )
     if result.without_effects_m is None:
         return text
-    lacking = ", ".join(listed(result.run.groups))
+    lacking = ", ".join(listed(result.run.estimate.groups))
     return f"{text} Without {lacking} the points would be {1e3 * result.without_effects_m:.2g} mm off (rms)."
 
 
@@ -106,7 +106,7 @@ def _every_pose(result: PredictionResult) -> tuple[Block, ...]:
             short(float(radius[i, k])),
         )
         for i in range(min(len(result.rows), _MOST_LISTED))
-        for k, target in enumerate(result.run.arm.targets)
+        for k, target in enumerate(result.run.estimate.arm.targets)
         if np.isfinite(here[i, k]).all()
     )
     header = ("pose", "point", *(f"{axis}, mm" for axis in "xyz"), *(f"{axis} in the base, mm" for axis in "xyz"))

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.commands.calibrate.load_run import Calibrated
-from lab.commands.calibrate.point_errors import PointErrors
-from lab.commands.calibrate.range_dict import said_of_extrapolated
+from lab.calibration.estimate import PredictedPoints
+from lab.commands.calibrate.load_run import CalibrationRun, said_of_extrapolated
 from lab.commands.predict.options import PredictOptions
 from lab.commands.result import Result
 from lab.commands.stops import joint_columns
@@ -40,24 +39,26 @@ class PredictionResult(Result):
         run: the run that calibrated the arm.
         rows: the joint positions, with what was set there.
         inputs: ``(n, joints + conditions)`` of the arm.
-        points: ``(n, k, 3)`` m, the measured points in the frame in which the arm was measured; NaN where the loops of
-            a mechanism do not close.
+        predicted: the measured points in the frame in which the arm was measured, with covariances.
         R_instrument_last: rotations ``(n, 3, 3)`` of the last frame there.
-        errors: how sure the points are.
         without_effects_m: how far geometry alone is off at these poses (root mean square); None where there is nothing
             else.
         notes: what a reader should be told of the inputs.
     """
 
     options: PredictOptions
-    run: Calibrated
+    run: CalibrationRun
     rows: Measurements
     inputs: Array
-    points: Array
+    predicted: PredictedPoints
     R_instrument_last: Array
-    errors: PointErrors
     without_effects_m: float | None
     notes: tuple[str, ...]
+
+    @property
+    def points(self) -> Array:
+        """``(n, k, 3)`` m, in the frame in which the arm was measured; NaN where loops of a mechanism do not close."""
+        return self.predicted.points
 
     @property
     def exit_code(self) -> int:
@@ -77,12 +78,12 @@ class PredictionResult(Result):
     @cached_property
     def extrapolated(self) -> NDArray[np.bool_]:
         """``(n,)`` which poses no fitted pose is near, where the model is known to lack something."""
-        return self.run.extrapolated(self.inputs[:, : self.run.robot.chain.size])
+        return self.run.estimate.extrapolated(self.inputs[:, : self.run.robot.chain.size])
 
     @property
     def T_instrument_base(self) -> Array:
         """Pose ``(4, 4)`` (m) of the arm's base, frame 0 of its table, in the frame of the measurements."""
-        rigid, values = self.run.geometry
+        rigid, values = self.run.estimate.geometry
         return rigid.T_tracker_frame0(values)
 
     @property
@@ -93,12 +94,12 @@ class PredictionResult(Result):
     @property
     def rotations(self) -> Array:
         """``(n, 3, 3)`` of the tool: as measured where orientations were, else of the last frame."""
-        return np.asarray(self.R_instrument_last @ self.run.R_last_tool)
+        return np.asarray(self.R_instrument_last @ self.run.estimate.R_last_tool)
 
     @cached_property
     def radii_95(self) -> dict[str, Array]:
         """``(n, k)`` m: lengths that 95 % of the errors do not exceed: parameters, unmodelled, visit, together."""
-        return self.errors.radii_95()
+        return self.predicted.radii_95()
 
     @property
     def radius_statistics_mm(self) -> dict[str, dict[str, float | None]]:
@@ -115,7 +116,7 @@ class PredictionResult(Result):
     @property
     def model(self) -> str:
         """The model's groups, joined by +."""
-        return "+".join(("geometric", *self.run.groups))
+        return self.run.estimate.model
 
     def to_dict(self) -> dict[str, Any]:
         """What ``--json`` prints and ``result.json`` holds: lengths in mm."""
@@ -143,7 +144,7 @@ class PredictionResult(Result):
     def _predictions(self) -> list[dict[str, Any]]:
         """What is predicted of each pose."""
         points, base = plain_numbers(1e3 * self.points), plain_numbers(1e3 * self.points_in_base)
-        covariances = plain_numbers(1e6 * self.errors.together)
+        covariances = plain_numbers(1e6 * self.predicted.covariance)
         radii = {name: plain_numbers(1e3 * lengths) for name, lengths in self.radii_95.items()}
         here, there = (plain_numbers(se3.quaternion_from_rotation(R)) for R in self._both_rotations)
         return [
@@ -158,7 +159,7 @@ class PredictionResult(Result):
                         "covariance_mm2": covariances[i][k],
                         "radius_95_mm": {name: lengths[i][k] for name, lengths in radii.items()},
                     }
-                    for k, target in enumerate(self.run.arm.targets)
+                    for k, target in enumerate(self.run.estimate.arm.targets)
                 },
             }
             for i in range(len(self.rows))
@@ -179,12 +180,16 @@ class PredictionResult(Result):
         """A row a pose: joints and conditions; then points, orientation, and how sure each point is."""
         chain = self.run.robot.chain
         found: dict[str, Sequence[Any] | Array] = {"id": list(self.rows.ids), **joint_columns(chain, self.rows.joints)}
-        found |= {name: self.rows.conditions[name] for name in self.run.arm.conditions if name in self.rows.conditions}
+        found |= {
+            name: self.rows.conditions[name]
+            for name in self.run.estimate.arm.conditions
+            if name in self.rows.conditions
+        }
         for name, R in zip(("", "base_"), self._both_rotations, strict=True):
             parts = zip("wxyz", se3.quaternion_from_rotation(R).T, strict=True)
             found |= {f"{name}q{part}": values for part, values in parts}
-        covariances = 1e6 * self.errors.together
-        for k, target in enumerate(self.run.arm.targets):
+        covariances = 1e6 * self.predicted.covariance
+        for k, target in enumerate(self.run.estimate.arm.targets):
             for places, end in ((self.points, "mm"), (self.points_in_base, "base_mm")):
                 found |= {f"{target}_{axis}_{end}": 1e3 * places[:, k, i] for i, axis in enumerate("xyz")}
             for name, lengths in self.radii_95.items():

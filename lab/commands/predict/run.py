@@ -7,15 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lab.commands.calibrate.exports import without_effects
-from lab.commands.calibrate.load_run import Calibrated, calibrated_by, folder_of, read_calibrated
-from lab.commands.calibrate.point_errors import point_errors
+from lab.commands.calibrate.load_run import CalibrationRun, calibrated_by, condition_notes, folder_of, read_calibrated
 from lab.commands.calibrate.warnings import of_limits
 from lab.commands.keywords import options_of, takes
 from lab.commands.predict.options import PredictOptions
 from lab.commands.predict.result import PredictionResult
 from lab.core.errors import LabError, error_context
-from lab.core.measurements import LAST_MOVE, Measurements, measured
+from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import read_measurements
 
@@ -71,14 +69,14 @@ def predict(
     return _predicted(asked, by, _with_conditions(rows, conditions or {}))
 
 
-def _read(file: Path, run: Calibrated) -> Measurements:
+def _read(file: Path, run: CalibrationRun) -> Measurements:
     """The rows of a file that are not to be skipped."""
     chain = run.robot.chain
     data = read_measurements(file, chain.joint_names, chain.prismatic, points=False)
     return data.take([i for i, use in enumerate(data.use) if use != "skip"])
 
 
-def _in_memory(joints: "Array | Sequence[Sequence[float]]", run: Calibrated) -> Measurements:
+def _in_memory(joints: "Array | Sequence[Sequence[float]]", run: CalibrationRun) -> Measurements:
     chain = run.robot.chain
     try:
         rows = np.atleast_2d(np.asarray(joints, dtype=np.float64))
@@ -102,7 +100,7 @@ def _with_conditions(rows: Measurements, given: Mapping[str, Any]) -> Measuremen
     return replace(rows, conditions=columns)
 
 
-def _predicted(options: PredictOptions, run: Calibrated, rows: Measurements) -> PredictionResult:
+def _predicted(options: PredictOptions, run: CalibrationRun, rows: Measurements) -> PredictionResult:
     """Predict the rows.
 
     Raises:
@@ -114,22 +112,12 @@ def _predicted(options: PredictOptions, run: Calibrated, rows: Measurements) -> 
     if not len(rows):
         raise LabError(f"{options.file}: holds no row to predict; give joint positions")
     run.robot.refuse_impossible(options.file, rows)
+    estimate = run.estimate
     notes = [*run.warnings, *rows.warnings, *of_limits(run.robot, rows)]
-    asked_for = run.arm.conditions
-    if unused := [name for name in rows.conditions if name not in asked_for]:
-        notes.append(f"{options.file}: {', '.join(unused)} makes no difference: the model does not ask for it")
-    if "payload_kg" in asked_for and "payload_kg" not in rows.conditions:
-        said = "the flange is assumed to carry nothing in any pose"
-        if run.load is not None:
-            said = f"every pose carries the load that was identified, {run.load.mass_kg:.4g} kg"
-        notes.append(f"{options.file}: no column payload_kg: {said}")
-    if any(name.startswith(LAST_MOVE) for name in asked_for):
-        notes.append(f"{options.file}: hysteresis is predicted for moves from each row to the next one there")
+    notes += condition_notes(run, options.file, list(rows.conditions), "pose", "predicted")
     rows = rows if run.load is None else run.load.weighed(rows)
     with error_context(options.file):
-        inputs = rows.inputs(asked_for)
-    points = run.arm.points(inputs, run.values)
-    Ts, _ = run.arm.tool(inputs, run.values)
-    errors = point_errors(run, inputs)
-    off = without_effects(run.arm, run.values, inputs)
-    return PredictionResult(options, run, rows, inputs, points, Ts[:, :3, :3], errors, off, tuple(notes))
+        inputs = rows.inputs(estimate.arm.conditions)
+    Ts, _ = estimate.arm.tool(inputs, estimate.values)
+    off = estimate.geometry_error(inputs)
+    return PredictionResult(options, run, rows, inputs, estimate.predict(inputs), Ts[:, :3, :3], off, tuple(notes))

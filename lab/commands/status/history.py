@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from lab.campaign.config_file import CONFIG_FILE, RunConfig, read_config
-from lab.commands.calibrate.run_files import CALIBRATIONS, READ_FILES
+from lab.commands.calibrate.load_run import CALIBRATIONS, READ_FILES
 from lab.commands.integrity import said_of_edits
 from lab.core.dates import day
 from lab.core.errors import LabError

@@ -94,7 +94,7 @@ def _trend(options: StatusOptions, checks: tuple[Check, ...], left_out: list[Lef
             left_out.append(LeftOut(each.folder, reason_of(error, each.folder)))
             continue
         twin = content_of(each.folder) in seen  # the same measurements, identified again
-        if each.on is not None and run.result.usable and np.isfinite(run.covariance).all() and not twin:
+        if each.on is not None and run.result.usable and np.isfinite(run.estimate.free_covariance).all() and not twin:
             runs.append(DatedRun(each.on, run))
             seen.add(content_of(each.folder))
     if len(runs) < 2:

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lab.campaign.robot import Robot, load_robot, load_virtual
-from lab.commands.calibrate.load_run import Calibrated, calibrated_by, folder_of
+from lab.commands.calibrate.load_run import CalibrationRun, calibrated_by, folder_of
 from lab.commands.keywords import options_of, takes
 from lab.commands.trajectory.collisions import refuse_collisions
 from lab.commands.trajectory.motion import planned
@@ -67,7 +67,7 @@ def trajectory(
     return replace(found, warnings=tuple(dict.fromkeys((*found.warnings, *more))))
 
 
-def _calibrated(options: TrajectoryOptions, run: "str | Path | CalibrationResult | None") -> Calibrated | None:
+def _calibrated(options: TrajectoryOptions, run: "str | Path | CalibrationResult | None") -> CalibrationRun | None:
     """The run that is asked for; None without one."""
     if options.run is None:
         return None

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lab.campaign.robot import Robot
-from lab.commands.calibrate.load_run import Calibrated
+from lab.commands.calibrate.load_run import CalibrationRun
 from lab.commands.calibrate.model_words import listed
 from lab.commands.hand_load import carrying
 from lab.commands.trajectory.options import TrajectoryOptions
@@ -44,7 +44,7 @@ class TrackedArm:
     warnings: tuple[str, ...]
 
 
-def tracked_arm(options: TrajectoryOptions, robot: Robot, run: Calibrated | None) -> TrackedArm | None:
+def tracked_arm(options: TrajectoryOptions, robot: Robot, run: CalibrationRun | None) -> TrackedArm | None:
     """The arm of a run, else the nominal one with the elastic links of its description; None where it is rigid.
 
     Raises:
@@ -73,22 +73,22 @@ def tracked_arm(options: TrajectoryOptions, robot: Robot, run: Calibrated | None
     return TrackedArm(arm, values, values[: len(arm.rigid.names)], payload, ())
 
 
-def _of_run(options: TrajectoryOptions, run: Calibrated) -> TrackedArm:
-    arm = run.robot.arm_with(run.arm.targets, run.groups, moving=True)
+def _of_run(options: TrajectoryOptions, run: CalibrationRun) -> TrackedArm:
+    arm = run.robot.arm_with(run.estimate.arm.targets, run.estimate.groups, moving=True)
     hung = 0.0 if run.load is None else run.load.mass_kg
     payload, said = hung if options.payload_kg is None else options.payload_kg, list(run.warnings)
     if payload and PAYLOAD not in arm.conditions:
         said.append(f"{payload:.4g} kg make no difference: the model of {run.folder} has nothing that gives way")
-    hidden = [name for name in arm.names if name.endswith(_BENT) and name not in run.identified]
+    hidden = [name for name in arm.names if name.endswith(_BENT) and name not in run.estimate.free_names]
     if hidden:
         said.append(
             f"{', '.join(hidden)} did not show at rest and is zero here, though inertia may load it; links that are "
             "round tubes of metal are identified whole by --model tubes"
         )
-    unmoved = [name for name in run.groups if ".gravity" in name]
+    unmoved = [name for name in run.estimate.groups if ".gravity" in name]
     if unmoved:
         said.append(f"{', '.join(listed(unmoved))} gives way to unknown masses, whose inertia is left out")
-    return TrackedArm(arm, run.values, run.nominal_aligned[: len(arm.rigid.names)], payload, tuple(said))
+    return TrackedArm(arm, run.estimate.values, run.estimate.nominal[: len(arm.rigid.names)], payload, tuple(said))
 
 
 def tracking_along(tracked: TrackedArm, joints: Array, speeds: Array, accelerations: Array, times: Array) -> Tracking:

@@ -1,6 +1,6 @@
 """What a person reads of a trend."""
 
-from lab.commands.calibrate.estimates import SETUP
+from lab.calibration.estimate import SETUP
 from lab.commands.provenance import provenance_section
 from lab.commands.trend.figures import errors_picture, moved_pictures, parameters_picture
 from lab.commands.trend.result import TrendResult

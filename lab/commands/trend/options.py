@@ -5,8 +5,8 @@ from pathlib import Path
 
 import tyro
 
+from lab.calibration.estimate import SETUP
 from lab.campaign.option_types import Flag, Names
-from lab.commands.calibrate.estimates import SETUP
 from lab.core.errors import LabError
 from lab.core.serials import check_serial
 

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lab.commands.calibrate.load_run import Calibrated
+from lab.calibration.estimate import IdentifiedSubset
+from lab.commands.calibrate.load_run import CalibrationRun
 from lab.commands.result import Result
 from lab.commands.trend.options import TrendOptions
 from lab.commands.values import number
@@ -17,7 +18,6 @@ from lab.core.se3 import Array
 from lab.core.significance import TREND_YEAR
 from lab.kinematics.parameter import Parameter
 from lab.verification.change_points import POWER, ChangePoint
-from lab.verification.difference import Estimates
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -32,7 +32,7 @@ class DatedRun:
     """A calibration and its day."""
 
     date: date
-    run: Calibrated
+    run: CalibrationRun
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class TrendResult(Result):
 
     options: TrendOptions
     runs: tuple[DatedRun, ...]
-    estimates: tuple[Estimates, ...]
+    estimates: tuple[IdentifiedSubset, ...]
     changes: tuple[ChangePoint, ...]
     detectable: tuple[DetectableChange, ...]
     left_out: tuple[str, ...]
@@ -93,7 +93,7 @@ class TrendResult(Result):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Those that are compared."""
-        of = {each.name: each for each in self.runs[0].run.arm.parameters}
+        of = {each.name: each for each in self.runs[0].run.estimate.arm.parameters}
         return tuple(of[name] for name in self.estimates[0].names)
 
     @property

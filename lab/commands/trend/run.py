@@ -6,10 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
+from lab.calibration.estimate import SETUP, Estimate
 from lab.campaign.config_file import read_config
-from lab.commands.calibrate.estimates import SETUP, estimates_of, refuse_other_parameters
-from lab.commands.calibrate.load_run import Calibrated, read_calibrated
-from lab.commands.calibrate.run_files import CALIBRATIONS, MEASUREMENTS_FILE
+from lab.commands.calibrate.load_run import (
+    CALIBRATIONS,
+    MEASUREMENTS_FILE,
+    read_calibrated,
+    refuse_other_parameters,
+)
 from lab.commands.trend.options import TrendOptions
 from lab.commands.trend.result import DatedRun, DetectableChange, TrendResult
 from lab.core.dates import day
@@ -53,20 +57,20 @@ def followed(options: TrendOptions, dated: Sequence[DatedRun], left_out: tuple[s
     serials = {str(each.run.folder): each.run.serial for each in runs}
     serial = one_serial(serials, "give --serial to follow one of them")
     without = tuple(group for group in SETUP if group not in options.kept)
-    estimates = [estimates_of(each.run, without) for each in runs]
+    estimates = [each.run.estimate.subset(without) for each in runs]
     refuse_other_parameters([each.run for each in runs], estimates)
-    last = runs[-1].run
+    last = runs[-1].run.estimate
     zeros = _joint_zeros(last)  # (f, joints) of all identified parameters
-    compared = [last.identified.index(name) for name in estimates[0].names]
+    compared = [last.free_names.index(name) for name in estimates[0].names]
     days = [float(each.date.toordinal()) for each in runs]
     series = Series(estimates, days, _directions(estimates[0].names, zeros[compared]))
-    everything = Series([estimates_of(each.run, ()) for each in runs], days, _directions(last.identified, zeros))
+    everything = Series([each.run.estimate.subset(()) for each in runs], days, _directions(last.free_names, zeros))
     changes = series.change_points()
     start = max((change.after + 1 for change in changes), default=0)
     found = _detectable(series, zeros[compared], start), _detectable(everything, zeros, start)
     detectable = tuple(
         DetectableChange(i + 1, bool(slides), float(found[0][i]), float(found[1][i]))
-        for i, slides in enumerate(last.robot.chain.prismatic)
+        for i, slides in enumerate(last.rigid.chain.prismatic)
     )
     return TrendResult(options, runs, tuple(estimates), changes, detectable, left_out, serial)
 
@@ -109,11 +113,11 @@ def content_of(folder: Path) -> str:
     return sha256(path.read_bytes()).hexdigest() if path.is_file() else str(folder)
 
 
-def _joint_zeros(run: Calibrated) -> Array:
+def _joint_zeros(estimate: Estimate) -> Array:
     """What the identified parameters ``(f, joints)`` do when a joint's zero moves by one; NaN where they cannot."""
-    arm, at = run.arm, [run.arm.names.index(name) for name in run.identified]
+    arm, at = estimate.arm, list(estimate.free)
     inputs = arm.structure_joints(STRUCTURE_POSES, rng_for(0, "structure"))
-    jacobian = arm.observe(inputs, arm.rank_point(run.nominal_aligned))[1].reshape(-1, len(arm.names))
+    jacobian = arm.observe(inputs, arm.rank_point(estimate.nominal))[1].reshape(-1, len(arm.names))
     wanted = jacobian @ arm.rigid.joint_derivatives(np.eye(len(arm.names)))
     size = np.linalg.norm(jacobian[:, at], axis=0)
     found = np.linalg.lstsq(jacobian[:, at] / size, wanted, rcond=None)[0]

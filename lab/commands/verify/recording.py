@@ -17,7 +17,7 @@ def record_verification(path: Path, result: VerificationResult) -> None:
     """Write the recording of ``lab verify``; of many rows an evenly spaced part."""
     calibrated, found = result.calibrated, result.verified
     data = result.measurements.take(drawn_rows(len(result.measurements)))
-    arm = calibrated.robot.arm_with(data.targets, calibrated.groups)
+    arm = calibrated.robot.arm_with(data.targets, calibrated.estimate.groups)
     predicted = np.where(data.seen[:, :, None], arm.points(data.inputs(arm.conditions), found.values), np.nan)
     colour, colour_name = (RGB_AFTER, "light blue") if found.good else (RGB_BEFORE, "vermilion")
     words = "measured less predicted"

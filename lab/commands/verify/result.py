@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.commands.calibrate.load_run import Calibrated
+from lab.commands.calibrate.load_run import CalibrationRun
 from lab.commands.result import Result
 from lab.commands.values import error_statistics, exit_code_of, number
 from lab.commands.verify.options import VerifyOptions
@@ -40,7 +40,7 @@ class VerificationResult(Result):
     """
 
     options: VerifyOptions
-    calibrated: Calibrated
+    calibrated: CalibrationRun
     measurements: Measurements
     verified: Verified
     warnings: tuple[str, ...]
@@ -53,7 +53,7 @@ class VerificationResult(Result):
     @cached_property
     def _extrapolated(self) -> NDArray[np.bool_]:
         """``(n,)`` which rows no fitted pose is near, where the run's model is known to lack something."""
-        return self.calibrated.extrapolated(self.measurements.joints)
+        return self.calibrated.estimate.extrapolated(self.measurements.joints)
 
     @property
     def exit_code(self) -> int:

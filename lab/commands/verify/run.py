@@ -6,29 +6,27 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lab.calibration.extrapolation import MeasuredRange
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import PLAUSIBLE_SPREAD, spread
-from lab.calibration.noise.correlation import Correlation
-from lab.calibration.noise.shared_errors import SharedErrors
-from lab.calibration.noise.small_samples import ComponentErrors
-from lab.calibration.observation import observation_of
 from lab.calibration.pose_cover import MOST_UNCOVERED
-from lab.calibration.residual.process import PredictedBy
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M
-from lab.calibration.weights import Noise, root_mean_square_sigma, weighed
+from lab.calibration.weights import Noise
 from lab.campaign.instruments import named_instrument
-from lab.commands.calibrate.load_run import Calibrated, calibrated_by, folder_of, read_calibrated
+from lab.commands.calibrate.load_run import (
+    CalibrationRun,
+    calibrated_by,
+    folder_of,
+    read_calibrated,
+    said_of_extrapolated,
+)
 from lab.commands.calibrate.measured_rows import checked
 from lab.commands.calibrate.plausibility import noise_beyond, without_copies
-from lab.commands.calibrate.range_dict import said_of_extrapolated
 from lab.commands.keywords import options_of, takes
 from lab.commands.verify.options import VerifyOptions
 from lab.commands.verify.result import VerificationResult
-from lab.core.covariance import whitening
 from lab.core.errors import LabError, error_context
 from lab.core.instruments import observing
-from lab.core.measurements import Measurements, seen_mask
+from lab.core.measurements import Measurements
 from lab.core.progress import Progress
 from lab.core.se3 import Array
 from lab.core.serials import one_serial
@@ -37,7 +35,7 @@ from lab.formats.measurement_csv import read_measurements
 from lab.render.phrases.registry import phrase, phrases
 from lab.render.progress import Stage, status
 from lab.sensors.registry import sensor_named
-from lab.verification.estimated_noise import MOST_POSES, STEP, with_estimated_noise
+from lab.verification.new_measurements import held_against
 from lab.verification.prediction import CalibrationPrediction
 from lab.verification.situation import another_unit
 from lab.verification.test import Verified
@@ -97,7 +95,9 @@ def verify(
     return _verified(asked, calibrated_by(run, asked.run, accept_edited=asked.accept_edited), in_memory)
 
 
-def _verified(options: VerifyOptions, calibrated: Calibrated, given: Measurements | None = None) -> VerificationResult:
+def _verified(
+    options: VerifyOptions, calibrated: CalibrationRun, given: Measurements | None = None
+) -> VerificationResult:
     if not options.force:
         calibrated.refuse_unfit("a verification")
     stated = {str(calibrated.folder): calibrated.serial, "--serial": options.serial}
@@ -108,7 +108,7 @@ def _verified(options: VerifyOptions, calibrated: Calibrated, given: Measurement
 
 
 def _tested(
-    options: VerifyOptions, calibrated: Calibrated, given: Measurements | None, stage: Stage
+    options: VerifyOptions, calibrated: CalibrationRun, given: Measurements | None, stage: Stage
 ) -> VerificationResult:
     """The test, of a file unless measurements are given."""
     chain = calibrated.robot.chain
@@ -117,7 +117,7 @@ def _tested(
         read = read_measurements(options.file, chain.joint_names, chain.prismatic)
     else:
         read = checked("measurements in memory", given, calibrated.robot)
-    if calibrated.load is not None and "payload_kg" in calibrated.arm.conditions:
+    if calibrated.load is not None and "payload_kg" in calibrated.estimate.arm.conditions:
         read = calibrated.load.weighed(read)
     read = without_copies(Path(options.file), read)
     rows = read.only("calibrate", "reference", "test")
@@ -133,20 +133,21 @@ def _tested(
     fitted = _if_fitted(calibrated, options, rows) if given is None else []
     tested = f"2 of 2, testing {len(rows):,} rows, twice or more"
     stage(tested)
-    noise = _noise(calibrated, options)
-    if not np.isfinite(calibrated.covariance).all():
+    noise, stated = _noise(calibrated, options), options.noise_mm is not None or options.instrument is not None
+    if not np.isfinite(calibrated.estimate.free_covariance).all():
         raise LabError(
             f"{options.run}: its covariance is unknown, as its poses left no residuals to say the noise; "
             "identify again with more poses, or with --noise-mm"
         )
     with error_context(options.file):
-        known_m = (calibrated.result.residual_mm or 0.0) / 1e3
+        known_m = calibrated.estimate.residual_m
         noisy = noise_beyond(options.noise_mm, rows, known_m, "the run's residuals")
-        observations, prediction = _against(calibrated, rows, noise, options)
+        _refuse_strange(calibrated, rows, options)
+        observations, prediction = held_against(calibrated.estimate, rows, noise, given=stated)
         _refuse_implausible(prediction, observations)
         names = [rows.where(i) for i in range(len(rows))]
         verified = test(prediction, observations, options.refit, names, _counted(stage, tested))
-    lone = [rows.ids[i] for i in np.flatnonzero(calibrated.extrapolated(rows.joints))]
+    lone = [rows.ids[i] for i in np.flatnonzero(calibrated.estimate.extrapolated(rows.joints))]
     said = _warnings(calibrated, read, rows, verified) + said_of_extrapolated("poses", lone, len(rows))
     said += fitted
     warnings = (*phrases(noisy), *said, *_repeat_where_measured(len(lone), len(rows), verified))
@@ -165,7 +166,7 @@ def _counted(stage: Stage, words: str) -> Progress:
     return progress
 
 
-def _refuse_unseen_base(calibrated: Calibrated, options: VerifyOptions) -> None:
+def _refuse_unseen_base(calibrated: CalibrationRun, options: VerifyOptions) -> None:
     observed = calibrated.options.observe
     if sensor_named(observed).in_instrument_frame:
         return
@@ -181,96 +182,20 @@ def _refuse_unseen_base(calibrated: Calibrated, options: VerifyOptions) -> None:
         )
 
 
-def _against(
-    calibrated: Calibrated, rows: Measurements, noise: Noise, options: VerifyOptions
-) -> tuple[Observations, CalibrationPrediction]:
-    """The measurements weighed, and what the run says of them.
-
-    Where the run's residuals were more than noise, or its noise was estimated, they are the measure: what the model
-    lacks is taken for noise of its own, and the covariance grows as the residuals say.
-    """
-    arm = calibrated.with_targets(rows.targets)
-    strange = tuple(target for target in rows.targets if target not in calibrated.arm.targets)
+def _refuse_strange(calibrated: CalibrationRun, rows: Measurements, options: VerifyOptions) -> None:
+    """Refuse targets that were not identified, unless the tool is fitted anew."""
+    known = calibrated.estimate.arm.targets
+    strange = [target for target in rows.targets if target not in known]
     if strange and "tool" not in options.refit:
         raise LabError(
-            f"target {strange[0]} was not identified (those of the run are {', '.join(calibrated.arm.targets)}); "
+            f"target {strange[0]} was not identified (those of the run are {', '.join(known)}); "
             "rename it, or add --refit tool"
         )
-    known = dict(zip(calibrated.arm.names, calibrated.values, strict=True))
-    values = np.array([known.get(name, 0.0) for name in arm.names])
-    kept = [i for i, name in enumerate(calibrated.identified) if name in arm.names]
-    free = tuple(arm.names.index(calibrated.identified[i]) for i in kept)
-    covariance = calibrated.covariance[np.ix_(kept, kept)]
-    observations, _ = weighed(observation_of(arm), rows, noise)
-    lacking, larger, dof = calibrated.lacking(root_mean_square_sigma(observations, 0))
-    tail = calibrated.result.noise_tail_freedom
-    if calibrated.predicted_by is not None:
-        if strange:
-            raise LabError(
-                f"target {strange[0]} was not identified, and {options.run} has the group residual, which is of its "
-                "own targets; measure one of these, or identify again without residual"
-            )
-        prediction = CalibrationPrediction(arm, values, free, 0.0 * covariance, dof, strange, tail)
-        beside = _beside_process(_widened(observations, lacking), calibrated.predicted_by, rows.targets)
-        return _beyond_range(beside, prediction, calibrated.measured), prediction
-    prediction = CalibrationPrediction(arm, values, free, larger * covariance, dof, strange, tail)
-    errors = calibrated.component_errors
-    if errors is None:
-        return _beyond_range(_widened(observations, lacking), prediction, calibrated.measured), prediction
-    floored = (calibrated.result.noise_mm or 0.0) / 1e3 < LEAST_SIGMA_M  # of what is hardly there nothing is estimated
-    if options.noise_mm is not None or options.instrument is not None or floored:
-        errors = errors.without("scale")
-    return _of_estimated_noise(calibrated, rows, noise, prediction, errors.of(kept))
-
-
-def _of_estimated_noise(
-    calibrated: Calibrated, rows: Measurements, noise: Noise, prediction: CalibrationPrediction, errors: ComponentErrors
-) -> tuple[Observations, CalibrationPrediction]:
-    """Measurements and prediction by a noise model whose variances the run estimated, with what that costs."""
-    observation, shared = observation_of(prediction.arm), noise.shared
-    assert shared is not None
-
-    def by(some: Measurements, its: SharedErrors) -> Observations:
-        observations, _ = weighed(observation, some, replace(noise, shared=its))
-        return _beyond_range(observations, prediction, calibrated.measured)
-
-    first = rows.take(np.arange(min(len(rows), MOST_POSES)))
-    moved = [(by(first, shared.moved(name, STEP)), by(first, shared.moved(name, -STEP))) for name in errors.names]
-    prediction, observations = with_estimated_noise(prediction, by(rows, shared), errors, moved)
-    return observations, prediction
-
-
-def _beside_process(observations: Observations, by: PredictedBy, targets: tuple[str, ...]) -> Observations:
-    """The measurements with the errors of what a process predicts, of all poses together."""
-    n, k, _ = observations.points.shape
-    which = [by.model.targets.index(target) for target in targets]
-    whole = by.covariance(observations.inputs).reshape(n, -1, 3, n, len(by.model.targets), 3)[:, which][..., which, :]
-    sizes, axes = np.linalg.eigh(whole.reshape(3 * n * k, 3 * n * k))
-    root = (axes * np.sqrt(np.maximum(sizes, 0.0))).reshape(n, k, 3, -1)
-    root = np.where(seen_mask(observations.points)[..., None, None], observations.in_units_of_noise(root), 0.0)
-    shared, nothing = root.reshape(n, 3 * k, -1), np.zeros((n, 3 * k, 0))
-    found = observations.correlation
-    if found is None:
-        found = Correlation(nothing, nothing, 0.0, nothing, np.arange(n, dtype=float))
-    return replace(observations, correlation=replace(found, trend=np.concatenate([found.trend, shared], axis=2)))
-
-
-def _beyond_range(
-    observations: Observations, prediction: CalibrationPrediction, measured: MeasuredRange | None
-) -> Observations:
-    """The measurements with what the run's model may lack beyond the joint positions that it was fitted to."""
-    if measured is None or not measured.is_worse_beyond:
-        return observations
-    n, k, d = observations.points.shape
-    unknown = measured.unknown(prediction.arm, observations.inputs, prediction.values)
-    if not unknown.any():
-        return observations
-    scatter = observations.in_units_of_noise(unknown).reshape(n, k * d, -1)
-    found = observations.correlation
-    if found is None:
-        nothing = np.zeros((n, k * d, 0))
-        return replace(observations, correlation=Correlation(scatter, nothing, 0.0, nothing, np.arange(n, dtype=float)))
-    return replace(observations, correlation=replace(found, scatter=np.concatenate([found.scatter, scatter], axis=2)))
+    if strange and calibrated.estimate.process is not None:
+        raise LabError(
+            f"target {strange[0]} was not identified, and {options.run} has the group residual, which is of its "
+            "own targets; measure one of these, or identify again without residual"
+        )
 
 
 def _refuse_implausible(prediction: CalibrationPrediction, observations: Observations) -> None:
@@ -289,9 +214,9 @@ def _refuse_implausible(prediction: CalibrationPrediction, observations: Observa
         )
 
 
-def _noise(calibrated: Calibrated, options: VerifyOptions) -> Noise:
+def _noise(calibrated: CalibrationRun, options: VerifyOptions) -> Noise:
     """Of the new measurements: as given, else as the run took it, else as it found it."""
-    shared = calibrated.shared
+    shared = calibrated.estimate.shared
     given = None if shared is None else replace(shared, independent_share=1.0)
     if options.noise_mm is not None:
         return Noise(sigma_m=options.noise_mm / 1e3, shared=given)
@@ -301,20 +226,10 @@ def _noise(calibrated: Calibrated, options: VerifyOptions) -> Noise:
         return Noise(sigma_m=known_mm / 1e3, shared=shared)
     if calibrated.instrument is not None:
         return Noise(calibrated.instrument, readings=calibrated.readings, shared=shared)
-    return Noise(sigma_m=max((calibrated.result.noise_mm or 0.0) / 1e3, LEAST_SIGMA_M), shared=given)
+    return Noise(sigma_m=max(calibrated.estimate.noise_m, LEAST_SIGMA_M), shared=given)
 
 
-def _widened(observations: Observations, lacking_m: float) -> Observations:
-    """The same with as much more noise."""
-    if lacking_m == 0:
-        return observations
-    if observations.whiten.ndim == 2:
-        return replace(observations, whiten=1 / np.sqrt(1 / observations.whiten**2 + lacking_m**2))
-    root = np.linalg.inv(observations.whiten)
-    return replace(observations, whiten=whitening(root @ np.swapaxes(root, -1, -2) + lacking_m**2 * np.eye(3)))
-
-
-def _if_fitted(calibrated: Calibrated, options: VerifyOptions, rows: Measurements) -> list[str]:
+def _if_fitted(calibrated: CalibrationRun, options: VerifyOptions, rows: Measurements) -> list[str]:
     """Refuse rows that the run was identified from, to the last digit: of these it says nothing new.
 
     Returns:
@@ -345,7 +260,7 @@ def _numbers(rows: Measurements) -> Array:
     return numbers
 
 
-def _warnings(calibrated: Calibrated, read: Measurements, rows: Measurements, verified: Verified) -> list[str]:
+def _warnings(calibrated: CalibrationRun, read: Measurements, rows: Measurements, verified: Verified) -> list[str]:
     """What a reader should be told."""
     chain, said = calibrated.robot.chain, [*calibrated.warnings, *read.warnings]
     if blank := len(read.only("calibrate", "reference", "test")) - len(rows):
@@ -358,7 +273,7 @@ def _warnings(calibrated: Calibrated, read: Measurements, rows: Measurements, ve
     ]
     if len(sessions := list(dict.fromkeys(rows.sessions))) > 1:
         said.append(f"sessions {', '.join(sessions)} are taken for one setup; verify each alone if one was set up anew")
-    if "payload_kg" in calibrated.arm.conditions and "payload_kg" not in rows.conditions:
+    if "payload_kg" in calibrated.estimate.arm.conditions and "payload_kg" not in rows.conditions:
         said.append("no column payload_kg: the flange is assumed to carry nothing in any pose")
     if verified.undetermined:
         names = ", ".join(verified.undetermined)

@@ -1,7 +1,9 @@
 """The process of joints' offsets: against the joint Gaussian distribution itself, and on arms whose truth is known."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,6 +11,13 @@ from helpers.robots import IRB120
 from scipy import stats
 
 import lab
+from lab.calibration.estimate_files import (
+    ResidualSizes,
+    read_residual,
+    residual_columns,
+    residual_to_dict,
+    write_residual,
+)
 from lab.calibration.extrapolation import prediction_squares
 from lab.calibration.identify import identify
 from lab.calibration.residual.estimation import with_residual
@@ -17,16 +26,20 @@ from lab.calibration.residual.pose_numbers import Reduction, covariance, unit_co
 from lab.calibration.residual.process import UPPER_QUARTILE, JointProcess, PredictedBy, precisions, scaled_by
 from lab.calibration.residual_spread import residual_spread
 from lab.calibration.statistics.joint_rounding import by_joint_positions
-from lab.commands.calibrate.residual_file import read_residual, residual_columns, residual_to_dict, write_residual
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
+from lab.formats.structured import structured
 
 ARM = IRB120.arm(("p1",))
 NOMINAL = ARM.nominal(IRB120.tool)
 TURNING = np.ones(6, dtype=np.bool_)
 SIZES = 1e-10 * np.array([1.0, 0.3, 2.0, 4.0, 8.0, 1.0, 3.0, 5.0, 2.0, 6.0])
 NO_ERRORS = np.zeros((10, 10))
+
+
+def sizes(content: Mapping[str, Any] | None) -> ResidualSizes:
+    return structured("residual", ResidualSizes, content, extra=True)
 
 
 def dense(there: Array, slopes: Array) -> Array:
@@ -141,16 +154,16 @@ def test_a_file_gives_the_same_process_and_one_that_was_cut_is_refused(tmp_path:
     )
     write_residual(tmp_path / "residual.csv", process, residual_columns(IRB120.chain, (), ("p1",)))
     content = residual_to_dict(process)
-    read = read_residual(tmp_path, content, IRB120.chain, (), ("p1",))
+    read = read_residual(tmp_path, sizes(content), IRB120.chain, (), ("p1",))
     for name in ("inputs", "seen", "variances", "errors", "weights", "turning", "factor"):
         assert np.array_equal(getattr(read, name), getattr(process, name)), name
     with pytest.raises(LabError, match=r"residual\.csv: its columns are not"):
-        read_residual(tmp_path, content, IRB120.chain, (), ("p2",))
+        read_residual(tmp_path, sizes(content), IRB120.chain, (), ("p2",))
     assert content is not None
-    with pytest.raises(LabError, match="run lab calibrate or lab identify again"):
-        read_residual(tmp_path, {**content, "variances": {}}, IRB120.chain, (), ("p1",))
+    with pytest.raises(LabError, match=r"residual\.variances: 'noise' is missing"):
+        sizes({**content, "variances": {}})
     with pytest.raises(LabError, match="variance_errors"):
-        read_residual(tmp_path, {**content, "variance_errors": [[1.0]]}, IRB120.chain, (), ("p1",))
+        sizes({**content, "variance_errors": [[1.0]]})
 
 
 def test_a_run_of_an_older_version_has_no_smooth_components_and_upper_quartiles_alone(tmp_path: Path) -> None:
@@ -163,11 +176,11 @@ def test_a_run_of_an_older_version_has_no_smooth_components_and_upper_quartiles_
     old = {name: content[name] for name in ("poses", "p", "noise_mm", "joint_scatter_mrad")}
     for name in ("variances", "upper_quartiles"):
         old[name] = {key: size for key, size in content[name].items() if not key.startswith("smooth")}
-    read = read_residual(tmp_path, old, IRB120.chain, (), ("p1",))
+    read = read_residual(tmp_path, sizes(old), IRB120.chain, (), ("p1",))
     assert np.array_equal(read.variances, [*SIZES[:8], 0.0, 0.0]) and read.factor == 1.0
     assert np.allclose(read.upper[:8], process.upper[:8]) and not read.upper[8:].any()
     with pytest.raises(LabError, match="'smooth 1' is missing"):
-        read_residual(tmp_path, {**old, "variance_errors": content["variance_errors"]}, IRB120.chain, (), ("p1",))
+        sizes({**old, "variance_errors": content["variance_errors"]})
 
 
 def test_components_have_names_of_their_own() -> None:

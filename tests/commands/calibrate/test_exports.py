@@ -7,31 +7,28 @@ import numpy as np
 import pytest
 import yaml
 from helpers.drawing import nothing_drawn
+from helpers.estimates import nominal_estimate, with_values
 
 import lab
 from lab.campaign.robot import load_virtual
-from lab.commands.calibrate.exports import comment_of_lacking, lasting_arm, without_effects
+from lab.commands.calibrate.exports import comment_of_lacking
 from lab.formats.calibrated_module import loaded
 
 
-def test_what_is_of_another_day_alone_is_left_out() -> None:
-    arm, left_out = lasting_arm(load_virtual("irb120"), ("p1",), ("gear", "drift", "backlash"), None)
-    assert arm.groups == ("gear", "backlash") and left_out == ("drift",)
-
-
 def test_a_file_of_geometry_says_what_it_lacks() -> None:
-    robot = load_virtual("irb120")
-    arm, _ = lasting_arm(robot, ("p1", "p2"), ("gear",), None)
-    values, inputs = arm.nominal(robot.tool), arm.rigid.chain.random_joints(50, np.random.default_rng(0))
+    nominal = nominal_estimate(load_virtual("irb120"), ("p1", "p2"), ("gear",))
+    arm, values = nominal.arm, nominal.values.copy()
+    inputs = arm.rigid.chain.random_joints(50, np.random.default_rng(0))
     values[-6:] = 1e-4
-    off = without_effects(arm, values, inputs)
+    off = with_values(nominal, values).geometry_error(inputs)
     alone = arm.rigid.points(inputs, values[:-6])
     by_hand = np.linalg.norm(arm.points(inputs, values) - alone, axis=2)
     assert off == pytest.approx(np.sqrt((by_hand**2).mean())) and off > 1e-5
     said = comment_of_lacking(arm.groups, off, "at the measured poses", module=True)
     assert said.startswith(f"Geometry alone: lacks gear; off by {1e3 * off:.2g} mm rms") and "calibrated.py" in said
     assert "calibrated.py" not in comment_of_lacking(arm.groups, off, "there", module=False)
-    assert comment_of_lacking((), without_effects(arm.rigid, values[:-6], inputs), "there", module=True) == ""
+    bare = nominal_estimate(load_virtual("irb120"), ("p1", "p2"), ())
+    assert comment_of_lacking((), bare.geometry_error(inputs), "there", module=True) == ""
 
 
 @pytest.mark.thorough

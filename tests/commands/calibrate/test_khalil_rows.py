@@ -16,7 +16,7 @@ def posed() -> lab.CalibrationResult:
 
 def test_the_twelve_are_the_base_and_the_tool(posed: lab.CalibrationResult) -> None:
     found = posed.identification
-    rows = {row["name"]: row for row in khalil_rows(found, posed.nominal, posed.exported)}
+    rows = {row["name"]: row for row in khalil_rows(posed.estimate, float(found.half_width_95.max()))}
     assert list(rows) == [f"{owner}.{symbol}" for owner in ("Z", "E.p1") for symbol in SYMBOLS]
     values = dict(zip(found.model.names, found.values, strict=True))
     for owner, names in (("Z", ("base.{}", "base.r{}")), ("E.p1", ("tool.p1.{}", "tool.r{}"))):
@@ -28,7 +28,7 @@ def test_the_twelve_are_the_base_and_the_tool(posed: lab.CalibrationResult) -> N
 def test_intervals_are_those_of_many_draws(posed: lab.CalibrationResult) -> None:
     """The spread of Z over bases that are drawn from the covariance of the base: another way than derivatives."""
     found = posed.identification
-    rows = {row["name"]: row for row in khalil_rows(found, posed.nominal, posed.exported)}
+    rows = {row["name"]: row for row in khalil_rows(posed.estimate, float(found.half_width_95.max()))}
     base = [found.model.names.index(f"base.{axis}") for axis in ("x", "y", "z", "rx", "ry", "rz")]
     at = [found.fit.free.index(i) for i in base]
     draws = np.random.default_rng(0).multivariate_normal(found.values[base], found.covariance[np.ix_(at, at)], 4000)
@@ -40,5 +40,5 @@ def test_intervals_are_those_of_many_draws(posed: lab.CalibrationResult) -> None
 
 def test_a_point_has_no_orientation_of_its_own() -> None:
     result = lab.calibrate("irb120", poses=20, seed=4)
-    rows = {row["name"]: row for row in khalil_rows(result.identification, result.nominal, result.exported)}
+    rows = {row["name"]: row for row in khalil_rows(result.estimate, 2.0)}
     assert "parallel" in rows["E.p1.r"]["note"] and rows["E.p1.d"]["std"] is None and len(rows) == 12

@@ -29,7 +29,7 @@ def soft(tmp_path_factory) -> Path:
 @pytest.mark.thorough
 def test_it_predicts_what_was_identified_without_what_was_of_its_day(soft: Path) -> None:
     calibrated = read_calibrated(soft)
-    assert calibrated.groups == ("compliance",) and calibrated.arm.conditions == ("payload_kg",)
+    assert calibrated.estimate.groups == ("compliance",) and calibrated.estimate.arm.conditions == ("payload_kg",)
     options = VirtualCampaign(
         seed=3,
         effects=ArmEffects(stiffness_nm_per_rad=1e5, payload_kg=(0.0, 3.0), hours=1.0),
@@ -39,12 +39,14 @@ def test_it_predicts_what_was_identified_without_what_was_of_its_day(soft: Path)
     joints = calibrated.robot.chain.random_joints(100, np.random.default_rng(0))
     at_start = np.concatenate([joints, np.full((100, 1), 3.0), np.zeros((100, 1))], axis=1)
     whole = outcome.identification.model.points(at_start, outcome.identification.values)
-    np.testing.assert_allclose(calibrated.arm.points(at_start[:, :-1], calibrated.values), whole, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        calibrated.estimate.arm.points(at_start[:, :-1], calibrated.estimate.values), whole, rtol=0, atol=1e-12
+    )
     names = [outcome.identification.model.names[i] for i in outcome.identification.fit.free]
     kept = [i for i, name in enumerate(names) if not name.startswith("drift.")]
-    assert calibrated.identified == tuple(names[i] for i in kept) and len(kept) == len(names) - 7
-    assert (calibrated.covariance == outcome.identification.covariance[np.ix_(kept, kept)]).all()
-    assert calibrated.left_out == ("drift",)
+    assert calibrated.estimate.free_names == tuple(names[i] for i in kept) and len(kept) == len(names) - 7
+    assert (calibrated.estimate.free_covariance == outcome.identification.covariance[np.ix_(kept, kept)]).all()
+    assert calibrated.estimate.left_out == ("drift",)
     assert calibrated.warnings == ("of the run: drift was of its own day, and is left out",)
     assert calibrated.result.residual_mm == pytest.approx(calibrated.result.noise_mm, rel=0.3)
 

@@ -13,7 +13,7 @@ from helpers.robots import IRB120, ROOT, perturbed, somewhere
 
 from lab.campaign.robot import load_robot
 from lab.cli import main
-from lab.commands.calibrate.load_run import Calibrated, read_calibrated
+from lab.commands.calibrate.load_run import CalibrationRun, read_calibrated
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.core.whole_folder import CHECKSUMS, checksum_lines
@@ -43,9 +43,9 @@ def soft(tmp_path_factory) -> Path:
     return out
 
 
-def poses(calibrated: Calibrated, count: int) -> Array:
+def poses(calibrated: CalibrationRun, count: int) -> Array:
     """Where the calibrated arm can be, clear of singularities and of all that it could touch."""
-    arm, values = calibrated.geometry
+    arm, values = calibrated.estimate.geometry
     joints = 0.8 * arm.chain.random_joints(8 * count, np.random.default_rng(1))
     joints = joints[~collides(calibrated.robot.model, joints)]
     joints = joints[singular_distance(arm.tool(joints, values)[1])[0] > 0.05][:count]
@@ -102,7 +102,7 @@ def test_the_corrected_joints_bring_the_tool_to_the_targets(run: Path, tmp_path,
         np.testing.assert_allclose(R.T @ (data.site_xpos[site] - data.site_xpos[tracker]), T[:3, 3], atol=1e-9)
 
     corrected = read_targets(out / "cartesian.csv", IRB120.chain.joint_names, IRB120.chain.prismatic)
-    drawing = calibrated.nominal_inverse(0)
+    drawing = calibrated.estimate.nominal_inverse(0)
     by_controller = drawing.tool(np.deg2rad(degrees))[0]
     np.testing.assert_allclose(by_controller[:, :3, 3], corrected.positions, atol=1e-6)
     np.testing.assert_allclose(by_controller[:, :3, :3], corrected.rotations, atol=1e-6)
@@ -128,7 +128,7 @@ def test_the_program_and_the_arm_are_those_of_the_run(run: Path, tmp_path, capsy
     assert [stop["stop"] for stop in stops if stop["stop"] != "via"] == ["target"] * 3
     assert [list(stop.values())[2:] for stop in stops if stop["stop"] == "target"] == degrees.tolist()
     assert [stops[0]["id"], stops[-1]["id"]] == ["home", "home_again"]
-    drawing = calibrated.nominal_inverse(0)
+    drawing = calibrated.estimate.nominal_inverse(0)
     base, _, tool = drawing.arm.split(drawing.values)  # the controller computes with the drawing, so these suit it
     tool_at = re.search(r"tooldata \w+:=\[TRUE,\[\[([^\]]*)\]", program)
     frame = re.search(r'wobjdata \w+:=\[FALSE,TRUE,"",\[\[([^\]]*)\],\[([^\]]*)\]', program)
@@ -138,7 +138,7 @@ def test_the_program_and_the_arm_are_those_of_the_run(run: Path, tmp_path, capsy
     T_frame0_instrument = se3.pose(se3.rotation_from_quaternion(turn), place / 1e3)
     np.testing.assert_allclose(T_frame0_instrument @ se3.pose(se3.exp(base[3:]), base[:3]), np.eye(4), atol=1e-8)
     table = read_table(out / "calibrated.toml")
-    arm, values = calibrated.geometry
+    arm, values = calibrated.estimate.geometry
     base, rows, tool = arm.split(values)
     assert (table.chain.table == rows).all() and (table.base == base).all() and (table.tool["p1"] == tool[0]).all()
     urdf = load_robot(str(out / "calibrated.urdf"))
@@ -180,7 +180,7 @@ def test_hysteresis_is_corrected_in_the_order_of_the_targets(tmp_path, capsys) -
         found.append(np.deg2rad(rows_of(tmp_path / name / "joints.csv")[1][:, :6]))
     signs = [np.sign(np.diff(joints, axis=0, prepend=joints[:1])) for joints in found]
     (forth, back), signs = (found[0], found[1][::-1]), [signs[0], signs[1][::-1]]
-    known = dict(zip(run.arm.names, run.values, strict=True))
+    known = dict(zip(run.estimate.arm.names, run.estimate.values, strict=True))
     width = np.array([known[f"joint{i}.hysteresis"] for i in range(1, 7)])
     same = np.abs(forth - back).max(axis=1) < 0.01  # the same solution of the inverse
     assert same.sum() >= 4 and (width > 1e-4).all()

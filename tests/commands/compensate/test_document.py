@@ -19,7 +19,7 @@ NASTY = """<script>alert("$x_1$")</script>&'<b>"""
 def test_corrected_targets_are_listed_and_those_that_fail(seven_run: Path, tmp_path: Path) -> None:
     """Also where a single target is there, and where none is reached."""
     calibrated = read_calibrated(seven_run)
-    arm, values = calibrated.geometry
+    arm, values = calibrated.estimate.geometry
     Ts = arm.tool(0.7 * arm.chain.random_joints(12, np.random.default_rng(1)), values)[0]
     Ts[3, :3, 3] += 5.0
     quaternions = se3.quaternion_from_rotation(Ts[:, :3, :3])

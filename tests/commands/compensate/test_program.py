@@ -19,12 +19,13 @@ from helpers.controller_programs import (
     read_back,
     spelt,
 )
+from helpers.estimates import with_values
 from helpers.robots import IRB120, ROOT
 from scipy.spatial.transform import Rotation
 
 import lab
 from lab.cli import main
-from lab.commands.calibrate.load_run import Calibrated, calibrated_by
+from lab.commands.calibrate.load_run import CalibrationRun, calibrated_by
 from lab.commands.calibrate.result import CalibrationResult
 from lab.commands.compensate.options import CompensateOptions
 from lab.commands.compensate.program import open_program
@@ -45,13 +46,13 @@ TABLE = posed(Rotation.from_rotvec([0.1, 0.2, 0.3]), np.array([0.3, 0.1, 0.2]))
 
 
 @pytest.fixture(scope="module")
-def calibrated(seven: CalibrationResult) -> Calibrated:
+def calibrated(seven: CalibrationResult) -> CalibrationRun:
     return calibrated_by(seven, Path("run"))
 
 
-def made_program(language: str, run: Calibrated, count: int = 3, seed: int = 2) -> tuple[Written, Array]:
+def made_program(language: str, run: CalibrationRun, count: int = 3, seed: int = 2) -> tuple[Written, Array]:
     """A program to free poses, and the joint positions ``(count, 6)`` that the controller's arm has there."""
-    nominal, rng = run.nominal_inverse(0), np.random.default_rng(seed)
+    nominal, rng = run.estimate.nominal_inverse(0), np.random.default_rng(seed)
     joints = rng.uniform(-0.9, 0.9, (20 * count, 6))
     joints[:, 4] = np.abs(joints[:, 4]) + 0.3
     joints = joints[~collides(run.robot.model, joints)][:count]
@@ -85,7 +86,7 @@ def values_in(language: str, text: bytes, folder: Path) -> list[tuple[str, Array
 
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_the_real_arm_is_where_the_program_says(
-    language: str, seven: CalibrationResult, calibrated: Calibrated, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    language: str, seven: CalibrationResult, calibrated: CalibrationRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The controller's arm takes the printed numbers; the calibrated arm then has its tool where they were meant."""
     from lab.commands.compensate import run as command
@@ -100,7 +101,7 @@ def test_the_real_arm_is_where_the_program_says(
     assert not result.program.uncorrected and len(result.reached) == 4
     assert 0.1 < result.to_dict()["correction_mm"]["max"] < 20
 
-    (arm, values), reference = calibrated.geometry, result.reference
+    (arm, values), reference = calibrated.estimate.geometry, result.reference
     assert reference is not None
     at = result.found.joints  # the solution that the controller takes of the printed numbers, held against them below
     found = values_in(language, result.program.content, tmp_path)
@@ -123,7 +124,7 @@ def test_the_real_arm_is_where_the_program_says(
 
 
 def test_ways_are_the_programs_also_to_and_from_what_is_not_corrected(
-    calibrated: Calibrated, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    calibrated: CalibrationRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The second target is through the floor, so it stays as it is, and the controller goes there all the same."""
     from lab.commands.compensate import run as command
@@ -141,14 +142,14 @@ def test_ways_are_the_programs_also_to_and_from_what_is_not_corrected(
 
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_a_robot_that_is_as_drawn_keeps_its_program(
-    language: str, calibrated: Calibrated, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    language: str, calibrated: CalibrationRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """No error, no correction: every byte is the same."""
     from lab.commands.compensate import run as command
 
-    values = calibrated.nominal_aligned.copy()
+    values = calibrated.estimate.nominal.copy()
     values[-3:] = calibrated.robot.tool["p1"]
-    perfect = replace(calibrated, arm=calibrated.arm.rigid, values=values)
+    perfect = replace(calibrated, estimate=with_values(calibrated.estimate, values))
     monkeypatch.setattr(command, "read_calibrated", lambda *_, **__: perfect)
     made, _ = made_program(language, calibrated, seed=3)
     result = compensate(options_for(language, tmp_path, made, no_check=True))
@@ -158,7 +159,7 @@ def test_a_robot_that_is_as_drawn_keeps_its_program(
 
 @pytest.mark.thorough
 def test_a_program_is_written_beside_its_result_and_checked(
-    calibrated: Calibrated, seven_run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    calibrated: CalibrationRun, seven_run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """By the command; with a target that is out of reach, one in another configuration, and a computed one."""
     made, _ = made_program("rapid", calibrated)
@@ -267,7 +268,7 @@ WRONG = [
 
 @pytest.mark.parametrize(("name", "text", "words"), WRONG, ids=[f"{i}-{each[0]}" for i, each in enumerate(WRONG)])
 def test_a_wrong_program_is_told_in_a_line(
-    name: str, text: str, words: str, calibrated: Calibrated, tmp_path: Path
+    name: str, text: str, words: str, calibrated: CalibrationRun, tmp_path: Path
 ) -> None:
     assert name == "a.txt" or text != GOOD[name]
     (tmp_path / name).write_bytes(text.encode("latin-1"))
@@ -282,13 +283,13 @@ def test_a_wrong_program_is_told_in_a_line(
 
 
 @pytest.mark.parametrize("name", GOOD)
-def test_the_programs_that_are_spoilt_are_good(name: str, calibrated: Calibrated, tmp_path: Path) -> None:
+def test_the_programs_that_are_spoilt_are_good(name: str, calibrated: CalibrationRun, tmp_path: Path) -> None:
     (tmp_path / name).write_text(GOOD[name], newline="")
     opened = open_program(CompensateOptions(Path("run"), program=tmp_path / name), calibrated)
     assert len(opened.targets) == 1 and not opened.left and not opened.read.uncorrected
 
 
-def test_the_page_shows_what_is_read(calibrated: Calibrated, tmp_path: Path) -> None:
+def test_the_page_shows_what_is_read(calibrated: CalibrationRun, tmp_path: Path) -> None:
     page = (ROOT / "docs" / "how_to" / "correct_program.md").read_text(encoding="utf-8")
     module = textwrap.dedent(page[page.index("   MODULE Pick") : page.index("   ```", page.index("   MODULE Pick"))])
     (tmp_path / "Pick.mod").write_text(module)
@@ -328,7 +329,7 @@ OPTIONS = [
 @pytest.mark.thorough
 @pytest.mark.parametrize(("arguments", "words"), OPTIONS, ids=[" ".join(each[0]) for each in OPTIONS])
 def test_wrong_options_are_told_in_a_line_and_nothing_is_written(
-    arguments: list[str], words: str, calibrated: Calibrated, folder: Path, monkeypatch: pytest.MonkeyPatch,
+    arguments: list[str], words: str, calibrated: CalibrationRun, folder: Path, monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
     from lab.commands.compensate import run as command
@@ -342,7 +343,7 @@ def test_wrong_options_are_told_in_a_line_and_nothing_is_written(
     assert sorted(folder.rglob("*")) == before
 
 
-def urscript_of(tools: list[str], run: Calibrated) -> tuple[str, Array]:
+def urscript_of(tools: list[str], run: CalibrationRun) -> tuple[str, Array]:
     """A URScript with a pose for each tool, given as six numbers, and the flange's poses there ``(n, 4, 4)`` (m)."""
     _, joints = made_program("urscript", run, count=len(tools))
     arm = run.robot.arm(("p1",))
@@ -354,7 +355,7 @@ def urscript_of(tools: list[str], run: Calibrated) -> tuple[str, Array]:
     return "\n".join([*lines, "end", ""]), Ts
 
 
-def corrected_urscript(tools: list[str], run: Calibrated, folder: Path, monkeypatch: pytest.MonkeyPatch):
+def corrected_urscript(tools: list[str], run: CalibrationRun, folder: Path, monkeypatch: pytest.MonkeyPatch):
     from lab.commands.compensate import run as command
 
     monkeypatch.setattr(command, "read_calibrated", lambda *_, **__: run)
@@ -364,11 +365,11 @@ def corrected_urscript(tools: list[str], run: Calibrated, folder: Path, monkeypa
 
 
 def test_every_tool_of_a_program_is_its_own(
-    calibrated: Calibrated, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    calibrated: CalibrationRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Two tools: the flange is where each asks for it, and the longer lever has the larger expected error."""
     result, Ts = corrected_urscript(["0,0,0.05,0,0,0", "0,0.1,0.4,1,0,0"], calibrated, tmp_path, monkeypatch)
-    (arm, values), reference = calibrated.geometry, result.reference
+    (arm, values), reference = calibrated.estimate.geometry, result.reference
     assert reference is not None and result.expected is not None
     T_frame0_instrument = se3.inverse(arm.T_tracker_frame0(values))
     flanges = T_frame0_instrument @ arm.flange(result.found.joints, values) @ reference.flange.T_last_flange
@@ -379,7 +380,7 @@ def test_every_tool_of_a_program_is_its_own(
 
 
 def test_a_tool_near_the_measured_point_is_named_with_the_distance(
-    calibrated: Calibrated, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    calibrated: CalibrationRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """p1 is 6 mm from the tool of the program; another tool is elsewhere."""
     x, y, z = calibrated.robot.tool["p1"]
@@ -391,10 +392,10 @@ def test_a_tool_near_the_measured_point_is_named_with_the_distance(
 
 
 def test_what_is_expected_to_get_worse_stays_as_it_is(
-    calibrated: Calibrated, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    calibrated: CalibrationRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A calibration that knows less than the nominal model corrects nothing."""
-    poor = replace(calibrated, covariance=1e6 * calibrated.covariance)
+    poor = replace(calibrated, estimate=replace(calibrated.estimate, covariance=1e6 * calibrated.estimate.covariance))
     with pytest.raises(
         LabError, match=r"no target can be corrected; line 3: .* mm with the correction and .* mm without"
     ):
@@ -402,7 +403,7 @@ def test_what_is_expected_to_get_worse_stays_as_it_is(
 
 
 def test_some_targets_are_left_and_the_others_corrected(
-    calibrated: Calibrated, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    calibrated: CalibrationRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     left = property(lambda result: {0: "too far"} if len(result.targets) == 2 else {})
     monkeypatch.setattr(CompensationResult, "better_left", left)
@@ -415,12 +416,12 @@ def test_some_targets_are_left_and_the_others_corrected(
 
 
 def test_the_default_tool_is_no_statement_where_it_disagrees(
-    calibrated: Calibrated, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    calibrated: CalibrationRun, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """p1 is 8 mm from the default place: nobody stated it. Where it agrees, it is taken for stated."""
-    values = calibrated.values.copy()
-    values[[calibrated.arm.names.index("tool.p1.x")]] += 0.008
-    far = replace(calibrated, values=values)
+    values = calibrated.estimate.values.copy()
+    values[[calibrated.estimate.arm.names.index("tool.p1.x")]] += 0.008
+    far = replace(calibrated, estimate=with_values(calibrated.estimate, values))
     words = []
     for run in (far, calibrated):
         result, _ = corrected_urscript(["0,0,0.05,0,0,0"], run, tmp_path, monkeypatch)

@@ -10,11 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.controller_programs import END, LANGUAGES, PULSES, configuration, posed, program, spelt
+from helpers.estimates import with_values
 from helpers.simulated_controllers import Controller, NominalArm, Stop
 from scipy.spatial.transform import Rotation
 
 from lab.campaign.options import VirtualCampaign
-from lab.commands.calibrate.load_run import Calibrated, calibrated_by
+from lab.commands.calibrate.load_run import CalibrationRun, calibrated_by
 from lab.commands.calibrate.result import CalibrationResult
 from lab.commands.calibrate.run import calibrate
 from lab.commands.compensate import run as command
@@ -35,20 +36,21 @@ REPEATS = np.array([0.01, 0.005])  # mm and degrees that no arm repeats: a loss 
 
 
 @cache
-def calibrated(robot: str) -> Calibrated:
+def calibrated(robot: str) -> CalibrationRun:
     return calibrated_by(calibrate(VirtualCampaign(robot=robot, seed=7)), Path("run"))
 
 
-def hidden(run: Calibrated, seed: int, size: float = 1.0) -> Calibrated:
+def hidden(run: CalibrationRun, seed: int, size: float = 1.0) -> CalibrationRun:
     """A calibrated arm whose links are 0.3 mm and 1 mrad (1 sigma) from the nominal ones, times the size."""
     rng = np.random.default_rng(seed)
-    is_length = [name.rsplit(".", 1)[1] in ("x", "y", "z", "a", "d") for name in run.arm.names]
+    is_length = [name.rsplit(".", 1)[1] in ("x", "y", "z", "a", "d") for name in run.estimate.arm.names]
     moved = size * np.where(is_length, 0.3e-3, 1e-3) * rng.standard_normal(len(is_length))
-    of_links = [not name.startswith("tool") for name in run.arm.names]
-    return replace(run, values=run.nominal_aligned + np.where(of_links, moved, 0.0))
+    of_links = [not name.startswith("tool") for name in run.estimate.arm.names]
+    values = run.estimate.nominal + np.where(of_links, moved, 0.0)
+    return replace(run, estimate=with_values(run.estimate, values))
 
 
-def controller_of(language: str, run: Calibrated, pulses: Array = PULSES) -> Controller:
+def controller_of(language: str, run: CalibrationRun, pulses: Array = PULSES) -> Controller:
     chain = run.robot.chain
     arm = NominalArm(chain.table[:, :4], chain.sign, chain.convention == "craig")
     return Controller(language, arm, MEMORY, pulses)
@@ -64,21 +66,21 @@ def options_for(language: str, path: Path, content: bytes, pulses: Array = PULSE
     )
 
 
-def taught(run: Calibrated, count: int, rng: np.random.Generator) -> Array:
+def taught(run: CalibrationRun, count: int, rng: np.random.Generator) -> Array:
     """Joint positions ``(count, 6)`` rad away from limits and singularities."""
     chain, found = run.robot.chain, np.empty((0, 6))
     while len(found) < count:
         some = rng.uniform(-1.2, 1.2, (50, 6)) + np.array([0, -0.9, 0.9, 0, 0, 0])
         some[:, 4] = np.abs(some[:, 4]) + 0.4
         some = some[~chain.beyond_limits(some, -0.1).any(axis=1)]
-        least = np.linalg.svd(run.nominal_inverse(0).tool(some)[1], compute_uv=False)[:, -1]
+        least = np.linalg.svd(run.estimate.nominal_inverse(0).tool(some)[1], compute_uv=False)[:, -1]
         found = np.concatenate([found, some[least > 0.04]])
     return found[:count]
 
 
 def made(
     language: str,
-    run: Calibrated,
+    run: CalibrationRun,
     digits: int,
     rng: np.random.Generator,
     count: int = 3,
@@ -123,7 +125,7 @@ class Trip:
         return bool((self.lost <= np.maximum(0.1 * self.correction, REPEATS)).all())
 
 
-def trips(controller: Controller, run: Calibrated, before: bytes, result: CompensationResult) -> list[Trip]:
+def trips(controller: Controller, run: CalibrationRun, before: bytes, result: CompensationResult) -> list[Trip]:
     """Send a program and its corrected text to the hidden robot, and compare where it comes to rest.
 
     A target for which the lab found no solution is left out, once its numbers are seen to be the same.
@@ -161,9 +163,9 @@ def _flange(arm: NominalArm, stop: Stop) -> Array:
     return stop.T_root_base @ stop.T_base_tool @ np.linalg.inv(stop.T_flange_tool)
 
 
-def _real(run: Calibrated, stop: Stop, joints: Array) -> Array:
+def _real(run: CalibrationRun, stop: Stop, joints: Array) -> Array:
     """Where the hidden robot has the stop's tool; of joint positions its measured point."""
-    arm, values = run.geometry
+    arm, values = run.estimate.geometry
     T = arm.tool(joints[None], values)[0][0].copy()
     if stop.joints is None:
         T[:3, 3] -= T[:3, :3] @ values[-3 * len(arm.targets) :][:3]
@@ -185,7 +187,7 @@ def go_and_see(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> GoAndSee:
     """Correct a program for a hidden robot, and send both texts there."""
 
     def there(
-        language: str, run: Calibrated, content: bytes, pulses: Array = PULSES, **more: object
+        language: str, run: CalibrationRun, content: bytes, pulses: Array = PULSES, **more: object
     ) -> tuple[list[Trip], CompensationResult]:
         monkeypatch.setattr(command, "read_calibrated", lambda *_, **__: run)
         path = tmp_path / f"p{END[language]}"

@@ -12,7 +12,6 @@ from helpers.robots import ROOT
 import lab
 from lab.cli import main
 from lab.commands.calibrate.load_run import read_calibrated
-from lab.commands.calibrate.point_errors import point_errors
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.formats.calibrated_module import loaded
@@ -36,16 +35,18 @@ def test_the_points_are_the_arm_s_in_both_frames(soft: tuple[Path, lab.Calibrati
     folder, result = soft
     run, rows = read_calibrated(folder), result.measurements.take(range(12))
     found = lab.predict(rows, run=folder, force=True)
-    inputs = rows.inputs(run.arm.conditions)
-    np.testing.assert_array_equal(found.points, run.arm.points(inputs, run.values))
+    inputs = rows.inputs(run.estimate.arm.conditions)
+    np.testing.assert_array_equal(found.points, run.estimate.arm.points(inputs, run.estimate.values))
     off = np.linalg.norm(found.points - rows.points, axis=2)
     assert off.max() < 1e-4 < found.without_effects_m  # near what was measured there, which geometry alone is not
-    _, values = run.geometry
+    _, values = run.estimate.geometry
     there = values.copy()
     there[:6] = 0.0
-    arm = run.arm.points(inputs, np.concatenate([there, run.values[len(values) :]]))
+    arm = run.estimate.arm.points(inputs, np.concatenate([there, run.estimate.values[len(values) :]]))
     np.testing.assert_allclose(found.points_in_base, arm, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(found.rotations, run.arm.tool(inputs, run.values)[0][:, :3, :3], atol=1e-15)
+    np.testing.assert_allclose(
+        found.rotations, run.estimate.arm.tool(inputs, run.estimate.values)[0][:, :3, :3], atol=1e-15
+    )
 
 
 def test_a_file_joints_and_measurements_say_the_same(soft: tuple[Path, lab.CalibrationResult], tmp_path: Path) -> None:
@@ -56,7 +57,7 @@ def test_a_file_joints_and_measurements_say_the_same(soft: tuple[Path, lab.Calib
     by_joints = lab.predict(rows.joints, run=result, conditions=rows.conditions, force=True)
     for each in (by_file, by_joints):
         np.testing.assert_allclose(each.points, lab.predict(rows, run=folder, force=True).points, rtol=0, atol=1e-15)
-        np.testing.assert_allclose(each.errors.together, by_file.errors.together, rtol=1e-9)
+        np.testing.assert_allclose(each.predicted.covariance, by_file.predicted.covariance, rtol=1e-9)
     heavier = lab.predict(rows.joints, run=result, conditions={**rows.conditions, "payload_kg": 3.0}, force=True)
     empty = lab.predict(rows.joints, run=result, conditions={**rows.conditions, "payload_kg": 0.0}, force=True)
     assert np.abs(heavier.points - empty.points).max() > 1e-5
@@ -87,13 +88,13 @@ def test_the_uncertainty_is_that_of_corrected_targets(soft: tuple[Path, lab.Cali
     free, ids = np.full((4, 3, 3), np.nan), tuple("abcd")
     targets = lab.Targets("p1", ids, rows.points[:, 0], free, rows.joints, rows.conditions)
     done = lab.compensate(targets, run=result, force=True, no_check=True)
-    there = point_errors(done.run, done.arm_inputs).together[:, done.target]
+    there = done.run.estimate.predict(done.arm_inputs).covariance[:, done.target]
     assert len(done.reached) == 4
     np.testing.assert_allclose(np.sqrt(np.trace(there, axis1=1, axis2=2)), done.predicted_m, rtol=1e-9)
     predicted = lab.predict(rows, run=folder, force=True)
-    parts = predicted.errors
-    np.testing.assert_allclose(parts.together, parts.parameters + parts.unmodelled + parts.visit)
-    assert (np.linalg.eigvalsh(parts.together) > 0).all()
+    parts = predicted.predicted
+    np.testing.assert_allclose(parts.covariance, parts.parameters + parts.unmodelled + parts.visit)
+    assert (np.linalg.eigvalsh(parts.covariance) > 0).all()
     radii = predicted.radii_95
     assert (radii["together"] >= radii["parameters"]).all() and (radii["parameters"] > 0).all()
 

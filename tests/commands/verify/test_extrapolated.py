@@ -8,7 +8,7 @@ import pytest
 from helpers.robots import IRB120
 
 import lab
-from lab.commands.calibrate.load_run import Calibrated, calibrated_by, read_calibrated
+from lab.commands.calibrate.load_run import CalibrationRun, calibrated_by, read_calibrated
 from lab.commands.calibrate.run import CalibrationResult
 from lab.core.measurements import Measurements, measured
 
@@ -52,14 +52,16 @@ def test_what_may_be_lacking_there_is_no_change_of_the_arm(calibrated: Calibrati
     few = apart.take(np.arange(2, 42, 8))
     assert lab.verify(calibrated, few, force=True).good
     blind = calibrated_by(calibrated, Path("run-in-memory"))
-    assert blind.measured is not None and blind.measured.growth > 0
+    assert blind.estimate.measured is not None and blind.estimate.measured.growth > 0
 
 
 def test_what_a_run_found_says_which_positions_are_extrapolated(calibrated: CalibrationResult) -> None:
     rows, apart = patches(1e-3)
-    run: Calibrated = calibrated_by(calibrated, Path("run-in-memory"))
-    assert run.extrapolated(apart.joints[2:]).all() and run.extrapolated(rows.joints).mean() < 0.1
-    assert not replace(run, cover=None).extrapolated(apart.joints).any()  # of an older version, which keeps no poses
+    run: CalibrationRun = calibrated_by(calibrated, Path("run-in-memory"))
+    assert run.estimate.extrapolated(apart.joints[2:]).all() and run.estimate.extrapolated(rows.joints).mean() < 0.1
+    assert run.estimate.measured is not None
+    older = replace(run.estimate, measured=replace(run.estimate.measured, cover=None))  # which keeps no poses
+    assert not older.extrapolated(apart.joints).any()
     values = calibrated.to_dict()["extrapolation"]
     assert values["growth_mrad"] > 0.1 and 0 < values["workspace_extrapolated_share"] <= 1
 

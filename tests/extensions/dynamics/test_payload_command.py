@@ -225,11 +225,11 @@ def test_an_arm_that_sags_tells_mass_and_centre(tmp_path: Path, capsys) -> None:
     calibrated = read_calibrated(tmp_path / "soft")
     assert calibrated.robot.loads is not None
     carrying = replace(calibrated.robot, loads=replace(calibrated.robot.loads, payload_at_m=LOAD.centre_m))
-    model = carrying.arm_with(calibrated.arm.targets, ["compliance"])
+    model = carrying.arm_with(calibrated.estimate.arm.targets, ["compliance"])
     joints, rng = random_poses(TX40.model, 30, np.random.default_rng(4)), np.random.default_rng(5)
     rows = []
     for kind, mass in (("unloaded", 0.0), ("loaded", LOAD.mass_kg)):
-        points = model.points(np.column_stack([joints, np.full(30, mass)]), calibrated.values)[:, 0]
+        points = model.points(np.column_stack([joints, np.full(30, mass)]), calibrated.estimate.values)[:, 0]
         both = np.column_stack([joints, points + 2e-6 * rng.standard_normal(points.shape)])
         rows += [[*map(repr, row), kind] for row in both.tolist()]
     header = ",".join([*(f"q{i}_rad" for i in range(1, 7)), *(f"p1_{axis}_m" for axis in "xyz"), "run"])

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lab.campaign.robot import Robot, load_robot, load_virtual
-from lab.commands.calibrate.load_run import Calibrated, calibrated_by, folder_of, read_calibrated
+from lab.commands.calibrate.load_run import CalibrationRun, calibrated_by, folder_of, read_calibrated
 from lab.commands.keywords import options_of, takes
 from lab.core.copies import copied_rows, said_of_copies
 from lab.core.errors import LabError, error_context
@@ -85,7 +85,7 @@ def payload(
     return _payload(asked, known, by)
 
 
-def _payload(options: PayloadOptions, nominal: str | Robot, run: Calibrated | None) -> PayloadResult:
+def _payload(options: PayloadOptions, nominal: str | Robot, run: CalibrationRun | None) -> PayloadResult:
     if run is not None:
         stated = {str(run.folder): run.serial, "--serial": options.serial}
         serial = one_serial(stated, "identify its payload with a run of its own")
@@ -203,10 +203,10 @@ def _refuse(options: PayloadOptions, name: str, given: bool, method: str) -> Non
         raise LabError(f"--{name} is for --method {method}: leave it out")
 
 
-def _by_sag(options: PayloadOptions, run: Calibrated) -> PayloadResult:
+def _by_sag(options: PayloadOptions, run: CalibrationRun) -> PayloadResult:
     """From tracker positions with and without the load, and the compliances of a calibrated arm."""
-    robot, values = run.robot, run.geometry[1]
-    arm = robot.serial_arm(run.arm.targets)
+    robot, values = run.robot, run.estimate.geometry[1]
+    arm = robot.serial_arm(run.estimate.arm.targets)
     assert options.file is not None
     data = read_measurements(options.file, robot.chain.joint_names, robot.chain.prismatic)
     if data.targets != arm.targets:
@@ -214,7 +214,7 @@ def _by_sag(options: PayloadOptions, run: Calibrated) -> PayloadResult:
             f"{options.file}: targets {', '.join(data.targets)}, but {options.run} identified "
             f"{', '.join(arm.targets)}; give the file of that tool"
         )
-    compliance = run.compliance
+    compliance = run.estimate.compliance
     if robot.loads is None:
         raise LabError(f"{options.run}: robot {robot.name} has no masses, so no compliance was identified; give masses")
     joints, unloaded, loaded, said = _paired(options, data)

@@ -14,7 +14,7 @@ from lab.core.random import rng_for
 from lab.core.significance import VERIFICATION
 from lab.experiments.noise_models import CASES, ErrorShapes, _moved, _weighed, errors, linear_arm
 from lab.kinematics.effects.arm import Arm
-from lab.verification.estimated_noise import STEP, with_estimated_noise
+from lab.verification.new_measurements import STEP, with_estimated_noise
 from lab.verification.prediction import CalibrationPrediction
 
 CASE = CASES["AR(1) 0.9, 1 target, 40 poses"]
