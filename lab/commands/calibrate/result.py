@@ -130,7 +130,7 @@ class CalibrationResult(Result):
             self.exported,
             self.robot,
             [*self.fit.groups, *[GROUP] * (self.fit.process is not None)],
-            adequate=self.fit.adequacy.adequate,
+            adequate=_ADEQUATE[self.fit.adequacy.outcome],
             shared=noise.shared,
             component_errors=noise.component_errors,
             tail_dof=self.fit.tail_dof,
