@@ -5,7 +5,8 @@ A package adds an object by a line of its ``pyproject.toml``, e.g. ``[project.en
 
 - ``lab.commands``: a ``Command`` of ``lab.commands.registry``; the name is what is typed.
 - ``lab.names``: a function or a class that ``import lab`` offers as ``lab.NAME``.
-- ``lab.languages``: a ``Language`` of ``lab.formats.programs.protocol``; the name is that of ``--controller``.
+- ``lab.languages``: the class of a ``Language`` of ``lab.formats.programs.protocol``, which is made without arguments;
+  the name is its ``name`` in small letters, and the value of ``--controller``.
 - ``lab.inverses``: a function from a ``Chain`` and the tool ``(3,)`` m in its last frame to a ``ClosedForm`` of
   ``lab.kinematics.inverse.protocol``, or to None where it has none for such an arm.
 - ``lab.shapes``: a function from a ``Mechanism`` to what ``lab inspect`` reports of its closed form, or None.

@@ -49,7 +49,7 @@ from lab.extensions.dynamics.payload.from_torques import from_torques
 from lab.extensions.dynamics.simulation import LoadBench, RigidLoad, RunErrors, peak_torques
 from lab.formats.cell_toml import read_cell
 from lab.formats.joint_log import JointLog
-from lab.formats.programs.reading.program_text import Outside
+from lab.formats.programs.program_text import Outside
 from lab.formats.programs.registry import read_program
 from lab.formats.tracker_export import TrackerPoints
 from lab.kinematics.compiled.kernels import machine_code

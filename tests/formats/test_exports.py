@@ -13,10 +13,10 @@ from helpers.robots import IRB120, RX130, SCARA, TX40, VERSATRAN, perturbed, som
 from lab.campaign.robot import Robot, SerialRobot, load_robot
 from lab.core import se3
 from lab.core.se3 import Array
+from lab.extensions.programs.rapid import Rapid
 from lab.formats.dh_table_toml import RobotTable, read_table
 from lab.formats.link_tree import link_tree
 from lab.formats.programs.protocol import TargetMoves
-from lab.formats.programs.rapid import Rapid
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
 from lab.simulation.build_serial import table_model

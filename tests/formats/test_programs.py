@@ -9,9 +9,9 @@ from helpers.robots import IRB120, SCARA
 
 from lab.formats.description import IdentifiedRobot
 from lab.formats.programs.registry import (
-    LANGUAGES,
     Controller,
     language_of,
+    languages,
     plan_or_refusal,
     program_file_names,
     refusal,
@@ -20,8 +20,8 @@ from lab.formats.urdf import identified_urdf
 
 
 def test_each_language_moves_the_joints_or_says_why_not() -> None:
-    assert tuple(language.name.lower() for language in LANGUAGES) == get_args(Controller)
-    for language in LANGUAGES:
+    assert tuple(language.name.lower() for language in languages()) == get_args(Controller)
+    for language in languages():
         name = language.name.lower()
         assert plan_or_refusal(IRB120.chain, name)[name] in program_file_names()
         assert refusal(IRB120.chain, name) is None

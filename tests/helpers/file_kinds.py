@@ -35,7 +35,7 @@ from lab.formats.joint_log import read_joint_log
 from lab.formats.measurement_csv import read_measurements
 from lab.formats.mechanism_toml import read_mechanism
 from lab.formats.path_csv import read_path
-from lab.formats.programs.reading.program_text import Outside
+from lab.formats.programs.program_text import Outside
 from lab.formats.programs.registry import read_program
 from lab.formats.target_csv import read_targets
 from lab.formats.tracker_export import read_tracker_points

@@ -21,9 +21,8 @@ from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.limits import PROGRAM_BYTES
 from lab.core.se3 import Array
+from lab.formats.programs.program_text import Number, Outside, ProgramText, TargetText, Uncorrected, replaced, written
 from lab.formats.programs.protocol import Language
-from lab.formats.programs.reading.numbers import Number, replaced, written
-from lab.formats.programs.reading.program_text import Outside, ProgramText, TargetText, Uncorrected
 from lab.formats.programs.registry import read_program
 from lab.formats.target_csv import Targets
 from lab.formats.text_file import read_bytes

@@ -11,7 +11,7 @@ from lab.core.kept_pieces import Columns, Keep, at_once
 from lab.core.progress import Progress, no_progress
 from lab.core.se3 import Array
 from lab.formats.programs.postures import ArmShape
-from lab.formats.programs.reading.program_text import Move, TargetText
+from lab.formats.programs.program_text import Move, TargetText
 from lab.kinematics.inverse.branches import NominalInverse, nearest_whole_turns
 from lab.kinematics.inverse.newton import PoseTarget
 from lab.kinematics.joints import JointSpec

@@ -19,7 +19,7 @@ from lab.commands.calibrate.load_run import CalibrationRun
 from lab.compensation.flange import Flange, located_flange
 from lab.core import se3
 from lab.core.se3 import Array
-from lab.formats.programs.reading.program_text import ProgramText, TargetText
+from lab.formats.programs.program_text import ProgramText, TargetText
 from lab.kinematics.gauge import base_set
 from lab.kinematics.inverse.branches import NominalInverse
 from lab.kinematics.serial.arm import DEFAULT_TOOL, SerialArm

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from lab.core.ranges import DIGITS
 from lab.core.se3 import Array
 from lab.formats.programs.postures import Postures
-from lab.formats.programs.reading.program_text import Outside, ProgramText
-from lab.formats.programs.reading.spelling import PoseSpelling
+from lab.formats.programs.program_text import Outside, PoseSpelling, ProgramText
 from lab.kinematics.joints import JointSpec
 
 __all__ = ["ANY_DIGITS", "PAUSE_S", "Language", "MeasuringTour", "MoveKind", "PathMoves", "TargetMoves"]

@@ -1,31 +1,29 @@
-"""The languages in which programs are written: a line adds one. Which of them is written is chosen, or the maker's."""
+"""Find the languages in which programs are written and read, which extensions register as ``lab.languages``.
+
+Which of them a program is written in is chosen, or that of the robot's maker.
+"""
 
 import re
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING
 
 from lab.core.errors import LabError, error_context
 from lab.core.limits import PROGRAM_TARGETS
-from lab.formats.programs.fanuc import FanucLs
-from lab.formats.programs.jbi import Jbi
-from lab.formats.programs.krl import Krl
+from lab.extension_points import choice_of, load_all
+from lab.formats.programs.program_text import Outside, ProgramText, refuse_unknown_frames, values_of
 from lab.formats.programs.protocol import Language, MeasuringTour, PathMoves, TargetMoves
-from lab.formats.programs.rapid import Rapid
-from lab.formats.programs.reading.numbers import values_of
-from lab.formats.programs.reading.program_text import Outside, ProgramText, refuse_unknown_frames
-from lab.formats.programs.urscript import UrScript
-from lab.formats.programs.val3 import Val3
 from lab.kinematics.joints import JointSpec
 
 __all__ = [
-    "LANGUAGES",
     "PLAN",
     "PROGRAM",
     "Controller",
     "is_program_file",
     "language_of",
     "language_of_maker",
+    "languages",
     "path_file",
     "path_program",
     "plan_files",
@@ -36,9 +34,19 @@ __all__ = [
     "target_files",
 ]
 
-LANGUAGES: tuple[Language, ...] = (Rapid(), UrScript(), Krl(), FanucLs(), Val3(), Jbi())
-Controller = Literal["rapid", "urscript", "krl", "fanuc", "val3", "jbi"]  # the languages' names
+_GROUP = "lab.languages"  # of entry points
+
+if TYPE_CHECKING:
+    Controller = str
+else:
+    Controller = choice_of(_GROUP)  # the languages' names
 PLAN, PROGRAM = "plan", "program"  # names of the files, before their suffix
+
+
+@cache
+def languages() -> tuple[Language, ...]:
+    """Return the registered languages; those that cannot be imported are left out."""
+    return tuple(kind() for kind in load_all(_GROUP).values())
 
 
 def language_of(joints: JointSpec, controller: str | None) -> Language | None:
@@ -47,14 +55,17 @@ def language_of(joints: JointSpec, controller: str | None) -> Language | None:
     A maker is told by a word of the robot's name that is one of a language's, or begins with one before a digit.
     """
     if controller is not None:
-        return next(language for language in LANGUAGES if language.name.lower() == controller)
+        found = next((language for language in languages() if language.name.lower() == controller), None)
+        if found is None:
+            raise LabError(f"'{controller}' is no controller's language; there are {_known()}")
+        return found
     return language_of_maker(joints.name)
 
 
 def language_of_maker(name: str) -> Language | None:
     """The language of the maker that a robot's name tells; None where it tells none."""
     words = re.findall(r"[a-z]+\d*|\d+", name.lower())
-    for language in LANGUAGES:
+    for language in languages():
         for maker in language.makers:
             if any(word == maker or re.fullmatch(rf"{maker}(?<!\d)\d+", word) for word in words):
                 return language
@@ -67,8 +78,8 @@ def refusal(joints: JointSpec, controller: str | None, targets: int = 0) -> str 
         return f"no program is written: {targets:,} targets, and one has at most {PROGRAM_TARGETS.shown}"
     language = language_of(joints, controller)
     if language is None:
-        known = ", ".join(each.name.lower() for each in LANGUAGES)
-        return f"no program is written: the maker of robot {joints.name} is not known; choose --controller of {known}"
+        unknown = f"the maker of robot {joints.name} is not known"
+        return f"no program is written: {unknown}; choose --controller of {_known()}"
     return language.refusal(joints)
 
 
@@ -84,7 +95,7 @@ def plan_or_refusal(joints: JointSpec, controller: str | None, stations: Sequenc
         each.name.lower(): ", ".join(_plan_file(each, name) for name in stations or ("",))
         if each is written
         else why or other
-        for each in LANGUAGES
+        for each in languages()
     }
 
 
@@ -120,13 +131,13 @@ def _plan_file(language: Language, station: str) -> str:
 def is_program_file(name: str) -> bool:
     """Whether a program's file can have this name in a run's folder."""
     return name in program_file_names() or (
-        name.startswith(f"{PLAN}_") and any(name.endswith(language.suffix) for language in LANGUAGES)
+        name.startswith(f"{PLAN}_") and any(name.endswith(language.suffix) for language in languages())
     )
 
 
 def program_file_names() -> tuple[str, ...]:
     """The names that a program's file can have in a run's folder, but for those of a plan's stations."""
-    return tuple(stem + language.suffix for stem in (PLAN, PROGRAM) for language in LANGUAGES)
+    return tuple(stem + language.suffix for stem in (PLAN, PROGRAM) for language in languages())
 
 
 def read_program(
@@ -138,11 +149,10 @@ def read_program(
         LabError: the language is not known or cannot move these joints, no target is in the text, or a frame of one
             is neither in it nor given.
     """
-    by_name = [each for each in LANGUAGES if path.suffix.lower() in each.reads]
+    by_name = [each for each in languages() if path.suffix.lower() in each.reads]
     language = by_name[0] if by_name and controller is None else language_of(joints, controller)
     if language is None:
-        known = ", ".join(each.name.lower() for each in LANGUAGES)
-        raise LabError(f"{path}: its language is not known by its name; choose --controller of {known}")
+        raise LabError(f"{path}: its language is not known by its name; choose --controller of {_known()}")
     if why := language.refusal(joints):
         raise LabError(f"{path}: {why}")
     with error_context(path):
@@ -159,6 +169,10 @@ def read_program(
                 values_of(each.numbers)
         refuse_unknown_frames(read, language.spelling)
     return language, read
+
+
+def _known() -> str:
+    return ", ".join(each.name.lower() for each in languages()) or "none: no package that brings one is installed"
 
 
 def _language(joints: JointSpec, controller: str | None) -> Language | None:

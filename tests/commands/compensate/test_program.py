@@ -37,7 +37,7 @@ from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.formats.programs.postures import ArmShape
-from lab.formats.programs.reading.program_text import Outside
+from lab.formats.programs.program_text import Outside
 from lab.formats.programs.registry import read_program
 from lab.simulation.collisions import collides
 

@@ -15,7 +15,7 @@ from lab.cli import main
 from lab.commands.trajectory.moves import path_moves
 from lab.core import se3
 from lab.core.errors import LabError
-from lab.formats.programs.registry import LANGUAGES, path_program
+from lab.formats.programs.registry import languages, path_program
 from lab.simulation.elastic import FlexibleArm, JointMotion
 
 EXAMPLE = """id,x_mm,y_mm,z_mm,vx_mm_per_s,vy_mm_per_s,vz_mm_per_s
@@ -134,7 +134,7 @@ def test_the_program_of_each_controller_has_the_same_stops_moves_and_times(tmp_p
     file.write_text(SQUARE)
     found = lab.trajectory(file, robot="irb120", tool_mm=(10, -20, 50))
     moves, legs = path_moves(found), found.legs
-    text = {each.name: path_program(found.chain, each.name.lower(), moves).decode() for each in LANGUAGES}
+    text = {each.name: path_program(found.chain, each.name.lower(), moves).decode() for each in languages()}
     degrees, seconds = np.rad2deg(moves.stops), [leg.move.seconds for leg in legs]
     assert list(moves.kinds) == ["joint", "line", "via", "circle", "joint"] and moves.checked and not moves.corrected
     stops = {

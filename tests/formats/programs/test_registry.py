@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from lab.extensions.programs.rapid import Rapid
 from lab.formats.programs import registry
 from lab.formats.programs.protocol import MeasuringTour, TargetMoves
-from lab.formats.programs.rapid import Rapid
 from lab.kinematics.joints import JointSpec
 
 
@@ -43,7 +43,8 @@ def joints(count: int) -> JointSpec:
 
 @pytest.fixture(autouse=True)
 def two_languages(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(registry, "LANGUAGES", (Rapid(), Spoken()))
+    known = (Rapid(), Spoken())
+    monkeypatch.setattr(registry, "languages", lambda: known)
 
 
 def test_the_chosen_language_writes_for_the_robots_that_it_can_move() -> None:

@@ -9,11 +9,11 @@ from helpers.robots import IRB120
 
 from lab.core import se3
 from lab.core.errors import LabError
-from lab.formats.programs.jbi import Jbi
+from lab.extensions.programs.jbi import Jbi
 from lab.formats.programs.postures import ArmShape, postures_of
+from lab.formats.programs.program_text import Outside, ProgramText
 from lab.formats.programs.protocol import MeasuringTour, TargetMoves
-from lab.formats.programs.reading.program_text import Outside, ProgramText
-from lab.formats.programs.registry import LANGUAGES, read_program
+from lab.formats.programs.registry import languages, read_program
 
 SHAPE = ArmShape.of(IRB120.chain)
 
@@ -322,7 +322,7 @@ def test_jbi() -> None:
         read("a.jbi", JBI)
 
 
-@pytest.mark.parametrize("language", LANGUAGES, ids=lambda each: each.name)
+@pytest.mark.parametrize("language", languages(), ids=lambda each: each.name)
 def test_what_the_exporters_write_is_read(language) -> None:
     """Joint positions, or for JBI the poses of the tool, to the last digit; by the moves in their order."""
     arm = IRB120.arm(("p1",))

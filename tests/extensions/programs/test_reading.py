@@ -11,10 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.formats.programs.reading.numbers import Number, replaced, values_of, written
-from lab.formats.programs.reading.program_text import Outside, ProgramText, TargetText
-from lab.formats.programs.registry import LANGUAGES as KNOWN
-from lab.formats.programs.registry import read_program
+from lab.formats.programs.program_text import Number, Outside, ProgramText, TargetText, replaced, values_of, written
+from lab.formats.programs.registry import languages, read_program
 
 NUMBERED = {"fanuc": ("UTOOL[2]", "UFRAME[3]"), "jbi": ("TOOL[2]", "USER[3]")}  # frames that a text only numbers
 
@@ -134,7 +132,7 @@ SPECIAL = {
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_half_turns_and_gimbal_lock(language: str, turn: str) -> None:
     """Unchanged they stay as they are; turned a little they are right, and near to what was written."""
-    spelling = next(each for each in KNOWN if each.name.lower() == language).spelling
+    spelling = next(each for each in languages() if each.name.lower() == language).spelling
     if language in EULER:
         was = np.array([100.0, -200.0, 300.0, *SPECIAL[turn]])
     else:
@@ -156,7 +154,7 @@ def test_half_turns_and_gimbal_lock(language: str, turn: str) -> None:
 
 def test_a_quaternion_of_two_digits_is_turned_exactly() -> None:
     """Its length, 1 % from one, stays; what the controller makes of it has the whole turn."""
-    spelling = next(each for each in KNOWN if each.name == "RAPID").spelling
+    spelling = next(each for each in languages() if each.name == "RAPID").spelling
     was = np.array([100.0, -200.0, 300.0, 0.45, -0.52, 0.72, 0.15])
     new = spelling.pose(was)
     new[:3, :3] = new[:3, :3] @ Rotation.from_rotvec([0.02, -0.03, 0.01]).as_matrix()

@@ -9,11 +9,11 @@ from scipy.spatial.transform import Rotation
 
 from lab.core import se3
 from lab.core.se3 import Array
-from lab.formats.programs.fanuc import FanucLs
-from lab.formats.programs.krl import Krl
+from lab.extensions.programs.fanuc import FanucLs
+from lab.extensions.programs.krl import Krl
+from lab.extensions.programs.urscript import UrScript
+from lab.extensions.programs.val3 import Val3
 from lab.formats.programs.protocol import PAUSE_S, Language, MeasuringTour, TargetMoves
-from lab.formats.programs.urscript import UrScript
-from lab.formats.programs.val3 import Val3
 
 LANGUAGES: tuple[Language, ...] = (UrScript(), Krl(), FanucLs(), Val3())
 N = r"(-?\d+(?:\.\d+)?)"

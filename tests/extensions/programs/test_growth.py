@@ -14,7 +14,7 @@ from helpers.robots import IRB120
 
 from lab.core.errors import LabError
 from lab.core.limits import PROGRAM_FRAMES, PROGRAM_MOVES
-from lab.formats.programs.reading.program_text import Outside, ProgramText
+from lab.formats.programs.program_text import Outside, ProgramText
 from lab.formats.programs.registry import read_program
 
 LENGTH = 60_000

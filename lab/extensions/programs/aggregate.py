@@ -6,7 +6,7 @@ from typing import TypeAlias
 
 from lab.core.errors import LabError
 from lab.core.limits import DEPTH
-from lab.formats.programs.reading.numbers import NUMBER, Number
+from lab.formats.programs.program_text import NUMBER, Number
 
 __all__ = ["Value", "arguments", "closing", "numbers_in", "read_value"]
 

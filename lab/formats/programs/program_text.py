@@ -1,31 +1,268 @@
-"""A program as it is read: the targets that it holds as numbers, the moves to them, and what could not be read."""
+"""How controllers write poses and joint positions as numbers: units, and what angles mean.
 
+A rotation has many names: a quaternion and its negative, three angles and others half a turn away, a rotation vector
+and others a whole turn away, and at gimbal lock any share of two angles. Written is the one that is nearest to the
+numbers that a text has already.
+"""
+
+import re
+from bisect import bisect_right
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from functools import lru_cache
+from itertools import pairwise
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.limits import PROGRAM_FRAMES, PROGRAM_MOVES
-from lab.core.ranges import ROUNDED_NORM
+from lab.core.ranges import COORDINATE_SIZE, DIGITS, ROUNDED_NORM
 from lab.core.se3 import Array
 from lab.formats.programs.postures import ArmShape
-from lab.formats.programs.reading.numbers import Number, line_of, values_of
-from lab.formats.programs.reading.spelling import PoseSpelling
 
 __all__ = [
+    "FIXED_XYZ",
+    "MOVING_XYZ",
+    "MOVING_ZYX",
+    "NUMBER",
+    "QUATERNION",
+    "ROTATION_VECTOR",
     "Allowed",
     "Motion",
     "Move",
+    "Number",
     "Outside",
+    "PoseSpelling",
     "ProgramReader",
     "ProgramText",
     "TargetText",
     "Uncorrected",
+    "line_of",
+    "masked",
     "refuse_unknown_frames",
+    "replaced",
+    "values_of",
+    "whole_number",
+    "written",
 ]
+
+_LOCKED = 1e-7  # of the middle angle's cosine: the two others are then one
+_TURN, _HALF = 360.0, 180.0
+
+
+@dataclass(frozen=True)
+class PoseSpelling:
+    """How a controller writes a pose: three coordinates and three or four numbers of a rotation.
+
+    Attributes:
+        per_m: of the unit of length.
+        parts: how many numbers a rotation has.
+        rotation: of those numbers, ``(3, 3)``.
+        near: the numbers of a rotation ``(3, 3)`` nearest to others.
+        words: units and meaning, for people.
+    """
+
+    per_m: float
+    parts: int
+    rotation: Callable[[Array], Array]
+    near: Callable[[Array, Array], Array]
+    words: str
+
+    def pose(self, values: Array) -> Array:
+        """The pose ``(4, 4)`` (m) of numbers."""
+        return se3.pose(self.rotation(values[3:]), values[:3] / self.per_m)
+
+    def spelt(self, T: Array, was: Array) -> Array:
+        """The numbers of a pose ``(4, 4)`` (m), nearest to those of a text.
+
+        Added to the text's numbers is what changes, so that a quaternion that was rounded stays as long as it is.
+        """
+        same = self.near(self.rotation(was[3:]), was[3:])
+        length = float(np.linalg.norm(was[3:])) if self.parts == 4 else 1.0
+        turned = was[3:] + length * (self.near(T[:3, :3], was[3:]) - same)
+        return np.concatenate([self.per_m * T[:3, 3], turned])
+
+
+def _quaternion_near(R: Array, was: Array) -> Array:
+    found = se3.quaternion_from_rotation(R)
+    return found if found @ was >= 0 else -found
+
+
+def _vector_near(R: Array, was: Array) -> Array:
+    """The rotation vector nearest to another one, by whole turns about its axis."""
+    found = se3.log(R)
+    angle = float(np.linalg.norm(found))
+    if angle < 1e-12:
+        axis = was / np.linalg.norm(was) if np.linalg.norm(was) > np.pi else np.zeros(3)
+        return np.asarray(found + axis * 2 * np.pi * np.round(np.linalg.norm(was) / (2 * np.pi)))
+    axis = found / angle
+    return np.asarray(axis * (angle + 2 * np.pi * np.round((axis @ was - angle) / (2 * np.pi))))
+
+
+def _fixed_matrix(values: Array) -> Array:
+    return se3.rotation_from_roll_pitch_yaw(np.deg2rad(values))
+
+
+def _fixed_near(R: Array, was: Array) -> Array:
+    """Angles (deg) about the fixed axes x, y and z nearest to others."""
+    middle = np.hypot(R[0, 0], R[1, 0])
+    if middle < _LOCKED:
+        last = np.deg2rad(was[2])
+        back = se3.exp(np.array([0.0, 0.0, -last])) @ R
+        pitch = np.arctan2(-back[2, 0], back[0, 0])
+        first = np.arctan2(-back[1, 2], back[1, 1])
+        found = np.rad2deg([first, pitch, last])
+    else:
+        found = np.rad2deg(se3.roll_pitch_yaw(R))
+    choices = [found, np.array([found[0] + _HALF, _HALF - found[1], found[2] + _HALF])]
+    near = [each + _TURN * np.round((was - each) / _TURN) for each in choices]
+    best = np.asarray(min(near, key=lambda each: float(np.abs(each - was).sum())))
+    usual = np.abs(was) <= _HALF  # what a text keeps within half a turn stays so
+    return np.where(usual & (np.abs(best) > _HALF), best - _TURN * np.sign(best), best)
+
+
+def _moving_zyx_near(R: Array, was: Array) -> Array:
+    return _fixed_near(R, was[::-1])[::-1]
+
+
+def _moving_xyz_near(R: Array, was: Array) -> Array:
+    """R = Rx Ry Rz is the inverse of turns about the fixed axes, by the opposite angles."""
+    return -_fixed_near(R.T, -was)
+
+
+QUATERNION = PoseSpelling(1e3, 4, se3.rotation_from_quaternion, _quaternion_near, "mm and a quaternion wxyz")
+MOVING_ZYX = PoseSpelling(
+    1e3, 3, lambda values: _fixed_matrix(values[::-1]), _moving_zyx_near, "mm and degrees, A about z, B new y, C new x"
+)
+FIXED_XYZ = PoseSpelling(1e3, 3, _fixed_matrix, _fixed_near, "mm and degrees about the fixed x, y and z")
+MOVING_XYZ = PoseSpelling(
+    1e3,
+    3,
+    lambda values: _fixed_matrix(-values).T,
+    _moving_xyz_near,
+    "mm and degrees, Rx about x, Ry about the new y, Rz about the new z",
+)
+ROTATION_VECTOR = PoseSpelling(1.0, 3, se3.exp, _vector_near, "m and a rotation vector, rad")
+
+
+NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
+_MOST_DIGITS = int(DIGITS.most)
+_NOTHING = 1e-9  # m, mm, rad, degrees or pulses: a change that is none
+_ALIGNED = "  "  # before a number that is aligned to the right
+
+
+class Number(NamedTuple):
+    """A number as a text has it; a program has some hundred thousand.
+
+    Attributes:
+        start: of its first character in the text.
+        text: as it is written.
+    """
+
+    start: int
+    text: str
+
+    @property
+    def value(self) -> float:
+        """What it says."""
+        return float(self.text)
+
+    @property
+    def digits(self) -> int:
+        """How many places behind the point it has, an exponent included."""
+        mantissa, _, exponent = self.text.lower().partition("e")
+        _, _, places = mantissa.partition(".")
+        if not float(self.text):
+            return len(places)
+        return int(min(max(len(places) - float(exponent or 0), 0), _MOST_DIGITS))
+
+
+def values_of(numbers: Sequence[Number]) -> Array:
+    """What they say.
+
+    Raises:
+        LabError: one is so large that it is no number of a position.
+    """
+    values = [each.value for each in numbers]
+    for each, value in zip(numbers, values, strict=True):
+        if abs(value) not in COORDINATE_SIZE:
+            odd = each.text if len(each.text) < 40 else each.text[:37] + "..."
+            raise LabError(f"{odd} is too large for a position; mend the program")
+    return np.array(values)
+
+
+def written(number: Number, value: float, digits: int) -> str:
+    """Another value in the form of a number; its own text where it says that already, to its last digit.
+
+    Args:
+        digits: places behind the point, at least; as many as the number has anyway.
+    """
+    least = max(number.digits, digits)
+    if abs(value - number.value) <= max(0.5 * 10.0**-least, _NOTHING):
+        return number.text
+    text = f"{round(value, least) + 0.0:.{least}f}"
+    mantissa = number.text.lower().partition("e")[0]
+    if mantissa.endswith(".") and least == 0:
+        text += "."
+    if re.match(r"[+-]?\.", mantissa):
+        text = re.sub(r"^(-?)0\.", r"\1.", text)
+    return f"+{text}" if mantissa[0] == "+" and value >= 0 else text
+
+
+def whole_number(digits: str) -> str:
+    """Digits without leading zeros: 01 and 1 number the same tool."""
+    return digits.lstrip("0") or "0"
+
+
+def line_of(text: str, offset: int) -> int:
+    """The line of a character, as an editor counts them."""
+    return bisect_right(_ends_of_lines(text), offset) + 1
+
+
+@lru_cache(maxsize=4)
+def _ends_of_lines(text: str) -> list[int]:
+    """Where lines end: the character behind each end."""
+    return [found.end() for found in re.finditer(r"\r\n|\n|\r", text)]
+
+
+def masked(text: str, hidden: str, kept: str = '"[^"\r\n]*"') -> str:
+    """The text with what matches a pattern replaced by blanks, line ends kept: characters stay in their places.
+
+    Args:
+        kept: what is passed over, as a string in which a comment seems to begin.
+    """
+
+    def blank(found: re.Match[str]) -> str:
+        if found["kept"] is not None:
+            return found[0]
+        return re.sub(r"[^\r\n]+", lambda line: " " * len(line[0]), found[0])
+
+    return re.sub(f"(?P<kept>{kept})|(?:{hidden})", blank, text)
+
+
+def replaced(text: str, edits: Sequence[tuple[Number, str]]) -> str:
+    """The text with other numbers, and nothing else changed; what is aligned to the right stays so.
+
+    Args:
+        edits: numbers and what takes their places, none of them twice.
+    """
+    parts, last = list[str](), 0
+    for number, new in sorted(edits, key=lambda edit: edit[0].start):
+        between = text[last : number.start]
+        longer = len(new) - len(number.text)
+        if longer > 0 and between.endswith(_ALIGNED):
+            room = len(between) - len(between.rstrip(" ")) - 1
+            between = between[: len(between) - min(longer, room)]
+        elif longer < 0 and between.endswith(_ALIGNED):
+            between += " " * -longer
+        parts += [between, new]
+        last = number.start + len(number.text)
+    assert all(a[0].start != b[0].start for a, b in pairwise(sorted(edits, key=lambda edit: edit[0].start)))
+    return "".join([*parts, text[last:]])
+
 
 Allowed = Callable[[ArmShape, Array], NDArray[np.bool_]]  # joint positions (k, 6) rad: which are of a configuration
 Motion = Literal["joints", "line"]

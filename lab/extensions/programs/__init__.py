@@ -1,0 +1,1 @@
+"""Languages of robot controllers: programs are written and read, one module a language."""

@@ -1,0 +1,291 @@
+"""Write and read JBI, the jobs of Yaskawa Motoman's controllers in INFORM.
+
+What is written: Joint positions of a job are motor pulses, whose number per degree is the controller's. So positions
+are Cartesian (``///RECTAN``) by the nominal model: mm, and Rx, Ry, Rz in degrees about the fixed x, y and z.
+``///RCONF`` says which of the inverse's solutions is meant: wrist not flipped while joint 4 is within 90 degrees of
+zero, upper elbow, wrist in front, and of joints 4, 6 and 1 whether they are within 180 degrees. Layout and ``RCONF``
+follow the manuals NX100 "Interface with an Easy Offline Teaching System" (HW0481924, section 4.1) and DX100
+(HW0482494); which half of joint 4 a manipulator calls flipped is in its own manual and could not be verified for each.
+No date is known here, so the job's is the first of the century. Controllers take places to 0.001 mm and angles to
+0.0001 degrees (YRC1000, Ethernet function, position data); whether a job may have more is not known. No job was tried
+on a controller.
+
+Jobs are read for the positions behind ``//POS``.
+
+Positions are motor pulses (``///PULSE``), whose number per degree is the controller's, or places in mm with Rx, Ry and
+Rz in degrees about the fixed x, y and z (``///RECTAN``), in the frame that ``///POSTYPE`` names, of the tool that
+``///TOOL`` numbers. ``///RCONF`` says which solution of the inverse is meant: wrist flipped (1 where joint 4 is more
+than 90 degrees from zero), lower elbow, wrist behind, and joints 4, 6 and 1 beyond half a turn (manuals NX100
+HW0481924, section 4.1, and DX100 HW0482494; which half of joint 4 is the flipped one is in the manipulator's manual).
+"""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import islice
+from textwrap import wrap
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.core import se3
+from lab.core.errors import LabError
+from lab.core.se3 import Array
+from lab.extensions.programs.steps import (
+    SixAxisLanguage,
+    Step,
+    ascii_words,
+    checked_words,
+    move_steps,
+    numbers,
+    path_steps,
+    tour_steps,
+)
+from lab.formats.programs.postures import ArmShape, Postures
+from lab.formats.programs.program_text import (
+    FIXED_XYZ,
+    NUMBER,
+    Allowed,
+    Motion,
+    Number,
+    Outside,
+    ProgramReader,
+    ProgramText,
+    TargetText,
+    line_of,
+    whole_number,
+)
+from lab.formats.programs.protocol import MeasuringTour, PathMoves, TargetMoves
+
+__all__ = ["Jbi", "read_jbi"]
+
+_LINE = re.compile(r"[^\r\n]+")
+_POSITION = re.compile(r"^(C|P)(\d+)\s*=\s*(.*)$")
+_PSEUDO = re.compile(r"^///?/?(\w+)\s*(.*)$")
+_SIX_OR_MORE = re.compile(rf"{NUMBER}(?:\s*,\s*{NUMBER}){{5,}}")
+_MOVE = re.compile(r"^\s*\+?(MOV[JLCS]|IMOV|REFP|SMOVL?)\s+(?:\d+\s+)?((?:C|P|LP)(?:\d+|\[\w+\]))?")
+_SHIFTED = re.compile(r"^\s*(SFTON|MFRAME|SFTOF)\b")
+_SLACK_RAD = np.deg2rad(0.05)
+_QUARTER = np.pi / 2
+
+
+@dataclass
+class _Reader(ProgramReader):
+    """A job being read, line by line."""
+
+    positions: dict[str, TargetText] = field(default_factory=dict)
+    reached: dict[str, list[tuple[int, Motion]]] = field(default_factory=dict)
+    relative: set[str] = field(default_factory=set)
+    state: dict[str, str] = field(default_factory=dict)
+    allowed: Allowed | None = None
+
+    def read(self) -> ProgramText:
+        self.frames = {name: np.eye(4) for name in ("ROBOT", "TOOL[0]")} | self.outside.posed(FIXED_XYZ)
+        for found in _LINE.finditer(self.text):
+            line = found[0]
+            if pseudo := _PSEUDO.match(line):
+                self._pseudo(pseudo[1], pseudo[2].rstrip())
+            elif position := _POSITION.match(line):
+                self._position(position, found.start())
+            elif not line.lstrip().startswith("'"):
+                self._instruction(line, found.start())
+        for name, target in self.positions.items():
+            if name not in self.relative:
+                self._add(target, self.reached.get(name, ()))
+        return self._read()
+
+    def _pseudo(self, key: str, value: str) -> None:
+        """What holds for the positions that follow."""
+        if key in ("PULSE", "RECTAN"):
+            self.state["form"] = key
+        elif key == "POSTYPE":
+            self.state[key] = value
+        elif key in ("TOOL", "USER"):
+            self.state[key] = f"{key}[{_numbered(value)}]"
+        elif key == "RCONF":
+            self.allowed = _allowed(value)
+
+    def _position(self, found: "re.Match[str]", at: int) -> None:
+        kind, name, begin = self.state.get("POSTYPE", ""), found[1] + found[2], at + found.start(3)
+        first = islice(re.finditer(NUMBER, found[3]), 6)
+        numbers = tuple(Number(begin + each.start(), each[0]) for each in first)
+        line = line_of(self.text, at)
+        if not _SIX_OR_MORE.fullmatch(found[3].rstrip()):
+            self._leave(at, f"{name} has not six numbers")
+        elif self.state.get("form") == "PULSE" or kind == "PULSE":
+            per_deg = self.outside.pulses_per_deg
+            if not per_deg:
+                raise LabError(f"line {line}: {name} is in pulses; give --pulses-per-deg S,L,U,R,B,T of the controller")
+            per_rad = tuple(np.rad2deg(each) for each in per_deg)
+            self.positions[name] = TargetText(name, line, numbers, per_rad=per_rad, whole=True)
+        elif kind not in ("BASE", "ROBOT", "USER"):
+            self._leave(at, f"{name} is in the frame {kind or 'of no POSTYPE'}, which moves or is not known")
+        else:
+            base = self.outside.alias(self.state.get("USER", "USER[?]") if kind == "USER" else "ROBOT")
+            tool = self.outside.alias(self.state.get("TOOL", "TOOL[?]"))
+            self.positions[name] = TargetText(name, line, numbers, FIXED_XYZ, tool, base, allowed=self.allowed)
+
+    def _instruction(self, line: str, at: int) -> None:
+        if shifted := _SHIFTED.match(line):
+            self._leave(at, f"{shifted[1]} shifts what follows, which is corrected where it is written")
+            return
+        found = _MOVE.match(line)
+        if not found:
+            return
+        name = found[2] or ""
+        if found[1] == "IMOV":
+            self.relative.add(name)
+            self._leave(at, f"{name} is relative (IMOV): it stays")
+        elif name not in self.positions:
+            self._leave(at, f"{name or 'its position'} is a variable, or computed")
+        else:
+            motion: Motion = "joints" if found[1] == "MOVJ" else "line"
+            self.reached.setdefault(name, []).append((line_of(self.text, at), motion))
+
+
+def read_jbi(text: str, outside: Outside) -> ProgramText:
+    """Read a job.
+
+    Raises:
+        LabError: frames that are given have not the numbers of Yaskawa's, or pulses are there without their number
+            per degree.
+    """
+    return _Reader(text, outside).read()
+
+
+def _numbered(text: str) -> str:
+    """The number of a tool or a frame, without leading zeros; that of the first group."""
+    found = re.match(r"\d+", text)
+    return whole_number(found[0]) if found else "?"
+
+
+def _allowed(configuration: str) -> Allowed | None:
+    """Flip, elbow, side, and which of joints 4, 6 and 1 are beyond half a turn."""
+    bits = [each.strip() == "1" for each in configuration.split(",")][:6]
+    if len(bits) < 6:
+        return None
+
+    def allowed(shape: ArmShape, joints: Array) -> NDArray[np.bool_]:
+        within = np.abs((joints[:, 3] + np.pi) % (2 * np.pi) - np.pi)
+        fits = within >= _QUARTER - _SLACK_RAD if bits[0] else within <= _QUARTER + _SLACK_RAD
+        fits &= shape.elbow_up(joints) != bits[1]
+        fits &= shape.in_front(joints) != bits[2]
+        for axis, beyond in zip((3, 5, 0), bits[3:], strict=True):
+            angle = np.abs(joints[:, axis])
+            fits &= angle >= np.pi - _SLACK_RAD if beyond else angle <= np.pi + _SLACK_RAD
+        return np.asarray(fits)
+
+    return allowed
+
+
+_DIGITS_MM, _DIGITS_DEG = 3, 4
+_PER_CENT = 20
+_LONGEST = 32  # characters of a comment
+_HALF = np.pi
+_NOTES = (
+    "RCONF AS IN THE NX100 MANUAL",
+    "FRAME 0 IS THE ROBOT FRAME",
+    "COMPARE ONE POSE FIRST",
+)
+
+
+class Jbi(SixAxisLanguage):
+    """Jobs for robots with six revolute axes."""
+
+    name = "JBI"
+    suffix = ".jbi"
+    reads = (".jbi",)
+    spelling = FIXED_XYZ
+    most_digits = (_DIGITS_MM, _DIGITS_DEG)
+    makers = ("motoman", "yaskawa", "gp", "hc", "mh")
+    speed = f"{_PER_CENT} % of the joints' speed"
+
+    def read(self, text: str, outside: Outside) -> ProgramText:
+        """The targets and moves of a program in it."""
+        return read_jbi(text, outside)
+
+    def measuring_tour(self, tour: MeasuringTour) -> bytes:
+        """A job ``PLAN``: home, every pose with a wait, home; of the flange (tool 0), in the robot's frame."""
+        notes = [f"{len(tour.ids)} POSES OF THE FLANGE", "TOOL 0 HAS TO BE ZERO"]
+        steps, postures = tour_steps(tour), _known(tour.postures)
+        head = ["///TOOL 0", "///POSTYPE ROBOT"]
+        return _job("PLAN", head, [*notes, *_checked(tour.checked)], steps, postures, postures.Ts_frame0_last)
+
+    def target_moves(self, moves: TargetMoves) -> bytes:
+        """A job ``PROGRAM`` in user frame 1 with tool 1; both as comments, to be entered by hand."""
+        frames = [
+            *(f"TOOL 1 {each}" for each in _frame(moves.T_last_tool)),
+            *(f"USER 1 {each}" for each in _frame(moves.T_frame0_instrument)),
+        ]
+        postures = _known(moves.postures)
+        Ts = se3.inverse(moves.T_frame0_instrument) @ postures.Ts_frame0_last @ moves.T_last_tool
+        notes = [f"{len(moves.ids)} TARGETS", *_checked(moves.checked), *frames]
+        head = ["///USER 1", "///TOOL 1", "///POSTYPE USER"]
+        return _job("PROGRAM", head, notes, move_steps(moves), postures, Ts)
+
+    def path_moves(self, moves: PathMoves) -> bytes:
+        """A job ``PATH`` in user frame 1 with tool 1; a circle begins with the position that it starts at."""
+        frames = [
+            *(f"TOOL 1 {each}" for each in _frame(moves.T_last_tool)),
+            *(f"USER 1 {each}" for each in _frame(moves.T_frame0_base)),
+        ]
+        correction = ["CORRECTION IS IN THE POSITIONS"] if moves.corrected else []
+        notes = [f"{len(moves.ids)} POINTS", *correction, *_checked(moves.checked), *frames]
+        head = ["///USER 1", "///TOOL 1", "///POSTYPE USER"]
+        return _job("PATH", head, notes, path_steps(moves), _known(moves.postures), moves.Ts_base_tool)
+
+
+def _known(postures: Postures | None) -> Postures:
+    """The nominal arm's postures, which every arm with six revolute joints has."""
+    assert postures is not None
+    return postures
+
+
+def _checked(checked: bool) -> list[str]:
+    return wrap(checked_words(checked), _LONGEST)
+
+
+def _job(name: str, head: list[str], notes: Sequence[str], steps: list[Step], postures: Postures, Ts: Array) -> bytes:
+    """A job through poses ``(s, 4, 4)`` (m) of the tool."""
+    lines = ["/JOB", f"//NAME {name}", "//POS", f"///NPOS {len(steps)},0,0,0,0,0", *head, "///RECTAN"]
+    last = None
+    for i, (step, T) in enumerate(zip(steps, Ts, strict=True)):
+        configuration = _configuration(step.joints, bool(postures.in_front[i]), bool(postures.elbow_up[i]))
+        lines += [f"///RCONF {configuration}"] if configuration != last else []
+        lines.append(f"C{i:05d}={','.join(_place(T))}")
+        last = configuration
+    lines += ["//INST", "///DATE 2000/01/01 00:00", "///ATTR SC,RW", "///GROUP1 RB1", "NOP"]
+    lines += [f"'{each}" for each in (*notes, *_NOTES)]
+    for i, step in enumerate(steps):
+        lines += [f"'{ascii_words(step.words)[: _LONGEST - 1]}", *_move(i, step)]
+        lines += [f"TIMER T={step.wait_s:.2f}"] if step.wait_s else []
+    return ("\r\n".join([*lines, "END"]) + "\r\n").encode("ascii")
+
+
+def _move(number: int, step: Step) -> list[str]:
+    """The instructions that go to a position; none to one that is passed on the circle to the next."""
+    if step.kind == "via":
+        return []
+    if step.pace is None or step.kind == "joint":
+        return [f"MOVJ C{number:05d} VJ={_PER_CENT if step.pace is None else step.pace.per_cent:.2f}"]
+    speed = f"V={step.pace.mm_s:.1f}"
+    circle = [f"MOVC C{i:05d} {speed}" for i in (number - 2, number - 1, number)]
+    return circle if step.kind == "circle" else [f"MOVL C{number:05d} {speed}"]
+
+
+def _configuration(joints: Array, in_front: bool, elbow_up: bool) -> str:
+    """Flip, elbow, side, and whether joints 4, 6 and 1 are beyond half a turn; two that the format leaves unused."""
+    within = abs((joints[3] + _HALF) % (2 * _HALF) - _HALF) <= _QUARTER
+    far = [int(abs(joints[i]) >= _HALF) for i in (3, 5, 0)]
+    return ",".join(map(str, [int(not within), int(not elbow_up), int(not in_front), *far, 0, 0]))
+
+
+def _place(matrix: Array) -> list[str]:
+    """A pose ``(4, 4)`` (m) in mm and degrees."""
+    turns = np.rad2deg(se3.roll_pitch_yaw(matrix[:3, :3]))
+    return [*numbers(1e3 * matrix[:3, 3], _DIGITS_MM), *numbers(turns, _DIGITS_DEG)]
+
+
+def _frame(matrix: Array) -> list[str]:
+    """A pose ``(4, 4)`` (m), a number to a comment: these are short."""
+    return [f"{key} {value}" for key, value in zip(("X", "Y", "Z", "RX", "RY", "RZ"), _place(matrix), strict=True)]

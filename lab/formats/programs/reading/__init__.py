@@ -1,1 +1,0 @@
-"""Programs of controllers, read for the numbers of their targets: a module for each language."""
