@@ -8,7 +8,6 @@ import numpy as np
 
 from lab.calibration.residual.process import GROUP, JointProcess
 from lab.campaign.robot import Robot
-from lab.commands.calibrate.model_words import listed, model_name
 from lab.core.errors import LabError
 from lab.core.measurements import evenly
 from lab.core.se3 import Array
@@ -17,6 +16,7 @@ from lab.formats.calibrated_module import largest_difference, module_text, plain
 from lab.kinematics.effects.arm import Arm
 from lab.kinematics.effects.conditions import PAYLOAD
 from lab.kinematics.effects.registry import CAMPAIGN_SPECIFIC
+from lab.render.phrases.models import listed, model_name
 
 __all__ = ["ArmExport", "comment_of_lacking", "lasting_arm", "without_effects"]
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.extrapolation import MeasuredRange
+from lab.calibration.noise.serialization import component_errors_from_dict, noise_model_from_dict
 from lab.calibration.noise.shared_errors import SharedErrors
 from lab.calibration.noise.small_samples import ComponentErrors
 from lab.calibration.pose_cover import PoseCover
@@ -20,7 +21,6 @@ from lab.campaign.observation_kinds import kind_named
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot, load_robot, load_virtual
 from lab.commands.calibrate.exports import ArmExport, lasting_arm
-from lab.commands.calibrate.noise import component_errors_from_dict, noise_model_from_dict
 from lab.commands.calibrate.range_dict import measured_range_from_dict, read_cover
 from lab.commands.calibrate.residual_file import read_residual
 from lab.commands.calibrate.run_files import Campaign, SavedParameter, read_run_files

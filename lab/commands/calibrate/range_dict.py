@@ -11,7 +11,6 @@ from lab.calibration.extrapolation import MeasuredRange
 from lab.calibration.pose_cover import PoseCover
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.core.wording import be
 from lab.formats.csv_table import CsvTable, write_columns
 from lab.formats.structured import structured
 from lab.kinematics.joints import JointSpec
@@ -23,7 +22,6 @@ __all__ = [
     "measured_range_from_dict",
     "measured_range_to_dict",
     "read_cover",
-    "said_of_extrapolated",
     "write_cover",
 ]
 
@@ -110,23 +108,6 @@ def measured_range_from_dict(
     growth, unsure = (size / 1e3 for size in (lacking.growth_mrad or 0.0, lacking.unsure_mrad or 0.0))
     turning = ~np.array(chain.prismatic, dtype=np.bool_)
     return MeasuredRange(lower, upper, turning, edge, slope, growth, unsure, cover)
-
-
-def said_of_extrapolated(what: str, ids: list[str], count: int) -> list[str]:
-    """That targets or poses are extrapolated, with the first of them; nothing where none is.
-
-    Args:
-        what: the plural of what they are.
-        ids: of those that no fitted pose is near.
-        count: of all.
-    """
-    if not ids:
-        return []
-    return [
-        f"{len(ids)} of {count} {what} {be(len(ids))} extrapolated: not covered ({ids[0]} first); no pose that the "
-        "run fitted is near, and its model lacks something: what is predicted there says how regions that were "
-        "left out were missed"
-    ]
 
 
 def write_cover(path: Path, cover: PoseCover, chain: JointSpec) -> None:

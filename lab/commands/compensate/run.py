@@ -10,7 +10,6 @@ import numpy as np
 from lab.campaign.reachability import ReachabilityGraph, free_home, reachability, refusals, stops_in_order
 from lab.commands.calibrate.exports import without_effects
 from lab.commands.calibrate.load_run import Calibrated, calibrated_by, folder_of, read_calibrated
-from lab.commands.calibrate.model_words import listed
 from lab.commands.compensate.options import CompensateOptions
 from lab.commands.compensate.program import OpenProgram, open_program
 from lab.commands.compensate.program_postures import ways_touched
@@ -27,6 +26,7 @@ from lab.formats.target_csv import Targets, read_targets
 from lab.kinematics.inverse.branches import nearest_whole_turns
 from lab.kinematics.inverse.newton import PLACES, PoseTarget
 from lab.pose_selection.tour import rated
+from lab.render.phrases.models import listed
 from lab.render.progress import status
 from lab.simulation.collisions import collides, random_poses
 

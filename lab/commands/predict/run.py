@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from lab.calibration.checks.fit import check_limits
 from lab.commands.calibrate.exports import without_effects
 from lab.commands.calibrate.load_run import Calibrated, calibrated_by, folder_of, read_calibrated
 from lab.commands.calibrate.point_errors import point_errors
-from lab.commands.calibrate.warnings import of_limits
 from lab.commands.keywords import options_of, takes
 from lab.commands.predict.options import PredictOptions
 from lab.commands.predict.result import PredictionResult
@@ -18,6 +18,7 @@ from lab.core.errors import LabError, error_context
 from lab.core.measurements import LAST_MOVE, Measurements, measured
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import read_measurements
+from lab.render.phrases.registry import phrases
 
 __all__ = ["predict"]
 
@@ -114,7 +115,7 @@ def _predicted(options: PredictOptions, run: Calibrated, rows: Measurements) -> 
     if not len(rows):
         raise LabError(f"{options.file}: holds no row to predict; give joint positions")
     run.robot.refuse_impossible(options.file, rows)
-    notes = [*run.warnings, *rows.warnings, *of_limits(run.robot, rows)]
+    notes = [*run.warnings, *rows.warnings, *phrases(check_limits(run.robot.chain, rows))]
     asked_for = run.arm.conditions
     if unused := [name for name in rows.conditions if name not in asked_for]:
         notes.append(f"{options.file}: {', '.join(unused)} makes no difference: the model does not ask for it")

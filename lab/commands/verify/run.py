@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from lab.calibration.checks.fit import check_extrapolated
+from lab.calibration.checks.mistakes import noise_beyond
 from lab.calibration.extrapolation import MeasuredRange
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import PLAUSIBLE_SPREAD, spread
@@ -23,11 +25,10 @@ from lab.campaign.instruments import named_instrument
 from lab.campaign.observation_kinds import kind_named
 from lab.commands.calibrate.load_run import Calibrated, calibrated_by, folder_of, read_calibrated
 from lab.commands.calibrate.measured_rows import checked
-from lab.commands.calibrate.plausibility import noise_beyond, without_copies
-from lab.commands.calibrate.range_dict import said_of_extrapolated
 from lab.commands.keywords import options_of, takes
 from lab.commands.verify.options import VerifyOptions
 from lab.commands.verify.result import VerificationResult
+from lab.core.copies import without_copies
 from lab.core.covariance import whitening
 from lab.core.errors import LabError
 from lab.core.instruments import observing
@@ -37,6 +38,7 @@ from lab.core.se3 import Array
 from lab.core.serials import one_serial
 from lab.core.wording import be, counted
 from lab.formats.measurement_csv import read_measurements
+from lab.render.phrases.registry import phrases
 from lab.render.progress import Stage, status
 from lab.verification.estimated_noise import MOST_POSES, STEP, with_estimated_noise
 from lab.verification.prediction import CalibrationPrediction
@@ -142,7 +144,7 @@ def _tested(
         names = [rows.where(i) for i in range(len(rows))]
         verified = test(prediction, observations, options.refit, names, _counted(stage, tested))
     lone = [rows.ids[i] for i in np.flatnonzero(calibrated.extrapolated(rows.joints))]
-    said = _warnings(calibrated, read, rows, verified) + said_of_extrapolated("poses", lone, len(rows))
+    said = [*_warnings(calibrated, read, rows, verified), *phrases(check_extrapolated("poses", lone, len(rows)))]
     said += fitted
     warnings = tuple(noisy + said + _repeat_where_measured(len(lone), len(rows), verified))
     return VerificationResult(options, calibrated, rows, verified, warnings)

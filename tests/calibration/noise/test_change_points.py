@@ -10,11 +10,11 @@ import lab
 from lab.calibration.identify import identify
 from lab.calibration.noise.change_points import APART, ChangePoint, before_and_after, likeliest_change
 from lab.calibration.noise.search import NoiseSearch, search_noise
+from lab.calibration.noise.serialization import noise_model_from_dict, noise_model_to_dict
 from lab.calibration.noise.shared_errors import Clock, SharedErrors, row_times
 from lab.calibration.observations.protocol import observation_of
 from lab.calibration.weights import Noise, weighed
 from lab.campaign.robot import load_robot
-from lab.commands.calibrate.noise import noise_model_from_dict, noise_model_to_dict
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.probabilities import f_sf

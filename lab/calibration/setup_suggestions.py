@@ -1,12 +1,12 @@
-"""What to change to observe parameters that measurements hardly distinguish, tried out on the model."""
+"""Suggest changes of the set-up that make weakly observable parameters observable, tried out on the model."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
+from lab.calibration.fitter import NominalRobot
 from lab.calibration.identifiability import condition_of
 from lab.calibration.observations.full_pose import Poses
-from lab.campaign.robot import Robot
 from lab.core.se3 import Array
 from lab.kinematics.effects.effect import NO_SESSIONS, SessionInfo
 
@@ -19,12 +19,12 @@ _OFFSET_M = 0.05  # by which a target is moved along x of its frame, and a secon
 class SetupSuggestion:
     """A change of what is measured, and the condition number that the same poses would then have."""
 
-    words: str
+    change: str
     condition: float
 
 
 def changes(
-    robot: Robot,
+    robot: NominalRobot,
     targets: tuple[str, ...],
     groups: tuple[str, ...],
     values: Array,

@@ -1,0 +1,204 @@
+"""Find outliers and the noise model of a set of measurements, each with the other."""
+
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Protocol
+
+import numpy as np
+
+from lab.calibration.gauss_newton import Observations
+from lab.calibration.identify import Identification
+from lab.calibration.noise.search import NoiseSearch, in_stretches, search_noise
+from lab.calibration.noise.shared_errors import SharedErrors, counted
+from lab.calibration.noise.tails import tail_dof
+from lab.calibration.observations.protocol import observation_of, only_positions
+from lab.calibration.statistics.linearized import NoiseDistribution, linearized
+from lab.calibration.statistics.outliers import LEAST_SIGMA_M, HeldOut, Outliers, find_outliers, off_held_out
+from lab.calibration.weights import Noise, joined, weighed, weighted_constraints
+from lab.core.measurements import Measurements, seen_mask
+from lab.core.random import rng_for
+from lab.kinematics.encoders import Encoders
+
+__all__ = ["Fits", "noise_of", "off_among_fitted", "off_among_held", "tail_of"]
+
+_ROUNDS = 3  # of outliers and the noise that they are judged by
+
+
+def off_among_fitted(
+    start: Identification, rows: Measurements, noise: Noise, shape: NoiseDistribution, seed: int
+) -> Outliers:
+    """The rows that are off, by a search that starts from an identification.
+
+    Args:
+        shape: of the noise, where it has no heavy tails.
+        seed: of the draws that the level stands on.
+    """
+    observation = observation_of(start.model)
+    observations, known = weighed(observation, rows, noise)
+    alone, extra = observations.pose_by_pose(), start.extra_residuals
+    searched = partial(
+        find_outliers,
+        start.model,
+        alone,
+        start.fit.free,
+        start.nominal_aligned,
+        known=known,
+        things=observation.positions or None,
+    )
+    if start.prior is not None and start.prior.automatic:  # the fit weighs it by a sigma that outliers inflate
+        beside, sigma = weighted_constraints(observation, observations), 1.0
+        if not known:
+            unweighted = joined(beside, start.prior.rows(LEAST_SIGMA_M))
+            sigma = _sigma_without(searched(extra_residuals=unweighted, rng=rng_for(seed, "null"), shape=shape), alone)
+        extra = joined(beside, start.prior.rows(sigma))
+    search = partial(searched, extra_residuals=extra)
+    found = search(rng=rng_for(seed, "null"), shape=shape)
+    if not len(found.rows) or not only_positions(observation):
+        return found
+    tail = tail_dof(linearized(start.model, alone, found.fit.values, start.fit.free, extra))
+    if np.isinf(tail):
+        return found
+    return search(rng=rng_for(seed, "null"), shape=NoiseDistribution("student", dof=tail))
+
+
+def _sigma_without(found: Outliers, observations: Observations) -> float:
+    """The sigma that the residuals of all poses say that are not off."""
+    inside = np.ones(len(observations.inputs), dtype=np.bool_)
+    inside[found.rows] = False
+    dof = int(observations.seen[inside].sum()) * observations.points.shape[2] - found.fit.rank
+    return max(float(np.sqrt(2 * found.fit.cost_trace[-1] / max(dof, 1))), LEAST_SIGMA_M)
+
+
+def off_among_held(found: Identification, rows: Measurements, held: Measurements, noise: Noise, tail: float) -> HeldOut:
+    """The poses held out that are off, by an identification from ``rows``.
+
+    Args:
+        tail: of ``tail_of``.
+    """
+    observation = observation_of(found.model)
+    parts = [weighed(observation, part, noise) for part in (rows, held)]
+    both = parts[0][0].pose_by_pose().joined(parts[1][0].pose_by_pose())
+    return off_held_out(
+        found.model,
+        both,
+        len(rows),
+        found.fit,
+        known=parts[0][1],
+        extra_residuals=found.extra_residuals,
+        things=observation.positions,
+        tail_dof=tail,
+    )
+
+
+def tail_of(found: Identification, rows: Measurements, noise: Noise) -> float:
+    """Degrees of freedom of the noise's tails; infinite where they may be Gaussian."""
+    if not only_positions(observation := observation_of(found.model)):
+        return float("inf")
+    alone = weighed(observation, rows, noise)[0].pose_by_pose()
+    return tail_dof(linearized(found.model, alone, found.values, found.fit.free, found.extra_residuals))
+
+
+class Fits(Protocol):
+    """One model's fit of any rows, by the noise that it is given."""
+
+    @property
+    def noise(self) -> Noise:
+        """Of the instrument."""
+
+    @property
+    def encoders(self) -> Encoders | None:
+        """Whose whole counts the joint positions are; None for ideal ones."""
+
+    def fitted(self, rows: Measurements, shared: SharedErrors | None) -> Identification:
+        """The identification from all these rows."""
+
+    def outliers(self, found: Identification, rows: Measurements, shared: SharedErrors | None) -> Outliers:
+        """The poses that are off."""
+
+
+@dataclass(frozen=True)
+class _Explanation:
+    """Errors that are shared, and poses that are off.
+
+    Attributes:
+        off: ``(o,)`` rows.
+        deviance: minus twice the log-likelihood, with outliers anywhere among the residuals.
+    """
+
+    search: NoiseSearch
+    off: frozenset[int]
+    deviance: float
+
+
+def noise_of(fits: Fits, rows: Measurements) -> NoiseSearch:
+    """The errors that rows share, from those that are not off.
+
+    Bad readings look like scatter, and scatter looks like bad readings. Both are tried first; where the explanations
+    differ, that of the larger likelihood is taken, in which a bad reading is equally likely everywhere among the
+    residuals. What whole counts of known encoders make is weighed before anything is looked for. Of a fit that ended
+    in a valley nothing is: its parameters are not to be used, and what it leaves is not the noise. Of very many rows
+    some stretches tell.
+    """
+    rows = in_stretches(rows)
+    whole = fits.fitted(rows, None)
+    if (counts := _counted(whole, rows, fits.encoders)) is not None:
+        whole = fits.fitted(rows, counts)
+    if whole.status == "in a valley":
+        return NoiseSearch(counts, (), float("nan"))
+    search = search_noise(whole, rows, replace(fits.noise, shared=counts))
+    off = _rows(fits.outliers(whole, rows, counts))
+    if not off and search.shared is counts:
+        return search
+    reach = _reach(whole, rows, fits.noise)
+    explanations = []
+    if search.shared is not counts:
+        first = _Explanation(search, frozenset(), search.deviance)
+        explanations.append(_settled(fits, rows, first, reach, counts))
+    if off:
+        explanations.append(_settled(fits, rows, _without(fits, rows, off, reach, counts), reach, counts))
+    return min(explanations, key=lambda each: each.deviance).search
+
+
+def _counted(whole: Identification, rows: Measurements, encoders: Encoders | None) -> SharedErrors | None:
+    """What whole counts of the encoders make, where that is known and not little."""
+    observation = observation_of(whole.model)
+    if encoders is None or not only_positions(observation):
+        return None
+    dof = None if whole.sigma_known else whole.dof
+    return counted(observation.model, rows, whole.values, encoders, whole.sigma_m, dof)
+
+
+def _settled(
+    fits: Fits, rows: Measurements, first: _Explanation, reach: float, counts: SharedErrors | None
+) -> _Explanation:
+    """The explanation whose outliers are those of its own noise."""
+    here = first
+    for _ in range(_ROUNDS):
+        shared = here.search.shared
+        off = _rows(fits.outliers(fits.fitted(rows, shared), rows, shared))
+        if off == here.off:
+            break
+        here = _without(fits, rows, off, reach, counts)
+    return here
+
+
+def _without(
+    fits: Fits, rows: Measurements, off: frozenset[int], reach: float, counts: SharedErrors | None
+) -> _Explanation:
+    """The noise of the other rows; all rows' where these are too few."""
+    clean = rows.take(np.setdiff1d(np.arange(len(rows)), sorted(off)))
+    search = search_noise(fits.fitted(clean, counts), clean, replace(fits.noise, shared=counts))
+    numbers = 3 * int(rows.seen[sorted(off)].sum())
+    return _Explanation(search, off, search.deviance + numbers * (2 * np.log(2 * reach) - np.log(2 * np.pi)))
+
+
+def _rows(found: Outliers) -> frozenset[int]:
+    return frozenset(found.rows.tolist())
+
+
+def _reach(found: Identification, rows: Measurements, noise: Noise) -> float:
+    """The largest residual of a number, in units of the instrument's noise as it is assumed."""
+    observed, _ = weighed(observation_of(found.model), rows, replace(noise, shared=None))
+    residuals = observed.points - found.model.points(observed.inputs, found.values)
+    white = observed.in_units_of_noise(np.where(seen_mask(observed.points)[..., None], residuals, 0.0))
+    return float(max(np.abs(white).max(), 1e-300))

@@ -1,0 +1,1 @@
+"""Make sentences from checks."""

@@ -1,0 +1,24 @@
+"""The phrase of each check, by the check's name."""
+
+from collections.abc import Callable, Iterable
+
+from lab.core.checks import Check
+from lab.render.phrases import fit
+
+__all__ = ["PHRASES", "phrase", "phrases"]
+
+PHRASES: dict[str, Callable[[Check], str]] = {**fit.PHRASES}
+
+
+def phrase(check: Check) -> str:
+    """Return the clause that states a check: what came out, where, and what to do; empty where nothing is to be said.
+
+    Raises:
+        KeyError: no phrase has the check's name.
+    """
+    return PHRASES[check.name](check)
+
+
+def phrases(checks: Iterable[Check]) -> tuple[str, ...]:
+    """Return the phrases of checks, each once."""
+    return tuple(dict.fromkeys(map(phrase, checks)))
