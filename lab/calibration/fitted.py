@@ -168,7 +168,7 @@ class Fitted:
         """Return the state with a fit of these rows."""
         observations = weighed(observation_of(found.model), rows, self.fitter.noise)[0]
         state = replace(self, rows=rows, weighted=found, observations=observations, identification=found)
-        return state.with_checks([Check("note", "noted", data={"text": text}) for text in found.warnings])
+        return state.with_checks(found.checks)
 
     @property
     def process(self) -> JointProcess | None:

@@ -382,8 +382,7 @@ def validate(state: Fitted) -> Fitted:
         again = partial(state.fitter.predicting, groups=state.groups, held=state.unshown, process=state.process)
         found = validate_folds(again, state.identification, state.given, state.fitter.seed, state.progress)
         found, checks = found.naming([pose.id for pose in state.outliers]), []
-    notes = [note(text) for text in found.warnings]
-    return replace(state, validation=found).with_checks([*notes, *checks])
+    return replace(state, validation=found).with_checks([*found.checks, *checks])
 
 
 def _by_held(state: Fitted, held: Measurements) -> tuple[Validation, list[Check]]:

@@ -121,7 +121,7 @@ def _judged_by_fresh(day: MeasuringDay, state: Fitted) -> Fitted:
         groups = [group for group in state.groups if group not in CAMPAIGN_SPECIFIC]
         arm = day.robot.arm_with(fresh.targets, groups)
         model = arm if state.process is None else state.process.added_to(arm)
-        validation = replace(validate_file(found, model, fresh, ("base",)), judged_by="fresh", warnings=())
+        validation = replace(validate_file(found, model, fresh, ("base",)), judged_by="fresh", checks=())
     return replace(state, validation=validation).with_checks(checks)
 
 

@@ -267,6 +267,70 @@ def _validation_payload(_: Check) -> str:
     return "the validation file has no column payload_kg: the flange is assumed to carry nothing in any pose"
 
 
+def _valley(check: Check) -> str:
+    weak = ", ".join(check.data["weak"])
+    return (
+        f"the fit ended after {check.data['iterations']} steps in a valley, along which the measurements say next to "
+        f"nothing{weak and f', of {weak}'}: the result is not to be used; measure in poses that differ more, or "
+        "--prior on"
+    )
+
+
+def _not_converged(check: Check) -> str:
+    return (
+        f"Gauss-Newton did not converge in {check.data['iterations']} steps: the result is not to be used; where the "
+        "measurements say too little, --prior on weighs the nominal model's tolerances"
+    )
+
+
+def _unobservable(check: Check) -> str:
+    return (
+        f"these poses do not tell {', '.join(check.data['parameters'])} apart from the others: they stay nominal; "
+        "move every joint through more of its range, and vary what effects come from (payload, approach, time)"
+    )
+
+
+def _condition(check: Check) -> str:
+    weak = ", ".join(check.data["weak"])
+    weigh = "" if check.data["with_prior"] else ", or weigh tolerances (--prior on)"
+    return (
+        f"the condition is {check.statistic:.0f}: these measurements barely tell the parameters apart"
+        f"{weak and f', and leave {weak} unsure by more than 1 mm or 1 mrad'}; positions near the measured ones "
+        "are right, single parameters are not: move every joint through more of its range, or set the target "
+        f"elsewhere{weigh}"
+    )
+
+
+def _without_a_fold(check: Check) -> str:
+    return f"not validated: without a fold, {check.data['why']}"
+
+
+def _unidentified_without_a_fold(_: Check) -> str:
+    return "not validated: without a fold, the other poses do not identify all parameters"
+
+
+def _too_few_to_hold_out(check: Check) -> str:
+    return f"not validated: there are too few poses to hold any out, which takes about {check.data['wanted']}"
+
+
+def _stuck_folds(check: Check) -> str:
+    return (
+        f"{check.data['stuck']} of the {check.data['count']} fits of the cross-validation did not converge: the errors "
+        "at their poses may be too large; --prior on helps where the measurements say too little"
+    )
+
+
+def _unused_references(_: Check) -> str:
+    return "the validation file has reference rows, which only --refit uses: sessions set up anew need it"
+
+
+def _unplaced_parameters(check: Check) -> str:
+    return (
+        f"{check.data['where']}: the reference rows do not determine {', '.join(check.data['parameters'])}, which stay "
+        "as they were; the errors that are validated do not depend on them"
+    )
+
+
 def _joint_sign(check: Check) -> str:
     name = check.data["joint"]
     return (
@@ -291,6 +355,10 @@ def _aliased_truth(_: Check) -> str:
 PHRASES: Mapping[str, Callable[[Check], str]] = {
     "note": _note,
     "mistake.joint_sign": _joint_sign,
+    "convergence.valley": _valley,
+    "convergence.failed": _not_converged,
+    "parameters.unobservable": _unobservable,
+    "parameters.condition": _condition,
     "outliers.kept": _kept_outliers,
     "outliers.held_out": _held_out_outliers,
     "outliers.search": _outlier_search,
@@ -320,6 +388,12 @@ PHRASES: Mapping[str, Callable[[Check], str]] = {
     "rows.blank": _blank_rows,
     "extrapolated": _extrapolated,
     "validation.beyond": _beyond,
+    "validation.fold": _without_a_fold,
+    "validation.unidentified": _unidentified_without_a_fold,
+    "validation.poses": _too_few_to_hold_out,
+    "validation.convergence": _stuck_folds,
+    "validation.references": _unused_references,
+    "validation.placement": _unplaced_parameters,
     "validation.unplaced": _unplaced,
     "validation.frame": _frame_at_start,
     "validation.payload": _validation_payload,
