@@ -19,6 +19,7 @@ from lab.calibration.prior import ActingPrior, Prior, Tolerance, directions_of, 
 from lab.calibration.stations import few_points_of_a_station
 from lab.calibration.weights import Noise, joined, root_mean_square_sigma, weighed, weighted_constraints
 from lab.core import se3
+from lab.core.checks import Check
 from lab.core.errors import LabError
 from lab.core.linear_model import WELL_CONDITIONED, condition_bound, triangle_of
 from lab.core.measurements import Measurements, seen_mask
@@ -108,6 +109,7 @@ class Identification:
         process: covariances of predicted points, where what the parameters do not explain is predicted too.
         prior: the prior that takes part in the fit; None where none does.
         residuals: ``(n, k, d)`` measured less predicted (m of points), NaN where not observed.
+        checks: notes of the measurements; of convergence, and of parameters that are not determined.
         spread: of the measured points, to that of the nominal model's in the same poses: a wrong unit shows here.
     """
 
@@ -123,7 +125,7 @@ class Identification:
     covariance: Array
     residuals: Array
     spread: float
-    warnings: tuple[str, ...]
+    checks: tuple[Check, ...]
     extra_residuals: ExtraResiduals
     dof_each: Array | None = None
     process: PredictedCovariance | None = None
@@ -245,11 +247,11 @@ def identify(
         covariance=solution.unit_covariance() * (1.0 if known else estimated**2),
         residuals=residuals,
         spread=_relative_spread(observation, observed, aligned, nominal),
-        warnings=data.warnings,
+        checks=tuple(Check("note", "noted", data={"text": text}) for text in data.warnings),
         extra_residuals=extra_residuals,
         prior=acting,
     )
-    return replace(identified, warnings=(*identified.warnings, *_warnings(identified)))
+    return replace(identified, checks=(*identified.checks, *_checks(identified)))
 
 
 @dataclass(frozen=True)
@@ -509,30 +511,17 @@ def spread(points: Array) -> float:
     return float(np.sqrt(np.vdot(off, off) / len(off)))
 
 
-def _warnings(found: Identification) -> list[str]:
-    warnings, steps = [], f"{found.fit.iterations} steps"
-    weak = ", ".join([*found.weak[:_MOST_NAMED], *(["others"] if len(found.weak) > _MOST_NAMED else [])])
+def _checks(found: Identification) -> list[Check]:
+    """Check that the fit converged, and that the measurements determine every parameter."""
+    checks, steps, names = list[Check](), found.fit.iterations, found.model.names
+    weak = [*found.weak[:_MOST_NAMED], *(["others"] if len(found.weak) > _MOST_NAMED else [])]
     if found.status == "in a valley":
-        warnings.append(
-            f"the fit ended after {steps} in a valley, along which the measurements say next to nothing"
-            f"{weak and f', of {weak}'}: the result is not to be used; measure in poses that differ more, or --prior on"
-        )
+        checks.append(Check("convergence.valley", "failed", data={"iterations": steps, "weak": weak}))
     elif found.status != "converged":
-        warnings.append(
-            f"Gauss-Newton did not converge in {steps}: the result is not to be used; where the measurements say too "
-            "little, --prior on weighs the nominal model's tolerances"
-        )
-    if unobservable := [found.model.names[i] for i in found.unobservable]:
-        warnings.append(
-            f"these poses do not tell {', '.join(unobservable)} apart from the others: they stay nominal; "
-            "move every joint through more of its range, and vary what effects come from (payload, approach, time)"
-        )
+        checks.append(Check("convergence.failed", "failed", data={"iterations": steps}))
+    if unobservable := [names[i] for i in found.unobservable]:
+        checks.append(Check("parameters.unobservable", "failed", data={"parameters": unobservable}))
     elif found.status != "in a valley" and found.fit.ill_conditioned:
-        weigh = "" if found.prior is not None else ", or weigh tolerances (--prior on)"
-        warnings.append(
-            f"the condition is {found.fit.condition:.0f}: these measurements barely tell the parameters apart"
-            f"{weak and f', and leave {weak} unsure by more than 1 mm or 1 mrad'}; positions near the measured ones "
-            "are right, single parameters are not: move every joint through more of its range, or set the target "
-            f"elsewhere{weigh}"
-        )
-    return warnings
+        data = {"weak": weak, "with_prior": found.prior is not None}
+        checks.append(Check("parameters.condition", "failed", found.fit.condition, data=data))
+    return checks

@@ -20,6 +20,7 @@ from lab.kinematics.parameter import placed_parameters
 
 __all__ = [
     "ROTATION_PARAMETERS",
+    "FixtureObservation",
     "Observation",
     "Points",
     "no_extra_residuals",
@@ -77,6 +78,19 @@ class Observation(Protocol):
 
     def cv_groups(self, data: Measurements) -> NDArray[np.int_] | None:
         """Labels ``(n,)`` of rows that are fitted or held out together; None for repeats of a configuration."""
+
+
+@runtime_checkable
+class FixtureObservation(Observation, Protocol):
+    """Observation of an arm that touches fixtures or is tied to them."""
+
+    @property
+    def contact(self) -> bool:
+        """Whether the arm touches the fixtures, whose contacts show its shape and not its size."""
+
+    @property
+    def scale_link(self) -> int:
+        """Index of the length that stays nominal where the size is not shown."""
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,9 @@ names its own region by points, which the arm reaches from the measured configur
 taken modulo a turn where the model is.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +28,15 @@ from lab.kinematics.effects.stations import at_first_station
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import Model
 
-__all__ = ["REGION_POSES", "Region", "RegionKind", "measured_region", "region_of_points", "workspace_region"]
+__all__ = [
+    "REGION_POSES",
+    "Region",
+    "RegionKind",
+    "TaskRegion",
+    "measured_region",
+    "region_of_points",
+    "workspace_region",
+]
 
 REGION_POSES = 200
 RegionKind = Literal["measured", "workspace", "box", "targets"]
@@ -39,6 +48,17 @@ _TURN_POSES = 5  # at which a turn is tried
 _STEPS, _REACHED = 60, 1e-6  # Gauss-Newton steps to a point, and how near (m) it comes
 _LONGEST_STEP = 0.3  # rad or m of a joint
 _DAMPING = 1e-6  # of the largest eigenvalue
+
+
+class TaskRegion(Protocol):
+    """The region in which a task needs the arm to be known."""
+
+    @property
+    def kind(self) -> RegionKind:
+        """How it is given: where poses were measured, within the joints' limits, a box, or targets."""
+
+    def points(self, T_instrument_frame0: Array, joint_names: Sequence[str], prismatic: Sequence[bool]) -> Array:
+        """Return points ``(n, 3)`` m of a box or of targets, in the frame of the measurements; none of another kind."""
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.identify import IdentifyOptions, Solve
+from lab.calibration.observation import Observation
 from lab.core.instruments import Instrument
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
@@ -84,6 +85,15 @@ class Sensor(ABC):
             The measurements as they are, where readings do not show where a session begins.
         """
         return data
+
+    def with_orientation(self, arm: Model, target: str) -> Observation | None:
+        """Return the model of the same arm whose orientation is read too; None where no sensor reads more.
+
+        Args:
+            arm: the arm, measured by points.
+            target: whose pose is read.
+        """
+        return None
 
     @abstractmethod
     def observation(self, arm: Model, data: Measurements, nominal: Array) -> tuple[Model, Measurements]:

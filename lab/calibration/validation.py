@@ -16,6 +16,7 @@ from lab.calibration.observation import observation_of
 from lab.calibration.refit import placed_anew
 from lab.calibration.stations import few_points_of_a_station
 from lab.core import se3
+from lab.core.checks import Check
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, setups
 from lab.core.progress import Progress, no_progress
@@ -55,12 +56,10 @@ __all__ = [
 
 SAME_CONFIGURATION = 0.01  # rad (m for a slide): joint positions this near are repeats of one configuration
 _MANY_ROWS, _CELLS = 20_000, 8  # more rows are looked at by cells, so many to the width of a configuration
-_CREEPING = "the errors at their poses may be too large; --prior on helps where the measurements say too little"
-_UNIDENTIFIED = "not validated: without a fold, the other poses do not identify all parameters"
+_UNIDENTIFIED = Check("validation.unidentified", "not tested")
 FOLDS, LEAST_FOLDS = 5, 3
 MOST_OUTLIERS = 0.05  # of the validation poses, without a doubt about all of them
 ROWS_PER_PARAMETER = 1.5  # what each fold must leave to fit
-UNUSED_REFERENCES = "the validation file has reference rows, which only --refit uses: sessions set up anew need it"
 REFERENCE_EVERY = 3  # the rows that place base or tool anew where a file does not say which
 
 Rows = NDArray[np.int_]
@@ -88,6 +87,7 @@ class Validation:
     Attributes:
         judged_by: None where it was not.
         errors: at those poses; None where it was not validated.
+        checks: of the validation: poses that it lacks, fits that did not converge, notes of the measurements.
         rows: those poses; None where their base or tool was placed anew, or their model is another.
         fitted_share: of the poses, that were fitted too, so that they validate nothing.
         outlier_share: of those poses, that the test of outliers names.
@@ -96,7 +96,7 @@ class Validation:
 
     judged_by: JudgedBy | None
     errors: Errors | None
-    warnings: tuple[str, ...] = ()
+    checks: tuple[Check, ...] = ()
     rows: Measurements | None = None
     fitted_share: float = 0.0
     outlier_share: float = 0.0
@@ -294,12 +294,11 @@ def validate_folds(
     enough = all(numbers * points[rows != fold].sum() >= ROWS_PER_PARAMETER * kept for fold in range(count))
     for fold in range(count):
         if why := few_points_of_a_station(identification.model, data.take(np.flatnonzero(rows != fold))):
-            return Validation(None, None, (f"not validated: without a fold, {why}",))
+            return Validation(None, None, (_not_without_a_fold(why),))
     if count < LEAST_FOLDS or not enough:
         per_pose = points.mean()
         wanted = int(np.ceil(ROWS_PER_PARAMETER * kept / (numbers * per_pose) * FOLDS / (FOLDS - 1)))
-        why = f"not validated: there are too few poses to hold any out, which takes about {wanted}"
-        return Validation(None, None, (why,))
+        return Validation(None, None, (Check("validation.poses", "not tested", data={"wanted": wanted}),))
     shape = errors_of(identification, data).after.shape
     before, after = np.full(shape, np.nan), np.full(shape, np.nan)
     stuck = 0
@@ -308,7 +307,7 @@ def validate_folds(
         try:
             part = identify(data.take(np.flatnonzero(rows != fold)))
         except LabError as error:  # the other poses are too few for what all of them are enough for
-            return Validation(None, None, (f"not validated: without a fold, {error}",))
+            return Validation(None, None, (_not_without_a_fold(str(error)),))
         stuck += part.status != "converged"
         unobservable = {part.model.names[i] for i in part.unobservable}
         lost = [k for k, target in enumerate(data.targets) if f"tool.{target}.x" in unobservable]
@@ -320,8 +319,12 @@ def validate_folds(
         progress(fold + 1, count)
     if np.isnan(after).all():
         return Validation(None, None, (_UNIDENTIFIED,))
-    said = (f"{stuck} of the {count} fits of the cross-validation did not converge: {_CREEPING}",) if stuck else ()
-    return Validation("cross-validation", Errors(before, after), said, rows=data)
+    checks = (Check("validation.convergence", "failed", data={"stuck": stuck, "count": count}),) if stuck else ()
+    return Validation("cross-validation", Errors(before, after), checks, rows=data)
+
+
+def _not_without_a_fold(why: str) -> Check:
+    return Check("validation.fold", "not tested", data={"why": why})
 
 
 def validate_file(identification: Identification, model: Model, data: Measurements, refit: Sequence[str]) -> Validation:
@@ -341,7 +344,9 @@ def validate_file(identification: Identification, model: Model, data: Measuremen
         LabError: a target is unknown, or a session's reference rows cannot place what is to be refitted.
     """
     _refuse_unknown_targets(identification, model, refit)
-    unused = () if refit or not (data.marked and "reference" in data.use) else (UNUSED_REFERENCES,)
+    checks = [Check("note", "noted", data={"text": text}) for text in data.warnings]
+    if not refit and data.marked and "reference" in data.use:
+        checks.append(Check("validation.references", "noted"))
     before: list[Array] = []
     after: list[Array] = []
     held: dict[str, tuple[str, ...]] = {}
@@ -362,16 +367,15 @@ def validate_file(identification: Identification, model: Model, data: Measuremen
                 if found.held:
                     held[where] = found.held
             errors.append(np.linalg.norm(model.points(inputs, moved) - points, axis=2))
-    said = [
-        f"{where}: the reference rows do not determine {', '.join(names)}, which stay as they were; the errors that "
-        "are validated do not depend on them"
+    checks += [
+        Check("validation.placement", "noted", data={"where": where, "parameters": names})
         for where, names in held.items()
     ]
     comparable = not refit and model.names == identification.model.names
     return Validation(
         "file",
         Errors(np.concatenate(before), np.concatenate(after)),
-        (*data.warnings, *unused, *said),
+        tuple(checks),
         data.take(order) if comparable else None,
     )
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import tyro
 
@@ -10,6 +10,9 @@ from lab.campaign.option_types import PRIOR_MODES, Flag, Names, Numbers, PriorMo
 from lab.core.errors import LabError
 from lab.core.numbers import positive
 from lab.kinematics.effects.registry import EffectOptions, fitted_groups
+
+if TYPE_CHECKING:
+    from lab.calibration.fitter import FitOptions
 
 __all__ = ["ArmEffects", "Fitting"]
 
@@ -77,6 +80,23 @@ class Fitting:
     def parametric(self) -> str:
         """The model without that."""
         return "+".join(name for name in self.model.split("+") if name != "residual") or "geometric"
+
+    @property
+    def of_fit(self) -> "FitOptions":
+        """The options of the fit in SI units."""
+        from lab.calibration.fitter import FitOptions
+        from lab.calibration.prior import Tolerance
+
+        return FitOptions(
+            self.groups,
+            self.parametric == "auto",
+            self.residual,
+            self.robust,
+            self.fix,
+            self.free,
+            self.prior,
+            Tolerance(self.tolerance_mm / 1e3, self.tolerance_mrad / 1e3),
+        )
 
 
 def comma_separated(kind: type[Options]) -> type[Options]:

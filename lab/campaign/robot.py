@@ -88,6 +88,11 @@ class Robot(ABC):
         return self.model.tool
 
     @property
+    def stations(self) -> tuple[str, ...]:
+        """Stations of the instrument that its cell names."""
+        return self.model.stations
+
+    @property
     def T_world_frame0(self) -> Array:
         """Pose ``(4, 4)`` (m) of the base's frame (frame 0) in the world of the MuJoCo model."""
         return self.model.T_world_frame0

@@ -15,14 +15,16 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from lab.calibration.fitted import Fitted
+from lab.calibration.fitter import FitOptions, Fitter
 from lab.calibration.identify import Identification
+from lab.calibration.pipeline import FITTING, run_steps
 from lab.calibration.weights import Noise
-from lab.campaign.option_groups import ArmEffects, Fitting
+from lab.campaign.option_groups import ArmEffects
 from lab.campaign.option_types import Flag
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import SerialRobot, load_virtual
 from lab.campaign.virtual_robot import drawn_conditions, perturbed_arm
-from lab.commands.calibrate.fit import Fitter
 from lab.core.instruments import instrument
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
@@ -117,7 +119,7 @@ def flexible_arm(effects: Sequence[str], seed: int) -> Found:
         options = {name: size for effect in effects for name, size in EFFECTS[effect].items()}
         campaign, real, data = _measured(options, ("p1",), POSES, seed)
         fitter, wanted = _fitter(data, ("p1",), seed), [group for effect in effects for group in groups_of(effect)]
-        chosen = fitter(data)
+        chosen = run_steps(Fitted(fitter, data), FITTING)
         told = fitter.identified(data, wanted)[0]
         fresh = _fresh(real, campaign)
         return Found(
@@ -134,7 +136,8 @@ def rigid_arm(noise: str, seed: int) -> tuple[str, ...]:
         options, targets, poses = NOISES[noise]
         _, _, data = _measured(options, targets, poses, seed)
         allowed = ("drift",) if "drift_mm_per_h" in options else ()
-        return tuple(group for group in _fitter(data, targets, seed)(data).groups if group not in allowed)
+        fitted = run_steps(Fitted(_fitter(data, targets, seed), data), FITTING)
+        return tuple(group for group in fitted.groups if group not in allowed)
 
 
 def _measured(
@@ -153,7 +156,7 @@ def _measured(
 
 
 def _fitter(data: Measurements, targets: tuple[str, ...], seed: int) -> Fitter:
-    return Fitter(geared_robot(), targets, data, PointSensor(), Noise(), Fitting("auto"), seed)
+    return Fitter(geared_robot(), targets, data, PointSensor(), Noise(), FitOptions(search=True), seed)
 
 
 def _fresh(real: TrueRobot, campaign: VirtualCampaign) -> Measurements:

@@ -15,13 +15,15 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from lab.calibration.extrapolation import prediction_squares
+from lab.calibration.fitted import Fitted
+from lab.calibration.fitter import Fitter
+from lab.calibration.pipeline import FITTING, run_steps
 from lab.calibration.pose_cover import joint_regions
 from lab.calibration.validation import configurations, folds
 from lab.calibration.weights import Noise
 from lab.campaign.option_groups import Fitting
 from lab.campaign.option_types import Flag
 from lab.campaign.robot import Robot, load_robot
-from lab.commands.calibrate.fit import Fitter
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.experiments.script import Answer
@@ -86,7 +88,8 @@ def cross_validated(robot: Robot, data: Measurements, model: str, held: list[NDA
     lengths, within, plain, far, lone = [], [], [], [], []
     for out in held:
         rows, rest = data.take(np.flatnonzero(~out)), data.take(np.flatnonzero(out))
-        report = Fitter(robot, kind.targets(data), rows, kind, Noise(), Fitting(model), 0)(rows)
+        fitter = Fitter(robot, kind.targets(data), rows, kind, Noise(), Fitting(model).of_fit, 0)
+        report = run_steps(Fitted(fitter, rows), FITTING)
         found = report.identification
         inputs = rest.inputs(found.model.conditions)
         bound = _bound(found.dof, report.tail_dof)

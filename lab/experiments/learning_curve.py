@@ -9,12 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
+from lab.calibration.fitted import Fitted
+from lab.calibration.fitter import Fitter
+from lab.calibration.pipeline import FITTING, run_steps
 from lab.calibration.validation import configurations, errors_of, split_by_label
 from lab.calibration.weights import Noise
 from lab.campaign.option_groups import Fitting
 from lab.campaign.option_types import Flag
 from lab.campaign.robot import Robot, load_robot
-from lab.commands.calibrate.fit import Fitter
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.experiments.script import Answer
@@ -68,7 +70,8 @@ def errors_by_poses(
         found[model] = {}
         for count in poses:
             rows = data.take(np.sort(order[:count]))
-            report = Fitter(robot, kind.targets(data), rows, kind, Noise(), Fitting(model), seed)(rows)
+            fitter = Fitter(robot, kind.targets(data), rows, kind, Noise(), Fitting(model).of_fit, seed)
+            report = run_steps(Fitted(fitter, rows), FITTING)
             errors = errors_of(report.identification, data.take(held)).after
             found[model][str(count)] = float(1e3 * np.nanmean(errors))
     return found

@@ -18,6 +18,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from lab.calibration.batch_points import align, fit_points
+from lab.calibration.fitter import FitOptions, Fitter
 from lab.calibration.gauss_newton import Observations, fit
 from lab.calibration.identify import Identification, fit_base_and_tool, identify
 from lab.calibration.observation import Points
@@ -27,12 +28,11 @@ from lab.calibration.statistics.outliers import find_outliers
 from lab.calibration.weights import Noise, weighed
 from lab.campaign.design_problem import pose_problem
 from lab.campaign.design_search import best_design
-from lab.campaign.option_groups import ArmEffects, Fitting
+from lab.campaign.option_groups import ArmEffects
 from lab.campaign.option_types import Flag
 from lab.campaign.options import DesignOptions, VirtualCampaign
 from lab.campaign.robot import load_robot, load_virtual
 from lab.campaign.virtual_robot import perturbed_arm
-from lab.commands.calibrate.fit import Fitter
 from lab.commands.calibrate.run import calibrate
 from lab.commands.import_measurements.matching import matched
 from lab.commands.import_measurements.options import ImportOptions
@@ -261,7 +261,7 @@ def effects() -> dict[str, float]:
     poses, rng = random_poses(robot.model, 1000, rng_for(7, "poses")), rng_for(7, "noise")
     there = random_conditions(robot.chain, real.effects, 1000, rng_for(7, "conditions"), soft.payload_kg, HOUR_S)
     data = track(real, poses, targets, tracker, rng, conditions=there)
-    fitter = Fitter(robot, targets, data, PointSensor(), Noise(tracker), Fitting("auto"), 7)
+    fitter = Fitter(robot, targets, data, PointSensor(), Noise(tracker), FitOptions(search=True), 7)
 
     one = robot.serial_arm(("p1",))
     rigid = perturbed_arm(robot, VirtualCampaign(seed=7, effects=ArmEffects(bad_share=0.05)))

@@ -12,6 +12,7 @@ from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import ObservedColumns
 from lab.kinematics.model import Model
+from lab.sensors.full_pose import Poses
 from lab.sensors.registry import VirtualSetup
 from lab.sensors.virtual_sensor import SimulatedReadings, VirtualSensor
 from lab.simulation.tracking import measure_with_outlier_mask, seen_by
@@ -31,6 +32,10 @@ class PointSensor(VirtualSensor):
     columns: ClassVar[ObservedColumns] = ObservedColumns()
     in_instrument_frame: ClassVar[bool] = True
     setup: ClassVar[tuple[str, ...]] = ("occlusion",)
+
+    def with_orientation(self, arm: Model, target: str) -> Poses:
+        """Return the model of the arm by full poses of the target."""
+        return Poses(arm, target)
 
     def observation(self, arm: Model, data: Measurements, nominal: Array) -> tuple[Model, Measurements]:
         """Return the arm and the file's points as they are."""

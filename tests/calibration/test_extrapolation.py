@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120
 
+from lab.calibration.checks.fit import check_validation_poses
 from lab.calibration.estimate_files import (
     POSES_FILE,
     Extrapolation,
@@ -24,14 +25,13 @@ from lab.calibration.statistics.useful_parameters import TELLING, largest_useful
 from lab.calibration.validation import Errors, Validation
 from lab.calibration.verdict import verdict
 from lab.calibration.weights import Noise
-from lab.commands.calibrate.warnings import of_validation_beyond
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
 from lab.kinematics.effects.arm import Arm
 from lab.kinematics.effects.gear import gear
 from lab.kinematics.effects.harmonics import harmonics
 from lab.kinematics.parameter import BASE_PARAMETERS
-from lab.render.phrases.registry import in_one_line
+from lab.render.phrases.registry import in_one_line, phrases
 
 SIGMA, POSES = 2e-5, 80
 ARM = IRB120.arm(("p1",))
@@ -185,11 +185,11 @@ def test_poses_that_nothing_covers_are_told_and_never_good() -> None:
     found, said = ranged(rows)
     away = rows.joints.mean(axis=0) + 0.05 * np.random.default_rng(0).standard_normal((80, 6))
     corner = replace(said, cover=PoseCover(away, said.turning))
-    warned = of_validation_beyond(found, corner, far)
+    warned = phrases(check_validation_poses(found, corner, far))
     assert warned[0].startswith(f"40 of 40 validation poses are extrapolated: not covered ({far.ids[0]} first)")
     assert said.uncovered(rows.joints).mean() < 0.06
     rigid = replace(corner, slope=np.zeros(6), growth=0.0)
-    assert of_validation_beyond(found, rigid, far) == []  # of a model that lacks nothing, poses far away are known too
+    assert check_validation_poses(found, rigid, far) == []  # a model that lacks nothing knows poses far away too
     fits = Validation("holdout", Errors(np.zeros((1, 1)), np.zeros((1, 1))))
     judged = verdict(found, fits, 10.0, measured=corner)
     assert (

@@ -19,7 +19,7 @@ from lab.core.instruments import INSTRUMENTS
 from lab.core.measurements import measured
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.axes_to_dh import Truth
-from lab.render.phrases.registry import in_one_line
+from lab.render.phrases.registry import in_one_line, phrases
 
 ARM = SerialArm(IRB120.chain)
 NAMES = IRB120.chain.joint_names
@@ -111,7 +111,7 @@ def test_poses_that_are_nearly_alike_are_told(share: float, told: bool) -> None:
     data = measured(NAMES, joints, ("p1",), ARM.points(joints, truth.values))
     found = identify(ARM, data, ARM.nominal(), Noise(sigma_m=5e-6))
     assert found.fit.ill_conditioned == told
-    assert any(warning.startswith("the condition is") for warning in found.warnings) == told
+    assert any(each.name == "parameters.condition" for each in found.checks) == told
 
 
 def test_at_the_statistical_floor() -> None:
@@ -243,7 +243,7 @@ def test_poses_that_never_move_a_joint_are_a_bad_result() -> None:
     found = identify(ARM, measured(NAMES, joints, ("p1",), ARM.points(joints, truth.values)), ARM.nominal())
     assert found.unobservable and found.fit.rank < 27
     named = [ARM.names[i] for i in found.unobservable]
-    assert any(named[0] in warning for warning in found.warnings)
+    assert any(named[0] in warning for warning in phrases(found.checks))
     word = verdict(found, Validation(None, None), 1e-3)
     assert word.word == "bad" and named[0] in in_one_line(word.reasons)
 

@@ -7,13 +7,13 @@ import pytest
 from helpers.robots import IRB120, data_file, perturbed, somewhere
 
 from lab.calibration.identify import IdentifyOptions, identify
+from lab.calibration.outliers_and_noise import off_among_fitted
 from lab.calibration.prior import ActingPrior, Directions, Prior, Tolerance, directions_of, prior_of
 from lab.calibration.sequential import fit_sequentially
 from lab.calibration.statistics.linearized import NoiseDistribution
 from lab.calibration.validation import Errors, Validation
 from lab.calibration.verdict import verdict
 from lab.calibration.weights import Noise
-from lab.commands.calibrate.off_poses import off_among_fitted
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
 from lab.kinematics.gauge import base_set

@@ -27,6 +27,7 @@ from lab.core.measurements import Measurements, measured
 from lab.kinematics.effects.arm import affected
 from lab.kinematics.effects.backlash import backlash
 from lab.kinematics.serial.arm import SerialArm
+from lab.render.phrases.registry import phrases
 
 ARM = SerialArm(IRB120.chain)
 NAMES = IRB120.chain.joint_names
@@ -146,8 +147,8 @@ def test_folds_that_do_not_converge_are_told() -> None:
         found = fitted(part)
         return replace(found, fit=replace(found.fit, status="not converged")) if len(asked) % 2 else found
 
-    assert validate_folds(fitted, whole, data, 0).warnings == ()
-    (said,) = validate_folds(sometimes_stuck, whole, data, 0).warnings
+    assert validate_folds(fitted, whole, data, 0).checks == ()
+    (said,) = phrases(validate_folds(sometimes_stuck, whole, data, 0).checks)
     assert said.startswith("3 of the 5 fits of the cross-validation did not converge")
 
 
@@ -158,7 +159,7 @@ def test_folds_need_one_and_a_half_times_the_base_set(poses: int, judged: bool) 
     validation = validate_folds(fitted, fitted(data), data, 0)
     assert (validation.errors is not None) == judged
     if not judged:
-        assert validation.judged_by is None and validation.warnings
+        assert validation.judged_by is None and validation.checks
         assert verdict(fitted(data), validation, 1e-3).word == "not judged"
 
 
@@ -278,7 +279,9 @@ def test_folds_that_cannot_be_fitted_or_lose_the_only_target_validate_nothing(mo
         raise LabError(f"{len(part)} poses are too few")
 
     nothing = validate_folds(refused, found, rows, 0)
-    assert nothing.errors is None and nothing.warnings == ("not validated: without a fold, 32 poses are too few",)
+    assert nothing.errors is None and phrases(nothing.checks) == (
+        "not validated: without a fold, 32 poses are too few",
+    )
     monkeypatch.setattr(Identification, "unobservable", tool)
     nothing = validate_folds(lambda _: found, found, rows, 0)
-    assert nothing.errors is None and "do not identify all parameters" in nothing.warnings[0]
+    assert nothing.errors is None and "do not identify all parameters" in phrases(nothing.checks)[0]

@@ -76,6 +76,6 @@ def test_a_file_that_weighs_one_direction_too_much_is_told(tmp_path: Path) -> No
         noise = "radial_um = 0\nradial_um_per_m = 0.25\ntransverse_um = 5\ntransverse_um_per_m = 4"
         path.write_text(f"[noise]\n{noise}\n[systematic]\n{nest}\n")
         day = lab.simulate(poses=30, seed=3, instrument=path)
-        warnings = lab.identify(day.measurements, instrument=path).fit.warnings
+        warnings = lab.identify(day.measurements, instrument=path).warnings
         said[bool(nest)] = [each for each in warnings if "state nest_um and lock_on_um" in each]
     assert len(said[False]) == 1 and not said[True]

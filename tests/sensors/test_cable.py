@@ -17,6 +17,7 @@ from lab.calibration.weights import Noise, weighed
 from lab.core.measurements import FIXTURE, Measurements, measured
 from lab.core.random import rng_for
 from lab.kinematics.serial.arm import SerialArm
+from lab.render.phrases.registry import phrases
 from lab.sensors.cable import Cable, CableSensor, found_sessions, with_sessions
 from lab.sensors.fixtures import Fixtures
 
@@ -55,7 +56,7 @@ def test_a_valley_ends_the_fit_with_its_reason() -> None:
     observation, seen = CableSensor().observation(arm, with_sessions(data, (0, 140, 506)), arm.nominal())
     found = identify(observation, seen, arm.nominal())
     assert found.status == "in a valley" and found.fit.iterations < 60
-    assert [warning for warning in found.warnings if "in a valley" in warning and "--prior" in warning]
+    assert any("in a valley" in each and "--prior" in each for each in phrases(found.checks))
     observed, _ = weighed(observation, seen, Noise())
     outliers = find_outliers(
         observation.model, observed, found.fit.free, found.nominal_aligned, known=False, rng=rng_for(0, "null")

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from lab.calibration.estimate import EstimatedParameter
+from lab.calibration.fitted import Named
 from lab.calibration.identifiability import Direction
 from lab.calibration.prior import ActingPrior
 from lab.calibration.sensor import SensorWords
@@ -24,8 +25,6 @@ from lab.commands.calibrate.figures import (
     has_correction,
 )
 from lab.commands.calibrate.findings import correlated_pairs
-from lab.commands.calibrate.fit_result import Named
-from lab.commands.calibrate.model_words import model_name, standing
 from lab.commands.calibrate.result import CalibrationResult, errors_without_outliers, outliers_found
 from lab.commands.provenance import provenance_section
 from lab.core.checks import Check
@@ -51,6 +50,7 @@ from lab.render.document import (
     Warnings,
 )
 from lab.render.format import capital, digits_of, fixed, plus_minus, sentence, short
+from lab.render.phrases.models import model_name, standing
 from lab.render.phrases.registry import in_one_line, phrases
 from lab.render.phrases.verdict import gate_words, region_words, without_figures
 from lab.render.units import display_unit

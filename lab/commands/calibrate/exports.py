@@ -5,13 +5,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from lab.calibration.estimate import Estimate
-from lab.commands.calibrate.model_words import listed, model_name
 from lab.core.errors import LabError
 from lab.core.measurements import evenly
 from lab.core.se3 import Array
 from lab.core.wording import counted
 from lab.formats.calibrated_module import largest_difference, module_text, plain_model, refusing_text
 from lab.kinematics.effects.conditions import PAYLOAD
+from lab.render.phrases.models import listed, model_name
 
 __all__ = ["ArmExport", "comment_of_lacking"]
 

@@ -8,8 +8,8 @@ import numpy as np
 from lab.calibration.identify import spread
 from lab.campaign.robot import Robot, load_robot
 from lab.commands.calibrate.options import MeasuredCampaign
-from lab.commands.calibrate.plausibility import without_copies
 from lab.commands.hand_load import HandLoad
+from lab.core.copies import without_copies
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, setups, thinned
 from lab.formats.measurement_csv import read_measurements

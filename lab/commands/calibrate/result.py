@@ -10,6 +10,7 @@ import numpy as np
 
 from lab.calibration.estimate import Estimate, EstimatedParameter, estimate_of
 from lab.calibration.estimate_files import measured_range_to_dict, residual_to_dict, save_estimate
+from lab.calibration.fitted import Fitted, Named
 from lab.calibration.identifiability import Direction
 from lab.calibration.identify import Identification
 from lab.calibration.most_likely_parameters import most_likely_parameters
@@ -24,8 +25,9 @@ from lab.calibration.statistics.explained_error import ExplainedError
 from lab.calibration.statistics.model_selection import GroupTrial
 from lab.calibration.statistics.remaining_error import RemainingError
 from lab.calibration.validation import TruthComparison, Validation
+from lab.calibration.validation_bounds import ValidationBounds
 from lab.calibration.verdict import Answer, Verdict, rotation_noise_rad
-from lab.calibration.workspace_prediction import Distance
+from lab.calibration.workspace_prediction import Distance, RegionPrediction
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot
 from lab.commands.calibrate.exports import ArmExport, comment_of_lacking
@@ -36,9 +38,7 @@ from lab.commands.calibrate.findings import (
     stiffnesses,
     weak_directions_of,
 )
-from lab.commands.calibrate.fit_result import FitReport, Named
 from lab.commands.calibrate.options import MeasuredCampaign
-from lab.commands.calibrate.regions import ValidationBounds, region_to_dict
 from lab.commands.hand_load import read_hand_load
 from lab.commands.result import Result
 from lab.commands.values import ErrorStatistics, error_statistics, exit_code_of, number
@@ -84,7 +84,7 @@ class CalibrationResult(Result):
     robot: Robot
     kind: Sensor
     measurements: Measurements
-    fit: FitReport
+    fit: Fitted
     nominal: Array
     tolerance: Tolerance
     validation: Validation
@@ -215,9 +215,9 @@ class CalibrationResult(Result):
             "freedom": identification.dof,
             "predicted_mm": number(1e3 * self.verdict.workspace.rms_m),
             "predicted_95_mm": number(1e3 * self.verdict.workspace.p95_m),
-            "prediction": region_to_dict(self.verdict.region),
-            "prediction_elsewhere": region_to_dict(self.verdict.elsewhere),
-            "validation_bounds": None if self.bounds is None else self.bounds.to_dict(),
+            "prediction": _region_to_dict(self.verdict.region),
+            "prediction_elsewhere": _region_to_dict(self.verdict.elsewhere),
+            "validation_bounds": _bounds_to_dict(self.bounds),
             "remaining_error": _remaining_to_dict(self.fit.remaining, self.fit.gain),
             "measured_range": measured_range_to_dict(self.fit.measured, self.robot.chain),
             "extrapolation": self._extrapolation,
@@ -408,6 +408,35 @@ def _remaining_to_dict(found: RemainingError | None, gain: ExpectedGain | None) 
         "with_residual": None
         if gain is None
         else {"before_mm": 1e3 * gain.before_m, "after_mm": 1e3 * gain.after_m, "poses": gain.poses},
+    }
+
+
+def _region_to_dict(found: RegionPrediction | None) -> dict[str, Any] | None:
+    """A prediction over a region, lengths in mm; None where there is none."""
+    if found is None:
+        return None
+    return {
+        "region": found.kind,
+        "poses": found.poses,
+        "rms_mm": number(1e3 * found.rms_m),
+        "mean_mm": number(1e3 * found.mean_m),
+        "p95_mm": number(1e3 * found.p95_m),
+        "uncalibrated_rms_mm": number(1e3 * found.uncalibrated_rms_m),
+        "extrapolated_share": found.extrapolated_share,
+    }
+
+
+def _bounds_to_dict(found: ValidationBounds | None) -> dict[str, Any] | None:
+    """Predicted and observed errors at the validation poses, lengths in mm; None where there are none."""
+    if found is None:
+        return None
+    return {
+        "predicted_95_mm": number(1e3 * found.predicted_95_m),
+        "observed_95_mm": number(1e3 * found.observed_95_m),
+        "inside_share": found.inside_share,
+        "inside_low": found.inside_low,
+        "inside_high": found.inside_high,
+        "extrapolated_share": found.extrapolated_share,
     }
 
 

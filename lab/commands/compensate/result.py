@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from lab.calibration.checks.fit import check_extrapolated
 from lab.calibration.pose_cover import MOST_UNCOVERED
 from lab.calibration.prior import Tolerance
 from lab.calibration.verdict import MOST_TOLERANCES
 from lab.calibration.workspace_prediction import tolerance_rms
-from lab.commands.calibrate.load_run import CalibrationRun, said_of_extrapolated
+from lab.commands.calibrate.load_run import CalibrationRun
 from lab.commands.compensate.near_singular import near_singular
 from lab.commands.compensate.options import CompensateOptions
 from lab.commands.compensate.program import CorrectedProgram
@@ -31,6 +32,7 @@ from lab.core.se3 import Array
 from lab.formats.programs.registry import refusal
 from lab.formats.target_csv import Targets
 from lab.kinematics.inverse.newton import PoseTarget
+from lab.render.phrases.registry import phrases
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -103,7 +105,7 @@ class CompensationResult(Result):
     def _beyond(self) -> tuple[str, ...]:
         """That targets are where the run measured nothing."""
         sizes, ids = self.beyond_m[self.reached], [self.targets.ids[i] for i in np.flatnonzero(self._extrapolated)]
-        said = said_of_extrapolated("targets", ids, len(sizes))
+        said = list(phrases(check_extrapolated("targets", ids, len(sizes))))
         if count := int((sizes > 0).sum()):
             said.append(
                 f"{count} of {len(sizes)} targets are beyond what the run measured: of their expected errors, up to "

@@ -8,14 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lab.campaign.reachability import ReachabilityGraph, free_home, reachability, refusals, stops_in_order
-from lab.commands.calibrate.load_run import (
-    CalibrationRun,
-    calibrated_by,
-    condition_notes,
-    folder_of,
-    read_calibrated,
-)
-from lab.commands.calibrate.model_words import listed
+from lab.commands.calibrate.load_run import CalibrationRun, calibrated_by, condition_notes, folder_of, read_calibrated
 from lab.commands.compensate.options import CompensateOptions
 from lab.commands.compensate.program import OpenProgram, open_program
 from lab.commands.compensate.program_postures import ways_touched
@@ -33,6 +26,7 @@ from lab.kinematics.effects.conditions import PAYLOAD
 from lab.kinematics.inverse.branches import nearest_whole_turns
 from lab.kinematics.inverse.newton import PLACES, PoseTarget
 from lab.pose_selection.tour import rated
+from lab.render.phrases.models import listed
 from lab.render.progress import status
 from lab.simulation.collisions import collides, random_poses
 

@@ -14,8 +14,8 @@ from lab.calibration.identifiability import (
     scaled_condition,
     weak_directions,
 )
+from lab.calibration.setup_suggestions import changes
 from lab.campaign.robot import Robot, load_robot
-from lab.commands.calibrate.advice import changes
 from lab.commands.calibrate.findings import direction_to_dict
 from lab.commands.inspect.cell import cell_values
 from lab.commands.inspect.closed import closed_nominal, closed_shape
@@ -93,7 +93,7 @@ def _inspected(options: InspectOptions, robot: Robot) -> Inspection:
         "condition": number(condition),
         "weak_directions": [direction_to_dict(each) for each in weak_directions(names, jacobian)],
         "changes": {
-            change.words: number(change.condition)
+            change.change: number(change.condition)
             for change in (
                 changes(robot, options.targets, groups, nominal, inputs) if usual and condition > WEAK_CONDITION else ()
             )

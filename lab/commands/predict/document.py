@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from lab.commands.calibrate.model_words import listed, model_name
 from lab.commands.predict.result import PREDICTED_FILE, PredictionResult
 from lab.commands.provenance import provenance_section
 from lab.core.wording import counted
@@ -20,6 +19,7 @@ from lab.render.document import (
     Warnings,
 )
 from lab.render.format import capital, fixed, short
+from lab.render.phrases.models import listed, model_name
 from lab.render.plots import Spread, histograms
 from lab.render.style import AFTER, BEFORE, HATCH_AFTER, HATCH_BEFORE, MARK_AFTER, MARK_BEFORE
 

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lab.calibration.checks.fit import check_extrapolated
 from lab.calibration.estimate import PredictedPoints
-from lab.commands.calibrate.load_run import CalibrationRun, said_of_extrapolated
+from lab.commands.calibrate.load_run import CalibrationRun
 from lab.commands.predict.options import PredictOptions
 from lab.commands.result import Result
 from lab.commands.stops import joint_columns
@@ -18,6 +19,7 @@ from lab.commands.values import number, plain_numbers
 from lab.core import se3
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
+from lab.render.phrases.registry import phrases
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -73,7 +75,7 @@ class PredictionResult(Result):
         said = []
         if len(lost):
             said = [f"{len(lost)} poses cannot be taken by the calibrated arm (first: {self.rows.ids[lost[0]]})"]
-        return (*self.notes, *said_of_extrapolated("poses", ids, len(self.rows)), *said)
+        return (*self.notes, *phrases(check_extrapolated("poses", ids, len(self.rows))), *said)
 
     @cached_property
     def extrapolated(self) -> NDArray[np.bool_]:

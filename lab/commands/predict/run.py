@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from lab.calibration.checks.fit import check_limits
 from lab.commands.calibrate.load_run import CalibrationRun, calibrated_by, condition_notes, folder_of, read_calibrated
-from lab.commands.calibrate.warnings import of_limits
 from lab.commands.keywords import options_of, takes
 from lab.commands.predict.options import PredictOptions
 from lab.commands.predict.result import PredictionResult
@@ -16,6 +16,7 @@ from lab.core.errors import LabError, error_context
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import read_measurements
+from lab.render.phrases.registry import phrases
 
 __all__ = ["predict"]
 
@@ -113,7 +114,7 @@ def _predicted(options: PredictOptions, run: CalibrationRun, rows: Measurements)
         raise LabError(f"{options.file}: holds no row to predict; give joint positions")
     run.robot.refuse_impossible(options.file, rows)
     estimate = run.estimate
-    notes = [*run.warnings, *rows.warnings, *of_limits(run.robot, rows)]
+    notes = [*run.warnings, *rows.warnings, *phrases(check_limits(run.robot.chain, rows))]
     notes += condition_notes(run, options.file, list(rows.conditions), "pose", "predicted")
     rows = rows if run.load is None else run.load.weighed(rows)
     with error_context(options.file):

@@ -7,7 +7,6 @@ import numpy as np
 
 from lab.campaign.robot import Robot
 from lab.commands.calibrate.load_run import CalibrationRun
-from lab.commands.calibrate.model_words import listed
 from lab.commands.hand_load import carrying
 from lab.commands.trajectory.options import TrajectoryOptions
 from lab.compensation.elastic_tracking import Tracking, tracking
@@ -16,6 +15,7 @@ from lab.core.se3 import Array
 from lab.kinematics.dynamics.beam import COMPLIANCES
 from lab.kinematics.effects.arm import Arm
 from lab.kinematics.effects.conditions import PAYLOAD, absent, approach_of, last_move_of, rates_of
+from lab.render.phrases.models import listed
 
 __all__ = ["TrackedArm", "tracked_arm", "tracking_along", "tracking_warnings"]
 

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from lab.calibration.checks.fit import check_extrapolated
+from lab.calibration.checks.mistakes import noise_beyond
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import PLAUSIBLE_SPREAD, spread
 from lab.calibration.pose_cover import MOST_UNCOVERED
@@ -17,13 +19,12 @@ from lab.commands.calibrate.load_run import (
     calibrated_by,
     folder_of,
     read_calibrated,
-    said_of_extrapolated,
 )
 from lab.commands.calibrate.measured_rows import checked
-from lab.commands.calibrate.plausibility import noise_beyond, without_copies
 from lab.commands.keywords import options_of, takes
 from lab.commands.verify.options import VerifyOptions
 from lab.commands.verify.result import VerificationResult
+from lab.core.copies import without_copies
 from lab.core.errors import LabError, error_context
 from lab.core.instruments import observing
 from lab.core.measurements import Measurements
@@ -148,7 +149,7 @@ def _tested(
         names = [rows.where(i) for i in range(len(rows))]
         verified = test(prediction, observations, options.refit, names, _counted(stage, tested))
     lone = [rows.ids[i] for i in np.flatnonzero(calibrated.estimate.extrapolated(rows.joints))]
-    said = _warnings(calibrated, read, rows, verified) + said_of_extrapolated("poses", lone, len(rows))
+    said = [*_warnings(calibrated, read, rows, verified), *phrases(check_extrapolated("poses", lone, len(rows)))]
     said += fitted
     warnings = (*phrases(noisy), *said, *_repeat_where_measured(len(lone), len(rows), verified))
     return VerificationResult(options, calibrated, rows, verified, warnings)

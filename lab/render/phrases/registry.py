@@ -3,11 +3,11 @@
 from collections.abc import Callable, Iterable
 
 from lab.core.checks import Check
-from lab.render.phrases import certify, verdict, verify
+from lab.render.phrases import certify, fit, verdict, verify
 
 __all__ = ["PHRASES", "in_one_line", "phrase", "phrases"]
 
-PHRASES: dict[str, Callable[[Check], str]] = {**certify.PHRASES, **verdict.PHRASES, **verify.PHRASES}
+PHRASES: dict[str, Callable[[Check], str]] = {**certify.PHRASES, **fit.PHRASES, **verdict.PHRASES, **verify.PHRASES}
 
 
 def phrase(check: Check) -> str:
@@ -20,8 +20,8 @@ def phrase(check: Check) -> str:
 
 
 def phrases(checks: Iterable[Check]) -> tuple[str, ...]:
-    """Return the phrases of checks, in their order."""
-    return tuple(map(phrase, checks))
+    """Return the phrases of checks in their order, each once."""
+    return tuple(dict.fromkeys(map(phrase, checks)))
 
 
 def in_one_line(checks: Iterable[Check]) -> str:

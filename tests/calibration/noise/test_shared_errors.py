@@ -12,10 +12,10 @@ from lab.calibration.noise.saved_model import noise_model_from_dict, noise_model
 from lab.calibration.noise.search import search_noise
 from lab.calibration.noise.shared_errors import Clock, SharedErrors, row_times
 from lab.calibration.observation import observation_of
+from lab.calibration.outliers_and_noise import noise_of
 from lab.calibration.statistics.outliers import Outliers
 from lab.calibration.weights import Noise, weighed
 from lab.campaign.robot import load_robot
-from lab.commands.calibrate.noise import noise_of
 from lab.core.measurements import Measurements
 
 ROBOT = load_robot("irb120")

@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
+from lab.calibration.checks.fit import check_alternatives, check_twist
 from lab.campaign.option_groups import ArmEffects
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.virtual_robot import perturbed_arm
-from lab.commands.calibrate.warnings import of_groups, of_twist
 from lab.experiments.designed_campaign import DesignedCampaign
+from lab.render.phrases.registry import phrases
 
 STEEL, ALUMINIUM = 175_000.0, 48_400.0  # N m²: tubes of 80 x 5 and 80 x 4 mm
 DAY = DesignedCampaign("irb120", ("p1",), ("compliance", "bending"))
@@ -19,7 +20,7 @@ def test_what_cannot_be_told_apart_is_said(ei: float) -> None:
     real = perturbed_arm(DAY.robot, VirtualCampaign(seed=1, effects=ArmEffects(link_ei=(0, ei, 0, ei, 0, 0))))
     data = DAY.measured(real, 1)
     found = DAY.selected(data)
-    said = [words for words in of_groups(found.chosen, found, data) if "cannot be told apart" in words]
+    said = phrases(check_alternatives(found, data))
     if ei == ALUMINIUM:
         assert found.chosen == ("bending",) and not said
         return
@@ -35,7 +36,7 @@ def test_what_cannot_be_told_apart_is_said(ei: float) -> None:
 def test_a_twist_along_the_joints_own_axis_is_said_to_be_its_compliance() -> None:
     real = perturbed_arm(DAY.robot, VirtualCampaign(seed=1))
     found = DAY.identified(DAY.measured(real, 1), ("torsion",))
-    said = of_twist(DAY.robot, found)
+    said = phrases(check_twist(DAY.robot.chain, found))
     assert any(words.startswith("link4.gj") and "compliance of joint 4 as well" in words for words in said)
     assert not any(words.startswith("link2.gj") for words in said)
-    assert not of_twist(DAY.robot, DAY.identified(DAY.measured(real, 1), ("bending",)))
+    assert not check_twist(DAY.robot.chain, DAY.identified(DAY.measured(real, 1), ("bending",)))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import lab
-from lab.commands.calibrate.plausibility import without_copies
+from lab.core.copies import without_copies
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import lab
-from lab.commands.calibrate.regions import bounds_at, region_to_dict, regions_of
+from lab.calibration.validation_bounds import bounds_at
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
 from lab.render.phrases.registry import in_one_line
@@ -93,4 +93,3 @@ def test_without_validation_or_positions_nothing_is_compared(day: Measurements) 
     left, found = result.fit.residual_spread, result.identification
     nothing = replace(result.validation, rows=None)
     assert bounds_at(found, left, nothing, result.fit.measured, result.tolerance) is None
-    assert region_to_dict(None) is None and callable(regions_of)

@@ -1,34 +1,38 @@
-"""Whether measurements are what they are taken for: copies, a noise in another unit, points in another scale."""
+"""Check measurements for mistakes: a noise in another unit, points in another scale, a joint of the other sign.
+
+A joint that a controller counts in the other direction than the nominal model need not spoil the fit: with the fifth
+joint of a wrist negated, the arm whose fourth and sixth zeros are half a turn away is the same arm. So each joint is
+negated in turn, and the geometry identified again from the nominal one.
+"""
 
 import re
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
+from lab.calibration.fitter import Fitter, NominalRobot
 from lab.calibration.identify import Identification, spread
 from lab.calibration.other_numbers import PLACED, in_other_numbers, trimmed_error
+from lab.calibration.prior import Tolerance
 from lab.calibration.verdict import CONSTANT_SPREAD, Answer, Verdict
-from lab.campaign.robot import Robot
+from lab.calibration.workspace_prediction import distances_from_nominal
 from lab.core.checks import Check
-from lab.core.copies import copied_rows, said_of_copies
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, thinned
-from lab.core.wording import be, counted
+from lab.kinematics.serial.arm import SerialArm
 
 __all__ = [
+    "check_joint_signs",
     "doubted",
     "in_other_numbers_or_poses",
     "noise_beyond",
     "noise_in_another_unit",
     "points_in_another_scale",
-    "without_copies",
 ]
 
 LEAST_RESIDUAL_M = 1e-7  # below, residuals are rounding, and say nothing of the noise
 LEAST_FREEDOM = 10
-LEAST_ROWS = 5  # of fewer the fit says what they lack
 MANY = 10.0  # times the residuals' noise: what is given hides errors
 UNIT = 100.0  # times the residuals' noise that a given one may be: a unit is a thousand
 ANOTHER_DAY = 500.0  # the same of an instrument that may be another one
@@ -40,31 +44,10 @@ MADE_M = 0.0015  # by which the longest link is to differ, too: three times what
 FAR = 0.1  # of the points' spread: no robot is so far from its nominal model
 MOST_ROWS = 200  # by which that is tested
 ALIKE = 0.1  # of the squares of what lengths differ by that a common scale may leave
-
-
-def without_copies(path: Path, data: Measurements) -> Measurements:
-    """The rows that do not repeat an earlier one to the last digit, with a warning of the others.
-
-    Nothing is measured twice alike: a copy would count as a measurement of its own, and make intervals too narrow.
-
-    Raises:
-        LabError: next to nothing but copies is left.
-    """
-    conditions = [column for _, column in sorted(data.conditions.items())]
-    names = {name: float(i) for i, name in enumerate(dict.fromkeys(data.sessions))}
-    numbers = np.column_stack(
-        [data.joints, data.points.reshape(len(data), -1), *conditions, [names[name] for name in data.sessions]]
-    )
-    seen = np.flatnonzero(data.seen.any(axis=1))
-    copies = [(int(seen[row]), int(seen[same])) for row, same in copied_rows(numbers[seen])]
-    if not copies:
-        return data
-    said, left = said_of_copies(path, len(copies), *map(data.where, copies[0])), len(data) - len(copies)
-    if left < LEAST_ROWS:
-        raise LabError(f"{said}: {counted(left, 'row')} {be(left)} left; measure more poses")
-    gone = {row for row, _ in copies}
-    kept = data.take([row for row in range(len(data)) if row not in gone])
-    return replace(kept, warnings=(*kept.warnings, f"{said}: left out"))
+_SIGN_ROWS = 200  # by which signs are tried
+_CLEARLY = 5.0  # times as small, the residuals or the distance from the nominal model
+_NO_WORSE = 1.5  # times the residuals: the same arm in another pose of its wrist fits as well
+_NEAR = 100.0  # tolerances from the nominal model: beyond, it is not that robot either
 
 
 def noise_in_another_unit(noise_mm: float | None, rows: Measurements, found: Identification) -> list[Check]:
@@ -133,7 +116,7 @@ def points_in_another_scale(found: Identification) -> list[Check]:
     return [Check("given.scale", "failed", data={"links": [names[i] for i in long], "scale": scale})]
 
 
-def in_other_numbers_or_poses(robot: Robot, rows: Measurements) -> list[Check]:
+def in_other_numbers_or_poses(robot: NominalRobot, rows: Measurements) -> list[Check]:
     """Why points are far from the nominal arm wherever its base and tool are; mostly nothing.
 
     Args:
@@ -157,3 +140,51 @@ def doubted(word: Verdict, said: Sequence[Check]) -> Verdict:
         return word
     doubtful = "doubtful" if word.word == "good" else word.word
     return replace(word, word=doubtful, fit=Answer("doubtful", (said[0],)), reasons=(*word.reasons, *said))
+
+
+def check_joint_signs(fitter: Fitter, rows: Measurements) -> list[Check]:
+    """Report the joint with which negated the geometry fits near the nominal model, as it does not as it is.
+
+    Args:
+        fitter: of a calibration that is bad.
+        rows: that were fitted.
+    """
+    if not fitter.kind.in_instrument_frame or not isinstance(fitter.robot.arm(fitter.targets), SerialArm):
+        return []
+    rows = thinned(rows, _SIGN_ROWS)
+    tolerance, given = fitter.tolerance, _identified(fitter, rows)
+    tried = []
+    for j, name in enumerate(rows.joint_names):
+        signs = np.where(np.arange(rows.joints.shape[1]) == j, -1.0, 1.0)
+        found = _identified(fitter, replace(rows, joints=rows.joints * signs))
+        if found is not None and _explains(found, given, tolerance):
+            tried.append((found.residual_sigma_m, name))
+    if not tried:
+        return []
+    sigma_m, name = min(tried)
+    return [Check("mistake.joint_sign", "failed", data={"joint": name, "sigma_m": sigma_m})]
+
+
+def _identified(fitter: Fitter, rows: Measurements) -> Identification | None:
+    """The geometry from these rows; None where they do not identify it."""
+    try:
+        return fitter.identified_with(rows, (), ())
+    except LabError:
+        return None
+
+
+def _explains(found: Identification, given: Identification | None, tolerance: Tolerance) -> bool:
+    """Whether one fit is of the nominal robot, and the other, of the rows as they are given, is not."""
+    if found.status != "converged" or not found.plausible or _tolerances(found, tolerance) > _NEAR:
+        return False
+    if given is None or given.status != "converged" or not given.plausible:
+        return given is None or found.residual_sigma_m * _CLEARLY < given.residual_sigma_m
+    if found.residual_sigma_m * _CLEARLY < given.residual_sigma_m:
+        return True
+    nearer = _tolerances(found, tolerance) * _CLEARLY < _tolerances(given, tolerance)
+    return nearer and found.residual_sigma_m < _NO_WORSE * given.residual_sigma_m
+
+
+def _tolerances(found: Identification, tolerance: Tolerance) -> float:
+    """How many tolerances the link that is farthest from its nominal value is from it."""
+    return max((each.tolerances for each in distances_from_nominal(found, tolerance)), default=0.0)

@@ -1,4 +1,4 @@
-"""What residuals say of a fit that the noise model does not: structure beside shared errors, and uneven directions."""
+"""Test lack of fit, and choose the intervals: those of the weights, or cluster-robust ones of whole poses."""
 
 from dataclasses import replace
 
@@ -27,7 +27,6 @@ from lab.core.instruments import is_isotropic
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.probabilities import f_isf
 from lab.core.significance import UNSOLICITED_WARNING
-from lab.render.phrases.registry import phrase
 
 __all__ = ["adequacy_of", "with_intervals_of_poses", "with_own_intervals"]
 
@@ -80,15 +79,15 @@ def _by_distances(found: Identification, observations: Observations, rows: Measu
 
 
 def with_own_intervals(
-    found: Identification, observations: Observations, noise: Noise, model: str, believed: bool
-) -> tuple[Identification, list[str]]:
-    """The identification with the poses' own intervals, and what is to be said, where directions are uneven.
+    found: Identification, observations: Observations, noise: Noise, *, searched: bool, believed: bool
+) -> tuple[Identification, list[Check]]:
+    """Return the identification with the poses' own intervals, and the test of that, where directions are uneven.
 
     It is the instrument's only where targets of one pose show it against each other, which the arm moves as one; else
     the arm may be the cause, and the intervals are those of whole poses (cluster-robust).
 
     Args:
-        model: as it was asked for.
+        searched: whether effects of the arm were searched.
         believed: whether the weights stand on a known sigma or on a prior.
     """
     device = noise.instrument
@@ -97,38 +96,24 @@ def with_own_intervals(
     seen = isotropy(found.model, observations, found.fit)
     if seen.outcome != "failed":
         return found, []
-    words = (
-        f"residuals across the line of sight are {seen.statistic:.2g} times those along it (F test, p = {seen.p:.1g}), "
-        f"which the arm may cause as well as the instrument{_search_advice(model, ': ')}"
-    )
-    if _is_of_the_instrument(found, observations):
-        words = phrase(seen)
-    if believed or len(np.unique(_clusters(found, observations))) <= len(found.fit.free):
-        return found, [words]
-    trusted = _of_whole_poses(found, observations)
-    return trusted, [f"{words}; the intervals given are those of the poses' own residuals"]
+    clustered = not believed and len(np.unique(_clusters(found, observations))) > len(found.fit.free)
+    of_instrument = _is_of_the_instrument(found, observations)
+    data = {"of_instrument": of_instrument, "clustered": clustered, "searched": searched}
+    check = Check("intervals.uneven", "failed", seen.statistic, seen.p, UNSOLICITED_WARNING, data)
+    return _of_whole_poses(found, observations) if clustered else found, [check]
 
 
 def with_intervals_of_poses(
-    found: Identification, observations: Observations, model: str
-) -> tuple[Identification, list[str]]:
-    """The identification with cluster-robust intervals, and what is to be said, where what poses share is undecided.
+    found: Identification, observations: Observations, *, searched: bool
+) -> tuple[Identification, list[Check]]:
+    """Return the identification with cluster-robust intervals, and why, where what poses share is undecided.
 
     Args:
-        model: as it was asked for.
+        searched: whether effects of the arm were searched.
     """
     if len(np.unique(_clusters(found, observations))) <= len(found.fit.free):
         return found, []
-    words = (
-        "the numbers of a pose err together, and what is left comes back with the joints: scatter and what the model "
-        "lacks cannot be told apart, so the intervals are those of whole poses (cluster-robust)"
-    )
-    return _of_whole_poses(found, observations), [words + _search_advice(model, "; ")]
-
-
-def _search_advice(model: str, before: str) -> str:
-    """Propose to search effects of the arm, after a punctuation mark; nothing where they were searched."""
-    return "" if model == "auto" else f"{before}--model auto tries what the arm may have"
+    return _of_whole_poses(found, observations), [Check("intervals.undecided", "failed", data={"searched": searched})]
 
 
 def _of_whole_poses(found: Identification, observations: Observations) -> Identification:

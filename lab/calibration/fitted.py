@@ -1,29 +1,40 @@
-"""What a set of measurements was found to say."""
+"""State that the steps of an identification pass on: measurements, fit, checks, validation, verdict."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 from lab.calibration.extrapolation import MeasuredRange
+from lab.calibration.fitter import Fitter
+from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification
 from lab.calibration.noise.rigid_distances import InstrumentNoise, instrument_noise
 from lab.calibration.noise.search import NoiseSearch
 from lab.calibration.noise.shared_errors import row_times
 from lab.calibration.observation import observation_of, only_positions
+from lab.calibration.regions import TaskRegion
 from lab.calibration.residual.estimation import ExpectedGain, expected_gain
 from lab.calibration.residual.process import JointProcess, PredictedBy
 from lab.calibration.residual_spread import ResidualSpread, residual_spread
 from lab.calibration.statistics.explained_error import ExplainedError, explained_errors
+from lab.calibration.statistics.goodness_of_fit import lack_of_fit_not_tested
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.statistics.model_selection import Selection
 from lab.calibration.statistics.outliers import HeldOut, Outliers
 from lab.calibration.statistics.remaining_error import NEARLY, RemainingError, remaining_error
-from lab.calibration.validation import configurations
+from lab.calibration.validation import Validation, configurations
+from lab.calibration.validation_bounds import ValidationBounds
+from lab.calibration.verdict import Verdict
+from lab.calibration.weights import weighed
 from lab.core.checks import Check
+from lab.core.errors import LabError
 from lab.core.measurements import Measurements
+from lab.core.progress import Progress, no_progress
 from lab.kinematics.effects.arm import ArmWithEffects
 from lab.kinematics.serial.arm import SerialArm
 
-__all__ = ["FitReport", "Named", "named_poses"]
+__all__ = ["Fitted", "Judging", "Named", "named_poses"]
 
 
 @dataclass(frozen=True)
@@ -44,37 +55,119 @@ class Named:
     held_out: bool
 
 
+class _Missing:
+    """Stand in for a part of a state that a step still has to add."""
+
+    def __init__(self, part: str, step: str) -> None:
+        self._why = f"the pipeline has no {part} yet: run the step '{step}' before this one"
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        raise LabError(self._why)
+
+
+_NO_FIT: Any = _Missing("fit", "fit")
+_NO_VERDICT: Any = _Missing("verdict", "judge")
+_NO_SEARCH = NoiseSearch(None, (), float("nan"))
+_NOT_VALIDATED = Validation(None, None)
+_NOT_TESTED = lack_of_fit_not_tested("residual")
+
+
 @dataclass(frozen=True)
-class FitReport:
-    """What a set of measurements says.
+class Judging:
+    """Options of the judgement of a fit.
 
     Attributes:
-        rows: those that the parameters come from.
+        holdout: share of the poses to hold out at random; None for none.
+        holdout_last: share of the last poses to hold out; None for none.
+        other: further measurements to validate on; None where there are none.
+        refit: what each session of those may place anew: base, tool.
+        gate_m: a larger mean error at poses not fitted is bad; None for no such limit.
+        region: where the arm has to be known; None for where poses were measured.
+        region_name: what an error calls the region.
+    """
+
+    holdout: float | None = None
+    holdout_last: float | None = None
+    other: Measurements | None = None
+    refit: tuple[str, ...] = ()
+    gate_m: float | None = None
+    region: TaskRegion | None = None
+    region_name: str = "region"
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """State of an identification: measurements and options, and what each step of the pipeline added.
+
+    Attributes:
+        fitter: of the arm; after the model is selected with the errors that the measurements share.
+        given: the rows to fit.
+        held: the rows held out; None where there are none.
+        judging: options of the judgement.
+        progress: takes how many folds of a cross-validation are done of how many.
+        checks: what the steps found, in order.
+        selection: of the model's groups, where that was asked for.
         groups: of the model.
         unshown: parameters of these that the selection found the poses not to show: held at zero.
-        outliers: poses that are off: left out if asked for, else fitted all the same.
-        left_out: whether they were.
-        selection: of the model's groups, where that was asked for.
         noise: which errors the measurements share.
+        rows: those that the parameters come from.
+        weighted: the fit, with the covariance that follows from its weights.
+        observations: ``rows``, weighted as they were fitted.
+        identification: the fit, with the intervals that the residuals support.
+        outlier_search: the search for outliers that a robust fit ended with; None before one.
+        outliers: poses that are off: left out if asked for, else fitted all the same.
         tail_dof: degrees of freedom of Student's t that the noise's tails are like; infinite where Gaussian's will do.
+        adequacy: the test of lack of fit.
         measured: the joint positions of ``rows``, and what the model may lack beyond them; None where no points were
             observed.
         findings: about the errors, beyond independent noise: steps, drift, scatter, effects that the model lacks.
+        validation: errors at poses that were not fitted.
+        prediction: observed against predicted errors at the validation poses; None where they were not compared.
+        bounds: predicted and observed 95 % errors at the validation poses; None where there are none.
+        verdict: on the calibration.
     """
 
-    identification: Identification
-    rows: Measurements
-    groups: tuple[str, ...]
-    unshown: tuple[str, ...]
-    outliers: tuple[Named, ...]
-    left_out: bool
-    adequacy: Check
-    selection: Selection | None
-    warnings: tuple[str, ...]
-    noise: NoiseSearch
-    tail_dof: float
+    fitter: Fitter
+    given: Measurements
+    held: Measurements | None = None
+    judging: Judging = field(default_factory=Judging)
+    progress: Progress = field(default=no_progress, repr=False, compare=False)
+    checks: tuple[Check, ...] = ()
+    selection: Selection | None = None
+    groups: tuple[str, ...] = ()
+    unshown: tuple[str, ...] = ()
+    noise: NoiseSearch = _NO_SEARCH
+    rows: Measurements = _NO_FIT
+    weighted: Identification = _NO_FIT
+    observations: Observations = _NO_FIT
+    identification: Identification = _NO_FIT
+    outlier_search: Outliers | None = None
+    outliers: tuple[Named, ...] = ()
+    tail_dof: float = float("inf")
+    adequacy: Check = _NOT_TESTED
     measured: MeasuredRange | None = None
     findings: tuple[Check, ...] = ()
+    validation: Validation = _NOT_VALIDATED
+    prediction: Check | None = None
+    bounds: ValidationBounds | None = None
+    verdict: Verdict = _NO_VERDICT
+
+    def with_checks(self, checks: Sequence[Check]) -> "Fitted":
+        """Return the state with further checks."""
+        return replace(self, checks=(*self.checks, *checks))
+
+    @property
+    def left_out(self) -> bool:
+        """Whether outliers were left out of the fit."""
+        return self.fitter.options.robust
+
+    def with_fit(self, found: Identification, rows: Measurements) -> "Fitted":
+        """Return the state with a fit of these rows."""
+        observations = weighed(observation_of(found.model), rows, self.fitter.noise)[0]
+        state = replace(self, rows=rows, weighted=found, observations=observations, identification=found)
+        return state.with_checks(found.checks)
 
     @property
     def process(self) -> JointProcess | None:
@@ -121,7 +214,7 @@ class FitReport:
         return instrument_noise(self.rows.points)
 
 
-def _remaining(report: FitReport) -> RemainingError | None:
+def _remaining(report: Fitted) -> RemainingError | None:
     """The residuals of a report, taken apart."""
     found, rows = report.identification, report.rows
     if not only_positions(observation_of(found.model)) or found.process is not None:

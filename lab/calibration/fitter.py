@@ -1,76 +1,127 @@
-"""What a set of measurements says: the model asked for or found, the poses that are off, and how far to trust it."""
+"""Fit measurements of one arm: models with groups of effects, their identification, outliers, model and noise."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Hashable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
+from typing import Any, Literal, Protocol, TypeVar
 
 import numpy as np
 
-from lab.calibration.extrapolation import measured_range
 from lab.calibration.identify import Identification, IdentifyOptions, identify
-from lab.calibration.noise.plausibility import changes_in_time, finding, shared_error_findings
 from lab.calibration.noise.search import NoiseSearch
 from lab.calibration.noise.shared_errors import SharedErrors
-from lab.calibration.observation import observation_of, only_positions
+from lab.calibration.outliers_and_noise import noise_of, off_among_fitted
 from lab.calibration.prior import Tolerance
 from lab.calibration.residual.estimation import with_residual
-from lab.calibration.residual.process import GROUP, JointProcess
+from lab.calibration.residual.process import JointProcess
 from lab.calibration.sensor import Sensor
 from lab.calibration.stations import named_stations
 from lab.calibration.statistics.candidate_models import ModelWith, SelectionTask
-from lab.calibration.statistics.goodness_of_fit import lack_of_fit_not_tested
-from lab.calibration.statistics.joint_lag import moves_before
 from lab.calibration.statistics.linearized import NoiseDistribution
 from lab.calibration.statistics.model_selection import Selection, follow, select
 from lab.calibration.statistics.outliers import Outliers
-from lab.calibration.statistics.replicates import repeats
-from lab.calibration.weights import Noise, weighed
-from lab.campaign.option_groups import Fitting
-from lab.campaign.robot import Robot
-from lab.commands.calibrate.fit_result import FitReport, named_poses
-from lab.commands.calibrate.last_made import EachMade, LastMade
-from lab.commands.calibrate.noise import noise_of
-from lab.commands.calibrate.off_poses import off_among_fitted, off_among_held, tail_of
-from lab.commands.calibrate.residuals import adequacy_of, with_intervals_of_poses, with_own_intervals
-from lab.commands.calibrate.warnings import (
-    of_approaches,
-    of_export,
-    of_groups,
-    of_held_out,
-    of_instrument,
-    of_joints,
-    of_nominal,
-    of_outliers,
-    of_prior,
-    of_residual,
-    of_size,
-    of_stuck_search,
-    of_twist,
-    of_weakness,
-)
-from lab.core.checks import Check
+from lab.calibration.weights import Noise
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, thinned
 from lab.core.se3 import Array
+from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.effects.arm import Arm
 from lab.kinematics.effects.backlash import approached_groups
 from lab.kinematics.effects.conditions import CHANGING_WITH_TIME
 from lab.kinematics.effects.effect import ArmFacts, SessionInfo
-from lab.kinematics.effects.registry import CANDIDATES, expected_terms, said_of_term, searched_terms
+from lab.kinematics.effects.registry import CANDIDATES, expected_terms, searched_terms
 from lab.kinematics.encoders import Encoders
-from lab.kinematics.model import Model
+from lab.kinematics.joints import JointSpec
+from lab.kinematics.model import Model, RigidArm
 from lab.kinematics.serial.arm import SerialArm
-from lab.render.phrases.registry import phrase
 
-__all__ = ["Fitter"]
+__all__ = ["MOST_CHOSEN_BY", "Estimator", "FitOptions", "Fitter", "NominalRobot"]
 
 _CLEANINGS = 5  # of the poses and what they are validated on
 _BALANCINGS = 3  # of the weights of poses and the choice of groups by each other
 _MOST_NAMED = 3  # effects that a model lacks, in a sentence: more are not looked for
 _MOST_TESTED = 1_000  # poses by which such effects are looked for: of more than that each shows hardly more
-_IN_TIME = ("finding.step", "finding.drift", "finding.correlated")
 _MOST_CHOSEN_BY = 8_000  # poses by which groups are chosen: 1 GB
+MOST_CHOSEN_BY = 8_000  # poses by which groups are chosen: 1 GB
+
+_T = TypeVar("_T")
+Estimator = Callable[[Model, Measurements, Array, Noise, IdentifyOptions], Identification]
+
+
+class NominalRobot(Protocol):
+    """Nominal model of a robot, as a fit needs it."""
+
+    @property
+    def chain(self) -> JointSpec:
+        """The joints."""
+
+    @property
+    def tool(self) -> dict[str, Array]:
+        """Positions ``(3,)`` (m) of the targets, in the last frame or the platform's."""
+
+    @property
+    def loads(self) -> Loads | None:
+        """Masses of the links; None where they are not known."""
+
+    @property
+    def stations(self) -> tuple[str, ...]:
+        """Stations of the instrument that the robot's cell names."""
+
+    @property
+    def kept_file(self) -> str:
+        """The file that describes its identified geometry."""
+
+    def arm(self, targets: tuple[str, ...]) -> RigidArm:
+        """Return the arm's geometry, with these targets."""
+
+    def arm_with(self, targets: tuple[str, ...], groups: Sequence[str], course: SessionInfo = ...) -> Arm:
+        """Return the arm with groups of effects, for measurements of such sessions."""
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """Options of a fit.
+
+    Attributes:
+        groups: of effects that the model has beside geometry.
+        search: whether groups are searched for instead.
+        residual: whether what no group explains is predicted as offsets of the joints.
+        robust: whether outliers are left out.
+        fix, free: names or patterns of parameters to fix at nominal, or to identify though usually fixed.
+        prior: use of the tolerances of manufacture: where measurements say little, everywhere, or not at all.
+        tolerance: of manufacture (1 sigma).
+    """
+
+    groups: tuple[str, ...] = ()
+    search: bool = False
+    residual: bool = False
+    robust: bool = False
+    fix: tuple[str, ...] = ()
+    free: tuple[str, ...] = ()
+    prior: Literal["auto", "on", "off"] = "auto"
+    tolerance: Tolerance = field(default_factory=Tolerance)
+
+    @property
+    def geometric(self) -> bool:
+        """Whether the model is geometry alone."""
+        return not (self.search or self.groups)
+
+
+class _LastResult:
+    """Cache of the last result of a function, by the identity of its arguments."""
+
+    def __init__(self) -> None:
+        self._arguments: tuple[object, ...] = ()
+        self._result: Any = None
+
+    def __call__(self, make: Callable[[], _T], *arguments: object) -> _T:
+        """Return the last result where it was made of these very objects, else make it."""
+        known = self._arguments
+        if len(arguments) != len(known) or any(a is not b for a, b in zip(arguments, known, strict=True)):
+            self._result, self._arguments = make(), arguments
+        result: _T = self._result
+        return result
 
 
 @dataclass(frozen=True)
@@ -82,19 +133,21 @@ class Fitter:
         data: all measurements, as the file holds them.
         kind: of observation, with its options.
         judged_by: further rows that the model must be able to answer, with the groups that it does without there.
+        estimator: of the parameters of one model: ``identify``, or another of the same arguments and result.
     """
 
-    robot: Robot
+    robot: NominalRobot
     targets: tuple[str, ...]
     data: Measurements
     kind: Sensor
     noise: Noise
-    options: Fitting
+    options: FitOptions
     seed: int
     judged_by: tuple[tuple[Measurements, tuple[str, ...]], ...] = ()
-    _arms: EachMade[Arm] = field(default_factory=EachMade, repr=False, compare=False)
-    _last_fit: LastMade = field(default_factory=LastMade, repr=False, compare=False)
-    _last_outliers: LastMade = field(default_factory=LastMade, repr=False, compare=False)
+    estimator: Estimator = identify
+    _arms: dict[Hashable, Arm] = field(default_factory=dict, repr=False, compare=False)
+    _last_fit: _LastResult = field(default_factory=_LastResult, repr=False, compare=False)
+    _last_outliers: _LastResult = field(default_factory=_LastResult, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         """Refuse what no identification of these measurements has.
@@ -115,7 +168,9 @@ class Fitter:
         return self.kind.observation(arm, self.data, arm.nominal(self.robot.tool))[0]
 
     def _arm_with(self, groups: Sequence[str]) -> Arm:
-        return self._arms(lambda: self.robot.arm_with(self.targets, groups, self.course), tuple(groups))
+        if (key := tuple(groups)) not in self._arms:
+            self._arms[key] = self.robot.arm_with(self.targets, groups, self.course)
+        return self._arms[key]
 
     @cached_property
     def course(self) -> SessionInfo:
@@ -125,7 +180,7 @@ class Fitter:
         time_s = rows.conditions.get("time_s", np.zeros(1))
         given = time_s[np.isfinite(time_s)]
         started = float(given[0]) if len(given) else 0.0
-        stations = named_stations(rows, self.robot.model.stations) if self.kind.in_instrument_frame else ()
+        stations = named_stations(rows, self.robot.stations) if self.kind.in_instrument_frame else ()
         sessions = tuple(dict.fromkeys(rows.sessions))
         return SessionInfo(sessions, started, timed="time_s" in rows.conditions, stations=stations)
 
@@ -151,12 +206,12 @@ class Fitter:
     @property
     def tolerance(self) -> Tolerance:
         """Of manufacture."""
-        return Tolerance(self.options.tolerance_mm / 1e3, self.options.tolerance_mrad / 1e3)
+        return self.options.tolerance
 
     def modelled(self, groups: Sequence[str], held: Sequence[str]) -> tuple[Model, IdentifyOptions]:
         """The arm with these groups less the parameters held, and what is asked of its identification."""
         model = self.model_with(groups)
-        request = self.request if self.options.parametric == "geometric" else self.request.of(model.names)
+        request = self.request if self.options.geometric else self.request.of(model.names)
         return model, replace(request, fix=(*request.fix, *held))
 
     def identified(
@@ -186,16 +241,7 @@ class Fitter:
 
         return self._last_fit(make, rows, groups, held, self.kind, self.noise.shared)
 
-    def __call__(self, rows: Measurements, held: Measurements | None = None) -> FitReport:
-        """Everything that the rows say.
-
-        Args:
-            rows, held: some of what is observed; ``held`` are poses held out, by which lack of fit can be tested.
-        """
-        fitter, selection, search = self._balanced_selection(rows)
-        return fitter._report(rows, held, selection, search)
-
-    def _balanced_selection(self, rows: Measurements) -> tuple["Fitter", Selection | None, NoiseSearch]:
+    def selected_with_noise(self, rows: Measurements) -> tuple["Fitter", Selection | None, NoiseSearch]:
         """The model that the rows call for, and their noise: each is chosen with the other."""
         fitter, selection, search = self._balanced(rows)
         if selection is None or not (doubted := self._doubted_by_time(selection)):
@@ -215,7 +261,7 @@ class Fitter:
         Beside such a group the errors wander less, and it is then believed too readily: it has to stand beside the
         wandering that is found without it.
         """
-        if self.options.parametric != "auto":
+        if not self.options.search:
             return ()
         return tuple(
             name for name in selection.chosen if set(CHANGING_WITH_TIME) & set(self._arm_with([name]).conditions)
@@ -247,95 +293,14 @@ class Fitter:
         """The fitter with the errors that its measurements share."""
         return replace(self, noise=replace(self.noise, shared=shared))
 
-    def _report(
-        self, rows: Measurements, held: Measurements | None, selection: Selection | None, search: NoiseSearch
-    ) -> FitReport:
-        groups, unshown = (selection.chosen, selection.held) if selection else ((), ())
-        found, clean, outliers = self.identified(rows, groups, unshown)
-        observation, robust, model = observation_of(found.model), self.options.robust, self.options.parametric
-        observations, known = weighed(observation, clean, self.noise)
-        outliers = outliers or self.outliers_of(found, rows)
-        off, tail = named_poses(rows, outliers), tail_of(found, clean, self.noise)
-        if held is not None and observation.positions:
-            off += named_poses(held, off_among_held(found, clean, held, self.noise, tail), held_out=True)
-        judged_by = held if held is None or not robust else held.without([pose.id for pose in off])
-        judged = adequacy_of(found, clean, judged_by, self.noise, self._shape)
-        warnings = [phrase(judged)] if judged.outcome == "failed" and not self.options.residual else []
-        warnings += [] if robust else of_outliers(found, observations, outliers, model)
-        trusted = search.corrected(found)
-        cause: list[str] = []  # of intervals that are those of whole poses
-        if search.undecided and found.prior is None and not self.options.residual:
-            trusted, cause = with_intervals_of_poses(found, observations, model)
-        elif only_positions(observation) and search.shared is None:
-            believed = known or found.prior is not None
-            trusted, cause = with_own_intervals(found, observations, self.noise, model, believed)
-        warnings += cause
-        warnings += of_held_out(off)
-        warnings += of_stuck_search(outliers) + of_groups(groups, selection, self.data)
-        if model == "auto" or "backlash" in self.options.groups:
-            warnings += of_approaches(self.robot.chain, self.data, searched=model == "auto")
-        if model == "auto":
-            refused = {name: self.unanswerable(name) for name in self._approached(CANDIDATES)}
-            warnings += [f"{name} is not tried, for rows to judge by: {why}" for name, why in refused.items() if why]
-            if len(rows) > _MOST_CHOSEN_BY:
-                warnings.append(f"groups were chosen by {_MOST_CHOSEN_BY:,} of the {len(rows):,} poses, taken evenly")
-        if self.options.prior == "on":
-            warnings += of_prior(found, self.nominal(found.model), self.tolerance)
-        warnings += of_nominal(found, self.nominal(found.model))
-        warnings += of_size(found)
-        if only_positions(observation):
-            warnings += of_instrument(self.noise.instrument, clean.points)
-            warnings += of_weakness(self.robot, self.targets, groups, found, observations.inputs, self.course)
-        moves, encoders = moves_before(self.data, clean.ids), self.robot.chain.encoders
-        omitted = partial(self._derivatives_by_others, found, groups)
-        warnings += of_joints(found, observations, clean, moves, encoders, omitted)
-        warnings += of_twist(self.robot, found)
-        slopes = not self.options.residual  # whose process says itself what it does not know beyond an end
-        measured = measured_range(found, observations, self.robot.chain.prismatic, slopes=slopes)
-        if self.options.residual:
-            trusted, judged = with_residual(found, clean), lack_of_fit_not_tested("residual")
-            search, tail = replace(search, shared=None), float("inf")  # the process has its own
-            warnings += of_residual(trusted)
-        warnings += of_export(self.robot, trusted, (*groups, *[GROUP] * self.options.residual), observations.inputs)
-        findings = () if self.options.residual else self._findings(found, clean, search.shared, judged, selection)
-        said = tuple(warnings)
-        return FitReport(
-            trusted, clean, groups, unshown, off, robust, judged, selection, said, search, tail, measured, findings
-        )
-
-    def _findings(
-        self,
-        found: Identification,
-        rows: Measurements,
-        shared: SharedErrors | None,
-        adequacy: Check,
-        selection: Selection | None,
-    ) -> tuple[Check, ...]:
-        """Findings about the errors of an identification from these rows."""
-        observation = observation_of(found.model)
-        if not only_positions(observation) or found.status != "converged":
-            return ()
-        findings = shared_error_findings(found, rows, shared, adequacy, repeats(rows))
-        tested = self.options.parametric == "auto" or (
-            adequacy.name == "lack_of_fit.chi2" and adequacy.outcome == "passed"
-        )
-        beside = None if tested else self._with_missing_effects(rows, selection)
-        if not any(each.name in _IN_TIME for each in findings):
-            fullest = found if beside is None else beside.identification  # what an effect explains did not change
-            observed, _ = weighed(observation_of(fullest.model), rows, self.noise.independent)
-            findings += changes_in_time(fullest, observed, rows)
-        first = [each for each in findings if "between" in each.data] + ([] if beside is None else [_missing(beside)])
-        first.sort(key=lambda each: -each.data["size_m"])
-        return (*first, *(each for each in findings if "between" not in each.data))
-
-    def _with_missing_effects(self, rows: Measurements, selection: Selection | None) -> Selection | None:
+    def with_missing_effects(self, rows: Measurements, selection: Selection | None) -> Selection | None:
         """Search the first effects that ``auto`` would add to the model, a test of lack of fit; None if there are none.
 
         Args:
             selection: of the model's groups; None for geometry alone.
         """
         groups, held = (selection.chosen, selection.held) if selection else ((), ())
-        others = [name for name in self._approached(CANDIDATES) if name not in groups]
+        others = [name for name in self.approached(CANDIDATES) if name not in groups]
         request, some = self.modelled(groups, held)[1], thinned(rows, _MOST_TESTED)
         plain = self.knowing(self.noise.independent.shared)
         try:
@@ -371,7 +336,7 @@ class Fitter:
             enough=enough,
         )
 
-    def _derivatives_by_others(self, found: Identification, groups: Sequence[str], rows: Measurements) -> list[Array]:
+    def derivatives_by_others(self, found: Identification, groups: Sequence[str], rows: Measurements) -> list[Array]:
         """Derivatives of what rows observe by the parameters of each candidate group that is not in the model."""
         task = SelectionTask(self.model_with, self.nominal, rows, self.noise, self.request)
         made = []
@@ -394,15 +359,15 @@ class Fitter:
 
     def _selected(self, rows: Measurements) -> Selection | None:
         """The groups that the rows call for, or that are asked for; None for geometry alone."""
-        if self.options.parametric == "geometric":
+        if self.options.geometric:
             return None
         groups, task = (
-            self._approached(self.options.groups),
+            self.approached(self.options.groups),
             SelectionTask(self.model_with, self.nominal, rows, self.noise, self.request),
         )
-        task.refuse_unknown_wishes(CANDIDATES if self.options.parametric == "auto" else groups)
+        task.refuse_unknown_wishes(CANDIDATES if self.options.search else groups)
         found, clean, outliers = self.identified(rows, groups)
-        if self.options.parametric != "auto":
+        if not self.options.search:
             model_with = self._weighed_as(found).model_with
             return follow(model_with, clean, self.nominal, groups, self.noise, self.request, seed=self.seed)
         selection = self._chosen(found, clean)
@@ -419,10 +384,10 @@ class Fitter:
 
         Of very many, as many as bound the memory, evenly: each is held with the columns of all groups and waves.
         """
-        selection, rows = None, thinned(rows, _MOST_CHOSEN_BY)
+        selection, rows = None, thinned(rows, MOST_CHOSEN_BY)
         for _ in range(_BALANCINGS):
             before, weighed_so = selection, self._weighed_as(found)
-            tried = [name for name in self._approached(CANDIDATES) if not self.unanswerable(name)]
+            tried = [name for name in self.approached(CANDIDATES) if not self.unanswerable(name)]
             selection = self._searched(weighed_so.model_with, rows, self.request, tried)
             if weighed_so is self or (before and before.chosen == selection.chosen):
                 break
@@ -430,7 +395,7 @@ class Fitter:
         assert selection is not None
         return selection
 
-    def _approached(self, groups: Sequence[str]) -> tuple[str, ...]:
+    def approached(self, groups: Sequence[str]) -> tuple[str, ...]:
         """The groups, with backlash of those joints alone whose direction of approach the file has, if it has some."""
         play = approached_groups(self.robot.chain, self.data.conditions)
         return tuple(dict.fromkeys(each for name in groups for each in (play if name == "backlash" else (name,))))
@@ -453,7 +418,7 @@ class Fitter:
         return self if kind == self.kind else replace(self, kind=kind)
 
     @property
-    def _shape(self) -> NoiseDistribution:
+    def noise_shape(self) -> NoiseDistribution:
         """Of the assumed noise; what was estimated beside an instrument's bounded one has tails."""
         shared, device = self.noise.shared, self.noise.instrument if self.noise.sigma_m is None else None
         uniform = device is not None and device.kind == "uniform" and (shared is None or shared.is_known)
@@ -462,12 +427,15 @@ class Fitter:
     def identified_from(self, model: Model, rows: Measurements, request: IdentifyOptions) -> Identification:
         """The parameters of a model from all these rows."""
         model = self.kind.balanced(model, rows, self.nominal(model), request)
-        return identify(model, rows, self.nominal(model), self.noise, request)
+        return self.estimator(model, rows, self.nominal(model), self.noise, request)
 
     def outliers_of(self, start: Identification, rows: Measurements) -> Outliers:
         """The rows that are off, by a search that starts from an identification."""
         return self._last_outliers(
-            lambda: off_among_fitted(start, rows, self.noise, self._shape, self.seed), start, rows, self.noise.shared
+            lambda: off_among_fitted(start, rows, self.noise, self.noise_shape, self.seed),
+            start,
+            rows,
+            self.noise.shared,
         )
 
 
@@ -501,18 +469,6 @@ class _OneModel:
     def outliers(self, found: Identification, rows: Measurements, shared: SharedErrors | None) -> Outliers:
         """The poses that are off."""
         return self.fitter.knowing(shared).outliers_of(found, rows)
-
-
-def _missing(beside: Selection) -> Check:
-    """The finding of effects that a model lacks.
-
-    Args:
-        beside: the selection that found them.
-    """
-    before, after = beside.groups[0].holdout_m, beside.groups[len(beside.chosen)].holdout_m
-    named = [said_of_term(name) or name for name in beside.chosen]
-    size_m = float(np.sqrt(max(before**2 - after**2, 0.0)))
-    return finding("missing", size_m, effects=named, before_m=before, after_m=after)
 
 
 def _kinds(shared: SharedErrors | None) -> tuple[bool, ...]:

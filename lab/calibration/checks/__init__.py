@@ -1,0 +1,1 @@
+"""Checks of measurements and of a fit: numbers, no sentences."""

@@ -1,0 +1,404 @@
+"""Phrases of the checks of a fit: what a person is told beside the verdict, by the name of each check."""
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from lab.core.checks import Check
+from lab.core.wording import be, counted
+from lab.render.phrases.models import listed
+
+__all__ = ["PHRASES"]
+
+
+def _note(check: Check) -> str:
+    text: str = check.data["text"]
+    return text
+
+
+def _kept_outliers(check: Check) -> str:
+    data, several = check.data, check.data["count"] > 1
+    first = (
+        "" if data["searched"] or not several else "--model auto tries first whether effects of the arm explain them; "
+    )
+    count = f"{data['count']} poses are outliers" if several else "1 pose is an outlier"
+    return (
+        f"{count}, with a residual of {'up to ' if several else ''}{1e3 * data['largest_m']:.3g} mm, kept in the "
+        f"fit: {first}--robust would exclude {'them' if several else 'it'}, and move the predicted points by "
+        f"{1e3 * data['moved_m']:.2g} mm"
+    )
+
+
+def _held_out_outliers(check: Check) -> str:
+    count = check.data["count"]
+    return f"{counted(count, 'pose')} of the hold-out set {be(count)} off: the error is with them"
+
+
+def _excluded_outliers(check: Check) -> str:
+    sizes = ((name, 1e3 * size) for name, size in check.data["sizes_m"].items())
+    named = [f"pose {name} ({size:,.0f} mm)" if size >= 100 else f"pose {name} ({size:.3g} mm)" for name, size in sizes]
+    return f"--robust excludes {counted(len(named), 'outlier')} from fit and verdict: {', '.join(named)}"
+
+
+def _outlier_search(check: Check) -> str:
+    return (
+        f"the fit without outliers did not converge in {check.data['iterations']} steps: which poses are off is not "
+        "sure; --prior on helps where the measurements say too little"
+    )
+
+
+def _search_advice(check: Check, before: str) -> str:
+    """Propose to search effects of the arm, after a punctuation mark; nothing where they were searched."""
+    return "" if check.data["searched"] else f"{before}--model auto tries what the arm may have"
+
+
+def _undecided(check: Check) -> str:
+    return (
+        "the numbers of a pose err together, and what is left comes back with the joints: scatter and what the model "
+        "lacks cannot be told apart, so the intervals are those of whole poses (cluster-robust)"
+    ) + _search_advice(check, "; ")
+
+
+def _uneven(check: Check) -> str:
+    ratio = f"residuals across the line of sight are {check.statistic:.2g} times those along it"
+    if check.data["of_instrument"]:
+        said = (
+            f"{ratio} (F test, p = {check.p:.1g}): the noise is not isotropic, so neither intervals nor the level of "
+            "the outliers' test are right; say whose with --instrument"
+        )
+    else:
+        said = (
+            f"{ratio} (F test, p = {check.p:.1g}), which the arm may cause as well as the instrument"
+            f"{_search_advice(check, ': ')}"
+        )
+    return f"{said}; the intervals given are those of the poses' own residuals" if check.data["clustered"] else said
+
+
+def _extrapolated(check: Check) -> str:
+    count = check.data["extrapolated"]
+    return (
+        f"{count} of {check.data['count']} {check.data['what']} {be(count)} extrapolated: not covered "
+        f"({check.data['first']} first); no pose that the run fitted is near, and its model lacks something: what is "
+        "predicted there says how regions that were left out were missed"
+    )
+
+
+def _beyond(check: Check) -> str:
+    data, outside = check.data, check.data["outside"]
+    return (
+        f"{outside} of {counted(data['count'], 'validation pose')} {be(outside)} beyond the fitted joint "
+        f"positions ({data['first']} the first): there the model may be off by up to {1e3 * data['size_m']:.2g} mm "
+        "more (1σ), as the edges of the measured range say"
+    )
+
+
+def _workspace(check: Check) -> str:
+    data = check.data
+    return (
+        f"{100 * data['share']:.0f} % of the workspace is extrapolated: the verdict holds where poses were measured "
+        f"(95 % error {1e3 * data['measured_95_m']:.3g} mm), elsewhere {1e3 * data['elsewhere_95_m']:.3g} mm is "
+        "predicted; --region names where the task is"
+    )
+
+
+def _residual_offsets(check: Check) -> str:
+    return (
+        f"residual: nothing in these measurements shows offsets of the joints (p = {check.p:.2g}); leave the group out"
+    )
+
+
+def _residual_thinned(check: Check) -> str:
+    return f"residual: of {check.data['count']} poses {check.data['used']}, evenly spaced, say the joints' offsets"
+
+
+def _instrument(check: Check) -> str:
+    data = check.data
+    return (
+        f"{data['source']} states {1e6 * data['best_m']:.2g} µm in one direction and {1e6 * data['worst_m']:.2g} µm in "
+        "another, so errors of the reflector's nest weigh too much: state nest_um and lock_on_um in [systematic]"
+    )
+
+
+def _setup(check: Check) -> str:
+    return (
+        f"some parameters are weakly observable (weak_directions in result.json): with {check.data['change']} the "
+        f"same poses would have a condition number of {check.data['condition_then']:.0f} instead of "
+        f"{check.statistic:.0f}"
+    )
+
+
+def _strained_prior(check: Check) -> str:
+    return (
+        f"{check.data['parameter']} is {check.statistic:.0f} tolerances from its nominal value: --prior on holds it "
+        "back; give larger --tolerance-mm and --tolerance-mrad, or --prior auto"
+    )
+
+
+def _far_from_nominal(check: Check) -> str:
+    size = check.statistic
+    far = f"{np.rad2deg(size):.3g}°" if check.data["is_angle"] else f"{1e3 * size:.3g} mm"
+    name = check.data["parameter"]
+    return f"{name} is estimated {far} from its nominal value: is the nominal model that of this robot?"
+
+
+def _size(check: Check) -> str:
+    return (
+        f"contacts do not tell the arm's size: {check.data['parameter']} stays nominal, and all lengths are in "
+        "proportion to it; a known distance between sockets (--socket-distance-mm) or a length of cable tells it"
+    )
+
+
+def _counts(check: Check) -> str:
+    return (
+        f"whole counts of the encoders alone make errors of {1e3 * check.data['rms_m']:.3g} mm (RMS); more poses "
+        "average them, more readings do not"
+    )
+
+
+def _rounded(check: Check) -> str:
+    return (
+        f"joint positions are rounded to {np.rad2deg(check.data['step_rad']):g}°, which alone makes errors of "
+        f"{1e3 * check.data['rms_m']:.3g} mm (RMS)"
+    )
+
+
+def _lag(check: Check) -> str:
+    data = check.data
+    shares = ", ".join(f"{name} {abs(share):.2g}" for name, share in data["shares"].items())
+    where = f"session {data['session']}: " if data["session"] else ""
+    which = "they lag behind it" if data["behind"] else "it lags behind them"
+    return (
+        f"{where}the recorded joint positions do not follow the arm: {which} by shares of the last move "
+        f"of {shares} (F test, p = {check.p:.1g}); read the joints when the arm has settled"
+    )
+
+
+def _assumed_payload(_: Check) -> str:
+    return "no column payload_kg: the flange is assumed to carry nothing in any pose"
+
+
+def _incomplete(check: Check) -> str:
+    return f"{check.data['group']} is not tried: {check.data['why']}"
+
+
+def _not_in_validation(check: Check) -> str:
+    return f"{check.data['group']} is not tried, for rows to judge by: {check.data['why']}"
+
+
+def _alternative(check: Check) -> str:
+    data = check.data
+    said = (
+        f"{data['chosen']} and {data['other']} cannot be told apart by these poses (with {data['other']} instead chi2 "
+        f"changes by {check.statistic:+.1f}): one is as good an explanation as the other; "
+    )
+    if not data["can_be_told"]:
+        return said + f"no pose and payload would tell: they differ by at most {1e3 * data['differ_m']:.2g} mm"
+    joints = ", ".join(f"{value:.3g}" for value in data["joints"])
+    return said + (
+        f"measure near joints {joints} (rad, m) with {data['payload_kg']:.3g} kg: there they differ by "
+        f"{1e3 * data['differ_m']:.2g} mm"
+    )
+
+
+def _some_backlash(check: Check) -> str:
+    joints, missing = check.data["joints"], check.data["missing"]
+    of, are = ("joint" if len(joints) == 1 else "joints"), be(len(missing))
+    return (
+        f"backlash is {'tested' if check.data['searched'] else 'fitted'} for {of} {', '.join(joints)} only: "
+        f"{'column' if len(missing) == 1 else 'columns'} {', '.join(missing)} {are} missing"
+    )
+
+
+def _thinned_selection(check: Check) -> str:
+    return f"groups were chosen by {check.data['used']:,} of the {check.data['count']:,} poses, taken evenly"
+
+
+def _twist(check: Check) -> str:
+    link = check.data["link"]
+    return (
+        f"link{link}.gj, the twist of a link along its own joint's axis, is the compliance of joint {link} as well: no "
+        "pose and no payload tells them apart"
+    )
+
+
+def _geometry_alone(check: Check) -> str:
+    lacking = ", ".join(listed(check.data["groups"]))
+    off = f"{1e3 * check.data['off_m']:.2g} mm"
+    return f"{check.data['file']} holds geometry alone: without {lacking} it is off by {off} at these poses"
+
+
+def _sessions(check: Check) -> str:
+    return (
+        f"sessions {', '.join(check.data['sessions'])} are fitted with one base and one tool: --model sessions if the "
+        "tracker or the arm was bumped between them; fit each alone if one was set up anew"
+    )
+
+
+def _limits(check: Check) -> str:
+    data, outside = check.data, check.data["outside"]
+    return (
+        f"joint {data['joint']}: {outside} of {counted(data['count'], 'pose')} {be(outside)} beyond its limits; "
+        "check units, signs and offsets"
+    )
+
+
+def _blank_rows(check: Check) -> str:
+    blank = check.data["blank"]
+    return f"{blank} of {check.data['count']} rows {be(blank)} left out: no {check.data['reading']} is in them"
+
+
+def _no_improvement(check: Check) -> str:
+    after, before = check.data["after_m"], check.data["before_m"]
+    return f"no improvement: {1e3 * after:.3g} mm after, {1e3 * before:.3g} mm before"
+
+
+def _unplaced(check: Check) -> str:
+    return (
+        f"{check.data['what']} {check.data['name']} was not fitted, so the place of its frame is unknown: not used for "
+        "validation"
+    )
+
+
+def _frame_at_start(check: Check) -> str:
+    return "the validation file is judged in the frame as it was at the start; --refit base if it has moved since"
+
+
+def _validation_payload(_: Check) -> str:
+    return "the validation file has no column payload_kg: the flange is assumed to carry nothing in any pose"
+
+
+def _valley(check: Check) -> str:
+    weak = ", ".join(check.data["weak"])
+    return (
+        f"the fit ended after {check.data['iterations']} steps in a valley, along which the measurements say next to "
+        f"nothing{weak and f', of {weak}'}: the result is not to be used; measure in poses that differ more, or "
+        "--prior on"
+    )
+
+
+def _not_converged(check: Check) -> str:
+    return (
+        f"Gauss-Newton did not converge in {check.data['iterations']} steps: the result is not to be used; where the "
+        "measurements say too little, --prior on weighs the nominal model's tolerances"
+    )
+
+
+def _unobservable(check: Check) -> str:
+    return (
+        f"these poses do not tell {', '.join(check.data['parameters'])} apart from the others: they stay nominal; "
+        "move every joint through more of its range, and vary what effects come from (payload, approach, time)"
+    )
+
+
+def _condition(check: Check) -> str:
+    weak = ", ".join(check.data["weak"])
+    weigh = "" if check.data["with_prior"] else ", or weigh tolerances (--prior on)"
+    return (
+        f"the condition is {check.statistic:.0f}: these measurements barely tell the parameters apart"
+        f"{weak and f', and leave {weak} unsure by more than 1 mm or 1 mrad'}; positions near the measured ones "
+        "are right, single parameters are not: move every joint through more of its range, or set the target "
+        f"elsewhere{weigh}"
+    )
+
+
+def _without_a_fold(check: Check) -> str:
+    return f"not validated: without a fold, {check.data['why']}"
+
+
+def _unidentified_without_a_fold(_: Check) -> str:
+    return "not validated: without a fold, the other poses do not identify all parameters"
+
+
+def _too_few_to_hold_out(check: Check) -> str:
+    return f"not validated: there are too few poses to hold any out, which takes about {check.data['wanted']}"
+
+
+def _stuck_folds(check: Check) -> str:
+    return (
+        f"{check.data['stuck']} of the {check.data['count']} fits of the cross-validation did not converge: the errors "
+        "at their poses may be too large; --prior on helps where the measurements say too little"
+    )
+
+
+def _unused_references(_: Check) -> str:
+    return "the validation file has reference rows, which only --refit uses: sessions set up anew need it"
+
+
+def _unplaced_parameters(check: Check) -> str:
+    return (
+        f"{check.data['where']}: the reference rows do not determine {', '.join(check.data['parameters'])}, which stay "
+        "as they were; the errors that are validated do not depend on them"
+    )
+
+
+def _joint_sign(check: Check) -> str:
+    name = check.data["joint"]
+    return (
+        f"with joint {name} negated these measurements fit to {1e3 * check.data['sigma_m']:.2g} mm (1σ per axis), near "
+        f"the nominal model: does the controller count {name} in the other direction? Change its sign in the file, or "
+        "in the model"
+    )
+
+
+def _singular(check: Check) -> str:
+    return (
+        f"{check.data['lost']} of {check.data['count']} {check.data['what']} (the first is {check.data['first']}) are "
+        "beyond a parallel singularity of the real robot, which takes none of them in the nominal assembly mode: left "
+        "out"
+    )
+
+
+def _aliased_truth(_: Check) -> str:
+    return "what is aliased on the nominal model is not on this robot: its parameters have no single truth"
+
+
+PHRASES: Mapping[str, Callable[[Check], str]] = {
+    "note": _note,
+    "mistake.joint_sign": _joint_sign,
+    "convergence.valley": _valley,
+    "convergence.failed": _not_converged,
+    "parameters.unobservable": _unobservable,
+    "parameters.condition": _condition,
+    "outliers.kept": _kept_outliers,
+    "outliers.held_out": _held_out_outliers,
+    "outliers.search": _outlier_search,
+    "outliers.excluded": _excluded_outliers,
+    "intervals.undecided": _undecided,
+    "intervals.uneven": _uneven,
+    "payload.assumed": _assumed_payload,
+    "group.incomplete": _incomplete,
+    "group.alternative": _alternative,
+    "group.not_in_validation": _not_in_validation,
+    "backlash.some": _some_backlash,
+    "selection.thinned": _thinned_selection,
+    "prior.strained": _strained_prior,
+    "nominal.far": _far_from_nominal,
+    "contact.size": _size,
+    "instrument.uneven": _instrument,
+    "weak.setup": _setup,
+    "joints.counts": _counts,
+    "joints.rounded": _rounded,
+    "joints.lag": _lag,
+    "joints.limits": _limits,
+    "twist.confounded": _twist,
+    "residual.offsets": _residual_offsets,
+    "residual.thinned": _residual_thinned,
+    "export.geometry": _geometry_alone,
+    "sessions.one_setup": _sessions,
+    "rows.blank": _blank_rows,
+    "extrapolated": _extrapolated,
+    "validation.beyond": _beyond,
+    "validation.fold": _without_a_fold,
+    "validation.unidentified": _unidentified_without_a_fold,
+    "validation.poses": _too_few_to_hold_out,
+    "validation.convergence": _stuck_folds,
+    "validation.references": _unused_references,
+    "validation.placement": _unplaced_parameters,
+    "validation.unplaced": _unplaced,
+    "validation.frame": _frame_at_start,
+    "validation.payload": _validation_payload,
+    "validation.improvement": _no_improvement,
+    "validation.singular": _singular,
+    "workspace.extrapolated": _workspace,
+    "truth.aliased": _aliased_truth,
+}
