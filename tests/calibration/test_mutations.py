@@ -12,12 +12,12 @@ import pytest
 ROOT = Path(__file__).parents[2]
 CORRELATION = "tests/calibration/noise/test_correlation.py"
 SHARED = "tests/calibration/noise/test_shared_errors.py"
-ESTIMATED = "tests/verification/test_estimated_noise.py"
+ESTIMATED = "tests/verification/test_new_measurements.py"
 PROCESS = "tests/calibration/residual/test_process.py"
 TAILED = "tests/calibration/noise/test_tails.py"
 BEYOND = "tests/calibration/test_extrapolation.py"
 
-VERIFIED = "verification/estimated_noise.py"
+VERIFIED = "verification/new_measurements.py"
 SMALL = "calibration/noise/small_samples.py"
 LIKELIHOOD = "calibration/noise/likelihood.py"
 FILTER = "calibration/noise/correlation.py"

@@ -27,6 +27,7 @@ from lab.render.phrases.registry import phrases
 from lab.sensors.points import PointSensor
 
 SIGMA = 5e-6
+POINTS = PipelineOptions(PointSensor())
 NAMES = IRB120.chain.joint_names
 
 
@@ -248,7 +249,7 @@ def off(fit: Fitted, other: Fitted) -> float:
 def test_an_estimator_of_a_callers_own_takes_the_place_of_least_squares() -> None:
     """As an option it fits every model and every fold; as a step it fits the chosen model alone."""
     spoilt, clean = spoilt_and_clean()
-    truth, plain = identify_robot(IRB120, clean), identify_robot(IRB120, spoilt)
+    truth, plain = identify_robot(IRB120, clean, POINTS), identify_robot(IRB120, spoilt, POINTS)
     everywhere = identify_robot(IRB120, spoilt, PipelineOptions(PointSensor(), estimator=huber))
 
     def fit_robustly(state: Fitted) -> Fitted:
@@ -256,7 +257,7 @@ def test_an_estimator_of_a_callers_own_takes_the_place_of_least_squares() -> Non
         found = huber(model, state.given, fitter.nominal(model), fitter.noise, request)
         return state.with_fit(found, state.given)
 
-    once = identify_robot(IRB120, spoilt, steps={**STEPS, "fit": fit_robustly})
+    once = identify_robot(IRB120, spoilt, POINTS, steps={**STEPS, "fit": fit_robustly})
     assert off(plain, truth) > 100e-6
     for robust in (everywhere, once):
         assert off(robust, truth) < 20e-6
@@ -268,9 +269,9 @@ def test_an_estimator_of_a_callers_own_takes_the_place_of_least_squares() -> Non
 def test_a_step_is_left_out() -> None:
     """Without the search for outliers nothing of them is told, and the same parameters are found."""
     spoilt, _ = spoilt_and_clean()
-    whole = identify_robot(IRB120, spoilt)
+    whole = identify_robot(IRB120, spoilt, POINTS)
     less = identify_robot(
-        IRB120, spoilt, steps={k: v for k, v in STEPS.items() if k not in ("find outliers", "validate")}
+        IRB120, spoilt, POINTS, steps={k: v for k, v in STEPS.items() if k not in ("find outliers", "validate")}
     )
     assert whole.outliers and not less.outliers and np.isinf(less.tail_dof)
     assert "outliers.kept" in {each.name for each in whole.checks} - {each.name for each in less.checks}

@@ -1,15 +1,11 @@
 """Every check of a fit has a phrase, and no number of a result depends on one."""
 
 import ast
-from collections.abc import Mapping
-from typing import Any
 
 import pytest
 from helpers.robots import ROOT
 
-import lab
 from lab.core.checks import Check
-from lab.render.phrases import registry
 from lab.render.phrases.models import listed
 from lab.render.phrases.registry import PHRASES, phrase, phrases
 
@@ -41,17 +37,3 @@ def test_phrases_are_clauses_with_their_figures_in_the_units_of_a_person() -> No
     assert listed(("compliance",)) == ("compliance",)
     with pytest.raises(KeyError):
         phrase(Check("unheard.of", "noted"))
-
-
-def test_no_number_of_a_result_depends_on_a_phrase(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With every phrase replaced by the same letter all but the sentences stay."""
-    day = lab.simulate("irb120", poses=30, seed=5, bad_share=0.1).measurements
-
-    def found(**options: Any) -> Mapping[str, Any]:
-        result = lab.identify(day, robot="irb120", **options).to_dict()
-        return {name: value for name, value in result.items() if name not in ("seconds", "warnings")}
-
-    runs = ({}, {"robust": True, "holdout": 0.2}, {"model": "compliance", "region": "workspace"})
-    before = [found(**options) for options in runs]
-    monkeypatch.setattr(registry, "PHRASES", dict.fromkeys(PHRASES, lambda check: "x"))
-    assert [found(**options) for options in runs] == before

@@ -32,6 +32,7 @@ from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.gauge import base_set, named
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.serial.chain import Chain
+from lab.sensors.registry import sensor_named
 
 __all__ = ["inspect"]
 
@@ -95,7 +96,9 @@ def _inspected(options: InspectOptions, robot: Robot) -> Inspection:
         "changes": {
             change.change: number(change.condition)
             for change in (
-                changes(robot, options.targets, groups, nominal, inputs) if usual and condition > WEAK_CONDITION else ()
+                changes(robot, sensor_named("points")(), options.targets, groups, nominal, inputs)
+                if usual and condition > WEAK_CONDITION
+                else ()
             )
             if change.condition < condition
         },
