@@ -1,14 +1,15 @@
-"""A check is plain numbers, which another process reads as they are."""
+"""A check holds numbers, no sentence."""
 
-import pickle
+import dataclasses
 
 import numpy as np
+import pytest
 
 from lab.core.checks import Check
 
 
-def test_a_check_survives_another_process() -> None:
-    check = Check("lack_of_fit.repeats", "failed", 1.5, 0.003, 0.05, {"dof": (12, 30)})
-    assert pickle.loads(pickle.dumps(check)) == check
-    fact = Check("fit.residuals", "noted")
-    assert np.isnan([fact.statistic, fact.p, fact.level]).all() and not fact.data
+def test_a_check_without_a_test_has_no_numbers_of_one() -> None:
+    fact = Check("rows.blank", "noted", data={"blank": 2})
+    assert np.isnan([fact.statistic, fact.p, fact.level]).all() and fact.data["blank"] == 2
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        fact.outcome = "passed"  # type: ignore[misc]

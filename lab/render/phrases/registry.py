@@ -20,8 +20,8 @@ def phrase(check: Check) -> str:
 
 
 def phrases(checks: Iterable[Check]) -> tuple[str, ...]:
-    """Return the phrases of checks, in their order."""
-    return tuple(map(phrase, checks))
+    """Return the phrases of checks, each once."""
+    return tuple(dict.fromkeys(map(phrase, checks)))
 
 
 def in_one_line(checks: Iterable[Check]) -> str:
