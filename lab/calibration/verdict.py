@@ -164,7 +164,7 @@ _MAKES: Mapping[str, Word] = {  # of a calibration, by the check that failed; an
     "accuracy.validation": "not judged",
     "accuracy.gate": "bad",
     "accuracy.worse": "bad",
-    "nominal.other_robot": "bad",
+    "links.other_robot": "bad",
 }
 
 
@@ -235,12 +235,12 @@ def _below_gate(checks: Sequence[Check]) -> bool:
 
 def _determination(checks: Sequence[Check], gate_m: float | None) -> tuple[Answer, list[Check]]:
     """Decide whether the arm is known over its region, and is the one of the nominal model."""
-    error, far = _one(checks, "determination.error"), _failed(checks, "nominal")
-    if other := [each for each in far if each.name == "nominal.other_robot"]:
+    error, far = _one(checks, "determination.error"), _failed(checks, "links")
+    if other := [each for each in far if each.name == "links.other_robot"]:
         return Answer("bad", (other[0],)), other
-    reasons = [each for each in far if each.name == "nominal.far"]
+    reasons = [each for each in far if each.name == "links.far"]
     reasons += [each for each in checks if each.name == "determination.limit" and each.outcome == "failed"]
-    reasons += [each for each in far if each.name == "nominal.tolerances"]
+    reasons += [each for each in far if each.name == "links.tolerances"]
     uncovered = [each for each in checks if each.name == "determination.cover" and each.outcome == "failed"]
     if reasons and not uncovered and gate_m is not None and error.data["region"].p95_m <= gate_m:
         return Answer("does not matter", (error, reasons[0])), []
@@ -459,15 +459,15 @@ class _Calibration:
         surely = [each for each in far if each.sure > self._largest(each) and self._is_felt(each)]
         if surely and observation_of(self.identification.model).positions:
             times = surely[0].size / self._largest(surely[0])
-            checks.append(Check("nominal.other_robot", "failed", times, data={"distance": surely[0]}))
+            checks.append(Check("links.other_robot", "failed", times, data={"distance": surely[0]}))
         if far:
             times = far[0].size / self._largest(far[0])
-            checks.append(Check("nominal.far", "failed", times, data={"distance": far[0]}))
+            checks.append(Check("links.far", "failed", times, data={"distance": far[0]}))
         checks += self._limit(data)
         off = [each for each in self.distances if each.sure_tolerances > MOST_TOLERANCES]
         if off and not far:
             times = off[0].tolerances / MOST_TOLERANCES
-            checks.append(Check("nominal.tolerances", "failed", times, data={"distance": off[0]}))
+            checks.append(Check("links.tolerances", "failed", times, data={"distance": off[0]}))
         if region.lacks and (alone := region.extrapolated_share) > MOST_UNCOVERED:
             checks.append(Check("determination.cover", "failed", alone / MOST_UNCOVERED, data={"region": region}))
         return checks

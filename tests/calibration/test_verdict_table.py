@@ -1,5 +1,6 @@
 """The table of verdicts: calibrations whose quality is known, with the word and the reason that each must get."""
 
+import pickle
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
@@ -12,7 +13,7 @@ from lab.calibration.identify import IdentifyOptions
 from lab.calibration.noise.plausibility import finding
 from lab.calibration.prediction_check import prediction_check
 from lab.calibration.validation import Validation
-from lab.calibration.verdict import verdict
+from lab.calibration.verdict import judge, verdict
 from lab.campaign.robot import load_robot
 from lab.core.checks import Check
 from lab.kinematics.serial.arm import SerialArm
@@ -194,6 +195,20 @@ def test_no_answer_is_good_news_of_a_fit_that_is_not_of_this_arm(made: Callable[
     found = verdict(case.found, case.validation, GATE)
     assert found.word == "bad" and not {each.standing for each in found.answers.values()} & {"holds", "does not matter"}
     assert verdict(clean().found, clean().validation, GATE).accuracy.standing == "holds"
+
+
+def test_the_verdict_is_a_function_of_its_checks_alone() -> None:
+    """The same checks, of another process; one more that fails; and none that says what may be wrong."""
+    case = campaign(points_as=scattered(50e-6))
+    found = verdict(case.found, case.validation, goodness=case.goodness, poses=case.poses)
+    again = judge(pickle.loads(pickle.dumps(found.checks)), found.gate_m)
+    assert repr(again) == repr(found)  # as text: NaN is not equal to itself
+    assert found.word == "doubtful" and [each.name for each in found.reasons] == ["lack_of_fit.chi2"]
+    foreign = Check("arm.spread", "failed", np.inf, data={"times": 1e3})
+    bad = judge((*found.checks, foreign, finding("drift", 1e-3)))
+    assert bad.word == "bad" and bad.reasons == (foreign,) and bad.accuracy.standing == "not judged"
+    rest = [each for each in found.checks if each.outcome != "failed"]
+    assert judge(rest).word == "good"
 
 
 def lack_of_fit(p: float) -> Check:

@@ -1,1 +1,1 @@
-"""Sentences of checks: the only place where numbers of tests become words."""
+"""Make sentences from checks."""

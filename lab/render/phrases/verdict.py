@@ -410,7 +410,7 @@ PHRASES: Mapping[str, Callable[[Check], str]] = {
     "determination.error": _error,
     "determination.limit": _limit,
     "determination.cover": _cover,
-    "nominal.far": _far,
-    "nominal.tolerances": _far,
-    "nominal.other_robot": _other_robot,
+    "links.far": _far,
+    "links.tolerances": _far,
+    "links.other_robot": _other_robot,
 }
