@@ -138,8 +138,8 @@ def _tested(
         known_m = calibrated.estimate.residual_m
         noisy = noise_beyond(options.noise_mm, rows, known_m, "the run's residuals")
         _refuse_strange(calibrated, rows, options)
-        given = options.noise_mm is not None or options.instrument is not None
-        observations, prediction = held_against(calibrated.estimate, rows, _noise(calibrated, options), given=given)
+        stated = options.noise_mm is not None or options.instrument is not None
+        observations, prediction = held_against(calibrated.estimate, rows, _noise(calibrated, options), given=stated)
         _refuse_implausible(prediction, observations)
         names = [rows.where(i) for i in range(len(rows))]
         verified = test(prediction, observations, options.refit, names, _counted(stage, tested))
