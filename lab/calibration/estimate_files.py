@@ -9,7 +9,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -165,8 +165,7 @@ class SavedEstimate:
             raise LabError(f"noise_tail_freedom is {self.noise_tail_freedom:g}; Student's t has a variance above 2")
 
 
-@dataclass(frozen=True)
-class EstimateFiles:
+class EstimateFiles(NamedTuple):
     """The content of an estimate's files, before a robot is at hand.
 
     Attributes:
@@ -174,7 +173,6 @@ class EstimateFiles:
         identified: the parameters that ``covariance`` ``(f, f)`` is of.
     """
 
-    folder: Path
     content: SavedEstimate
     rows: tuple[EstimatedParameter, ...]
     identified: tuple[str, ...]
@@ -276,8 +274,7 @@ def read_estimate_files(folder: Path) -> EstimateFiles:
             if abs(value := getattr(row, key)) not in LENGTH_M:
                 said = f"{row.name}: {key} is {value:g}; no parameter is larger than {LENGTH_M.most:g}"
                 raise LabError(f"{path}: does not hold what the lab writes: {said}; {_MEND}")
-    identified, covariance = _read_covariance(folder / COVARIANCE_FILE)
-    return EstimateFiles(folder, content, rows, identified, covariance)
+    return EstimateFiles(content, rows, *_read_covariance(folder / COVARIANCE_FILE))
 
 
 def estimate_to_dict(estimate: Estimate) -> dict[str, Any]:

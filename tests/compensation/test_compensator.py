@@ -10,8 +10,7 @@ from scipy import optimize
 
 from lab.campaign.robot import Robot, load_robot
 from lab.compensation import compensator as compensator_module
-from lab.compensation.compensator import Compensation, Compensator
-from lab.compensation.ik_results import AGREED_M
+from lab.compensation.compensator import AGREED_M, Compensation, Compensator
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array

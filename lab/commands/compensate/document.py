@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from lab.commands.compensate.near_singular import NearSingular, near_singular
 from lab.commands.compensate.program_words import stated_words, used_tools
 from lab.commands.compensate.result import (
     CompensationResult,
-    extrapolated_targets,
+    NearSingular,
+    near_singular,
     verdict_of,
 )
 from lab.commands.provenance import provenance_section
@@ -197,8 +197,7 @@ def _near(result: CompensationResult) -> Table:
 def _extrapolated(result: CompensationResult) -> Table:
     """The targets that no measured pose is near, with the error to expect there."""
     rows = tuple(
-        (result.targets.ids[i], short(1e3 * float(result.predicted_m[i])))
-        for i in np.flatnonzero(extrapolated_targets(result))
+        (result.targets.ids[i], short(1e3 * float(result.predicted_m[i]))) for i in np.flatnonzero(result.extrapolated)
     )
     return Table(
         ("target", "extrapolated: not covered by measured poses; expected error, mm"), rows, most_rows=MOST_LISTED

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.commands.calibrate.exports import comment_of_lacking
-from lab.commands.compensate.result import CompensationResult, extrapolated_targets
+from lab.commands.compensate.result import CompensationResult
 from lab.commands.stops import joint_columns
 from lab.core import se3
 from lab.core.se3 import Array
@@ -27,7 +27,7 @@ def write_files(folder: Path, result: CompensationResult) -> None:
     """Write the corrected targets and the calibrated arm in every format."""
     run, rows = result.run, np.flatnonzero(result.found.converged)
     chain, ids = run.robot.chain, {"id": [result.targets.ids[i] for i in rows]}
-    lone = extrapolated_targets(result)
+    lone = result.extrapolated
     marked = {"extrapolated": _yes(lone[rows])} if lone.any() else {}
     _write_csv(folder / JOINTS, result, {**result.stops.columns(chain), **_stop_conditions(result)})
     at_targets = {**_cartesian_columns(result, rows), **joint_columns(chain, result.found.joints[rows])}

@@ -15,7 +15,6 @@ from lab.calibration.prior import Tolerance
 from lab.calibration.verdict import MOST_TOLERANCES
 from lab.calibration.workspace_prediction import tolerance_rms
 from lab.commands.calibrate.load_run import CalibrationRun
-from lab.commands.compensate.near_singular import near_singular
 from lab.commands.compensate.options import CompensateOptions
 from lab.commands.compensate.program import CorrectedProgram
 from lab.commands.compensate.program_errors import ProgramErrors, program_errors
@@ -25,13 +24,14 @@ from lab.commands.result import Result
 from lab.commands.run_folder import write_config, write_json
 from lab.commands.stops import Stops, joint_columns
 from lab.commands.values import exit_code_of
-from lab.compensation.compensator import Compensation
+from lab.compensation.compensator import NEAR_RAD, Compensation
 from lab.compensation.flange import point_rows
 from lab.core.covariance import covariance_root
 from lab.core.se3 import Array
 from lab.formats.programs.registry import refusal
 from lab.formats.target_csv import Targets
 from lab.kinematics.inverse.newton import PoseTarget
+from lab.kinematics.joints import JointSpec
 from lab.render.phrases.registry import phrases
 
 if TYPE_CHECKING:
@@ -39,10 +39,48 @@ if TYPE_CHECKING:
 
     from lab.render.document import Document
 
-__all__ = ["CompensationResult", "extrapolated_targets", "verdict_of"]
+__all__ = ["CompensationResult", "NearSingular", "near_singular", "verdict_of"]
 
 
 _BLOCK = 2_000  # targets whose derivatives are held at a time
+
+
+@dataclass(frozen=True)
+class NearSingular:
+    """A target that is reached within 1 degree of a singularity.
+
+    Attributes:
+        joint: the one that would have to move most to get there.
+        distance: how far (rad; m where that joint slides).
+    """
+
+    id: str
+    joint: str
+    distance: float
+    slides: bool
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain values: degrees, or mm of a slide."""
+        unit, scale = ("mm", 1e3) if self.slides else ("deg", 180 / np.pi)
+        return {"id": self.id, "joint": self.joint, f"distance_{unit}": scale * self.distance}
+
+
+def near_singular(found: Compensation, chain: JointSpec, ids: Sequence[str]) -> tuple[NearSingular, ...]:
+    """The targets that are reached within 1 degree of a singularity.
+
+    Args:
+        ids: of all targets, ``(n,)``.
+    """
+    rows = np.flatnonzero(found.converged & (found.singular_rad < NEAR_RAD))
+    return tuple(
+        NearSingular(
+            ids[i],
+            chain.joint_names[found.singular_joint[i]],
+            float(found.singular_rad[i]),
+            chain.prismatic[found.singular_joint[i]],
+        )
+        for i in rows.tolist()
+    )
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -104,7 +142,7 @@ class CompensationResult(Result):
     @property
     def _beyond(self) -> tuple[str, ...]:
         """That targets are where the run measured nothing."""
-        sizes, ids = self.beyond_m[self.reached], [self.targets.ids[i] for i in np.flatnonzero(self._extrapolated)]
+        sizes, ids = self.beyond_m[self.reached], [self.targets.ids[i] for i in np.flatnonzero(self.extrapolated)]
         said = list(phrases(check_extrapolated("targets", ids, len(sizes))))
         if count := int((sizes > 0).sum()):
             said.append(
@@ -114,7 +152,7 @@ class CompensationResult(Result):
         return tuple(said)
 
     @cached_property
-    def _extrapolated(self) -> NDArray[np.bool_]:
+    def extrapolated(self) -> NDArray[np.bool_]:
         """``(n,)`` which targets are reached where no fitted pose is near and the model lacks something."""
         joints = self.arm_inputs[:, : self.run.robot.chain.size]
         return np.asarray(self.run.estimate.extrapolated(joints) & self.found.converged)
@@ -122,7 +160,7 @@ class CompensationResult(Result):
     @property
     def _extrapolated_share(self) -> float:
         """Of the targets that are reached."""
-        return float(self._extrapolated.sum()) / max(len(self.reached), 1)
+        return float(self.extrapolated.sum()) / max(len(self.reached), 1)
 
     @property
     def _no_program(self) -> str | None:
@@ -274,7 +312,7 @@ class CompensationResult(Result):
             "schemes_apart_mm": self.mean_and_max_mm(self.found.scheme_disagreement_m)[1],
             "extrapolated": {
                 "share": self._extrapolated_share,
-                "ids": [self.targets.ids[i] for i in np.flatnonzero(self._extrapolated)],
+                "ids": [self.targets.ids[i] for i in np.flatnonzero(self.extrapolated)],
             },
             "near_singular": [
                 each.to_dict() for each in near_singular(self.found, self.run.robot.chain, self.targets.ids)
@@ -332,7 +370,7 @@ class CompensationResult(Result):
             **joint_columns(chain, self.found.joints[rows]),
             "correction_mm": 1e3 * self.correction_m[rows],
             "predicted_mm": 1e3 * self.predicted_m[rows],
-            "extrapolated": self._extrapolated[rows].tolist(),
+            "extrapolated": self.extrapolated[rows].tolist(),
         }
 
     def plot(self) -> "Figure":
@@ -448,11 +486,6 @@ class CompensationResult(Result):
 def _of_points(values: Array, points: NDArray[np.int_]) -> Array:
     """Of values ``(n, k, …)`` of an arm's targets those of one in each pose, ``(n, …)``."""
     return np.asarray(values[np.arange(len(values)), points])
-
-
-def extrapolated_targets(result: CompensationResult) -> NDArray[np.bool_]:
-    """``(n,)`` which targets are reached where no fitted pose is near and the model lacks something."""
-    return result._extrapolated
 
 
 def verdict_of(result: CompensationResult) -> Literal["good", "doubtful", "bad"]:

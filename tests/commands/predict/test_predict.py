@@ -120,6 +120,11 @@ def test_the_command_writes_a_table_and_json_of_its_schema(
         assert float(table.texts(f"p2_{axis}_mm")[2]) == here and float(table.texts(f"p2_{axis}_base_mm")[2]) == there
     assert float(table.texts("p2_cov_xy_mm2")[2]) == point["covariance_mm2"][0][1]
     assert float(table.texts("p2_radius_95_mm")[2]) == point["radius_95_mm"]["together"]
+    estimate, rows = lab.load_estimate(folder), result.measurements.take(range(7))
+    there = estimate.predict(rows.inputs(estimate.arm.conditions))
+    columns = [f"p2_cov_{pair}_mm2" for pair in ("xx", "xy", "xz", "yy", "yz", "zz")]
+    written = np.array([table.texts(name) for name in columns], dtype=float).T
+    np.testing.assert_allclose(written, 1e6 * there.covariance[:, 1][:, *np.triu_indices(3)], rtol=1e-9)
     base = printed["frames"]["base_in_instrument"]
     T = se3.pose(se3.rotation_from_quaternion(np.array(base["quaternion_wxyz"])), np.array(base["position_mm"]))
     np.testing.assert_allclose(se3.transform(T, np.array([point["base_mm"]]))[0], point["instrument_mm"], atol=1e-9)
