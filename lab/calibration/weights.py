@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lab.calibration.gauss_newton import ExtraResiduals, Observations
-from lab.calibration.noise.shared_errors import SharedErrors, correlated
+from lab.calibration.noise.error_model import ErrorModel, correlated
 from lab.calibration.observation import Observation
 from lab.core.covariance import whitening
 from lab.core.errors import LabError
@@ -27,7 +27,7 @@ class Noise:
     instrument: Instrument | None = None
     sigma_m: float | None = None
     readings: int = 1
-    shared: SharedErrors | None = None
+    shared: ErrorModel | None = None
 
     @property
     def independent(self) -> "Noise":

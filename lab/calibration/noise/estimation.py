@@ -8,26 +8,26 @@ stands with a likelihood in which it is equally likely at every row.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 import scipy  # its parts are loaded at their first use, which not every process comes to
 
-from lab.calibration.noise.likelihood import Components, Likelihood, RestrictedProblem
-from lab.core.probabilities import chi2_sf
+from lab.calibration.noise.error_term import Components
+from lab.calibration.noise.likelihood import Likelihood, RestrictedProblem
+from lab.calibration.noise.terms import TERMS, term_called
 from lab.core.se3 import Array
 from lab.core.significance import VARIANCE_COMPONENTS
 
-__all__ = ["ComponentTrial", "Estimate", "Kind", "best_components", "chosen_components"]
+__all__ = ["ComponentTrial", "Estimate", "best_components", "chosen_components"]
 
-Kind = Literal["scatter", "wandering", "drift", "step"]
-KINDS: tuple[Kind, ...] = ("scatter", "wandering", "drift", "step")
+KINDS = tuple(term.kind for term in TERMS)
 _VARIANCES = (1e-4, 1e3)  # bounds of a component's mean variance, in units of the instrument's
 _CARRIES = (0.1, 0.995)  # bounds of the correlation from one pose to the next
 _START_VARIANCES, _START_CARRIES = (0.05, 0.3, 2.0, 15.0, 300.0), (0.4, 0.85)
 _HOPELESS = 1.0  # twice the log ratio at the best start: where it gains less, no search brings what a test asks for
-_CORRELATIONS = 3.0  # how many independent correlations are as good as tried
-_EITHER: tuple[tuple[Kind, ...], ...] = (("drift", "step"), ("wandering",))  # kinds that are left out, one way each
+_EITHER = tuple(  # kinds that are left out, one way each
+    tuple(term.kind for term in TERMS if term.family == family) for family in ("moving", "wandering")
+)
 _MOST_CHANGES = 3  # of more the base rather wanders
 
 
@@ -43,7 +43,7 @@ class Estimate:
         candidates: rows at which each of these may have been.
     """
 
-    kinds: tuple[Kind, ...]
+    kinds: tuple[str, ...]
     components: Components
     likelihood: Likelihood
     problem: RestrictedProblem
@@ -65,14 +65,14 @@ class ComponentTrial:
         taken: whether it was taken.
     """
 
-    kind: Kind
+    kind: str
     ratio: float
     p: float
     taken: bool
 
 
 def chosen_components(
-    problem: RestrictedProblem, kinds: Sequence[Kind] = KINDS
+    problem: RestrictedProblem, kinds: Sequence[str] = KINDS
 ) -> tuple[Estimate, tuple[ComponentTrial, ...]]:
     """The components that the residuals show, and all that were tried in the end.
 
@@ -93,17 +93,18 @@ class _Search:
         """The level is that of one kind."""
         self._level = level
         self._alone = best_components(problem, ())
-        self._known: dict[tuple[Kind, ...], Estimate] = {}
+        self._known: dict[tuple[str, ...], Estimate] = {}
 
-    def along(self, kinds: Sequence[Kind]) -> tuple[Estimate, list[ComponentTrial]]:
+    def along(self, kinds: Sequence[str]) -> tuple[Estimate, list[ComponentTrial]]:
         """The components of some kinds that the residuals show, and all that were tried."""
-        found, trials = self._alone, dict[Kind, ComponentTrial]()
+        found, trials = self._alone, dict[str, ComponentTrial]()
         while True:
             shown = []
             for kind in kinds:
-                if kind in found.kinds and (kind != "step" or len(found.candidates) == _MOST_CHANGES):
+                scanned = term_called(kind).scanned
+                if kind in found.kinds and (not scanned or len(found.candidates) == _MOST_CHANGES):
                     continue
-                each, trial = self._changed(found) if kind == "step" else self._extended(found, kind)
+                each, trial = self._changed(found, kind) if scanned else self._extended(found, kind)
                 if kind not in found.kinds:
                     trials[kind] = trial
                 if each is not None and trial.p < self._level:
@@ -113,7 +114,7 @@ class _Search:
             found, kind = min(shown, key=lambda pair: pair[0].deviance)
             trials[kind] = replace(trials[kind], taken=True)
 
-    def _extended(self, found: Estimate, kind: Kind) -> tuple[Estimate, ComponentTrial]:
+    def _extended(self, found: Estimate, kind: str) -> tuple[Estimate, ComponentTrial]:
         """An estimate with one kind more."""
         kinds, hopeless = (*found.kinds, kind), found.likelihood.deviance - _HOPELESS
         each = self._known.get(kinds)
@@ -121,22 +122,22 @@ class _Search:
             each = replace(best_components(found.problem, kinds, hopeless), candidates=found.candidates)
             self._known |= {} if found.candidates else {kinds: each}
         ratio = found.likelihood.deviance - each.likelihood.deviance
-        return each, ComponentTrial(kind, ratio, _p_value(kind, ratio), taken=False)
+        return each, ComponentTrial(kind, ratio, term_called(kind).p_value(ratio), taken=False)
 
-    def _changed(self, found: Estimate) -> tuple[Estimate | None, ComponentTrial]:
+    def _changed(self, found: Estimate, kind: str) -> tuple[Estimate | None, ComponentTrial]:
         """An estimate with one change point more; None where the rows do not show one at the level."""
         scan = found.problem.likeliest_change(found.components)
         if scan is None:
-            return None, ComponentTrial("step", 0.0, 1.0, taken=False)
-        trial = ComponentTrial("step", scan.f, scan.p, taken=False)
+            return None, ComponentTrial(kind, 0.0, 1.0, taken=False)
+        trial = ComponentTrial(kind, scan.f, scan.p, taken=False)
         if scan.p >= self._level:
             return None, trial
         problem = found.problem.changed_at((*found.problem.shapes.changes, scan.change))
-        kinds: tuple[Kind, ...] = found.kinds if "step" in found.kinds else (*found.kinds, "step")
+        kinds: tuple[str, ...] = found.kinds if kind in found.kinds else (*found.kinds, kind)
         return replace(best_components(problem, kinds), candidates=(*found.candidates, scan.candidates)), trial
 
 
-def best_components(problem: RestrictedProblem, kinds: tuple[Kind, ...], hopeless: float = np.inf) -> Estimate:
+def best_components(problem: RestrictedProblem, kinds: tuple[str, ...], hopeless: float = np.inf) -> Estimate:
     """The components of these kinds that have the largest restricted likelihood.
 
     Args:
@@ -144,27 +145,24 @@ def best_components(problem: RestrictedProblem, kinds: tuple[Kind, ...], hopeles
     """
     if not kinds:
         return Estimate(kinds, Components(), problem.likelihood(Components()), problem)
-    units = _units(problem)
+    terms = [term_called(kind) for kind in kinds]
+    in_time = any(term.structure == "autoregressive" for term in terms)
+    units = {term.name: max(float((term.shape(problem.shapes) ** 2).sum()) / problem.numbers, 1e-300) for term in terms}
 
     def components(point: Array) -> Components:
-        variances = dict(zip(kinds, np.exp(np.clip(point[: len(kinds)], *np.log(_VARIANCES))), strict=True))
+        sizes = np.exp(np.clip(point[: len(kinds)], *np.log(_VARIANCES))).tolist()
         carry = 0.0
-        if "wandering" in kinds:
+        if in_time:
             low, high = _CARRIES
             carry = low + (high - low) / (1 + np.exp(-np.clip(point[-1], -30, 30)))
-        return Components(
-            scatter=variances.get("scatter", 0.0) / units.scatter,
-            shift=variances.get("wandering", 0.0) / units.shift,
-            carry=float(carry),
-            trend=variances.get("drift", 0.0) / units.trend,
-            step=variances.get("step", 0.0) / units.step,
-        )
+        variances = {term.name: size / units[term.name] for term, size in zip(terms, sizes, strict=True)}
+        return Components(variances, float(carry))
 
     def deviance(point: Array) -> float:
         return problem.likelihood(components(point)).deviance
 
     starts = [np.full(len(kinds), np.log(size)) for size in _START_VARIANCES]
-    if "wandering" in kinds:
+    if in_time:
         at = [(carry - _CARRIES[0]) / (_CARRIES[1] - carry) for carry in _START_CARRIES]
         starts = [np.append(start, np.log(odds)) for start in starts for odds in at]
     heights = [deviance(start) for start in starts]
@@ -184,22 +182,3 @@ def best_components(problem: RestrictedProblem, kinds: tuple[Kind, ...], hopeles
         point = scipy.optimize.minimize(deviance, start, method="Nelder-Mead", options=options).x
     found = components(point)
     return Estimate(kinds, found, problem.likelihood(found), problem)
-
-
-def _units(problem: RestrictedProblem) -> Components:
-    """The mean variance of a number that a component of one makes."""
-    shapes = problem.shapes
-    scatter, shift, trend, step = (
-        max(float((shape**2).sum()) / problem.numbers, 1e-300)
-        for shape in (shapes.scatter, shapes.shift, shapes.trend, shapes.step)
-    )
-    return Components(scatter=scatter, shift=shift, trend=trend, step=step)
-
-
-def _p_value(kind: Kind, ratio: float) -> float:
-    """Of a likelihood ratio: half of a chi squared's; of a wandering base with a correlation of its own."""
-    if ratio <= 0:
-        return 1.0
-    if kind == "wandering":
-        return min(1.0, _CORRELATIONS * 0.5 * float(chi2_sf(ratio, 1)))
-    return 0.5 * float(chi2_sf(ratio, 1))

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification
 from lab.calibration.noise.change_points import likeliest_change, rows_around, session_of
-from lab.calibration.noise.shared_errors import SharedErrors, row_times
+from lab.calibration.noise.error_model import ErrorModel, row_times
 from lab.calibration.statistics.goodness_of_fit import GoodnessOfFit
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.statistics.linearized import LinearizedFit, linearized
@@ -90,7 +90,7 @@ class NoiseFinding:
 def shared_error_findings(
     found: Identification,
     rows: Measurements,
-    shared: SharedErrors | None,
+    shared: ErrorModel | None,
     adequacy: GoodnessOfFit,
     labels: NDArray[np.int_],
 ) -> list[NoiseFinding]:

@@ -7,10 +7,12 @@ import numpy as np
 
 from lab.calibration.identify import Identification
 from lab.calibration.noise.change_points import rows_around
+from lab.calibration.noise.error_model import Clock, ErrorModel, error_shapes, row_times
+from lab.calibration.noise.error_term import Components, ErrorShapes, Move
 from lab.calibration.noise.estimation import ComponentTrial, Estimate, chosen_components
-from lab.calibration.noise.likelihood import Components, ErrorShapes, RestrictedProblem
-from lab.calibration.noise.shared_errors import Clock, Move, SharedErrors, error_shapes, row_times
+from lab.calibration.noise.likelihood import RestrictedProblem
 from lab.calibration.noise.small_samples import ComponentErrors, SmallSample, small_sample
+from lab.calibration.noise.terms import TERMS, correlation_of
 from lab.calibration.observation import observation_of, only_positions
 from lab.calibration.statistics.goodness_of_fit import goodness_beside_shared_errors
 from lab.calibration.statistics.linearized import LinearizedFit, linearized
@@ -18,6 +20,7 @@ from lab.calibration.weights import Noise, weighed
 from lab.core.linear_model import unit_columns
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
+from lab.core.wording import short_length
 
 __all__ = ["NoiseSearch", "in_stretches", "search_noise"]
 
@@ -39,7 +42,7 @@ class NoiseSearch:
             the model lacks, cannot be told apart.
     """
 
-    shared: SharedErrors | None
+    shared: ErrorModel | None
     trials: tuple[ComponentTrial, ...]
     deviance: float
     linear: LinearizedFit | None = None
@@ -103,17 +106,14 @@ def search_noise(found: Identification, data: Measurements, noise: Noise) -> Noi
     if _varies_with_joints(linear, estimate, data):
         return NoiseSearch(known_errors, trials, problem.likelihood(Components()).deviance, undecided=True)
     parts, scale = estimate.components, estimate.likelihood.scale
-    shared = SharedErrors(
+    shared = ErrorModel(
         sigma_m=found.sigma_m if known else float(np.sqrt(scale)),
         independent_share=scale if known else 1.0,
-        scatter_rad=float(np.sqrt(parts.scatter * scale)),
-        wandering_m=float(np.sqrt(parts.shift * scale)),
+        sizes={term.name: float(np.sqrt(parts[term.name] * scale)) for term in TERMS},
         carry=parts.carry,
-        drift_m=float(np.sqrt(parts.trend * scale)),
         clock=clock,
         values=dict(zip(model.names, found.values.tolist(), strict=True)),
         counts_rad=None if known_errors is None else known_errors.counts_rad,
-        step_m=float(np.sqrt(parts.step * scale)),
         moves=_moves(estimate, data, times),
     )
     return NoiseSearch(shared, trials, estimate.deviance, linear, estimate)
@@ -121,11 +121,13 @@ def search_noise(found: Identification, data: Measurements, noise: Noise) -> Noi
 
 def _moves(estimate: Estimate, data: Measurements, times: Array) -> tuple[Move, ...]:
     """Change points with their sizes, between the last row before and the first one after, in the order of time."""
-    found = []
-    shifts = estimate.problem.shifts(estimate.components)
+    found, (scanned,) = [], (term for term in TERMS if term.scanned)
+    shifts = estimate.problem.predicted(estimate.components, scanned)
     for change, shift in zip(estimate.problem.shapes.changes, shifts, strict=True):
-        last, first = rows_around(times, change.time)
-        found.append(Move(change, data.ids[last], data.ids[first], float(np.linalg.norm(shift))))
+        (last, first), size_m = rows_around(times, change.time), float(np.linalg.norm(shift))
+        before, after = data.ids[last], data.ids[first]
+        words = f"the base or the instrument moved by {short_length(size_m)} between poses {before} and {after}"
+        found.append(Move(change, before, after, size_m, words))
     return tuple(sorted(found, key=lambda move: move.change.time))
 
 
@@ -141,7 +143,7 @@ def in_stretches(data: Measurements) -> Measurements:
 def _varies_with_joints(linear: LinearizedFit, estimate: Estimate, data: Measurements) -> bool:
     """Whether what is left beside the components comes back where the joints do: then it was not drawn anew."""
     shapes = estimate.problem.shapes
-    correlation = shapes.correlation(estimate.components)
+    correlation = correlation_of(shapes, estimate.components)
     white = correlation.white(estimate.problem.rows)
     columns, scale = unit_columns(white[..., :-1].reshape(-1, white.shape[2] - 1))
     whitened = LinearizedFit(white[..., -1], columns.reshape(*linear.mask.shape, -1), scale, linear.mask, linear.poses)
@@ -159,5 +161,5 @@ def _padded(shapes: ErrorShapes, blocks: int) -> ErrorShapes:
         return shapes
     rows = [(0, more), (0, 0), (0, 0)]
     after = shapes.times.max() + 1.0 + np.arange(more)
-    scatter, shift, trend = (np.pad(each, rows) for each in (shapes.scatter, shapes.shift, shapes.trend))
-    return ErrorShapes(scatter, shift, trend, np.concatenate([shapes.times, after]))
+    scatter, shift = (np.pad(each, rows) for each in (shapes.scatter, shapes.shift))
+    return ErrorShapes(scatter, shift, np.pad(shapes.along, (0, more)), np.concatenate([shapes.times, after]))

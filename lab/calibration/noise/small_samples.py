@@ -8,12 +8,15 @@ degrees of freedom of a parameter's interval are those of a chi squared with the
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
+from lab.calibration.noise.error_term import Components
 from lab.calibration.noise.estimation import Estimate
-from lab.calibration.noise.likelihood import LEAST_SHARE, Components, RestrictedProblem
+from lab.calibration.noise.likelihood import LEAST_SHARE, RestrictedProblem
+from lab.calibration.noise.terms import TERMS
 from lab.core.linear_model import matched_dof
 from lab.core.se3 import Array
 
@@ -29,7 +32,7 @@ class ComponentErrors:
     """How well estimated variance components are known, and what hangs on them.
 
     Attributes:
-        names: ``(c,)`` of ``Components``, and ``scale`` for the instrument's variance; as logarithms, ``carry`` as that
+        names: ``(c,)`` of the terms, and ``scale`` for the instrument's variance; as logarithms, ``carry`` as that
             of its odds.
         covariance: ``(c, c)`` of these.
         slopes: ``(c, f)`` the derivative of each parameter's standard deviation, as a logarithm, by each of them.
@@ -38,6 +41,14 @@ class ComponentErrors:
     names: tuple[str, ...]
     covariance: Array
     slopes: Array
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return them as ``result.json`` holds them."""
+        return {
+            "names": list(self.names),
+            "covariance": self.covariance.tolist(),
+            "slopes": self.slopes.tolist(),
+        }
 
     def without(self, name: str) -> "ComponentErrors":
         """The same where one of the variances is known after all."""
@@ -125,16 +136,18 @@ class _Point:
         components, scale = estimate.components, estimate.likelihood.scale
         at_bound = known and not LEAST_SHARE < scale < 1.0
         found = {} if at_bound else {"scale": float(np.log(scale))}
-        for each in fields(Components):
-            if (value := getattr(components, each.name)) > 0:
-                found[each.name] = float(np.log(value / (1 - value) if each.name == "carry" else value * scale))
+        for term in TERMS:
+            if (variance := components[term.name]) > 0:
+                found[term.name] = float(np.log(variance * scale))
+            if term.structure == "autoregressive" and (carry := components.carry) > 0:
+                found["carry"] = float(np.log(carry / (1 - carry)))
         return _Point(tuple(found), np.array(list(found.values())), scale)
 
     def look(self, problem: RestrictedProblem, values: Array) -> _Look:
         """Covariance and deviance at other values."""
         found = dict(zip(self.names, np.exp(values).tolist(), strict=True))
         scale, odds = found.pop("scale", self.scale), found.pop("carry", 0.0)
-        components = Components(**{name: value / scale for name, value in found.items()}, carry=odds / (1 + odds))
+        components = Components({name: value / scale for name, value in found.items()}, odds / (1 + odds))
         there = problem.at(components, scale)
         return _Look(scale * np.linalg.inv(there.information), there.deviance)
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from lab.calibration.extrapolation import measured_range
 from lab.calibration.identify import Identification, IdentifyOptions, identify
+from lab.calibration.noise.error_model import ErrorModel
 from lab.calibration.noise.plausibility import NoiseFinding, changes_in_time, shared_error_findings
 from lab.calibration.noise.search import NoiseSearch
-from lab.calibration.noise.shared_errors import SharedErrors
 from lab.calibration.observation import observation_of, only_positions
 from lab.calibration.prior import Tolerance
 from lab.calibration.residual.estimation import with_residual
@@ -240,7 +240,7 @@ class Fitter:
             return self._with_own_noise(selection, rows)
         return fitter, selection, search
 
-    def knowing(self, shared: SharedErrors | None) -> "Fitter":
+    def knowing(self, shared: ErrorModel | None) -> "Fitter":
         """The fitter with the errors that its measurements share."""
         return replace(self, noise=replace(self.noise, shared=shared))
 
@@ -304,7 +304,7 @@ class Fitter:
         self,
         found: Identification,
         rows: Measurements,
-        shared: SharedErrors | None,
+        shared: ErrorModel | None,
         adequacy: GoodnessOfFit,
         selection: Selection | None,
     ) -> tuple[NoiseFinding, ...]:
@@ -489,11 +489,11 @@ class _OneModel:
         """Of the robot's table."""
         return self.fitter.robot.chain.encoders
 
-    def fitted(self, rows: Measurements, shared: SharedErrors | None) -> Identification:
+    def fitted(self, rows: Measurements, shared: ErrorModel | None) -> Identification:
         """The identification from all these rows."""
         return self.fitter.knowing(shared).identified_with(rows, self.groups, self.held)
 
-    def outliers(self, found: Identification, rows: Measurements, shared: SharedErrors | None) -> Outliers:
+    def outliers(self, found: Identification, rows: Measurements, shared: ErrorModel | None) -> Outliers:
         """The poses that are off."""
         return self.fitter.knowing(shared).outliers_of(found, rows)
 
@@ -513,6 +513,6 @@ def _missing(beside: Selection) -> NoiseFinding:
     return NoiseFinding("missing", float(np.sqrt(max(before**2 - after**2, 0.0))), False, words)
 
 
-def _kinds(shared: SharedErrors | None) -> tuple[bool, ...]:
+def _kinds(shared: ErrorModel | None) -> tuple[str, ...]:
     """Which errors are shared."""
     return () if shared is None else shared.kinds

@@ -5,10 +5,10 @@ from functools import cached_property
 
 from lab.calibration.extrapolation import MeasuredRange
 from lab.calibration.identify import Identification
+from lab.calibration.noise.error_model import row_times
 from lab.calibration.noise.plausibility import NoiseFinding
 from lab.calibration.noise.rigid_distances import InstrumentNoise, instrument_noise
 from lab.calibration.noise.search import NoiseSearch
-from lab.calibration.noise.shared_errors import row_times
 from lab.calibration.observation import observation_of, only_positions
 from lab.calibration.residual.estimation import ExpectedGain, expected_gain
 from lab.calibration.residual.process import JointProcess, PredictedBy

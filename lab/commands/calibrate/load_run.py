@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.extrapolation import MeasuredRange
-from lab.calibration.noise.shared_errors import SharedErrors
+from lab.calibration.noise.error_model import ErrorModel
 from lab.calibration.noise.small_samples import ComponentErrors
+from lab.calibration.noise.stored import component_errors_from_dict, noise_model_from_dict
 from lab.calibration.pose_cover import PoseCover
 from lab.calibration.residual.process import GROUP, JointProcess, PredictedBy
 from lab.campaign.config_file import RunInputs
@@ -19,7 +20,6 @@ from lab.campaign.instruments import named_instrument
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot, load_robot, load_virtual
 from lab.commands.calibrate.exports import ArmExport, lasting_arm
-from lab.commands.calibrate.noise import component_errors_from_dict, noise_model_from_dict
 from lab.commands.calibrate.range_dict import measured_range_from_dict, read_cover
 from lab.commands.calibrate.residual_file import read_residual
 from lab.commands.calibrate.run_files import Campaign, SavedParameter, read_run_files
@@ -174,7 +174,7 @@ class Calibrated:
         return self.options.fitting.prior == "on" if found is None else found.acts_in > 0
 
     @property
-    def shared(self) -> SharedErrors | None:
+    def shared(self) -> ErrorModel | None:
         """Errors that the numbers of a measurement share, beside the instrument's."""
         values = dict(zip(self.arm.names, self.values.tolist(), strict=True))
         return noise_model_from_dict(self.result.noise_model, values)

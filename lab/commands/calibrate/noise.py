@@ -1,31 +1,20 @@
 """The noise model of a set of measurements: which errors its numbers share, outliers aside."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from lab.calibration.identify import Identification
+from lab.calibration.noise.error_model import ErrorModel, counted
 from lab.calibration.noise.search import NoiseSearch, in_stretches, search_noise
-from lab.calibration.noise.shared_errors import SharedErrors, counted
-from lab.calibration.noise.small_samples import ComponentErrors
 from lab.calibration.observation import observation_of, only_positions
 from lab.calibration.statistics.outliers import Outliers
 from lab.calibration.weights import Noise, weighed
-from lab.core.errors import LabError
 from lab.core.measurements import Measurements, seen_mask
-from lab.formats.structured import structured
 from lab.kinematics.encoders import Encoders
 
-__all__ = [
-    "Fits",
-    "NoiseModel",
-    "component_errors_from_dict",
-    "noise_model_from_dict",
-    "noise_model_to_dict",
-    "noise_of",
-]
+__all__ = ["Fits", "noise_of"]
 
 _ROUNDS = 3  # of outliers and the noise that they are judged by
 
@@ -41,10 +30,10 @@ class Fits(Protocol):
     def encoders(self) -> Encoders | None:
         """Whose whole counts the joint positions are; None for ideal ones."""
 
-    def fitted(self, rows: Measurements, shared: SharedErrors | None) -> Identification:
+    def fitted(self, rows: Measurements, shared: ErrorModel | None) -> Identification:
         """The identification from all these rows."""
 
-    def outliers(self, found: Identification, rows: Measurements, shared: SharedErrors | None) -> Outliers:
+    def outliers(self, found: Identification, rows: Measurements, shared: ErrorModel | None) -> Outliers:
         """The poses that are off."""
 
 
@@ -91,7 +80,7 @@ def noise_of(fits: Fits, rows: Measurements) -> NoiseSearch:
     return min(explanations, key=lambda each: each.deviance).search
 
 
-def _counted(whole: Identification, rows: Measurements, encoders: Encoders | None) -> SharedErrors | None:
+def _counted(whole: Identification, rows: Measurements, encoders: Encoders | None) -> ErrorModel | None:
     """What whole counts of the encoders make, where that is known and not little."""
     observation = observation_of(whole.model)
     if encoders is None or not only_positions(observation):
@@ -100,136 +89,8 @@ def _counted(whole: Identification, rows: Measurements, encoders: Encoders | Non
     return counted(observation.model, rows, whole.values, encoders, whole.sigma_m, dof)
 
 
-def noise_model_to_dict(shared: SharedErrors | None, errors: ComponentErrors | None = None) -> dict[str, Any] | None:
-    """Shared errors as ``result.json`` holds them; None where there are none.
-
-    Args:
-        errors: how well their variances are known; None where these are not estimates.
-    """
-    if shared is None:
-        return None
-    return {
-        "independent_mm": 1e3 * shared.independent_m,
-        "independent_share": shared.independent_share,
-        "joint_scatter_mrad": 1e3 * shared.scatter_rad,
-        "wandering_mm": 1e3 * shared.wandering_m,
-        "wandering_correlation": shared.carry,
-        "drift_mm": 1e3 * shared.drift_m,
-        "step_mm": 1e3 * shared.step_m,
-        "moves": [{"before": move.before, "after": move.after, "size_mm": 1e3 * move.size_m} for move in shared.moves],
-        "encoder_counts_rad": None if shared.counts_rad is None else shared.counts_rad.tolist(),
-        "component_errors": None
-        if errors is None
-        else {
-            "names": list(errors.names),
-            "covariance": errors.covariance.tolist(),
-            "slopes": errors.slopes.tolist(),
-        },
-        "words": list(shared.words),
-    }
-
-
-@dataclass(frozen=True)
-class _ComponentErrors:
-    """The uncertainty of the variances of a noise model."""
-
-    names: tuple[str, ...]
-    covariance: tuple[tuple[float, ...], ...]
-    slopes: tuple[tuple[float, ...], ...]
-
-    def __post_init__(self) -> None:
-        """Refuse tables of other sizes than the names', and what is no covariance, with a LabError."""
-        count, widths = len(self.names), {len(row) for row in self.slopes}
-        if [len(row) for row in self.covariance] != [count] * count or len(self.slopes) != count or len(widths) > 1:
-            raise LabError("component_errors: covariance and slopes have a row for each name")
-        table = np.array(self.covariance).reshape(count, count)
-        if not np.allclose(table, table.T) or (np.diag(table) < 0).any():
-            raise LabError("component_errors.covariance: is no covariance")
-
-
-@dataclass(frozen=True)
-class _Move:
-    """A move of the base or the instrument as ``result.json`` holds it; its keys."""
-
-    before: str
-    after: str
-    size_mm: float
-
-    def __post_init__(self) -> None:
-        """Refuse what is no size, with a LabError."""
-        if self.size_mm < 0:
-            raise LabError("noise_model.moves: a size is not below zero")
-
-
-@dataclass(frozen=True)
-class NoiseModel:
-    """Shared errors as ``result.json`` holds them; its keys."""
-
-    independent_mm: float
-    independent_share: float
-    joint_scatter_mrad: float
-    wandering_mm: float
-    wandering_correlation: float
-    drift_mm: float
-    encoder_counts_rad: tuple[tuple[float, ...], ...] | None = None
-    step_mm: float = 0.0
-    component_errors: _ComponentErrors | None = None
-    moves: tuple[_Move, ...] = ()
-
-    def __post_init__(self) -> None:
-        """Refuse what is no size, share or correlation, with a LabError."""
-        sizes = (self.independent_mm, self.joint_scatter_mrad, self.wandering_mm, self.drift_mm, self.step_mm)
-        if min(sizes) < 0:
-            raise LabError("noise_model: a standard deviation is not below zero")
-        if any(len(row) != len(self.encoder_counts_rad or ()) for row in self.encoder_counts_rad or ()):
-            raise LabError("noise_model: encoder_counts_rad has a row and a column for each joint")
-        if not (0 < self.independent_share <= 1 and 0 <= self.wandering_correlation < 1):
-            raise LabError("noise_model: the share is above 0 and at most 1, the correlation at least 0 and below 1")
-
-
-def component_errors_from_dict(content: NoiseModel | None) -> ComponentErrors | None:
-    """How well the variances of a noise model are known, that ``noise_model_to_dict`` made; None where it is not said.
-
-    Args:
-        content: the noise model; None where there is none.
-    """
-    found = None if content is None else content.component_errors
-    if found is None:
-        return None
-    return ComponentErrors(found.names, np.array(found.covariance), np.array(found.slopes))
-
-
-def noise_model_from_dict(
-    content: Mapping[str, Any] | NoiseModel | None, values: Mapping[str, float]
-) -> SharedErrors | None:
-    """Shared errors of a run, for measurements of another day.
-
-    Args:
-        content: what ``noise_model_to_dict`` made.
-        values: the run's parameters by name.
-
-    Raises:
-        LabError: it lacks a number, or one is not possible.
-    """
-    if content is None:
-        return None
-    found = structured("noise_model", NoiseModel, content, extra=True)
-    return SharedErrors(
-        sigma_m=found.independent_mm / 1e3 / np.sqrt(found.independent_share),
-        independent_share=found.independent_share,
-        scatter_rad=found.joint_scatter_mrad / 1e3,
-        wandering_m=found.wandering_mm / 1e3,
-        carry=found.wandering_correlation,
-        drift_m=found.drift_mm / 1e3,
-        clock=None,
-        values=values,
-        counts_rad=None if found.encoder_counts_rad is None else np.array(found.encoder_counts_rad),
-        step_m=found.step_mm / 1e3,
-    )
-
-
 def _settled(
-    fits: Fits, rows: Measurements, first: _Explanation, reach: float, counts: SharedErrors | None
+    fits: Fits, rows: Measurements, first: _Explanation, reach: float, counts: ErrorModel | None
 ) -> _Explanation:
     """The explanation whose outliers are those of its own noise."""
     here = first
@@ -243,7 +104,7 @@ def _settled(
 
 
 def _without(
-    fits: Fits, rows: Measurements, off: frozenset[int], reach: float, counts: SharedErrors | None
+    fits: Fits, rows: Measurements, off: frozenset[int], reach: float, counts: ErrorModel | None
 ) -> _Explanation:
     """The noise of the other rows; all rows' where these are too few."""
     clean = rows.take(np.setdiff1d(np.arange(len(rows)), sorted(off)))

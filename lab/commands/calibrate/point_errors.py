@@ -98,9 +98,8 @@ def visit_covariances(run: Calibrated, slopes: Array) -> Array:
     """
     if (shared := run.shared) is None:
         return np.zeros((*slopes.shape[:-1], 3))
-    more = max(shared.independent_m**2 - shared.sigma_m**2, 0.0) + shared.wandering_m**2 + shared.lasting_m**2
     scattered = slopes @ shared.joint_covariance(slopes.shape[-1]) @ np.swapaxes(slopes, -1, -2)
-    return np.asarray(scattered + more * np.eye(3))
+    return np.asarray(scattered + shared.common_m2 * np.eye(3))
 
 
 def load_errors(run: Calibrated, inputs: Array, targets: Sequence[int]) -> Array:

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification
+from lab.calibration.noise.error_model import ErrorModel
 from lab.calibration.noise.rigid_distances import goodness_by_distances, instrument_noise
-from lab.calibration.noise.shared_errors import SharedErrors
 from lab.calibration.observation import observation_of, only_positions
 from lab.calibration.statistics.goodness_of_fit import (
     GoodnessOfFit,
@@ -35,7 +35,7 @@ def _beside_shared_errors(
     found: Identification,
     observations: Observations,
     rows: Measurements,
-    shared: SharedErrors,
+    shared: ErrorModel,
     instrument: tuple[Observations, NoiseDistribution] | None = None,
 ) -> GoodnessOfFit:
     """Whether residuals vary with the joints, beside errors that are drawn anew at each pose.

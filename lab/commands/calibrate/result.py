@@ -12,6 +12,7 @@ from lab.calibration.identifiability import Direction
 from lab.calibration.identify import Identification
 from lab.calibration.most_likely_parameters import most_likely_parameters
 from lab.calibration.noise.rigid_distances import InstrumentNoise
+from lab.calibration.noise.stored import noise_model_to_dict
 from lab.calibration.observation import ROTATION_PARAMETERS, observation_of
 from lab.calibration.prior import Tolerance
 from lab.calibration.residual.estimation import ExpectedGain
@@ -36,7 +37,6 @@ from lab.commands.calibrate.findings import (
     weak_directions_of,
 )
 from lab.commands.calibrate.fit_result import FitReport, Named
-from lab.commands.calibrate.noise import noise_model_to_dict
 from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.calibrate.range_dict import (
     POSES_FILE,

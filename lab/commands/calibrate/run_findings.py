@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from lab.calibration.noise.stored import NoiseModel
 from lab.calibration.verdict import gate_words
-from lab.commands.calibrate.noise import NoiseModel
 from lab.commands.calibrate.range_dict import Extrapolation
 from lab.commands.calibrate.residual_file import ResidualSizes
 from lab.core.errors import LabError

@@ -8,7 +8,7 @@ from lab.calibration.extrapolation import MeasuredRange
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identifiability import WEAK_CONDITION
 from lab.calibration.identify import Identification
-from lab.calibration.noise.shared_errors import NOTABLE
+from lab.calibration.noise.error_model import NOTABLE
 from lab.calibration.observation import observation_of
 from lab.calibration.pose_cover import MOST_UNCOVERED
 from lab.calibration.prior import Tolerance, prior_of

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from lab.calibration.noise.shared_errors import row_times
+from lab.calibration.noise.error_model import row_times
 from lab.certification.characteristics import Repeats
 from lab.certification.quantities import FrameMotion, KnownSpread, Placement, RandomErrors
 from lab.commands.calibrate.load_run import Calibrated

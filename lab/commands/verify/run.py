@@ -12,7 +12,7 @@ from lab.calibration.extrapolation import MeasuredRange
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import PLAUSIBLE_SPREAD, spread
 from lab.calibration.noise.correlation import Correlation
-from lab.calibration.noise.shared_errors import SharedErrors
+from lab.calibration.noise.error_model import ErrorModel
 from lab.calibration.noise.small_samples import ComponentErrors
 from lab.calibration.observation import observation_of
 from lab.calibration.pose_cover import MOST_UNCOVERED
@@ -230,7 +230,7 @@ def _of_estimated_noise(
     observation, shared = observation_of(prediction.arm), noise.shared
     assert shared is not None
 
-    def by(some: Measurements, its: SharedErrors) -> Observations:
+    def by(some: Measurements, its: ErrorModel) -> Observations:
         observations, _ = weighed(observation, some, replace(noise, shared=its))
         return _beyond_range(observations, prediction, calibrated.measured)
 

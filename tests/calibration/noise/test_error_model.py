@@ -8,13 +8,14 @@ import pytest
 import lab
 from lab.calibration.gauss_newton import Status
 from lab.calibration.identify import Identification, identify
+from lab.calibration.noise.error_model import Clock, ErrorModel, row_times
 from lab.calibration.noise.search import search_noise
-from lab.calibration.noise.shared_errors import Clock, SharedErrors, row_times
+from lab.calibration.noise.stored import noise_model_from_dict, noise_model_to_dict
 from lab.calibration.observation import observation_of
 from lab.calibration.statistics.outliers import Outliers
 from lab.calibration.weights import Noise, weighed
 from lab.campaign.robot import load_robot
-from lab.commands.calibrate.noise import noise_model_from_dict, noise_model_to_dict, noise_of
+from lab.commands.calibrate.noise import noise_of
 from lab.core.measurements import Measurements
 
 ROBOT = load_robot("irb120")
@@ -58,11 +59,11 @@ class _Ended:
     noise: Noise = field(default_factory=Noise)
     encoders: None = None
 
-    def fitted(self, rows: Measurements, shared: SharedErrors | None) -> Identification:
+    def fitted(self, rows: Measurements, shared: ErrorModel | None) -> Identification:
         found = identify(ARM, rows, NOMINAL, replace(self.noise, shared=shared))
         return replace(found, fit=replace(found.fit, status=self.status))
 
-    def outliers(self, found: Identification, rows: Measurements, shared: SharedErrors | None) -> Outliers:
+    def outliers(self, found: Identification, rows: Measurements, shared: ErrorModel | None) -> Outliers:
         return Outliers(_NONE, np.empty(0), np.empty(0), found.fit, np.ones(len(rows)), False, 0.01, _NONE)
 
 
@@ -85,9 +86,10 @@ def test_a_steady_drift_of_the_base_is_told_by_its_size() -> None:
     assert "drifts steadily" in shared.words[0]
 
 
-def sample(scatter: float = 0.0, wandering: float = 0.0, drift: float = 0.0) -> SharedErrors:
+def sample(scatter: float = 0.0, wandering: float = 0.0, drift: float = 0.0) -> ErrorModel:
     values = dict(zip(ARM.names, NOMINAL.tolist(), strict=True))
-    return SharedErrors(5e-6, 1.0, scatter, wandering, 0.8, drift, Clock(10.0, 10.0), values)
+    sizes = {"scatter": scatter, "shift": wandering, "trend": drift}
+    return ErrorModel(5e-6, 1.0, sizes, Clock(10.0, 10.0), values, 0.8)
 
 
 def test_weights_hold_the_shared_errors_whether_the_instrument_is_known_or_not() -> None:
@@ -119,10 +121,10 @@ def test_rows_are_in_time_by_their_clock_else_by_their_place() -> None:
 
 def test_one_variance_is_moved_by_its_logarithm_and_a_correlation_by_its_odds() -> None:
     of = sample(scatter=30e-6, wandering=4e-6, drift=20e-6)
-    for name, size in (("scatter", "scatter_rad"), ("shift", "wandering_m"), ("trend", "drift_m")):
+    for name in ("scatter", "shift", "trend"):
         moved = of.moved(name, 0.4)
-        assert (getattr(moved, size) / getattr(of, size)) ** 2 == pytest.approx(np.exp(0.4))
-        assert replace(moved, **{size: getattr(of, size)}) == of
+        assert (moved.size(name) / of.size(name)) ** 2 == pytest.approx(np.exp(0.4))
+        assert replace(moved, sizes={**moved.sizes, name: of.size(name)}) == of
     assert of.moved("scale", 0.4).independent_m ** 2 == pytest.approx(np.exp(0.4) * of.independent_m**2)
     carry = of.moved("carry", 0.4).carry
     assert np.log(carry / (1 - carry)) - np.log(0.8 / 0.2) == pytest.approx(0.4)

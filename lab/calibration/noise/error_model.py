@@ -1,30 +1,30 @@
-"""Errors that measured numbers share, beside the instrument's, as they were found in one set of measurements.
+"""Model the errors of measured numbers beside the instrument's, as they were found in one set of measurements.
 
-A value of SI units that says for any measurements of the same arm which of their numbers err together: those that it
-was estimated from, poses held out, and those of another day.
+A value of SI units from which the shared errors of any measurements of the same arm follow: of those that it was
+estimated from, of poses held out, and of those of another day.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import scipy  # its parts are loaded at their first use, which not every process comes to
 
 from lab.calibration.gauss_newton import Observations
-from lab.calibration.noise.change_points import ANOTHER_DAY, APART, ChangePoint, session_of
-from lab.calibration.noise.likelihood import Components, ErrorShapes
+from lab.calibration.noise.change_points import APART, session_of
+from lab.calibration.noise.error_term import Components, ErrorShapes, ErrorSizes, ErrorTerm, Move
+from lab.calibration.noise.terms import HARDLY_CORRELATED, TERMS, correlation_of
 from lab.calibration.statistics.joint_rounding import by_joint_positions, counting
 from lab.core.measurements import Measurements, seen_mask, setups
 from lab.core.se3 import Array
-from lab.core.wording import short_length
 from lab.kinematics.encoders import Encoders
 from lab.kinematics.model import Model
 
-__all__ = ["NOTABLE", "Clock", "Move", "SharedErrors", "correlated", "counted", "error_shapes", "row_times"]
+__all__ = ["NOTABLE", "Clock", "ErrorModel", "correlated", "counted", "error_shapes", "row_times"]
 
 NOTABLE = 0.1  # of the noise: what whole counts of the encoders make beside it
 _LEAST_ALONE = 0.1  # of a noise that was estimated with the counts in it: what it is at least without them
-_HARDLY = 0.15  # a correlation from one pose to the next that is taken as none: the search ends at 0.1
 
 
 @dataclass(frozen=True)
@@ -58,80 +58,90 @@ class Clock:
 
 
 @dataclass(frozen=True)
-class Move:
-    """That the base or the instrument moved at once.
-
-    Attributes:
-        change: when.
-        before, after: ids of the rows between which it did.
-        size_m: how far.
-    """
-
-    change: ChangePoint
-    before: str
-    after: str
-    size_m: float
-
-    @property
-    def words(self) -> str:
-        """For a person."""
-        size = short_length(self.size_m)
-        return f"the base or the instrument moved by {size} between poses {self.before} and {self.after}"
-
-
-@dataclass(frozen=True)
-class SharedErrors:
-    """Standard deviations of errors that numbers share.
+class ErrorModel:
+    """Standard deviations of the errors that numbers share, term by term.
 
     Attributes:
         sigma_m: of the instrument, of one coordinate, as it was estimated beside them.
         independent_share: of a known instrument's variance: how much of it is independent from pose to pose.
-        scatter_rad: of where each joint stops from one pose to the next; m of a slide.
-        wandering_m: of a shift of the base (or the instrument) that comes and goes, of one coordinate.
-        carry: the correlation of that shift from one pose to the next.
-        drift_m: of the shift at the campaign's end, where the base moves steadily, of one coordinate.
+        sizes: by the name of the term, without those of zero.
         clock: of that campaign; None on another day, when a drift has come to an end that nobody knows.
         values: parameters by name, at which the derivatives by the joints are taken.
+        carry: the correlation of the autoregressive term from one pose to the next.
         counts_rad: ``(J, J)`` a root of the covariance that whole counts of known encoders give the joint positions
-            (rad, m); None where they are ideal, or too fine to be weighed.
-        step_m: of a shift where the base moves at once, of one coordinate.
-        moves: when it did so; none on another day, when nobody knows where it was left.
+            (rad, m); None where they are ideal, or too fine to be weighted.
+        moves: of the base at once; none on another day, when nobody knows where it was left.
     """
 
     sigma_m: float
     independent_share: float
-    scatter_rad: float
-    wandering_m: float
-    carry: float
-    drift_m: float
+    sizes: Mapping[str, float]
     clock: Clock | None
     values: Mapping[str, float]
+    carry: float = 0.0
     counts_rad: Array | None = None
-    step_m: float = 0.0
     moves: tuple[Move, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "sizes", {name: size for name, size in self.sizes.items() if size})
+
+    def size(self, name: str) -> float:
+        """Return the standard deviation of a term by its name; zero where it is not there."""
+        return self.sizes.get(name, 0.0)
+
+    @property
+    def terms(self) -> tuple[ErrorTerm, ...]:
+        """The terms that are there."""
+        return tuple(term for term in TERMS if self.size(term.name) > 0)
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """The kinds of the terms that are there."""
+        return tuple(term.kind for term in self.terms)
 
     @property
     def is_known(self) -> bool:
         """Whether nothing was estimated from residuals: only whole counts of the encoders beside the instrument."""
-        return self.counts_rad is not None and not any(self.kinds)
+        return self.counts_rad is not None and not self.terms
 
     @property
-    def kinds(self) -> tuple[bool, ...]:
-        """Which of the estimated ones are there: scatter, wandering, drift, change points."""
-        return self.scatter_rad > 0, self.wandering_m > 0, self.drift_m > 0, self.step_m > 0
+    def scatter_rad(self) -> float:
+        """Standard deviation of where each joint stops from one pose to the next; m of a slide."""
+        return self.size("scatter")
 
     @property
-    def lasting_m(self) -> float:
-        """What a drift and changes that came to an end leave of the base on another day, of one coordinate."""
-        return float(np.hypot(self.drift_m, self.step_m))
+    def wandering_m(self) -> float:
+        """Standard deviation of a shift that is correlated in time, of one coordinate."""
+        return self.size("shift")
+
+    @property
+    def drift_m(self) -> float:
+        """Standard deviation of the shift at the end of a steady drift, of one coordinate."""
+        return self.size("trend")
+
+    @property
+    def step_m(self) -> float:
+        """Standard deviation of a shift where the base moves at once, of one coordinate."""
+        return self.size("step")
+
+    @property
+    def common_m2(self) -> float:
+        """Variance of a coordinate on another day: the independent errors beyond the instrument's, and every shift."""
+        own = max(self.independent_m**2 - self.sigma_m**2, 0.0)
+        return float(own + sum(self.size(term.name) ** 2 for term in self.terms if term.unit == "m"))
+
+    @property
+    def within_m2(self) -> tuple[float, ...]:
+        """Mean variances of a coordinate that each term's shifts make in the campaign itself."""
+        return tuple(term.variance_within(self.size(term.name), self.moves) for term in self.terms)
 
     def joint_covariance(self, joints: int) -> Array:
         """Covariance ``(J, J)`` of so many joints' positions at one pose (rad, m)."""
-        own: Array = self.scatter_rad**2 * np.eye(joints)
+        own: Array = sum(self.size(term.name) ** 2 for term in TERMS if term.unit == "rad") * np.eye(joints)
         return own if self.counts_rad is None else own + self.counts_rad @ self.counts_rad.T
 
-    def moved(self, name: str, step: float) -> "SharedErrors":
-        """The same with the logarithm of one variance (of ``carry`` that of its odds) larger by ``step``.
+    def moved(self, name: str, step: float) -> "ErrorModel":
+        """Return the model with the logarithm of one variance (of ``carry`` that of its odds) larger by ``step``.
 
         Args:
             name: as in ``small_samples.ComponentErrors``.
@@ -142,8 +152,7 @@ class SharedErrors:
         if name == "carry":
             odds = self.carry / (1 - self.carry) * factor**2
             return replace(self, carry=odds / (1 + odds))
-        field = {"scatter": "scatter_rad", "shift": "wandering_m", "trend": "drift_m", "step": "step_m"}[name]
-        return replace(self, **{field: factor * getattr(self, field)})
+        return replace(self, sizes={**self.sizes, name: factor * self.size(name)})
 
     @property
     def independent_m(self) -> float:
@@ -152,20 +161,27 @@ class SharedErrors:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """Each of them for a person."""
+        """Each of the errors for a person."""
         said = ["joint positions are whole counts of the encoders"] if self.counts_rad is not None else []
-        if self.scatter_rad:
-            said.append(f"joints scatter by {1e3 * self.scatter_rad:.2g} mrad from pose to pose")
-        if self.wandering_m:
-            size = f"{1e6 * self.wandering_m:.2g} µm (1σ per axis)"
-            said.append(
-                f"errors are correlated in time: {size}, {self.carry:.2g} from one pose to the next"
-                if self.carry > _HARDLY
-                else f"errors that each pose has of its own: {size}, hardly correlated in time"
-            )
-        if self.drift_m:
-            said.append(f"the base or the instrument drifts steadily, by {2e6 * self.drift_m:.2g} µm over the campaign")
-        return (*said, *(move.words for move in self.moves))
+        beside = ErrorSizes(self.carry, self.moves)
+        return (*said, *(text for term in self.terms for text in term.words(self.size(term.name), beside)))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the model as ``result.json`` holds it, without what is of that campaign alone."""
+        found: dict[str, Any] = {
+            "independent_mm": 1e3 * self.independent_m,
+            "independent_share": self.independent_share,
+        }
+        for term in TERMS:
+            if term.key:
+                found[term.key] = 1e3 * self.size(term.name)
+            if term.structure == "autoregressive":
+                found["wandering_correlation"] = self.carry
+        if further := {term.name: self.size(term.name) for term in self.terms if not term.key}:
+            found["further"] = further
+        moves = [{"before": each.before, "after": each.after, "size_mm": 1e3 * each.size_m} for each in self.moves]
+        counts = None if self.counts_rad is None else self.counts_rad.tolist()
+        return {**found, "moves": moves, "encoder_counts_rad": counts}
 
 
 def row_times(data: Measurements, clock: Clock | None = None) -> Array:
@@ -209,12 +225,11 @@ def error_shapes(
     if observed.correlation is not None:
         scatter, shift = (observed.correlation.white(each) for each in (scatter, shift))
     along = np.ones(n) if clock is None else (_within_session(times) - clock.middle) / clock.half_span
-    trend = along[:, None, None] * shift
-    return ErrorShapes(scatter, shift, trend, times)
+    return ErrorShapes(scatter, shift, along, times)
 
 
 def correlated(
-    model: Model, observed: Observations, data: Measurements, shared: SharedErrors, *, known: bool
+    model: Model, observed: Observations, data: Measurements, shared: ErrorModel, *, known: bool
 ) -> Observations:
     """The measurements, weighed by the instrument, with the errors that they share.
 
@@ -226,13 +241,11 @@ def correlated(
     alone = replace(observed, whiten=observed.whiten / np.sqrt(shared.independent_share)) if known else observed
     times, unit = row_times(data, shared.clock), 1.0 if known else shared.sigma_m
     shapes = error_shapes(model, alone, values, data.joints.shape[1], times, shared.clock)
-    if shared.step_m:
-        changes = tuple(move.change for move in shared.moves)
-        shapes = replace(shapes, changes=(ANOTHER_DAY,) if shared.clock is None else changes)
-    sizes = (shared.scatter_rad, shared.wandering_m, shared.drift_m, shared.step_m)
-    scatter, shift, trend, step = ((size / unit) ** 2 for size in sizes)
-    carry = shared.carry if shared.carry > _HARDLY else 0.0
-    correlation = shapes.correlation(Components(scatter, shift, carry, trend, step))
+    for term in shared.terms:
+        shapes = term.changed_at(shapes, shared.moves, another_day=shared.clock is None)
+    variances = {term.name: (shared.size(term.name) / unit) ** 2 for term in shared.terms}
+    carry = shared.carry if shared.carry > HARDLY_CORRELATED else 0.0
+    correlation = correlation_of(shapes, Components(variances, carry))
     if shared.counts_rad is not None:
         rounded = shapes.scatter @ shared.counts_rad / unit
         correlation = replace(correlation, scatter=np.concatenate([correlation.scatter, rounded], axis=2))
@@ -241,7 +254,7 @@ def correlated(
 
 def counted(
     model: Model, data: Measurements, values: Array, encoders: Encoders, sigma_m: float, dof: int | None = None
-) -> SharedErrors | None:
+) -> ErrorModel | None:
     """What whole counts of known encoders make of the numbers of a pose, where that is not little beside the noise.
 
     Errors in variables: a count is off by half of one at most, uniformly, and through the derivatives by the joints
@@ -258,7 +271,7 @@ def counted(
     root = np.asarray(np.linalg.cholesky(encoders.covariance))
     alone_m = sigma_m if dof is None else _without_counts(model, data, values, root, dof, sigma_m)
     named = dict(zip(model.names, values.tolist(), strict=True))
-    return SharedErrors(alone_m, 1.0, 0.0, 0.0, 0.0, 0.0, None, named, root)
+    return ErrorModel(alone_m, 1.0, {}, None, named, counts_rad=root)
 
 
 def _without_counts(model: Model, data: Measurements, values: Array, root: Array, dof: int, sigma_m: float) -> float:

@@ -1,0 +1,128 @@
+"""Read and write a noise model as ``result.json`` holds it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from lab.calibration.noise.error_model import ErrorModel
+from lab.calibration.noise.small_samples import ComponentErrors
+from lab.calibration.noise.terms import TERMS
+from lab.core.errors import LabError
+from lab.formats.structured import structured
+
+__all__ = ["NoiseModel", "component_errors_from_dict", "noise_model_from_dict", "noise_model_to_dict"]
+
+
+def noise_model_to_dict(shared: ErrorModel | None, errors: ComponentErrors | None = None) -> dict[str, Any] | None:
+    """Shared errors as ``result.json`` holds them; None where there are none.
+
+    Args:
+        errors: how well their variances are known; None where these are not estimates.
+    """
+    if shared is None:
+        return None
+    known = None if errors is None else errors.to_dict()
+    return {**shared.to_dict(), "component_errors": known, "words": list(shared.words)}
+
+
+@dataclass(frozen=True)
+class _ComponentErrors:
+    """The uncertainty of the variances of a noise model."""
+
+    names: tuple[str, ...]
+    covariance: tuple[tuple[float, ...], ...]
+    slopes: tuple[tuple[float, ...], ...]
+
+    def __post_init__(self) -> None:
+        """Refuse tables of other sizes than the names', and what is no covariance, with a LabError."""
+        count, widths = len(self.names), {len(row) for row in self.slopes}
+        if [len(row) for row in self.covariance] != [count] * count or len(self.slopes) != count or len(widths) > 1:
+            raise LabError("component_errors: covariance and slopes have a row for each name")
+        table = np.array(self.covariance).reshape(count, count)
+        if not np.allclose(table, table.T) or (np.diag(table) < 0).any():
+            raise LabError("component_errors.covariance: is no covariance")
+
+
+@dataclass(frozen=True)
+class _Move:
+    """A move of the base or the instrument as ``result.json`` holds it; its keys."""
+
+    before: str
+    after: str
+    size_mm: float
+
+    def __post_init__(self) -> None:
+        """Refuse what is no size, with a LabError."""
+        if self.size_mm < 0:
+            raise LabError("noise_model.moves: a size is not below zero")
+
+
+@dataclass(frozen=True)
+class NoiseModel:
+    """Shared errors as ``result.json`` holds them; its keys."""
+
+    independent_mm: float
+    independent_share: float
+    joint_scatter_mrad: float
+    wandering_mm: float
+    wandering_correlation: float
+    drift_mm: float
+    encoder_counts_rad: tuple[tuple[float, ...], ...] | None = None
+    step_mm: float = 0.0
+    component_errors: _ComponentErrors | None = None
+    moves: tuple[_Move, ...] = ()
+    further: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Refuse what is no size, share or correlation, with a LabError."""
+        if min(self.independent_mm, *self.sizes.values()) < 0:
+            raise LabError("noise_model: a standard deviation is not below zero")
+        if any(len(row) != len(self.encoder_counts_rad or ()) for row in self.encoder_counts_rad or ()):
+            raise LabError("noise_model: encoder_counts_rad has a row and a column for each joint")
+        if not (0 < self.independent_share <= 1 and 0 <= self.wandering_correlation < 1):
+            raise LabError("noise_model: the share is above 0 and at most 1, the correlation at least 0 and below 1")
+
+    @property
+    def sizes(self) -> dict[str, float]:
+        """Standard deviations of the terms in SI units, by their names."""
+        return {term.name: getattr(self, term.key) / 1e3 for term in TERMS if term.key} | dict(self.further)
+
+
+def component_errors_from_dict(content: NoiseModel | None) -> ComponentErrors | None:
+    """How well the variances of a noise model are known, that ``noise_model_to_dict`` made; None where it is not said.
+
+    Args:
+        content: the noise model; None where there is none.
+    """
+    found = None if content is None else content.component_errors
+    if found is None:
+        return None
+    return ComponentErrors(found.names, np.array(found.covariance), np.array(found.slopes))
+
+
+def noise_model_from_dict(
+    content: Mapping[str, Any] | NoiseModel | None, values: Mapping[str, float]
+) -> ErrorModel | None:
+    """Shared errors of a run, for measurements of another day.
+
+    Args:
+        content: what ``noise_model_to_dict`` made.
+        values: the run's parameters by name.
+
+    Raises:
+        LabError: it lacks a number, or one is not possible.
+    """
+    if content is None:
+        return None
+    found = structured("noise_model", NoiseModel, content, extra=True)
+    return ErrorModel(
+        sigma_m=found.independent_mm / 1e3 / np.sqrt(found.independent_share),
+        independent_share=found.independent_share,
+        sizes=found.sizes,
+        carry=found.wandering_correlation,
+        clock=None,
+        values=values,
+        counts_rad=None if found.encoder_counts_rad is None else np.array(found.encoder_counts_rad),
+    )
