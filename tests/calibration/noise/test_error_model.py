@@ -11,6 +11,7 @@ from lab.calibration.identify import Identification, identify
 from lab.calibration.noise.error_model import Clock, ErrorModel, row_times
 from lab.calibration.noise.search import search_noise
 from lab.calibration.noise.stored import noise_model_from_dict, noise_model_to_dict
+from lab.calibration.noise.terms import TERMS
 from lab.calibration.observation import observation_of
 from lab.calibration.statistics.outliers import Outliers
 from lab.calibration.weights import Noise, weighed
@@ -48,7 +49,7 @@ def test_independent_noise_is_left_as_it_was() -> None:
     found = identify(ARM, day.measurements, NOMINAL, Noise())
     search = search_noise(found, day.measurements, Noise())
     assert search.shared is None and search.corrected(found) is found
-    assert {trial.kind for trial in search.trials} == {"scatter", "wandering", "drift", "step"}
+    assert {trial.kind for trial in search.trials} == {term.kind for term in TERMS}
 
 
 @dataclass(frozen=True)
