@@ -50,9 +50,9 @@ if TYPE_CHECKING:
     from lab.commands.verify.result import VerificationResult
     from lab.commands.verify.run import verify
     from lab.core.errors import LabError
-    from lab.core.instruments import Instrument
     from lab.core.measurements import Measurements
     from lab.formats.target_csv import Targets
+    from lab.noise.instruments import Instrument
 
 __all__ = [
     "CalibrationResult",
@@ -124,7 +124,7 @@ _MODULES = {  # where each name is, imported when it is asked for
     "lab.commands.verify.result": ("VerificationResult",),
     "lab.commands.verify.run": ("verify",),
     "lab.core.errors": ("LabError",),
-    "lab.core.instruments": ("Instrument",),
+    "lab.noise.instruments": ("Instrument",),
     "lab.core.measurements": ("Measurements",),
     "lab.formats.target_csv": ("Targets",),
 }

@@ -15,13 +15,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from lab.calibration.gauss_newton import Observations, fit
-from lab.calibration.noise.change_points import ANOTHER_DAY
-from lab.calibration.noise.error_term import Components, ErrorShapes
-from lab.calibration.noise.estimation import Estimate, chosen_components
-from lab.calibration.noise.likelihood import RestrictedProblem
-from lab.calibration.noise.small_samples import SmallSample, small_sample
 from lab.calibration.noise.tails import tail_dof
-from lab.calibration.noise.terms import correlation_of
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.statistics.linearized import LinearizedFit, NoiseDistribution, linearized
 from lab.calibration.statistics.outliers import find_outliers
@@ -33,6 +27,10 @@ from lab.experiments.script import Answer, named_values, paragraphs
 from lab.kinematics.effects.arm import Arm
 from lab.kinematics.gauge import base_set
 from lab.kinematics.model import Model
+from lab.noise.change_points import ANOTHER_DAY
+from lab.noise.error_term import Components, ErrorShapes
+from lab.noise.terms import correlation_of
+from lab.noise.variance_components import Estimate, RestrictedProblem, SmallSample, chosen_components, small_sample
 from lab.render.document import Document, Section
 from lab.studies import executors
 from lab.verification.change_test import change_test

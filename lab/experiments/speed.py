@@ -36,7 +36,6 @@ from lab.commands.calibrate.fit import Fitter
 from lab.commands.calibrate.run import calibrate
 from lab.commands.import_measurements.matching import matched
 from lab.commands.import_measurements.options import ImportOptions
-from lab.core.instruments import instrument
 from lab.core.limits import PROGRAM_BYTES
 from lab.core.load_samples import Mounting
 from lab.core.measurements import Measurements
@@ -56,6 +55,7 @@ from lab.kinematics.inverse.analytic.select import closed_form_of
 from lab.kinematics.inverse.newton import PoseTarget
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.batch import StackedArm
+from lab.noise.instruments import instrument
 from lab.payload_identification.fourier_path import Limits, random_path
 from lab.payload_identification.from_torques import from_torques
 from lab.pose_selection.certificate import certify

@@ -13,9 +13,9 @@ from dataclasses import replace
 import numpy as np
 
 from lab.calibration.gauss_newton import Observations
-from lab.calibration.noise.small_samples import ComponentErrors
 from lab.core.measurements import seen_mask
 from lab.core.se3 import Array
+from lab.noise.variance_components import ComponentErrors
 from lab.verification.prediction import CalibrationPrediction
 
 __all__ = ["MOST_POSES", "STEP", "with_estimated_noise"]

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from helpers.run_script import answer_in_processes, answer_of
 
-from lab.core.instruments import instrument
 from lab.experiments import error_sources
 from lab.experiments.other_searches import predicted_rms
 from lab.experiments.script import run_script
 from lab.experiments.thesis_tables import said
+from lab.noise.instruments import instrument
 from lab.reproduction.thesis_case import (
     CRITERIA,
     HIDDEN,

@@ -8,12 +8,12 @@ from scipy import stats
 
 import lab
 from lab.calibration.gauss_newton import Observations
-from lab.calibration.noise.error_term import Components, ErrorShapes
-from lab.calibration.noise.small_samples import ComponentErrors
 from lab.core.random import rng_for
 from lab.core.significance import VERIFICATION
 from lab.experiments.noise_models import CASES, _moved, _weighed, errors, linear_arm
 from lab.kinematics.effects.arm import Arm
+from lab.noise.error_term import Components, ErrorShapes
+from lab.noise.variance_components import ComponentErrors
 from lab.verification.estimated_noise import STEP, with_estimated_noise
 from lab.verification.prediction import CalibrationPrediction
 

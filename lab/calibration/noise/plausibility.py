@@ -19,8 +19,6 @@ from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification
-from lab.calibration.noise.change_points import likeliest_change, rows_around, session_of
-from lab.calibration.noise.error_model import ErrorModel, row_times
 from lab.calibration.statistics.goodness_of_fit import GoodnessOfFit
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.statistics.linearized import LinearizedFit, linearized
@@ -30,6 +28,8 @@ from lab.core.se3 import Array
 from lab.core.significance import CHANGE_IN_TIME
 from lab.core.wording import short_length
 from lab.kinematics.parameter import targets_of
+from lab.noise.change_points import likeliest_change, rows_around, session_of
+from lab.noise.error_model import ErrorModel, row_times
 
 __all__ = [
     "COMMON_DRIFT_M",

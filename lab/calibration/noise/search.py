@@ -4,26 +4,38 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import scipy  # its parts are loaded at their first use, which not every process comes to
 
 from lab.calibration.identify import Identification
-from lab.calibration.noise.change_points import rows_around
-from lab.calibration.noise.error_model import Clock, ErrorModel, error_shapes, row_times
-from lab.calibration.noise.error_term import Components, ErrorShapes, Move
-from lab.calibration.noise.estimation import ComponentTrial, Estimate, chosen_components
-from lab.calibration.noise.likelihood import RestrictedProblem
-from lab.calibration.noise.small_samples import ComponentErrors, SmallSample, small_sample
-from lab.calibration.noise.terms import TERMS, correlation_of
 from lab.calibration.observation import observation_of, only_positions
 from lab.calibration.statistics.goodness_of_fit import goodness_beside_shared_errors
+from lab.calibration.statistics.joint_rounding import by_joint_positions, counting
 from lab.calibration.statistics.linearized import LinearizedFit, linearized
-from lab.calibration.weights import Noise, weighed
+from lab.calibration.weights import Noise, error_shapes, weighed
 from lab.core.linear_model import unit_columns
-from lab.core.measurements import Measurements
+from lab.core.measurements import Measurements, seen_mask
 from lab.core.se3 import Array
 from lab.core.wording import short_length
+from lab.kinematics.encoders import Encoders
+from lab.kinematics.model import Model
+from lab.noise.change_points import rows_around
+from lab.noise.error_model import Clock, ErrorModel, row_times
+from lab.noise.error_term import Components, ErrorShapes, Move
+from lab.noise.terms import TERMS, correlation_of
+from lab.noise.variance_components import (
+    ComponentErrors,
+    ComponentTrial,
+    Estimate,
+    RestrictedProblem,
+    SmallSample,
+    chosen_components,
+    small_sample,
+)
 
-__all__ = ["NoiseSearch", "in_stretches", "search_noise"]
+__all__ = ["NOTABLE", "NoiseSearch", "counted", "in_stretches", "search_noise"]
 
+NOTABLE = 0.1  # of the noise: what whole counts of the encoders make beside it
+_LEAST_ALONE = 0.1  # of a noise that was estimated with the counts in it: what it is at least without them
 _LEAST_POSES = 10  # fewer say nothing of how errors are shared
 _LEAST_DOF = 20
 _MOST_POSES, _STRETCHES = 4_000, 8  # by which very many measurements are told, and in how many stretches they lie
@@ -163,3 +175,47 @@ def _padded(shapes: ErrorShapes, blocks: int) -> ErrorShapes:
     after = shapes.times.max() + 1.0 + np.arange(more)
     scatter, shift = (np.pad(each, rows) for each in (shapes.scatter, shapes.shift))
     return ErrorShapes(scatter, shift, np.pad(shapes.along, (0, more)), np.concatenate([shapes.times, after]))
+
+
+def counted(
+    model: Model, data: Measurements, values: Array, encoders: Encoders, sigma_m: float, dof: int | None = None
+) -> ErrorModel | None:
+    """What whole counts of known encoders make of the numbers of a pose, where that is not little beside the noise.
+
+    Errors in variables: a count is off by half of one at most, uniformly, and through the derivatives by the joints
+    all numbers of a pose share that.
+
+    Args:
+        data: with what the model observes.
+        values: ``(p,)`` of a fit; the derivatives are taken there.
+        sigma_m: the noise of a coordinate; where it was estimated, with the counts in it.
+        dof: residual degrees of freedom, where it was estimated.
+    """
+    if not counting(model, data, values, encoders) > NOTABLE * sigma_m > 0:
+        return None
+    root = np.asarray(np.linalg.cholesky(encoders.covariance))
+    alone_m = sigma_m if dof is None else _without_counts(model, data, values, root, dof, sigma_m)
+    named = dict(zip(model.names, values.tolist(), strict=True))
+    return ErrorModel(alone_m, 1.0, {}, None, named, counts_rad=root)
+
+
+def _without_counts(model: Model, data: Measurements, values: Array, root: Array, dof: int, sigma_m: float) -> float:
+    """The sigma for which the residuals r are what they should be beside counts: sum r' (sigma^2 + S S')^-1 r = dof.
+
+    Where even a small one explains the residuals, that is it.
+    """
+    inputs = data.inputs(model.conditions)
+    mask, n = seen_mask(data.points)[..., None], len(data)
+    residual = np.where(mask, data.points - model.points(inputs, values), 0.0).reshape(n, -1, 1)
+    slopes = np.where(mask[..., None], by_joint_positions(model, inputs, values, len(root)), 0.0)
+    made = slopes.reshape(n, -1, len(root)) @ root
+    variances, axes = np.linalg.eigh(made @ made.swapaxes(1, 2))
+    squares = (axes.swapaxes(1, 2) @ residual)[..., 0] ** 2
+
+    def excess(log_sigma: float) -> float:
+        return float((squares / (np.exp(2 * log_sigma) + np.maximum(variances, 0.0))).sum()) - dof
+
+    low, high = np.log(_LEAST_ALONE * sigma_m), np.log(sigma_m)
+    if excess(low) <= 0:
+        return float(np.exp(low))
+    return float(np.exp(scipy.optimize.brentq(excess, low, high + 1.0)))

@@ -11,12 +11,12 @@ import numpy as np
 import scipy  # its parts are loaded at their first use, which not every process comes to
 from numpy.typing import NDArray
 
-from lab.calibration.noise.error_model import ErrorModel
 from lab.calibration.validation import configurations
 from lab.core.measurements import evenly, seen_mask
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.significance import MODEL_GROUPS
+from lab.noise.error_model import ErrorModel
 
 __all__ = ["NEARLY", "Likeness", "RemainingError", "remaining_error"]
 

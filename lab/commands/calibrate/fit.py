@@ -9,7 +9,6 @@ import numpy as np
 
 from lab.calibration.extrapolation import measured_range
 from lab.calibration.identify import Identification, IdentifyOptions, identify
-from lab.calibration.noise.error_model import ErrorModel
 from lab.calibration.noise.plausibility import NoiseFinding, changes_in_time, shared_error_findings
 from lab.calibration.noise.search import NoiseSearch
 from lab.calibration.observation import observation_of, only_positions
@@ -60,6 +59,7 @@ from lab.kinematics.effects.registry import CANDIDATES, expected_terms, said_of_
 from lab.kinematics.encoders import Encoders
 from lab.kinematics.model import Model
 from lab.kinematics.serial.arm import SerialArm
+from lab.noise.error_model import ErrorModel
 
 __all__ = ["Fitter"]
 

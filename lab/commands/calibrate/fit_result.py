@@ -5,7 +5,6 @@ from functools import cached_property
 
 from lab.calibration.extrapolation import MeasuredRange
 from lab.calibration.identify import Identification
-from lab.calibration.noise.error_model import row_times
 from lab.calibration.noise.plausibility import NoiseFinding
 from lab.calibration.noise.rigid_distances import InstrumentNoise, instrument_noise
 from lab.calibration.noise.search import NoiseSearch
@@ -23,6 +22,7 @@ from lab.calibration.validation import configurations
 from lab.core.measurements import Measurements
 from lab.kinematics.effects.arm import ArmWithEffects
 from lab.kinematics.serial.arm import SerialArm
+from lab.noise.error_model import row_times
 
 __all__ = ["FitReport", "Named", "named_poses"]
 

@@ -10,9 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.extrapolation import MeasuredRange
-from lab.calibration.noise.error_model import ErrorModel
-from lab.calibration.noise.small_samples import ComponentErrors
-from lab.calibration.noise.stored import component_errors_from_dict, noise_model_from_dict
 from lab.calibration.pose_cover import PoseCover
 from lab.calibration.residual.process import GROUP, JointProcess, PredictedBy
 from lab.campaign.config_file import RunInputs
@@ -28,13 +25,16 @@ from lab.commands.payload.known_payload import HandLoad, carrying
 from lab.commands.run_folder import LOAD_FILE
 from lab.core import se3
 from lab.core.errors import LabError, error_context
-from lab.core.instruments import Instrument
 from lab.core.se3 import Array
 from lab.core.serials import called
+from lab.formats.noise_model import component_errors_from_dict, noise_model_from_dict
 from lab.formats.structured import structured
 from lab.kinematics.effects.arm import Arm
 from lab.kinematics.inverse.branches import NominalInverse
 from lab.kinematics.model import RigidArm
+from lab.noise.error_model import ErrorModel
+from lab.noise.instruments import Instrument
+from lab.noise.variance_components import ComponentErrors
 from lab.sensors.registry import sensor_named
 
 if TYPE_CHECKING:

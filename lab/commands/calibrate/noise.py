@@ -6,13 +6,13 @@ from typing import Protocol
 import numpy as np
 
 from lab.calibration.identify import Identification
-from lab.calibration.noise.error_model import ErrorModel, counted
-from lab.calibration.noise.search import NoiseSearch, in_stretches, search_noise
+from lab.calibration.noise.search import NoiseSearch, counted, in_stretches, search_noise
 from lab.calibration.observation import observation_of, only_positions
 from lab.calibration.statistics.outliers import Outliers
 from lab.calibration.weights import Noise, weighed
 from lab.core.measurements import Measurements, seen_mask
 from lab.kinematics.encoders import Encoders
+from lab.noise.error_model import ErrorModel
 
 __all__ = ["Fits", "noise_of"]
 

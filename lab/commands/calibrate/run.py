@@ -56,13 +56,13 @@ from lab.commands.calibrate.warnings import (
 from lab.commands.keywords import options_of, takes
 from lab.commands.payload.known_payload import carrying
 from lab.core.errors import LabError, error_context
-from lab.core.instruments import observing
 from lab.core.measurements import Measurements
 from lab.core.progress import Progress
 from lab.core.se3 import Array
 from lab.core.wording import be
 from lab.kinematics.effects.effect import SessionInfo
 from lab.kinematics.effects.registry import CAMPAIGN_SPECIFIC
+from lab.noise.instruments import observing
 from lab.render.progress import Stage, status
 from lab.simulation.effects import true_parameters
 from lab.simulation.true_robot import TrueRobot

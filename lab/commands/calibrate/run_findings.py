@@ -4,11 +4,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from lab.calibration.noise.stored import NoiseModel
 from lab.calibration.verdict import gate_words
 from lab.commands.calibrate.range_dict import Extrapolation
 from lab.commands.calibrate.residual_file import ResidualSizes
 from lab.core.errors import LabError
+from lab.formats.noise_model import NoiseModel
 
 __all__ = ["ActingTolerances", "Findings", "NamedOutlier"]
 

@@ -8,7 +8,7 @@ from lab.calibration.extrapolation import MeasuredRange
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identifiability import WEAK_CONDITION
 from lab.calibration.identify import Identification
-from lab.calibration.noise.error_model import NOTABLE
+from lab.calibration.noise.search import NOTABLE
 from lab.calibration.observation import observation_of
 from lab.calibration.pose_cover import MOST_UNCOVERED
 from lab.calibration.prior import Tolerance, prior_of
@@ -24,7 +24,6 @@ from lab.commands.calibrate.advice import changes
 from lab.commands.calibrate.fit_result import Named
 from lab.commands.calibrate.model_words import listed
 from lab.commands.calibrate.range_dict import said_of_extrapolated
-from lab.core.instruments import Instrument, is_isotropic
 from lab.core.measurements import Measurements, evenly, seen_mask
 from lab.core.se3 import Array
 from lab.core.significance import MODEL_GROUPS
@@ -37,6 +36,7 @@ from lab.kinematics.encoders import Encoders
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.parameter import targets_of
 from lab.kinematics.serial.chain import Chain
+from lab.noise.instruments import Instrument, is_isotropic
 from lab.sensors.fixtures import Fixtures
 
 __all__ = [

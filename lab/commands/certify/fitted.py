@@ -13,9 +13,9 @@ from lab.commands.calibrate.load_run import Calibrated
 from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.calibrate.run_files import MEASUREMENTS_FILE
 from lab.core.errors import LabError
-from lab.core.instruments import Instrument
 from lab.core.measurements import Measurements
 from lab.formats.measurement_csv import read_measurements
+from lab.noise.instruments import Instrument
 
 __all__ = ["FittedRows", "fitted_rows"]
 

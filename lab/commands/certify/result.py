@@ -18,9 +18,9 @@ from lab.commands.certify.options import CertifyOptions
 from lab.commands.result import Result
 from lab.commands.values import ErrorStatistics, error_statistics, number
 from lab.compensation.iso9283 import CYCLES
-from lab.core.instruments import Instrument
 from lab.core.se3 import Array
 from lab.formats.certificate_toml import CertificateDetails
+from lab.noise.instruments import Instrument
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -17,7 +17,7 @@ from lab.commands.certify.fitted import FittedRows
 from lab.core.covariance import covariance_root
 from lab.core.measurements import Measurements, thinned
 from lab.core.se3 import Array
-from lab.core.tracker_errors import PLACEMENT
+from lab.noise.tracker_errors import PLACEMENT
 
 __all__ = ["validation_errors"]
 

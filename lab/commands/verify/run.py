@@ -11,9 +11,6 @@ import numpy as np
 from lab.calibration.extrapolation import MeasuredRange
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import PLAUSIBLE_SPREAD, spread
-from lab.calibration.noise.correlation import Correlation
-from lab.calibration.noise.error_model import ErrorModel
-from lab.calibration.noise.small_samples import ComponentErrors
 from lab.calibration.observation import observation_of
 from lab.calibration.pose_cover import MOST_UNCOVERED
 from lab.calibration.residual.process import PredictedBy
@@ -29,13 +26,16 @@ from lab.commands.verify.options import VerifyOptions
 from lab.commands.verify.result import VerificationResult
 from lab.core.covariance import whitening
 from lab.core.errors import LabError
-from lab.core.instruments import observing
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.progress import Progress
 from lab.core.se3 import Array
 from lab.core.serials import one_serial
 from lab.core.wording import be, counted
 from lab.formats.measurement_csv import read_measurements
+from lab.noise.correlation import Correlation
+from lab.noise.error_model import ErrorModel
+from lab.noise.instruments import observing
+from lab.noise.variance_components import ComponentErrors
 from lab.render.progress import Stage, status
 from lab.sensors.registry import sensor_named
 from lab.verification.estimated_noise import MOST_POSES, STEP, with_estimated_noise

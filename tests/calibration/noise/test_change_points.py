@@ -8,16 +8,16 @@ import pytest
 
 import lab
 from lab.calibration.identify import identify
-from lab.calibration.noise.change_points import APART, ChangePoint, before_and_after, likeliest_change
-from lab.calibration.noise.error_model import Clock, ErrorModel, row_times
 from lab.calibration.noise.search import NoiseSearch, search_noise
-from lab.calibration.noise.stored import noise_model_from_dict, noise_model_to_dict
 from lab.calibration.observation import observation_of
 from lab.calibration.weights import Noise, weighed
 from lab.campaign.robot import load_robot
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.probabilities import f_sf
+from lab.formats.noise_model import noise_model_from_dict, noise_model_to_dict
+from lab.noise.change_points import APART, ChangePoint, before_and_after, likeliest_change
+from lab.noise.error_model import Clock, ErrorModel, row_times
 
 ROBOT = load_robot("irb120")
 ARM = ROBOT.arm(("p1",))

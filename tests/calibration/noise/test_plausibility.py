@@ -7,7 +7,6 @@ import pytest
 from helpers.mistakes import ARM, MISTAKES, session_with_noise
 
 from lab.calibration.identify import identify
-from lab.calibration.noise.error_model import ErrorModel
 from lab.calibration.noise.plausibility import (
     COMMON_NOISE_M,
     COMMON_SCATTER_M,
@@ -20,6 +19,7 @@ from lab.calibration.statistics.goodness_of_fit import GoodnessOfFit
 from lab.calibration.statistics.replicates import repeats
 from lab.calibration.weights import Noise, weighed
 from lab.core.measurements import Measurements
+from lab.noise.error_model import ErrorModel
 
 UNTESTED = GoodnessOfFit(None, float("nan"), "nothing", "")
 REPEATED = GoodnessOfFit(True, 0.5, "repeats", "")

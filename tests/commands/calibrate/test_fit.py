@@ -7,7 +7,6 @@ import pytest
 from helpers.robots import IRB120, somewhere
 
 from lab.calibration.gauss_newton import Observations
-from lab.calibration.noise.error_model import ErrorModel
 from lab.calibration.statistics.candidate_models import FullModel
 from lab.calibration.statistics.linearized import NoiseDistribution
 from lab.calibration.weights import Noise
@@ -18,6 +17,7 @@ from lab.commands.calibrate.warnings import of_stuck_search
 from lab.core.measurements import Measurements, measured
 from lab.kinematics.effects.effect import SessionInfo
 from lab.kinematics.gauge import base_set
+from lab.noise.error_model import ErrorModel
 from lab.sensors.points import PointSensor
 
 SIGMA = 5e-6

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from lab.calibration.noise.error_model import ErrorModel
-from lab.calibration.noise.small_samples import ComponentErrors
-from lab.calibration.noise.terms import TERMS
 from lab.core.errors import LabError
 from lab.formats.structured import structured
+from lab.noise.error_model import ErrorModel
+from lab.noise.terms import TERMS
+from lab.noise.variance_components import ComponentErrors
 
 __all__ = ["NoiseModel", "component_errors_from_dict", "noise_model_from_dict", "noise_model_to_dict"]
 

@@ -15,9 +15,9 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from lab.calibration.noise.change_points import ChangePoint
 from lab.core.probabilities import chi2_sf
 from lab.core.se3 import Array
+from lab.noise.change_points import ChangePoint
 
 __all__ = ["Components", "ErrorShapes", "ErrorSizes", "ErrorTerm", "Move"]
 

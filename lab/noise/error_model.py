@@ -9,22 +9,14 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import scipy  # its parts are loaded at their first use, which not every process comes to
 
-from lab.calibration.gauss_newton import Observations
-from lab.calibration.noise.change_points import APART, session_of
-from lab.calibration.noise.error_term import Components, ErrorShapes, ErrorSizes, ErrorTerm, Move
-from lab.calibration.noise.terms import HARDLY_CORRELATED, TERMS, correlation_of
-from lab.calibration.statistics.joint_rounding import by_joint_positions, counting
-from lab.core.measurements import Measurements, seen_mask, setups
+from lab.core.measurements import Measurements, setups
 from lab.core.se3 import Array
-from lab.kinematics.encoders import Encoders
-from lab.kinematics.model import Model
+from lab.noise.change_points import APART, session_of
+from lab.noise.error_term import ErrorSizes, ErrorTerm, Move
+from lab.noise.terms import TERMS
 
-__all__ = ["NOTABLE", "Clock", "ErrorModel", "correlated", "counted", "error_shapes", "row_times"]
-
-NOTABLE = 0.1  # of the noise: what whole counts of the encoders make beside it
-_LEAST_ALONE = 0.1  # of a noise that was estimated with the counts in it: what it is at least without them
+__all__ = ["Clock", "ErrorModel", "row_times", "within_session"]
 
 
 @dataclass(frozen=True)
@@ -51,7 +43,7 @@ class Clock:
         if np.isfinite(seconds).all() and (gaps := np.diff(np.sort(seconds))).size and np.median(gaps) > 0:
             origin, spacing = float(seconds.min()), float(np.median(gaps))
         known = Clock(0.0, 1.0, origin, spacing, tuple(dict.fromkeys(setups(data))))
-        within = _within_session(row_times(data, known))
+        within = within_session(row_times(data, known))
         return replace(
             known, middle=float(within.mean()), half_span=float(max(np.abs(within - within.mean()).max(), 1.0))
         )
@@ -206,91 +198,6 @@ def row_times(data: Measurements, clock: Clock | None = None) -> Array:
     return np.asarray(times + APART * np.array([place[setup] for setup in setups(data)]))
 
 
-def _within_session(times: Array) -> Array:
+def within_session(times: Array) -> Array:
     """Times of rows, those of each session from their own beginning."""
     return np.asarray(times - APART * session_of(times))
-
-
-def error_shapes(
-    model: Model, observed: Observations, values: Array, joints: int, times: Array, clock: Clock | None
-) -> ErrorShapes:
-    """What joints, a shift of the base and a drift do to the observed numbers, whitened as these are weighed."""
-    n, k, d = observed.points.shape
-    mask = observed.seen[..., None, None]
-    slopes = by_joint_positions(model, observed.inputs, values, joints)
-    moved = np.broadcast_to(np.eye(d), (n, k, d, d))
-    scatter, shift = (
-        np.where(mask, observed.in_units_of_noise(each), 0.0).reshape(n, k * d, -1) for each in (slopes, moved)
-    )
-    if observed.correlation is not None:
-        scatter, shift = (observed.correlation.white(each) for each in (scatter, shift))
-    along = np.ones(n) if clock is None else (_within_session(times) - clock.middle) / clock.half_span
-    return ErrorShapes(scatter, shift, along, times)
-
-
-def correlated(
-    model: Model, observed: Observations, data: Measurements, shared: ErrorModel, *, known: bool
-) -> Observations:
-    """The measurements, weighed by the instrument, with the errors that they share.
-
-    Args:
-        model: that predicts ``observed``; parameters that ``shared`` does not know are zero.
-        known: whether the weights stand on a known sigma; else they are in units of ``shared.sigma_m``.
-    """
-    values = np.array([shared.values.get(name, 0.0) for name in model.names])
-    alone = replace(observed, whiten=observed.whiten / np.sqrt(shared.independent_share)) if known else observed
-    times, unit = row_times(data, shared.clock), 1.0 if known else shared.sigma_m
-    shapes = error_shapes(model, alone, values, data.joints.shape[1], times, shared.clock)
-    for term in shared.terms:
-        shapes = term.changed_at(shapes, shared.moves, another_day=shared.clock is None)
-    variances = {term.name: (shared.size(term.name) / unit) ** 2 for term in shared.terms}
-    carry = shared.carry if shared.carry > HARDLY_CORRELATED else 0.0
-    correlation = correlation_of(shapes, Components(variances, carry))
-    if shared.counts_rad is not None:
-        rounded = shapes.scatter @ shared.counts_rad / unit
-        correlation = replace(correlation, scatter=np.concatenate([correlation.scatter, rounded], axis=2))
-    return replace(alone, correlation=correlation)
-
-
-def counted(
-    model: Model, data: Measurements, values: Array, encoders: Encoders, sigma_m: float, dof: int | None = None
-) -> ErrorModel | None:
-    """What whole counts of known encoders make of the numbers of a pose, where that is not little beside the noise.
-
-    Errors in variables: a count is off by half of one at most, uniformly, and through the derivatives by the joints
-    all numbers of a pose share that.
-
-    Args:
-        data: with what the model observes.
-        values: ``(p,)`` of a fit; the derivatives are taken there.
-        sigma_m: the noise of a coordinate; where it was estimated, with the counts in it.
-        dof: residual degrees of freedom, where it was estimated.
-    """
-    if not counting(model, data, values, encoders) > NOTABLE * sigma_m > 0:
-        return None
-    root = np.asarray(np.linalg.cholesky(encoders.covariance))
-    alone_m = sigma_m if dof is None else _without_counts(model, data, values, root, dof, sigma_m)
-    named = dict(zip(model.names, values.tolist(), strict=True))
-    return ErrorModel(alone_m, 1.0, {}, None, named, counts_rad=root)
-
-
-def _without_counts(model: Model, data: Measurements, values: Array, root: Array, dof: int, sigma_m: float) -> float:
-    """The sigma for which the residuals r are what they should be beside counts: sum r' (sigma^2 + S S')^-1 r = dof.
-
-    Where even a small one explains the residuals, that is it.
-    """
-    inputs = data.inputs(model.conditions)
-    mask, n = seen_mask(data.points)[..., None], len(data)
-    residual = np.where(mask, data.points - model.points(inputs, values), 0.0).reshape(n, -1, 1)
-    slopes = np.where(mask[..., None], by_joint_positions(model, inputs, values, len(root)), 0.0)
-    made = slopes.reshape(n, -1, len(root)) @ root
-    variances, axes = np.linalg.eigh(made @ made.swapaxes(1, 2))
-    squares = (axes.swapaxes(1, 2) @ residual)[..., 0] ** 2
-
-    def excess(log_sigma: float) -> float:
-        return float((squares / (np.exp(2 * log_sigma) + np.maximum(variances, 0.0))).sum()) - dof
-
-    low, high = np.log(_LEAST_ALONE * sigma_m), np.log(sigma_m)
-    if excess(low) <= 0:
-        return float(np.exp(low))
-    return float(np.exp(scipy.optimize.brentq(excess, low, high + 1.0)))

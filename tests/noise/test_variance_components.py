@@ -5,14 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lab.calibration.noise.change_points import ChangePoint
-from lab.calibration.noise.correlation import Correlation
-from lab.calibration.noise.error_term import Components, ErrorShapes
-from lab.calibration.noise.estimation import best_components, chosen_components
-from lab.calibration.noise.likelihood import RestrictedProblem
-from lab.calibration.noise.small_samples import small_sample
-from lab.calibration.noise.terms import correlation_of
 from lab.kinematics.compiled.kernels import machine_code
+from lab.noise.change_points import ChangePoint
+from lab.noise.correlation import Correlation
+from lab.noise.error_term import Components, ErrorShapes
+from lab.noise.terms import correlation_of
+from lab.noise.variance_components import RestrictedProblem, best_components, chosen_components, small_sample
 
 POSES, NUMBERS = 12, 6
 PARTS = Components({"scatter": 0.7, "shift": 1.3, "trend": 2.0, "step": 1.7}, 0.8)
@@ -65,7 +63,7 @@ def test_whitened_errors_have_unit_covariance(
     parts: Components, shuffled: bool, compiled: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if not compiled:
-        monkeypatch.setattr("lab.calibration.noise.correlation.machine_code", lambda: None)
+        monkeypatch.setattr("lab.noise.correlation.machine_code", lambda: None)
     rng = np.random.default_rng(0)
     of = shapes(rng)
     if shuffled:  # rows of a file need not stand in the order of time
@@ -88,7 +86,7 @@ def test_the_compiled_filter_is_that_of_numpy(monkeypatch: pytest.MonkeyPatch) -
     singular = replace(correlation(of, PARTS), scatter=np.full((200, NUMBERS, 4), np.nan))
     with pytest.raises(np.linalg.LinAlgError):
         singular.white(rows)
-    monkeypatch.setattr("lab.calibration.noise.correlation.machine_code", lambda: None)
+    monkeypatch.setattr("lab.noise.correlation.machine_code", lambda: None)
     np.testing.assert_allclose(fast, correlation(of, PARTS).white(rows), rtol=0, atol=1e-12)
 
 

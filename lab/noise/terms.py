@@ -9,11 +9,11 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from lab.calibration.noise.change_points import ANOTHER_DAY, before_and_after
-from lab.calibration.noise.correlation import Correlation
-from lab.calibration.noise.error_term import Components, ErrorShapes, ErrorSizes, ErrorTerm, Move
 from lab.core.probabilities import chi2_sf
 from lab.core.se3 import Array
+from lab.noise.change_points import ANOTHER_DAY, before_and_after
+from lab.noise.correlation import Correlation
+from lab.noise.error_term import Components, ErrorShapes, ErrorSizes, ErrorTerm, Move
 
 __all__ = ["HARDLY_CORRELATED", "TERMS", "correlation_of", "term_called"]
 
