@@ -49,12 +49,12 @@ if TYPE_CHECKING:
     from lab.commands.verify.result import VerificationResult
     from lab.commands.verify.run import verify
     from lab.core.errors import LabError
-    from lab.core.instruments import Instrument
     from lab.core.measurements import Measurements
     from lab.extensions.dynamics.arm.run import dynamics
     from lab.extensions.dynamics.payload.result import PayloadResult
     from lab.extensions.dynamics.payload.run import payload
     from lab.formats.target_csv import Targets
+    from lab.noise.instruments import Instrument
 
 __all__ = [
     "CalibrationResult",
@@ -127,7 +127,7 @@ _MODULES = {  # where each name is, imported when it is asked for
     "lab.commands.verify.result": ("VerificationResult",),
     "lab.commands.verify.run": ("verify",),
     "lab.core.errors": ("LabError",),
-    "lab.core.instruments": ("Instrument",),
+    "lab.noise.instruments": ("Instrument",),
     "lab.core.measurements": ("Measurements",),
     "lab.formats.target_csv": ("Targets",),
 }

@@ -5,12 +5,12 @@ import numpy as np
 from lab.calibration.identify import identify
 from lab.calibration.weights import Noise
 from lab.campaign.robot import load_robot
-from lab.core.instruments import instrument
 from lab.core.measurements import measured
 from lab.core.random import rng_for
 from lab.kinematics.effects.arm import ArmWithEffects
 from lab.kinematics.effects.effect import Effect
 from lab.kinematics.parameter import joint_parameter
+from lab.noise.instruments import instrument
 
 
 def third_harmonics(joints, conditions, values):

@@ -17,8 +17,6 @@ from numpy.typing import NDArray
 from lab.calibration.extrapolation import MeasuredRange
 from lab.calibration.identifiability import aliases, column_scale
 from lab.calibration.identify import WEAK, Identification
-from lab.calibration.noise.shared_errors import SharedErrors
-from lab.calibration.noise.small_samples import ComponentErrors
 from lab.calibration.residual.process import GROUP, JointProcess, PredictedBy
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.workspace_prediction import PredictedErrors
@@ -35,6 +33,8 @@ from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
 from lab.kinematics.parameter import targets_of
 from lab.kinematics.serial.arm import SerialArm
+from lab.noise.error_model import ErrorModel
+from lab.noise.variance_components import ComponentErrors
 
 __all__ = [
     "SETUP",
@@ -256,7 +256,7 @@ class Estimate:
     adequate: bool | None
     cluster_robust: bool = False
     tail_dof: float | None = None
-    shared: SharedErrors | None = None
+    shared: ErrorModel | None = None
     component_errors: ComponentErrors | None = None
     process: JointProcess | None = None
     measured: MeasuredRange | None = None
@@ -462,9 +462,8 @@ class Estimate:
         """
         if (shared := self.shared) is None:
             return np.zeros((*slopes.shape[:-1], 3))
-        more = max(shared.independent_m**2 - shared.sigma_m**2, 0.0) + shared.wandering_m**2 + shared.lasting_m**2
         scattered = slopes @ shared.joint_covariance(slopes.shape[-1]) @ np.swapaxes(slopes, -1, -2)
-        return np.asarray(scattered + more * np.eye(3))
+        return np.asarray(scattered + shared.common_m2 * np.eye(3))
 
     def load_errors(self, inputs: Array, targets: Sequence[int]) -> Array:
         """Return errors ``(n, k)`` (m, root mean square) of some targets by the uncertainty of an identified load."""
@@ -539,7 +538,7 @@ def estimate_of(
     groups: Sequence[str],
     *,
     adequate: bool | None,
-    shared: SharedErrors | None = None,
+    shared: ErrorModel | None = None,
     component_errors: ComponentErrors | None = None,
     tail_dof: float = float("inf"),
     measured: MeasuredRange | None = None,
@@ -584,7 +583,7 @@ def estimate_of(
     return estimate if shared is None else replace(estimate, shared=on_another_day(shared, estimate))
 
 
-def on_another_day(shared: SharedErrors, estimate: Estimate) -> SharedErrors:
+def on_another_day(shared: ErrorModel, estimate: Estimate) -> ErrorModel:
     """Return errors as they are on another day, when nobody knows where a drift or a step left the base."""
     values = dict(zip(estimate.arm.names, estimate.values.tolist(), strict=True))
     return replace(shared, clock=None, moves=(), values=values)

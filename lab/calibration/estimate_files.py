@@ -15,12 +15,6 @@ import numpy as np
 
 from lab.calibration.estimate import CarriedLoad, Estimate, EstimatedParameter, NominalArm, on_another_day
 from lab.calibration.extrapolation import MeasuredRange
-from lab.calibration.noise.saved_model import (
-    NoiseModel,
-    component_errors_from_dict,
-    noise_model_from_dict,
-    noise_model_to_dict,
-)
 from lab.calibration.pose_cover import PoseCover
 from lab.calibration.residual.kernels import COMPONENTS
 from lab.calibration.residual.process import GROUP, UPPER_QUARTILE, JointProcess
@@ -29,6 +23,12 @@ from lab.core.errors import LabError, error_context
 from lab.core.ranges import LENGTH_M, NUMBER_SIZE
 from lab.core.se3 import Array
 from lab.formats.csv_table import CsvTable, write_columns
+from lab.formats.noise_model import (
+    NoiseModel,
+    component_errors_from_dict,
+    noise_model_from_dict,
+    noise_model_to_dict,
+)
 from lab.formats.structured import read_structured, unstructured
 from lab.kinematics.effects.registry import CAMPAIGN_SPECIFIC
 from lab.kinematics.joints import JointSpec

@@ -11,7 +11,6 @@ from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification
 from lab.calibration.noise.rigid_distances import InstrumentNoise, instrument_noise
 from lab.calibration.noise.search import NoiseSearch
-from lab.calibration.noise.shared_errors import row_times
 from lab.calibration.observation import observation_of, only_positions
 from lab.calibration.regions import TaskRegion
 from lab.calibration.residual.estimation import ExpectedGain, expected_gain
@@ -33,6 +32,7 @@ from lab.core.measurements import Measurements
 from lab.core.progress import Progress, no_progress
 from lab.kinematics.effects.arm import ArmWithEffects
 from lab.kinematics.serial.arm import SerialArm
+from lab.noise.error_model import row_times
 
 __all__ = ["Fitted", "Judging", "Named", "named_poses"]
 

@@ -10,7 +10,6 @@ import numpy as np
 
 from lab.calibration.identify import Identification, IdentifyOptions, identify
 from lab.calibration.noise.search import NoiseSearch
-from lab.calibration.noise.shared_errors import SharedErrors
 from lab.calibration.outliers_and_noise import noise_of, off_among_fitted
 from lab.calibration.prior import Tolerance
 from lab.calibration.residual.estimation import with_residual
@@ -35,6 +34,7 @@ from lab.kinematics.encoders import Encoders
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import Model, RigidArm
 from lab.kinematics.serial.arm import SerialArm
+from lab.noise.error_model import ErrorModel
 
 __all__ = ["MOST_CHOSEN_BY", "Estimator", "FitOptions", "Fitter", "NominalRobot"]
 
@@ -42,7 +42,6 @@ _CLEANINGS = 5  # of the poses and what they are validated on
 _BALANCINGS = 3  # of the weights of poses and the choice of groups by each other
 _MOST_NAMED = 3  # effects that a model lacks, in a sentence: more are not looked for
 _MOST_TESTED = 1_000  # poses by which such effects are looked for: of more than that each shows hardly more
-_MOST_CHOSEN_BY = 8_000  # poses by which groups are chosen: 1 GB
 MOST_CHOSEN_BY = 8_000  # poses by which groups are chosen: 1 GB
 
 _T = TypeVar("_T")
@@ -289,7 +288,7 @@ class Fitter:
             return self._with_own_noise(selection, rows)
         return fitter, selection, search
 
-    def knowing(self, shared: SharedErrors | None) -> "Fitter":
+    def knowing(self, shared: ErrorModel | None) -> "Fitter":
         """The fitter with the errors that its measurements share."""
         return replace(self, noise=replace(self.noise, shared=shared))
 
@@ -462,15 +461,15 @@ class _OneModel:
         """Of the robot's table."""
         return self.fitter.robot.chain.encoders
 
-    def fitted(self, rows: Measurements, shared: SharedErrors | None) -> Identification:
+    def fitted(self, rows: Measurements, shared: ErrorModel | None) -> Identification:
         """The identification from all these rows."""
         return self.fitter.knowing(shared).identified_with(rows, self.groups, self.held)
 
-    def outliers(self, found: Identification, rows: Measurements, shared: SharedErrors | None) -> Outliers:
+    def outliers(self, found: Identification, rows: Measurements, shared: ErrorModel | None) -> Outliers:
         """The poses that are off."""
         return self.fitter.knowing(shared).outliers_of(found, rows)
 
 
-def _kinds(shared: SharedErrors | None) -> tuple[bool, ...]:
-    """Which errors are shared."""
+def _kinds(shared: ErrorModel | None) -> tuple[str, ...]:
+    """Return the kinds of errors that are shared."""
     return () if shared is None else shared.kinds

@@ -12,11 +12,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.calibration.noise.correlation import Correlation
 from lab.core.linear_model import condition_bound, pseudo_inverse, triangle, triangle_of, unit_columns
 from lab.core.measurements import Measurements, evenly, seen_mask
 from lab.core.se3 import Array
 from lab.kinematics.model import Model
+from lab.noise.correlation import Correlation
 
 __all__ = [
     "MAX_ITERATIONS",

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification
 from lab.calibration.noise.rigid_distances import goodness_by_distances, instrument_noise
-from lab.calibration.noise.shared_errors import SharedErrors
 from lab.calibration.observation import observation_of, only_positions
 from lab.calibration.statistics.goodness_of_fit import (
     goodness_beside_shared_errors,
@@ -23,10 +22,11 @@ from lab.calibration.statistics.replicates import repeats
 from lab.calibration.validation import configurations
 from lab.calibration.weights import Noise, weighed
 from lab.core.checks import Check
-from lab.core.instruments import is_isotropic
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.probabilities import f_isf
 from lab.core.significance import UNSOLICITED_WARNING
+from lab.noise.error_model import ErrorModel
+from lab.noise.instruments import is_isotropic
 
 __all__ = ["adequacy_of", "with_intervals_of_poses", "with_own_intervals"]
 
@@ -35,7 +35,7 @@ def _beside_shared_errors(
     found: Identification,
     observations: Observations,
     rows: Measurements,
-    shared: SharedErrors,
+    shared: ErrorModel,
     instrument: tuple[Observations, NoiseDistribution] | None = None,
 ) -> Check:
     """Whether residuals vary with the joints, beside errors that are drawn anew at each pose.

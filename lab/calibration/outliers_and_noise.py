@@ -8,8 +8,7 @@ import numpy as np
 
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification
-from lab.calibration.noise.search import NoiseSearch, in_stretches, search_noise
-from lab.calibration.noise.shared_errors import SharedErrors, counted
+from lab.calibration.noise.search import NoiseSearch, counted, in_stretches, search_noise
 from lab.calibration.noise.tails import tail_dof
 from lab.calibration.observation import observation_of, only_positions
 from lab.calibration.statistics.linearized import NoiseDistribution, linearized
@@ -18,6 +17,7 @@ from lab.calibration.weights import Noise, joined, weighed, weighted_constraints
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.random import rng_for
 from lab.kinematics.encoders import Encoders
+from lab.noise.error_model import ErrorModel
 
 __all__ = ["Fits", "noise_of", "off_among_fitted", "off_among_held", "tail_of"]
 
@@ -109,10 +109,10 @@ class Fits(Protocol):
     def encoders(self) -> Encoders | None:
         """Whose whole counts the joint positions are; None for ideal ones."""
 
-    def fitted(self, rows: Measurements, shared: SharedErrors | None) -> Identification:
+    def fitted(self, rows: Measurements, shared: ErrorModel | None) -> Identification:
         """The identification from all these rows."""
 
-    def outliers(self, found: Identification, rows: Measurements, shared: SharedErrors | None) -> Outliers:
+    def outliers(self, found: Identification, rows: Measurements, shared: ErrorModel | None) -> Outliers:
         """The poses that are off."""
 
 
@@ -159,7 +159,7 @@ def noise_of(fits: Fits, rows: Measurements) -> NoiseSearch:
     return min(explanations, key=lambda each: each.deviance).search
 
 
-def _counted(whole: Identification, rows: Measurements, encoders: Encoders | None) -> SharedErrors | None:
+def _counted(whole: Identification, rows: Measurements, encoders: Encoders | None) -> ErrorModel | None:
     """What whole counts of the encoders make, where that is known and not little."""
     observation = observation_of(whole.model)
     if encoders is None or not only_positions(observation):
@@ -169,7 +169,7 @@ def _counted(whole: Identification, rows: Measurements, encoders: Encoders | Non
 
 
 def _settled(
-    fits: Fits, rows: Measurements, first: _Explanation, reach: float, counts: SharedErrors | None
+    fits: Fits, rows: Measurements, first: _Explanation, reach: float, counts: ErrorModel | None
 ) -> _Explanation:
     """The explanation whose outliers are those of its own noise."""
     here = first
@@ -183,7 +183,7 @@ def _settled(
 
 
 def _without(
-    fits: Fits, rows: Measurements, off: frozenset[int], reach: float, counts: SharedErrors | None
+    fits: Fits, rows: Measurements, off: frozenset[int], reach: float, counts: ErrorModel | None
 ) -> _Explanation:
     """The noise of the other rows; all rows' where these are too few."""
     clean = rows.take(np.setdiff1d(np.arange(len(rows)), sorted(off)))

@@ -76,10 +76,10 @@ from lab.calibration.weights import Noise, weighed
 from lab.calibration.workspace_prediction import own_tolerance
 from lab.core.checks import Check
 from lab.core.errors import LabError
-from lab.core.instruments import Instrument
 from lab.core.measurements import Measurements
 from lab.kinematics.effects.effect import SessionInfo
 from lab.kinematics.effects.registry import CAMPAIGN_SPECIFIC, CANDIDATES, said_of_term
+from lab.noise.instruments import Instrument
 
 __all__ = [
     "FITTING",

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from lab.calibration.identify import IdentifyOptions, Solve
 from lab.calibration.observation import Observation
-from lab.core.instruments import Instrument
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import ObservedColumns
 from lab.kinematics.model import Model
+from lab.noise.instruments import Instrument
 
 __all__ = ["Sensor", "SensorWords"]
 

@@ -5,15 +5,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lab.calibration.gauss_newton import ExtraResiduals, Observations
-from lab.calibration.noise.shared_errors import SharedErrors, correlated
 from lab.calibration.observation import Observation
+from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.core.covariance import whitening
 from lab.core.errors import LabError
-from lab.core.instruments import Instrument, is_isotropic
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.se3 import Array
+from lab.kinematics.model import Model
+from lab.noise.error_model import Clock, ErrorModel, row_times, within_session
+from lab.noise.error_term import Components, ErrorShapes
+from lab.noise.instruments import Instrument, is_isotropic
+from lab.noise.terms import HARDLY_CORRELATED, correlation_of
 
-__all__ = ["Noise", "joined", "root_mean_square_sigma", "weighed", "weighted_constraints"]
+__all__ = ["Noise", "correlated", "error_shapes", "joined", "root_mean_square_sigma", "weighed", "weighted_constraints"]
 
 
 @dataclass(frozen=True)
@@ -27,7 +31,7 @@ class Noise:
     instrument: Instrument | None = None
     sigma_m: float | None = None
     readings: int = 1
-    shared: SharedErrors | None = None
+    shared: ErrorModel | None = None
 
     @property
     def independent(self) -> "Noise":
@@ -113,3 +117,44 @@ def joined(first: ExtraResiduals, second: ExtraResiduals) -> ExtraResiduals:
         return np.concatenate([a, b]), np.concatenate([da, db])
 
     return rows
+
+
+def error_shapes(
+    model: Model, observed: Observations, values: Array, joints: int, times: Array, clock: Clock | None
+) -> ErrorShapes:
+    """What joints, a shift of the base and a drift do to the observed numbers, whitened as these are weighed."""
+    n, k, d = observed.points.shape
+    mask = observed.seen[..., None, None]
+    slopes = by_joint_positions(model, observed.inputs, values, joints)
+    moved = np.broadcast_to(np.eye(d), (n, k, d, d))
+    scatter, shift = (
+        np.where(mask, observed.in_units_of_noise(each), 0.0).reshape(n, k * d, -1) for each in (slopes, moved)
+    )
+    if observed.correlation is not None:
+        scatter, shift = (observed.correlation.white(each) for each in (scatter, shift))
+    along = np.ones(n) if clock is None else (within_session(times) - clock.middle) / clock.half_span
+    return ErrorShapes(scatter, shift, along, times)
+
+
+def correlated(
+    model: Model, observed: Observations, data: Measurements, shared: ErrorModel, *, known: bool
+) -> Observations:
+    """The measurements, weighed by the instrument, with the errors that they share.
+
+    Args:
+        model: that predicts ``observed``; parameters that ``shared`` does not know are zero.
+        known: whether the weights stand on a known sigma; else they are in units of ``shared.sigma_m``.
+    """
+    values = np.array([shared.values.get(name, 0.0) for name in model.names])
+    alone = replace(observed, whiten=observed.whiten / np.sqrt(shared.independent_share)) if known else observed
+    times, unit = row_times(data, shared.clock), 1.0 if known else shared.sigma_m
+    shapes = error_shapes(model, alone, values, data.joints.shape[1], times, shared.clock)
+    for term in shared.terms:
+        shapes = term.changed_at(shapes, shared.moves, another_day=shared.clock is None)
+    variances = {term.name: (shared.size(term.name) / unit) ** 2 for term in shared.terms}
+    carry = shared.carry if shared.carry > HARDLY_CORRELATED else 0.0
+    correlation = correlation_of(shapes, Components(variances, carry))
+    if shared.counts_rad is not None:
+        rounded = shapes.scatter @ shared.counts_rad / unit
+        correlation = replace(correlation, scatter=np.concatenate([correlation.scatter, rounded], axis=2))
+    return replace(alone, correlation=correlation)

@@ -14,7 +14,6 @@ from lab.campaign.robot import Robot, load_virtual
 from lab.campaign.stations import refuse_idle_stations, stations_in
 from lab.core.covariance import whitening
 from lab.core.errors import LabError
-from lab.core.instruments import Instrument, is_isotropic, observing
 from lab.core.kept_pieces import current_keep
 from lab.core.limits import STOPS
 from lab.core.progress import Progress, no_progress
@@ -27,6 +26,7 @@ from lab.kinematics.effects.stations import station_parameters
 from lab.kinematics.gauge import BaseSet, base_set
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
+from lab.noise.instruments import Instrument, is_isotropic, observing
 from lab.pose_selection.criteria import Criterion, Scaling, criterion
 from lab.pose_selection.exchange import Feasible, Sensitivity, information
 from lab.simulation.candidate_poses import Candidates, draw_candidates, feasibility, seeing_station

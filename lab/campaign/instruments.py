@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from lab.core import instruments
 from lab.core.errors import LabError
-from lab.core.instruments import INSTRUMENTS, Instrument
 from lab.formats.instrument_toml import read_instrument
+from lab.noise import instruments
+from lab.noise.instruments import INSTRUMENTS, Instrument
 
 __all__ = ["instrument", "name_of", "named_instrument"]
 

@@ -14,7 +14,7 @@ from lab.core.measurements import seen_mask
 from lab.core.probabilities import normal_ppf
 from lab.core.se3 import Array
 from lab.core.significance import VARIANCE_COMPONENTS
-from lab.core.tracker_errors import ErrorTerm, TrackerErrors
+from lab.noise.tracker_errors import ErrorTerm, TrackerErrors
 
 __all__ = [
     "LARGEST_SCALE_ERROR",

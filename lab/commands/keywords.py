@@ -76,7 +76,7 @@ def takes(kind: type[Any], **called: str) -> Callable[[Call], Call]:
 def _name_of_instrument(given: Any) -> Any:
     """The name of an instrument given as an object or a path; anything else as it is."""
     from lab.campaign.instruments import name_of  # what most commands do without
-    from lab.core.instruments import Instrument
+    from lab.noise.instruments import Instrument
 
     return name_of(given) if isinstance(given, Path | Instrument) else given
 

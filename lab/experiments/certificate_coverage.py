@@ -23,13 +23,13 @@ from lab.certification.propagation import Propagation
 from lab.certification.quantities import KnownSpread, RandomErrors, quantities_of, temperature_of
 from lab.core.covariance import whitening
 from lab.core.distributions import Uncertain
-from lab.core.instruments import Instrument
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.core.tracker_errors import TrackerErrors
 from lab.experiments.script import Answer, named_values, paragraphs
 from lab.kinematics.gauge import base_set
 from lab.kinematics.serial.arm import SerialArm
+from lab.noise.instruments import Instrument
+from lab.noise.tracker_errors import TrackerErrors
 from lab.render.document import Document, Section
 from lab.render.progress import status
 from lab.simulation.collisions import random_poses

@@ -11,13 +11,13 @@ from lab.compensation.compensator import CLEAR_RAD, Compensator
 from lab.compensation.iso9283 import CYCLES, SIDES_M, circle_positions, cube_positions, line_positions
 from lab.core import se3
 from lab.core.errors import LabError
-from lab.core.instruments import Instrument
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.differential import ROTATION_M
 from lab.kinematics.effects.registry import CAMPAIGN_SPECIFIC
 from lab.kinematics.inverse.branches import NominalInverse, ordered
 from lab.kinematics.inverse.newton import PoseTarget
+from lab.noise.instruments import Instrument
 from lab.simulation.collisions import collides, random_poses
 from lab.simulation.model import RobotModel
 from lab.simulation.tracking import track

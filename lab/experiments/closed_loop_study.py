@@ -22,12 +22,12 @@ from lab.commands.calibrate.run import CalibrationResult, calibrate
 from lab.compensation.iso9283 import accuracy, repeatability
 from lab.core import limits
 from lab.core.errors import LabError
-from lab.core.instruments import instrument
 from lab.core.measurements import measured
 from lab.core.numbers import whole
 from lab.experiments.closed_loop import ClosedLoop, Cube, close_loop, reachable_cube
 from lab.experiments.script import Answer, paragraphs
 from lab.formats.measurement_csv import write_measurements
+from lab.noise.instruments import instrument
 from lab.render.document import Document, Paragraph
 
 __all__ = ["Options", "answer"]

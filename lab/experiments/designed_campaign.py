@@ -10,7 +10,6 @@ from lab.calibration.statistics.model_selection import Selection, select
 from lab.calibration.weights import Noise
 from lab.campaign.robot import Robot, load_virtual
 from lab.commands.hand_load import HandLoad
-from lab.core.instruments import Instrument, instrument
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
 from lab.core.se3 import Array
@@ -19,6 +18,7 @@ from lab.kinematics.effects.conditions import HOUR_S
 from lab.kinematics.gauge import base_set
 from lab.kinematics.model import Model
 from lab.kinematics.serial.arm import SerialArm
+from lab.noise.instruments import Instrument, instrument
 from lab.pose_selection.criteria import criterion
 from lab.pose_selection.exchange import exchange
 from lab.simulation.candidate_poses import draw_candidates

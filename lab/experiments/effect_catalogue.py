@@ -25,13 +25,13 @@ from lab.campaign.option_types import Flag
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import SerialRobot, load_virtual
 from lab.campaign.virtual_robot import drawn_conditions, perturbed_arm
-from lab.core.instruments import instrument
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.experiments.script import Answer, paragraphs
 from lab.kinematics.effects.conditions import PAYLOAD, TEMPERATURE, approach_of
 from lab.kinematics.effects.registry import CAMPAIGN_SPECIFIC
+from lab.noise.instruments import instrument
 from lab.render.document import Document
 from lab.sensors.points import PointSensor
 from lab.simulation.collisions import random_poses

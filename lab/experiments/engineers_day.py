@@ -23,13 +23,13 @@ from lab.commands.design.run import planned_day
 from lab.commands.import_measurements.run import import_measurements
 from lab.commands.verify.run import verify
 from lab.core import limits
-from lab.core.instruments import instrument
 from lab.core.numbers import whole
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.experiments.day_files import controller_log, leica
 from lab.experiments.script import Answer, named_values, paragraphs
 from lab.experiments.ur5e import ur5e_urdf
+from lab.noise.instruments import instrument
 from lab.render.document import Document
 from lab.simulation.collisions import collides, random_poses
 from lab.simulation.free_path import path_check

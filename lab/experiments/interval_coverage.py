@@ -21,9 +21,9 @@ from lab.campaign.option_types import Flag
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import load_robot
 from lab.campaign.virtual_robot import perturbed_arm
-from lab.core.instruments import Instrument, instrument
 from lab.core.random import rng_for
 from lab.experiments.script import Answer, named_values, paragraphs
+from lab.noise.instruments import Instrument, instrument
 from lab.render.document import Document, Section
 from lab.simulation.collisions import random_poses
 from lab.simulation.tracking import track

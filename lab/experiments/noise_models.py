@@ -15,10 +15,6 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from lab.calibration.gauss_newton import Observations, fit
-from lab.calibration.noise.change_points import ANOTHER_DAY
-from lab.calibration.noise.estimation import Estimate, chosen_components
-from lab.calibration.noise.likelihood import Components, ErrorShapes, RestrictedProblem
-from lab.calibration.noise.small_samples import SmallSample, small_sample
 from lab.calibration.noise.tails import tail_dof
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.statistics.linearized import LinearizedFit, NoiseDistribution, linearized
@@ -31,6 +27,10 @@ from lab.experiments.script import Answer, named_values, paragraphs
 from lab.kinematics.effects.arm import Arm
 from lab.kinematics.gauge import base_set
 from lab.kinematics.model import Model
+from lab.noise.change_points import ANOTHER_DAY
+from lab.noise.error_term import Components, ErrorShapes
+from lab.noise.terms import correlation_of
+from lab.noise.variance_components import Estimate, RestrictedProblem, SmallSample, chosen_components, small_sample
 from lab.render.document import Document, Section
 from lab.studies import executors
 from lab.verification.change_test import change_test
@@ -206,7 +206,7 @@ def _shapes(case: Case, arm: _LinearArm, rows: NDArray[np.int_]) -> ErrorShapes:
     times = np.arange(len(rows), dtype=float)
     shift = np.tile(np.eye(3), (len(rows), case.targets, 1)) / SIGMA_M
     along = (times - times.mean()) / max(np.abs(times - times.mean()).max(), 1.0)
-    return ErrorShapes(arm.scatter[rows] / SIGMA_M, shift, along[:, None, None] * shift, times)
+    return ErrorShapes(arm.scatter[rows] / SIGMA_M, shift, along, times)
 
 
 def _named(case: Case, arm: _LinearArm, observed: Observations, rng: np.random.Generator) -> NDArray[np.int_]:
@@ -238,7 +238,7 @@ def _alarmed(
     rows = rng.permutation(case.poses)[: rng.integers(*_CHECKED)]
     made = errors(case, arm, rows, rng)
     shapes = _shapes(case, arm, rows)
-    another_day = ErrorShapes(shapes.scatter, shapes.shift, shapes.shift, shapes.times, (ANOTHER_DAY,))
+    another_day = replace(shapes, along=np.ones(len(rows)), changes=(ANOTHER_DAY,))
     scale = 1.0 if case.known and not estimate.kinds else estimate.likelihood.scale
     observed = _weighed(case, rows, made, estimate.components, scale, another_day)
     tail = tail_dof(linear)
@@ -275,19 +275,18 @@ def _weighed(
     """Errors as measurements weighed by some variances, ``scale`` that of the instrument."""
     points = made.reshape(len(rows), case.targets, 3)
     weight = np.full(points.shape[:2], 1 / (SIGMA_M * np.sqrt(scale)))
-    return Observations(rows[:, None].astype(float), points, weight, shapes.correlation(parts))
+    return Observations(rows[:, None].astype(float), points, weight, correlation_of(shapes, parts))
 
 
 def _moved(parts: Components, scale: float, name: str, step: float) -> tuple[Components, float]:
     """Components in units of the instrument's variance, and that variance, with one of them larger by e^step."""
     factor = float(np.exp(step))
     if name == "scale":
-        shared = {each: getattr(parts, each) / factor for each in ("scatter", "shift", "trend", "step")}
-        return replace(parts, **shared), scale * factor
+        return parts.times(1 / factor), scale * factor
     if name == "carry":
         odds = parts.carry / (1 - parts.carry) * factor
         return replace(parts, carry=odds / (1 + odds)), scale
-    return replace(parts, **{name: factor * getattr(parts, name)}), scale
+    return parts.times(factor, (name,)), scale
 
 
 def of_one_arm(name: str, seed: int, campaigns: int) -> dict[str, Array]:

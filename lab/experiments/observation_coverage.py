@@ -22,13 +22,13 @@ from lab.campaign.virtual_robot import truth_of
 from lab.commands.calibrate.simulate import MeasuringDay, measuring_day
 from lab.core import se3
 from lab.core.errors import LabError
-from lab.core.instruments import Instrument, PoseInstrument, instrument
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.experiments.script import Answer, named_values, paragraphs
 from lab.formats.orientations import orientation_texts, read_orientations
 from lab.kinematics.model import Model
+from lab.noise.instruments import Instrument, PoseInstrument, instrument
 from lab.render.document import Document, Section
 from lab.simulation.true_robot import TrueRobot
 

@@ -24,13 +24,13 @@ from lab.campaign.option_types import Flag
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot, load_robot
 from lab.campaign.virtual_robot import perturbed_arm
-from lab.core.instruments import instrument
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.significance import CAMPAIGN_OUTLIERS
 from lab.experiments.script import Answer, paragraphs
 from lab.kinematics.serial.arm import SerialArm
+from lab.noise.instruments import instrument
 from lab.render.document import Document, Paragraph
 from lab.simulation.collisions import random_poses
 from lab.simulation.tracking import track

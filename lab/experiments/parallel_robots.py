@@ -27,7 +27,6 @@ from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import load_robot
 from lab.campaign.virtual_robot import perturbed_arm
 from lab.core import se3
-from lab.core.instruments import Instrument, instrument
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.closed.arm import ClosedArm
@@ -36,6 +35,7 @@ from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.effects.arm import Arm
 from lab.kinematics.gauge import STRUCTURE_POSES, named
 from lab.kinematics.joints import JointSpec
+from lab.noise.instruments import Instrument, instrument
 from lab.simulation.closed_robot import ClosedModel, TrueMechanism, true_mechanism
 from lab.simulation.collisions import random_poses
 from lab.simulation.tracking import track

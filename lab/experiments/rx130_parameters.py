@@ -15,13 +15,13 @@ from lab.calibration.sequential import fit_sequentially
 from lab.calibration.weights import Noise, weighed
 from lab.campaign.option_types import Flag
 from lab.core.errors import LabError
-from lab.core.instruments import PoseInstrument
 from lab.core.linear_model import half_width_95
 from lab.core.numbers import positive
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.experiments.observation_coverage import MeasuredArm, measured_arm
 from lab.experiments.script import Answer
+from lab.noise.instruments import PoseInstrument
 from lab.render.document import Document, Paragraph, Section, Table
 from lab.render.format import digits_of, fixed, short
 from lab.render.units import display_unit

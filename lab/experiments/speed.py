@@ -36,7 +36,6 @@ from lab.campaign.virtual_robot import perturbed_arm
 from lab.commands.calibrate.run import calibrate
 from lab.commands.import_measurements.matching import matched
 from lab.commands.import_measurements.options import ImportOptions
-from lab.core.instruments import instrument
 from lab.core.limits import PROGRAM_BYTES
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
@@ -59,6 +58,7 @@ from lab.kinematics.inverse.analytic.select import closed_form_of
 from lab.kinematics.inverse.newton import PoseTarget
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.batch import StackedArm
+from lab.noise.instruments import instrument
 from lab.pose_selection.certificate import certify
 from lab.render.document import Document
 from lab.sensors.points import PointSensor

@@ -9,11 +9,11 @@ import numpy as np
 
 from lab.core.distributions import DistributionName, Uncertain
 from lab.core.errors import LabError, error_context
-from lab.core.instruments import FieldOfView, Instrument
 from lab.core.ranges import ELEVATION_DEG, REFLECTOR_DEG, UNCERTAINTY
-from lab.core.tracker_errors import TERMS, TrackerErrors
 from lab.formats.structured import structured
 from lab.formats.toml import read_toml
+from lab.noise.instruments import FieldOfView, Instrument
+from lab.noise.tracker_errors import TERMS, TrackerErrors
 
 __all__ = ["StatedUncertainty", "read_instrument"]
 

@@ -21,12 +21,12 @@ from lab.calibration.identify import fit_base_and_tool
 from lab.calibration.observation import Points
 from lab.calibration.sensor import SensorWords
 from lab.core.errors import LabError
-from lab.core.instruments import Instrument
 from lab.core.measurements import FIXTURE, Measurements, rows_called
 from lab.core.se3 import Array, inverse, transform
 from lab.formats.measurement_csv import ObservedColumns
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter, placed_parameters
+from lab.noise.instruments import Instrument
 from lab.sensors.contact import POINT, Chance, fixture_measurements, without_sessions
 from lab.sensors.fixtures import FixtureRows, Fixtures, FixtureSensor, refuse_blank
 from lab.sensors.registry import VirtualSetup

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.core.errors import LabError
-from lab.core.instruments import Instrument
 from lab.core.measurements import Measurements, measured
 from lab.core.newton import newton
 from lab.core.se3 import Array, inverse, transform
 from lab.kinematics.effects.conditions import BUMPED
 from lab.kinematics.effects.effect import ShapesNoise, TrackerMotion
+from lab.noise.instruments import Instrument
 from lab.simulation.collisions import collides, random_poses
 from lab.simulation.true_robot import TrueRobot, TrueSerialRobot
 

@@ -22,7 +22,6 @@ from lab.calibration.sequential import fit_sequentially
 from lab.calibration.weights import Noise
 from lab.core import se3
 from lab.core.errors import LabError
-from lab.core.instruments import Instrument, PoseInstrument
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.numbers import positive
 from lab.core.orientation import AngleConvention
@@ -34,6 +33,7 @@ from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter, indices_of_groups, names_of
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.axes_to_dh import Truth
+from lab.noise.instruments import Instrument, PoseInstrument
 from lab.sensors.registry import FitInputs, PoseOptions, VirtualSetup
 from lab.sensors.virtual_sensor import SimulatedReadings, VirtualSensor
 from lab.simulation.effects import Effects

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.sensor import SensorWords
-from lab.core.instruments import Instrument
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array, exp, left_jacobian, transform
 from lab.formats.measurement_csv import ObservedColumns
 from lab.kinematics.model import Model
+from lab.noise.instruments import Instrument
 from lab.sensors.contact import Chance, Contacts, fixture_measurements, reachable_points, without_sessions
 from lab.sensors.fixtures import FixtureRows, Fixtures, FixtureSensor, refuse_blank
 from lab.sensors.registry import VirtualSetup

@@ -7,11 +7,11 @@ from typing import ClassVar
 import numpy as np
 
 from lab.calibration.sensor import SensorWords
-from lab.core.instruments import Instrument
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import ObservedColumns
 from lab.kinematics.model import Model
+from lab.noise.instruments import Instrument
 from lab.sensors.full_pose import Poses
 from lab.sensors.registry import VirtualSetup
 from lab.sensors.virtual_sensor import SimulatedReadings, VirtualSensor

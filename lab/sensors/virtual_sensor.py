@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from lab.calibration.identify import Identification
 from lab.calibration.sensor import Sensor
 from lab.core.errors import LabError
-from lab.core.instruments import Instrument
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.kinematics.serial.axes_to_dh import Truth
+from lab.noise.instruments import Instrument
 from lab.sensors.registry import FitInputs, SensorOptions, VirtualSetup
 from lab.simulation.true_robot import TrueRobot
 

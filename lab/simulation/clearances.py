@@ -13,9 +13,9 @@ from typing import TypeVar
 import mujoco
 import numpy as np
 
-from lab.core.instruments import Instrument
 from lab.core.se3 import Array
 from lab.formats.link_tree import free_name
+from lab.noise.instruments import Instrument
 from lab.simulation.candidate_poses import view_of
 from lab.simulation.collisions import REFLECTOR
 from lab.simulation.free_path import path_step

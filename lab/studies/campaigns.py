@@ -21,12 +21,12 @@ from lab.campaign.virtual_robot import drawn_conditions, perturbed_arm, truth_of
 from lab.core import se3
 from lab.core.covariance import whitening
 from lab.core.errors import LabError
-from lab.core.instruments import Instrument, instrument, is_isotropic, observing
 from lab.core.random import Purpose, rng_for, seed_of
 from lab.core.se3 import Array
 from lab.kinematics.gauge import base_set
 from lab.kinematics.parameter import names_of
 from lab.kinematics.serial.batch import Stacked, stacked
+from lab.noise.instruments import Instrument, instrument, is_isotropic, observing
 from lab.pose_selection.criteria import CRITERIA
 from lab.simulation.collisions import random_poses
 from lab.simulation.tracking import misalignments, track

@@ -15,9 +15,6 @@ import numpy as np
 from lab.calibration.estimate import Estimate
 from lab.calibration.extrapolation import MeasuredRange
 from lab.calibration.gauss_newton import Observations
-from lab.calibration.noise.correlation import Correlation
-from lab.calibration.noise.shared_errors import SharedErrors
-from lab.calibration.noise.small_samples import ComponentErrors
 from lab.calibration.observation import observation_of
 from lab.calibration.residual.process import PredictedBy
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M
@@ -25,6 +22,9 @@ from lab.calibration.weights import Noise, root_mean_square_sigma, weighed
 from lab.core.covariance import whitening
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.se3 import Array
+from lab.noise.correlation import Correlation
+from lab.noise.error_model import ErrorModel
+from lab.noise.variance_components import ComponentErrors
 from lab.verification.prediction import CalibrationPrediction
 
 __all__ = ["MOST_POSES", "STEP", "held_against", "with_estimated_noise"]
@@ -78,7 +78,7 @@ def _of_estimated_noise(
     observation, shared = observation_of(prediction.arm), noise.shared
     assert shared is not None
 
-    def by(some: Measurements, its: SharedErrors) -> Observations:
+    def by(some: Measurements, its: ErrorModel) -> Observations:
         observations, _ = weighed(observation, some, replace(noise, shared=its))
         return _beyond_range(observations, prediction, estimate.measured)
 

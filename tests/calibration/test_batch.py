@@ -9,13 +9,13 @@ from lab.calibration.batch_points import PointBatch, align, fit_points, in_nomin
 from lab.calibration.identify import identify
 from lab.calibration.weights import Noise
 from lab.core import se3
-from lab.core.instruments import instrument
 from lab.core.measurements import measured
 from lab.core.se3 import Array
 from lab.kinematics.gauge import base_set
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.batch import StackedArm
 from lab.kinematics.serial.chain import Chain
+from lab.noise.instruments import instrument
 from lab.studies.campaigns import COLUMNS, METRICS, cell_poses, run_task
 from lab.studies.grid import Cell, Study, Task, study_from
 

@@ -15,10 +15,10 @@ from lab.calibration.verdict import verdict
 from lab.calibration.weights import Noise
 from lab.campaign.robot import load_robot
 from lab.core.errors import LabError
-from lab.core.instruments import INSTRUMENTS
 from lab.core.measurements import measured
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.axes_to_dh import Truth
+from lab.noise.instruments import INSTRUMENTS
 from lab.render.phrases.registry import in_one_line, phrases
 
 ARM = SerialArm(IRB120.chain)

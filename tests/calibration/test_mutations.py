@@ -10,18 +10,17 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-CORRELATION = "tests/calibration/noise/test_correlation.py"
-SHARED = "tests/calibration/noise/test_shared_errors.py"
+CORRELATION = "tests/noise/test_variance_components.py"
+SHARED = "tests/calibration/noise/test_error_model.py"
 ESTIMATED = "tests/verification/test_new_measurements.py"
 PROCESS = "tests/calibration/residual/test_process.py"
 TAILED = "tests/calibration/noise/test_tails.py"
 BEYOND = "tests/calibration/test_extrapolation.py"
 
 VERIFIED = "verification/new_measurements.py"
-SMALL = "calibration/noise/small_samples.py"
-LIKELIHOOD = "calibration/noise/likelihood.py"
-FILTER = "calibration/noise/correlation.py"
-ERRORS = "calibration/noise/shared_errors.py"
+COMPONENTS = "noise/variance_components.py"
+FILTER = "noise/correlation.py"
+ERRORS = "noise/error_model.py"
 TAILS = "calibration/noise/tails.py"
 GAUSSIAN = "calibration/residual/process.py"
 KERNELS = "calibration/residual/kernels.py"
@@ -49,35 +48,35 @@ MUTATIONS = [
     Mutation(VERIFIED, "4 + (q + 2) / excess", "4 + q / excess", ESTIMATED),
     Mutation(VERIFIED, "covariance / scale,", "covariance * scale,", ESTIMATED),
     Mutation(
-        "calibration/noise/small_samples.py",
+        COMPONENTS,
         "np.diag(middle.covariance) / 2)",
         "np.diag(middle.covariance))",
         CORRELATION,
     ),
     Mutation(
-        "calibration/noise/small_samples.py",
+        COMPONENTS,
         "_bounded(middle.covariance, more)",
         "_bounded(middle.covariance, -more)",
         CORRELATION,
     ),
     Mutation(
-        "calibration/noise/small_samples.py",
+        COMPONENTS,
         "minus.covariance) / (2 * _STEP)",
         "minus.covariance) / _STEP",
         CORRELATION,
     ),
-    Mutation(LIKELIHOOD, "np.maximum(1 - carry**2,", "np.maximum(1 - carry,", CORRELATION),
-    Mutation(LIKELIHOOD, "LEAST_SHARE, 1.0)", "LEAST_SHARE, 2.0)", CORRELATION),
-    Mutation(LIKELIHOOD, "weight = 1 / np.sqrt(1 + components", "weight = 1 / (1 + components", CORRELATION),
+    Mutation(COMPONENTS, "np.maximum(1 - carry**2,", "np.maximum(1 - carry,", CORRELATION),
+    Mutation(COMPONENTS, "LEAST_SHARE, 1.0)", "LEAST_SHARE, 2.0)", CORRELATION),
+    Mutation(COMPONENTS, "weight = 1 / np.sqrt(1 + components", "weight = 1 / (1 + components", CORRELATION),
     Mutation(
-        "calibration/noise/correlation.py",
+        "noise/correlation.py",
         "spread - gains[t] @ gains[t].T",
         "spread + gains[t] @ gains[t].T",
         CORRELATION,
     ),
     Mutation(FILTER, "(self.carry**gaps)", "(self.carry + 0 * gaps)", CORRELATION),
     Mutation(ERRORS, "times + APART *", "times + 0 *", SHARED),
-    Mutation(ERRORS, "(1 - self.carry) * factor**2", "(1 - self.carry) * factor", SHARED),
+    Mutation(ERRORS, "(1 - self.carry) * factor**2", "(1 - self.carry) * factor", "tests/noise/test_error_model.py"),
     Mutation(
         "calibration/noise/tails.py",
         "heights.max() - heights[-1] <",

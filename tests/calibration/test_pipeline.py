@@ -12,7 +12,6 @@ from lab.calibration.fitter import Fitter
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification, IdentifyOptions, identify
 from lab.calibration.lack_of_fit import adequacy_of, with_intervals_of_poses
-from lab.calibration.noise.shared_errors import SharedErrors
 from lab.calibration.pipeline import FITTING, STEPS, PipelineOptions, identify_robot, run_steps, start
 from lab.calibration.statistics.candidate_models import FullModel
 from lab.calibration.statistics.linearized import NoiseDistribution
@@ -23,6 +22,7 @@ from lab.core.measurements import Measurements, measured
 from lab.kinematics.effects.effect import SessionInfo
 from lab.kinematics.gauge import base_set
 from lab.kinematics.model import Model
+from lab.noise.error_model import ErrorModel
 from lab.render.phrases.registry import phrases
 from lab.sensors.points import PointSensor
 
@@ -212,7 +212,7 @@ def test_where_all_poses_held_out_are_off_none_is_left_to_test_by() -> None:
     """Errors that the repeats of a pose share make no difference to that."""
     joints = np.repeat(random_joints(20, 2), 2, axis=0)
     data = simulated((), {}, joints, {}, 2)
-    shared = SharedErrors(SIGMA, 1.0, 1e-5, 0.0, 0.0, 0.0, None, {})
+    shared = ErrorModel(SIGMA, 1.0, {"scatter": 1e-5}, None, {})
     for noise in (Noise(), Noise(shared=shared), Noise(sigma_m=SIGMA, shared=shared)):
         found = fitter(data, noise).identified_with(data, (), ())
         judged = [adequacy_of(found, data, held, noise, NoiseDistribution()) for held in (None, data.take([]))]

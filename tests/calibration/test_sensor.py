@@ -8,12 +8,12 @@ from helpers.robots import IRB120
 
 from lab.calibration.identify import IdentifyOptions, identify
 from lab.calibration.sensor import Sensor, SensorWords
-from lab.core.instruments import INSTRUMENTS
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import ObservedColumns
 from lab.kinematics.model import Model
 from lab.kinematics.serial.arm import SerialArm
+from lab.noise.instruments import INSTRUMENTS
 
 ARM = SerialArm(IRB120.chain)
 

@@ -13,10 +13,10 @@ from lab.calibration.identify import Identification, identify
 from lab.calibration.observation import observation_of
 from lab.calibration.weights import Noise, weighed
 from lab.core.distributions import Uncertain
-from lab.core.instruments import INSTRUMENTS, Instrument
 from lab.core.measurements import Measurements, measured
-from lab.core.tracker_errors import TrackerErrors
 from lab.kinematics.serial.arm import SerialArm
+from lab.noise.instruments import INSTRUMENTS, Instrument
+from lab.noise.tracker_errors import TrackerErrors
 from lab.sensors.full_pose import Poses
 
 ARM = SerialArm(IRB120.chain, ("p1", "p2"))

@@ -20,8 +20,8 @@ from lab.campaign.options import DesignOptions
 from lab.campaign.robot import Robot, load_virtual
 from lab.commands.design.run import planned_day
 from lab.core.errors import LabError
-from lab.core.instruments import INSTRUMENTS
 from lab.core.se3 import Array
+from lab.noise.instruments import INSTRUMENTS
 from lab.simulation.clearances import Clearances, planning_model
 from lab.simulation.collisions import collides, collisions_in_words
 from lab.simulation.free_path import path_check

@@ -8,7 +8,7 @@ import pytest
 import lab
 from lab.campaign.instruments import name_of, named_instrument
 from lab.core.errors import LabError
-from lab.core.instruments import INSTRUMENTS
+from lab.noise.instruments import INSTRUMENTS
 
 
 def test_a_name_is_a_preset_which_states_no_errors_that_last() -> None:

@@ -8,7 +8,7 @@ from helpers.robots import ROOT
 
 from lab.cli import main
 from lab.commands.registry import all_commands
-from lab.core.instruments import INSTRUMENTS, observers
+from lab.noise.instruments import INSTRUMENTS, observers
 from lab.pose_selection.criteria import CRITERIA
 
 OPTIONS = [

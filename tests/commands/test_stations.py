@@ -20,11 +20,11 @@ from lab.cli import main
 from lab.commands.calibrate.simulate import MeasuringDay
 from lab.core import se3
 from lab.core.errors import LabError
-from lab.core.instruments import INSTRUMENTS
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.kinematics.effects.effect import SessionInfo
 from lab.kinematics.effects.stations import StationPoses
+from lab.noise.instruments import INSTRUMENTS
 from lab.simulation.effects import true_parameters
 
 WEST, EAST, BACK = (

@@ -11,8 +11,8 @@ from lab.campaign.option_groups import ArmEffects
 from lab.campaign.options import VirtualCampaign
 from lab.commands.calibrate.run import calibrate
 from lab.compensation.iso9283 import accuracy, circle_positions, cube_positions, line_positions, repeatability
-from lab.core.instruments import instrument
 from lab.experiments.closed_loop import close_loop, reachable_cube
+from lab.noise.instruments import instrument
 from lab.simulation.collisions import collides, random_poses
 
 

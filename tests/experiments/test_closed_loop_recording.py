@@ -10,10 +10,10 @@ from lab.commands.calibrate.run import VirtualCampaign, calibrate
 from lab.compensation.iso9283 import CYCLES, accuracy, cube_positions, repeatability
 from lab.core import se3
 from lab.core.errors import LabError
-from lab.core.instruments import instrument
 from lab.experiments.closed_loop import PATH_POINTS, close_loop, reachable_cube
 from lab.experiments.closed_loop_recording import record_loop
 from lab.experiments.closed_loop_scene import HOLD, loop_scene
+from lab.noise.instruments import instrument
 from lab.render.format import format_magnification
 from lab.render.style import RGB_AFTER, RGB_BEFORE
 from lab.simulation.meshes import body_poses

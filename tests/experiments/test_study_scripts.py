@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from helpers.run_script import answer_in_processes, answer_of
 
-from lab.core.instruments import instrument
 from lab.experiments import error_sources
 from lab.experiments.other_searches import predicted_rms
 from lab.experiments.script import run_script
@@ -24,6 +23,7 @@ from lab.extensions.reproduction.thesis_case import (
     thesis_case,
     without,
 )
+from lab.noise.instruments import instrument
 from lab.studies.campaigns import cell_poses, run_task
 from lab.studies.grid import Study, Task
 

@@ -21,10 +21,10 @@ from lab.commands.calibrate.result import CalibrationResult
 from lab.commands.calibrate.run import identify
 from lab.commands.calibrate.simulate import simulate
 from lab.commands.compensate.result import CompensationResult
-from lab.core.instruments import observing
 from lab.core.se3 import Array
 from lab.experiments.ur5e import ur5e_urdf
 from lab.formats.programs.postures import ArmShape
+from lab.noise.instruments import observing
 from lab.sensors.registry import VirtualSetup, sensor_named
 from lab.simulation.collisions import random_poses
 from lab.simulation.true_robot import TrueRobot

@@ -14,12 +14,12 @@ from lab.campaign.virtual_robot import perturbed_arm
 from lab.commands.design.result import DesignResult
 from lab.commands.design.run import design
 from lab.core.errors import LabError
-from lab.core.instruments import instrument
 from lab.core.measurements import Measurements, measured
 from lab.core.random import rng_for
 from lab.formats.measurement_csv import write_measurements
 from lab.kinematics.gauge import base_set
 from lab.kinematics.serial.arm import SerialArm
+from lab.noise.instruments import instrument
 from lab.pose_selection.certificate import certify
 from lab.pose_selection.criteria import CRITERIA, Scaling, criterion
 from lab.pose_selection.exchange import ascend, exchange, information

@@ -11,9 +11,9 @@ from helpers.robots import IRB120, SCARA
 from helpers.scenes import among_posts, small_arm
 
 from lab.core.errors import LabError
-from lab.core.instruments import INSTRUMENTS
 from lab.core.random import rng_for
 from lab.kinematics.trajectory.profiles import rest_to_rest_seconds
+from lab.noise.instruments import INSTRUMENTS
 from lab.pose_selection.tour import (
     DEFAULT_SLIDE_SPEED,
     DEFAULT_SPEED,

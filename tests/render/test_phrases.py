@@ -14,13 +14,14 @@ from helpers.mistakes import MISTAKES, session_with_noise
 
 import lab
 from lab.calibration.noise.rigid_distances import InstrumentNoise
-from lab.calibration.noise.shared_errors import Move, SharedErrors
 from lab.commands.certify.options import CertifyOptions
 from lab.commands.certify.run import certify
 from lab.commands.result import Result
 from lab.commands.trend.options import TrendOptions
 from lab.commands.trend.run import trend
 from lab.core.measurements import Measurements
+from lab.noise.error_model import ErrorModel
+from lab.noise.error_term import Move
 from lab.render.phrases.registry import PHRASES
 from lab.render.phrases.verdict import mm
 
@@ -108,7 +109,7 @@ def silent(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
             monkeypatch.setitem(PHRASES, name, lambda _: "x")
         for kind in (Move, InstrumentNoise):
             monkeypatch.setattr(kind, "words", property(lambda _: "x"))
-        monkeypatch.setattr(SharedErrors, "words", property(lambda _: ("x",)))
+        monkeypatch.setattr(ErrorModel, "words", property(lambda _: ("x",)))
 
     return silence
 

@@ -14,11 +14,11 @@ from lab.calibration.weights import Noise
 from lab.campaign.robot import load_robot
 from lab.core import se3
 from lab.core.errors import LabError
-from lab.core.instruments import INSTRUMENTS
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.gauge import base_set
 from lab.kinematics.serial.arm import SerialArm
+from lab.noise.instruments import INSTRUMENTS
 from lab.sensors.cable import Cable
 from lab.sensors.full_pose import Poses, PoseSensor, balanced
 from lab.sensors.registry import sensor_named

@@ -6,9 +6,9 @@ from helpers.robots import IRB120
 
 import lab
 from lab.core.errors import LabError
-from lab.core.instruments import INSTRUMENTS
 from lab.core.se3 import exp, inverse, log, rotation_from_quaternion, transform
 from lab.formats.orientations import read_orientations
+from lab.noise.instruments import INSTRUMENTS
 from lab.sensors.registry import VirtualSetup, sensor_named
 from lab.sensors.socket import SocketSensor
 from lab.simulation.tracking import target_rotations

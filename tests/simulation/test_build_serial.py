@@ -14,8 +14,8 @@ from lab.campaign.robot import Robot, load_robot, load_virtual
 from lab.cli import main
 from lab.commands.calibrate.run import calibrate
 from lab.core import se3
-from lab.core.instruments import instrument
 from lab.kinematics.serial.chain import Chain
+from lab.noise.instruments import instrument
 from lab.simulation.candidate_poses import field_of_view
 from lab.simulation.collisions import collides, random_poses, standing
 from lab.simulation.link_shapes import DENSITY, link_rods, reach_of

@@ -10,8 +10,8 @@ from helpers.scenes import MODEL, among_posts, small_arm
 
 from lab.core import se3
 from lab.core.errors import LabError
-from lab.core.instruments import INSTRUMENTS, FieldOfView
 from lab.core.random import rng_for
+from lab.noise.instruments import INSTRUMENTS, FieldOfView
 from lab.simulation.candidate_poses import (
     MARGIN,
     draw_candidates,

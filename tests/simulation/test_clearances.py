@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from helpers.scenes import MODEL, small_arm
 
-from lab.core.instruments import INSTRUMENTS
 from lab.core.random import rng_for
+from lab.noise.instruments import INSTRUMENTS
 from lab.simulation.clearances import INCIDENCE_MARGIN_RAD, Clearances, planning_model, reflector_radii
 from lab.simulation.collisions import collides
 from lab.simulation.free_path import path_step

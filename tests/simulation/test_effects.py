@@ -11,7 +11,6 @@ from scipy import optimize, stats
 
 from lab.core import se3
 from lab.core.errors import LabError
-from lab.core.instruments import INSTRUMENTS
 from lab.core.measurements import last_moves, measured
 from lab.core.se3 import Array
 from lab.kinematics.effects.arm import ArmWithEffects
@@ -33,6 +32,7 @@ from lab.kinematics.effects.registry import EffectOptions, effect
 from lab.kinematics.effects.repeatability import VisitScatter
 from lab.kinematics.effects.temperature import ThermalExpansion, ThermalZeros
 from lab.kinematics.serial.arm import SerialArm
+from lab.noise.instruments import INSTRUMENTS
 from lab.simulation.effects import Effects, random_conditions, random_effects, true_parameters
 from lab.simulation.elastic import FlexibleArm
 from lab.simulation.link_masses import loads_of

@@ -3,7 +3,7 @@
 import numpy as np
 from helpers.robots import IRB120
 
-from lab.core.instruments import INSTRUMENTS
+from lab.noise.instruments import INSTRUMENTS
 from lab.simulation.effects import BUMPED
 from lab.simulation.tracking import measure_with_outlier_mask, recorded, track
 from lab.simulation.true_robot import random_perturbation, random_tracker, true_robot

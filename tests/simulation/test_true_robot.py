@@ -14,10 +14,10 @@ from lab.campaign.robot import load_robot
 from lab.campaign.virtual_robot import perturbed_arm
 from lab.core import se3
 from lab.core.errors import LabError
-from lab.core.instruments import INSTRUMENTS, instrument
 from lab.core.random import rng_for
-from lab.core.tracker_errors import TrackerErrors
 from lab.kinematics.serial.arm import SerialArm
+from lab.noise.instruments import INSTRUMENTS, instrument
+from lab.noise.tracker_errors import TrackerErrors
 from lab.simulation.collisions import collides, random_poses
 from lab.simulation.load_mjcf_urdf import load_model
 from lab.simulation.tracking import track

@@ -8,12 +8,12 @@ from scipy import stats
 
 import lab
 from lab.calibration.gauss_newton import Observations
-from lab.calibration.noise.likelihood import Components
-from lab.calibration.noise.small_samples import ComponentErrors
 from lab.core.random import rng_for
 from lab.core.significance import VERIFICATION
-from lab.experiments.noise_models import CASES, ErrorShapes, _moved, _weighed, errors, linear_arm
+from lab.experiments.noise_models import CASES, _moved, _weighed, errors, linear_arm
 from lab.kinematics.effects.arm import Arm
+from lab.noise.error_term import Components, ErrorShapes
+from lab.noise.variance_components import ComponentErrors
 from lab.verification.new_measurements import STEP, with_estimated_noise
 from lab.verification.prediction import CalibrationPrediction
 
@@ -26,7 +26,7 @@ def judged(parts: Components, scale: float, known: ComponentErrors) -> tuple[flo
     """The factor of the test and its degrees of freedom, where so much is known of the variances."""
     rows = np.arange(12)
     shift = np.tile(np.eye(3), (12, 1, 1)) / 8e-6
-    shapes = ErrorShapes(ARM.scatter / 8e-6, shift, shift, rows.astype(float))
+    shapes = ErrorShapes(ARM.scatter / 8e-6, shift, np.ones(12), rows.astype(float))
     made = errors(CASE, ARM, rows, rng_for(0, "noise"))
     covariance = 1e-11 * np.eye(ARM.parameters)
     prediction = CalibrationPrediction(
@@ -56,7 +56,7 @@ def test_one_variance_that_everything_scales_with_gives_the_usual_F(dof: int) ->
 
 def test_the_level_is_that_of_draws_of_the_variances() -> None:
     """Squares with two estimated variances, by what they are made of: draws of estimates around the truth."""
-    parts, names, sizes = Components(shift=4 * 8e-6**2, carry=0.8), ("scale", "shift"), [0.05, 0.1]
+    parts, names, sizes = Components({"shift": 4 * 8e-6**2}, 0.8), ("scale", "shift"), [0.05, 0.1]
     factor, dof = judged(parts, 1.0, whole(names, sizes, 0.0))
     rng = np.random.default_rng(0)
     kernel = np.kron(0.8 ** np.abs(np.subtract.outer(np.arange(12), np.arange(12))), np.eye(3))

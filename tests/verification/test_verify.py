@@ -19,11 +19,11 @@ from lab.cli import main
 from lab.core import se3
 from lab.core.covariance import whitening
 from lab.core.errors import LabError
-from lab.core.instruments import instrument
 from lab.core.measurements import Measurements, measured
 from lab.core.whole_folder import CHECKSUMS, checksum_lines
 from lab.formats.measurement_csv import write_measurements
 from lab.kinematics.serial.arm import SerialArm
+from lab.noise.instruments import instrument
 from lab.render.phrases.registry import phrase
 from lab.simulation.collisions import random_poses
 from lab.simulation.tracking import track

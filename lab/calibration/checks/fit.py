@@ -11,7 +11,7 @@ from lab.calibration.fitter import NominalRobot
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identifiability import WEAK_CONDITION
 from lab.calibration.identify import Identification
-from lab.calibration.noise.shared_errors import NOTABLE
+from lab.calibration.noise.search import NOTABLE
 from lab.calibration.observation import FixtureObservation, observation_of
 from lab.calibration.pose_cover import MOST_UNCOVERED
 from lab.calibration.prior import Tolerance, prior_of
@@ -25,7 +25,6 @@ from lab.calibration.statistics.outliers import Outliers, would_matter
 from lab.calibration.validation import Validation
 from lab.calibration.verdict import Verdict
 from lab.core.checks import Check
-from lab.core.instruments import Instrument, is_isotropic
 from lab.core.measurements import Measurements, evenly, seen_mask
 from lab.core.se3 import Array
 from lab.core.significance import MODEL_GROUPS
@@ -37,6 +36,7 @@ from lab.kinematics.encoders import Encoders
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.parameter import targets_of
 from lab.kinematics.serial.chain import Chain
+from lab.noise.instruments import Instrument, is_isotropic
 
 __all__ = [
     "check_alternatives",

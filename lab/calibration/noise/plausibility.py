@@ -19,8 +19,6 @@ from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification
-from lab.calibration.noise.change_points import likeliest_change, rows_around, session_of
-from lab.calibration.noise.shared_errors import SharedErrors, row_times
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.statistics.linearized import LinearizedFit, linearized
 from lab.core.checks import Check
@@ -29,6 +27,8 @@ from lab.core.probabilities import f_sf
 from lab.core.se3 import Array
 from lab.core.significance import CHANGE_IN_TIME
 from lab.kinematics.parameter import targets_of
+from lab.noise.change_points import likeliest_change, rows_around, session_of
+from lab.noise.error_model import ErrorModel, row_times
 
 __all__ = [
     "COMMON_DRIFT_M",
@@ -74,7 +74,7 @@ def finding(kind: str, size_m: float, *, supported: bool = False, **data: Any) -
 def shared_error_findings(
     found: Identification,
     rows: Measurements,
-    shared: SharedErrors | None,
+    shared: ErrorModel | None,
     adequacy: Check,
     labels: NDArray[np.int_],
 ) -> list[Check]:

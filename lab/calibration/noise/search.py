@@ -4,23 +4,38 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import scipy  # its parts are loaded at their first use, which not every process comes to
 
 from lab.calibration.identify import Identification
-from lab.calibration.noise.change_points import rows_around
-from lab.calibration.noise.estimation import ComponentTrial, Estimate, chosen_components
-from lab.calibration.noise.likelihood import Components, ErrorShapes, RestrictedProblem
-from lab.calibration.noise.shared_errors import Clock, Move, SharedErrors, error_shapes, row_times
-from lab.calibration.noise.small_samples import ComponentErrors, SmallSample, small_sample
 from lab.calibration.observation import observation_of, only_positions
 from lab.calibration.statistics.goodness_of_fit import goodness_beside_shared_errors, is_doubted
+from lab.calibration.statistics.joint_rounding import by_joint_positions, counting
 from lab.calibration.statistics.linearized import LinearizedFit, linearized
-from lab.calibration.weights import Noise, weighed
+from lab.calibration.weights import Noise, error_shapes, weighed
 from lab.core.linear_model import unit_columns
-from lab.core.measurements import Measurements
+from lab.core.measurements import Measurements, seen_mask
 from lab.core.se3 import Array
+from lab.core.wording import short_length
+from lab.kinematics.encoders import Encoders
+from lab.kinematics.model import Model
+from lab.noise.change_points import rows_around
+from lab.noise.error_model import Clock, ErrorModel, row_times
+from lab.noise.error_term import Components, ErrorShapes, Move
+from lab.noise.terms import TERMS, correlation_of
+from lab.noise.variance_components import (
+    ComponentErrors,
+    ComponentTrial,
+    Estimate,
+    RestrictedProblem,
+    SmallSample,
+    chosen_components,
+    small_sample,
+)
 
-__all__ = ["NoiseSearch", "in_stretches", "search_noise"]
+__all__ = ["NOTABLE", "NoiseSearch", "counted", "in_stretches", "search_noise"]
 
+NOTABLE = 0.1  # of the noise: what whole counts of the encoders make beside it
+_LEAST_ALONE = 0.1  # of a noise that was estimated with the counts in it: what it is at least without them
 _LEAST_POSES = 10  # fewer say nothing of how errors are shared
 _LEAST_DOF = 20
 _MOST_POSES, _STRETCHES = 4_000, 8  # by which very many measurements are told, and in how many stretches they lie
@@ -39,7 +54,7 @@ class NoiseSearch:
             the model lacks, cannot be told apart.
     """
 
-    shared: SharedErrors | None
+    shared: ErrorModel | None
     trials: tuple[ComponentTrial, ...]
     deviance: float
     linear: LinearizedFit | None = None
@@ -103,17 +118,14 @@ def search_noise(found: Identification, data: Measurements, noise: Noise) -> Noi
     if _varies_with_joints(linear, estimate, data):
         return NoiseSearch(known_errors, trials, problem.likelihood(Components()).deviance, undecided=True)
     parts, scale = estimate.components, estimate.likelihood.scale
-    shared = SharedErrors(
+    shared = ErrorModel(
         sigma_m=found.sigma_m if known else float(np.sqrt(scale)),
         independent_share=scale if known else 1.0,
-        scatter_rad=float(np.sqrt(parts.scatter * scale)),
-        wandering_m=float(np.sqrt(parts.shift * scale)),
+        sizes={term.name: float(np.sqrt(parts[term.name] * scale)) for term in TERMS},
         carry=parts.carry,
-        drift_m=float(np.sqrt(parts.trend * scale)),
         clock=clock,
         values=dict(zip(model.names, found.values.tolist(), strict=True)),
         counts_rad=None if known_errors is None else known_errors.counts_rad,
-        step_m=float(np.sqrt(parts.step * scale)),
         moves=_moves(estimate, data, times),
     )
     return NoiseSearch(shared, trials, estimate.deviance, linear, estimate)
@@ -121,11 +133,13 @@ def search_noise(found: Identification, data: Measurements, noise: Noise) -> Noi
 
 def _moves(estimate: Estimate, data: Measurements, times: Array) -> tuple[Move, ...]:
     """Change points with their sizes, between the last row before and the first one after, in the order of time."""
-    found = []
-    shifts = estimate.problem.shifts(estimate.components)
+    found, (scanned,) = [], (term for term in TERMS if term.scanned)
+    shifts = estimate.problem.predicted(estimate.components, scanned)
     for change, shift in zip(estimate.problem.shapes.changes, shifts, strict=True):
-        last, first = rows_around(times, change.time)
-        found.append(Move(change, data.ids[last], data.ids[first], float(np.linalg.norm(shift))))
+        (last, first), size_m = rows_around(times, change.time), float(np.linalg.norm(shift))
+        before, after = data.ids[last], data.ids[first]
+        words = f"the base or the instrument moved by {short_length(size_m)} between poses {before} and {after}"
+        found.append(Move(change, before, after, size_m, words))
     return tuple(sorted(found, key=lambda move: move.change.time))
 
 
@@ -141,7 +155,7 @@ def in_stretches(data: Measurements) -> Measurements:
 def _varies_with_joints(linear: LinearizedFit, estimate: Estimate, data: Measurements) -> bool:
     """Whether what is left beside the components comes back where the joints do: then it was not drawn anew."""
     shapes = estimate.problem.shapes
-    correlation = shapes.correlation(estimate.components)
+    correlation = correlation_of(shapes, estimate.components)
     white = correlation.white(estimate.problem.rows)
     columns, scale = unit_columns(white[..., :-1].reshape(-1, white.shape[2] - 1))
     whitened = LinearizedFit(white[..., -1], columns.reshape(*linear.mask.shape, -1), scale, linear.mask, linear.poses)
@@ -158,5 +172,49 @@ def _padded(shapes: ErrorShapes, blocks: int) -> ErrorShapes:
         return shapes
     rows = [(0, more), (0, 0), (0, 0)]
     after = shapes.times.max() + 1.0 + np.arange(more)
-    scatter, shift, trend = (np.pad(each, rows) for each in (shapes.scatter, shapes.shift, shapes.trend))
-    return ErrorShapes(scatter, shift, trend, np.concatenate([shapes.times, after]))
+    scatter, shift = (np.pad(each, rows) for each in (shapes.scatter, shapes.shift))
+    return ErrorShapes(scatter, shift, np.pad(shapes.along, (0, more)), np.concatenate([shapes.times, after]))
+
+
+def counted(
+    model: Model, data: Measurements, values: Array, encoders: Encoders, sigma_m: float, dof: int | None = None
+) -> ErrorModel | None:
+    """What whole counts of known encoders make of the numbers of a pose, where that is not little beside the noise.
+
+    Errors in variables: a count is off by half of one at most, uniformly, and through the derivatives by the joints
+    all numbers of a pose share that.
+
+    Args:
+        data: with what the model observes.
+        values: ``(p,)`` of a fit; the derivatives are taken there.
+        sigma_m: the noise of a coordinate; where it was estimated, with the counts in it.
+        dof: residual degrees of freedom, where it was estimated.
+    """
+    if not counting(model, data, values, encoders) > NOTABLE * sigma_m > 0:
+        return None
+    root = np.asarray(np.linalg.cholesky(encoders.covariance))
+    alone_m = sigma_m if dof is None else _without_counts(model, data, values, root, dof, sigma_m)
+    named = dict(zip(model.names, values.tolist(), strict=True))
+    return ErrorModel(alone_m, 1.0, {}, None, named, counts_rad=root)
+
+
+def _without_counts(model: Model, data: Measurements, values: Array, root: Array, dof: int, sigma_m: float) -> float:
+    """The sigma for which the residuals r are what they should be beside counts: sum r' (sigma^2 + S S')^-1 r = dof.
+
+    Where even a small one explains the residuals, that is it.
+    """
+    inputs = data.inputs(model.conditions)
+    mask, n = seen_mask(data.points)[..., None], len(data)
+    residual = np.where(mask, data.points - model.points(inputs, values), 0.0).reshape(n, -1, 1)
+    slopes = np.where(mask[..., None], by_joint_positions(model, inputs, values, len(root)), 0.0)
+    made = slopes.reshape(n, -1, len(root)) @ root
+    variances, axes = np.linalg.eigh(made @ made.swapaxes(1, 2))
+    squares = (axes.swapaxes(1, 2) @ residual)[..., 0] ** 2
+
+    def excess(log_sigma: float) -> float:
+        return float((squares / (np.exp(2 * log_sigma) + np.maximum(variances, 0.0))).sum()) - dof
+
+    low, high = np.log(_LEAST_ALONE * sigma_m), np.log(sigma_m)
+    if excess(low) <= 0:
+        return float(np.exp(low))
+    return float(np.exp(scipy.optimize.brentq(excess, low, high + 1.0)))

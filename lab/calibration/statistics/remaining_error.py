@@ -11,12 +11,12 @@ import numpy as np
 import scipy  # its parts are loaded at their first use, which not every process comes to
 from numpy.typing import NDArray
 
-from lab.calibration.noise.shared_errors import SharedErrors
 from lab.calibration.validation import configurations
 from lab.core.measurements import evenly, seen_mask
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.significance import MODEL_GROUPS
+from lab.noise.error_model import ErrorModel
 
 __all__ = ["NEARLY", "Likeness", "RemainingError", "remaining_error"]
 
@@ -119,7 +119,7 @@ def remaining_error(
     dof: int,
     *,
     instrument_m: float,
-    shared: SharedErrors | None,
+    shared: ErrorModel | None,
     scatter_slopes: Array,
     nearly: tuple[str, ...] = (),
     searched: bool = False,
@@ -146,9 +146,7 @@ def remaining_error(
     if shared is not None:
         slopes = np.where(mask[..., None, None], scatter_slopes, 0.0)
         scattered = np.einsum("nkdi,ij,nkdj->", slopes, shared.joint_covariance(joints.shape[1]), slopes)
-        common = float(scattered) / numbers + shared.wandering_m**2
-        common += shared.drift_m**2 / 3  # of a steady drift from minus to plus that size
-        common += sum(move.size_m**2 * move.change.share * (1 - move.change.share) / 3 for move in shared.moves)
+        common = sum(shared.within_m2, float(scattered) / numbers)
     own = 0.0 if np.isnan(instrument_m) else instrument_m**2
     rest = max(total - own - common, 0.0)
     joints_apart, in_time = None, None

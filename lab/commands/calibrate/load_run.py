@@ -15,7 +15,6 @@ from lab.calibration.estimate_files import (
     RESULT_FILE,
     read_estimate,
 )
-from lab.calibration.noise.saved_model import NoiseModel
 from lab.campaign.config_file import CONFIG_FILE, RunConfig, RunInputs, input_names, read_config
 from lab.campaign.instruments import named_instrument
 from lab.campaign.options import VirtualCampaign
@@ -26,13 +25,14 @@ from lab.commands.hand_load import HandLoad, carrying
 from lab.commands.integrity import said_of_edits
 from lab.commands.run_folder import LOAD_FILE
 from lab.core.errors import LabError, error_context
-from lab.core.instruments import Instrument
 from lab.core.measurements import LAST_MOVE
 from lab.core.se3 import Array
 from lab.core.serials import called
 from lab.core.wording import be
+from lab.formats.noise_model import NoiseModel
 from lab.formats.structured import read_structured, structured
 from lab.kinematics.effects.conditions import PAYLOAD
+from lab.noise.instruments import Instrument
 from lab.render.phrases.verdict import gate_words
 from lab.sensors.registry import sensor_named
 

@@ -15,7 +15,6 @@ from lab.calibration.identifiability import Direction
 from lab.calibration.identify import Identification
 from lab.calibration.most_likely_parameters import most_likely_parameters
 from lab.calibration.noise.rigid_distances import InstrumentNoise
-from lab.calibration.noise.saved_model import noise_model_to_dict
 from lab.calibration.observation import observation_of
 from lab.calibration.prior import Tolerance
 from lab.calibration.residual.estimation import ExpectedGain
@@ -46,6 +45,7 @@ from lab.core.checks import Check, Outcome
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.formats.calibrated_module import MODULE_FILE
+from lab.formats.noise_model import noise_model_to_dict
 from lab.kinematics.effects.registry import said_of_term
 from lab.kinematics.model import RigidArm
 from lab.kinematics.parameter import targets_of

@@ -29,10 +29,10 @@ from lab.commands.hand_load import carrying
 from lab.commands.keywords import options_of, takes
 from lab.core.checks import Check
 from lab.core.errors import error_context
-from lab.core.instruments import observing
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.kinematics.effects.registry import CAMPAIGN_SPECIFIC
+from lab.noise.instruments import observing
 from lab.render.phrases.registry import phrases
 from lab.render.progress import Stage, status
 from lab.simulation.effects import true_parameters

@@ -14,10 +14,10 @@ from lab.campaign.virtual_robot import asked_conditions, drawn_conditions, fresh
 from lab.commands.hand_load import carrying
 from lab.commands.keywords import options_of, takes
 from lab.core.errors import LabError
-from lab.core.instruments import observing
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.noise.instruments import observing
 from lab.simulation.true_robot import TrueRobot
 
 __all__ = ["MeasuringDay", "measuring_day", "simulate"]

@@ -4,14 +4,14 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from lab.calibration.noise.shared_errors import row_times
 from lab.certification.characteristics import Repeats
 from lab.certification.quantities import FrameMotion, KnownSpread, Placement, RandomErrors
 from lab.commands.calibrate.load_run import CalibrationRun
 from lab.commands.certify.fitted import FittedRows
-from lab.core.instruments import Instrument
 from lab.core.linear_model import p_value_of_squares
 from lab.core.significance import VERDICT_LACK_OF_FIT
+from lab.noise.error_model import row_times
+from lab.noise.instruments import Instrument
 
 __all__ = ["instrument_noise_m", "motions_found", "random_errors"]
 

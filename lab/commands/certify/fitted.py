@@ -12,9 +12,9 @@ from lab.calibration.weights import Noise, root_mean_square_sigma, weighed
 from lab.commands.calibrate.load_run import MEASUREMENTS_FILE, CalibrationRun
 from lab.commands.calibrate.options import MeasuredCampaign
 from lab.core.errors import LabError
-from lab.core.instruments import Instrument
 from lab.core.measurements import Measurements
 from lab.formats.measurement_csv import read_measurements
+from lab.noise.instruments import Instrument
 
 __all__ = ["FittedRows", "fitted_rows"]
 

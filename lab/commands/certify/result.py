@@ -17,9 +17,9 @@ from lab.commands.result import Result
 from lab.commands.values import ErrorStatistics, error_statistics, number
 from lab.compensation.iso9283 import CYCLES
 from lab.core.checks import Check
-from lab.core.instruments import Instrument
 from lab.core.se3 import Array
 from lab.formats.certificate_toml import CertificateDetails
+from lab.noise.instruments import Instrument
 from lab.render.phrases.registry import phrase
 from lab.render.phrases.verdict import gate_words
 

@@ -37,12 +37,12 @@ from lab.commands.certify.result import Certificate, RobotFound, Unseen
 from lab.commands.certify.validation import validation_errors
 from lab.core.distributions import Uncertain
 from lab.core.errors import LabError
-from lab.core.instruments import INSTRUMENTS, Instrument
 from lab.core.measurements import PLACE, Measurements
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.core.tracker_errors import TrackerErrors
 from lab.formats.certificate_toml import CertificateDetails, read_certificate_details
+from lab.noise.instruments import INSTRUMENTS, Instrument
+from lab.noise.tracker_errors import TrackerErrors
 from lab.render.phrases.registry import phrases
 from lab.render.progress import Stage, status
 

@@ -13,11 +13,11 @@ from lab.campaign.stations import stations_in
 from lab.commands.design.day import MeasuringDayLength
 from lab.commands.result import Result
 from lab.core.errors import LabError
-from lab.core.instruments import observing
 from lab.core.limits import STOPS
 from lab.core.measurements import Measurements
 from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.trajectory.profiles import rest_to_rest_seconds
+from lab.noise.instruments import observing
 from lab.pose_selection.tour import rated
 from lab.simulation.candidate_poses import field_of_view
 from lab.simulation.clearances import planning_model

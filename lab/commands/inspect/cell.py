@@ -8,9 +8,9 @@ import numpy as np
 from lab.campaign.options import DesignOptions
 from lab.campaign.robot import Robot
 from lab.commands.inspect.cell_pictures import cell_pictures
-from lab.core.instruments import INSTRUMENTS
 from lab.core.random import rng_for
 from lab.formats.cell_toml import Cell
+from lab.noise.instruments import INSTRUMENTS
 from lab.render.document import Block, Figure, Paragraph, Section, Table
 from lab.render.format import short
 from lab.simulation.cell_plausibility import extents_mm, in_words

@@ -26,13 +26,13 @@ from lab.commands.verify.options import VerifyOptions
 from lab.commands.verify.result import VerificationResult
 from lab.core.copies import without_copies
 from lab.core.errors import LabError, error_context
-from lab.core.instruments import observing
 from lab.core.measurements import Measurements
 from lab.core.progress import Progress
 from lab.core.se3 import Array
 from lab.core.serials import one_serial
 from lab.core.wording import be, counted
 from lab.formats.measurement_csv import read_measurements
+from lab.noise.instruments import observing
 from lab.render.phrases.registry import phrase, phrases
 from lab.render.progress import Stage, status
 from lab.sensors.registry import sensor_named

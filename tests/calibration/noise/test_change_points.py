@@ -8,16 +8,16 @@ import pytest
 
 import lab
 from lab.calibration.identify import identify
-from lab.calibration.noise.change_points import APART, ChangePoint, before_and_after, likeliest_change
-from lab.calibration.noise.saved_model import noise_model_from_dict, noise_model_to_dict
 from lab.calibration.noise.search import NoiseSearch, search_noise
-from lab.calibration.noise.shared_errors import Clock, SharedErrors, row_times
 from lab.calibration.observation import observation_of
 from lab.calibration.weights import Noise, weighed
 from lab.campaign.robot import load_robot
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.probabilities import f_sf
+from lab.formats.noise_model import noise_model_from_dict, noise_model_to_dict
+from lab.noise.change_points import APART, ChangePoint, before_and_after, likeliest_change
+from lab.noise.error_model import Clock, ErrorModel, row_times
 
 ROBOT = load_robot("irb120")
 ARM = ROBOT.arm(("p1",))
@@ -39,7 +39,7 @@ def searched(data: Measurements) -> NoiseSearch:
     return search_noise(identify(ARM, data, NOMINAL, Noise()), data, Noise())
 
 
-def shared_by(data: Measurements) -> SharedErrors:
+def shared_by(data: Measurements) -> ErrorModel:
     found = searched(data).shared
     assert found is not None
     return found
@@ -72,7 +72,7 @@ def test_the_scan_is_the_F_test_of_least_squares_at_every_row(sessions: int) -> 
 
 def test_a_base_that_moved_is_told_with_its_rows_and_size(day: Measurements) -> None:
     shared = shared_by(moved(day, 50e-6 * (np.arange(60) >= 41)))
-    assert shared.kinds == (False, False, False, True)
+    assert shared.kinds == ("step",)
     (move,) = shared.moves
     assert (move.before, move.after) == ("40", "41") and move.size_m == pytest.approx(50e-6, rel=0.1)
     assert shared.step_m * np.sqrt(3) == pytest.approx(50e-6, rel=0.15)  # three coefficients of one variance
@@ -104,16 +104,16 @@ def test_it_may_move_twice(day: Measurements) -> None:
     ("along", "kind"),
     [
         (np.zeros(60), None),
-        (np.linspace(-40e-6, 40e-6, 60), 2),
-        (20e-6 * np.sin(np.arange(60) / 4.0), 1),
+        (np.linspace(-40e-6, 40e-6, 60), "drift"),
+        (20e-6 * np.sin(np.arange(60) / 4.0), "wandering"),
         (1e-3 * (np.arange(60) < 2), None),  # two bad readings at the beginning; outliers are no part of this
     ],
     ids=["nothing", "a drift", "wandering", "bad readings"],
 )
-def test_what_is_no_change_is_not_called_one(day: Measurements, along: np.ndarray, kind: int | None) -> None:
+def test_what_is_no_change_is_not_called_one(day: Measurements, along: np.ndarray, kind: str | None) -> None:
     rows = np.flatnonzero(np.abs(along) < 5e-4)  # as the search has them, outliers aside
     shared = searched(moved(day, along).take(rows)).shared
-    assert (shared is None) if kind is None else (shared is not None and shared.kinds[kind])
+    assert (shared is None) if kind is None else (shared is not None and kind in shared.kinds)
     assert shared is None or not shared.moves
 
 
@@ -132,7 +132,7 @@ def test_a_new_session_is_no_change_and_one_within_it_lasts(day: Measurements) -
     np.testing.assert_allclose(part, np.repeat([-0.75, 0.25], [15, 45]))
 
 
-def covariance(data: Measurements, shared: SharedErrors) -> np.ndarray:
+def covariance(data: Measurements, shared: ErrorModel) -> np.ndarray:
     """Of the x of these rows, m^2, the instrument's noise left out."""
     observed = weighed(observation_of(ARM), data, Noise(shared=shared))[0].correlation
     assert observed is not None

@@ -14,12 +14,12 @@ from lab.calibration.noise.plausibility import (
     shared_error_findings,
 )
 from lab.calibration.noise.search import search_noise
-from lab.calibration.noise.shared_errors import SharedErrors
 from lab.calibration.observation import observation_of
 from lab.calibration.statistics.replicates import repeats
 from lab.calibration.weights import Noise, weighed
 from lab.core.checks import Check
 from lab.core.measurements import Measurements
+from lab.noise.error_model import ErrorModel
 from lab.render.phrases.registry import phrase
 
 UNTESTED = Check("lack_of_fit.nothing", "not tested")
@@ -71,15 +71,15 @@ def test_a_noise_that_was_given_too_large_hides_no_change() -> None:
     assert changes(MISTAKES["a zero shifted"](data, rng, 0.1e-3), Noise(sigma_m=0.1e-3))
 
 
-def shared(data: Measurements, **sizes: float) -> SharedErrors:
-    zero = {"scatter_rad": 0.0, "wandering_m": 0.0, "carry": 0.0, "drift_m": 0.0}
-    return SharedErrors(9e-6, 1.0, **{**zero, **sizes}, clock=None, values={})
+def shared(data: Measurements, **sizes: float) -> ErrorModel:
+    carry = sizes.pop("carry", 0.0)
+    return ErrorModel(9e-6, 1.0, sizes, None, {}, carry)
 
 
 def test_only_repeats_support_scatter_and_only_of_a_common_size(good: list[Measurements]) -> None:
     data, alone = good[0], np.arange(len(good[0]))
     found = identify(ARM, data, ARM.nominal())
-    small, large = shared(data, scatter_rad=0.03e-3), shared(data, scatter_rad=0.5e-3)
+    small, large = shared(data, scatter=0.03e-3), shared(data, scatter=0.5e-3)
     cases = ((small, REPEATED, True), (small, UNTESTED, False), (large, REPEATED, False))
     for errors, adequacy, supported in cases:
         (finding,) = shared_error_findings(found, data, errors, adequacy, alone)
@@ -93,7 +93,7 @@ def test_only_repeats_support_scatter_and_only_of_a_common_size(good: list[Measu
 
 def test_drift_is_supported_by_poses_that_were_measured_again_later(good: list[Measurements]) -> None:
     data = good[0]
-    found, drift = identify(ARM, data, ARM.nominal()), shared(data, drift_m=10e-6)
+    found, drift = identify(ARM, data, ARM.nominal()), shared(data, trend=10e-6)
     at_once, later = np.arange(len(data)), np.arange(len(data))
     at_once[1::2] = at_once[::2]  # two readings of each pose
     later[-1] = later[0]

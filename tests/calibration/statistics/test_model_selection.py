@@ -16,7 +16,6 @@ from lab.calibration.statistics.nested_models import HeldOutGain, Score
 from lab.calibration.weights import Noise
 from lab.campaign.robot import Robot, load_robot
 from lab.core.errors import LabError
-from lab.core.instruments import instrument
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import read_measurements
@@ -26,6 +25,7 @@ from lab.kinematics.effects.registry import CANDIDATES, EffectOptions
 from lab.kinematics.gauge import base_set
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter
+from lab.noise.instruments import instrument
 from lab.simulation.collisions import random_poses
 from lab.simulation.effects import random_effects
 from lab.simulation.tracking import track

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lab.calibration.noise.shared_errors import SharedErrors
 from lab.calibration.statistics.remaining_error import RemainingError, remaining_error
 from lab.core.se3 import Array
+from lab.noise.error_model import ErrorModel
 
 POSES = 150
 
 
-def taken_apart(made: Array, seed: int, instrument_m: float, shared: SharedErrors | None = None) -> RemainingError:
+def taken_apart(made: Array, seed: int, instrument_m: float, shared: ErrorModel | None = None) -> RemainingError:
     """Of residuals ``(n, 1, 3)`` of so many poses, in the order in which they were made."""
     joints = np.random.default_rng(seed).uniform(-1, 1, (POSES, 3))
     slopes = np.broadcast_to(np.eye(3), (POSES, 1, 3, 3))
@@ -59,7 +59,7 @@ def test_a_rest_that_follows_the_time_is_told() -> None:
 
 
 def test_what_poses_share_has_its_part() -> None:
-    shared = SharedErrors(1e-5, 1.0, 3e-5, 0.0, 0.0, 0.0, None, {})
+    shared = ErrorModel(1e-5, 1.0, {"scatter": 3e-5}, None, {})
     found = taken_apart(noise(3) + noise(33, 3e-5), 3, 1e-5, shared)
     assert found.shared_m == pytest.approx(3e-5) and found.is_explained
     assert "repeats" in found.measure_next

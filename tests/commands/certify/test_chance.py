@@ -8,14 +8,14 @@ from helpers.robots import IRB120
 
 import lab
 from lab.calibration.gauss_newton import Observations
-from lab.calibration.noise.correlation import Correlation
 from lab.commands.certify.chance import _scatter_m
 from lab.commands.certify.fitted import FittedRows
 from lab.commands.certify.options import CertifyOptions
 from lab.commands.certify.run import certify
 from lab.core.covariance import whitening
-from lab.core.instruments import instrument
 from lab.core.measurements import measured
+from lab.noise.correlation import Correlation
+from lab.noise.instruments import instrument
 
 TRACKERS = ("leica-at960", "leica-at500", "faro-vantage")
 NOISE = """

@@ -18,8 +18,8 @@ from lab.commands.certify.fitted import fitted_rows
 from lab.commands.certify.run import _propagation
 from lab.commands.certify.validation import validation_errors
 from lab.core.measurements import Measurements
-from lab.core.tracker_errors import TrackerErrors
 from lab.formats.measurement_csv import write_measurements
+from lab.noise.tracker_errors import TrackerErrors
 
 INSTRUMENT = "uniform-8um"
 

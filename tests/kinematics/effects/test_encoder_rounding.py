@@ -7,8 +7,8 @@ import pytest
 from helpers.robots import ROOT
 
 import lab
-from lab.calibration.noise.saved_model import noise_model_from_dict
 from lab.core.errors import LabError
+from lab.formats.noise_model import noise_model_from_dict
 from lab.kinematics.effects.encoder_rounding import EncoderCounts, EncoderRounding
 from lab.kinematics.effects.registry import EFFECTS
 

@@ -1,20 +1,21 @@
-"""The noise model of a run as ``result.json`` holds it."""
+"""Read and write a noise model as ``result.json`` holds it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from lab.calibration.noise.shared_errors import SharedErrors
-from lab.calibration.noise.small_samples import ComponentErrors
 from lab.core.errors import LabError
 from lab.formats.structured import structured
+from lab.noise.error_model import ErrorModel
+from lab.noise.terms import TERMS
+from lab.noise.variance_components import ComponentErrors
 
 __all__ = ["NoiseModel", "component_errors_from_dict", "noise_model_from_dict", "noise_model_to_dict"]
 
 
-def noise_model_to_dict(shared: SharedErrors | None, errors: ComponentErrors | None = None) -> dict[str, Any] | None:
+def noise_model_to_dict(shared: ErrorModel | None, errors: ComponentErrors | None = None) -> dict[str, Any] | None:
     """Shared errors as ``result.json`` holds them; None where there are none.
 
     Args:
@@ -22,25 +23,8 @@ def noise_model_to_dict(shared: SharedErrors | None, errors: ComponentErrors | N
     """
     if shared is None:
         return None
-    return {
-        "independent_mm": 1e3 * shared.independent_m,
-        "independent_share": shared.independent_share,
-        "joint_scatter_mrad": 1e3 * shared.scatter_rad,
-        "wandering_mm": 1e3 * shared.wandering_m,
-        "wandering_correlation": shared.carry,
-        "drift_mm": 1e3 * shared.drift_m,
-        "step_mm": 1e3 * shared.step_m,
-        "moves": [{"before": move.before, "after": move.after, "size_mm": 1e3 * move.size_m} for move in shared.moves],
-        "encoder_counts_rad": None if shared.counts_rad is None else shared.counts_rad.tolist(),
-        "component_errors": None
-        if errors is None
-        else {
-            "names": list(errors.names),
-            "covariance": errors.covariance.tolist(),
-            "slopes": errors.slopes.tolist(),
-        },
-        "words": list(shared.words),
-    }
+    known = None if errors is None else errors.to_dict()
+    return {**shared.to_dict(), "component_errors": known, "words": list(shared.words)}
 
 
 @dataclass(frozen=True)
@@ -89,16 +73,21 @@ class NoiseModel:
     step_mm: float = 0.0
     component_errors: _ComponentErrors | None = None
     moves: tuple[_Move, ...] = ()
+    further: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Refuse what is no size, share or correlation, with a LabError."""
-        sizes = (self.independent_mm, self.joint_scatter_mrad, self.wandering_mm, self.drift_mm, self.step_mm)
-        if min(sizes) < 0:
+        if min(self.independent_mm, *self.sizes.values()) < 0:
             raise LabError("noise_model: a standard deviation is not below zero")
         if any(len(row) != len(self.encoder_counts_rad or ()) for row in self.encoder_counts_rad or ()):
             raise LabError("noise_model: encoder_counts_rad has a row and a column for each joint")
         if not (0 < self.independent_share <= 1 and 0 <= self.wandering_correlation < 1):
             raise LabError("noise_model: the share is above 0 and at most 1, the correlation at least 0 and below 1")
+
+    @property
+    def sizes(self) -> dict[str, float]:
+        """Standard deviations of the terms in SI units, by their names."""
+        return {term.name: getattr(self, term.key) / 1e3 for term in TERMS if term.key} | dict(self.further)
 
 
 def component_errors_from_dict(content: NoiseModel | None) -> ComponentErrors | None:
@@ -115,7 +104,7 @@ def component_errors_from_dict(content: NoiseModel | None) -> ComponentErrors | 
 
 def noise_model_from_dict(
     content: Mapping[str, Any] | NoiseModel | None, values: Mapping[str, float]
-) -> SharedErrors | None:
+) -> ErrorModel | None:
     """Shared errors of a run, for measurements of another day.
 
     Args:
@@ -128,15 +117,12 @@ def noise_model_from_dict(
     if content is None:
         return None
     found = structured("noise_model", NoiseModel, content, extra=True)
-    return SharedErrors(
+    return ErrorModel(
         sigma_m=found.independent_mm / 1e3 / np.sqrt(found.independent_share),
         independent_share=found.independent_share,
-        scatter_rad=found.joint_scatter_mrad / 1e3,
-        wandering_m=found.wandering_mm / 1e3,
+        sizes=found.sizes,
         carry=found.wandering_correlation,
-        drift_m=found.drift_mm / 1e3,
         clock=None,
         values=values,
         counts_rad=None if found.encoder_counts_rad is None else np.array(found.encoder_counts_rad),
-        step_m=found.step_mm / 1e3,
     )

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from lab.core.distributions import Uncertain
 from lab.core.errors import LabError
 from lab.core.se3 import Array, exp
-from lab.core.tracker_errors import TrackerErrors
+from lab.noise.tracker_errors import TrackerErrors
 
 __all__ = [
     "INSTRUMENTS",

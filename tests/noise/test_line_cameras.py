@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from lab.core.instruments import INSTRUMENTS, is_isotropic
 from lab.core.se3 import exp
+from lab.noise.instruments import INSTRUMENTS, is_isotropic
 
 KRYPTON = INSTRUMENTS["krypton-k600"]
 

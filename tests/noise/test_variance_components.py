@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lab.calibration.noise.change_points import ChangePoint
-from lab.calibration.noise.correlation import Correlation
-from lab.calibration.noise.estimation import best_components, chosen_components
-from lab.calibration.noise.likelihood import Components, ErrorShapes, RestrictedProblem
-from lab.calibration.noise.small_samples import small_sample
 from lab.kinematics.compiled.kernels import machine_code
+from lab.noise.change_points import ChangePoint
+from lab.noise.correlation import Correlation
+from lab.noise.error_term import Components, ErrorShapes
+from lab.noise.terms import correlation_of
+from lab.noise.variance_components import RestrictedProblem, best_components, chosen_components, small_sample
 
 POSES, NUMBERS = 12, 6
-PARTS = Components(scatter=0.7, shift=1.3, carry=0.8, trend=2.0, step=1.7)
+PARTS = Components({"scatter": 0.7, "shift": 1.3, "trend": 2.0, "step": 1.7}, 0.8)
 
 
 def shapes(rng: np.random.Generator, poses: int = POSES) -> ErrorShapes:
@@ -22,13 +22,11 @@ def shapes(rng: np.random.Generator, poses: int = POSES) -> ErrorShapes:
     times[poses // 2 :] += 2.5  # a pause
     along = (times - times.mean()) / np.abs(times - times.mean()).max()
     scatter = 0.5 * rng.standard_normal((poses, NUMBERS, 4))
-    return ErrorShapes(
-        scatter, shift, along[:, None, None] * shift, times, (ChangePoint(3.5, 0.4), ChangePoint(7.0, 0.1))
-    )
+    return ErrorShapes(scatter, shift, along, times, (ChangePoint(3.5, 0.4), ChangePoint(7.0, 0.1)))
 
 
 def correlation(of: ErrorShapes, parts: Components) -> Correlation:
-    return of.correlation(parts)
+    return correlation_of(of, parts)
 
 
 def dense(of: ErrorShapes, parts: Components) -> np.ndarray:
@@ -37,13 +35,13 @@ def dense(of: ErrorShapes, parts: Components) -> np.ndarray:
     covariance = np.eye(n * m)
     for i in range(n):
         for j in range(n):
-            block = parts.shift * parts.carry ** abs(of.times[i] - of.times[j]) * of.shift[i] @ of.shift[j].T
-            block = block + parts.trend * of.trend[i] @ of.trend[j].T
+            block = parts["shift"] * parts.carry ** abs(of.times[i] - of.times[j]) * of.shift[i] @ of.shift[j].T
+            block = block + parts["trend"] * of.trend[i] @ of.trend[j].T
             for change in of.changes:
                 sides = [(of.times[row] >= change.time) - change.share for row in (i, j)]
-                block = block + parts.step * sides[0] * sides[1] * of.shift[i] @ of.shift[j].T
+                block = block + parts["step"] * sides[0] * sides[1] * of.shift[i] @ of.shift[j].T
             if i == j:
-                block = block + parts.scatter * of.scatter[i] @ of.scatter[i].T
+                block = block + parts["scatter"] * of.scatter[i] @ of.scatter[i].T
             covariance[i * m : i * m + m, j * m : j * m + m] += block
     return covariance
 
@@ -54,25 +52,25 @@ def dense(of: ErrorShapes, parts: Components) -> np.ndarray:
     "parts",
     [
         PARTS,
-        Components(scatter=2.0),
-        Components(shift=3.0, carry=0.5),
-        Components(scatter=1.0, shift=3.0),
-        Components(trend=9.0),
-        Components(step=5.0),
+        Components({"scatter": 2.0}),
+        Components({"shift": 3.0}, 0.5),
+        Components({"scatter": 1.0, "shift": 3.0}),
+        Components({"trend": 9.0}),
+        Components({"step": 5.0}),
     ],
 )
 def test_whitened_errors_have_unit_covariance(
     parts: Components, shuffled: bool, compiled: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if not compiled:
-        monkeypatch.setattr("lab.calibration.noise.correlation.machine_code", lambda: None)
+        monkeypatch.setattr("lab.noise.correlation.machine_code", lambda: None)
     rng = np.random.default_rng(0)
     of = shapes(rng)
     if shuffled:  # rows of a file need not stand in the order of time
         order = rng.permutation(POSES)
-        of = ErrorShapes(of.scatter[order], of.shift[order], of.trend[order], of.times[order], of.changes)
+        of = ErrorShapes(of.scatter[order], of.shift[order], of.along[order], of.times[order], of.changes)
     shared = correlation(of, parts)
-    assert shared.between_poses == bool(parts.carry or parts.trend or parts.step)
+    assert shared.between_poses == bool(parts.carry or parts["trend"] or parts["step"])
     unit = np.eye(POSES * NUMBERS).reshape(POSES, NUMBERS, -1)
     white = shared.white(unit).reshape(POSES * NUMBERS, -1)
     assert np.allclose(white @ dense(of, parts) @ white.T, np.eye(len(white)), atol=1e-12)
@@ -88,7 +86,7 @@ def test_the_compiled_filter_is_that_of_numpy(monkeypatch: pytest.MonkeyPatch) -
     singular = replace(correlation(of, PARTS), scatter=np.full((200, NUMBERS, 4), np.nan))
     with pytest.raises(np.linalg.LinAlgError):
         singular.white(rows)
-    monkeypatch.setattr("lab.calibration.noise.correlation.machine_code", lambda: None)
+    monkeypatch.setattr("lab.noise.correlation.machine_code", lambda: None)
     np.testing.assert_allclose(fast, correlation(of, PARTS).white(rows), rtol=0, atol=1e-12)
 
 
@@ -139,9 +137,9 @@ def drawn(rng: np.random.Generator, of: ErrorShapes, parts: Components) -> np.nd
 @pytest.mark.parametrize(
     ("parts", "kind"),
     [
-        (Components(scatter=4.0), "scatter"),
-        (Components(shift=4.0, carry=0.8), "wandering"),
-        (Components(trend=30.0), "drift"),
+        (Components({"scatter": 4.0}), "scatter"),
+        (Components({"shift": 4.0}, 0.8), "wandering"),
+        (Components({"trend": 30.0}), "drift"),
     ],
 )
 def test_what_is_there_is_taken_and_nothing_else(parts: Components, kind: str) -> None:
@@ -156,9 +154,9 @@ def test_what_is_there_is_taken_and_nothing_else(parts: Components, kind: str) -
 @pytest.mark.thorough
 def test_variances_are_estimated_without_bias() -> None:
     rng = np.random.default_rng(4)
-    of, parts = shapes(rng, 40), Components(scatter=2.0)
+    of, parts = shapes(rng, 40), Components({"scatter": 2.0})
     found = [best_components(problem(rng, of, drawn(rng, of, parts)), ("scatter",)) for _ in range(40)]
-    ratios = np.array([each.components.scatter * each.likelihood.scale for each in found])
+    ratios = np.array([each.components["scatter"] * each.likelihood.scale for each in found])
     assert ratios.mean() == pytest.approx(2.0, abs=4 * ratios.std() / np.sqrt(40))
     scales = np.array([each.likelihood.scale for each in found])
     assert scales.mean() == pytest.approx(1.0, abs=4 * scales.std() / np.sqrt(40))
@@ -183,7 +181,7 @@ def test_a_given_variance_is_an_upper_bound() -> None:
 
 def test_estimated_variances_widen_the_covariance_and_lower_its_degrees_of_freedom() -> None:
     rng = np.random.default_rng(7)
-    of, parts = shapes(rng, 12), Components(scatter=3.0)
+    of, parts = shapes(rng, 12), Components({"scatter": 3.0})
     asked = problem(rng, of, drawn(rng, of, parts))
     estimate = best_components(asked, ("scatter",))
     small = small_sample(asked, estimate)
@@ -195,7 +193,7 @@ def test_estimated_variances_widen_the_covariance_and_lower_its_degrees_of_freed
 
 def test_standard_deviations_grow_as_the_root_of_all_variances_together() -> None:
     rng = np.random.default_rng(8)
-    of, parts = shapes(rng, 12), Components(scatter=3.0)
+    of, parts = shapes(rng, 12), Components({"scatter": 3.0})
     asked = problem(rng, of, drawn(rng, of, parts))
     found = small_sample(asked, best_components(asked, ("scatter",))).components
     assert set(found.names) == {"scale", "scatter"}

@@ -8,15 +8,15 @@ import pytest
 import lab
 from lab.calibration.gauss_newton import Status
 from lab.calibration.identify import Identification, identify
-from lab.calibration.noise.saved_model import noise_model_from_dict, noise_model_to_dict
 from lab.calibration.noise.search import search_noise
-from lab.calibration.noise.shared_errors import Clock, SharedErrors, row_times
 from lab.calibration.observation import observation_of
 from lab.calibration.outliers_and_noise import noise_of
 from lab.calibration.statistics.outliers import Outliers
 from lab.calibration.weights import Noise, weighed
 from lab.campaign.robot import load_robot
 from lab.core.measurements import Measurements
+from lab.noise.error_model import Clock, ErrorModel, row_times
+from lab.noise.terms import TERMS
 
 ROBOT = load_robot("irb120")
 TARGETS = ("p1", "p2", "p3")
@@ -48,7 +48,7 @@ def test_independent_noise_is_left_as_it_was() -> None:
     found = identify(ARM, day.measurements, NOMINAL, Noise())
     search = search_noise(found, day.measurements, Noise())
     assert search.shared is None and search.corrected(found) is found
-    assert {trial.kind for trial in search.trials} == {"scatter", "wandering", "drift", "step"}
+    assert {trial.kind for trial in search.trials} == {term.kind for term in TERMS}
 
 
 @dataclass(frozen=True)
@@ -59,11 +59,11 @@ class _Ended:
     noise: Noise = field(default_factory=Noise)
     encoders: None = None
 
-    def fitted(self, rows: Measurements, shared: SharedErrors | None) -> Identification:
+    def fitted(self, rows: Measurements, shared: ErrorModel | None) -> Identification:
         found = identify(ARM, rows, NOMINAL, replace(self.noise, shared=shared))
         return replace(found, fit=replace(found.fit, status=self.status))
 
-    def outliers(self, found: Identification, rows: Measurements, shared: SharedErrors | None) -> Outliers:
+    def outliers(self, found: Identification, rows: Measurements, shared: ErrorModel | None) -> Outliers:
         return Outliers(_NONE, np.empty(0), np.empty(0), found.fit, np.ones(len(rows)), False, 0.01, _NONE)
 
 
@@ -86,9 +86,10 @@ def test_a_steady_drift_of_the_base_is_told_by_its_size() -> None:
     assert "drifts steadily" in shared.words[0]
 
 
-def sample(scatter: float = 0.0, wandering: float = 0.0, drift: float = 0.0) -> SharedErrors:
+def sample(scatter: float = 0.0, wandering: float = 0.0, drift: float = 0.0) -> ErrorModel:
     values = dict(zip(ARM.names, NOMINAL.tolist(), strict=True))
-    return SharedErrors(5e-6, 1.0, scatter, wandering, 0.8, drift, Clock(10.0, 10.0), values)
+    sizes = {"scatter": scatter, "shift": wandering, "trend": drift}
+    return ErrorModel(5e-6, 1.0, sizes, Clock(10.0, 10.0), values, 0.8)
 
 
 def test_weights_hold_the_shared_errors_whether_the_instrument_is_known_or_not() -> None:
@@ -100,15 +101,6 @@ def test_weights_hold_the_shared_errors_whether_the_instrument_is_known_or_not()
     assert np.allclose(known.apply(rows) * 5e-6, free.apply(rows))  # the same shape, in other units
 
 
-def test_a_run_keeps_its_noise_model_for_another_day() -> None:
-    shared = sample(scatter=30e-6, wandering=4e-6, drift=20e-6)
-    kept = noise_model_to_dict(shared)
-    assert kept is not None
-    back = noise_model_from_dict(kept, shared.values)
-    assert back == replace(shared, clock=None, sigma_m=pytest.approx(5e-6))
-    assert noise_model_to_dict(None) is None and noise_model_from_dict(None, {}) is None
-
-
 def test_rows_are_in_time_by_their_clock_else_by_their_place() -> None:
     day: Measurements = lab.simulate("irb120", seed=3, poses=6).measurements
     assert row_times(day.take([4, 1])).tolist() == [4.0, 1.0]
@@ -116,14 +108,3 @@ def test_rows_are_in_time_by_their_clock_else_by_their_place() -> None:
     assert row_times(timed).tolist() == [0.0, 1.0, 2.0, 3.0, 10.0, 11.0]
     two = replace(day, sessions=("a", "a", "a", "b", "b", "b"))
     assert row_times(two)[3] - row_times(two)[2] > 1e5
-
-
-def test_one_variance_is_moved_by_its_logarithm_and_a_correlation_by_its_odds() -> None:
-    of = sample(scatter=30e-6, wandering=4e-6, drift=20e-6)
-    for name, size in (("scatter", "scatter_rad"), ("shift", "wandering_m"), ("trend", "drift_m")):
-        moved = of.moved(name, 0.4)
-        assert (getattr(moved, size) / getattr(of, size)) ** 2 == pytest.approx(np.exp(0.4))
-        assert replace(moved, **{size: getattr(of, size)}) == of
-    assert of.moved("scale", 0.4).independent_m ** 2 == pytest.approx(np.exp(0.4) * of.independent_m**2)
-    carry = of.moved("carry", 0.4).carry
-    assert np.log(carry / (1 - carry)) - np.log(0.8 / 0.2) == pytest.approx(0.4)

@@ -1,0 +1,1 @@
+"""Noise: instruments, and the terms of the errors that measured numbers share."""

@@ -1,0 +1,203 @@
+"""Model the errors of measured numbers beside the instrument's, as they were found in one set of measurements.
+
+A value of SI units from which the shared errors of any measurements of the same arm follow: of those that it was
+estimated from, of poses held out, and of those of another day.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from lab.core.measurements import Measurements, setups
+from lab.core.se3 import Array
+from lab.noise.change_points import APART, session_of
+from lab.noise.error_term import ErrorSizes, ErrorTerm, Move
+from lab.noise.terms import TERMS
+
+__all__ = ["Clock", "ErrorModel", "row_times", "within_session"]
+
+
+@dataclass(frozen=True)
+class Clock:
+    """The time of a campaign, in the spacing of its poses.
+
+    Attributes:
+        middle: the mean time of its poses.
+        half_span: from there to the last.
+        origin_s, spacing_s: of ``time_s``: where times begin, and what one of them is; None where rows are counted.
+        sessions: in their order.
+    """
+
+    middle: float
+    half_span: float
+    origin_s: float = 0.0
+    spacing_s: float | None = None
+    sessions: tuple[tuple[str, str], ...] = ()
+
+    @staticmethod
+    def of(data: Measurements) -> "Clock":
+        """Of measured rows; sessions are laid side by side."""
+        seconds, origin, spacing = data.conditions.get("time_s", np.full(len(data), np.nan)), 0.0, None
+        if np.isfinite(seconds).all() and (gaps := np.diff(np.sort(seconds))).size and np.median(gaps) > 0:
+            origin, spacing = float(seconds.min()), float(np.median(gaps))
+        known = Clock(0.0, 1.0, origin, spacing, tuple(dict.fromkeys(setups(data))))
+        within = within_session(row_times(data, known))
+        return replace(
+            known, middle=float(within.mean()), half_span=float(max(np.abs(within - within.mean()).max(), 1.0))
+        )
+
+
+@dataclass(frozen=True)
+class ErrorModel:
+    """Standard deviations of the errors that numbers share, term by term.
+
+    Attributes:
+        sigma_m: of the instrument, of one coordinate, as it was estimated beside them.
+        independent_share: of a known instrument's variance: how much of it is independent from pose to pose.
+        sizes: by the name of the term, without those of zero.
+        clock: of that campaign; None on another day, when a drift has come to an end that nobody knows.
+        values: parameters by name, at which the derivatives by the joints are taken.
+        carry: the correlation of the autoregressive term from one pose to the next.
+        counts_rad: ``(J, J)`` a root of the covariance that whole counts of known encoders give the joint positions
+            (rad, m); None where they are ideal, or too fine to be weighted.
+        moves: of the base at once; none on another day, when nobody knows where it was left.
+    """
+
+    sigma_m: float
+    independent_share: float
+    sizes: Mapping[str, float]
+    clock: Clock | None
+    values: Mapping[str, float]
+    carry: float = 0.0
+    counts_rad: Array | None = None
+    moves: tuple[Move, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "sizes", {name: size for name, size in self.sizes.items() if size})
+
+    def size(self, name: str) -> float:
+        """Return the standard deviation of a term by its name; zero where it is not there."""
+        return self.sizes.get(name, 0.0)
+
+    @property
+    def terms(self) -> tuple[ErrorTerm, ...]:
+        """The terms that are there."""
+        return tuple(term for term in TERMS if self.size(term.name) > 0)
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """The kinds of the terms that are there."""
+        return tuple(term.kind for term in self.terms)
+
+    @property
+    def is_known(self) -> bool:
+        """Whether nothing was estimated from residuals: only whole counts of the encoders beside the instrument."""
+        return self.counts_rad is not None and not self.terms
+
+    @property
+    def scatter_rad(self) -> float:
+        """Standard deviation of where each joint stops from one pose to the next; m of a slide."""
+        return self.size("scatter")
+
+    @property
+    def wandering_m(self) -> float:
+        """Standard deviation of a shift that is correlated in time, of one coordinate."""
+        return self.size("shift")
+
+    @property
+    def drift_m(self) -> float:
+        """Standard deviation of the shift at the end of a steady drift, of one coordinate."""
+        return self.size("trend")
+
+    @property
+    def step_m(self) -> float:
+        """Standard deviation of a shift where the base moves at once, of one coordinate."""
+        return self.size("step")
+
+    @property
+    def common_m2(self) -> float:
+        """Variance of a coordinate on another day: the independent errors beyond the instrument's, and every shift."""
+        own = max(self.independent_m**2 - self.sigma_m**2, 0.0)
+        return float(own + sum(self.size(term.name) ** 2 for term in self.terms if term.unit == "m"))
+
+    @property
+    def within_m2(self) -> tuple[float, ...]:
+        """Mean variances of a coordinate that each term's shifts make in the campaign itself."""
+        return tuple(term.variance_within(self.size(term.name), self.moves) for term in self.terms)
+
+    def joint_covariance(self, joints: int) -> Array:
+        """Covariance ``(J, J)`` of so many joints' positions at one pose (rad, m)."""
+        own: Array = sum(self.size(term.name) ** 2 for term in TERMS if term.unit == "rad") * np.eye(joints)
+        return own if self.counts_rad is None else own + self.counts_rad @ self.counts_rad.T
+
+    def moved(self, name: str, step: float) -> "ErrorModel":
+        """Return the model with the logarithm of one variance (of ``carry`` that of its odds) larger by ``step``.
+
+        Args:
+            name: as in ``small_samples.ComponentErrors``.
+        """
+        factor = float(np.exp(step / 2))
+        if name == "scale":
+            return replace(self, independent_share=self.independent_share * factor**2)
+        if name == "carry":
+            odds = self.carry / (1 - self.carry) * factor**2
+            return replace(self, carry=odds / (1 + odds))
+        return replace(self, sizes={**self.sizes, name: factor * self.size(name)})
+
+    @property
+    def independent_m(self) -> float:
+        """The instrument's noise that is independent from pose to pose, of one coordinate."""
+        return float(self.sigma_m * np.sqrt(self.independent_share))
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """Each of the errors for a person."""
+        said = ["joint positions are whole counts of the encoders"] if self.counts_rad is not None else []
+        beside = ErrorSizes(self.carry, self.moves)
+        return (*said, *(text for term in self.terms for text in term.words(self.size(term.name), beside)))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the model as ``result.json`` holds it, without what is of that campaign alone."""
+        found: dict[str, Any] = {
+            "independent_mm": 1e3 * self.independent_m,
+            "independent_share": self.independent_share,
+        }
+        for term in TERMS:
+            if term.key:
+                found[term.key] = 1e3 * self.size(term.name)
+            if term.structure == "autoregressive":
+                found["wandering_correlation"] = self.carry
+        if further := {term.name: self.size(term.name) for term in self.terms if not term.key}:
+            found["further"] = further
+        moves = [{"before": each.before, "after": each.after, "size_mm": 1e3 * each.size_m} for each in self.moves]
+        counts = None if self.counts_rad is None else self.counts_rad.tolist()
+        return {**found, "moves": moves, "encoder_counts_rad": counts}
+
+
+def row_times(data: Measurements, clock: Clock | None = None) -> Array:
+    """When each row was measured, ``(n,)`` in the spacing of poses: by ``time_s``, else by the row's place in the file.
+
+    Rows of another session or station are far away, so that nothing wanders from one to the next.
+
+    Args:
+        clock: of the campaign that the rows are some of; their own without.
+    """
+    known = Clock.of(data) if clock is None else clock
+    if known.spacing_s is not None:
+        times = (data.conditions["time_s"] - known.origin_s) / known.spacing_s
+        times = np.where(np.isfinite(times), times, known.middle)  # of rows that were held out
+    elif data.lines:
+        times = np.array(data.lines, dtype=np.float64)
+    elif all(name.isdecimal() for name in data.ids):
+        times = np.array([float(name) for name in data.ids])
+    else:
+        times = np.arange(len(data), dtype=np.float64)
+    place = {setup: i for i, setup in enumerate(dict.fromkeys((*known.sessions, *setups(data))))}
+    return np.asarray(times + APART * np.array([place[setup] for setup in setups(data)]))
+
+
+def within_session(times: Array) -> Array:
+    """Times of rows, those of each session from their own beginning."""
+    return np.asarray(times - APART * session_of(times))

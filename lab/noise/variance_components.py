@@ -1,0 +1,527 @@
+"""Estimate variance components by restricted likelihood, choose which ones the residuals show, and correct for it.
+
+With whitened rows y = J b + e of covariance s V the restricted likelihood is that of what no b explains (Patterson &
+Thompson 1971): minus twice its logarithm is log|V| + log|J'V^-1 J| + (N - f) log s + Q / s, with Q = r'V^-1 r at the
+generalized least squares. V = 1 + g S S' + U G U' + sum d_i D_i D_i': errors within each pose, a first-order
+autoregressive shift (whose inverse covariance has one band: Rue & Held 2005, section 1.1), and lasting errors. So every
+product with V^-1 takes a time that grows with the number of poses alone.
+
+Search: one component after another is taken where the likelihood ratio is significant at ``VARIANCE_COMPONENTS``,
+Bonferroni's over those that could be taken. A variance of zero lies at the edge of what is possible, where twice the
+log ratio is half of the time zero (Self & Liang 1987). A change point is taken by the F test of a scan over the rows;
+beside others it stands with a likelihood in which it is equally likely at every row.
+
+Small samples: C(t) = (J'V(t)^-1 J)^-1 at estimated variances t of covariance W is too small twice: on average C(t^)
+misses half of the curvature sum W_ij C_ij, and the estimate with wrong weights is as much less precise. To the first
+order the covariance is C - sum W_ij C_ij with C_ij the second derivatives by the variances (Kenward & Roger 1997), and
+the degrees of freedom of a parameter's interval are those of a chi squared with the variance of C(t^) (Satterthwaite
+1946). A wandering base's correlation is too far from a normal distribution for the first: C is taken as it is.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import scipy  # its parts are loaded at their first use, which not every process comes to
+
+from lab.core.linear_model import matched_dof
+from lab.core.se3 import Array
+from lab.core.significance import VARIANCE_COMPONENTS
+from lab.noise.change_points import ChangePoint, Found, likeliest_change
+from lab.noise.error_term import Components, ErrorShapes, ErrorTerm
+from lab.noise.terms import TERMS, term_called
+
+__all__ = [
+    "LEAST_SHARE",
+    "ComponentErrors",
+    "ComponentTrial",
+    "Estimate",
+    "Likelihood",
+    "RestrictedProblem",
+    "SmallSample",
+    "best_components",
+    "chosen_components",
+    "small_sample",
+]
+
+_LEAST = 1e-300
+(_WITHIN,) = (term for term in TERMS if term.structure == "pose")
+(_IN_TIME,) = (term for term in TERMS if term.structure == "autoregressive")
+_LASTING = tuple(term for term in TERMS if term.structure == "lasting")
+LEAST_SHARE = 0.25  # of a known instrument's variance: half its noise
+_LEAST_GAP = 1e-8
+_ROUNDING = 1e-14  # added to the normal equations of unit columns
+KINDS = tuple(term.kind for term in TERMS)
+_VARIANCES = (1e-4, 1e3)  # bounds of a component's mean variance, in units of the instrument's
+_CARRIES = (0.1, 0.995)  # bounds of the correlation from one pose to the next
+_START_VARIANCES, _START_CARRIES = (0.05, 0.3, 2.0, 15.0, 300.0), (0.4, 0.85)
+_HOPELESS = 1.0  # twice the log ratio at the best start: where it gains less, no search brings what a test asks for
+_EITHER = tuple(  # kinds that are left out, one way each
+    tuple(term.kind for term in TERMS if term.family == family) for family in ("moving", "wandering")
+)
+_MOST_CHANGES = 3  # of more the base rather wanders
+_STEP = 0.1  # of the logarithm of a variance, and of a correlation's odds, for differences
+_LARGEST = 0.5  # of a standard deviation: no correction beyond is to be believed
+_LEAST_CURVATURE = 0.05  # of a log-likelihood by the logarithm of a variance: below, the residuals say nothing of it
+
+
+@dataclass(frozen=True)
+class Likelihood:
+    """What some components give.
+
+    Attributes:
+        deviance: minus twice the restricted log-likelihood, up to a constant, with the weak prior of a slow shift.
+        scale: s, the instrument's variance in units of the one assumed.
+        information: ``(f, f)`` J'V^-1 J of unit columns.
+    """
+
+    deviance: float
+    scale: float
+    information: Array
+
+
+@dataclass(frozen=True)
+class RestrictedProblem:
+    """Whitened rows of n poses, residuals beside derivatives, with the errors that they may share.
+
+    Attributes:
+        rows: ``(n, m, f + 1)`` derivatives of unit norm, then residuals; zero where nothing was observed.
+        numbers: how many were observed.
+        shapes: what the errors do.
+        known: whether the instrument's variance is known, so that s is at most one.
+    """
+
+    rows: Array
+    numbers: int
+    shapes: ErrorShapes
+    known: bool
+
+    @property
+    def dof(self) -> int:
+        """Residual degrees of freedom."""
+        return self.numbers - int(self.rows.shape[2]) + 1
+
+    def changed_at(self, changes: Sequence[ChangePoint]) -> "RestrictedProblem":
+        """The same with the base moved there at once."""
+        return replace(self, shapes=replace(self.shapes, changes=tuple(changes)))
+
+    def likeliest_change(self, components: Components) -> Found | None:
+        """Where the base moved at once, if it did so once more; beside what lasts, but not beside a wandering shift."""
+        rows, shift, lasting, weight = self._white(components)
+        fitted = np.concatenate([rows[..., :-1], lasting, rows[..., -1:]], axis=2)
+        return likeliest_change(fitted * weight, shift * weight, self.shapes.times)
+
+    def predicted(self, components: Components, of: ErrorTerm) -> Array:
+        """Return the best prediction ``(c / 3, 3)`` of the coefficients of a lasting term; where nothing wanders."""
+        rows, _, lasting, weight = self._white(components)
+        squares = _gram(np.concatenate([rows[..., :-1], lasting, rows[..., -1:]], axis=2) * weight)
+        free, size = rows.shape[2] - 1, len(squares) - 1
+        squares[:size, :size] += np.diag(np.where(np.arange(size) < free, _ROUNDING, 1.0))
+        found = np.linalg.solve(squares[:size, :size], squares[:size, size])
+        first = free
+        for term in _LASTING:
+            count = self._rotated.lasting[term.name].shape[2] if components[term.name] else 0
+            if term is of:
+                break
+            first += count
+        return np.asarray(np.sqrt(components[of.name]) * found[first : first + count].reshape(-1, 3))
+
+    def likelihood(self, components: Components) -> Likelihood:
+        """The restricted likelihood of some components, with the best s.
+
+        A known instrument's variance is an upper bound: some of its own error may wander. But it is not left aside.
+        """
+        information, left, determinant = self._solved(components)
+        scale = float(np.clip(left / self.dof, LEAST_SHARE, 1.0)) if self.known else left / self.dof
+        deviance = determinant + self.dof * np.log(scale) + left / scale - _slowness(components)
+        return Likelihood(float(deviance), scale, information)
+
+    def at(self, components: Components, scale: float) -> Likelihood:
+        """The same with the instrument's variance s as it is given."""
+        information, left, determinant = self._solved(components)
+        deviance = determinant + self.dof * np.log(scale) + left / scale - _slowness(components)
+        return Likelihood(float(deviance), scale, information)
+
+    def _solved(self, components: Components) -> tuple[Array, float, float]:
+        """J'V^-1 J, the least r'V^-1 r, and log|V| + log|J'V^-1 J|."""
+        squares, determinant = self._products(components)
+        size = len(squares) - 1
+        factor = np.linalg.cholesky(squares[:size, :size] + _ROUNDING * np.eye(size))
+        pull = scipy.linalg.solve_triangular(factor, squares[:size, size], lower=True)
+        left = max(float(squares[size, size] - pull @ pull), _LEAST)
+        return squares[:size, :size], left, determinant + 2 * float(np.log(np.diag(factor)).sum())
+
+    @cached_property
+    def _rotated(self) -> "_Rotated":
+        shapes = self.shapes
+        within = _WITHIN.shape(shapes)
+        sizes, axes = np.linalg.eigh(within @ np.swapaxes(within, 1, 2))
+        turn = np.swapaxes(axes, 1, 2)
+        lasting = {term.name: turn @ term.shape(shapes) for term in _LASTING}
+        return _Rotated(turn @ self.rows, turn @ _IN_TIME.shape(shapes), lasting, np.maximum(sizes, 0.0))
+
+    def _white(self, components: Components) -> tuple[Array, Array, Array, Array]:
+        """Rows, shift and what lasts, ``(n, m, ...)``, and the weights ``(n, m, 1)`` that make white what does not."""
+        rotated = self._rotated
+        weight = 1 / np.sqrt(1 + components[_WITHIN.name] * rotated.sizes)[..., None]
+        pairs = ((components[name], each) for name, each in rotated.lasting.items())
+        lasting = [np.sqrt(size) * each for size, each in pairs if size]
+        none = rotated.shift[..., :0]
+        return rotated.rows, rotated.shift, np.concatenate(lasting or [none], axis=2), weight
+
+    def _products(self, components: Components) -> tuple[Array, float]:
+        """Z'V^-1 Z ``(f + 1, f + 1)`` of the rows Z, and log|V|."""
+        rows, shift, lasting, weight = self._white(components)
+        columns, count = rows.shape[2], lasting.shape[2]
+        white = (np.concatenate([rows, lasting], axis=2) if count else rows) * weight
+        squares, determinant = _gram(white), -2 * float(np.log(weight).sum())
+        if components[_IN_TIME.name]:
+            more, extra = self._wandering(white, shift * weight, components)
+            squares, determinant = squares - more, determinant + extra
+        if not count:
+            return squares, determinant
+        inner = np.eye(count) + squares[columns:, columns:]
+        cross = squares[columns:, :columns]
+        return (
+            squares[:columns, :columns] - cross.T @ np.linalg.solve(inner, cross),
+            determinant + float(np.linalg.slogdet(inner)[1]),
+        )
+
+    def _wandering(self, white: Array, shift: Array, components: Components) -> tuple[Array, float]:
+        """What a first-order autoregressive shift takes off the products, and adds to log|V| (Woodbury's identity)."""
+        order = np.argsort(self.shapes.times, kind="stable")
+        white, shift = white[order], shift[order]
+        carry = components.carry ** np.diff(self.shapes.times[order])
+        own = np.maximum(1 - carry**2, _LEAST_GAP)  # of two rows at one time
+        diagonal = np.ones(len(order))
+        diagonal[:-1] += carry**2 / own
+        diagonal[1:] += carry**2 / own
+        inner = components[_IN_TIME.name] * np.swapaxes(shift, 1, 2) @ shift
+        axes = shift.shape[2]
+        banded = np.zeros((axes + 1, axes * len(order)))
+        for band in range(axes):
+            for i in range(axes - band):
+                banded[band, i::axes] = inner[:, i + band, i]
+        banded[0] += np.repeat(diagonal, axes)
+        banded[axes, : axes * len(carry)] = np.repeat(-carry / own, axes)
+        factor = scipy.linalg.cholesky_banded(banded, lower=True, check_finite=False)
+        pulls = np.sqrt(components[_IN_TIME.name]) * (np.swapaxes(shift, 1, 2) @ white).reshape(axes * len(order), -1)
+        solved = scipy.linalg.cho_solve_banded((factor, True), pulls, check_finite=False)
+        determinant = 2 * float(np.log(factor[0]).sum()) + axes * float(np.log(own).sum())
+        return pulls.T @ solved, determinant
+
+
+@dataclass(frozen=True)
+class _Rotated:
+    """A problem in the axes of each pose's own errors.
+
+    Attributes:
+        rows: ``(n, m, f + 1)``.
+        shift: ``(n, m, 3)`` the shape of the autoregressive term.
+        lasting: those of the lasting terms, by name.
+        sizes: ``(n, m)`` the variances of the pose's own errors along these axes.
+    """
+
+    rows: Array
+    shift: Array
+    lasting: Mapping[str, Array]
+    sizes: Array
+
+
+def _slowness(components: Components) -> float:
+    """Twice the logarithm of a weak prior, sqrt(1 - carry): no campaign shows a shift that is slower than itself."""
+    return float(np.log1p(-components.carry)) if components[_IN_TIME.name] else 0.0
+
+
+def _gram(rows: Array) -> Array:
+    flat = rows.reshape(-1, rows.shape[2])
+    return np.asarray(flat.T @ flat)
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Where the restricted likelihood of some kinds of components is largest.
+
+    Attributes:
+        kinds: which ones are in it.
+        components: their variances, in units of the instrument's.
+        likelihood: there.
+        problem: what it is of, with the change points.
+        candidates: rows at which each of these may have been.
+    """
+
+    kinds: tuple[str, ...]
+    components: Components
+    likelihood: Likelihood
+    problem: RestrictedProblem
+    candidates: tuple[int, ...] = ()
+
+    @property
+    def deviance(self) -> float:
+        """Minus twice the restricted log-likelihood, with every change point equally likely at every row."""
+        return self.likelihood.deviance + 2 * float(np.log(self.candidates).sum())
+
+
+@dataclass(frozen=True)
+class ComponentTrial:
+    """A component that was tried beside those taken before it.
+
+    Attributes:
+        ratio: twice the log of the likelihood ratio; of a change point the F statistic.
+        p: the chance of a larger one where there is none, without Bonferroni's factor over the kinds.
+        taken: whether it was taken.
+    """
+
+    kind: str
+    ratio: float
+    p: float
+    taken: bool
+
+
+def chosen_components(
+    problem: RestrictedProblem, kinds: Sequence[str] = KINDS
+) -> tuple[Estimate, tuple[ComponentTrial, ...]]:
+    """The components that the residuals show, and all that were tried in the end.
+
+    A drift and changes look like a base that wanders, and the reverse: either is tried without the other, with scatter
+    beside it, and the likelier one is believed.
+    """
+    search = _Search(problem, VARIANCE_COMPONENTS / len(kinds))
+    ways = [search.along([kind for kind in kinds if kind not in others]) for others in _EITHER]
+    found, trials = min(ways, key=lambda way: way[0].deviance)
+    tried = {trial.kind: replace(trial, taken=False) for _, each in ways for trial in each}
+    return found, tuple((tried | {trial.kind: trial for trial in trials}).values())
+
+
+class _Search:
+    """Components that are taken one after another; what was tried once is not tried again."""
+
+    def __init__(self, problem: RestrictedProblem, level: float) -> None:
+        """The level is that of one kind."""
+        self._level = level
+        self._alone = best_components(problem, ())
+        self._known: dict[tuple[str, ...], Estimate] = {}
+
+    def along(self, kinds: Sequence[str]) -> tuple[Estimate, list[ComponentTrial]]:
+        """The components of some kinds that the residuals show, and all that were tried."""
+        found, trials = self._alone, dict[str, ComponentTrial]()
+        while True:
+            shown = []
+            for kind in kinds:
+                scanned = term_called(kind).scanned
+                if kind in found.kinds and (not scanned or len(found.candidates) == _MOST_CHANGES):
+                    continue
+                each, trial = self._changed(found, kind) if scanned else self._extended(found, kind)
+                if kind not in found.kinds:
+                    trials[kind] = trial
+                if each is not None and trial.p < self._level:
+                    shown.append((each, kind))
+            if not shown:
+                return found, list(trials.values())
+            found, kind = min(shown, key=lambda pair: pair[0].deviance)
+            trials[kind] = replace(trials[kind], taken=True)
+
+    def _extended(self, found: Estimate, kind: str) -> tuple[Estimate, ComponentTrial]:
+        """An estimate with one kind more."""
+        kinds, hopeless = (*found.kinds, kind), found.likelihood.deviance - _HOPELESS
+        each = self._known.get(kinds)
+        if each is None or found.candidates:
+            each = replace(best_components(found.problem, kinds, hopeless), candidates=found.candidates)
+            self._known |= {} if found.candidates else {kinds: each}
+        ratio = found.likelihood.deviance - each.likelihood.deviance
+        return each, ComponentTrial(kind, ratio, term_called(kind).p_value(ratio), taken=False)
+
+    def _changed(self, found: Estimate, kind: str) -> tuple[Estimate | None, ComponentTrial]:
+        """An estimate with one change point more; None where the rows do not show one at the level."""
+        scan = found.problem.likeliest_change(found.components)
+        if scan is None:
+            return None, ComponentTrial(kind, 0.0, 1.0, taken=False)
+        trial = ComponentTrial(kind, scan.f, scan.p, taken=False)
+        if scan.p >= self._level:
+            return None, trial
+        problem = found.problem.changed_at((*found.problem.shapes.changes, scan.change))
+        kinds: tuple[str, ...] = found.kinds if kind in found.kinds else (*found.kinds, kind)
+        return replace(best_components(problem, kinds), candidates=(*found.candidates, scan.candidates)), trial
+
+
+def best_components(problem: RestrictedProblem, kinds: tuple[str, ...], hopeless: float = np.inf) -> Estimate:
+    """The components of these kinds that have the largest restricted likelihood.
+
+    Args:
+        hopeless: a deviance; where every start's is larger, the best start is given.
+    """
+    if not kinds:
+        return Estimate(kinds, Components(), problem.likelihood(Components()), problem)
+    terms = [term_called(kind) for kind in kinds]
+    in_time = any(term.structure == "autoregressive" for term in terms)
+    units = {term.name: max(float((term.shape(problem.shapes) ** 2).sum()) / problem.numbers, 1e-300) for term in terms}
+
+    def components(point: Array) -> Components:
+        sizes = np.exp(np.clip(point[: len(kinds)], *np.log(_VARIANCES))).tolist()
+        carry = 0.0
+        if in_time:
+            low, high = _CARRIES
+            carry = low + (high - low) / (1 + np.exp(-np.clip(point[-1], -30, 30)))
+        variances = {term.name: size / units[term.name] for term, size in zip(terms, sizes, strict=True)}
+        return Components(variances, float(carry))
+
+    def deviance(point: Array) -> float:
+        return problem.likelihood(components(point)).deviance
+
+    starts = [np.full(len(kinds), np.log(size)) for size in _START_VARIANCES]
+    if in_time:
+        at = [(carry - _CARRIES[0]) / (_CARRIES[1] - carry) for carry in _START_CARRIES]
+        starts = [np.append(start, np.log(odds)) for start in starts for odds in at]
+    heights = [deviance(start) for start in starts]
+    start = starts[int(np.argmin(heights))]
+    if min(heights) > hopeless:
+        found = components(start)
+        return Estimate(kinds, found, problem.likelihood(found), problem)
+    if len(start) == 1:
+        inside = (max(start[0] - 3.5, np.log(_VARIANCES[0])), min(start[0] + 7.0, np.log(_VARIANCES[1])))
+        best = scipy.optimize.minimize_scalar(
+            lambda size: deviance(np.array([size])), bounds=inside, method="bounded", options={"xatol": 1e-3}
+        )
+        point = np.array([float(best.x)])
+    else:
+        simplex = start + np.concatenate([np.zeros((1, len(start))), 0.7 * np.eye(len(start))])
+        options = {"initial_simplex": simplex, "xatol": 5e-3, "fatol": 1e-3, "maxfev": 80 * len(start)}
+        point = scipy.optimize.minimize(deviance, start, method="Nelder-Mead", options=options).x
+    found = components(point)
+    return Estimate(kinds, found, problem.likelihood(found), problem)
+
+
+@dataclass(frozen=True)
+class ComponentErrors:
+    """How well estimated variance components are known, and what hangs on them.
+
+    Attributes:
+        names: ``(c,)`` of the terms, and ``scale`` for the instrument's variance; as logarithms, ``carry`` as that
+            of its odds.
+        covariance: ``(c, c)`` of these.
+        slopes: ``(c, f)`` the derivative of each parameter's standard deviation, as a logarithm, by each of them.
+    """
+
+    names: tuple[str, ...]
+    covariance: Array
+    slopes: Array
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return them as ``result.json`` holds them."""
+        return {
+            "names": list(self.names),
+            "covariance": self.covariance.tolist(),
+            "slopes": self.slopes.tolist(),
+        }
+
+    def without(self, name: str) -> "ComponentErrors":
+        """The same where one of the variances is known after all."""
+        kept = [i for i, each in enumerate(self.names) if each != name]
+        names = tuple(self.names[i] for i in kept)
+        return ComponentErrors(names, self.covariance[np.ix_(kept, kept)], self.slopes[kept])
+
+    def of(self, parameters: Sequence[int]) -> "ComponentErrors":
+        """The same of some of the parameters."""
+        return replace(self, slopes=self.slopes[:, list(parameters)])
+
+
+@dataclass(frozen=True)
+class SmallSample:
+    """Corrections of the parameters' covariance.
+
+    Attributes:
+        factor: ``(f, f)``: the covariance C becomes ``factor C factor'``, in unit columns.
+        dof: ``(f,)`` degrees of freedom of each parameter's interval.
+        components: how well the variances are known that they stand on.
+    """
+
+    factor: Array
+    dof: Array
+    components: ComponentErrors
+
+
+def small_sample(problem: RestrictedProblem, estimate: Estimate) -> SmallSample:
+    """The corrections at an estimate with at least one component.
+
+    Derivatives are differences in the logarithms of the variances and in the correlation's odds.
+    """
+    at = _Point.of(estimate, known=problem.known)
+    count, middle = len(at.values), at.look(problem, at.values)
+    steps = _STEP * np.eye(count)
+    ahead, behind = ([at.look(problem, at.values + sign * step) for step in steps] for sign in (1, -1))
+    first = [(plus.covariance - minus.covariance) / (2 * _STEP) for plus, minus in zip(ahead, behind, strict=True)]
+    bend = np.zeros((count, count))
+    second = np.zeros((count, count, *middle.covariance.shape))
+    for i in range(count):
+        bend[i, i] = (ahead[i].deviance + behind[i].deviance - 2 * middle.deviance) / _STEP**2
+        second[i, i] = (ahead[i].covariance + behind[i].covariance - 2 * middle.covariance) / _STEP**2 - first[i]
+        for j in range(i):
+            for a, b in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
+                corner = at.look(problem, at.values + a * steps[i] + b * steps[j])
+                bend[i, j] += a * b * corner.deviance / (4 * _STEP**2)
+                second[i, j] += a * b * corner.covariance / (4 * _STEP**2)
+            bend[j, i], second[j, i] = bend[i, j], second[i, j]
+    sizes, axes = np.linalg.eigh(bend / 2)  # half of the deviance is minus the log-likelihood
+    spread = (axes / np.maximum(sizes, _LEAST_CURVATURE)) @ axes.T
+    slopes = np.stack([np.diag(each) for each in first])
+    components = ComponentErrors(at.names, spread, slopes / np.diag(middle.covariance) / 2)
+    variance = np.einsum("if,ij,jf->f", slopes, spread, slopes)
+    dof = np.minimum(matched_dof(np.diag(middle.covariance), variance), 1e9)
+    if "carry" in at.names:
+        return SmallSample(np.eye(len(dof)), dof, components)
+    more = -np.einsum("ij,ijfg->fg", spread, second)
+    return SmallSample(_bounded(middle.covariance, more), dof, components)
+
+
+@dataclass(frozen=True)
+class _Look:
+    """At some variances: the covariance ``(f, f)`` of the parameters, and the deviance."""
+
+    covariance: Array
+    deviance: float
+
+
+@dataclass(frozen=True)
+class _Point:
+    """The estimated variances as logarithms.
+
+    Attributes:
+        names: of the components; ``scale`` is the instrument's variance.
+        values: their logarithms; of the correlation that of its odds.
+        scale: the instrument's variance where it is at a bound.
+    """
+
+    names: tuple[str, ...]
+    values: Array
+    scale: float
+
+    @staticmethod
+    def of(estimate: Estimate, *, known: bool) -> "_Point":
+        components, scale = estimate.components, estimate.likelihood.scale
+        at_bound = known and not LEAST_SHARE < scale < 1.0
+        found = {} if at_bound else {"scale": float(np.log(scale))}
+        for term in TERMS:
+            if (variance := components[term.name]) > 0:
+                found[term.name] = float(np.log(variance * scale))
+            if term.structure == "autoregressive" and (carry := components.carry) > 0:
+                found["carry"] = float(np.log(carry / (1 - carry)))
+        return _Point(tuple(found), np.array(list(found.values())), scale)
+
+    def look(self, problem: RestrictedProblem, values: Array) -> _Look:
+        """Covariance and deviance at other values."""
+        found = dict(zip(self.names, np.exp(values).tolist(), strict=True))
+        scale, odds = found.pop("scale", self.scale), found.pop("carry", 0.0)
+        components = Components({name: value / scale for name, value in found.items()}, odds / (1 + odds))
+        there = problem.at(components, scale)
+        return _Look(scale * np.linalg.inv(there.information), there.deviance)
+
+
+def _bounded(covariance: Array, more: Array) -> Array:
+    """The factor by which the covariance grows by ``more``, in each direction as far as that is to be believed."""
+    root = np.linalg.cholesky(covariance)
+    inner = np.linalg.solve(root, np.linalg.solve(root, more).T)
+    sizes, axes = np.linalg.eigh((inner + inner.T) / 2)
+    grown = (axes * np.sqrt(1 + np.clip(sizes, 0.0, (1 + _LARGEST) ** 2 - 1))) @ axes.T
+    return np.asarray(root @ grown @ np.linalg.inv(root))
