@@ -307,9 +307,10 @@ def test_all_solutions_of_five_axes_are_those_of_numpy(name: str, monkeypatch: p
     Ts = arm.flange(joints, arm.nominal())
     found = fast.solve(Ts, joints)
     with monkeypatch.context() as without:
-        for module in ("inverse.analytic.five_axes_pair", "inverse.analytic.five_axes_planar",
-                       "inverse.analytic.five_axes_wrist", "inverse.analytic.three_joints", "serial.arm"):  # fmt: skip
-            without.setattr(f"lab.kinematics.{module}.machine_code", lambda: None)
+        inverse = "lab.extensions.robotics.inverse"
+        for module in (f"{inverse}.five_axes_pair", f"{inverse}.five_axes_planar", f"{inverse}.five_axes_wrist",
+                       f"{inverse}.three_joints", "lab.kinematics.serial.arm"):  # fmt: skip
+            without.setattr(f"{module}.machine_code", lambda: None)
         slow = FiveAxes.of(chain)
         assert slow is not None
         expected = slow.solve(Ts, joints)

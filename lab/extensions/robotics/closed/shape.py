@@ -5,13 +5,13 @@ from functools import cached_property
 
 import numpy as np
 
-from lab.commands.inspect.closed_shape import SINGULAR, ClosedFormShape, Nearest
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.extensions.robotics.closed.recognition import ClassicalModel, classical_model_of
 from lab.extensions.robotics.closed.singularity import Distances
 from lab.extensions.robotics.workspace.membership import ByLegs
 from lab.kinematics.closed.mechanism import Mechanism, platform_poses
+from lab.kinematics.closed.shape import SINGULAR, ClosedFormShape, Nearest
 
 __all__ = ["closed_form_shape"]
 

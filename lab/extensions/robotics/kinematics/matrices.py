@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from lab.commands.inspect.format import tidy
+from lab.commands.values import tidy
 from lab.core.se3 import Array
 from lab.extensions.robotics.kinematics.symbolic import SymbolicChain, textbook
 

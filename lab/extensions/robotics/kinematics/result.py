@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lab.commands.inspect.format import tidy
 from lab.commands.result import Result
 from lab.commands.stops import joint_columns
-from lab.commands.values import joint_values, number
+from lab.commands.values import joint_values, number, tidy
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.extensions.robotics.kinematics.matrices import Matrices

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lab.campaign.robot import Robot
-from lab.commands.inspect.format import tidy
 from lab.commands.result import Result
-from lab.commands.values import joint_values, number
+from lab.commands.values import joint_values, number, tidy
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array

@@ -18,7 +18,7 @@ from lab.extensions.robotics.trajectory.tracked import tracked_arm, tracking_war
 from lab.pose_selection.tour import rated
 
 if TYPE_CHECKING:
-    from lab.commands.calibrate.run import CalibrationResult
+    from lab import CalibrationResult
 
 __all__ = ["trajectory"]
 

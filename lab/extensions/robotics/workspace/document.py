@@ -4,8 +4,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lab.commands.inspect.format import printed
 from lab.commands.provenance import provenance_section
+from lab.commands.values import printed
 from lab.core.wording import counted
 from lab.extensions.robotics.workspace.measured import RobotWorkspace
 from lab.extensions.robotics.workspace.result import WorkspaceResult

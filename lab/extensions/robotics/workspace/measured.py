@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.campaign.robot import Robot
-from lab.commands.inspect.format import tidy
-from lab.commands.values import number
+from lab.commands.values import number, tidy
 from lab.core.kept_pieces import current_keep, of_one
 from lab.core.random import rng_for
 from lab.core.se3 import Array
