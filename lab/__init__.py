@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from lab.commands.import_measurements.run import import_measurements
     from lab.commands.inspect.result import Inspection
     from lab.commands.inspect.run import inspect
-    from lab.commands.kinematics.run import solve_kinematics
     from lab.commands.measurements import WorldFrames, read_measurements, world_frames, write_measurements
     from lab.commands.predict.result import PredictionResult
     from lab.commands.predict.run import predict
@@ -45,7 +44,6 @@ if TYPE_CHECKING:
     from lab.commands.status.run import status
     from lab.commands.study.result import StudyResult
     from lab.commands.study.run import study
-    from lab.commands.trajectory.run import trajectory
     from lab.commands.verify.result import VerificationResult
     from lab.commands.verify.run import verify
     from lab.core.errors import LabError
@@ -53,6 +51,8 @@ if TYPE_CHECKING:
     from lab.extensions.dynamics.arm.run import dynamics
     from lab.extensions.dynamics.payload.result import PayloadResult
     from lab.extensions.dynamics.payload.run import payload
+    from lab.extensions.robotics.kinematics.run import solve_kinematics
+    from lab.extensions.robotics.trajectory.run import trajectory
     from lab.formats.target_csv import Targets
     from lab.noise.instruments import Instrument
 
@@ -115,7 +115,6 @@ _MODULES = {  # where each name is, imported when it is asked for
     "lab.commands.import_measurements.run": ("import_measurements",),
     "lab.commands.inspect.result": ("Inspection",),
     "lab.commands.inspect.run": ("inspect",),
-    "lab.commands.kinematics.run": ("solve_kinematics",),
     "lab.commands.measurements": ("WorldFrames", "read_measurements", "world_frames", "write_measurements"),
     "lab.commands.predict.result": ("PredictionResult",),
     "lab.commands.predict.run": ("predict",),
@@ -123,7 +122,6 @@ _MODULES = {  # where each name is, imported when it is asked for
     "lab.commands.status.run": ("status",),
     "lab.commands.study.result": ("StudyResult",),
     "lab.commands.study.run": ("study",),
-    "lab.commands.trajectory.run": ("trajectory",),
     "lab.commands.verify.result": ("VerificationResult",),
     "lab.commands.verify.run": ("verify",),
     "lab.core.errors": ("LabError",),
@@ -135,6 +133,7 @@ _MODULES = {  # where each name is, imported when it is asked for
 
 _EXTENSIONS = {  # the lab's own extensions, with the names that each registers as ``lab.names``
     "dynamics": ("PayloadResult", "dynamics", "payload"),
+    "robotics": ("solve_kinematics", "trajectory"),
 }
 
 

@@ -12,6 +12,16 @@ A package adds an object by a line of its ``pyproject.toml``, e.g. ``[project.en
 - ``lab.shapes``: a function from a ``Mechanism`` to what ``lab inspect`` reports of its closed form, or None.
 - ``lab.sources``: a ``Source`` of ``lab.extensions.reproduction.item``; the name is what ``lab reproduce`` takes.
 
+An extension may use the public interface ``lab``, this module, and the toolbox, which the import contract names:
+
+- ``lab.core``: transforms, errors, limits, named random streams; ``lab.kinematics``: arms, mechanisms, derivatives.
+- ``lab.formats``: robot tables and the readers of files; ``lab.campaign.robot`` and ``option_types``: robots by name,
+  and the types of options.
+- ``lab.simulation``: models of MuJoCo, collisions, meshes;
+  ``lab.pose_selection``: criteria, exchange, durations of moves.
+- ``lab.render``: documents, charts, recordings; the modules of ``lab.commands`` (not its folders): a command's result,
+  its run's folder, values for ``--json``.
+
 The lab's own extensions (``lab.extensions``) are registered in the same way. An entry is imported when it is used. One
 that cannot be imported is left out, and reported in one line on the standard error.
 """

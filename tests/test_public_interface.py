@@ -187,7 +187,7 @@ def test_kinematics_of_a_table_load_no_statistics() -> None:
     asked = ["kinematics", "tx40", "--joints", "10,20,30,40,50,60", "--json"]
     done = subprocess.run([sys.executable, "-c", code, *asked], capture_output=True, text=True, check=True)
     loaded = set(done.stdout.splitlines()[-1].split())
-    assert "lab.commands.kinematics.run" in loaded
+    assert "lab.extensions.robotics.kinematics.run" in loaded
     assert (
         not {"scipy.spatial", "scipy.special", "scipy.fft", "numpy.testing", "lab.extensions.dynamics.payload"} & loaded
     )

@@ -84,28 +84,6 @@ COMMANDS = (
         "lab.commands.inspect.run:inspect",
     ),
     Command(
-        "kinematics",
-        "Place a robot: direct, inverse (all solutions) and differential models, matrices, singularities.",
-        "lab.commands.kinematics.options:KinematicsOptions",
-        "lab.commands.kinematics.run:solve_kinematics",
-        writes_if_asked=True,
-    ),
-    Command(
-        "workspace",
-        "Measure what robots reach: volume, sections, voids, and in how many orientations.",
-        "lab.commands.workspace.options:WorkspaceOptions",
-        "lab.commands.workspace.run:measure_workspaces",
-        writes_if_asked=True,
-        resumed=True,
-    ),
-    Command(
-        "trajectory",
-        "Move a robot through points: by its joints, or along lines and circles, within the limits of its joints.",
-        "lab.commands.trajectory.options:TrajectoryOptions",
-        "lab.commands.trajectory.run:trajectory",
-        "trajectory-{robot}-{points}",
-    ),
-    Command(
         "design",
         "Choose the poses to measure, their order and their number, and say how good the choice is.",
         "lab.campaign.options:DesignOptions",

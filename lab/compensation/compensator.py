@@ -24,8 +24,8 @@ from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.differential import SINGULAR_M
 from lab.kinematics.effects.arm import Arm
-from lab.kinematics.inverse.analytic.select import Solutions
 from lab.kinematics.inverse.branches import NominalInverse, nearest_whole_turns, ordered
+from lab.kinematics.inverse.closed_form import Solutions
 from lab.kinematics.inverse.newton import FREEDOMS, PLACES, PoseTarget, reach, shortest_step, tool_at, within_reach
 from lab.kinematics.joints import JointSpec
 

@@ -20,7 +20,6 @@ from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot, load_virtual
 from lab.campaign.virtual_robot import perturbed_arm
 from lab.commands.hand_load import HandLoad
-from lab.commands.trajectory.tracked import TrackedArm, tracking_along
 from lab.compensation.compensator import Compensator
 from lab.core import se3
 from lab.core.measurements import Measurements
@@ -29,12 +28,13 @@ from lab.core.se3 import Array
 from lab.experiments.designed_campaign import DesignedCampaign
 from lab.experiments.script import Answer, paragraphs
 from lab.extensions.dynamics.payload.run import payload
+from lab.extensions.robotics.trajectory.cartesian import Feed, PathMove, arc, path_move
+from lab.extensions.robotics.trajectory.tracked import TrackedArm, tracking_along
 from lab.kinematics.effects.arm import Arm, ArmWithEffects
 from lab.kinematics.effects.bending import ElasticLinks
 from lab.kinematics.inverse.branches import NominalInverse
 from lab.kinematics.inverse.newton import PoseTarget
 from lab.kinematics.serial.arm import SerialArm
-from lab.kinematics.trajectory.cartesian import Feed, PathMove, arc, path_move
 from lab.pose_selection.tour import rated
 from lab.render.document import Document
 from lab.simulation.beam_chain import BeamChain

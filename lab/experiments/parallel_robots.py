@@ -29,8 +29,8 @@ from lab.campaign.virtual_robot import perturbed_arm
 from lab.core import se3
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.extensions.robotics.closed.recognition import ClassicalModel, classical_model_of
 from lab.kinematics.closed.arm import ClosedArm
-from lab.kinematics.closed.classical_recognition import ClassicalModel, classical_model_of
 from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.effects.arm import Arm
 from lab.kinematics.gauge import STRUCTURE_POSES, named

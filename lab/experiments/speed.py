@@ -54,7 +54,7 @@ from lab.formats.tracker_export import TrackerPoints
 from lab.kinematics.compiled.kernels import machine_code
 from lab.kinematics.effects.conditions import HOUR_S
 from lab.kinematics.gauge import base_set
-from lab.kinematics.inverse.analytic.select import closed_form_of
+from lab.kinematics.inverse.closed_form import closed_form_of
 from lab.kinematics.inverse.newton import PoseTarget
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.batch import StackedArm

@@ -20,7 +20,7 @@ from lab.commands import unfinished
 from lab.compensation import compensator
 from lab.core import kept_pieces
 from lab.core.kept_pieces import Pieces
-from lab.kinematics.workspace import measure
+from lab.extensions.robotics.workspace import measure
 
 COMMANDS = {
     "workspace": "workspace carrier/cartesian irb120 --places 1000 --orientations 2",

@@ -24,6 +24,7 @@ from lab.extensions.dynamics.load_files import read_load, read_loads, read_motio
 from lab.extensions.reproduction.answer import formula, number
 from lab.extensions.reproduction.item import Item
 from lab.extensions.reproduction.marking import Computed, marked
+from lab.extensions.robotics.trajectory.path_csv import read_path
 from lab.formats.cell_toml import read_cell
 from lab.formats.certificate_toml import read_certificate_details
 from lab.formats.column_map import JointColumns, PointColumns, read_column_map
@@ -34,7 +35,6 @@ from lab.formats.joint_csv import read_joints
 from lab.formats.joint_log import read_joint_log
 from lab.formats.measurement_csv import read_measurements
 from lab.formats.mechanism_toml import read_mechanism
-from lab.formats.path_csv import read_path
 from lab.formats.programs.program_text import Outside
 from lab.formats.programs.registry import read_program
 from lab.formats.target_csv import read_targets

@@ -16,6 +16,7 @@ from helpers.robots import (
 
 from lab.campaign.robot import load_robot
 from lab.core.se3 import Array
+from lab.extensions.robotics.inverse.spherical_wrist import SphericalWrist
 from lab.kinematics.differential import (
     ROTATION_M,
     WEIGHTS,
@@ -24,8 +25,7 @@ from lab.kinematics.differential import (
     rates,
     singular_distance,
 )
-from lab.kinematics.inverse.analytic.select import closed_form_of
-from lab.kinematics.inverse.analytic.spherical_wrist import SphericalWrist
+from lab.kinematics.inverse.closed_form import closed_form_of
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
 

@@ -4,26 +4,15 @@ from typing import Any
 
 import numpy as np
 
-from lab.commands.inspect.closed_shape import SINGULAR, closed_shape_of
-from lab.commands.inspect.format import joint_kind, joint_limits, tidy
-from lab.commands.values import joint_values, number
+from lab.commands.inspect.closed_shape import closed_shape_of
+from lab.commands.values import joint_kind, joint_limits, joint_values, number, tidy
 from lab.core.se3 import Array
-from lab.kinematics.closed.classical.mobility import body_count
 from lab.kinematics.closed.mechanism import Mechanism
+from lab.kinematics.closed.mobility import body_count
+from lab.kinematics.closed.shape import SINGULAR
 from lab.kinematics.closed.structure import BASE, Step
 
 __all__ = ["closed_nominal", "closed_shape"]
-
-_OF_LEGS = {"serial": "a leg's length is zero"}
-_WHERE = {
-    "2-RPR": {**_OF_LEGS, "parallel": "the legs are in line"},
-    "3-RPR": {**_OF_LEGS, "parallel": "the legs' lines meet in a point or are parallel"},
-    "Delta": {
-        "parallel": "all rods are along one plane",
-        "serial": "an arm is in line with its rod, seen along its axis",
-        "constraint": "the parallelograms let the platform tilt",
-    },
-}
 
 
 def closed_nominal(mechanism: Mechanism) -> dict[str, Any]:
@@ -80,8 +69,9 @@ def _step(mechanism: Mechanism, step: Step) -> dict[str, Any]:
 def closed_shape(mechanism: Mechanism) -> dict[str, Any]:
     """Freedoms, modes, where it gets, and how near it comes to being singular."""
     shape, count = closed_shape_of(mechanism), body_count(mechanism.tree)
-    flat = shape.course is not None and shape.course.is_planar
-    reached = None if shape.reachable is None else number(shape.reachable)
+    form = shape.closed_form
+    flat = form is not None and form.is_planar
+    reached = None if form is None else number(form.reachable)
     return {
         "mobility": shape.mobility,
         "freedoms_at_home": shape.freedoms,
@@ -93,26 +83,26 @@ def closed_shape(mechanism: Mechanism) -> dict[str, Any]:
             "internal": count.internal,
             "mobility": count.mobility,
         },
-        "closed_form": None if shape.course is None else {"of": shape.course.name, **_numbers(shape.course.dimensions)},
-        "assembly_modes": shape.modes,
-        "working_modes": shape.working,
+        "closed_form": None if form is None else {"of": form.name, **_numbers(form.dimensions)},
+        "assembly_modes": None if form is None else form.modes,
+        "working_modes": None if form is None else form.working,
         "share_closing": tidy(shape.share),
         "extents_mm": {axis: _mm(ends) for axis, ends in zip("xyz", shape.extents, strict=True)},
         "area_m2": reached if flat else None,
         "volume_m3": None if flat else reached,
         "closures_condition": dict(zip(("least", "middle", "largest"), map(number, shape.conditions), strict=True)),
         "singularities": None
-        if shape.course is None
+        if form is None
         else [
             {
                 "name": each.kind,
-                "where": _WHERE[shape.course.name][each.kind],
+                "where": each.where,
                 "distance": number(each.distance),
                 "within_limits": each.distance < SINGULAR,
                 "example": [tidy(value) for value in joint_values(mechanism.prismatic, each.joints)],
                 "platform_mm": _mm(each.place),
             }
-            for each in shape.singularities
+            for each in form.singularities
         ],
     }
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from lab.commands.inspect.format import limits_and_speed, printed, with_joint
+from lab.commands.values import limits_and_speed, printed, with_joint
 from lab.kinematics.closed.loop_closure import SINGULAR as REFUSED
 from lab.render.document import Block, Bullets, Paragraph, Table
 

@@ -2,45 +2,22 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.kinematics.closed.classical.singularity import Distances
-from lab.kinematics.closed.classical_recognition import ClassicalModel, classical_model_of
+from lab.extension_points import load_all
 from lab.kinematics.closed.configuration import Configuration
-from lab.kinematics.closed.mechanism import Mechanism
-from lab.kinematics.closed.modes import platform_poses
+from lab.kinematics.closed.mechanism import Mechanism, platform_poses
+from lab.kinematics.closed.shape import ClosedFormShape
 from lab.kinematics.joints import JointSpec
-from lab.kinematics.workspace.membership import ByLegs
-from lab.kinematics.workspace.reach import extents
+from lab.kinematics.reach import extents
 
-__all__ = ["SINGULAR", "ClosedShape", "closed_shape_of"]
+__all__ = ["ClosedShape", "closed_shape_of"]
 
 TAKES = 4000  # random readings by which extents are found
-GRID = 60_000  # poses, at most, of the count of what is reachable
-WALKERS, STEPS = 32, 150  # of the search for singular poses
-FIRST, SHRINKING = 0.05, 0.9  # its first step, beside the limits' width, and what each makes of the next
-SINGULAR = 1e-3  # a distance below which a pose is at a singularity
 RANK = 1e-9  # of the largest singular value
-
-
-@dataclass(frozen=True)
-class Nearest:
-    """How near the drawn mode comes to a kind of singularity, within the limits.
-
-    Attributes:
-        distance: 0 at one, 1 at best (``Distances``).
-        joints: ``(n,)`` readings of the pose that is nearest to one.
-        place: ``(3,)`` m, where the platform's origin is there in the base.
-    """
-
-    kind: str
-    distance: float
-    joints: Array
-    place: Array
 
 
 @dataclass(frozen=True)
@@ -50,25 +27,18 @@ class ClosedShape:
     Attributes:
         mobility: joints and passive values less the closures' equations.
         freedoms: joints and passive values less the rank of what they do to the closures at home.
-        course: its closed form, if it has one; without, what follows from it is None or empty.
-        modes: ways to assemble it at the readings of home.
-        working: ways of its legs to reach the pose of home.
+        closed_form: what its closed form says, if it has one.
         share: of readings within the limits those at which the loops close.
         extents: ``(3, 2)`` least and largest coordinates (m) of the platform's origin in the base.
-        reachable: area (m^2) of a planar robot, else volume (m^3), that the platform gets to by its passive slides.
         conditions: of the closures by the passive values: the least, the middle and the largest.
     """
 
     mobility: int
     freedoms: int
-    course: ClassicalModel | None
-    modes: int | None
-    working: int | None
+    closed_form: ClosedFormShape | None
     share: float
     extents: Array
-    reachable: float | None
     conditions: Array
-    singularities: tuple[Nearest, ...]
 
 
 def closed_shape_of(mechanism: Mechanism) -> ClosedShape:
@@ -77,24 +47,16 @@ def closed_shape_of(mechanism: Mechanism) -> ClosedShape:
     closed = mechanism.assembled(taken, mechanism.nominal_values)
     joints, passive = taken[closed.fits], closed.configuration.passive.T[closed.fits]
     home = mechanism.assembled(mechanism.home[None], mechanism.nominal_values).configuration
-    course, places = classical_model_of(mechanism), _places(mechanism, joints, passive)
-    search = None if course is None else _Search(mechanism, course, joints, passive)
-    found = () if search is None else search.singularities()
-    extents = _extents(mechanism, joints, places, [each.place for each in found])
-    modes = None if course is None else np.isfinite(course.modes(mechanism.home[None])).all(axis=2).sum()
-    ways = None if course is None else course.inverse_solutions(home.passive.T)[..., course.order]
-    working = None if ways is None else np.isfinite(ways).sum(axis=1).prod()
+    shapes = (find(mechanism, joints, passive) for find in load_all("lab.shapes").values())
+    form: ClosedFormShape | None = next((shape for shape in shapes if shape is not None), None)
+    others = () if form is None else [each.place for each in form.singularities]
     return ClosedShape(
         mobility=mechanism.size + len(mechanism.tree.passive) - mechanism.tree.equations,
         freedoms=mechanism.size + len(mechanism.tree.passive) - _rank(home),
-        course=course,
-        modes=None if modes is None else int(modes),
-        working=None if working is None else int(working),
+        closed_form=form,
         share=float(closed.fits.mean()),
-        extents=extents,
-        reachable=None if search is None else search.reachable(),
+        extents=_extents(mechanism, joints, _places(mechanism, joints, passive), others),
         conditions=np.quantile(closed.condition[closed.fits], [0.0, 0.5, 1.0]),
-        singularities=found,
     )
 
 
@@ -131,67 +93,3 @@ def _rank(configuration: Configuration) -> int:
             rows[i, len(tree.passive) + rod.joint] -= 1.0
     sizes = np.linalg.svd(rows, compute_uv=False)
     return int((sizes > RANK * sizes.max(initial=0.0)).sum())
-
-
-@dataclass(frozen=True)
-class _Search:
-    """By a closed form, from readings ``(n, joints)`` and passive values ``(n, z)`` of some poses in the drawn mode.
-
-    Poses on the other side of parallel singularities are of other modes.
-    """
-
-    mechanism: Mechanism
-    course: ClassicalModel
-    joints: Array
-    passive: Array
-
-    @cached_property
-    def legs(self) -> ByLegs:
-        """What its legs reach."""
-        return ByLegs(self.mechanism, self.course)
-
-    def reachable(self) -> float:
-        """Area or volume, by counting the cells of a grid whose middle is reached, however the platform is turned."""
-        low, high = self.passive.min(axis=0), self.passive.max(axis=0)
-        count = int(GRID ** (1 / len(low)))
-        margin = (high - low) / (count - 2) / 2
-        edges = [np.linspace(*ends, count + 1) for ends in zip(low - margin, high + margin, strict=True)]
-        grid = np.meshgrid(*[(edge[1:] + edge[:-1]) / 2 for edge in edges], indexing="ij")
-        poses = np.stack([each.ravel() for each in grid], axis=1)
-        reached = self.legs.reached(poses)[0].reshape(grid[0].shape)
-        turns = [self.mechanism.tree.step(*step).is_turn for step in self.mechanism.tree.passive]
-        cell = np.prod([edge[1] - edge[0] for edge, turn in zip(edges, turns, strict=True) if not turn])
-        return float(cell * reached.any(axis=tuple(np.flatnonzero(turns))).sum())
-
-    def singularities(self) -> tuple[Nearest, ...]:
-        """Of each kind that the robot has."""
-        return tuple(self._nearest(kind) for kind in self.course.singularities)
-
-    def _nearest(self, kind: str) -> Nearest:
-        """By walks from the nearest poses, with random steps that shrink; each is taken where it leads nearer."""
-        mechanism, rng = self.mechanism, rng_for(0, "structure", Distances._fields.index(kind))
-        starts = np.argsort(self._distance(kind, self.joints, self.passive))[:WALKERS]
-        joints, passive = self.joints[starts], self.passive[starts]
-        distance = self._distance(kind, joints, passive)
-        step = FIRST * (mechanism.upper - mechanism.lower)
-        for _ in range(STEPS):
-            if distance.min() < SINGULAR:
-                break
-            tried = np.clip(joints + step * rng.standard_normal(joints.shape), mechanism.lower, mechanism.upper)
-            closing = self._closing(tried, passive)
-            found = self._distance(kind, tried, closing)
-            nearer = (found < distance) & (self.course.side(tried, closing) == self.legs.side)
-            joints[nearer], passive[nearer], distance[nearer] = tried[nearer], closing[nearer], found[nearer]
-            step = SHRINKING * step
-        best = int(np.argmin(distance))
-        place = _places(mechanism, joints[best : best + 1], passive[best : best + 1])[0]
-        return Nearest(kind, float(distance[best]), joints[best], place)
-
-    def _closing(self, joints: Array, near: Array) -> Array:
-        """Passive values ``(n, z)`` of the mode that is nearest to some; NaN where there is none."""
-        modes = self.course.modes(joints)
-        away = np.nan_to_num(np.abs(modes - near[:, None]).max(axis=2), nan=np.inf)
-        return np.take_along_axis(modes, away.argmin(axis=1)[:, None, None], axis=1)[:, 0]
-
-    def _distance(self, kind: str, joints: Array, passive: Array) -> Array:
-        return np.asarray(getattr(self.course.distances(joints, passive), kind))

@@ -4,10 +4,10 @@ import numpy as np
 
 from lab.commands.inspect.cell import cell_section
 from lab.commands.inspect.closed_document import closed_blocks
-from lab.commands.inspect.format import coefficient, per_person
 from lab.commands.inspect.result import Inspection
 from lab.commands.inspect.serial_document import serial_blocks
 from lab.commands.provenance import provenance_section
+from lab.commands.values import coefficient, per_person
 from lab.render.charts.axes import Axes
 from lab.render.document import Block, Bullets, Document, Figure, Paragraph, Picture, Section, Table, Warnings
 from lab.render.style import PREDICTED

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from lab.commands.inspect.format import joint_kind, joint_limits, tidy
 from lab.commands.inspect.serial_shape import LEAST, shape_of
+from lab.commands.values import joint_kind, joint_limits, tidy
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.kinematics.mobility import mobility_of

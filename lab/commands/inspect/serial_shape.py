@@ -7,11 +7,10 @@ import numpy as np
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.differential import rates
-from lab.kinematics.inverse.analytic.determinant import Factor
-from lab.kinematics.inverse.analytic.select import closed_form_of
+from lab.kinematics.inverse.closed_form import Factor, closed_form_of
+from lab.kinematics.reach import reach_from_axis
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
-from lab.kinematics.workspace.reach import reach_from_axis
 
 __all__ = ["LEAST", "shape_of"]
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from lab.core import se3
 from lab.core.se3 import Array
-from lab.kinematics.inverse.analytic.protocol import Axes
+from lab.kinematics.inverse.closed_form import Axes
 from lab.kinematics.model import RigidArm
 from lab.kinematics.serial.chain import Chain
 

@@ -8,6 +8,7 @@ import numpy as np
 import scipy  # its parts are loaded at their first use, which not every process comes to
 from numpy.typing import NDArray
 
+from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.random import rng_for
 from lab.core.se3 import Array
@@ -19,7 +20,7 @@ from lab.kinematics.closed.validation import refuse_unsound
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.parameter import BASE_PARAMETERS, Parameter, link_parameter, names_of
 
-__all__ = ["Mechanism"]
+__all__ = ["Mechanism", "platform_poses"]
 
 _SAMPLED = 1.5  # times the closures' condition in the nominal position, up to which poses are drawn at random
 _STATION = 3.0  # condition of the closures, one at best, up to which passive values serve as known
@@ -263,3 +264,12 @@ class Mechanism(JointSpec):
             )
             left, grown = left[~good], bool(good.any())
         return known, scipy.spatial.cKDTree(known.joints / self._ranges)
+
+
+def platform_poses(mechanism: Mechanism, joints: Array, passive: Array) -> Array:
+    """Poses ``(n, 4, 4)`` of the nominal platform in the base, at joint positions and passive values ``(n, z)``."""
+    dimensions = mechanism.dimensions(mechanism.nominal_values)
+    axes, origin = Configuration.of(mechanism.tree, dimensions, joints, passive.T).frames[mechanism.tree.platform]
+    shape = (3, len(joints))
+    columns = [np.broadcast_to(axis[:3], shape).T for axis in axes]
+    return se3.pose(np.stack(columns, axis=2), np.broadcast_to(origin[:3], shape).T)

@@ -10,10 +10,11 @@ from helpers.robots import ROOT
 from scipy.integrate import dblquad
 
 from lab.cli import main
-from lab.commands.inspect.closed_shape import SINGULAR, ClosedShape, closed_shape_of
+from lab.commands.inspect.closed_shape import ClosedShape, closed_shape_of
+from lab.extensions.robotics.closed.recognition import classical_model_of
 from lab.formats.mechanism_toml import read_mechanism
-from lab.kinematics.closed.mechanism import Mechanism
-from lab.kinematics.closed.modes import platform_poses
+from lab.kinematics.closed.mechanism import Mechanism, platform_poses
+from lab.kinematics.closed.shape import SINGULAR
 from lab.kinematics.joints import JointSpec
 
 MODELS = ROOT / "models"
@@ -47,7 +48,7 @@ def test_freedoms_and_modes(shapes: Shapes) -> None:
 def test_the_extents_hold_every_place_that_is_named_or_drawn(name: str, shapes: Shapes) -> None:
     """No nearest pose and no random one is outside; and of many more random ones hardly one comes as far."""
     mechanism, shape = shapes[name]
-    for each in shape.singularities:
+    for each in shape.closed_form.singularities:
         assert (each.place >= shape.extents[:, 0] - 1e-12).all() and (each.place <= shape.extents[:, 1] + 1e-12).all()
     joints = JointSpec.random_joints(mechanism, 5000, np.random.default_rng(8))
     closed = mechanism.assembled(joints, mechanism.nominal_values)
@@ -75,19 +76,19 @@ def test_an_area_is_the_integral_over_the_readings(shapes: Shapes) -> None:
         x = (a**2 - b**2 + span**2) / (2 * span)
         return a * b / (span * float(np.sqrt(a**2 - x**2)))
 
-    assert shape.reachable == pytest.approx(dblquad(density, low, high, low, high)[0], rel=0.01)
+    assert shape.closed_form.reachable == pytest.approx(dblquad(density, low, high, low, high)[0], rel=0.01)
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", NAMES[:4])
 def test_a_nearest_pose_is_as_near_as_any_at_random(name: str, shapes: Shapes) -> None:
     mechanism, shape = shapes[name]
-    course = shape.course
+    course = classical_model_of(mechanism)
     assert course is not None
     joints = JointSpec.random_joints(mechanism, 5000, np.random.default_rng(7))
     closed = mechanism.assembled(joints, mechanism.nominal_values)
     at_random = course.distances(joints[closed.fits], closed.configuration.passive.T[closed.fits])
-    for each in shape.singularities:
+    for each in shape.closed_form.singularities:
         assert not mechanism.beyond_limits(each.joints[None], 0.0).any()
         assert each.distance < SINGULAR or each.distance <= getattr(at_random, each.kind).min()
         there = mechanism.assembled(each.joints[None], mechanism.nominal_values)
@@ -106,8 +107,8 @@ def test_two_legs_are_nearest_to_one_line_where_one_is_long_and_one_short(shapes
     mechanism, shape = shapes["rpr2/mechanism"]
     long, short = mechanism.upper[0], mechanism.lower[0]
     cos = (long**2 + short**2 - 0.6**2) / (2 * long * short)
-    assert shape.singularities[0].kind == "parallel"
-    assert shape.singularities[0].distance == pytest.approx(np.sqrt(1 - cos), abs=1e-6)
+    assert shape.closed_form.singularities[0].kind == "parallel"
+    assert shape.closed_form.singularities[0].distance == pytest.approx(np.sqrt(1 - cos), abs=1e-6)
 
 
 @pytest.mark.thorough

@@ -12,8 +12,8 @@ from lab.core.se3 import Array
 from lab.kinematics.differential import singular_distance
 from lab.kinematics.effects.arm import ArmWithEffects
 from lab.kinematics.effects.registry import effect
-from lab.kinematics.inverse.analytic.select import Solutions
 from lab.kinematics.inverse.branches import NominalInverse, nearest_whole_turns, ordered
+from lab.kinematics.inverse.closed_form import Solutions
 from lab.kinematics.inverse.newton import PoseTarget, reach, shortest_step, within_reach
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain

@@ -41,7 +41,7 @@ from lab.kinematics.serial.arm import SerialArm
 from lab.simulation.collisions import random_poses
 
 if TYPE_CHECKING:
-    from lab.commands.calibrate.run import CalibrationResult
+    from lab import CalibrationResult
 
 __all__ = ["payload"]
 

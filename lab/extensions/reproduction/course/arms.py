@@ -5,7 +5,7 @@ import numpy as np
 from lab.extensions.reproduction.answer import Answer, formula, number, word
 from lab.extensions.reproduction.item import Item
 from lab.extensions.reproduction.models import matrix_formulas, sampled, serial
-from lab.kinematics.inverse.analytic.select import closed_form_of
+from lab.kinematics.inverse.closed_form import closed_form_of
 
 __all__ = ["ARM_ITEMS"]
 

@@ -10,8 +10,8 @@ from lab.core.se3 import Array
 from lab.extensions.reproduction.answer import Answer, formula, holds, number
 from lab.extensions.reproduction.item import Item
 from lab.extensions.reproduction.models import SAMPLES, matrix_formulas
-from lab.kinematics.inverse.analytic.khalil_one_unknown import Roots, type_1, type_2, type_3, type_9, type_10
-from lab.kinematics.inverse.analytic.khalil_two_unknowns import type_4, type_5, type_6, type_7, type_8
+from lab.extensions.robotics.inverse.khalil_one_unknown import Roots, type_1, type_2, type_3, type_9, type_10
+from lab.extensions.robotics.inverse.khalil_two_unknowns import type_4, type_5, type_6, type_7, type_8
 
 __all__ = ["CARRIER_ITEMS"]
 

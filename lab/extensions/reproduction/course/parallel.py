@@ -9,11 +9,11 @@ from lab.core.se3 import Array
 from lab.extensions.reproduction.answer import Answer, formula, holds, number, word
 from lab.extensions.reproduction.item import Item
 from lab.extensions.reproduction.models import SAMPLES, matrix_formulas
-from lab.kinematics.closed.classical.delta import Delta
-from lab.kinematics.closed.classical.mobility import mobility
-from lab.kinematics.closed.classical.rpr2 import TwoLegs
-from lab.kinematics.closed.classical.rpr3 import ThreeLegs
-from lab.kinematics.closed.classical.shared_pin import SharedPin
+from lab.extensions.robotics.closed.delta import Delta
+from lab.extensions.robotics.closed.rpr2 import TwoLegs
+from lab.extensions.robotics.closed.rpr3 import ThreeLegs
+from lab.extensions.robotics.closed.shared_pin import SharedPin
+from lab.kinematics.closed.mobility import mobility
 
 __all__ = ["PARALLEL_ITEMS"]
 

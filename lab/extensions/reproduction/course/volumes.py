@@ -7,8 +7,8 @@ import numpy as np
 from lab.campaign.robot import load_robot
 from lab.extensions.reproduction.answer import Answer, holds, number
 from lab.extensions.reproduction.item import Item
+from lab.extensions.robotics.workspace.sections import carrier_volume
 from lab.kinematics.serial.chain import Chain
-from lab.kinematics.workspace.sections import carrier_volume
 from lab.render.charts.axes import Axes
 from lab.render.document import Picture
 from lab.render.style import AFTER

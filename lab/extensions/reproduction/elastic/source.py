@@ -5,13 +5,13 @@ from functools import cache
 
 import numpy as np
 
-from lab.compensation.elastic import Correction, compensated, elastic_errors, greville
 from lab.core import se3
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.extensions.reproduction.answer import Answer, holds
 from lab.extensions.reproduction.item import Item, Missing, Source
 from lab.extensions.reproduction.models import SAMPLES, Sampled, matrix_formulas, sampled
+from lab.extensions.robotics.trajectory.elastic import Correction, compensated, elastic_errors, greville
 from lab.kinematics.gauge import base_set_of
 from lab.kinematics.serial.walk import Torsors
 

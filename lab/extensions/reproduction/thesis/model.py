@@ -11,7 +11,7 @@ from lab.extensions.reproduction.answer import Answer, formula, holds, number
 from lab.extensions.reproduction.item import Item
 from lab.extensions.reproduction.models import matrix_formulas, matrix_numbers, sampled, serial
 from lab.extensions.reproduction.placements import placements
-from lab.kinematics.inverse.analytic.select import closed_form_of
+from lab.kinematics.inverse.closed_form import closed_form_of
 
 if TYPE_CHECKING:
     from lab.render.document import Picture

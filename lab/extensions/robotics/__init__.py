@@ -1,0 +1,1 @@
+"""Direct, inverse and differential models, trajectories and workspaces of robots."""

@@ -1,0 +1,183 @@
+"""Five joints of which 2 to 4 are a planar arm: hinges with parallel axes, or slides across them.
+
+Joints 2 to 4 turn about one direction w and leave the heights along it as they are. So joint 1, and joint 5, which
+turns about axis 5, are what makes w fit: the place of a point of axis 5 along w says joint 1, and so does the angle
+between axis 5 and w (both equations of type 2, of which the one that says more is taken). Joint 5 and the turn phi
+about w are what is left of the rotation, and joints 2 to 4 the planar arm's.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.core import se3
+from lab.core.se3 import Array
+from lab.extensions.robotics.inverse.first_joint import FirstJoint, Named, turned_back
+from lab.extensions.robotics.inverse.khalil_one_unknown import TINY, type_2
+from lab.extensions.robotics.inverse.planar_joints import PlanarJoints
+from lab.kinematics.compiled.kernels import machine_code
+from lab.kinematics.inverse.closed_form import EXACT, Axes, Candidates, plane_across
+
+__all__ = ["PlanarFrame", "PlanarMiddle", "candidates_of", "compiled_frame"]
+
+PlanarFrame = tuple[Array, NDArray[np.bool_]]  # see PlanarMiddle._frame
+
+
+@dataclass(frozen=True)
+class PlanarMiddle:
+    """Such an arm.
+
+    Attributes:
+        column: joint 1 where it is a hinge; of a slide its plane alone is used.
+        joints: 2 to 4, and the point of axis 5 that they move.
+        start: that point ``(3,)`` m in frame 0 at zero joint positions, and ``centre`` in the last frame.
+    """
+
+    axes: Axes
+    column: FirstJoint
+    joints: PlanarJoints
+    start: Array
+    centre: Array
+    repeats: bool = False
+
+    @classmethod
+    def of(cls, axes: Axes) -> "PlanarMiddle | None":
+        """The shape of an arm of five joints; None where it is another."""
+        middle = [i for i in (1, 2, 3) if not axes.prismatic[i]]
+        if not middle or axes.prismatic[4] or axes.parallel(middle[0], 4):
+            return None
+        w = axes.directions[middle[0]]
+        along = abs(float(w @ axes.directions[0]))
+        if (along <= EXACT) if axes.prismatic[0] else axes.parallel(middle[0], 0):
+            return None
+        start = axes.origins[4]
+        centre = se3.transform(se3.inverse(axes.T_frame0_last), start[None])[0]
+        plane = plane_across(w)
+        joints = PlanarJoints.of(axes, (1, 2, 3), plane, start, axes.origins[0])
+        return None if joints is None else cls(axes, FirstJoint.of(axes, plane), joints, start, centre)
+
+    @property
+    def roots(self) -> int:
+        """See ``Shape``."""
+        return (1 if self.axes.prismatic[0] else 2) * self.joints.roots
+
+    def candidates(self, Ts: Array, liked: Array) -> Iterator[Candidates]:
+        """See ``Shape``."""
+        frame = compiled_frame(self._numbers, 1 if self.axes.prismatic[0] else 2, Ts, liked)
+        yield candidates_of(self.joints, (0, 4), (1, 2, 3), frame or self._frame(Ts, liked), liked)
+
+    def _frame(self, Ts: Array, liked: Array) -> PlanarFrame:
+        """What joints 1 and 5 leave to the planar arm.
+
+        Returns:
+            ``(5, m, n)``: positions of joints 1 and 5, the turn about w, and the place (m) in the plane; and ``(n,)``
+            where joint 1 is free.
+        """
+        plane, root = self.column.plane, self.column.root
+        R = Ts[:, :3, :3] @ self.axes.T_frame0_last[:3, :3].T
+        lever = (Ts[:, :3, :3] @ self.centre + Ts[:, :3, 3] - root).T
+        first, free_1 = self._first(lever, (R @ self.axes.directions[4]).T, liked[0])  # (m, n)
+        if self.axes.prismatic[0]:
+            e, f, _ = np.tensordot(plane, lever[:, None] - np.multiply.outer(self.column.axis, first), 1)
+            back = R[None]
+        else:
+            back = se3.exp(-first[..., None] * self.column.axis) @ R
+            e, f, _ = turned_back(self.column.split(lever), (np.cos(first), np.sin(first)))
+        M = plane @ back @ plane.T
+        a = plane @ self.axes.directions[4]
+        fifth = _turn_about(a, M[..., 2, :])
+        left = M @ se3.exp(-fifth[..., None] * a)
+        phi = np.arctan2(left[..., 1, 0] - left[..., 0, 1], left[..., 0, 0] + left[..., 1, 1])
+        return np.stack([first, fifth, phi, e, f]), free_1[0]
+
+    @cached_property
+    def _numbers(self) -> Array:
+        """What the compiled frame asks of the arm."""
+        axes, back = self.axes, self.axes.T_frame0_last[:3, :3]
+        a5, plane = axes.directions[4], self.column.plane
+        parts = (
+            [float(axes.prismatic[0])], axes.directions[:2], axes.origins[:2], plane, plane @ back, self.centre,
+            back.T @ a5, plane @ a5, self.start, [self._size, 0.0, 0.0, 0.0],
+        )  # fmt: skip
+        return np.concatenate([np.ravel(part) for part in parts])
+
+    @property
+    def _size(self) -> float:
+        """Of the arm (m)."""
+        return max(float(np.abs(self.axes.origins - self.axes.origins[0]).max()), 1e-3)
+
+    def _first(self, lever: Array, axis_5: Array, liked: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Joint 1 ``(m, n)`` by what says most of it, and where it is free."""
+        w = self.column.plane[2]
+        offset = float(w @ (self.start - self.column.root))
+        if self.axes.prismatic[0]:
+            return ((w @ lever - offset) / (w @ self.column.axis))[None], np.zeros((1, lever.shape[1]), dtype=np.bool_)
+        size = self._size
+        equations = []
+        for vector, height in ((lever / size, offset / size), (axis_5, float(w @ self.axes.directions[4]))):
+            along, across, quarter = self.column.split(vector)
+            equations.append((-quarter[2], across[2], height - along[2]))
+        slopes = [x * x + y * y - z * z for x, y, z in equations]
+        better = slopes[1] > slopes[0]
+        x, y, z = (np.where(better, *pair[::-1]) for pair in zip(*equations, strict=True))
+        (first,), _, (free,) = type_2(x, y, z, TINY, liked)
+        return first, np.broadcast_to(free, first.shape)
+
+    def factors(self) -> tuple[list[float], list[Named]]:
+        """See ``Shape``: how joint 1 moves the point across the plane, and the planar arm's."""
+        sign = self.axes.sign
+        lengths, factors = self.joints.factors(sign)
+        if self.axes.prismatic[0]:
+            return [*lengths, abs(float(self.column.plane[2] @ self.column.axis))], factors
+        return lengths, [*factors, ("shoulder", self.joints.place_along(self.column.level, sign))]
+
+    def moved(self, backwards: bool) -> str:
+        """See ``Shape``."""
+        seen = "axis 1, seen from the last frame," if backwards else "axis 5"
+        return f"the displacements of a point of {seen} and the turn about the parallel axes"
+
+    def rows(self, jacobian: Array) -> Array:
+        """See ``Shape``: of joints 1 to 4, the place and the turn about w, in the frame of joint 1."""
+        hinge = next(i for i in (1, 2, 3) if not self.axes.prismatic[i])
+        return np.concatenate([jacobian[:3, :4], (jacobian[3:, hinge] @ jacobian[3:, :4])[None]])
+
+
+def compiled_frame(numbers: Array, roots: int, Ts: Array, liked: Array) -> PlanarFrame | None:
+    """What two joints leave to a planar arm, in machine code; None where there is none."""
+    if (code := machine_code()) is None or Ts.dtype != np.float64:
+        return None
+    found, free = np.empty((5, roots, len(Ts))), np.empty(len(Ts), dtype=np.bool_)
+    code.planar_frame(numbers, np.ascontiguousarray(Ts), np.ascontiguousarray(liked[:2].T), found, free)
+    return found, free
+
+
+def candidates_of(
+    arm: PlanarJoints, two: tuple[int, int], three: tuple[int, int, int], frame: PlanarFrame, liked: Array
+) -> Candidates:
+    """Candidates of all poses, as ``Shape`` has them, by a planar arm and the two other joints.
+
+    Args:
+        two, three: which joints they are.
+        liked: ``(5, n)``.
+    """
+    (first, second, phi, e, f), free_1 = frame
+    values, _, free = arm.solve(e + 1j * f, phi, np.broadcast_to(liked[list(three), None], (3, *first.shape)))
+    out = np.empty((first.shape[1], arm.roots, first.shape[0], 5))  # (n, roots, m, 5)
+    out[..., two[0]], out[..., two[1]] = first.T[:, None], second.T[:, None]
+    frees = np.zeros(out.shape, dtype=np.bool_)
+    frees[..., two[0]] = free_1[:, None, None]
+    for i, joint in enumerate(three):
+        out[..., joint], frees[..., joint] = values[:, i].transpose(2, 0, 1), free[i].T[:, None]
+    shape = (len(out), -1, 5)
+    return slice(None), out.reshape(shape).transpose(1, 2, 0), frees.reshape(shape).transpose(1, 2, 0)
+
+
+def _turn_about(axis: Array, seen: Array) -> Array:
+    """Turns q ``(...)`` with Rot(axis, -q) e3 nearest to directions ``(..., 3)``, for an axis not along e3."""
+    e3 = np.array([0.0, 0.0, 1.0])
+    level = e3 - axis * axis[2]
+    ahead = np.cross(axis, e3)
+    return np.asarray(np.arctan2(-(seen @ ahead), seen @ level))

@@ -1,0 +1,241 @@
+"""The direct, inverse and differential models of a robot, at joint positions or for poses."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lab.commands.keywords import options_of, takes
+from lab.core import se3
+from lab.core.errors import LabError
+from lab.core.limits import PLACED
+from lab.core.se3 import Array
+from lab.extensions.robotics.kinematics.matrices import Matrices
+from lab.extensions.robotics.kinematics.nominal_robot import NominalRobot, nominal_robot
+from lab.extensions.robotics.kinematics.options import KinematicsOptions
+from lab.extensions.robotics.kinematics.placement import Placement, Task, placements
+from lab.extensions.robotics.kinematics.result import KinematicsResult, Reached
+from lab.extensions.robotics.kinematics.solutions import Solution, Solver, matching
+from lab.extensions.robotics.kinematics.symbolic import SymbolicChain, symbolic_chain
+from lab.formats.joint_csv import holds_targets, read_joints
+from lab.formats.target_csv import read_targets
+from lab.kinematics.inverse.closed_form import closed_form_of
+from lab.kinematics.inverse.newton import PoseTarget
+from lab.kinematics.mobility import mobility_of
+from lab.kinematics.model import RigidArm
+from lab.kinematics.serial.arm import SerialArm
+
+if TYPE_CHECKING:
+    from lab.campaign.robot import Robot
+
+__all__ = ["solve_kinematics"]
+
+_TARGET = "p1"
+_REACHED_M = 1e-9  # of a plane: a place nearer to it is in it
+_TILTED_RAD = 1e-6  # a rotation that is missed by more is told
+
+
+@dataclass(frozen=True)
+class _Targets:
+    """Poses that the tool is to take; ``near`` are joint positions ``(n, joints)``, NaN where none are given."""
+
+    ids: tuple[str, ...]
+    poses: PoseTarget
+    near: Array
+
+
+@takes(KinematicsOptions)
+def solve_kinematics(robot: "str | Path | Robot | KinematicsOptions" = "irb120", **options: Any) -> KinematicsResult:
+    """Work out the direct, inverse and differential models of a nominal robot.
+
+    Args:
+        robot: a model's name, a path, or a loaded robot; or all options in one object.
+        options: those of ``lab kinematics``, by name: ``joints`` or ``pose`` or ``file``, and what is to be said there.
+
+    Returns:
+        The robot at the joint positions, or in every solution of the poses, with Jacobian and singularities.
+
+    Raises:
+        LabError: there is no such robot, or what is asked does not fit it.
+
+    Example:
+        >>> import lab
+        >>> found = lab.solve_kinematics("irb120", pose=(-44.11, 383.46, 786, 77.71, -0.38, 170.88))
+        >>> found.to_dict()["poses"][0]["solutions"]
+        8
+    """
+    if isinstance(robot, KinematicsOptions):
+        return _solved(robot, nominal_robot(robot.robot))
+    known = nominal_robot(robot)
+    return _solved(options_of("lab.solve_kinematics", KinematicsOptions, {"robot": known.source, **options}), known)
+
+
+def _solved(options: KinematicsOptions, robot: NominalRobot) -> KinematicsResult:
+    options.check()
+    arm = robot.arm((_TARGET,))
+    model = _Model(options, robot, arm, arm.nominal({_TARGET: options.tool_m}))
+    targets, said = model.targets()
+    if targets is None:
+        ids, rows, said = model.joint_rows()
+        placed, reached = model.placed(rows, ids), tuple[Reached, ...]()
+    else:
+        placed, reached = model.solved(targets)
+    links = model.links(placed)
+    if (options.matrices or options.between or options.symbolic) and not len(links):
+        raise LabError(f"robot {robot.name}: link matrices are of serial arms with a solution; leave out --matrices, "
+                       "--between and --symbolic")  # fmt: skip
+    if options.between is not None and not 0 <= options.between[0] < options.between[1] <= len(links):
+        raise LabError(
+            f"--between {options.between[0]} {options.between[1]}: give two frames of 0 to {len(links)}, the one "
+            "nearer to the base first"
+        )
+    warnings = (*robot.warnings, *said, *model.told(placed, reached))
+    matrices = Matrices(links, model.letters(), options.between)
+    asked = replace(options, out=None, overwrite=False)  # where it is written is no part of the result
+    found = KinematicsResult(asked, robot, placed, reached, model.assembly_modes(placed), matrices, tuple(warnings))
+    if options.out is not None:
+        found.save(options.out, overwrite=options.overwrite)
+    return found
+
+
+@dataclass(frozen=True)
+class _Model:
+    """A nominal robot and what is asked of it."""
+
+    options: KinematicsOptions
+    robot: NominalRobot
+    arm: RigidArm
+    values: Array
+
+    @property
+    def given(self) -> Array | None:
+        """The joint positions of ``--joints``."""
+        return self.options.joint_row(self.robot.chain, "joints") if self.options.joints else None
+
+    def targets(self) -> tuple[_Targets | None, tuple[str, ...]]:
+        """The poses to be reached, if there are any; and what a reader should be told of their file."""
+        options, chain = self.options, self.robot.chain
+        near = np.full(chain.size, np.nan) if self.given is None else self.given
+        if options.pose:
+            return _Targets(("",), options.wanted, near[None]), ()
+        if options.file is None or not holds_targets(options.file, PLACED):
+            return None, ()
+        read = read_targets(options.file, chain.joint_names, chain.prismatic, options.orientation)
+        near = np.where(np.isfinite(read.joints), read.joints, near)
+        return _Targets(read.ids, PoseTarget(read.positions, read.rotations), near), read.warnings
+
+    def joint_rows(self) -> tuple[tuple[str, ...], Array, tuple[str, ...]]:
+        """Ids and rows ``(n, joints)`` of the joint positions to stand at, and what a reader should be told."""
+        chain = self.robot.chain
+        if self.options.file is not None:
+            if self.given is not None:
+                raise LabError("--joints and --file both say where the joints are; give one")
+            rows = read_joints(self.options.file, chain.joint_names, chain.prismatic)
+            return rows.ids, rows.joints, rows.warnings
+        return (
+            ("given" if self.given is not None else "home",),
+            np.array([chain.home if self.given is None else self.given]),
+            (),
+        )
+
+    def placed(
+        self, rows: Array, ids: Sequence[str], solved: Sequence[Solution] | None = None
+    ) -> tuple[Placement, ...]:
+        """The robot at each row of joint positions, or in each solution."""
+        options, chain = self.options, self.robot.chain
+        task = Task(
+            options.frame == "tool",
+            options.joint_row(chain, "rates") if options.rates else None,
+            options.twist_si if options.twist else None,
+        )
+        nominal = self.arm.dh_chain(self.values)
+        form = None if nominal is None else closed_form_of(nominal, options.tool_m)
+        return placements(self.arm, self.values, None if form is None else form.determinant, task, rows, ids, solved)
+
+    def solved(self, targets: _Targets) -> tuple[tuple[Placement, ...], tuple[Reached, ...]]:
+        """The robot in each solution of each pose, and what came of the poses."""
+        several, ways, ids = len(targets.ids) > 1, list[Solution](), list[str]()
+        reached = []
+        for i, found in enumerate(Solver(self.arm, self.values)(targets.poses, targets.near)):
+            kept = matching(found, self.options.of)
+            numbers = tuple(range(len(ways), len(ways) + len(kept.solutions)))
+            name, poses = targets.ids[i], targets.poses
+            ways += kept.solutions
+            ids += [f"{name}-{k + 1}" if several else f"{k + 1}" for k in range(len(numbers))]
+            place = poses.positions[i], poses.rotations[i]
+            reached.append(Reached(name, *place, numbers, kept.gap_m, kept.how, kept.reassembled, kept.others))
+        rows = np.array([way.joints for way in ways]).reshape(-1, self.robot.chain.size)
+        return self.placed(rows, ids, ways), tuple(reached)
+
+    def assembly_modes(self, placed: Sequence[Placement]) -> Array:
+        """Every pose of the platform of a mechanism with a closed form, at the first joint positions."""
+        mechanism = self.robot.chain
+        if not mechanism.has_loops:
+            return np.empty((0, 4, 4))
+        from lab.extensions.robotics.closed.modes import assembly_modes
+        from lab.extensions.robotics.closed.recognition import classical_model_of
+        from lab.kinematics.closed.mechanism import Mechanism
+
+        course = classical_model_of(mechanism) if isinstance(mechanism, Mechanism) and placed else None
+        if course is None or not isinstance(mechanism, Mechanism):
+            return np.empty((0, 4, 4))
+        poses = assembly_modes(mechanism, course, placed[0].joints)
+        poses[:, :3, 3] += poses[:, :3, :3] @ self.options.tool_m
+        return poses
+
+    def links(self, placed: Sequence[Placement]) -> Array:
+        """The link matrices ``(n, 4, 4)`` of a serial arm at the first placement."""
+        if not isinstance(self.arm, SerialArm) or not placed:
+            return np.empty((0, 4, 4))
+        return np.asarray(self.arm.links(placed[0].joints[None], self.values)[0])
+
+    def letters(self) -> SymbolicChain | None:
+        """The chain in letters, where asked for."""
+        if not self.options.symbolic or not isinstance(self.arm, SerialArm):
+            return None
+        return symbolic_chain(self.arm.chain)
+
+    def told(self, placed: Sequence[Placement], reached: Sequence[Reached]) -> list[str]:
+        """Poses without a solution, rotations that are missed, and joint positions that the robot cannot have."""
+        said = []
+        for each in reached:
+            if not each.solutions:
+                far = f": {each.away}" if each.away else ""
+                far = self._off_plane(each) or far
+                far = f" of --of {','.join(self.options.of)}" if self.options.of and each.gap_m == 0 else far
+                said.append(f"{_called(each)} has no solution{far}")
+            if len(each.solutions) and (tilt := max(placed[i].tilt_rad for i in each.solutions)) > _TILTED_RAD:
+                said.append(
+                    f"{_called(each)} asks for a turn that an arm of {self.robot.chain.size} joints does not have: its "
+                    f"place is met, its rotation missed by {np.rad2deg(tilt):.3g}°"
+                    f"{self._axis_of_miss(each, [placed[i] for i in each.solutions])}"
+                )
+        said += [f"{each.name}: {each.beyond}" for each in placed if each.beyond and not reached]
+        return said
+
+    def _axis_of_miss(self, wanted: Reached, ways: Sequence[Placement]) -> str:
+        """About which axis of the base the rotation is missed the least, in words."""
+        miss = min((se3.log(wanted.rotation @ way.T_base_tool[:3, :3].T) for way in ways), key=np.linalg.norm)
+        axis = miss / max(float(np.linalg.norm(miss)), 1e-300)
+        return " about ({:.2f}, {:.2f}, {:.2f}) of the base".format(*(axis + 0.0)).replace("-", "−")
+
+    def _off_plane(self, wanted: Reached) -> str:
+        """How far a place is off the plane in which a planar arm moves, in words; empty where it is in it."""
+        chain = self.arm.dh_chain(self.values)
+        if chain is None or not (found := mobility_of(chain)).planar:
+            return ""
+        T = self.arm.tool(chain.home[None], self.values)[0][0]
+        normal = self.arm.T_tracker_frame0(self.values)[:3, :3] @ found.held[0]
+        off = float(normal @ (wanted.position - T[:3, 3]))
+        if abs(off) <= _REACHED_M:
+            return ""
+        across = ", ".join(f"{each:.6g}" for each in normal + 0.0)
+        words = f": it is {1e3 * abs(off):.6g} mm off the plane across ({across}) in which the arm moves"
+        return words.replace("-", "−")
+
+
+def _called(each: Reached) -> str:
+    """What a person calls a pose."""
+    return f"pose {each.name}" if each.name else "the pose"

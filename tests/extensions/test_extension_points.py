@@ -1,0 +1,176 @@
+"""Extension points: a third party's package adds to the lab, a broken one breaks nothing, and the core needs none."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from helpers.robots import ROOT
+
+COMMAND = '''
+"""The command ``lab weigh``."""
+
+from dataclasses import dataclass
+
+import tyro
+
+from lab.commands.registry import Command
+from lab.commands.result import Result
+from lab.core.errors import LabError
+from lab.render.document import Document
+
+WEIGH = Command("weigh", "Weigh a robot.", "weighing:Options", "weighing:weigh")
+
+
+@dataclass(frozen=True)
+class Options:
+    """What to weigh."""
+
+    kg: tyro.conf.Positional[float]
+    """Its mass."""
+
+    def check(self) -> None:
+        if self.kg <= 0:
+            raise LabError("give a mass above 0 kg")
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Weight(Result):
+    options: Options
+    warnings = ()
+    exit_code = 0
+
+    def to_dict(self):
+        return {"newton": 9.81 * self.options.kg}
+
+    def document(self):
+        return Document("A weight", ())
+
+    def columns(self):
+        return {"newton": [9.81 * self.options.kg]}
+
+    def plot(self):
+        raise NotImplementedError
+
+    def write(self, folder):
+        raise NotImplementedError
+
+
+weigh = Weight
+
+
+class Spoken:
+    """A language of robots of two joints."""
+
+    name, suffix, reads, makers, speed, most_digits = "Spoken", ".txt", (), ("talker",), "slowly", (3, 3)
+
+    def refusal(self, joints):
+        return None if joints.size == 2 else f"no spoken program for {joints.size} joints"
+
+    def measuring_tour(self, tour):
+        return f"{tour.robot}: {len(tour.stops)} stops".encode()
+'''
+
+
+def package(site: Path, name: str, entry_points: str, module: str = "") -> None:
+    """Install a package into a folder of ``sys.path``: its metadata, and one module of its own."""
+    metadata = site / f"{name}-1.0.dist-info"
+    metadata.mkdir(parents=True)
+    (metadata / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+    (metadata / "entry_points.txt").write_text(entry_points)
+    if module:
+        (site / f"{name}.py").write_text(module)
+
+
+def python(site: Path, *arguments: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+    """Run Python with a folder first on its path."""
+    path = os.pathsep.join([str(site), *filter(None, [os.environ.get("PYTHONPATH")])])
+    env = os.environ | {"PYTHONPATH": path, "COLUMNS": "200"}
+    return subprocess.run([sys.executable, *arguments], capture_output=True, text=True, cwd=cwd or site, env=env)
+
+
+@pytest.fixture
+def site(tmp_path: Path) -> Path:
+    package(tmp_path, "weighing", "[lab.commands]\nweigh = weighing:WEIGH\n[lab.languages]\nspoken = weighing:Spoken\n",
+            COMMAND)  # fmt: skip
+    return tmp_path
+
+
+def test_a_third_party_s_command_is_run_as_the_lab_s_own(site: Path) -> None:
+    done = python(site, "-m", "lab", "weigh", "2", "--json")
+    assert (done.returncode, done.stderr) == (0, "") and json.loads(done.stdout) == {"newton": pytest.approx(19.62)}
+    refused = python(site, "-m", "lab", "weigh", "-1")
+    assert refused.returncode == 2 and refused.stderr == "lab: give a mass above 0 kg\n"
+    listed = python(site, "-m", "lab", "--help").stdout
+    assert "  weigh       Weigh a robot." in listed and "  identify " in listed
+    assert "Its mass." in python(site, "-m", "lab", "weigh", "--help").stdout
+
+
+def test_a_third_party_s_language_is_chosen_by_its_name(site: Path) -> None:
+    assert "spoken" in python(site, "-m", "lab", "design", "--help").stdout
+    code = """
+import numpy as np
+from lab.campaign.robot import load_robot
+from lab.formats.programs.protocol import MeasuringTour
+from lab.formats.programs.registry import plan_files, refusal
+tour = MeasuringTour("two", np.zeros((4, 2)), np.array([-1, 0, 1, -1]), ("3", "4"))
+print(plan_files(load_robot("course2r").chain, "spoken", tour), refusal(load_robot("irb120").chain, "spoken"))
+"""
+    done = python(site, "-c", code)
+    assert done.stdout == "{'plan.txt': b'two: 4 stops'} no spoken program for 6 joints\n", done.stderr
+
+
+def test_what_cannot_be_imported_is_reported_in_a_line_and_breaks_nothing(site: Path) -> None:
+    package(site, "broken", "[lab.commands]\nbroken = broken:BROKEN\n", "import a_module_that_is_not_there\n")
+    listed = python(site, "-m", "lab", "--help")
+    assert listed.returncode == 0 and "  weigh " in listed.stdout and "  identify " in listed.stdout
+    said = "extension 'broken' (broken:BROKEN) cannot be loaded (ModuleNotFoundError: No module named"
+    assert listed.stderr.startswith(f"lab: warning: {said}") and listed.stderr.count("\n") == 1
+    asked = python(site, "-m", "lab", "broken")
+    assert asked.returncode == 2 and asked.stderr.startswith(f"lab: {said}") and asked.stderr.count("\n") == 1
+    assert python(site, "-m", "lab", "weigh", "2", "--json").stderr == ""
+
+
+def test_a_core_command_is_not_replaced(site: Path) -> None:
+    package(site, "other", "[lab.commands]\nidentify = weighing:WEIGH\n")
+    listed = python(site, "-m", "lab", "--help").stdout
+    assert listed.count("  identify ") == 1 and listed.count("Weigh a robot.") == 1
+
+
+@pytest.mark.thorough
+def test_the_core_runs_without_its_extensions(tmp_path: Path) -> None:
+    """A copy of the package without ``lab/extensions`` and their entry points."""
+    site, work = tmp_path / "site", tmp_path / "work"
+    shutil.copytree(ROOT / "lab", site / "lab", ignore=shutil.ignore_patterns("extensions", "__pycache__"))
+    (site / "models").symlink_to(ROOT / "models")
+    package(site, "virtual_calibration_lab", "")
+    work.mkdir()
+    (work / "grid.toml").write_text(
+        'name = "grid"\nrobots = 2\ndraws = 2\nfresh = 10\n[factors]\ncriterion = "random"\nposes = [12, 20]\n'
+    )
+    (work / "targets.csv").write_text("id,x_mm,y_mm,z_mm\n1,0,0,0\n")
+    commands = {
+        "calibrate --poses 30 --out first": 0,
+        "identify first/measurements.csv --out again": 0,
+        "design --poses 12 --candidates 100 --starts 1 --out plan": 0,
+        "verify again first/measurements.csv --force --out check": 0,
+        "certify again --out certificate": 0,
+        "inspect irb120": 0,
+        "inspect delta": 0,
+        "study grid.toml --workers 1 --out study": 0,
+        "payload --robot tx40 --simulate": 2,
+        "design --controller rapid": 2,
+    }
+    for command, code in commands.items():
+        done = python(site, "-m", "lab", *command.split(), "--json", cwd=work)
+        assert done.returncode == code, (command, done.stderr)
+        if code:
+            assert done.stderr.count("\n") == 1 and "Traceback" not in done.stderr, done.stderr
+    assert "'payload' is no command; there are calibrate, identify" in python(site, "-m", "lab", "payload").stderr
+    missing = python(site, "-c", "import lab; lab.payload", cwd=work).stderr
+    assert "module 'lab' has no attribute 'payload': the extension 'dynamics' is not installed" in missing
+    loaded = python(site, "-c", "import lab; print(lab.__file__, hasattr(lab, 'trajectory'))", cwd=work).stdout
+    assert loaded == f"{site / 'lab' / '__init__.py'} False\n"
