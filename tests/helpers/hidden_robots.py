@@ -9,6 +9,7 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+from day_files import ur5e_urdf
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
@@ -24,7 +25,6 @@ from lab.commands.calibrate.simulate import simulate
 from lab.commands.compensate.result import CompensationResult
 from lab.core.instruments import observing
 from lab.core.se3 import Array
-from lab.experiments.ur5e import ur5e_urdf
 from lab.formats.programs.postures import ArmShape
 from lab.simulation.collisions import random_poses
 from lab.simulation.observations.protocol import Setup

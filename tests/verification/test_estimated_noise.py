@@ -4,6 +4,7 @@ from typing import cast
 
 import numpy as np
 import pytest
+from noise_models import CASES, ErrorShapes, _moved, _weighed, errors, linear_arm
 from scipy import stats
 
 import lab
@@ -12,7 +13,6 @@ from lab.calibration.noise.likelihood import Components
 from lab.calibration.noise.small_samples import ComponentErrors
 from lab.core.random import rng_for
 from lab.core.significance import VERIFICATION
-from lab.experiments.noise_models import CASES, ErrorShapes, _moved, _weighed, errors, linear_arm
 from lab.kinematics.effects.arm import Arm
 from lab.verification.estimated_noise import STEP, with_estimated_noise
 from lab.verification.prediction import CalibrationPrediction
