@@ -4,10 +4,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.run_script import answer_in_processes, answer_of
+from helpers.pages import Page
+from helpers.robots import ROOT
+from helpers.run_script import answer_in_processes, answer_of, threads_for_processes
 from shared import run_script
 from thesis_tables import predicted_rms, said
 
+import lab
 from lab.core.instruments import instrument
 from lab.reproduction.thesis_case import (
     CRITERIA,
@@ -23,7 +26,7 @@ from lab.reproduction.thesis_case import (
     without,
 )
 from lab.studies.campaigns import cell_poses, run_task
-from lab.studies.grid import Study, Task
+from lab.studies.grid import Study, Task, read_study
 
 ROW = list(OFF).index
 
@@ -131,22 +134,25 @@ def test_thesis_tables_a_little(tmp_path: Path) -> None:
         assert (tmp_path / f"which_criterion.{kind}").stat().st_size > 10_000
 
 
+def instrument_means(out: Path, study: Study) -> dict[tuple[str, str, int], float]:
+    """Return the means of a study that ``lab study`` writes, by metric, instrument and number of poses."""
+    columns = lab.study(study, out=out).columns()
+    keys = ("metric", "instrument", "poses", "mean")
+    return {
+        (metric, name, int(poses)): mean for metric, name, poses, mean in zip(*(columns[k] for k in keys), strict=True)
+    }
+
+
 @pytest.mark.thorough
 @pytest.mark.usefixtures("quick_designs")
 def test_accuracy_versus_instrument_a_little(tmp_path: Path) -> None:
-    flags = ("--robots", 6, "--draws", 10, "--poses", 24, "--instruments", "uniform-8um", "optical-cmm")
-    found = answer_of("accuracy_versus_instrument.py", "--out", tmp_path, *flags)
-    mean = {(row["metric"], row["instrument"], row["poses"]): row["mean"] for row in found["rows"]}
-    assert len(mean) == 4
+    factors = {"instrument": ("uniform-8um", "optical-cmm"), "poses": (24,)}
+    with threads_for_processes():
+        mean = instrument_means(tmp_path / "study", Study(robots=6, draws=10, factors=factors))
     for metric in ("fresh_mean_mm", "fresh_p95_mm"):
         times = mean[metric, "optical-cmm", 24] / mean[metric, "uniform-8um", 24]
         assert times == pytest.approx(30 / (8 / np.sqrt(3)), rel=0.3)  # 60 campaigns, and other poses
     assert mean["fresh_p95_mm", "uniform-8um", 24] > 1.3 * mean["fresh_mean_mm", "uniform-8um", 24]
-    assert (
-        found["words"][0]
-        == "95 % of the poses within 0.01 mm take: uniform-8um 24 or fewer, optical-cmm more than 24 poses"
-    )
-    assert (tmp_path / "instruments.png").is_file() and (tmp_path / "instruments.svg").is_file()
 
 
 @pytest.mark.thorough
@@ -189,8 +195,11 @@ def test_thesis_tables(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_accuracy_versus_instrument(tmp_path: Path) -> None:
-    rows = answer("accuracy_versus_instrument.py", tmp_path)["rows"]
-    mean = {(row["instrument"], row["poses"]): row["mean"] for row in rows if row["metric"] == "fresh_mean_mm"}
+    """The study of the page on instruments."""
+    (block,) = Page(ROOT / "docs" / "results" / "instruments.md").of("toml")
+    (tmp_path / "instruments.toml").write_text(block, encoding="utf-8")
+    found = instrument_means(tmp_path / "study", read_study(tmp_path / "instruments.toml"))
+    mean = {(name, poses): value for (metric, name, poses), value in found.items() if metric == "fresh_mean_mm"}
     assert len(mean) == 25
     order = ("uniform-8um", "leica-at960", "leica-at500", "optical-cmm")
     for poses in (15, 20, 30, 50, 100):
@@ -210,12 +219,11 @@ def test_what_matters(tmp_path: Path) -> None:
 
 
 @pytest.mark.thorough
-def test_the_number_of_poses_shows_that_o1_is_the_wrong_rule(tmp_path: Path) -> None:
-    asked = ("--poses", 30, "--candidates", 150, "--out")
-    seen = answer_of("how_many_poses.py", *asked, tmp_path)
-    plateau, last = seen["plateau"], seen["curve"][-1]
+def test_the_number_of_poses_shows_that_o1_is_the_wrong_rule() -> None:
+    curve = lab.design("irb120", poses=30, candidates=150, starts=1, curve=True).to_dict()["curve"]
+    last = curve[-1]
+    plateau = next(step for step in curve if step["o1"] >= 0.98 * last["o1"])
     assert last["o1"] / plateau["o1"] < 1.03 and last["promise_mm"] / plateau["promise_mm"] < 0.75
-    assert {path.name for path in tmp_path.iterdir()} == {"how_many_poses.png", "how_many_poses.svg"}
 
 
 @pytest.mark.thorough
