@@ -19,6 +19,7 @@ from closed_loop import compensator_of
 from scipy.optimize import least_squares
 from shared import Answer, Document, Flag, paragraphs, run_script
 
+import lab
 from lab.calibration.batch_points import align, fit_points
 from lab.calibration.gauss_newton import Observations, fit
 from lab.calibration.identify import Identification, fit_base_and_tool, identify
@@ -35,7 +36,6 @@ from lab.campaign.options import DesignOptions, VirtualCampaign
 from lab.campaign.robot import load_robot, load_virtual
 from lab.campaign.virtual_robot import perturbed_arm
 from lab.commands.calibrate.fit import Fitter
-from lab.commands.calibrate.run import calibrate
 from lab.commands.import_measurements.matching import matched
 from lab.commands.import_measurements.options import ImportOptions
 from lab.core.instruments import instrument
@@ -300,7 +300,7 @@ def stacked() -> dict[str, float]:
 
 def compensation() -> dict[str, float]:
     """Milliseconds of the inverse of the nominal model and of a calibrated arm."""
-    outcome = calibrate(VirtualCampaign(seed=7))
+    outcome = lab.calibrate(seed=7)
     chain, compensator = outcome.robot.serial_model.chain, compensator_of(outcome)
     closed_form = closed_form_of(chain)
     assert closed_form is not None

@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 from shared import Answer, Document, Flag, Paragraph, paragraphs, run_script
 
+import lab
 from lab.calibration.most_likely_parameters import most_likely_parameters
 from lab.campaign.design_problem import pose_problem
 from lab.campaign.design_search import best_design
 from lab.campaign.option_groups import ArmEffects, Fitting
 from lab.campaign.options import DesignOptions, VirtualCampaign
 from lab.campaign.robot import Robot, load_robot
-from lab.commands.calibrate.run import CalibrationResult, calibrate
 from lab.compensation.compensator import CLEAR_RAD, Compensator
 from lab.compensation.iso9283 import (
     CYCLES,
@@ -78,7 +78,7 @@ class VisitedPath:
         return before, after
 
 
-def compensator_of(outcome: CalibrationResult, target: str = "p1") -> Compensator:
+def compensator_of(outcome: lab.CalibrationResult, target: str = "p1") -> Compensator:
     """The correction that a campaign's result makes, for one of its targets."""
     found = outcome.identification
     groups = [name for name in outcome.fit.groups if name not in CAMPAIGN_SPECIFIC]
@@ -161,7 +161,7 @@ def _clear(model: RobotModel, nominal: NominalInverse, wanted: PoseTarget) -> bo
 
 
 def close_loop(
-    outcome: CalibrationResult,
+    outcome: lab.CalibrationResult,
     cube: Cube,
     instrument: Instrument,
     seed: int,
@@ -280,7 +280,7 @@ def study(options: Options) -> dict[str, Any]:
         for seed in range(options.seed, options.seed + options.arms):
             campaign = VirtualCampaign(plan=plan, seed=seed, instrument=options.instrument, effects=effects)
             for model in ("compliance", "geometric") if bends else ("geometric",):
-                outcome = calibrate(replace(campaign, fitting=Fitting(model)))
+                outcome = lab.calibrate(replace(campaign, fitting=Fitting(model)))
                 loops.setdefault(model, []).append(closed(outcome, cube, seed, options))
     models = list(loops)
     found = {"arms": options.arms, "model": models[0], "cube_mm": 1e3 * cube.side_m, **figures(loops[models[0]])}
@@ -290,7 +290,7 @@ def study(options: Options) -> dict[str, Any]:
     return found
 
 
-def closed(outcome: CalibrationResult, cube: Cube, seed: int, options: Options) -> ClosedLoop:
+def closed(outcome: lab.CalibrationResult, cube: Cube, seed: int, options: Options) -> ClosedLoop:
     """One arm's loop; the first one's is recorded."""
     loop = close_loop(outcome, cube, instrument(options.instrument), seed, options.payload_kg, options.targets)
     whole = bool(outcome.fit.groups) == (options.stiffness_nm_per_rad is not None)

@@ -14,7 +14,7 @@ import rerun.blueprint as rrb
 from closed_loop import ClosedLoop, Cube, VisitedPath, compensator_of
 from numpy.typing import NDArray
 
-from lab.commands.calibrate.result import CalibrationResult
+import lab
 from lab.commands.calibrate.scene import world_of
 from lab.compensation.iso9283 import accuracy, cube_positions, repeatability
 from lab.core.errors import LabError
@@ -95,7 +95,7 @@ class LoopScene:
         return ShownCourse(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
-def loop_scene(outcome: CalibrationResult, loop: ClosedLoop) -> LoopScene:
+def loop_scene(outcome: lab.CalibrationResult, loop: ClosedLoop) -> LoopScene:
     """The scene of a closed loop, arm and tracker as they were identified.
 
     Raises:
@@ -143,7 +143,7 @@ def _shown(course: VisitedPath, T_world_tracker: Array, start: int, hold: int) -
     )
 
 
-def _in_world(outcome: CalibrationResult, cube: Cube, offsets: Array) -> Array:
+def _in_world(outcome: lab.CalibrationResult, cube: Cube, offsets: Array) -> Array:
     """Places ``(n, 3)`` m from the cube's centre, in the world."""
     return moved(world_of(outcome), cube.poses(offsets, compensator_of(outcome).nominal).positions)
 
@@ -155,7 +155,7 @@ _COLOURS = {"before": RGB_BEFORE, "after": RGB_AFTER}
 _BEADS = 2  # every how many points of a path one is drawn
 
 
-def record_loop(path: Path, outcome: CalibrationResult, loop: ClosedLoop) -> None:
+def record_loop(path: Path, outcome: lab.CalibrationResult, loop: ClosedLoop) -> None:
     """Write a closed loop's recording, with the blueprint that shows it, to ``path``.
 
     Raises:
@@ -178,7 +178,7 @@ def record_loop(path: Path, outcome: CalibrationResult, loop: ClosedLoop) -> Non
         recording.log(SUMMARY, markdown(_summary(outcome, loop, shown)), static=True)
 
 
-def _identity(outcome: CalibrationResult, loop: ClosedLoop) -> str:
+def _identity(outcome: lab.CalibrationResult, loop: ClosedLoop) -> str:
     """The same for the same content, so that the same loop gives the same recording."""
     digest = hashlib.sha256(outcome.robot.sha256.encode())
     for course in (loop.poses, loop.targets, loop.circle, loop.line):
@@ -277,7 +277,7 @@ def _mm(metres: float) -> str:
     return f"{1e3 * metres:.2f}" if metres >= 1e-4 else f"{1e3 * metres:.4f}"
 
 
-def _summary(outcome: CalibrationResult, loop: ClosedLoop, shown: LoopScene) -> str:
+def _summary(outcome: lab.CalibrationResult, loop: ClosedLoop, shown: LoopScene) -> str:
     """How far off everything was, before and after, and what the picture magnifies, in markdown."""
     before, after = (float(errors.mean()) for errors in (shown.whole.error_before, shown.whole.error_after))
     legend = [

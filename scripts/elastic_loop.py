@@ -15,13 +15,13 @@ import numpy as np
 from designed_campaign import DesignedCampaign
 from shared import Answer, Document, Flag, paragraphs, run_script
 
+import lab
 from lab.calibration.identify import Identification
 from lab.campaign.option_groups import ArmEffects
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot, load_virtual
 from lab.campaign.virtual_robot import perturbed_arm
 from lab.commands.payload.known_payload import HandLoad
-from lab.commands.payload.run import payload
 from lab.commands.trajectory.tracked import TrackedArm, tracking_along
 from lab.compensation.compensator import Compensator
 from lab.core import se3
@@ -94,7 +94,7 @@ class Pieces:
 
 def closed(name: str, seed: int, targets: int, times: int) -> dict[str, Any]:
     """One arm from the balance to the verification: errors in mm."""
-    weighed = payload(robot=name, simulate=True, method="wrench", payload_kg=LOADS_KG[name], seed=seed)
+    weighed = lab.payload(robot=name, simulate=True, method="wrench", payload_kg=LOADS_KG[name], seed=seed)
     assert weighed.truth is not None
     load = HandLoad.of(weighed.estimate)
     true_kg, true_centre = float(weighed.truth[0]), weighed.truth[1:4] / weighed.truth[0]

@@ -15,17 +15,9 @@ import numpy as np
 from day_files import controller_log, leica, ur5e_urdf
 from shared import Answer, Document, named_values, paragraphs, run_script
 
-from lab.campaign.options import DesignOptions
-from lab.campaign.robot import Robot, load_virtual
-from lab.commands.calibrate.run import identify
-from lab.commands.calibrate.simulate import MeasuringDay, simulate
-from lab.commands.compensate.result import CompensationResult
-from lab.commands.compensate.run import compensate
-from lab.commands.design.run import planned_day
-from lab.commands.import_measurements.run import import_measurements
-from lab.commands.verify.run import verify
+import lab
+from lab.campaign.robot import load_virtual
 from lab.core import limits
-from lab.core.instruments import instrument
 from lab.core.numbers import whole
 from lab.core.random import rng_for
 from lab.core.se3 import Array
@@ -98,7 +90,7 @@ class Options:
 class Cell:
     """The robot in its cell, and the plan's folder."""
 
-    robot: Robot
+    robot: lab.Robot
     folder: Path
 
 
@@ -131,9 +123,8 @@ def planned_cell(folder: Path, poses: int, candidates: int) -> Cell:
     """The UR5e's description, the cell's file and a plan with its URScript, in a folder."""
     urdf = ur5e_urdf(folder / "ur5e.urdf")
     (folder / "cell.toml").write_text(CELL, encoding="utf-8")
-    asked = DesignOptions(str(urdf), folder / "cell.toml", poses=poses, candidates=candidates, starts=1)
     robot = load_virtual(str(urdf), folder / "cell.toml")
-    plan = planned_day(asked, robot)
+    plan = lab.design(str(urdf), cell=folder / "cell.toml", poses=poses, candidates=candidates, starts=1)
     plan.save(folder / "plan")
     return Cell(robot, folder)
 
@@ -146,13 +137,13 @@ def worked_day(cell: Cell, seed: int, targets: int) -> dict[str, Any]:
         targets: of the program.
     """
     folder = cell.folder
-    day = simulate(
+    day = lab.simulate(
         str(folder / "ur5e.urdf"), cell=folder / "cell.toml", plan=folder / "plan" / "plan.csv", seed=seed,
         instrument=INSTRUMENT, stiffness_nm_per_rad=STIFFNESS_NM_PER_RAD,
     )  # fmt: skip
     file = _imported(cell, day)
     result, known = (
-        identify(
+        lab.identify(
             file, robot=str(folder / "ur5e.urdf"), cell=folder / "cell.toml", instrument=INSTRUMENT, model=model,
             validate=validation,
         )
@@ -180,7 +171,7 @@ def worked_day(cell: Cell, seed: int, targets: int) -> dict[str, Any]:
     }
 
 
-def _imported(cell: Cell, day: MeasuringDay) -> Path:
+def _imported(cell: Cell, day: lab.MeasuringDay) -> Path:
     """The day's measurements as a tracker and a controller write them, merged by ``lab import``."""
     data, folder = day.measurements, cell.folder
     middles = controller_log(folder / "log.txt", data.joints)
@@ -188,25 +179,25 @@ def _imported(cell: Cell, day: MeasuringDay) -> Path:
     sigma = np.full((len(data), 3), SIGMA_M)
     points = leica(folder / "tracker.csv", names, data.points[:, 0], sigma, middles.tolist())
     behind = -float(middles[0])  # the first point was measured so long after the log's first row
-    merged = import_measurements(
+    merged = lab.import_measurements(
         points, joints=str(folder / "log.txt"), robot=str(folder / "ur5e.urdf"), by="time", clock_offset_s=behind
     )
     return merged.save(folder / f"imported{day.options.seed}") / "measurements.csv"
 
 
-def _corrected(cell: Cell, run: Path, count: int, seed: int) -> tuple[CompensationResult, tuple[Array, Array]]:
+def _corrected(cell: Cell, run: Path, count: int, seed: int) -> tuple[lab.CompensationResult, tuple[Array, Array]]:
     """A program of targets in free places, corrected in its text; the joint positions corrected and as they were."""
     joints = _taught(cell.robot, count, seed)
     lines = ["def pick():", "  set_tcp(p[0.04,0,0.06,0,0,0])  # p1"]
     lines += [f"  movej([{','.join(f'{each:.6f}' for each in q)}], a=1.2, v=0.8)" for q in joints[1:]]
     program = cell.folder / "pick.script"
     program.write_text("\n".join([*lines, "end", ""]), encoding="utf-8")
-    found = compensate(program=str(program), run=run, force=True, cell=cell.folder / "cell.toml")
+    found = lab.compensate(program=str(program), run=run, force=True, cell=cell.folder / "cell.toml")
     done = found.found.converged
     return found, (found.found.joints[done], np.array(joints[1:])[done])
 
 
-def _taught(robot: Robot, count: int, seed: int) -> list[Array]:
+def _taught(robot: lab.Robot, count: int, seed: int) -> list[Array]:
     """Home, and joint positions ``(6,)`` rad one after the other, as a person teaches them.
 
     Each is well off singularities, and the way to it is free also where a joint is off by a little.
@@ -222,14 +213,14 @@ def _taught(robot: Robot, count: int, seed: int) -> list[Array]:
     return joints
 
 
-def _off(day: MeasuringDay, joints: Array, wanted: Array) -> Array:
+def _off(day: lab.MeasuringDay, joints: Array, wanted: Array) -> Array:
     """How far the true arm's target is from where it is wanted ``(n,)`` m, without noise."""
     load = {"payload_kg": np.zeros(len(joints))}
-    seen = track(day.true_robot, joints, ("p1",), instrument("exact"), rng_for(0, "visits"), 1, load)
+    seen = track(day.true_robot, joints, ("p1",), lab.instrument("exact"), rng_for(0, "visits"), 1, load)
     return np.asarray(np.linalg.norm(seen.points[:, 0] - wanted, axis=1))
 
 
-def _touched(robot: Robot, corrected: CompensationResult) -> tuple[int, int]:
+def _touched(robot: lab.Robot, corrected: lab.CompensationResult) -> tuple[int, int]:
     """On how many ways between corrected targets the arm touches something or is too near and it was not said.
 
     Returns:
@@ -250,12 +241,12 @@ def _touched(robot: Robot, corrected: CompensationResult) -> tuple[int, int]:
     return len(untold), len(said)
 
 
-def _is_verified(day: MeasuringDay, run: Path, cell: Cell, seed: int) -> bool:
+def _is_verified(day: lab.MeasuringDay, run: Path, cell: Cell, seed: int) -> bool:
     """Whether ten new measurements of the same arm agree with the calibration."""
     joints = random_poses(cell.robot.model, 10, rng_for(seed, "fresh"))
     load = {"payload_kg": np.zeros(len(joints))}
-    new = track(day.true_robot, joints, ("p1",), instrument(INSTRUMENT), rng_for(seed, "visits"), 1, load)
-    return bool(verify(run, new, force=True).verified.good)
+    new = track(day.true_robot, joints, ("p1",), lab.instrument(INSTRUMENT), rng_for(seed, "visits"), 1, load)
+    return bool(lab.verify(run, new, force=True).verified.good)
 
 
 if __name__ == "__main__":

@@ -15,15 +15,11 @@ from numpy.typing import NDArray
 from scipy import stats
 from shared import Answer, Document, Flag, Section, Table, run_script, short
 
+import lab
 from lab.calibration.extrapolation import prediction_squares
-from lab.calibration.observations.options import FitInputs, ObservationOptions
 from lab.calibration.pose_cover import joint_regions
 from lab.calibration.validation import configurations, folds
-from lab.calibration.weights import Noise
-from lab.campaign.observation_kinds import configured_kind
-from lab.campaign.option_groups import Fitting
 from lab.campaign.robot import Robot, load_robot
-from lab.commands.calibrate.fit import Fitter
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import read_measurements
@@ -78,11 +74,10 @@ def splits(joints: Array, turning: NDArray[np.bool_], kind: Split, count: int, s
 
 def cross_validated(robot: Robot, data: Measurements, model: str, held: list[NDArray[np.bool_]]) -> dict[str, float]:
     """Errors of the parts held out, each by what the others say, and how many of them their bounds hold."""
-    kind = configured_kind("points", ObservationOptions(), FitInputs())
     lengths, within, plain, far, lone = [], [], [], [], []
     for out in held:
         rows, rest = data.take(np.flatnonzero(~out)), data.take(np.flatnonzero(out))
-        report = Fitter(robot, kind.targets(data), rows, kind, Noise(), Fitting(model), 0)(rows)
+        report = lab.identify(rows, robot, model=model, validate=rest).fit
         found = report.identification
         inputs = rest.inputs(found.model.conditions)
         bound = _bound(found.dof, report.tail_dof)

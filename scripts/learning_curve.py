@@ -10,13 +10,9 @@ from pathlib import Path
 import numpy as np
 from shared import Answer, Document, Flag, Section, Table, run_script, short
 
-from lab.calibration.observations.options import FitInputs, ObservationOptions
-from lab.calibration.validation import configurations, errors_of, split_by_label
-from lab.calibration.weights import Noise
-from lab.campaign.observation_kinds import configured_kind
-from lab.campaign.option_groups import Fitting
+import lab
+from lab.calibration.validation import configurations, split_by_label
 from lab.campaign.robot import Robot, load_robot
-from lab.commands.calibrate.fit import Fitter
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.formats.measurement_csv import read_measurements
@@ -54,7 +50,6 @@ def errors_by_poses(
     Raises:
         LabError: more poses are asked for than there are.
     """
-    kind = configured_kind("points", ObservationOptions(), FitInputs())
     fitted, held = split_by_label(configurations(data.joints), share, seed)
     if max(poses) > len(fitted):
         raise LabError(f"--poses {max(poses)}: {len(fitted)} poses are not held out; ask for no more")
@@ -64,9 +59,9 @@ def errors_by_poses(
         found[model] = {}
         for count in poses:
             rows = data.take(np.sort(order[:count]))
-            report = Fitter(robot, kind.targets(data), rows, kind, Noise(), Fitting(model), seed)(rows)
-            errors = errors_of(report.identification, data.take(held)).after
-            found[model][str(count)] = float(1e3 * np.nanmean(errors))
+            result = lab.identify(rows, robot, model=model, seed=seed, validate=data.take(held))
+            assert result.validation.errors is not None
+            found[model][str(count)] = float(1e3 * np.nanmean(result.validation.errors.after))
     return found
 
 

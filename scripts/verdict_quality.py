@@ -17,11 +17,11 @@ from typing import Final, Literal
 import numpy as np
 from shared import Answer, Document, Flag, Section, Table, paragraphs, run_script
 
+import lab
 from lab.calibration.validation import errors_at
 from lab.calibration.verdict import Verdict, Word
 from lab.calibration.workspace_prediction import MEAN_OF_RMS
 from lab.campaign.robot import Robot, load_robot
-from lab.commands.calibrate.run import identify
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
 from lab.core.random import rng_for
@@ -167,7 +167,7 @@ def _judged(
     gate_m = float(np.exp(rng.uniform(*np.log(_GATES_M))))
     noise_mm = 1e3 * day.sigma_m if day.known else None
     try:
-        result = identify(data, robot=robot, noise_mm=noise_mm, holdout=_HOLDOUT, gate_mm=1e3 * gate_m)
+        result = lab.identify(data, robot=robot, noise_mm=noise_mm, holdout=_HOLDOUT, gate_mm=1e3 * gate_m)
     except LabError:
         return Campaign(kind, "bad" if kind in _WRONG else "between", None)
     found, judged = result.identification, result.verdict
