@@ -25,7 +25,7 @@ def loaded_by(code: str) -> set[str]:
     """Return the modules that a new Python process has loaded after some code."""
     command = [sys.executable, "-c", f"import sys; {code}; print(*sys.modules)"]
     printed = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT).stdout
-    return set(printed.split())
+    return set(printed.splitlines()[-1].split())
 
 
 def test_the_import_loads_nothing_heavy() -> None:
