@@ -1,4 +1,9 @@
-"""How well an arm's dynamic parameters are identified: the tables of the study, and its advice."""
+"""How well are an arm's dynamic parameters identified? A virtual TX 40 along a D-optimal path, many times.
+
+Do the 95 % intervals hold, how well are the torques of another path predicted, does the test of the residuals tell what
+biases a parameter by more than four of its standard deviations, and is a load better identified with the arm at once or
+by the difference of two runs?
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,9 @@
-"""A measuring day as a tracker's program and a Universal Robots controller write it."""
+"""Write the files of a measurement session with a UR5e: its URDF, a tracker's export and a controller's log.
+
+Joints and lengths of the URDF are those of ur_description (config/ur5e/default_kinematics.yaml). Shapes are cylinders
+about as thick as the arm's links, placed by the offsets of that package's config/ur5e/visual_parameters.yaml; masses
+are those of its physical_parameters.yaml.
+"""
 
 from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta

@@ -1,4 +1,11 @@
-"""Global or sequential identification: the picture, the table and the sentences of the study."""
+"""Global, or sequential (level by level)? Poses of virtual RX 130 arms, fitted at once or angles first, lengths after.
+
+Global: one weighted least squares of positions and orientations over 30 parameters. Sequential: 15 angles
+from orientations alone, then 15 lengths from positions, in which these are linear. The gauge has 16 angles, but to
+orientations a turn of axis 2 is one of axis 3: so the offset of axis 2 belongs to the lengths, as y3 = a3 dtheta2, a Ty
+after Tx(a3). Every answer sees the same arms, poses and noise; errors are those of positions on validation poses,
+without noise. Beside what is simulated stands what linear propagation of the noise predicts.
+"""
 
 import time
 from collections.abc import Sequence

@@ -1,4 +1,11 @@
-"""Parallel robots calibrated: the picture and the tables of the study."""
+"""Parallel robots calibrated: how many parameters show, how well positions come out, and what six true rods change.
+
+Virtual robots in MuJoCo, every dimension off by 0.5 mm and 1 mrad (gains by 1e-3), measured with 5 µm a coordinate.
+Where a tracker may stand anywhere, its frame is fitted too: six numbers of the rank. In the plane it stands in that of
+the robot, and x, y, rz are fitted; where the frame is known, so are the targets' places, and neither is counted. With n
+poses of k targets, positions at the poses are off by sigma sqrt(rank / (k n)), the floor; at fresh ones by a little
+more, which linear propagation of the noise predicts.
+"""
 
 import json
 import time

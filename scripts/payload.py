@@ -1,4 +1,9 @@
-"""Methods of identifying a payload: the picture and the tables of the study."""
+"""Which method identifies a payload best? Torques along a path and a wrist sensor, both on a virtual TX 40 with 1.5 kg.
+
+Differences of torques with and without the load along a D-optimal Fourier path, a wrist sensor at 20 D-optimal static
+poses, and the sensor along the path: what is predicted, what scatters, whether the 95 % intervals hold, and what the
+uncertainty costs where joints give way. Then what biases each, what cures it, and whether the adequacy test notices.
+"""
 
 import time
 from collections.abc import Sequence

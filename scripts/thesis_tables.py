@@ -238,6 +238,9 @@ def other_searches(
 ) -> dict[Cell, tuple[float, ...]]:
     """By cell, and for each seed, the predicted error over that of the reference criterion's poses of the same seed.
 
+    A study's intervals are for the poses that it has. Another search by the same criterion ends at other poses;
+    how much that matters is predicted to first order, for the nominal arm.
+
     Args:
         run: makes the poses of a study, into a folder.
     """
