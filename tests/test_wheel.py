@@ -19,6 +19,7 @@ def test_the_wheel_inspects_a_robot_from_an_empty_folder(tmp_path) -> None:
     (wheel,) = wheels.glob("*.whl")
     assert wheel.stat().st_size < 3_000_000
     zipfile.ZipFile(wheel).extractall(site)
+    assert [each.name for each in site.iterdir() if each.suffix != ".dist-info"] == ["lab"]  # no scripts, no tests
     environment = {**os.environ, "PYTHONPATH": str(site), "COLUMNS": "100"}
     where = "import lab, lab.campaign.model_files as r; print(lab.__file__, r.models_folder(), sep='\\n')"
     inspect = "from lab.cli import main; main(['inspect', 'irb120'])"

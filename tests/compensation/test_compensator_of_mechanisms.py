@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+from closed_loop import compensator_of
 
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import load_robot
 from lab.commands.calibrate.run import calibrate
 from lab.compensation.compensator import Compensator
 from lab.core.errors import LabError
-from lab.experiments.closed_loop import compensator_of
 from lab.kinematics.inverse.branches import NominalInverse
 from lab.kinematics.inverse.newton import PoseTarget
 from lab.simulation.collisions import random_poses

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import yaml
 import yourdfpy
+from day_files import ur5e_urdf
 from helpers.bare_python import bare_python
 from helpers.robots import perturbed, somewhere
 from helpers.ur5e import UR5E_TABLE, distal_pose, ur5e_toml
@@ -20,7 +21,6 @@ from scipy.spatial.transform import Rotation
 from lab.campaign.robot import Robot, load_robot
 from lab.core import se3
 from lab.core.se3 import Array
-from lab.experiments.ur5e import ur5e_urdf
 from lab.formats.calibrated_module import module_text, plain_model
 from lab.formats.ur_calibration import read_corrections
 from lab.kinematics.serial.arm import SerialArm

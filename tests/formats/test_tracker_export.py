@@ -4,10 +4,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from day_files import BEGIN, leica
 from helpers.tracker_files import plain, polyworks, spatial_analyzer
 
 from lab.core.errors import LabError
-from lab.experiments.day_files import BEGIN, leica
 from lab.formats.column_map import PointColumns, read_column_map
 from lab.formats.loose_table import heading_of
 from lab.formats.tracker_export import TrackerPoints, read_tracker_points

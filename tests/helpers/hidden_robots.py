@@ -9,6 +9,7 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+from day_files import ur5e_urdf
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
@@ -22,7 +23,6 @@ from lab.commands.calibrate.run import identify
 from lab.commands.calibrate.simulate import simulate
 from lab.commands.compensate.result import CompensationResult
 from lab.core.se3 import Array
-from lab.experiments.ur5e import ur5e_urdf
 from lab.formats.programs.postures import ArmShape
 from lab.noise.instruments import observing
 from lab.sensors.registry import VirtualSetup, sensor_named

@@ -3,15 +3,16 @@
 import contextlib
 import io
 import json
-import runpy
 import subprocess
 import sys
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import pytest
+from shared import run_script
 
 from helpers.robots import ROOT
 
@@ -34,11 +35,9 @@ def threads_for_processes() -> Iterator[None]:
 
 def answer_of(name: str, *flags: object) -> Any:
     """What a script prints with these flags and ``--json``, the work of its processes done by a thread."""
-    script, printed, errors = ROOT / "scripts" / name, io.StringIO(), io.StringIO()
-    with threads_for_processes(), pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "argv", [name, *map(str, flags), "--json"])
-        with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(errors):
-            runpy.run_path(str(script), run_name="__main__")
+    printed, errors = io.StringIO(), io.StringIO()
+    with threads_for_processes(), contextlib.redirect_stdout(printed), contextlib.redirect_stderr(errors):
+        run_script(Path(name).stem, [*map(str, flags), "--json"])
     assert not errors.getvalue(), "in a pipe there are no bars"
     return json.loads(printed.getvalue())
 

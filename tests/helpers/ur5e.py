@@ -3,9 +3,9 @@
 from pathlib import Path
 
 import numpy as np
+from day_files import JOINTS
 
 from lab.core.se3 import Array
-from lab.experiments.ur5e import JOINTS
 
 __all__ = ["UR5E_TABLE", "distal_pose", "ur5e_toml"]
 

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yourdfpy
+from day_files import JOINTS, ur5e_urdf
 
 from lab.campaign.robot import load_robot
 from lab.core import se3
-from lab.experiments.ur5e import JOINTS, ur5e_urdf
 from lab.simulation.write_urdf import URDF, XACRO
 
 

@@ -4,15 +4,15 @@ from typing import cast
 
 import numpy as np
 import pytest
+from noise_models import CASES, ErrorShapes, _moved, _weighed, errors, linear_arm
 from scipy import stats
 
 import lab
 from lab.calibration.gauss_newton import Observations
 from lab.core.random import rng_for
 from lab.core.significance import VERIFICATION
-from lab.experiments.noise_models import CASES, _moved, _weighed, errors, linear_arm
 from lab.kinematics.effects.arm import Arm
-from lab.noise.error_term import Components, ErrorShapes
+from lab.noise.error_term import Components
 from lab.noise.variance_components import ComponentErrors
 from lab.verification.new_measurements import STEP, with_estimated_noise
 from lab.verification.prediction import CalibrationPrediction

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from designed_campaign import DesignedCampaign
 
 from lab.calibration.checks.fit import check_alternatives, check_twist
 from lab.campaign.option_groups import ArmEffects
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.virtual_robot import perturbed_arm
-from lab.experiments.designed_campaign import DesignedCampaign
 from lab.render.phrases.registry import phrases
 
 STEEL, ALUMINIUM = 175_000.0, 48_400.0  # N m²: tubes of 80 x 5 and 80 x 4 mm

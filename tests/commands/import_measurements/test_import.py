@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from day_files import controller_log, leica
 from helpers.drawing import nothing_drawn
 from helpers.html_page import Page
 from helpers.tracker_files import plain, polyworks, rows_of_joints, spatial_analyzer
@@ -16,7 +17,6 @@ from lab.commands.calibrate.simulate import MeasuringDay, simulate
 from lab.commands.import_measurements.options import ImportOptions
 from lab.commands.import_measurements.run import import_measurements
 from lab.core.errors import LabError
-from lab.experiments.day_files import controller_log, leica
 from lab.formats.measurement_csv import read_measurements
 
 POSES = 30

@@ -9,6 +9,7 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
+import parallel_robots as script
 import pytest
 from helpers.legged_platforms import Platform, platform_of
 
@@ -16,7 +17,6 @@ from lab.calibration.identify import IdentifyOptions
 from lab.compensation.compensator import Compensator
 from lab.core import se3
 from lab.core.se3 import Array
-from lab.experiments import parallel_robots as script
 from lab.kinematics.closed.arm import ClosedArm
 from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.inverse.branches import NominalInverse

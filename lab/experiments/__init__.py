@@ -1,1 +1,0 @@
-"""Experiments that only scripts run."""

@@ -1,0 +1,114 @@
+"""Run a script: read its options, compute its answer on one thread, and print that as the lab's commands do.
+
+Each script is a module with a frozen dataclass ``Options`` and a function ``answer`` from them to an ``Answer``. The
+processes of a study call functions of importable modules only, so that a script is imported by its name.
+"""
+
+import csv
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import tyro
+from threadpoolctl import threadpool_limits
+
+from lab.campaign.option_types import Flag
+from lab.core.errors import LabError
+from lab.render.document import Block, Document, Paragraph, Row, Section, Table
+from lab.render.format import short
+from lab.render.style import FIGURE_STYLE, SERIES
+from lab.render.svg import save_figure
+from lab.render.terminal import print_document, print_json
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+__all__ = [
+    "FIGURE_STYLE",
+    "SERIES",
+    "Answer",
+    "Block",
+    "Document",
+    "Flag",
+    "Paragraph",
+    "Row",
+    "Section",
+    "Table",
+    "mark_ratios",
+    "named_values",
+    "paragraphs",
+    "run_script",
+    "save_figure",
+    "short",
+    "write_rows",
+]
+
+_RATIOS = (0.2, 0.3, 0.5, 0.7, 0.8, 1, 1.25, 1.5, 2, 3, 5, 7, 10, 20, 30, 50, 100, 200, 500)
+_LEFT_OUT = (0.3, 0.7, 0.8, 1.25, 1.5, 3, 7, 30)  # of many
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Result of a script.
+
+    Attributes:
+        values: what ``--json`` prints.
+        document: what a person reads.
+    """
+
+    values: Mapping[str, Any]
+    document: Document
+
+
+def run_script(name: str, arguments: Sequence[str] | None = None) -> None:
+    """Run a script's ``answer`` with the options of the command line, and print the result.
+
+    Bad input is one line on standard error, and exit code 2.
+
+    Args:
+        name: the script's, without ``.py``.
+        arguments: those of the program by default.
+    """
+    script = import_module(name)
+    options = tyro.cli(script.Options, args=arguments, description=script.__doc__)
+    try:
+        with threadpool_limits(1):
+            answer: Answer = script.answer(options)
+    except LabError as error:
+        print(f"lab: {error}", file=sys.stderr)
+        raise SystemExit(2) from error
+    if options.json:
+        print_json(answer.values)
+    else:
+        print_document(answer.document)
+
+
+def paragraphs(lines: Sequence[str]) -> tuple[Paragraph, ...]:
+    """Return lines of text as blocks of a document."""
+    return tuple(Paragraph(line) for line in lines)
+
+
+def named_values(result: Mapping[str, float]) -> list[str]:
+    """Return a line for each value of a result."""
+    return [f"  {key.replace('_', ' '):28} {value:.4f}" for key, value in result.items()]
+
+
+def write_rows(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Write a CSV file with a line for each row, under the names of the first."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer: csv.DictWriter[str] = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def mark_ratios(axes: "Axes") -> None:
+    """Label a logarithmic x axis of ratios with plain numbers."""
+    low, high = axes.get_xlim()
+    ticks = [ratio for ratio in _RATIOS if low <= ratio <= high]
+    if len(ticks) > 7:
+        ticks = [ratio for ratio in ticks if ratio not in _LEFT_OUT]
+    axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+    axes.set_xticks([], minor=True)
