@@ -5,6 +5,7 @@ All of it is read from the sources, nothing is imported.
 
 import ast
 import re
+import tomllib
 from functools import cache
 from pathlib import Path
 
@@ -13,6 +14,8 @@ from helpers.robots import ROOT
 
 MODULES = {".".join(path.relative_to(ROOT).with_suffix("").parts): path for path in sorted(ROOT.glob("lab/**/*.py"))}
 ROOMS = sorted(path.name for path in (ROOT / "lab").iterdir() if (path / "__init__.py").is_file())
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+ENTRY_POINTS = {each.partition(":")[0] for group in PROJECT["entry-points"].values() for each in group.values()}
 TESTS = sorted((ROOT / "tests").rglob("*.py"))
 
 
@@ -46,7 +49,8 @@ def reached_in(room: str) -> set[str]:
     while todo:
         name = todo.pop()
         reached.add(name)
-        todo |= (names_in(MODULES[name]) & own) - reached
+        found = names_in(MODULES[name]) | (ENTRY_POINTS if name == "lab.cli" else set())  # what a command may load
+        todo |= (found & own) - reached
     return reached
 
 

@@ -8,8 +8,7 @@ from lab.commands.inspect.closed_shape import closed_shape_of
 from lab.commands.values import joint_kind, joint_limits, joint_values, number, tidy
 from lab.core.se3 import Array
 from lab.kinematics.closed.mechanism import Mechanism
-from lab.kinematics.closed.mobility import body_count
-from lab.kinematics.closed.shape import SINGULAR
+from lab.kinematics.closed.mobility import SINGULAR, body_count
 from lab.kinematics.closed.structure import BASE, Step
 
 __all__ = ["closed_nominal", "closed_shape"]

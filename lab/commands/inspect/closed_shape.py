@@ -10,7 +10,7 @@ from lab.core.se3 import Array
 from lab.extension_points import load_all
 from lab.kinematics.closed.configuration import Configuration
 from lab.kinematics.closed.mechanism import Mechanism, platform_poses
-from lab.kinematics.closed.shape import ClosedFormShape
+from lab.kinematics.closed.mobility import ClosedFormShape
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.reach import extents
 

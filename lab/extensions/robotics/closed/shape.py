@@ -11,7 +11,7 @@ from lab.extensions.robotics.closed.recognition import ClassicalModel, classical
 from lab.extensions.robotics.closed.singularity import Distances
 from lab.extensions.robotics.workspace.membership import ByLegs
 from lab.kinematics.closed.mechanism import Mechanism, platform_poses
-from lab.kinematics.closed.shape import SINGULAR, ClosedFormShape, Nearest
+from lab.kinematics.closed.mobility import SINGULAR, ClosedFormShape, Nearest
 
 __all__ = ["closed_form_shape"]
 
