@@ -7,7 +7,11 @@ from lab.render.phrases import certify, fit, verdict, verify
 
 __all__ = ["PHRASES", "in_one_line", "phrase", "phrases"]
 
-PHRASES: dict[str, Callable[[Check], str]] = {**certify.PHRASES, **fit.PHRASES, **verdict.PHRASES, **verify.PHRASES}
+PHRASES: dict[str, Callable[[Check], str]] = {}
+for _module in (certify, fit, verdict, verify):
+    if twice := sorted(set(PHRASES) & set(_module.PHRASES)):
+        raise RuntimeError(f"check {twice[0]} has two phrases")
+    PHRASES.update(_module.PHRASES)
 
 
 def phrase(check: Check) -> str:
