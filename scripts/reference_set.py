@@ -156,7 +156,7 @@ _NOT_COMPARED = {
 _PROSE = {"words", "reason", "reasons", "warnings", "adequacy", "title", "description", "text", "notes", "headline"}
 _SKIPPED_FILES = {"config.json", "SHA256SUMS", "README.txt", "provenance.json", "result.json", "parameters.json"}
 _TABLES_AND_MODELS = {".csv", ".json", ".toml", ".txt", ".urdf", ".xml", ".yaml", ".conf", ".py"}
-_PROGRAMS = {".mod", ".script", ".src", ".dat", ".ls", ".dtx", ".jbi"}
+_PROGRAMS = {".mod", ".script", ".src", ".dat", ".ls", ".dtx", ".jbi", ".pgx"}
 _NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?(?![\w.])")
 _COMMENT = re.compile(r"<!--.*?-->|^\s*(?:#|;|!|//).*?$|^\s*\"\"\".*?\"\"\"", re.DOTALL | re.MULTILINE)
 
