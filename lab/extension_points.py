@@ -42,13 +42,13 @@ _reported = set[str]()  # entries, so that each is reported once
 
 @cache
 def _entries(group: str) -> "dict[str, EntryPoint]":
-    """The entry points of a group by their names; of several with one name, the first that is found."""
+    """Return the entry points of a group by name, in alphabetical order; of several with one name the first found."""
     from importlib.metadata import entry_points  # slow to import, and not every process needs it
 
     found: dict[str, EntryPoint] = {}
     for entry in entry_points(group=group):
         found.setdefault(entry.name, entry)
-    return found
+    return dict(sorted(found.items()))
 
 
 def registered(group: str) -> tuple[str, ...]:

@@ -45,7 +45,7 @@ def test_a_makers_language_is_told_by_the_robots_name(robot: str, language: str 
     found = language_of(chain, None)
     assert (found and found.name) == language
     if language is None:
-        assert f"the maker of robot {robot} is not known; choose --controller of rapid," in (refusal(chain, None) or "")
+        assert f"the maker of robot {robot} is not known; choose --controller of fanuc," in (refusal(chain, None) or "")
         assert not any(each in program_file_names() for each in plan_or_refusal(chain, None).values())
     asked = language_of(chain, "krl")
     assert asked is not None and asked.name == "KRL"

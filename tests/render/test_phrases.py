@@ -21,7 +21,6 @@ from lab.commands.trend.options import TrendOptions
 from lab.commands.trend.run import trend
 from lab.core.measurements import Measurements
 from lab.noise.error_model import ErrorModel
-from lab.noise.error_term import Move
 from lab.render.phrases.registry import PHRASES
 from lab.render.phrases.verdict import mm
 
@@ -107,8 +106,7 @@ def silent(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
     def silence() -> None:
         for name in PHRASES:
             monkeypatch.setitem(PHRASES, name, lambda _: "x")
-        for kind in (Move, InstrumentNoise):
-            monkeypatch.setattr(kind, "words", property(lambda _: "x"))
+        monkeypatch.setattr(InstrumentNoise, "words", property(lambda _: "x"))
         monkeypatch.setattr(ErrorModel, "words", property(lambda _: ("x",)))
 
     return silence

@@ -373,6 +373,12 @@ def _given_poses(check: Check) -> str:
     )
 
 
+def _tolerance_bound(check: Check) -> str:
+    if check.outcome == "not tested":
+        return "the validation errors are not compared with a gate"
+    return f"95 % of the validation errors are below {check.statistic:.3g} times the gate, with 95 % confidence"
+
+
 PHRASES: Mapping[str, Callable[[Check], str]] = {
     "lack_of_fit.chi2": _chi2,
     "lack_of_fit.repeats": _repeats,
@@ -407,6 +413,7 @@ PHRASES: Mapping[str, Callable[[Check], str]] = {
     "accuracy.fitted_poses": _fitted_poses,
     "accuracy.outliers": _outliers,
     "accuracy.prediction": _prediction,
+    "accuracy.tolerance_bound": _tolerance_bound,
     "determination.error": _error,
     "determination.limit": _limit,
     "determination.cover": _cover,

@@ -77,8 +77,8 @@ def test_its_numbers_are_those_of_the_result(seven_run: Path, seven) -> None:
     stored = json.loads((seven_run / "parameters.json").read_text())
     stored = [each for each in stored if each["status"] != "converted"]  # Z and E, beside the parameters
     assert [row[0] for row in rows] == [each["name"] for each in stored]
-    for row, each, found in zip(rows, stored, seven.parameters, strict=True):
-        scale, unit, digits = display_unit(found.parameter)
+    for row, each, found in zip(rows, stored, seven.identification.model.parameters, strict=True):
+        scale, unit, digits = display_unit(found)
         low, high = each["interval_95"] or (np.nan, np.nan)
         half = 0.5001 * 10 ** -digits_of(scale * (high - low) / 2, digits)
         assert row[1] == unit and seen.number(row[2]) == pytest.approx(scale * each["nominal"], abs=half)
