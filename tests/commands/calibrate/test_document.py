@@ -77,7 +77,8 @@ def test_its_numbers_are_those_of_the_result(seven_run: Path, seven) -> None:
     stored = json.loads((seven_run / "parameters.json").read_text())
     stored = [each for each in stored if each["status"] != "converted"]  # Z and E, beside the parameters
     assert [row[0] for row in rows] == [each["name"] for each in stored]
-    for row, each, found in zip(rows, stored, seven.identification.model.parameters, strict=True):
+    parameters = zip(seven.identification.model.parameters, seven.parameters, strict=True)
+    for row, each, (found, estimated) in zip(rows, stored, parameters, strict=True):
         scale, unit, digits = display_unit(found)
         low, high = each["interval_95"] or (np.nan, np.nan)
         half = 0.5001 * 10 ** -digits_of(scale * (high - low) / 2, digits)
@@ -89,7 +90,7 @@ def test_its_numbers_are_those_of_the_result(seven_run: Path, seven) -> None:
         assert seen.number(row[3]) == pytest.approx(scale * each["estimate"], abs=half)
         assert seen.number(row[5]) == pytest.approx((high - low) / 2, abs=half)  # two digits, as its value
         drawn = each["name"].startswith("link")
-        assert has_correction(found) is drawn
+        assert has_correction(found, estimated) is drawn
         assert (row[4] != "") is drawn
         if drawn:
             assert seen.number(row[4]) == pytest.approx(scale * (each["estimate"] - each["nominal"]), abs=half)
