@@ -141,6 +141,7 @@ _LEAST = 1e-9  # of a standard deviation: what estimates and intervals may diffe
 _LEAST_NUMBER = 1e-6  # relative: what any other number may, whose digits cancel
 _FLOOR = 1e-9  # below which a number is rounding
 _NOT_COMPARED = {
+    "campaigns_per_second",
     "seconds",
     "iterations",
     "sha256",

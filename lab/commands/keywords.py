@@ -97,11 +97,11 @@ def _refuse_twice(call: str, kind: type[Any], called: Mapping[str, str], given: 
 def _options(kind: Any) -> Iterator[tuple[str, tuple[str, "Field[Any]", Any]]]:
     """Each option by its name: the group's name, "" where it is in none, its field and its type."""
     hints = get_type_hints(kind)
-    for field in fields(kind):
-        if is_dataclass(hints[field.name]):
-            yield from ((name, (field.name, *each[1:])) for name, each in _options(hints[field.name]))
+    for one in fields(kind):
+        if is_dataclass(hints[one.name]):
+            yield from ((name, (one.name, *each[1:])) for name, each in _options(hints[one.name]))
         else:
-            yield field.name, ("", field, hints[field.name])
+            yield one.name, ("", one, hints[one.name])
 
 
 def _default(field: "Field[Any]") -> Any:

@@ -104,8 +104,8 @@ def body_poses(robot: RobotModel, arm: RigidArm, values: Array, joints: Array) -
     model, qpos = robot.with_parameters(arm.targets, values, joints)
     data = mujoco.MjData(model)
     positions, rotations = np.empty((len(joints), model.nbody, 3)), np.empty((len(joints), model.nbody, 9))
-    for i, coordinates in enumerate(qpos):
-        data.qpos[:] = coordinates
+    for i, row in enumerate(qpos):
+        data.qpos[:] = row
         mujoco.mj_kinematics(model, data)
         positions[i], rotations[i] = data.xpos, data.xmat
     Ts_world_body = se3.pose(rotations.reshape(*positions.shape, 3), positions)  # (n, bodies, 4, 4)
