@@ -27,8 +27,7 @@ if TYPE_CHECKING:
     from lab.campaign.robot import Robot, load_robot
     from lab.commands.calibrate.load_run import load_estimate
     from lab.commands.calibrate.result import CalibrationResult
-    from lab.commands.calibrate.run import calibrate, identify
-    from lab.commands.calibrate.simulate import MeasuringDay, simulate
+    from lab.commands.calibrate.run import MeasuringDay, calibrate, identify, simulate
     from lab.commands.compare.run import compare
     from lab.commands.compensate.result import CompensationResult
     from lab.commands.compensate.run import compensate
@@ -100,13 +99,12 @@ __all__ = [
 ]
 
 _MODULES = {  # where each name is, imported when it is asked for
+    "lab.calibration.estimate": ("Estimate",),
     "lab.campaign.instruments": ("instrument",),
     "lab.campaign.robot": ("Robot", "load_robot"),
-    "lab.calibration.estimate": ("Estimate",),
     "lab.commands.calibrate.load_run": ("load_estimate",),
     "lab.commands.calibrate.result": ("CalibrationResult",),
-    "lab.commands.calibrate.run": ("calibrate", "identify"),
-    "lab.commands.calibrate.simulate": ("MeasuringDay", "simulate"),
+    "lab.commands.calibrate.run": ("MeasuringDay", "calibrate", "identify", "simulate"),
     "lab.commands.compare.run": ("compare",),
     "lab.commands.compensate.result": ("CompensationResult",),
     "lab.commands.compensate.run": ("compensate",),
@@ -125,9 +123,9 @@ _MODULES = {  # where each name is, imported when it is asked for
     "lab.commands.verify.result": ("VerificationResult",),
     "lab.commands.verify.run": ("verify",),
     "lab.core.errors": ("LabError",),
-    "lab.noise.instruments": ("Instrument",),
     "lab.core.measurements": ("Measurements",),
     "lab.formats.target_csv": ("Targets",),
+    "lab.noise.instruments": ("Instrument",),
 }
 
 

@@ -143,7 +143,7 @@ def _where(place: "Path") -> list[str]:
 
 def _run_command(command: "Command", arguments: list[str]) -> int:
     """Run, write and print; the exit code is the result's."""
-    from lab.render.progress import starting
+    from lab.render.terminal import starting
 
     with starting(f"lab {command.name}"):
         from lab.commands.command_line import parsed
@@ -187,9 +187,8 @@ def _done(command: "Command", asked: "Arguments", before: "list[tuple[Path, byte
     from threadpoolctl import threadpool_limits
 
     from lab.commands.program import output_may_close, say
-    from lab.commands.run_folder import free_name, input_files, run_folder
-    from lab.commands.unfinished import unfinished
-    from lab.render.progress import starting, status
+    from lab.commands.run_folder import free_name, input_files, run_folder, unfinished
+    from lab.render.terminal import starting, status
 
     with contextlib.ExitStack() as stack:
         stack.enter_context(threadpool_limits(1))  # small matrices: more threads wait for each other

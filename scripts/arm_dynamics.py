@@ -17,16 +17,14 @@ from lab.core.errors import LabError
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.extensions.dynamics.arm.base_parameters import base_parameters
-from lab.extensions.dynamics.arm.identify import fit_runs, predict
-from lab.extensions.dynamics.arm.runs import DynamicModel, ThinnedRun, thinned_run
-from lab.extensions.dynamics.load_samples import PayloadSamples
-from lab.extensions.dynamics.payload.from_torques import from_torques
+from lab.extensions.dynamics.arm.identify import DynamicModel, ThinnedRun, fit_runs, predict, thinned_run
+from lab.extensions.dynamics.load_files import PayloadSamples
+from lab.extensions.dynamics.payload.methods import from_torques
 from lab.extensions.dynamics.rehearsal import MeasuringBench, load_of_rehearsal
 from lab.extensions.dynamics.rehearsal_options import Rehearsal
 from lab.extensions.dynamics.simulation import LoadBench
-from lab.kinematics.dynamics.arm_dynamics import ArmDynamics, directions
-from lab.kinematics.dynamics.rigid_body import LOAD
-from lab.simulation.link_masses import link_inertias
+from lab.kinematics.dynamics.rigid_body import LOAD, ArmDynamics, directions
+from lab.simulation.model_files import link_inertias
 
 Row = dict[str, float | str]
 ROBOT = load_virtual("tx40")

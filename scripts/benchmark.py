@@ -20,7 +20,7 @@ from scipy.optimize import least_squares
 from shared import Answer, Document, Flag, paragraphs, run_script
 
 import lab
-from lab.calibration.batch_points import align, fit_points
+from lab.calibration.batch import align, fit_points
 from lab.calibration.fitter import FitOptions, Fitter
 from lab.calibration.gauss_newton import Observations, fit
 from lab.calibration.identify import Identification, fit_base_and_tool, identify
@@ -29,8 +29,7 @@ from lab.calibration.statistics.linearized import NoiseDistribution
 from lab.calibration.statistics.model_selection import select
 from lab.calibration.statistics.outliers import find_outliers
 from lab.calibration.weights import Noise, weighed
-from lab.campaign.design_problem import pose_problem
-from lab.campaign.design_search import best_design
+from lab.campaign.design_problem import best_design, pose_problem
 from lab.campaign.option_groups import ArmEffects
 from lab.campaign.options import DesignOptions, VirtualCampaign
 from lab.campaign.robot import load_robot, load_virtual
@@ -41,9 +40,9 @@ from lab.core.limits import PROGRAM_BYTES
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.extensions.dynamics.load_samples import Mounting
+from lab.extensions.dynamics.load_files import Mounting
 from lab.extensions.dynamics.payload.excitation import Limits, random_path
-from lab.extensions.dynamics.payload.from_torques import from_torques
+from lab.extensions.dynamics.payload.methods import from_torques
 from lab.extensions.dynamics.simulation import LoadBench, RigidLoad, RunErrors, peak_torques
 from lab.formats.cell_toml import read_cell
 from lab.formats.joint_log import JointLog
@@ -51,14 +50,13 @@ from lab.formats.programs.program_text import Outside
 from lab.formats.programs.registry import read_program
 from lab.formats.tracker_export import TrackerPoints
 from lab.kinematics.compiled.kernels import machine_code
-from lab.kinematics.effects.conditions import HOUR_S
+from lab.kinematics.effects.effect import HOUR_S
 from lab.kinematics.gauge import base_set
 from lab.kinematics.inverse.closed_form import closed_form_of
 from lab.kinematics.inverse.newton import PoseTarget
-from lab.kinematics.serial.arm import SerialArm
-from lab.kinematics.serial.batch import StackedArm
+from lab.kinematics.serial.arm import SerialArm, StackedArm
 from lab.noise.instruments import instrument
-from lab.pose_selection.certificate import certify
+from lab.pose_selection.exchange import certify
 from lab.sensors.points import PointSensor
 from lab.simulation.candidate_poses import draw_candidates
 from lab.simulation.cell import in_cell

@@ -18,18 +18,24 @@ from lab.calibration.observation import observation_of
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import load_robot
 from lab.campaign.virtual_robot import perturbed_arm
-from lab.certification.budget import MEASURANDS, InputQuantity, propagated
-from lab.certification.propagation import Propagation
-from lab.certification.quantities import KnownSpread, RandomErrors, quantities_of, temperature_of
-from lab.core.covariance import whitening
-from lab.core.distributions import Uncertain
+from lab.certification.budget import (
+    MEASURANDS,
+    InputQuantity,
+    KnownSpread,
+    Propagation,
+    RandomErrors,
+    propagated,
+    quantities_of,
+    temperature_of,
+)
+from lab.core.linear_model import whitening
+from lab.core.probability import Uncertain
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.gauge import base_set
 from lab.kinematics.serial.arm import SerialArm
-from lab.noise.instruments import Instrument
-from lab.noise.tracker_errors import TrackerErrors
-from lab.render.progress import status
+from lab.noise.instruments import Instrument, TrackerErrors
+from lab.render.terminal import status
 from lab.simulation.collisions import random_poses
 
 Case = Literal["known noise", "estimated noise", "systematic errors left out"]

@@ -14,9 +14,8 @@ import numpy as np
 from shared import Answer, Document, Flag, Paragraph, paragraphs, run_script
 
 import lab
-from lab.calibration.most_likely_parameters import most_likely_parameters
-from lab.campaign.design_problem import pose_problem
-from lab.campaign.design_search import best_design
+from lab.calibration.identify import most_likely_parameters
+from lab.campaign.design_problem import best_design, pose_problem
 from lab.campaign.option_groups import ArmEffects, Fitting
 from lab.campaign.options import DesignOptions, VirtualCampaign
 from lab.campaign.robot import Robot, load_robot
@@ -32,8 +31,8 @@ from lab.compensation.iso9283 import (
 )
 from lab.core import limits, se3
 from lab.core.errors import LabError
+from lab.core.limits import whole
 from lab.core.measurements import measured
-from lab.core.numbers import whole
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import write_measurements

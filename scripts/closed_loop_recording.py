@@ -19,11 +19,19 @@ from lab.commands.calibrate.scene import world_of
 from lab.compensation.iso9283 import accuracy, cube_positions, repeatability
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.render.format import format_magnification
-from lab.render.recording_layout import SUMMARY, backdrop, layout, main_view
-from lab.render.rerun_primitives import Times, draw_instrument, draw_shells, markdown, recording_to
-from lab.render.scene import LARGEST_FACTOR, magnification, moved
-from lab.render.skeleton import skeleton
+from lab.render.document import format_magnification
+from lab.render.recording import (
+    SUMMARY,
+    Times,
+    backdrop,
+    draw_instrument,
+    draw_shells,
+    layout,
+    main_view,
+    markdown,
+    recording_to,
+)
+from lab.render.scene import LARGEST_FACTOR, magnification, moved, skeleton
 from lab.render.style import RGB_AFTER, RGB_ARROW, RGB_BEFORE, RGB_PATH
 from lab.simulation.meshes import Shell, body_poses, shells
 

@@ -14,7 +14,7 @@ from lab.core.measurements import Measurements
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.effects.arm import ArmWithEffects
-from lab.kinematics.effects.conditions import HOUR_S
+from lab.kinematics.effects.effect import HOUR_S
 from lab.kinematics.gauge import base_set
 from lab.kinematics.model import Model
 from lab.kinematics.serial.arm import SerialArm

@@ -28,7 +28,7 @@ from lab.campaign.virtual_robot import drawn_conditions, perturbed_arm
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.kinematics.effects.conditions import PAYLOAD, TEMPERATURE, approach_of
+from lab.kinematics.effects.effect import PAYLOAD, TEMPERATURE, approach_of
 from lab.kinematics.effects.registry import CAMPAIGN_SPECIFIC
 from lab.noise.instruments import instrument
 from lab.sensors.points import PointSensor

@@ -28,16 +28,15 @@ from lab.core.measurements import Measurements
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.extensions.robotics.trajectory.cartesian import Feed, PathMove, arc, path_move
-from lab.extensions.robotics.trajectory.tracked import TrackedArm, tracking_along
+from lab.extensions.robotics.trajectory.result import TrackedArm, tracking_along
 from lab.kinematics.effects.arm import Arm, ArmWithEffects
 from lab.kinematics.effects.bending import ElasticLinks
 from lab.kinematics.inverse.branches import NominalInverse
 from lab.kinematics.inverse.newton import PoseTarget
 from lab.kinematics.serial.arm import SerialArm
 from lab.pose_selection.tour import rated
-from lab.simulation.beam_chain import BeamChain
 from lab.simulation.collisions import random_poses
-from lab.simulation.elastic import AT_REST, JointMotion
+from lab.simulation.elastic import AT_REST, BeamChain, JointMotion
 from lab.simulation.true_robot import TrueSerialRobot
 
 EI, GJ = 48_400.0, 36_000.0  # N m²: aluminium, a tube of 80 x 4 mm

@@ -18,7 +18,7 @@ from shared import Answer, Document, named_values, paragraphs, run_script
 import lab
 from lab.campaign.robot import load_virtual
 from lab.core import limits
-from lab.core.numbers import whole
+from lab.core.limits import whole
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.simulation.collisions import collides, random_poses

@@ -16,8 +16,7 @@ from scipy import stats
 from shared import Answer, Document, Flag, Section, Table, run_script, short
 
 import lab
-from lab.calibration.extrapolation import prediction_squares
-from lab.calibration.pose_cover import joint_regions
+from lab.calibration.extrapolation import joint_regions, prediction_squares
 from lab.calibration.validation import configurations, folds
 from lab.campaign.robot import Robot, load_robot
 from lab.core.measurements import Measurements

@@ -20,10 +20,9 @@ from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.core.significance import STUDY_COMPARISON
 from lab.render.style import MUTED, REFERENCE
-from lab.studies.bootstrap import resampled
+from lab.studies.analysis import CampaignArray, resampled
 from lab.studies.grid import NONE, Study
-from lab.studies.progress import study_runner
-from lab.studies.table import CampaignArray
+from lab.studies.run import study_runner
 
 LEVELS = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
 SOURCES: Mapping[str, ArmEffects] = {  # at level 1

@@ -19,8 +19,7 @@ from matplotlib.figure import Figure
 from scipy.special import elliprg
 from shared import FIGURE_STYLE, SERIES, Answer, Document, Flag, paragraphs, run_script, save_figure, write_rows
 
-from lab.calibration.batch import MAX_STEPS
-from lab.calibration.batch_poses import MeasuredPoses, StackedPoseArm, fit_poses
+from lab.calibration.batch import MAX_STEPS, MeasuredPoses, StackedPoseArm, fit_poses
 from lab.campaign.robot import Robot, load_robot
 from lab.core import se3
 from lab.core.errors import LabError
@@ -33,8 +32,7 @@ from lab.render.style import MUTED, REFERENCE
 from lab.simulation.collisions import random_poses
 from lab.simulation.tracking import target_rotations
 from lab.simulation.true_robot import true_robot_from_table
-from lab.studies.bootstrap import resampled
-from lab.studies.table import RESAMPLES
+from lab.studies.analysis import RESAMPLES, resampled
 
 SIGMA_M = 1e-4  # of a coordinate
 SIGMAS_RAD = (1e-5, 1e-4, 3e-4, 1e-3)  # of an orientation, per axis

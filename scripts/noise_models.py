@@ -31,7 +31,7 @@ from lab.noise.error_term import Components, ErrorShapes
 from lab.noise.terms import correlation_of
 from lab.noise.variance_components import Estimate, RestrictedProblem, SmallSample, chosen_components, small_sample
 from lab.studies import executors
-from lab.verification.change_test import change_test
+from lab.verification.change_points import change_test
 from lab.verification.new_measurements import STEP, with_estimated_noise
 from lab.verification.prediction import CalibrationPrediction, VerificationProblem
 

@@ -18,7 +18,7 @@ from lab.calibration.weights import Noise, weighed
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import load_virtual
 from lab.campaign.virtual_robot import truth_of
-from lab.commands.calibrate.simulate import MeasuringDay, measuring_day
+from lab.commands.calibrate.run import MeasuringDay, measuring_day
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements

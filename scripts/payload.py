@@ -20,7 +20,7 @@ from lab.campaign.robot import load_virtual
 from lab.core.errors import LabError
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.extensions.dynamics.load_samples import Mounting, PayloadSamples
+from lab.extensions.dynamics.load_files import Mounting, PayloadSamples
 from lab.extensions.dynamics.payload.estimate import LoadEstimate
 from lab.extensions.dynamics.payload.excitation import (
     CHECKED,
@@ -34,8 +34,7 @@ from lab.extensions.dynamics.payload.excitation import (
     predicted,
     random_path,
 )
-from lab.extensions.dynamics.payload.from_torques import from_torques
-from lab.extensions.dynamics.payload.from_wrench import from_wrench
+from lab.extensions.dynamics.payload.methods import from_torques, from_wrench
 from lab.extensions.dynamics.simulation import CarryingArm, LoadBench, RigidLoad, RunErrors, peak_torques
 from lab.kinematics.dynamics.rigid_body import (
     elements,
@@ -46,8 +45,8 @@ from lab.kinematics.dynamics.rigid_body import (
     wrench_regressor,
 )
 from lab.pose_selection.exchange import information
-from lab.render.progress import bars
 from lab.render.style import AXIS, GRID, REFERENCE
+from lab.render.terminal import bars
 from lab.simulation.collisions import collides, random_poses
 
 LOAD = RigidLoad(1.5, np.array([0.010, -0.005, 0.060]), np.diag([22.5e-4, 26e-4, 12.5e-4]))

@@ -16,13 +16,12 @@ from lab.calibration.observation import observation_of
 from lab.calibration.sequential import fit_sequentially
 from lab.calibration.weights import Noise, weighed
 from lab.core.errors import LabError
+from lab.core.limits import positive
 from lab.core.linear_model import half_width_95
-from lab.core.numbers import positive
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.noise.instruments import PoseInstrument
-from lab.render.format import digits_of, fixed
-from lab.render.units import display_unit
+from lab.render.document import digits_of, display_unit, fixed
 
 METHODS = ("global", "sequential")
 

@@ -17,10 +17,9 @@ from threadpoolctl import threadpool_limits
 
 from lab.campaign.option_types import Flag
 from lab.core.errors import LabError
-from lab.render.document import Block, Document, Paragraph, Row, Section, Table
-from lab.render.format import short
+from lab.render.charts.chart import save_figure
+from lab.render.document import Block, Document, Paragraph, Row, Section, Table, short
 from lab.render.style import FIGURE_STYLE, SERIES
-from lab.render.svg import save_figure
 from lab.render.terminal import print_document, print_json
 
 if TYPE_CHECKING:

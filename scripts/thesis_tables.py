@@ -50,15 +50,13 @@ from lab.extensions.reproduction.thesis_case import (
     without,
 )
 from lab.kinematics.gauge import base_set
-from lab.render.document import Strong
-from lab.render.format import fixed
+from lab.render.document import Strong, fixed
 from lab.render.style import GRID, REFERENCE, SCALINGS
 from lab.simulation.collisions import random_poses
-from lab.studies.analysis import Comparison, Mean, Pair, compared, means
+from lab.studies.analysis import CampaignArray, Comparison, Mean, Pair, compared, groups, means
 from lab.studies.grid import ANY, Cell, Study
-from lab.studies.progress import study_runner
+from lab.studies.run import study_runner
 from lab.studies.store import read_store
-from lab.studies.table import CampaignArray, groups
 
 STUDIED = ("random", "O1", "O2", "O3", "O4", "O5")  # the condition number is O2 turned over: the same poses
 SCALED = ("raw", "unit", "length", "whitened")

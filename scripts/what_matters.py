@@ -18,13 +18,11 @@ from lab.campaign.option_groups import ArmEffects
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.core.significance import STUDY_COMPARISON
-from lab.render.format import fixed
+from lab.render.document import fixed
 from lab.render.style import AXIS, BETTER, PREDICTED, REFERENCE
-from lab.studies.analysis import compared, means
-from lab.studies.bootstrap import holm
+from lab.studies.analysis import CampaignArray, CellGroup, compared, holm, means
 from lab.studies.grid import NONE, Cell, Study
-from lab.studies.progress import study_runner
-from lab.studies.table import CampaignArray, CellGroup
+from lab.studies.run import study_runner
 
 METRIC = "fresh_mean_mm"
 BASE = Cell()

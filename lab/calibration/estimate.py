@@ -26,7 +26,7 @@ from lab.core.se3 import Array
 from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.dynamics.rigid_body import sag_uncertainty
 from lab.kinematics.effects.arm import Arm, affected
-from lab.kinematics.effects.conditions import PAYLOAD
+from lab.kinematics.effects.effect import PAYLOAD
 from lab.kinematics.effects.registry import CAMPAIGN_SPECIFIC, effect
 from lab.kinematics.inverse.branches import NominalInverse
 from lab.kinematics.joints import JointSpec
@@ -46,7 +46,6 @@ __all__ = [
     "NominalArm",
     "PredictedPoints",
     "estimate_of",
-    "estimated_parameters",
     "on_another_day",
 ]
 
@@ -489,7 +488,7 @@ class Estimate:
         save_estimate(Path(folder), self)
 
 
-def estimated_parameters(found: Identification, exported: Array) -> tuple[EstimatedParameter, ...]:
+def _estimated_parameters(found: Identification, exported: Array) -> tuple[EstimatedParameter, ...]:
     """Describe every parameter of an identification, in its model's order.
 
     Args:
@@ -564,7 +563,7 @@ def estimate_of(
         loads=robot.loads,
         effects=tuple(name for name in groups if name not in (*CAMPAIGN_SPECIFIC, GROUP)),
         left_out=tuple(name for name in groups if name in CAMPAIGN_SPECIFIC),
-        rows=estimated_parameters(found, exported),
+        rows=_estimated_parameters(found, exported),
         identified=tuple(found.model.names[i] for i in found.fit.free),
         covariance=found.covariance,
         noise_m=float(np.nan_to_num(found.sigma_m)),

@@ -14,13 +14,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from lab.calibration.estimate import CarriedLoad, Estimate, EstimatedParameter, NominalArm, on_another_day
-from lab.calibration.extrapolation import MeasuredRange
-from lab.calibration.pose_cover import PoseCover
-from lab.calibration.residual.kernels import COMPONENTS
-from lab.calibration.residual.process import GROUP, UPPER_QUARTILE, JointProcess
-from lab.core.covariance import refuse_impossible_covariance
+from lab.calibration.extrapolation import MeasuredRange, PoseCover
+from lab.calibration.residual.process import COMPONENTS, GROUP, UPPER_QUARTILE, JointProcess
 from lab.core.errors import LabError, error_context
-from lab.core.ranges import LENGTH_M, NUMBER_SIZE
+from lab.core.limits import LENGTH_M, NUMBER_SIZE
+from lab.core.linear_model import refuse_impossible_covariance
 from lab.core.se3 import Array
 from lab.formats.csv_table import CsvTable, write_columns
 from lab.formats.noise_model import (

@@ -14,7 +14,8 @@ and what they explain counts as unknown, beyond an end as much of it as an outer
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import scipy  # its parts are loaded at their first use, which not every process comes to
@@ -22,14 +23,14 @@ from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification
-from lab.calibration.left_out_regions import LinearRows, growth_beyond_cover
 from lab.calibration.observation import observation_of, only_positions
-from lab.calibration.pose_cover import PoseCover
 from lab.calibration.residual_spread import ResidualSpread
 from lab.calibration.statistics.joint_rounding import by_joint_positions
-from lab.calibration.validation import configurations
-from lab.core.linear_model import LinearModel, p_value_of_squares
+from lab.calibration.validation import SAME_CONFIGURATION, configurations
+from lab.core.linear_model import LinearModel, matched_dof, p_value_of_squares, unit_columns
 from lab.core.measurements import evenly
+from lab.core.probability import chi2_sf
+from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.significance import EXTRAPOLATION
 from lab.kinematics.effects.effect import LEVER_M
@@ -37,18 +38,283 @@ from lab.kinematics.effects.registry import CAMPAIGN_SPECIFIC
 from lab.kinematics.model import Model
 
 __all__ = [
+    "MOST_UNCOVERED",
+    "LinearRows",
     "MeasuredRange",
+    "PoseCover",
+    "distinct_poses",
+    "joint_regions",
     "measured_range",
     "model_covariances",
+    "neighbours",
     "position_covariances",
-    "prediction_covariances",
     "prediction_squares",
 ]
 
+MOST_UNCOVERED = 0.5  # of a workspace, targets or poses: where more is extrapolated, nothing is good without a word
+_NEAREST = 3  # measured poses that are near a covered one
+_COVERED = 0.95  # of the measured poses are as near to others
+_MOST = 4_000  # measured poses among which the near ones are sought
+
+
+@dataclass(frozen=True)
+class PoseCover:
+    """Distinct measured joint positions, and which others are near to some of them.
+
+    Distances are chords of hinges; those of slides are in units of a lever. A pose is covered if the third nearest
+    measured one is no farther away than that of 95 % of the measured ones. Repeats of a pose cover nothing more.
+
+    Attributes:
+        poses: ``(n, joints)`` rad or m, without repeats.
+        turning: ``(joints,)`` whether a whole turn leads a joint back to where it was.
+    """
+
+    poses: Array
+    turning: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, joints: Array, turning: NDArray[np.bool_]) -> "PoseCover":
+        """Cover what measured positions ``(n, joints)`` reach: repeats left out, of very many some, evenly spaced."""
+        distinct = joints[distinct_poses(joints, turning)[0]]
+        some = evenly(len(distinct), _MOST)
+        return cls(distinct if some is None else distinct[some], turning)
+
+    def beyond(self, joints: Array) -> Array:
+        """``(n,)`` how far positions ``(n, joints)`` are beyond what is covered, in units of how far that reaches."""
+        if len(self.poses) <= _NEAREST:
+            return np.zeros(len(joints))
+        tree, reach = self._tree
+        away = tree.query(_around(joints, self.turning), k=_NEAREST)[0][:, -1]
+        return np.asarray(np.maximum(away / reach - 1, 0.0))
+
+    @cached_property
+    def _tree(self) -> "tuple[scipy.spatial.cKDTree, float]":
+        """The measured poses, and how far 95 % of them are from the third of the others."""
+        around = _around(self.poses, self.turning)
+        tree = scipy.spatial.cKDTree(around)
+        away = tree.query(around, k=_NEAREST + 1)[0][:, -1]
+        return tree, float(np.quantile(away, _COVERED))
+
+
+def distinct_poses(joints: Array, turning: NDArray[np.bool_]) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
+    """Find which joint positions are repeats: chords to a pose before them of no more than ``SAME_CONFIGURATION``.
+
+    Poses of a dense path are no repeats of each other: along it, one is left at each such distance.
+
+    Args:
+        joints: ``(n, joints)`` rad or m.
+        turning: ``(joints,)`` which joints turn.
+
+    Returns:
+        Rows ``(m,)`` of the distinct poses, ascending, and ``(n,)`` which of these each row repeats.
+    """
+    around = _around(joints, turning)
+    tree, which = scipy.spatial.cKDTree(around), np.full(len(joints), -1)
+    labels = configurations(around)
+    alone = np.bincount(labels)[labels] == 1
+    rows: list[int] = []
+    for row in range(len(joints)):
+        if which[row] < 0:
+            near = row if alone[row] else np.array(tree.query_ball_point(around[row], SAME_CONFIGURATION, p=np.inf))
+            which[near] = np.where(which[near] < 0, len(rows), which[near])
+            rows.append(row)
+    return np.array(rows, dtype=np.int_), which
+
+
+def neighbours(joints: Array, turning: NDArray[np.bool_]) -> NDArray[np.int_]:
+    """Find the rows ``(n, m)`` of the up to three other positions that are nearest to each of ``(n, joints)``."""
+    around = _around(joints, turning)
+    count = min(_NEAREST + 1, len(joints))
+    rows = scipy.spatial.cKDTree(around).query(around, k=range(1, count + 1))[1]
+    return np.asarray(rows[:, 1:], dtype=np.int_)
+
+
+def _around(joints: Array, turning: NDArray[np.bool_]) -> Array:
+    """Positions ``(n, 2 joints)`` between which distances are chords."""
+    slides = np.where(turning, 0.0, joints / LEVER_M)
+    return np.concatenate([np.where(turning, np.cos(joints), slides), np.sin(joints) * turning], axis=1)
+
+
+def joint_regions(joints: Array, turning: NDArray[np.bool_], count: int, seed: int) -> NDArray[np.int_]:
+    """Label regions of joint space of about as many distinct poses each: halved across the joint that spreads most.
+
+    Args:
+        joints: ``(n, joints)`` rad or m.
+        turning: ``(joints,)`` which joints turn.
+        count: how many; the largest region is halved until there are so many.
+        seed: of the order among regions that are as large.
+
+    Returns:
+        ``(n,)`` labels; repeats of a pose have one.
+    """
+    rows, which = distinct_poses(joints, turning)
+    distinct, rng = joints[rows], rng_for(seed, "split")
+    labels = np.zeros(len(distinct), dtype=np.int_)
+    for new in range(1, count):
+        sizes = np.bincount(labels) + 0.5 * rng.random(new)
+        part = np.flatnonzero(labels == sizes.argmax())
+        across = int(np.ptp(distinct[part], axis=0).argmax())
+        order = part[np.argsort(distinct[part, across], kind="stable")]
+        labels[order[len(order) // 2 :]] = new
+    return labels[which]
+
+
+_REGIONS = 8
+_LEAST_POSES = 5 * _REGIONS
+_LEAST_FAR = 3  # regions with poses that the others do not cover: of fewer no variance is told
+_RIDGE = 1e-9  # of unit columns: what a region alone tells has a large covariance, not none
+
+
+@dataclass(frozen=True)
+class LinearRows:
+    """A fitted linear problem pose by pose, in whitened units; rows of zeros where nothing was observed.
+
+    Attributes:
+        columns: ``(n, m, f)`` derivatives by the parameters that were fitted.
+        residual: ``(n, m)`` what the fit leaves.
+        known: ``(r, f)`` derivatives of what else is known of the parameters.
+        by_joints: ``(n, m, joints)`` derivatives by joint positions: rad of a hinge, as much at a lever of a slide.
+        numbers: ``(n,)`` how many numbers each pose has.
+        sigma_known: whether the rows' variance is one at least.
+    """
+
+    columns: Array
+    residual: Array
+    known: Array
+    by_joints: Array
+    numbers: NDArray[np.int_]
+    sigma_known: bool
+
+    @property
+    def variance(self) -> float:
+        """Of a number that the fit leaves."""
+        dof = int(self.numbers.sum()) - self.columns.shape[2]
+        return float((self.residual**2).sum()) / dof if dof > 0 else 0.0
+
+    def without(self, left_out: NDArray[np.bool_], values: Array) -> "LinearRows":
+        """The problem fitted without some parameters ``(f,)``, which had these values ``(left_out,)``."""
+        kept = self.columns[..., ~left_out]
+        before = self.residual + self.columns[..., left_out] @ values
+        flat, target = kept.reshape(-1, kept.shape[2]), before.ravel()
+        whole = np.concatenate([flat, self.known[:, ~left_out]])
+        units, scale = unit_columns(whole)
+        back = np.linalg.lstsq(units, np.concatenate([target, np.zeros(len(self.known))]), rcond=None)[0] / scale
+        residual = (target - flat @ back).reshape(self.residual.shape)
+        return replace(self, columns=kept, residual=residual, known=self.known[:, ~left_out])
+
+
+@dataclass(frozen=True)
+class _LeftOut:
+    """Poses of one region that the others do not cover, as the others predict them.
+
+    Attributes:
+        error: ``(k, m)``.
+        covariance: ``(k, m, m)`` by noise and parameters.
+        by_joints: ``(k, m, joints)`` times the distance to what is covered.
+        numbers: how many numbers these are.
+        p: the chance of errors as large.
+    """
+
+    error: Array
+    covariance: Array
+    by_joints: Array
+    numbers: int
+    p: float
+
+
+def _growth_beyond_cover(rows: LinearRows, joints: Array, turning: NDArray[np.bool_]) -> float:
+    """One standard deviation (rad) by which joints are off, for each unit of distance beyond what is covered.
+
+    Zero where noise and the parameters' covariance explain what is missed in regions that are left out.
+
+    Args:
+        joints: ``(n, joints)`` the positions of the poses.
+        turning: ``(joints,)`` which joints turn.
+    """
+    if len(PoseCover.of(joints, turning).poses) < _LEAST_POSES:
+        return 0.0
+    columns, scale = unit_columns(rows.columns.reshape(-1, rows.columns.shape[2]))
+    scaled = replace(rows, columns=columns.reshape(rows.columns.shape), known=rows.known / scale)
+    labels = joint_regions(joints, turning, _REGIONS, 0)
+    tried = [_left_out(scaled, joints, turning, labels == region) for region in range(_REGIONS)]
+    parts = [part for part in tried if part is not None]
+    if len(parts) < _LEAST_FAR or _together([part.p for part in parts]) >= EXTRAPOLATION:
+        return 0.0
+    return float(np.sqrt(_excess(parts) * len(parts) / (len(parts) - 2)))  # a new region is another draw: Student's t
+
+
+def _left_out(rows: LinearRows, joints: Array, turning: NDArray[np.bool_], out: NDArray[np.bool_]) -> _LeftOut | None:
+    """What the other poses say of those of a region that they do not cover; None where they cover them all."""
+    away = PoseCover.of(joints[~out], turning).beyond(joints[out])
+    far = np.flatnonzero(out)[away > 0]
+    size = rows.columns.shape[2]
+    dof = int(rows.numbers[~out].sum()) - size
+    if not len(far) or dof < 1:
+        return None
+    rest, left = rows.columns[~out].reshape(-1, size), rows.residual[~out].ravel()
+    information = rest.T @ rest + rows.known.T @ rows.known + _RIDGE * np.eye(size)
+    removed = rows.columns[out].reshape(-1, size).T @ rows.residual[out].ravel()
+    inverse: Array = np.asarray(np.linalg.inv(information), dtype=np.float64)
+    moved = inverse @ -removed  # at the whole fit the scores of all rows add up to nothing
+    variance = float(((left - rest @ moved) ** 2).sum()) / dof
+    variance = max(variance, 1.0) if rows.sigma_known else variance
+    there = rows.columns[far]
+    spread: Array = np.eye(there.shape[1]) + there @ inverse @ np.swapaxes(there, 1, 2)
+    error = rows.residual[far] - there @ moved
+    numbers = int(rows.numbers[far].sum())
+    p = _p_value(error / np.sqrt(variance), there, inverse, spread, (numbers, dof))
+    return _LeftOut(error, variance * spread, away[away > 0][:, None, None] * rows.by_joints[far], numbers, p)
+
+
+def _p_value(error: Array, columns: Array, inverse: Array, spread: Array, counts: tuple[int, int]) -> float:
+    """The chance of as large a sum of squares of errors, each pose's by its own covariance (Satterthwaite 1946).
+
+    Args:
+        spread: ``(k, m, m)`` the poses' covariances.
+        counts: numbers, and degrees of freedom of the variance.
+    """
+    numbers, dof = counts
+    factor: Array = np.linalg.inv(np.linalg.cholesky(spread))
+    squares = float(((factor @ error[..., None]) ** 2).sum())
+    white = factor @ columns
+    flat = white.reshape(-1, white.shape[2])
+    across = inverse @ (flat.T @ flat)
+    own = white @ inverse @ np.swapaxes(white, 1, 2)
+    between = max(float(np.trace(across @ across)) - float((own**2).sum()), 0.0)
+    like = matched_dof(float(numbers), 2 * (numbers + between))
+    return float(p_value_of_squares(squares, like, dof, numbers / like))
+
+
+def _together(chances: list[float]) -> float:
+    """The chance of p-values as small as these, of all regions together (Fisher 1925)."""
+    logs = np.log(np.maximum(chances, np.finfo(float).tiny))
+    return float(chi2_sf(-2 * float(logs.sum()), 2 * len(chances)))
+
+
+def _excess(parts: list[_LeftOut]) -> float:
+    """The variance that makes the weighted squares of all errors as large as expected."""
+
+    def lacking(size: float) -> float:
+        found = 0.0
+        for part in parts:
+            whole = part.covariance + size * part.by_joints @ np.swapaxes(part.by_joints, 1, 2)
+            found += float((part.error * np.linalg.solve(whole, part.error[..., None])[..., 0]).sum()) - part.numbers
+        return found
+
+    low, high = 0.0, 1e-10
+    if lacking(low) <= 0:
+        return 0.0
+    while lacking(high) > 0:
+        if high > 1.0:  # more than a radian is no error of a calibration
+            return high
+        low, high = high, 10 * high
+    return float(scipy.optimize.brentq(lacking, low, high, rtol=1e-3))
+
+
 _EDGE = 0.1  # of the measured positions of a joint, at either end of its range
-_MOST = 1.0  # rad or m beyond, that a slope is good for
+_MOST_extrapolation = 1.0  # rad or m beyond, that a slope is good for
 _LEAST_EDGE = 1e-3  # rad or m
-_LEAST_POSES = 4  # at an edge: fewer say nothing of a slope
+_LEAST_POSES_extrapolation = 4  # at an edge: fewer say nothing of a slope
 _FEW_POSES = 2_000  # of an edge, in which so many configurations are looked for
 _SLOPE_POSES = 20_000  # from which slopes are told, where there are more
 _REGION_POSES = 2_000  # from which regions are left out, where there are more
@@ -119,9 +385,9 @@ class MeasuredRange:
     def _off(self, joints: Array) -> Array:
         """``(n, joints)`` one standard deviation of what joints are off (rad, m of a slide) at some positions."""
         beyond, away = self.beyond(joints), self._away(joints)[:, None]
-        sloped = self.slope * np.minimum(beyond * np.sqrt(1 + beyond / self.edge), _MOST)
+        sloped = self.slope * np.minimum(beyond * np.sqrt(1 + beyond / self.edge), _MOST_extrapolation)
         share = np.maximum(np.clip(beyond / self.edge, 0.0, 1.0).max(axis=1, keepdims=True), away > 0)
-        every = (np.minimum(self.growth * away, _MOST)) ** 2 + share * self.unsure**2
+        every = (np.minimum(self.growth * away, _MOST_extrapolation)) ** 2 + share * self.unsure**2
         return np.asarray(np.sqrt(sloped**2 + every * np.where(self.turning, 1.0, LEVER_M) ** 2))
 
 
@@ -156,14 +422,14 @@ def _of_regions(
     """What joints are off beyond what is covered, for each unit of distance, and of what effects explain (rad)."""
     joints = observed.inputs[:, : len(turning)]
     rows = _linear_rows(found, model, observed, turning)
-    growth = growth_beyond_cover(rows, joints, turning)
+    growth = _growth_beyond_cover(rows, joints, turning)
     lasting = np.array([found.model.parameters[i].group not in _GEOMETRY for i in found.fit.free], dtype=np.bool_)
     if not (growth and lasting.any()):
         return growth, 0.0
     rigid = rows.without(lasting, found.values[list(found.fit.free)][lasting])
     explained = max(rigid.variance - rows.variance, 0.0)
     made = float((rows.by_joints**2).sum()) / max(int(rows.numbers.sum()), 1)
-    return max(growth, growth_beyond_cover(rigid, joints, turning)), float(np.sqrt(explained / made)) if made else 0.0
+    return max(growth, _growth_beyond_cover(rigid, joints, turning)), float(np.sqrt(explained / made)) if made else 0.0
 
 
 def _linear_rows(found: Identification, model: Model, observed: Observations, turning: NDArray[np.bool_]) -> LinearRows:
@@ -206,7 +472,7 @@ def _slopes(found: Identification, model: Model, observed: Observations, joints:
     estimates = (left.T @ residual)[told] / weights[told]
     variance = max(float(residual @ residual) / dof, 1.0 if found.sigma_known else 0.0)
     errors = variance / weights[told]
-    if not (shared := _excess(estimates, errors, dof)):
+    if not (shared := _excess_extrapolation(estimates, errors, dof)):
         return nothing
     trust = shared**2 / (shared**2 + errors)  # an edge that says little says what all of them do (empirical Bayes)
     joint = np.array([joint for joint, _ in edges])[told]
@@ -231,10 +497,13 @@ def _is_enough(joints: Array) -> bool:
     """Whether so many poses, repeats aside, say something of a slope."""
     few = evenly(len(joints), _FEW_POSES)
     joints = joints if few is None else joints[few]
-    return len(joints) >= _LEAST_POSES and len(np.unique(configurations(joints))) >= _LEAST_POSES
+    return (
+        len(joints) >= _LEAST_POSES_extrapolation
+        and len(np.unique(configurations(joints))) >= _LEAST_POSES_extrapolation
+    )
 
 
-def _excess(estimates: Array, variances: Array, dof: int) -> float:
+def _excess_extrapolation(estimates: Array, variances: Array, dof: int) -> float:
     """The standard deviation of numbers beyond that of their own errors: where the weighted squares are as expected.
 
     The slope of a new edge is another draw of a variance that so few estimates say: Student's t has this one.
@@ -287,7 +556,7 @@ def model_covariances(
     return np.asarray(whole + (left.widened - 1) * position_covariances(found, None, inputs))
 
 
-def prediction_covariances(
+def _prediction_covariances(
     found: Identification, measured: MeasuredRange | None, inputs: Array, left: ResidualSpread
 ) -> Array:
     """Covariances ``(n, k, 3, 3)`` (m^2) of measured less predicted points: the model's, with what the fit left."""
@@ -310,6 +579,6 @@ def prediction_squares(
     error = points - found.model.points(inputs, found.values)[:, : points.shape[1]]
     with_range, without = (
         np.einsum("nki,nki->nk", error, np.linalg.solve(each, error[..., None])[..., 0])
-        for each in (prediction_covariances(found, what, inputs, left) for what in (measured, None))
+        for each in (_prediction_covariances(found, what, inputs, left) for what in (measured, None))
     )
     return with_range, without

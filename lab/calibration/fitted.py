@@ -16,16 +16,21 @@ from lab.calibration.regions import TaskRegion
 from lab.calibration.residual.estimation import ExpectedGain, expected_gain
 from lab.calibration.residual.process import JointProcess, PredictedBy
 from lab.calibration.residual_spread import ResidualSpread, residual_spread
-from lab.calibration.statistics.explained_error import ExplainedError, explained_errors
 from lab.calibration.statistics.goodness_of_fit import lack_of_fit_not_tested
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.statistics.model_selection import Selection
 from lab.calibration.statistics.outliers import HeldOut, Outliers
-from lab.calibration.statistics.remaining_error import NEARLY, RemainingError, remaining_error
+from lab.calibration.statistics.remaining_error import (
+    NEARLY,
+    ExplainedError,
+    RemainingError,
+    explained_errors,
+    remaining_error,
+)
 from lab.calibration.validation import Validation, configurations
-from lab.calibration.validation_bounds import ValidationBounds
 from lab.calibration.verdict import Verdict
 from lab.calibration.weights import weighed
+from lab.calibration.workspace_prediction import ValidationBounds
 from lab.core.checks import Check
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements

@@ -27,11 +27,9 @@ from lab.core.se3 import Array
 from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.effects.arm import Arm
 from lab.kinematics.effects.backlash import approached_groups
-from lab.kinematics.effects.conditions import CHANGING_WITH_TIME
-from lab.kinematics.effects.effect import ArmFacts, SessionInfo
+from lab.kinematics.effects.effect import CHANGING_WITH_TIME, ArmFacts, SessionInfo
 from lab.kinematics.effects.registry import CANDIDATES, expected_terms, searched_terms
-from lab.kinematics.encoders import Encoders
-from lab.kinematics.joints import JointSpec
+from lab.kinematics.joints import Encoders, JointSpec
 from lab.kinematics.model import Model, RigidArm
 from lab.kinematics.serial.arm import SerialArm
 from lab.noise.error_model import ErrorModel

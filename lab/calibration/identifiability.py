@@ -22,11 +22,11 @@ __all__ = [
     "weak_directions",
 ]
 
-ALIAS_FLOOR = 1e-9  # coefficients below this share of their row are rounding
+_ALIAS_FLOOR = 1e-9  # coefficients below this share of their row are rounding
 WEAK_CONDITION = 100.0  # directions with less than this part of the largest singular value are weak
-RANK_FLOOR = 1e-12  # of the largest singular value with unit columns: below, there is none
-LARGEST_CONDITION = 1e9  # a condition number from which on poses do not identify every parameter
-MEMBER = 0.1  # the least share of a direction that names a parameter
+_RANK_FLOOR = 1e-12  # of the largest singular value with unit columns: below, there is none
+_LARGEST_CONDITION = 1e9  # a condition number from which on poses do not identify every parameter
+_MEMBER = 0.1  # the least share of a direction that names a parameter
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def weak_directions(
     for size, row in zip(sizes[::-1], vt[::-1], strict=True):
         if size * below >= sizes[0]:
             break
-        order = [int(i) for i in np.argsort(-np.abs(row)) if abs(row[i]) >= MEMBER]
+        order = [int(i) for i in np.argsort(-np.abs(row)) if abs(row[i]) >= _MEMBER]
         change = row / scale
         unit = 1e-3 / change[order[0]]
         parts = tuple((names[i], float(unit * change[i])) for i in order)
@@ -85,7 +85,7 @@ def weak_directions(
 def scaled_condition(jacobian: Array) -> float:
     """The condition number of a Jacobian ``(rows, p)`` with unit columns: infinite where it is short of rank."""
     sizes = np.linalg.svd(jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300), compute_uv=False)
-    full = len(sizes) == jacobian.shape[1] and sizes[-1] > RANK_FLOOR * sizes[0]
+    full = len(sizes) == jacobian.shape[1] and sizes[-1] > _RANK_FLOOR * sizes[0]
     return float(sizes[0] / sizes[-1]) if full else float("inf")
 
 
@@ -117,7 +117,7 @@ def aliases(model: Model, structure: BaseSet, jacobian_scale: Array | None = Non
     for column, fixed in enumerate(structure.fixed):
         coefficients = structure.alias[:, column]
         effects = np.abs(coefficients) * scale[list(structure.kept)]
-        strong = effects > ALIAS_FLOOR * max(effects.max(initial=0.0), 1e-300)
+        strong = effects > _ALIAS_FLOOR * max(effects.max(initial=0.0), 1e-300)
         into = tuple(
             (model.names[i], float(c)) for i, c, keep in zip(structure.kept, coefficients, strong, strict=True) if keep
         )
@@ -149,6 +149,6 @@ def enough_poses(jacobian: Array, measured: Array | None = None) -> int:
     before = np.empty((0, p)) if measured is None else measured.reshape(-1, p)
     for count in range(max(1, -(-(p - len(before)) // rows)), m):
         part = np.concatenate([before, jacobian[:count].reshape(-1, p)])
-        if scaled_condition(part) < LARGEST_CONDITION:
+        if scaled_condition(part) < _LARGEST_CONDITION:
             return count
     return m

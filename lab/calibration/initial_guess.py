@@ -14,7 +14,7 @@ from lab.calibration.gauss_newton import Observations
 from lab.core import se3
 from lab.core.linear_model import pseudo_inverse, triangle
 from lab.core.se3 import Array
-from lab.kinematics.effects.stations import at_first_station, further_stations
+from lab.kinematics.effects.sessions import at_first_station, further_stations
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import indices_of_groups
 

@@ -13,17 +13,17 @@ from lab.calibration.statistics.goodness_of_fit import (
     goodness_beside_shared_errors,
     goodness_of_fit,
     isotropy,
+    repeats,
     sandwich,
 )
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.statistics.linearized import NoiseDistribution, linearized
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M
-from lab.calibration.statistics.replicates import repeats
 from lab.calibration.validation import configurations
 from lab.calibration.weights import Noise, weighed
 from lab.core.checks import Check
 from lab.core.measurements import Measurements, seen_mask
-from lab.core.probabilities import f_isf
+from lab.core.probability import f_isf
 from lab.core.significance import UNSOLICITED_WARNING
 from lab.noise.error_model import ErrorModel
 from lab.noise.instruments import is_isotropic

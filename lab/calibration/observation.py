@@ -14,7 +14,7 @@ from lab.calibration.gauss_newton import Observations
 from lab.calibration.initial_guess import initial_guess
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
-from lab.kinematics.effects.stations import GROUP, further_stations
+from lab.kinematics.effects.sessions import GROUP, further_stations
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import placed_parameters
 

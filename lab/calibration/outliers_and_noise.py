@@ -16,7 +16,7 @@ from lab.calibration.statistics.outliers import LEAST_SIGMA_M, HeldOut, Outliers
 from lab.calibration.weights import Noise, joined, weighed, weighted_constraints
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.random import rng_for
-from lab.kinematics.encoders import Encoders
+from lab.kinematics.joints import Encoders
 from lab.noise.error_model import ErrorModel
 
 __all__ = ["Fits", "noise_of", "off_among_fitted", "off_among_held", "tail_of"]

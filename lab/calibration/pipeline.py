@@ -56,10 +56,9 @@ from lab.calibration.residual.estimation import with_residual
 from lab.calibration.residual.process import GROUP
 from lab.calibration.residual_spread import ResidualSpread, for_later_rows
 from lab.calibration.sensor import Sensor
-from lab.calibration.statistics.goodness_of_fit import lack_of_fit_not_tested
+from lab.calibration.statistics.goodness_of_fit import lack_of_fit_not_tested, repeats
 from lab.calibration.statistics.joint_lag import moves_before
 from lab.calibration.statistics.model_selection import Selection
-from lab.calibration.statistics.replicates import repeats
 from lab.calibration.validation import (
     Validation,
     hold_out,
@@ -70,10 +69,9 @@ from lab.calibration.validation import (
     validate_folds,
     validate_rows,
 )
-from lab.calibration.validation_bounds import bounds_at
 from lab.calibration.verdict import verdict
 from lab.calibration.weights import Noise, weighed
-from lab.calibration.workspace_prediction import own_tolerance
+from lab.calibration.workspace_prediction import bounds_at, own_tolerance
 from lab.core.checks import Check
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
@@ -81,15 +79,7 @@ from lab.kinematics.effects.effect import SessionInfo
 from lab.kinematics.effects.registry import CAMPAIGN_SPECIFIC, CANDIDATES, said_of_term
 from lab.noise.instruments import Instrument
 
-__all__ = [
-    "FITTING",
-    "STEPS",
-    "PipelineOptions",
-    "Step",
-    "identify_robot",
-    "run_steps",
-    "start",
-]
+__all__ = ["FITTING", "STEPS", "PipelineOptions", "Step", "identify_robot", "run_steps", "start"]
 
 Step = Callable[[Fitted], Fitted]
 _IN_TIME = ("finding.step", "finding.drift", "finding.correlated")
@@ -179,7 +169,7 @@ def start(robot: NominalRobot, data: Measurements, options: PipelineOptions) -> 
     return Fitted(fitter, rows, test if len(test) else None, options.judging)
 
 
-def hold_poses_out(state: Fitted) -> Fitted:
+def _hold_poses_out(state: Fitted) -> Fitted:
     """Hold out a share of the rows, where that is asked for.
 
     Needs: ``given``. Adds: ``held``.
@@ -194,7 +184,7 @@ def hold_poses_out(state: Fitted) -> Fitted:
     return state
 
 
-def select_model(state: Fitted) -> Fitted:
+def _select_model(state: Fitted) -> Fitted:
     """Select the groups of the model and the errors that measurements share, each with the other.
 
     Needs: ``given``. Adds: ``selection``, ``groups``, ``unshown``, ``noise``; ``fitter`` weights by that noise.
@@ -227,7 +217,7 @@ def find_outliers(state: Fitted) -> Fitted:
     return replace(state, outlier_search=search, outliers=off, tail_dof=tail)
 
 
-def check_lack_of_fit(state: Fitted) -> Fitted:
+def _check_lack_of_fit(state: Fitted) -> Fitted:
     """Test lack of fit, by the best test that there is something for.
 
     Needs: ``weighted``; a robust fit leaves the ``outliers`` out of the rows held out. Adds: ``adequacy``.
@@ -247,7 +237,7 @@ def check_lack_of_fit(state: Fitted) -> Fitted:
     )
 
 
-def choose_intervals(state: Fitted) -> Fitted:
+def _choose_intervals(state: Fitted) -> Fitted:
     """Choose the covariance: of the weights, with small-sample corrections, or of whole poses (cluster-robust).
 
     Needs: ``weighted``, ``noise``. Changes: ``identification``.
@@ -266,7 +256,7 @@ def choose_intervals(state: Fitted) -> Fitted:
     return replace(state, identification=trusted).with_checks(checks)
 
 
-def check_fit(state: Fitted) -> Fitted:
+def _check_fit(state: Fitted) -> Fitted:
     """Check outliers, groups, prior, nominal values, weak parameters and joint positions.
 
     Needs: ``weighted``, ``outliers``, ``selection``. Adds: ``checks``.
@@ -300,7 +290,7 @@ def check_fit(state: Fitted) -> Fitted:
     return state.with_checks(checks + check_twist(robot.chain, found))
 
 
-def measure_range(state: Fitted) -> Fitted:
+def _measure_range(state: Fitted) -> Fitted:
     """Measure the range of the joint positions, and what the model may lack beyond it.
 
     Needs: ``weighted``. Adds: ``measured``.
@@ -310,7 +300,7 @@ def measure_range(state: Fitted) -> Fitted:
     return replace(state, measured=measured_range(state.weighted, state.observations, prismatic, slopes=slopes))
 
 
-def fit_residual(state: Fitted) -> Fitted:
+def _fit_residual(state: Fitted) -> Fitted:
     """Fit what no group explains as offsets of the joints, where that is asked for: a process with its own noise.
 
     Needs: ``weighted``. Changes: ``identification``, ``adequacy``, ``noise``, ``tail_dof``, ``fitter``.
@@ -333,7 +323,7 @@ def fit_residual(state: Fitted) -> Fitted:
     return state.with_checks(checks)
 
 
-def check_noise(state: Fitted) -> Fitted:
+def _check_noise(state: Fitted) -> Fitted:
     """Test whether something changed during the campaign, and whether effects that the model lacks explain errors.
 
     Needs: ``weighted``, ``adequacy``, ``noise``. Adds: ``findings``.
@@ -516,7 +506,7 @@ def _regions(state: Fitted) -> tuple[Region, Region]:
     return poses, region
 
 
-def check_signs(state: Fitted) -> Fitted:
+def _check_signs(state: Fitted) -> Fitted:
     """Check, where the verdict is bad, whether a joint is counted in the other direction.
 
     Needs: ``verdict``. Adds: ``checks``, before all others.
@@ -527,7 +517,7 @@ def check_signs(state: Fitted) -> Fitted:
     return replace(state, checks=(*found, *state.checks))
 
 
-def check_validation(state: Fitted) -> Fitted:
+def _check_validation(state: Fitted) -> Fitted:
     """Check what the validation covers, and the rows that were not used.
 
     Needs: ``verdict``, ``validation``. Adds: ``checks``.
@@ -553,21 +543,21 @@ def _visible(data: Measurements) -> Measurements:
 
 
 FITTING: Mapping[str, Step] = {
-    "select model": select_model,
+    "select model": _select_model,
     "fit": fit,
     "find outliers": find_outliers,
-    "check lack of fit": check_lack_of_fit,
-    "choose intervals": choose_intervals,
-    "check fit": check_fit,
-    "measure range": measure_range,
-    "fit residual": fit_residual,
-    "check noise": check_noise,
+    "check lack of fit": _check_lack_of_fit,
+    "choose intervals": _choose_intervals,
+    "check fit": _check_fit,
+    "measure range": _measure_range,
+    "fit residual": _fit_residual,
+    "check noise": _check_noise,
 }
 STEPS: Mapping[str, Step] = {
-    "hold out": hold_poses_out,
+    "hold out": _hold_poses_out,
     **FITTING,
     "validate": validate,
     "judge": judge,
-    "check signs": check_signs,
-    "check validation": check_validation,
+    "check signs": _check_signs,
+    "check validation": _check_validation,
 }

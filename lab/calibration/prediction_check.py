@@ -13,7 +13,7 @@ from lab.calibration.observation import observation_of, only_positions
 from lab.calibration.validation import FOLDS, Validation
 from lab.calibration.weights import Noise, weighed
 from lab.core.checks import Check
-from lab.core.covariance import covariance_root
+from lab.core.linear_model import covariance_root
 from lab.core.measurements import Measurements, evenly
 from lab.core.random import rng_for
 from lab.core.se3 import Array
@@ -22,7 +22,7 @@ from lab.core.significance import PREDICTION_EXCEEDED
 __all__ = ["check_prediction", "prediction_check"]
 
 DRAWS = 999
-MAX_POSES = 300
+_MAX_POSES = 300
 SHARE = 95.0  # percent
 ROUNDING_M = 1e-7  # errors below are those of the arithmetic
 
@@ -66,7 +66,7 @@ def check_prediction(
     after = errors.after
     if after.shape != rows.points.shape[:2] or validation.fitted_share > 0:
         return None
-    if (some := evenly(len(rows), MAX_POSES)) is not None:
+    if (some := evenly(len(rows), _MAX_POSES)) is not None:
         rows, after = rows.take(some), after[some]
     seen = np.isfinite(after)
     if not seen.any() or not np.isfinite(identification.covariance).all():

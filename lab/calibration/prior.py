@@ -34,8 +34,8 @@ __all__ = [
 ]
 
 WEAK = 1.0  # of a direction's prior standard deviation: measured better, the measurements know more than the prior
-SCALES = np.geomspace(1.0, 1e4, 369)  # of the tolerances as they are given, by 2.5 %: none is below one
-NO_SLOPE = 1e-12  # of the largest singular value: below, there is none
+_SCALES = np.geomspace(1.0, 1e4, 369)  # of the tolerances as they are given, by 2.5 %: none is below one
+_NO_SLOPE = 1e-12  # of the largest singular value: below, there is none
 
 
 @dataclass(frozen=True)
@@ -150,8 +150,8 @@ class Directions:
         Of the marginal likelihood: a value is normal with the variance of the tolerances and that of its measurement.
         """
         told = np.isfinite(self.stds)
-        variance = SCALES[:, None] ** 2 + self.stds[told] ** 2
-        scale = float(SCALES[np.argmin((np.log(variance) + self.values[told] ** 2 / variance).sum(axis=1))])
+        variance = _SCALES[:, None] ** 2 + self.stds[told] ** 2
+        scale = float(_SCALES[np.argmin((np.log(variance) + self.values[told] ** 2 / variance).sum(axis=1))])
         return scale, int((self.stds < scale).sum())
 
 
@@ -169,13 +169,13 @@ def directions_of(prior: Prior, triangle: Array, right: Array, columns: Sequence
     slopes = triangle[:, links]
     if others:
         basis, sizes, _ = np.linalg.svd(_unit(triangle[:, others]), full_matrices=False)
-        basis = basis[:, sizes > NO_SLOPE * sizes.max(initial=0.0)]
+        basis = basis[:, sizes > _NO_SLOPE * sizes.max(initial=0.0)]
         slopes, right = slopes - basis @ (basis.T @ slopes), right - basis @ (basis.T @ right)
     left, sizes, turn = np.linalg.svd(np.linalg.solve(prior.whiten.T, slopes.T).T)
     toward = np.zeros(len(links))
     toward[: len(sizes)] = left[:, : len(sizes)].T @ right
     sizes = np.append(sizes, np.zeros(len(links) - len(sizes)))
-    floor = NO_SLOPE * max(float(sizes.max(initial=0.0)), 1e-300)
+    floor = _NO_SLOPE * max(float(sizes.max(initial=0.0)), 1e-300)
     stds = np.where(sizes > floor, 1 / np.maximum(sizes, floor), np.inf)
     rows = np.zeros((len(links), len(values)))
     rows[:, list(prior.of)] = turn @ prior.whiten

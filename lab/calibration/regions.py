@@ -13,10 +13,10 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from lab.calibration.extrapolation import neighbours
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification
 from lab.calibration.observation import observation_of
-from lab.calibration.pose_cover import neighbours
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.statistics.linearized import linearized
 from lab.calibration.validation import configurations
@@ -24,21 +24,13 @@ from lab.core.errors import LabError
 from lab.core.measurements import evenly
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.kinematics.effects.stations import at_first_station
+from lab.kinematics.effects.sessions import at_first_station
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import Model
 
-__all__ = [
-    "REGION_POSES",
-    "Region",
-    "RegionKind",
-    "TaskRegion",
-    "measured_region",
-    "region_of_points",
-    "workspace_region",
-]
+__all__ = ["Region", "RegionKind", "TaskRegion", "measured_region", "region_of_points", "workspace_region"]
 
-REGION_POSES = 200
+_REGION_POSES = 200
 RegionKind = Literal["measured", "workspace", "box", "targets"]
 _MAX_POSES = 20_000  # by which leverages are judged
 _MAX_STARTS = 4_000  # measured poses from which points are reached
@@ -93,7 +85,7 @@ def measured_region(found: Identification, observed: Observations, turning: NDAr
     rng = rng_for(0, "bootstrap")
     if found.process is not None:
         return Region("measured", _between_neighbours(observed.inputs[first], turning, rng))
-    some = np.sort(rng.permutation(len(first))[:REGION_POSES])
+    some = np.sort(rng.permutation(len(first))[:_REGION_POSES])
     inputs = observed.inputs[first[some]]
     if not observation_of(found.model).positions:
         return Region("measured", inputs)
@@ -113,8 +105,8 @@ def _between_neighbours(inputs: Array, turning: NDArray[np.bool_], rng: np.rando
     """Move each of distinct poses up to the whole way to or from one of its neighbours, within the range of each."""
     size = len(turning)
     joints, near = inputs[:, :size], neighbours(inputs[:, :size], turning)
-    order = np.concatenate([rng.permutation(len(inputs)) for _ in range(-(-REGION_POSES // len(inputs)))])[
-        :REGION_POSES
+    order = np.concatenate([rng.permutation(len(inputs)) for _ in range(-(-_REGION_POSES // len(inputs)))])[
+        :_REGION_POSES
     ]
     drawn = inputs[order].copy()
     if near.shape[1]:
@@ -136,7 +128,7 @@ def workspace_region(
         measured: ``(n, joints)`` the measured positions.
         turning: ``(joints,)`` which joints are hinges.
     """
-    inputs = at_first_station(model.conditions, model.structure_joints(REGION_POSES, rng_for(0, "structure")))
+    inputs = at_first_station(model.conditions, model.structure_joints(_REGION_POSES, rng_for(0, "structure")))
     if measured is None or turning is None:
         return Region("workspace", inputs)
     return Region("workspace", _turned_toward(model, values, inputs, measured, turning))

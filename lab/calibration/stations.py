@@ -9,7 +9,7 @@ from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.measurements import STATION, Measurements
 from lab.core.se3 import Array
-from lab.kinematics.effects.stations import further_stations
+from lab.kinematics.effects.sessions import further_stations
 from lab.kinematics.model import Model
 
 __all__ = ["STATION_POINTS", "few_points_of_a_station", "in_first_frame", "named_stations", "station_poses"]

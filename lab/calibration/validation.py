@@ -17,12 +17,11 @@ from lab.calibration.refit import placed_anew
 from lab.calibration.stations import few_points_of_a_station
 from lab.core import se3
 from lab.core.checks import Check
-from lab.core.errors import LabError
+from lab.core.errors import LabError, be, counted
 from lab.core.measurements import Measurements, setups
 from lab.core.progress import Progress, no_progress
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.core.wording import be, counted
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import frame_rotations, targets_of
 from lab.kinematics.serial.axes_to_dh import Truth

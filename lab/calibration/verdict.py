@@ -16,15 +16,13 @@ from typing import Any, Literal
 
 import numpy as np
 
-from lab.calibration.extrapolation import MeasuredRange
+from lab.calibration.extrapolation import MOST_UNCOVERED, MeasuredRange
 from lab.calibration.identify import Identification
 from lab.calibration.observation import observation_of
-from lab.calibration.pose_cover import MOST_UNCOVERED
 from lab.calibration.prior import Tolerance
 from lab.calibration.regions import Region, workspace_region
 from lab.calibration.residual_spread import ResidualSpread, residual_spread
-from lab.calibration.statistics.goodness_of_fit import is_doubted
-from lab.calibration.statistics.tolerance_bound import upper_tolerance_bound
+from lab.calibration.statistics.goodness_of_fit import is_doubted, upper_tolerance_bound
 from lab.calibration.validation import MOST_OUTLIERS, Errors, Validation
 from lab.calibration.workspace_prediction import (
     Distance,
@@ -40,28 +38,19 @@ from lab.core.checks import Check
 from lab.kinematics.gauge import base_set
 from lab.kinematics.parameter import indices_of_groups
 
-__all__ = [
-    "CONSTANT_SPREAD",
-    "MOST_TOLERANCES",
-    "Answer",
-    "Verdict",
-    "Word",
-    "judge",
-    "rotation_noise_rad",
-    "verdict",
-]
+__all__ = ["CONSTANT_SPREAD", "MOST_TOLERANCES", "Answer", "Verdict", "Word", "judge", "rotation_noise_rad", "verdict"]
 
 CONSTANT_SPREAD = 1e-6  # of what was measured, to the nominal model's: below, it does not change from pose to pose
 LARGEST_CHANGE_M, LARGEST_CHANGE_RAD = 20e-3, np.deg2rad(10)  # of a link: beyond, it is another robot's drawing
-LARGEST_ROTATION_RAD = 50e-3  # of measured orientations' residuals: no probe is that bad, and no calibration needs it
+_LARGEST_ROTATION_RAD = 50e-3  # of measured orientations' residuals: no probe is that bad, and no calibration needs it
 MOST_TOLERANCES = 10.0  # that a link is from its nominal value
-LEAST_GAIN = 0.9  # of the mean error: what is left of more is hardly an improvement
-CLEAR_GAIN = 0.5  # of the mean error: below, a larger maximum is one pose's
+_LEAST_GAIN = 0.9  # of the mean error: what is left of more is hardly an improvement
+_CLEAR_GAIN = 0.5  # of the mean error: below, a larger maximum is one pose's
 WORSE = 1.1  # times the nominal model's mean error
-NOISE_FLOOR = 1.5  # times what the noise and the parameters' covariance make of the error
-KNOWN_BEFORE = 0.5  # of what tolerances make of an arm: a calibration that predicts no less says little
-ROUGHLY = 1.1  # times the predicted mean error: as much a campaign's own differs from what is predicted
-MOST_FITTED = 0.5  # of the validation poses: if more were fitted, they validate nothing
+_NOISE_FLOOR = 1.5  # times what the noise and the parameters' covariance make of the error
+_KNOWN_BEFORE = 0.5  # of what tolerances make of an arm: a calibration that predicts no less says little
+_ROUGHLY = 1.1  # times the predicted mean error: as much a campaign's own differs from what is predicted
+_MOST_FITTED = 0.5  # of the validation poses: if more were fitted, they validate nothing
 _FLOOR_M = 1e-7  # errors below are rounding
 
 Word = Literal["good", "doubtful", "bad", "not judged"]
@@ -330,7 +319,7 @@ class _Calibration:
             return [_cannot_be("spread", times=found.spread)]
         if found.status != "converged":
             return [_cannot_be("convergence", status=found.status)]
-        if (rms_rad := self._orientations_rad()) > LARGEST_ROTATION_RAD:
+        if (rms_rad := self._orientations_rad()) > _LARGEST_ROTATION_RAD:
             return [_cannot_be("orientations", rms_rad=rms_rad)]
         if not (change_m := self._unconstrained_m()) <= LARGEST_CHANGE_M:
             return [_cannot_be("fixtures", change_m=change_m)]
@@ -359,7 +348,7 @@ class _Calibration:
         errors, validation = self.validation.errors, self.validation
         if errors is None or not np.isfinite(errors.after).any():
             return [Check("accuracy.validation", "not tested")]
-        if validation.fitted_share > MOST_FITTED:
+        if validation.fitted_share > _MOST_FITTED:
             return [Check("accuracy.validation", "failed", data={"fitted_share": validation.fitted_share})]
         before, after = float(np.nanmean(errors.before)), float(np.nanmean(errors.after))
         data = {"before_m": before, "after_m": after}
@@ -396,15 +385,15 @@ class _Calibration:
 
     def _gain(self, errors: Errors, before: float, after: float) -> list[Check]:
         """Check that the calibrated model is better than the nominal one, where it is not as good as noise allows."""
-        floor = NOISE_FLOOR * self._floor_m() + _FLOOR_M
+        floor = _NOISE_FLOOR * self._floor_m() + _FLOOR_M
         if float(np.sqrt(np.nanmean(errors.after**2))) <= floor or before <= 0:
             return []
         grown = float(np.nanmax(errors.after)) > float(np.nanmax(errors.before))
         data = {"before_m": before, "after_m": after, "grown": grown}
         if after > WORSE * before:
             return [Check("accuracy.worse", "failed", after / before, data=data)]
-        if after > LEAST_GAIN * before or (grown and after > CLEAR_GAIN * before):
-            times = after / before / LEAST_GAIN if not grown else 1 + after / before
+        if after > _LEAST_GAIN * before or (grown and after > _CLEAR_GAIN * before):
+            times = after / before / _LEAST_GAIN if not grown else 1 + after / before
             return [Check("accuracy.gain", "failed", times, data=data)]
         return []
 
@@ -500,12 +489,12 @@ class _Calibration:
         """
         region = self.region
         if self.gate_m is None:
-            limit, lacking = KNOWN_BEFORE * region.uncalibrated_rms_m, False
+            limit, lacking = _KNOWN_BEFORE * region.uncalibrated_rms_m, False
             failed = region.p95_m > limit > 0
             times = region.p95_m / limit if failed else 0.0
         else:
             limit, lacking = self.gate_m, self.goodness is not None and is_doubted(self.goodness)
-            times = region.p95_m / limit if lacking else region.mean_m / limit / ROUGHLY
+            times = region.p95_m / limit if lacking else region.mean_m / limit / _ROUGHLY
             failed = times > 1
         data = {**predicted, "limit_m": limit, "gate": self.gate_m is not None, "lack_of_fit": lacking}
         return [Check("determination.limit", "failed", times, data=data)] if failed else []

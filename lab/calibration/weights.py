@@ -7,8 +7,8 @@ import numpy as np
 from lab.calibration.gauss_newton import ExtraResiduals, Observations
 from lab.calibration.observation import Observation
 from lab.calibration.statistics.joint_rounding import by_joint_positions
-from lab.core.covariance import whitening
 from lab.core.errors import LabError
+from lab.core.linear_model import whitening
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.se3 import Array
 from lab.kinematics.model import Model

@@ -16,18 +16,16 @@ import numpy as np
 import scipy  # its parts are loaded at their first use, which not every process comes to
 from numpy.typing import NDArray
 
-from lab.calibration.extrapolation import (
-    MeasuredRange,
-    model_covariances,
-    position_covariances,
-)
+from lab.calibration.extrapolation import MeasuredRange, model_covariances, position_covariances
 from lab.calibration.identify import Identification
 from lab.calibration.observation import observation_of
 from lab.calibration.prior import Tolerance, alias_matrix, standard_deviations
 from lab.calibration.regions import Region, RegionKind, workspace_region
 from lab.calibration.residual_spread import ResidualSpread
+from lab.calibration.validation import Validation, configurations
+from lab.core.errors import LabError
 from lab.core.linear_model import matched_dof, p_value_of_squares
-from lab.core.probabilities import chi2_isf, f_isf
+from lab.core.probability import beta_ppf, chi2_isf, f_isf
 from lab.core.se3 import Array
 from lab.kinematics.gauge import BaseSet
 from lab.kinematics.model import Model
@@ -38,7 +36,9 @@ __all__ = [
     "Distance",
     "PredictedErrors",
     "RegionPrediction",
+    "ValidationBounds",
     "WorkspacePrediction",
+    "bounds_at",
     "distances_from_nominal",
     "length_not_exceeded",
     "own_tolerance",
@@ -419,3 +419,67 @@ def length_not_exceeded(squares: Array, dof: float | None, share: float = _SHARE
     while exceeded(high) > 0:
         high *= 2
     return float(scipy.optimize.brentq(exceeded, 0.0, high, xtol=1e-6 * high))
+
+
+@dataclass(frozen=True)
+class ValidationBounds:
+    """Predicted and observed errors at the validation poses, the noise of the measurements in both.
+
+    Attributes:
+        predicted_95_m: the length that 95 % of these errors are predicted not to exceed.
+        observed_95_m: the length that 95 % of them do not exceed.
+        inside_share: the share of the errors that are below their own pose's predicted 95 % length.
+        inside_low, inside_high: its 95 % interval, with poses as clusters.
+        extrapolated_share: of the poses, that no fitted pose is near.
+    """
+
+    predicted_95_m: float
+    observed_95_m: float
+    inside_share: float
+    inside_low: float
+    inside_high: float
+    extrapolated_share: float
+
+
+def bounds_at(
+    found: Identification,
+    left: ResidualSpread,
+    validation: Validation,
+    measured: MeasuredRange | None,
+    tolerance: Tolerance,
+) -> ValidationBounds | None:
+    """Compare predictions and errors at the validation poses; None where no pose has both.
+
+    Args:
+        left: what the fit left of the measurements.
+        measured: the joint positions that were measured, and what the model may lack beyond them.
+        tolerance: the arm's own.
+    """
+    rows, errors, positions = validation.rows, validation.errors, observation_of(found.model).positions
+    if rows is None or errors is None or not positions or not np.isfinite(left.total_m):
+        return None
+    try:
+        inputs = rows.inputs(found.model.conditions)
+    except LabError:  # exact points of a virtual arm have no measured orientation
+        return None
+    lengths = errors.after[:, :positions]
+    noise = validation.judged_by != "fresh"
+    predicted = predicted_errors_at(found, left, inputs, measured, noise=noise, tolerance=tolerance)
+    both = np.isfinite(lengths) & np.isfinite(predicted.lengths_95)
+    if not both.any():
+        return None
+    inside = (lengths <= predicted.lengths_95)[both]
+    clusters = len(np.unique(configurations(rows.joints[both.any(axis=1)])))
+    share = float(inside.mean())
+    low, high = (
+        float(beta_ppf(chance, share * clusters + more, (1 - share) * clusters + 1 - more))
+        for chance, more in ((0.025, 0), (0.975, 1))
+    )
+    return ValidationBounds(
+        predicted.among(both),
+        float(np.quantile(lengths[both], 0.95)),
+        share,
+        low if share > 0 else 0.0,
+        high if share < 1 else 1.0,
+        0.0 if measured is None else float(measured.uncovered(rows.joints).mean()),
+    )

@@ -12,8 +12,7 @@ from typing import Any, TypeVar
 from lab.core.errors import LabError
 from lab.core.limits import TEXT_BYTES
 from lab.core.whole_folder import CHECKSUMS, edited_files, file_digest
-from lab.formats.structured import read_structured, structured
-from lab.formats.text_file import read_text
+from lab.formats.structured import read_structured, read_text, structured
 
 __all__ = ["CONFIG_FILE", "INPUTS", "RunConfig", "RunInputs", "input_names", "read_config", "read_options"]
 

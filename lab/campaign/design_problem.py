@@ -1,7 +1,9 @@
 """What a measuring day is planned for: the arm before the nominal tracker, candidates, sensitivities."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,35 +11,176 @@ from numpy.typing import NDArray
 from lab.calibration.stations import STATION_POINTS
 from lab.campaign.instruments import named_instrument
 from lab.campaign.options import DesignOptions
-from lab.campaign.reachability import ReachabilityGraph, free_home, reachability
 from lab.campaign.robot import Robot, load_virtual
 from lab.campaign.stations import refuse_idle_stations, stations_in
-from lab.core.covariance import whitening
 from lab.core.errors import LabError
-from lab.core.kept_pieces import current_keep
 from lab.core.limits import STOPS
+from lab.core.linear_model import whitening
 from lab.core.progress import Progress, no_progress
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.core.whole_folder import Columns, Keep, at_once, current_keep
 from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.effects.arm import Arm
 from lab.kinematics.effects.effect import SessionInfo
-from lab.kinematics.effects.stations import station_parameters
+from lab.kinematics.effects.sessions import station_parameters
 from lab.kinematics.gauge import BaseSet, base_set
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
 from lab.noise.instruments import Instrument, is_isotropic, observing
 from lab.pose_selection.criteria import Criterion, Scaling, criterion
-from lab.pose_selection.exchange import Feasible, Sensitivity, information
-from lab.simulation.candidate_poses import Candidates, draw_candidates, feasibility, seeing_station
-from lab.simulation.clearances import planning_model
-from lab.simulation.collisions import LOWER_CLEARANCE, collisions_in_words, random_poses, unchecked
+from lab.pose_selection.exchange import Design, Feasible, Sensitivity, ascend, exchange, information
+from lab.pose_selection.tour import FreePath, fastest_way
+from lab.render.terminal import Stage, no_stage
+from lab.simulation.candidate_poses import MARGIN, Candidates, draw_candidates, feasibility, seeing_station
+from lab.simulation.collisions import LOWER_CLEARANCE, collides, collisions_in_words, random_poses, unchecked
+from lab.simulation.free_path import path_check, planning_model
 from lab.simulation.model import RobotModel
 
-__all__ = ["PoseProblem", "pose_problem"]
+__all__ = [
+    "HUBS",
+    "PoseProblem",
+    "ReachabilityGraph",
+    "best_design",
+    "exchanged",
+    "free_home",
+    "pose_problem",
+    "reachability",
+    "refusals",
+    "stops_in_order",
+]
 
-TEST_POSES = 500
-MEASURED_SLACK = 1e-3  # rad or m: how far joint positions may lie beyond a data sheet's limits
+_BLOCK = 500  # ways that are looked at, and kept, together
+HUBS = 20  # candidates tried as poses to pass through on the way to others
+
+
+@dataclass(frozen=True)
+class ReachabilityGraph:
+    """Where the arm may be, and go.
+
+    Inputs are joint positions, with further columns that say how a pose is measured, where there are such.
+
+    Attributes:
+        hubs: ``(h, joints)``, home (zero joint positions, or what is nearest and touches nothing) and poses with a
+            free way to it.
+        free: whether the joint path between two poses is free of collisions.
+        reachable: whether a free way leads from a hub to inputs ``(n, joints + further)``.
+        feasible: whether they are feasible as well.
+    """
+
+    hubs: Array
+    free: FreePath
+    reachable: Feasible
+    feasible: Feasible
+
+
+def free_home(model: RobotModel, candidates: Array) -> Array:
+    """The robot's home ``(joints,)``; where it touches something there, the nearest of free poses ``(m, joints)``."""
+    home = model.chain.home
+    if not collides(model, home[None])[0]:
+        return home
+    return np.asarray(candidates[np.argmin(np.abs(candidates - home).max(axis=1))])
+
+
+def reachability(
+    model: RobotModel, home: Array, candidates: Array, allowed: Feasible, most: int = HUBS
+) -> ReachabilityGraph:
+    """Hubs among the first of the candidates ``(m, joints)``, and what can be reached from them.
+
+    Args:
+        allowed: inputs ``(n, joints + further)`` to ``(n,)``, whether the arm may be there and is measured there.
+    """
+    free = path_check(model)
+    found = [home]
+    for pose in candidates[:most]:
+        if any(free(hub, pose) for hub in found):
+            found.append(pose)
+
+    known: dict[bytes, bool] = {}  # designs of other sizes ask for the same candidates again
+
+    def leads_to(pose: Array) -> bool:
+        key = pose.tobytes()
+        if key not in known:
+            known[key] = any(free(hub, pose) for hub in found)
+        return known[key]
+
+    def reachable(joints: Array) -> NDArray[np.bool_]:
+        return np.array([leads_to(pose) for pose in joints[:, : model.chain.size]], dtype=bool)
+
+    def feasible(joints: Array) -> NDArray[np.bool_]:
+        fine = allowed(joints)
+        fine[fine] = reachable(joints[fine])
+        return fine
+
+    return ReachabilityGraph(np.array(found), free, reachable, feasible)
+
+
+def refusals(model: RobotModel, access: ReachabilityGraph | None) -> Callable[[Array], list[str]]:
+    """A callable: why the arm may not go to joint positions ``(n, joints)``, in words; "" where it may.
+
+    Args:
+        access: to which a free way has to lead; None where the ways are given, and each place is judged by itself.
+    """
+
+    def refused(joints: Array) -> list[str]:
+        said = [f"collision: {words}" if words else "" for words in collisions_in_words(model, joints)]
+        for i, words in enumerate(said):
+            if access is not None and not words and not access.reachable(joints[i : i + 1])[0]:
+                said[i] = "no way that is free of collisions was found from home to it"
+        return said
+
+    return refused
+
+
+def stops_in_order(
+    chain: JointSpec,
+    access: ReachabilityGraph,
+    joints: Array,
+    progress: Progress = no_progress,
+    keep: Keep = at_once,
+) -> tuple[Array, NDArray[np.int_]]:
+    """A free way from home through poses in the order in which they are given, and home again.
+
+    Args:
+        chain: with known rates.
+        joints: ``(n, joints)``, to each of which a free way leads.
+        progress: told how many ways were looked at.
+        keep: how the ways that were looked at are kept.
+
+    Returns:
+        Joint positions ``(s, joints)`` to move to one after the other, each in a straight line of all joints, and
+        ``(s,)`` which of the poses each one is, -1 for home and for what is only passed.
+    """
+    home, known = access.hubs[0], dict[bytes, bool]()
+
+    def free(start: Array, end: Array) -> bool:
+        key = start.tobytes() + end.tobytes()
+        if key not in known:
+            known[key] = access.free(start, end)
+        return known[key]
+
+    nodes = np.concatenate([home[None], joints, home[None]])
+
+    def ways(first: int, last: int) -> Columns:
+        stops, which = [], []
+        for i in range(first, last):
+            progress(i, len(joints) + 1)
+            way = fastest_way(nodes[i], nodes[i + 1], access.hubs, chain, free)[1:]
+            stops.append(way)
+            which.append(np.append(np.full(len(way) - 1, -1), i if i < len(joints) else -1))
+        return {"stops": np.concatenate(stops), "which": np.concatenate(which)}
+
+    stops, which = [home[None]], [np.array([-1])]
+    for first in range(0, len(joints) + 1, _BLOCK):
+        last = min(first + _BLOCK, len(joints) + 1)
+        piece = keep("ways", [np.array([first]), nodes[first : last + 1], access.hubs], partial(ways, first, last))
+        stops.append(piece["stops"])
+        which.append(piece["which"])
+    return np.concatenate(stops), np.concatenate(which)
+
+
+_TEST_POSES = 500
+_MEASURED_SLACK = 1e-3  # rad or m: how far joint positions may lie beyond a data sheet's limits
 
 
 @dataclass(frozen=True)
@@ -84,7 +227,7 @@ class PoseProblem:
 
     def station(self, inputs: Array) -> NDArray[np.int_]:
         """``(n,)`` the station, from 0, that measures each of these inputs."""
-        return station_of(inputs[:, self.arm.chain.size :])
+        return _station_of(inputs[:, self.arm.chain.size :])
 
 
 def pose_problem(options: DesignOptions, robot: Robot | None = None, progress: Progress = no_progress) -> PoseProblem:
@@ -122,7 +265,7 @@ def pose_problem(options: DesignOptions, robot: Robot | None = None, progress: P
     jacobians = whitened if scaling.kind == "whitened" else unweighted
     pool = jacobians(inputs)
     factors = scaling.columns([seen.parameters[i] for i in kept], pool)
-    fresh = random_poses(robot.model, TEST_POSES // len(arm.targets), rng_for(options.seed, "fresh"))
+    fresh = random_poses(robot.model, _TEST_POSES // len(arm.targets), rng_for(options.seed, "fresh"))
     test = unweighted(_inputs(model, fresh)).reshape(-1, 3, len(kept))  # every target counts
     home, warnings = _home(options, robot.chain, model, candidates.joints)
     already = _measured_before(options, robot)
@@ -185,7 +328,7 @@ def _assigned(options: DesignOptions, model: RobotModel, device: Instrument, joi
     return _inputs(model, joints, stations)
 
 
-def station_of(columns: Array) -> NDArray[np.int_]:
+def _station_of(columns: Array) -> NDArray[np.int_]:
     """``(n,)`` the station, from 0, of columns ``(n, stations - 1)`` that are 1 where a pose is of each further one."""
     return np.asarray(columns.round() @ np.arange(1, columns.shape[1] + 1), dtype=np.int_)
 
@@ -205,7 +348,7 @@ def _feasible(model: RobotModel, targets: Sequence[str], device: Instrument) -> 
 
     def feasible(inputs: Array) -> NDArray[np.bool_]:
         joints, fine = inputs[:, : model.chain.size], np.zeros(len(inputs), dtype=np.bool_)
-        at = station_of(inputs[:, model.chain.size :])
+        at = _station_of(inputs[:, model.chain.size :])
         for k, check in enumerate(allowed):
             fine[at == k] = check(joints[at == k])
         return fine
@@ -266,10 +409,75 @@ def _measured_before(options: DesignOptions, robot: Robot) -> Array:
         return _inputs(robot.model, np.empty((0, chain.size)))
     plan = read_measurements(options.extend, chain.joint_names, chain.prismatic, points=False, most=STOPS)
     rows = plan.only("calibrate")
-    robot.refuse_beyond_limits(options.extend, rows, MEASURED_SLACK)
+    robot.refuse_beyond_limits(options.extend, rows, _MEASURED_SLACK)
     robot.refuse_impossible(options.extend, rows)
     measured = rows.seen.all(axis=1)
     rows = rows.take(np.flatnonzero(measured)) if measured.any() else rows
     if not len(rows):
         raise LabError(f"{options.extend}: no row has use = calibrate; mark some, or leave --extend out")
     return _inputs(robot.model, rows.joints, stations_in(options.extend, rows, robot.model))
+
+
+_ROUNDS = 4  # uphill
+
+
+def best_design(options: DesignOptions, problem: PoseProblem, count: int, progress: Stage = no_stage) -> Design:
+    """The best of several starts, each exchanged among the candidates and then moved uphill.
+
+    The first round uphill gains most, and tells which start is the best: that one alone goes on.
+    """
+    rng = rng_for(options.seed, "design")
+    best: Design | None = None
+    for start in range(options.starts):
+        progress(f"2 of 5, design of {count} poses, start {start + 1} of {options.starts}", start, options.starts)
+        design = _begun(problem, count, rng)
+        if best is None or design.score > best.score:
+            best = design
+    assert best is not None
+    return _uphill(problem, best, _ROUNDS - 1)
+
+
+def _begun(problem: PoseProblem, count: int, rng: np.random.Generator) -> Design:
+    """One start, exchanged and moved uphill once: kept with the state in which it leaves the generator."""
+
+    def work() -> Columns:
+        design = _uphill(problem, exchanged(problem, count, rng), 1)
+        return asdict(design) | {"score": np.array(design.score), "state": _state(rng)}
+
+    found = current_keep()("start", [np.array([count]), _state(rng), problem.inputs, problem.already], work)
+    rng.bit_generator.state = json.loads(str(found["state"]))
+    return Design(found["rows"], found["joints"], found["jacobian"], float(found["score"]))
+
+
+def _state(rng: np.random.Generator) -> NDArray[np.str_]:
+    return np.array(json.dumps(rng.bit_generator.state))
+
+
+def _uphill(problem: PoseProblem, design: Design, rounds: int) -> Design:
+    chain = problem.robot.chain
+    keep_off = MARGIN * (chain.upper - chain.lower)
+    further = problem.inputs.shape[1] - chain.size  # columns of stations, which stay as they are: nothing slopes there
+    return ascend(
+        design,
+        problem.sensitivity,
+        problem.goal,
+        problem.access.feasible,
+        np.append(chain.lower + keep_off, np.zeros(further)),
+        np.append(chain.upper - keep_off, np.ones(further)),
+        rounds=rounds,
+        measured=problem.measured,
+    )
+
+
+def exchanged(problem: PoseProblem, count: int, rng: np.random.Generator) -> Design:
+    """A design among the candidates to which a free way leads."""
+    return exchange(
+        problem.inputs,
+        problem.pool,
+        count,
+        problem.goal,
+        rng,
+        starts=1,
+        measured=problem.measured,
+        reachable=problem.access.reachable,
+    )

@@ -8,7 +8,7 @@ import tyro
 
 from lab.campaign.option_types import PRIOR_MODES, Flag, Names, Numbers, PriorMode
 from lab.core.errors import LabError
-from lab.core.numbers import positive
+from lab.core.limits import positive
 from lab.kinematics.effects.registry import EffectOptions, fitted_groups
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ Options = TypeVar("Options", bound=EffectOptions)
 
 
 _GROUPS = [f"{each.name} ({each.meaning})" if each.meaning else each.name for each in fitted_groups()]
-MODEL_HELP = "geometric; auto, which adds the groups that the data support; or groups joined by +: " + ", ".join(
+_MODEL_HELP = "geometric; auto, which adds the groups that the data support; or groups joined by +: " + ", ".join(
     [*_GROUPS, "residual (what no group explains, as offsets of the joints; also auto+residual)"]
 )
 
@@ -29,7 +29,7 @@ MODEL_HELP = "geometric; auto, which adds the groups that the data support; or g
 class Fitting:
     """How parameters are fitted."""
 
-    model: Annotated[str, tyro.conf.arg(help=MODEL_HELP)] = "geometric"
+    model: Annotated[str, tyro.conf.arg(help=_MODEL_HELP)] = "geometric"
     robust: Flag = False
     """Leave out poses that are off, found by a test that names one in 1 % of clean campaigns."""
     fix: Names = ()
@@ -99,13 +99,13 @@ class Fitting:
         )
 
 
-def comma_separated(kind: type[Options]) -> type[Options]:
+def _comma_separated(kind: type[Options]) -> type[Options]:
     """A class whose inherited options of several numbers are given as one word, e.g. ``0,3``."""
     kind.__annotations__ = {each.name: Numbers for each in fields(kind) if each.type == tuple[float, ...]}
     return kind
 
 
 @dataclass(frozen=True)
-@comma_separated
+@_comma_separated
 class ArmEffects(EffectOptions):
     """What of the virtual arm is not geometry; all of it is off unless given."""

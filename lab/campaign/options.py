@@ -9,12 +9,22 @@ import tyro
 from lab.campaign.option_groups import ArmEffects, Fitting
 from lab.campaign.option_types import Flag, Names, NoRecording, Numbers
 from lab.campaign.task_region import REGION_HELP, task_region
-from lab.core.dates import day
 from lab.core.errors import LabError
-from lab.core.limits import CANDIDATE_POINTS, CANDIDATES, FIXTURES, POSES, READINGS, SEED, STARTS, TARGETS
-from lab.core.numbers import positive, whole
-from lab.core.ranges import OPTION_SIZE
-from lab.core.serials import check_serial
+from lab.core.limits import (
+    CANDIDATE_POINTS,
+    CANDIDATES,
+    FIXTURES,
+    OPTION_SIZE,
+    POSES,
+    READINGS,
+    SEED,
+    STARTS,
+    TARGETS,
+    check_serial,
+    day,
+    positive,
+    whole,
+)
 from lab.formats.programs.registry import Controller
 from lab.sensors.registry import (
     FitInputs,
@@ -25,7 +35,7 @@ from lab.sensors.registry import (
     sensor_named,
     sensors_with,
 )
-from lab.simulation.clearances import CLEARANCE_MM, Clearances
+from lab.simulation.free_path import CLEARANCE_MM, Clearances
 
 if TYPE_CHECKING:
     from lab.calibration.sensor import Sensor

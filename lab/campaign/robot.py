@@ -10,35 +10,35 @@ from typing import Self
 
 import numpy as np
 
-from lab.campaign.descriptions import CLOSED_FORMATS, MAKER_FORMATS, SERIAL_FORMATS
-from lab.campaign.model_files import description_of, is_own, sha256_of
 from lab.core.errors import LabError, error_context
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.formats.cell_toml import Cell, read_cell
-from lab.formats.description import IdentifiedRobot, with_comment
-from lab.formats.dh_table_toml import read_table
-from lab.formats.links_toml import described_links, links_of
-from lab.formats.mechanism_toml import read_mechanism
-from lab.formats.robot_toml import is_mechanism
+from lab.formats.description import DescriptionFormat, IdentifiedRobot, with_comment
+from lab.formats.mechanism_toml import MECHANISM_TOML, read_mechanism
+from lab.formats.robot_toml import TABLE_TOML, described_links, is_mechanism, links_of, read_table
+from lab.formats.ur_calibration import UR_CORRECTIONS, UR_KINEMATICS
 from lab.kinematics.closed.arm import ClosedArm
-from lab.kinematics.dynamics.gravity import Loads
-from lab.kinematics.dynamics.link_loads import refuse_without_length
+from lab.kinematics.dynamics.gravity import Loads, refuse_without_length
 from lab.kinematics.effects.arm import Arm, affected
 from lab.kinematics.effects.effect import SessionInfo
 from lab.kinematics.effects.registry import effect
-from lab.kinematics.effects.stations import stations
+from lab.kinematics.effects.sessions import stations
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
 from lab.kinematics.serial.arm import DEFAULT_TOOL, SerialArm
 from lab.simulation.build_serial import table_model
-from lab.simulation.cell import in_cell
-from lab.simulation.cell_plausibility import implausible
-from lab.simulation.closed_robot import ClosedModel, TrueMechanism, closed_model, random_values, true_mechanism
-from lab.simulation.link_masses import loads_of
-from lab.simulation.load_mjcf_urdf import load_model
-from lab.simulation.model import RobotModel
-from lab.simulation.serial_model import SerialModel
+from lab.simulation.cell import implausible, in_cell
+from lab.simulation.closed_robot import (
+    CLOSED_MJCF,
+    ClosedModel,
+    TrueMechanism,
+    closed_model,
+    random_values,
+    true_mechanism,
+)
+from lab.simulation.model import RobotModel, SerialModel
+from lab.simulation.model_files import MJCF, URDF, XACRO, load_model, loads_of
 from lab.simulation.true_robot import (
     GeometryErrors,
     TrueRobot,
@@ -49,7 +49,83 @@ from lab.simulation.true_robot import (
     true_robot_from_table,
 )
 
-__all__ = ["ClosedRobot", "Robot", "SerialRobot", "load_robot", "load_virtual"]
+__all__ = [
+    "CLOSED_FORMATS",
+    "MAKER_FORMATS",
+    "SERIAL_FORMATS",
+    "ClosedRobot",
+    "Robot",
+    "SerialRobot",
+    "description_of",
+    "is_own",
+    "load_robot",
+    "load_virtual",
+    "models_folder",
+    "own_models",
+    "sha256_of",
+]
+
+_DESCRIPTION = "mechanism.toml"
+
+
+def models_folder() -> Path:
+    """Where the robots live: in the installed package, or beside it in a checkout."""
+    installed = Path(__file__).resolve().parents[1] / "models"
+    return installed if installed.is_dir() else installed.parent.parent / "models"
+
+
+def own_models() -> dict[str, Path]:
+    """The lab's own robots by name: a folder's, and ``<folder>/<file>`` of what else it describes."""
+    found = dict[str, Path]()
+    for folder in sorted(path for path in models_folder().iterdir() if (path / "README.md").is_file()):
+        files = [folder / name for name in (_DESCRIPTION, "scene.xml", "robot.xml", "robot.toml")]
+        main = next((path for path in files if path.is_file()), None)
+        found |= {} if main is None else {folder.name: main}
+        found |= {f"{folder.name}/{path.stem}": path for path in sorted(folder.glob("*.toml")) if path not in files}
+    return found
+
+
+def description_of(robot: str) -> Path:
+    """The file that describes a robot, given by the name of one of the lab's own or by a path.
+
+    Raises:
+        LabError: there is none (the message lists those there are).
+    """
+    models = own_models()
+    path = models.get(robot, Path(robot))
+    if path.suffix in (".xml", ".urdf", ".toml") and path.is_file():
+        return path
+    if path.suffix == ".xacro" and path.is_file():
+        urdf = path.with_suffix("" if path.stem.endswith(".urdf") else ".urdf")
+        raise LabError(f"robot '{robot}' is a xacro; expand it first (xacro {path} > {urdf}), and give {urdf}")
+    why = "neither MJCF, URDF nor TOML" if path.exists() else "no such model or file"
+    raise LabError(f"robot '{robot}': {why}; there are {', '.join(models)}, or give a path to .xml, .urdf or .toml")
+
+
+def is_own(path: Path) -> bool:
+    """Whether a file is of one of the lab's own robots."""
+    return path.parent.parent == models_folder()
+
+
+def sha256_of(path: Path) -> str:
+    """Of a model's folder of the lab without its README, else of the file alone."""
+    digest = hashlib.sha256()
+    own = is_own(path)
+    files = sorted(p for p in path.parent.rglob("*") if p.suffix in (".xml", ".stl", ".toml")) if own else [path]
+    for file in files:
+        digest.update(file.name.encode() + b"\0" + file.read_bytes())
+    return digest.hexdigest()
+
+
+MAKER_FORMATS: tuple[DescriptionFormat[SerialArm, SerialModel], ...] = (UR_KINEMATICS, UR_CORRECTIONS)
+SERIAL_FORMATS: tuple[DescriptionFormat[SerialArm, SerialModel], ...] = (
+    MJCF,
+    URDF,
+    XACRO,
+    *MAKER_FORMATS,
+    TABLE_TOML,
+)
+CLOSED_FORMATS: tuple[DescriptionFormat[ClosedArm, ClosedModel], ...] = (CLOSED_MJCF, MECHANISM_TOML)
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from typing import Literal
 import numpy as np
 
 from lab.core.errors import LabError, error_context
+from lab.core.limits import OPTION_SIZE
 from lab.core.random import rng_for
-from lab.core.ranges import OPTION_SIZE
 from lab.core.se3 import Array, transform
 from lab.formats.target_csv import read_targets
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import Observations, fit
-from lab.calibration.most_likely_parameters import SAME_M
+from lab.calibration.identify import SAME_M
 from lab.calibration.stations import STATION_POINTS
 from lab.campaign.instruments import named_instrument
 from lab.campaign.options import VirtualCampaign
@@ -19,8 +19,7 @@ from lab.core.measurements import Measurements, measured
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import read_measurements
-from lab.kinematics.effects.conditions import HOUR_S
-from lab.kinematics.effects.effect import ArmFacts
+from lab.kinematics.effects.effect import HOUR_S, ArmFacts
 from lab.kinematics.effects.registry import GROUPS
 from lab.kinematics.gauge import STRUCTURE_POSES, base_set
 from lab.kinematics.model import RigidArm
@@ -43,7 +42,7 @@ __all__ = [
 ]
 
 FRESH_POSES = 1000
-USUAL_HOURS = 1.0  # that a campaign takes where nothing is said
+_USUAL_HOURS = 1.0  # that a campaign takes where nothing is said
 
 
 def perturbed_arm(robot: Robot, options: VirtualCampaign) -> TrueRobot:
@@ -156,7 +155,7 @@ def drawn_conditions(
     real: TrueRobot, options: VirtualCampaign, poses: int, rng: np.random.Generator, asked: Sequence[str]
 ) -> dict[str, Array]:
     """What is set at each of so many poses of a campaign."""
-    hours = USUAL_HOURS if options.effects.hours is None else options.effects.hours
+    hours = _USUAL_HOURS if options.effects.hours is None else options.effects.hours
     chain, loads = real.robot.chain, options.effects.payload_kg
     return random_conditions(chain, real.effects, poses, rng, loads, hours * HOUR_S, asked)
 

@@ -16,7 +16,7 @@ import scipy  # its parts are loaded at their first use, which not every process
 
 from lab.calibration.workspace_prediction import length_not_exceeded
 from lab.core.linear_model import matched_dof, p_value_of_squares
-from lab.core.probabilities import binomial_cdf
+from lab.core.probability import binomial_cdf
 from lab.core.se3 import Array
 from lab.core.significance import CERTIFICATE_VALIDATION
 

@@ -18,14 +18,14 @@ from lab.formats.programs.registry import language_of_maker
 __all__ = ["CampaignFacts", "implausibilities"]
 
 USUAL_C = (15.0, 35.0)  # of a hall in which robots are measured
-LONGEST_YEARS = 2.0  # between two calibrations of an instrument, where its certificate states no end
-LONGEST_DAYS_TO_ISSUE = 365  # from the measurements to the certificate
+_LONGEST_YEARS = 2.0  # between two calibrations of an instrument, where its certificate states no end
+_LONGEST_DAYS_TO_ISSUE = 365  # from the measurements to the certificate
 USUAL_PRESSURE_HPA = (700.0, 1080.0)  # from 3,000 m up to the highest at sea level
-MOST_HUMID_PERCENT = 90.0  # above, water condenses on cooler glass
+_MOST_HUMID_PERCENT = 90.0  # above, water condenses on cooler glass
 USUAL_EXPANSION_PPM = (1.0, 30.0)  # from carbon fibre to aluminium alloys
-MOST_ROBOT_KELVIN = 30.0  # by which a working robot is warmer than its surroundings
+_MOST_ROBOT_KELVIN = 30.0  # by which a working robot is warmer than its surroundings
 USUAL_REPEATABILITY_MM = (1e-3, 1.0)  # RP that data sheets of robots state
-REPEATABILITY_RATIO = 3.0  # of the measured to the stated one, either way
+_REPEATABILITY_RATIO = 3.0  # of the measured to the stated one, either way
 _YEAR = 365.25  # days
 
 
@@ -70,7 +70,7 @@ def _of_dates(details: CertificateDetails, facts: CampaignFacts) -> Iterator[Che
         yield _found("other_day", "certificate.measured_on", impossible=True, **days)
     if stated and issued and stated > issued:
         yield _found("issued_before", "certificate.date", impossible=True, measured_on=stated, issued=issued)
-    if stated and issued and (issued - stated).days > LONGEST_DAYS_TO_ISSUE:
+    if stated and issued and (issued - stated).days > _LONGEST_DAYS_TO_ISSUE:
         late = {"measured_on": stated, "issued": issued, "days": (issued - stated).days}
         yield _found("issued_late", "certificate.date", impossible=False, **late)
     for name, gauge in (("instrument", details.instrument), ("reflector", details.reflector)):
@@ -98,7 +98,7 @@ def _of_certificate(
         yield _found("later_than_measured", where, impossible=True, **dates)
     if until and until < on:
         yield _found("ended", end, impossible=True, **dates)
-    if checked and not until and (on - checked).days > LONGEST_YEARS * _YEAR:
+    if checked and not until and (on - checked).days > _LONGEST_YEARS * _YEAR:
         yield _found("old", where, impossible=True, years=(on - checked).days / _YEAR, **dates)
 
 
@@ -132,13 +132,13 @@ def _of_surroundings(details: CertificateDetails) -> Iterator[Check]:
             yield _found(name, "environment.temperature_c", impossible=unfit, **temperature)
     if (known := details.robot_temperature) is not None:
         spread = min(known[0].limit, 2 * known[0].standard)
-        if spread > MOST_ROBOT_KELVIN:
-            sizes = {"spread_k": spread, "most_k": MOST_ROBOT_KELVIN}
+        if spread > _MOST_ROBOT_KELVIN:
+            sizes = {"spread_k": spread, "most_k": _MOST_ROBOT_KELVIN}
             yield _found("robot_temperature", "environment.robot_temperature_k", impossible=False, **sizes)
     numbers: dict[str, tuple[float | None, tuple[float, float], str]] = {
         "expansion_ppm_per_k": (room.expansion_ppm_per_k, USUAL_EXPANSION_PPM, "ppm/K"),
         "pressure_hpa": (room.pressure_hpa, USUAL_PRESSURE_HPA, "hPa"),
-        "humidity_percent": (room.humidity_percent, (0.0, MOST_HUMID_PERCENT), "%"),
+        "humidity_percent": (room.humidity_percent, (0.0, _MOST_HUMID_PERCENT), "%"),
     }
     for name, (value, (least, most), unit) in numbers.items():
         if value is not None and not least <= value <= most:
@@ -154,7 +154,7 @@ def _of_repeatability(details: CertificateDetails, facts: CampaignFacts) -> Iter
     if not low <= stated <= high:
         sizes = {"stated_mm": stated, "least_mm": low, "most_mm": high}
         yield _found("unusual_repeatability", "robot.repeatability_mm", impossible=False, **sizes)
-    if found is not None and not 1 / REPEATABILITY_RATIO <= found / stated <= REPEATABILITY_RATIO:
+    if found is not None and not 1 / _REPEATABILITY_RATIO <= found / stated <= _REPEATABILITY_RATIO:
         sizes = {"stated_mm": stated, "found_mm": found}
         yield _found("other_repeatability", "robot.repeatability_mm", impossible=False, **sizes)
 

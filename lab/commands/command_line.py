@@ -1,24 +1,104 @@
 """The command line of one command: its options, by tyro, and what every command takes beside them."""
 
+import re
 import shutil
 import textwrap
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass, make_dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass, make_dataclass
+from difflib import get_close_matches
+from functools import wraps
+from inspect import Parameter, signature
 from itertools import zip_longest
 from pathlib import Path
 from types import NoneType
-from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, TypeVar, cast, get_args, get_origin, get_type_hints
 
 import tyro
+from threadpoolctl import threadpool_limits
 
 from lab.campaign.config_file import read_options
 from lab.campaign.option_types import Flag, number, whole_number
-from lab.commands.parser_errors import one_line_errors
-from lab.commands.provenance import positional
 from lab.commands.registry import Command
+from lab.commands.run_folder import positional
 from lab.core.errors import LabError
+from lab.formats.structured import structured
 
-__all__ = ["Arguments", "parsed"]
+__all__ = ["Arguments", "options_of", "parsed", "takes"]
+
+try:
+    from tyro import _errors as events
+except ImportError:  # of a later tyro
+    events = None  # type: ignore[assignment]
+
+_NUMBER = re.compile(r"[+-]?[\d.]+,?")
+_OF_SEVERAL_TYPES = "no type matching"  # tyro's words of a value that may be left out, with types as it calls them
+
+
+@contextmanager
+def _one_line_errors(program: str, flags: Sequence[str], alone: Sequence[str] = ()) -> Iterator[None]:
+    """Within the block, what tyro rejects is a LabError.
+
+    Args:
+        program: what to ask for help.
+        flags: that the command has, for a guess at what was meant.
+        alone: those of them that stand without their name.
+    """
+    if events is None:
+        yield
+        return
+
+    def refuse(event: Any) -> None:
+        if line := _line(event, flags, alone):
+            raise LabError(f"{line}; see {program} --help")
+
+    with events.on_parse_error(refuse):
+        yield
+
+
+def _line(event: Any, flags: Sequence[str], alone: Sequence[str]) -> str:
+    """What is wrong; "" of an event that is not known here."""
+    if isinstance(event, events.UnrecognizedArgs):
+        return _unknown(event.tokens, flags, alone)
+    if isinstance(event, events.MissingArgs):
+        missing = " and ".join(_described(each.arg) for each in event.missing_arguments)
+        also = f"; {_unknown(event.unrecognized_tokens, flags, alone)}" if event.unrecognized_tokens else ""
+        return f"give {missing}{also}"
+    if isinstance(event, events.BadValue):
+        if event.argument.is_positional():
+            return f"give {_described(event.argument)}"
+        return f"{_name(event.argument)}: its value is missing"
+    if isinstance(event, events.InvalidChoice):
+        valid = str(event.argument.lowered.metavar).strip("{}").replace(",", ", ")
+        return f"{_name(event.argument)}: '{event.value}' is unknown; give one of {valid}"
+    if isinstance(event, events.InstantiationFailure) and event.argument is not None:
+        if str(event.message).startswith(_OF_SEVERAL_TYPES):
+            return f"{_name(event.argument)}: not understood; give {event.argument.lowered.metavar}"
+        return f"{_name(event.argument)}: {event.message}"
+    return ""
+
+
+def _name(argument: Any) -> str:
+    """A flag as it is typed, or what stands for a value without one."""
+    return str(argument.lowered.metavar if argument.is_positional() else argument.lowered.name_or_flags[0])
+
+
+def _described(argument: Any) -> str:
+    """A missing argument or flag, and of what kind it is."""
+    name = argument.field.intern_name if argument.is_positional() else argument.lowered.name_or_flags[0]
+    return f"{name} ({argument.lowered.metavar})"
+
+
+def _unknown(tokens: Sequence[str], flags: Sequence[str], alone: Sequence[str]) -> str:
+    if tokens[0] in alone:
+        return f"{' '.join(tokens)} is not understood; give it without {tokens[0]}"
+    if _NUMBER.fullmatch(tokens[0]):
+        return f"{' '.join(tokens)} is not understood; separate the numbers of one option by commas, without spaces"
+    if tokens[0].isidentifier() and "--robot" in {*flags} - {*alone}:
+        return f"{' '.join(tokens)} is not understood; is --robot {tokens[0]} meant?"
+    meant = get_close_matches(tokens[0], flags, 1, cutoff=0.75)
+    return f"{' '.join(tokens)} is not understood" + (f"; is {meant[0]} meant?" if meant else "")
+
 
 _CONFIG = "--config"
 _JSON = Annotated[Flag, tyro.conf.arg(help="Print the result as one JSON object.")]
@@ -68,13 +148,15 @@ def parsed(command: Command, arguments: Sequence[str]) -> Arguments:
     made: Any = make_dataclass("Arguments", [options, *common])
     program = f"lab {command.name}"
     flags = [f"--{name.replace('_', '-')}" for name in (*_names(kind), *(each[0] for each in common))]
-    with one_line_errors(program, flags, [f"--{name}" for name in positional(kind)]):
-        found = tyro.cli(made, prog=program, description=_described(command), args=rest, registry=_numbers())
+    with _one_line_errors(program, flags, [f"--{name}" for name in positional(kind)]):
+        found = tyro.cli(
+            made, prog=program, description=_described_command_line(command), args=rest, registry=_numbers()
+        )
     given_flags = (getattr(found, name, False) for name in ("overwrite", "json", "resume"))
     return Arguments(found.options, getattr(found, "out", None), *given_flags)
 
 
-def _described(command: Command) -> str:
+def _described_command_line(command: Command) -> str:
     again = " With --config FILE an earlier run's config.json gives the defaults." if command.folder else ""
     width = max(40, shutil.get_terminal_size().columns)  # as tyro has it, which does not break this text
     return textwrap.fill(command.help + again, width, subsequent_indent="  ")
@@ -169,3 +251,96 @@ def _spec(kind: type, read: Any, metavar: str, *, optional: bool) -> "tyro.const
         is_instance=lambda value: isinstance(value, kind) or (optional and value is None),
         str_from_instance=lambda value: ["none" if value is None else str(value)],
     )
+
+
+Options = TypeVar("Options")
+Call = TypeVar("Call", bound=Callable[..., Any])
+
+
+def options_of(call: str, kind: type[Options], given: Mapping[str, Any]) -> Options:
+    """The options that keywords say; the others are at their defaults.
+
+    Args:
+        call: what an error calls it.
+
+    Raises:
+        LabError: there is no such option, one is missing, or a value is not of its type.
+    """
+    groups, nested = dict(_options(kind)), dict[str, Any]()
+    for name, value in given.items():
+        if name not in groups:
+            meant = "".join(f": is {each} meant? There" for each in get_close_matches(name, groups, 1))
+            raise LabError(f"{call}: '{name}' is no option{meant or '; there'} are {', '.join(groups)}")
+        group = groups[name][0]
+        if name == "instrument" and value is not None:
+            value = _name_of_instrument(value)
+        (nested.setdefault(group, {}) if group else nested)[name] = value
+    return structured(call, kind, nested)
+
+
+def takes(kind: type[Any], **called: str) -> Callable[[Call], Call]:
+    """A public call whose ``**options`` are a command's: ``help`` and editors show them as its keywords.
+
+    It runs on one BLAS thread: for small matrices more threads wait for each other, and the bits stay the same.
+
+    Args:
+        kind: of the command's options, which may also be given in one object, as the first argument and alone.
+        called: options that are arguments of the call by another name: of each its argument's name.
+    """
+
+    def mark(function: Call) -> Call:
+        shown = signature(function)
+
+        @wraps(function)
+        def call(*given: Any, **options: Any) -> Any:
+            named = dict(zip(shown.parameters, given, strict=False)) | options
+            _refuse_twice(f"lab.{function.__name__}", kind, called, named)
+            with threadpool_limits(1):
+                return function(*given, **options)
+
+        own = [each for each in shown.parameters.values() if each.kind is not Parameter.VAR_KEYWORD]
+        taken = {*called, *(each.name for each in own)}
+        more = [
+            Parameter(name, Parameter.KEYWORD_ONLY, default=_default(field), annotation=hint)
+            for name, (_, field, hint) in _options(kind)
+            if name not in taken
+        ]
+        call.__signature__ = shown.replace(parameters=[*own, *more])  # type: ignore[attr-defined]
+        return cast(Call, call)
+
+    return mark
+
+
+def _name_of_instrument(given: Any) -> Any:
+    """The name of an instrument given as an object or a path; anything else as it is."""
+    from lab.campaign.instruments import name_of  # what most commands do without
+    from lab.noise.instruments import Instrument
+
+    return name_of(given) if isinstance(given, Path | Instrument) else given
+
+
+def _refuse_twice(call: str, kind: type[Any], called: Mapping[str, str], given: Mapping[str, Any]) -> None:
+    """Refuse what the call would pass over: an argument by another name, or one beside all options in one object."""
+    if wrong := [name for name in given if name in called]:
+        right = called[wrong[0]]
+        twice = (
+            f"{wrong[0]} and {right} are the same, given twice" if right in given else f"{wrong[0]} is no option here"
+        )
+        raise LabError(f"{call}: {twice}; give {right} alone")
+    beside = [name for name, value in given.items() if not isinstance(value, kind)]
+    if beside and len(beside) < len(given):
+        raise LabError(f"{call}: {beside[0]} is given beside a {kind.__name__}, which holds all options; set it there")
+
+
+def _options(kind: Any) -> Iterator[tuple[str, tuple[str, "Field[Any]", Any]]]:
+    """Each option by its name: the group's name, "" where it is in none, its field and its type."""
+    hints = get_type_hints(kind)
+    for one in fields(kind):
+        if is_dataclass(hints[one.name]):
+            yield from ((name, (one.name, *each[1:])) for name, each in _options(hints[one.name]))
+        else:
+            yield one.name, ("", one, hints[one.name])
+
+
+def _default(field: "Field[Any]") -> Any:
+    return Parameter.empty if field.default is MISSING else field.default

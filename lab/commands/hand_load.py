@@ -7,13 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from lab.campaign.robot import Robot
-from lab.commands.integrity import said_of_edits
-from lab.commands.run_folder import LOAD_FILE
-from lab.commands.values import plain_numbers
-from lab.core.covariance import refuse_impossible_covariance
+from lab.commands.result import plain_numbers
+from lab.commands.run_folder import LOAD_FILE, said_of_edits
 from lab.core.errors import LabError
+from lab.core.limits import LENGTH_M, PAYLOAD_KG
+from lab.core.linear_model import refuse_impossible_covariance
 from lab.core.measurements import Measurements
-from lab.core.ranges import LENGTH_M, PAYLOAD_KG
 from lab.core.se3 import Array
 from lab.formats.structured import read_structured
 

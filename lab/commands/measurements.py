@@ -5,8 +5,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from lab.campaign.robot import Robot, load_robot
-from lab.commands.calibrate.measured_rows import robot_of
-from lab.commands.calibrate.simulate import MeasuringDay
+from lab.commands.calibrate.run import MeasuringDay, robot_of
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array

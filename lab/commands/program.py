@@ -28,7 +28,7 @@ __all__ = [
 
 DEFECT, INTERRUPTED = 70, 130  # exit codes: EX_SOFTWARE of sysexits.h; 128 + SIGINT
 CLOSED = 0  # where whoever read the output has seen enough, and there is no result to tell
-LONGEST_LINE = 1000  # characters of what is said: a name or a cell may be a million
+_LONGEST_LINE = 1000  # characters of what is said: a name or a cell may be a million
 _ENCODING_ERRORS = "lab.plain"
 _PLAIN = {"−": "-", "→": "->", "±": "+-", "σ": "sigma", "χ": "chi", "µ": "u", "·": "*", "×": "x", "°": "deg", "≤": "<="}
 
@@ -71,8 +71,8 @@ def say(words: str) -> None:
     """One line on standard error: what would break a line or steer a terminal is escaped, the middle of more is cut."""
     line = " ".join(words.split())
     line = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
-    if len(line) > LONGEST_LINE:
-        line = f"{line[: LONGEST_LINE // 2]} … {line[-LONGEST_LINE // 2 :]}"
+    if len(line) > _LONGEST_LINE:
+        line = f"{line[: _LONGEST_LINE // 2]} … {line[-_LONGEST_LINE // 2 :]}"
     with suppress(OSError):  # nobody is there to be told
         print(f"lab: {line}", file=sys.stderr, flush=True)
 

@@ -1,25 +1,46 @@
-"""A run as a folder, complete or not there: written under a temporary name, then renamed."""
+"""Folders of runs: written whole, resumed, checked for edits, with the inputs and versions that they were made from."""
 
 import itertools
 import json
+import os
 import platform
-from collections.abc import Iterator, Sequence
+import shlex
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import asdict
+from dataclasses import MISSING, asdict, dataclass, fields, is_dataclass
 from functools import cache
 from hashlib import sha256
 from importlib import metadata
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args, get_type_hints
 
-from lab.campaign.config_file import CONFIG_FILE, INPUTS
-from lab.commands.input_copies import copy_inputs, input_files
+import numpy as np
+import tyro
+from numpy.typing import NDArray
+
+from lab.campaign.config_file import CONFIG_FILE, INPUTS, input_names, read_config
+from lab.campaign.robot import is_own
+from lab.commands.program import was_interrupted
+from lab.commands.registry import command_named
 from lab.core.errors import LabError
-from lab.core.limits import TEXT_BYTES
+from lab.core.limits import TABLE_BYTES, TEXT_BYTES
+from lab.core.se3 import Array
 from lab.core.version import __version__
-from lab.core.whole_folder import CHECKSUMS, checksum_lines, draft_of, is_being_written, resolved
-from lab.formats.structured import read_json
-from lab.formats.text_file import read_bytes
+from lab.core.whole_folder import (
+    CHECKSUMS,
+    Pieces,
+    checksum_lines,
+    draft_of,
+    edited_files,
+    file_digest,
+    is_being_written,
+    keeping,
+    resolved,
+)
+from lab.formats.structured import read_bytes, read_json, read_text
+from lab.kinematics.joints import JointSpec
+from lab.render.document import PAGE, Code, Command, Paragraph, Row, Section, Table
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -27,15 +48,138 @@ if TYPE_CHECKING:
 __all__ = [
     "LOAD_FILE",
     "SCHEMA",
+    "VIA",
+    "Stops",
+    "command_line",
     "config",
     "free_name",
     "input_files",
+    "is_older",
+    "joint_columns",
+    "positional",
+    "provenance_section",
+    "refuse_edits",
     "refuse_own_name",
     "run_folder",
+    "said_of_edits",
+    "unfinished",
     "versions",
     "write_config",
     "write_json",
 ]
+
+_OF_RUN = (".json", ".csv", ".toml", ".xml")  # files of a run that others build on: all but page and recording
+_NAMING = ("file", "robot")  # keys of a TOML file whose values name another one
+_NAMED_BY_FOLDER = ("robot", "scene")  # stems of models that are called as their folder is
+_OUTPUT = "out"
+
+
+def input_files(options: Any) -> tuple[Path, ...]:
+    """The files and folders that options name, which a run of them never replaces."""
+    values = [getattr(options, field.name) for field in fields(options) if field.name != _OUTPUT]
+    listed = [each for value in values for each in (value if isinstance(value, tuple) else (value,))]
+    own = [each for each in listed if isinstance(each, Path)]
+    own += [Path(value) for value in values if isinstance(value, str) and Path(value).suffix and Path(value).is_file()]
+    return tuple(own) + tuple(path for value in values if is_dataclass(value) for path in input_files(value))
+
+
+def _copy_inputs(folder: Path, options: Any) -> dict[str, str]:
+    """Copy what options name into a run's folder, with what those files name in their turn, as meshes.
+
+    Robots of the lab's own are not copied, and of folders only runs are: a folder of many runs is not.
+
+    Args:
+        folder: of the run, that is there.
+
+    Returns:
+        By the path that the options name, the path of the copy in the run's folder.
+    """
+    found, taken = dict[str, str](), dict[Path, Path]()
+    for path in input_files(options):
+        with suppress(OSError):  # nobody has to read it any more
+            if files := _files(path):
+                found[str(path)] = _copied(folder, files, taken)
+    return found
+
+
+def _files(path: Path) -> list[tuple[Path, Path]]:
+    """The files of an input, each with the place that it has beside the others; the input's own place first."""
+    place = Path(os.path.normpath(path.absolute()))
+    if path.is_dir():
+        if not (path / CONFIG_FILE).is_file():
+            return []
+        own = [each for each in path.iterdir() if each.suffix in _OF_RUN or each.name == CHECKSUMS]
+        own = [each for each in sorted((*own, *(path / INPUTS).rglob("*"))) if each.is_file()]
+        return [(path, place), *((each, place / each.relative_to(path)) for each in own)]
+    if not path.is_file() or is_own(path.resolve()):
+        return []
+    return [(path, place), *_named(path, place, {path.resolve()})]
+
+
+def _named(path: Path, place: Path, seen: set[Path]) -> Iterator[tuple[Path, Path]]:
+    """The files that a file names by relative paths, and those that they name."""
+    for file, name in _names(path):
+        if file.is_file() and not name.is_absolute() and file.resolve() not in seen and not is_own(file.resolve()):
+            seen.add(file.resolve())
+            beside = Path(os.path.normpath(place.parent / name))
+            yield file, beside
+            yield from _named(file, beside, seen)
+
+
+def _names(path: Path) -> Iterator[tuple[Path, Path]]:
+    """The files that a description names, and where each is as seen from it; nothing of another file."""
+    with suppress(LabError):
+        if path.suffix in (".xml", ".urdf"):
+            from lab.simulation.model_files import model_files
+
+            for file in sorted(model_files(path)):
+                yield file, Path(os.path.relpath(file.absolute(), path.parent.absolute()))
+        elif path.suffix == ".toml":
+            from lab.formats.structured import read_toml
+
+            for name in _texts(read_toml(path)):
+                beside = path.parent / name
+                yield (beside if beside.is_file() else Path(name)), Path(name)
+
+
+def _texts(content: Any) -> Iterator[str]:
+    """The values of a TOML file that name other files."""
+    if isinstance(content, dict):
+        yield from (value for key, value in content.items() if key in _NAMING and isinstance(value, str))
+        yield from (text for value in content.values() for text in _texts(value))
+    elif isinstance(content, list):
+        yield from (text for value in content for text in _texts(value))
+
+
+def _copied(folder: Path, files: list[tuple[Path, Path]], taken: dict[Path, Path]) -> str:
+    """Copy the files of an input as they are to each other; where the input's own copy is, in the run's folder.
+
+    Args:
+        taken: by the places that copies have, what was copied; where another file is, this input gets a folder.
+    """
+    own = files[0][1]
+    root = Path(os.path.commonpath([place.parent for _, place in files]))
+    if own.stem in _NAMED_BY_FOLDER and own.suffix != ".toml" and root == own.parent:
+        root = root.parent
+    number, base = 1, folder / INPUTS
+    while any(not _same(file, taken.get(base / place.relative_to(root))) for file, place in files):
+        number += 1
+        base = folder / INPUTS / str(number)
+    for file, place in files:
+        copy = base / place.relative_to(root)
+        taken[copy] = file
+        if file.is_file():
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(file, copy)
+    return (base / own.relative_to(root)).relative_to(folder).as_posix()
+
+
+def _same(file: Path, other: Path | None) -> bool:
+    """Whether a copy of a file can stand where one of another file stands already, if any."""
+    if other is None or file.resolve() == other.resolve():
+        return True
+    return file.is_file() and other.is_file() and file_digest(file) == file_digest(other)
+
 
 LOAD_FILE = "load.json"  # a payload, in the folder of a run
 _FILES = {
@@ -75,7 +219,7 @@ _FILES = {
     CHECKSUMS,
 }  # and programs: a folder with anything else is not replaced
 SCHEMA = 1  # the version of what config.json, parameters.json and result.json hold; docs/reference/schemas says it
-LONGEST_STEM = 100  # characters of a folder's default name
+_LONGEST_STEM = 100  # characters of a folder's default name
 _LIBRARIES = ("mujoco", "numpy", "scipy", "rerun-sdk")
 
 
@@ -183,7 +327,7 @@ def _is_config(path: Path) -> bool:
 
 def free_name(parent: Path, stem: str) -> Path:
     """A folder that does not exist yet: the stem, or the stem with a number."""
-    stem = stem[:LONGEST_STEM]
+    stem = stem[:_LONGEST_STEM]
     names = (parent / (stem if i == 1 else f"{stem}-{i}") for i in itertools.count(1))
     return next(name for name in names if not name.exists() and not (parent.exists() and is_being_written(name)))
 
@@ -207,7 +351,7 @@ def config(
 def write_config(folder: Path, command: str, options: "DataclassInstance", model_sha256: str) -> None:
     """Write ``config.json`` of a run, and beside it the copies of its inputs."""
     content = config(command, options, model_sha256)
-    write_json(folder / CONFIG_FILE, {**content, "inputs": copy_inputs(folder, options)})
+    write_json(folder / CONFIG_FILE, {**content, "inputs": _copy_inputs(folder, options)})
 
 
 def refuse_own_name(where: object, name: str) -> None:
@@ -269,3 +413,275 @@ def _indented(value: Any, level: int) -> Iterator[str]:
         yield from _indented(value[each] if isinstance(value, dict) else each, level + 1)
         before, end = "," + inner, outer + last
     yield end
+
+
+_ACCEPT_EDITED = "--accept-edited"
+
+
+def said_of_edits(folder: Path, names: Sequence[str], *, accept: bool) -> tuple[str, ...]:
+    """Refuse files of a run that were changed since it was written, or tell of them where they are accepted.
+
+    A run of an older lab that never had checksums is read with a word about it.
+
+    Args:
+        names: of the files that matter, as far as they are there.
+
+    Raises:
+        LabError: they are not accepted.
+    """
+    found = "its checksums are missing"
+    if (folder / CHECKSUMS).is_file():
+        edited = edited_files(folder, read_text(folder / CHECKSUMS, TEXT_BYTES), names)
+        if not edited:
+            return ()
+        found = f"{', '.join(edited)} {'was' if len(edited) == 1 else 'were'} changed since the run was written"
+    elif is_older(folder):
+        return (
+            f"{folder}: an older version of the lab made this run, without checksums: nothing tells whether it was "
+            f"edited; lab migrate {folder} adds them",
+        )
+    if not accept:
+        raise LabError(f"{folder}: {found}; make the run again, or say {_ACCEPT_EDITED} to build on it as it is")
+    return (f"{folder}: {found}: built on as it is",)
+
+
+def refuse_edits(folder: Path) -> None:
+    """Refuse a run any file of which was changed since it was written.
+
+    Raises:
+        LabError: one was, or the checksums of a run that had some are gone.
+    """
+    own = (path.relative_to(folder) for path in folder.rglob("*") if path.is_file() and path != folder / CHECKSUMS)
+    said_of_edits(folder, sorted({*(path.as_posix() for path in own), *input_names(folder)}), accept=False)
+
+
+def is_older(folder: Path) -> bool:
+    """Whether a lab without versions of the schema made this run."""
+    return read_config(folder).schema == 0
+
+
+_LABEL = "work.json"
+_PARTS = {"command": "command", "options": "option", "files": "content of", "versions": "version of"}
+_OF_RUN_unfinished, _MOST_FILES = {".json", ".csv", ".xml", ".toml"}, 100  # of a run that is built on
+_NO_PART = ("out", "overwrite")  # options that say where a run goes, and not what it is
+
+
+@contextmanager
+def unfinished(command: str, options: Any, out: Path | None, *, resume: bool) -> Iterator[None]:
+    """Pieces of the work inside the block are kept beside the run's folder, until that stands.
+
+    Args:
+        out: the run's folder; None where none is written, and nothing is kept.
+        resume: whether to go on with what an earlier run with the same options kept; otherwise it is removed.
+
+    Raises:
+        LabError: what is there is of other options, other files or another version.
+    """
+    if out is None:
+        if resume:
+            raise LabError("--resume goes on with a run that was interrupted: give its folder, --out")
+        yield
+        return
+    folder = _beside(out)
+    work = _work(command, options)
+    if resume:
+        _refuse_other(out, folder, work)
+    else:
+        shutil.rmtree(folder, ignore_errors=True)
+    pieces = Pieces(folder, _LABEL, json.dumps(work, indent=1).encode())
+    try:
+        with keeping(pieces):
+            yield
+    except BaseException as stop:
+        if was_interrupted(stop) and folder.is_dir():
+            raise KeyboardInterrupt(f"the same command with --out {out} --resume goes on with what is done") from stop
+        if pieces.kept and isinstance(stop, LabError) and not isinstance(stop.__cause__, OSError):
+            shutil.rmtree(folder, ignore_errors=True)  # it cannot be done: there is nothing to go on with
+        raise
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+def _beside(out: Path) -> Path:
+    """Where pieces are kept."""
+    try:
+        place = resolved(out)
+    except OSError as error:
+        raise LabError(f"{out}: cannot be written ({error.strerror}); give --out another folder") from error
+    return place.parent / f".{place.name}.unfinished"
+
+
+def _work(command: str, options: Any) -> dict[str, Any]:
+    """What pieces depend on: options, the content of the files that they name, and versions; as JSON has it."""
+    asked = {name: value for name, value in asdict(options).items() if name not in _NO_PART}
+    own = getattr(options, "out", None)
+    files = {str(path): _content(path) for path in input_files(options) if path != own}
+    work = {"command": command, "options": asked, "files": files, "versions": versions()}
+    plain: dict[str, Any] = json.loads(json.dumps(work, default=str))
+    return plain
+
+
+def _content(path: Path) -> str:
+    """The checksum of a file, or of the tables and values of a folder; "" of what its reader refuses."""
+    with suppress(OSError):
+        if path.is_dir():
+            own = sorted(each for each in path.iterdir() if each.suffix in _OF_RUN_unfinished)[:_MOST_FILES]
+            return sha256("".join(map(_content, own)).encode()).hexdigest()
+        if path.is_file() and path.stat().st_size <= TABLE_BYTES.most:  # no device, and nothing without end
+            return file_digest(path)
+    return ""
+
+
+def _refuse_other(out: Path, folder: Path, work: dict[str, Any]) -> None:
+    """Pieces of other work; where none are, the work begins."""
+    if not (folder / _LABEL).exists():
+        return
+    there = read_json(folder / _LABEL, "leave out --resume to begin anew")
+    if there == work:
+        return
+    said: dict[str, Any] = there if isinstance(there, dict) else {}
+    for part, words in _PARTS.items():
+        if said.get(part) != work[part]:
+            what = f"another {words}{_other(said.get(part), work[part])}"
+            raise LabError(f"{out}: was interrupted with {what}; give the same, or leave out --resume to begin anew")
+    raise LabError(f"{out}: what was kept of it is damaged; leave out --resume to begin anew")
+
+
+def _other(old: Any, new: Any) -> str:
+    """The first name whose value is not the same, after a space."""
+    if not (isinstance(old, dict) and isinstance(new, dict)):
+        return ""
+    return next((f" {name}" for name in sorted({*old, *new}) if old.get(name) != new.get(name)), "")
+
+
+VIA = "via"  # the purpose of a stop that is only passed
+_BLOCK = 10_000  # stops that are made plain values at a time
+
+
+@dataclass(frozen=True)
+class Stops:
+    """Stops of a robot's way, each reached in a straight line of all joints.
+
+    Attributes:
+        joints: ``(s, n)`` rad or m.
+        which: ``(s,)`` which of the poses or targets ``ids`` each one is; -1 where it is none.
+        ids: what these are called.
+        purpose: what is done at them; every other stop is there for ``via``.
+        stations: of the instrument that measures then, ``(s,)`` names; none where it has one alone.
+    """
+
+    joints: Array
+    which: NDArray[np.int_]
+    ids: Sequence[str]
+    purpose: str
+    stations: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What each one is called: its pose's or target's id, ``home`` at the ends, or ``via`` and a number.
+
+        Between two stations it is ``home_between`` and a number.
+        """
+        last, names, via, between = len(self.which) - 1, list[str](), 0, 0
+        for i, pose in enumerate(self.which.tolist()):
+            moved = bool(self.stations) and 0 < i < last and self.stations[i] != self.stations[i + 1]
+            between += moved
+            via += pose < 0 and i not in (0, last) and not moved
+            passed = "home" if i == 0 else "home_again" if i == last else f"via{via:03d}"
+            passed = f"home_between{between}" if moved else passed
+            names.append(self.ids[pose] if pose >= 0 else passed)
+        return tuple(names)
+
+    @property
+    def purposes(self) -> tuple[str, ...]:
+        """What each one is for."""
+        return tuple(self.purpose if pose >= 0 else VIA for pose in self.which)
+
+    def columns(self, chain: JointSpec) -> Mapping[str, Sequence[Any] | Array]:
+        """``id``, ``stop`` (what each is for), ``station`` where there are several, and joint positions.
+
+        These are called ``<joint>_deg`` or ``<joint>_mm``.
+        """
+        stations = {"station": list(self.stations)} if self.stations else {}
+        return {"id": list(self.names), "stop": list(self.purposes), **stations, **joint_columns(chain, self.joints)}
+
+    def rows(self, chain: JointSpec) -> Iterator[dict[str, Any]]:
+        """A mapping for each one, by the names of ``columns``, made as it is asked for."""
+        columns = self.columns(chain)
+        for first in range(0, len(self.which), _BLOCK):
+            some = (values[first : first + _BLOCK] for values in columns.values())
+            plain = [each.tolist() if isinstance(each, np.ndarray) else each for each in some]
+            for row in zip(*plain, strict=True):
+                yield dict(zip(columns, row, strict=True))
+
+
+def joint_columns(chain: JointSpec, joints: Array) -> dict[str, Array]:
+    """Joint positions ``(n, joints)`` (rad or m) by joint and unit, as people read them: ``<joint>_deg`` or ``_mm``."""
+    return {
+        f"{name}_{'mm' if slides else 'deg'}": 1e3 * values if slides else np.rad2deg(values)
+        for name, slides, values in zip(chain.joint_names, chain.prismatic, joints.T, strict=True)
+    }
+
+
+(_POSITIONAL,) = get_args(tyro.conf.Positional[str])[1:]  # the mark of an option without a flag
+_SHOWN = ("robot", "instrument", "seed")  # also where they are at their defaults
+
+
+def command_line(name: str, options: "DataclassInstance") -> str:
+    """What to type for these options: those that are not at their defaults."""
+    given, words, flags = dict(_asked(options)), ["lab", name], []
+    for option in positional(type(options)):
+        value, told = getattr(options, option), given.pop(option, "")
+        several = map(str, value) if isinstance(value, tuple) else (told,)
+        words += map(shlex.quote, several if told else ())
+    for option, value in given.items():
+        flags.append(f"--{option.replace('_', '-')}" + (f" {shlex.quote(value)}" if value else ""))
+    return " ".join([*words, *flags])
+
+
+def positional(kind: type[Any]) -> list[str]:
+    """The options of a command that stand without a flag."""
+    hints = get_type_hints(kind, include_extras=True)
+    return [option for option, hint in hints.items() if _POSITIONAL in get_args(hint)]
+
+
+def _asked(options: Any) -> Iterator[tuple[str, str]]:
+    """Options that are not at their defaults, those of groups among them; no text for one that is only switched on."""
+    for field in fields(options):
+        value = getattr(options, field.name)
+        default = field.default if field.default_factory is MISSING else field.default_factory()
+        if is_dataclass(value):
+            yield from _asked(value)
+        elif value != default:
+            yield field.name, _written(value)
+
+
+def _written(value: Any) -> str:
+    if value is True:
+        return ""
+    if isinstance(value, tuple):
+        return ",".join(_written(each) for each in value)
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def provenance_section(
+    name: str, options: "DataclassInstance", model_sha256: str, serial: str | None = None
+) -> Section:
+    """The section on what was done: enough to do it again.
+
+    Args:
+        name: of the command.
+        serial: the serial number of the arm, where it is known.
+    """
+    made = config(name, options, model_sha256)
+    versions = ", ".join(f"{library} {version}" for library, version in made["versions"].items())
+    rows: list[Row] = [(key, str(made["options"][key])) for key in _SHOWN if made["options"].get(key) is not None]
+    rows += [("serial", serial)] if serial is not None else []
+    rows += [("versions", versions), ("model (SHA-256)", Code(model_sha256))]
+    words = "All other options were at their defaults"
+    if command_named(name).folder:
+        words += f"; config.json holds every one; lab {name} --config config.json gives the same numbers again"
+    return Section(
+        "What was done",
+        (Command(command_line(name, options)), Paragraph(f"{words}."), Table(("", ""), tuple(rows))),
+        shown_in=PAGE,
+    )

@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.core.errors import LabError
-from lab.core.kept_pieces import Columns, Keep, at_once
 from lab.core.progress import Progress, no_progress
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.core.whole_folder import Columns, Keep, at_once
 from lab.kinematics.differential import SINGULAR_M
 from lab.kinematics.effects.arm import Arm
 from lab.kinematics.inverse.branches import NominalInverse, nearest_whole_turns, ordered
@@ -32,7 +32,7 @@ from lab.kinematics.joints import JointSpec
 __all__ = ["AGREED_M", "ASKED_FOR", "CLEAR_RAD", "NEAR_RAD", "Compensation", "Compensator", "Refusals"]
 
 CLEAR_RAD = np.deg2rad(5.0)  # of a singularity, where the rotation is free to choose
-MOST_LEFT_OUT_M = 10e-3  # of a place, by an arm with one or two joints; what is farther off is out of its reach
+_MOST_LEFT_OUT_M = 10e-3  # of a place, by an arm with one or two joints; what is farther off is out of its reach
 _AIMINGS = 3  # of the nominal model's inverse at what the arm misses, before Newton's method begins
 _ROUNDS = 50  # of the schemes (b) and (c)
 _SETTLED_M, _SETTLED_RAD = 1e-9, 1e-9  # an error that they leave
@@ -45,7 +45,7 @@ Texts = NDArray[np.object_]  # (n,) of str
 NEAR_RAD = np.deg2rad(1.0)  # of a singularity (m for a slide)
 AGREED_M = 1e-6  # what schemes of compensation may end apart, m or rad
 _EDGE_M = 1e-3  # missed by less, a target is at the edge of the workspace
-LIMIT_SLACK = 1e-9  # rad or m: rounding
+_LIMIT_SLACK = 1e-9  # rad or m: rounding
 
 Moved = Callable[
     [NDArray[np.int_], Array, Array], Array
@@ -81,7 +81,7 @@ class Attempts:
     @property
     def possible(self) -> NDArray[np.bool_]:
         """``(n,)``: arrived, and within limits."""
-        return np.asarray(self.arrived & (self.excess.max(axis=1) <= LIMIT_SLACK))
+        return np.asarray(self.arrived & (self.excess.max(axis=1) <= _LIMIT_SLACK))
 
     @property
     def fits(self) -> NDArray[np.bool_]:
@@ -91,7 +91,7 @@ class Attempts:
     @property
     def cost(self) -> Array:
         """``(n,)``: the smaller, the better: what is refused is better than what is beyond limits or not reached."""
-        beyond = np.where(self.refusals == "", self.excess.max(axis=1), 2 * LIMIT_SLACK)
+        beyond = np.where(self.refusals == "", self.excess.max(axis=1), 2 * _LIMIT_SLACK)
         return np.where(self.arrived, beyond, 1e3 + np.abs(self.errors).max(axis=1))
 
     def take_better(self, rows: NDArray[np.int_], other: "Attempts", chain: JointSpec) -> None:
@@ -119,7 +119,7 @@ class Attempts:
         if self.possible[i] and self.refusals[i]:
             return str(self.refusals[i])
         beyond = int(self.excess[i].argmax())
-        if self.arrived[i] and self.excess[i, beyond] > LIMIT_SLACK:
+        if self.arrived[i] and self.excess[i, beyond] > _LIMIT_SLACK:
             return f"joint limit: {_beyond_limit(chain, self.joints[i], beyond)}"
         distance, joint = singular
         far = f"{1e3 * distance:.2g} mm" if chain.prismatic[joint] else f"{np.rad2deg(distance):.2g}°"
@@ -267,7 +267,7 @@ class Compensator:
         positions = _spread(aimed.positions, fits, wanted.positions.shape)
         rotations = _spread(aimed.rotations, fits, wanted.rotations.shape)
         apart = self._apart(given, some.turned, found.joints[fits], *schemes)
-        apart[chain.beyond_limits(by_space, LIMIT_SLACK).any(axis=1)] = np.nan  # the controller would refuse it
+        apart[chain.beyond_limits(by_space, _LIMIT_SLACK).any(axis=1)] = np.nan  # the controller would refuse it
         apart = _spread(apart, fits, (len(wanted),))
         unplaced, unturned = self._left_out(asked, found.joints, conditions)
         rigid = self.arm.rigid
@@ -343,7 +343,7 @@ class Compensator:
             going = going[reached]
         ended = reach(self.arm, self.values, wanted, joints, conditions, self.nominal.target)
         turned = nearest_whole_turns(chain, ended.joints, start)
-        arrived = ended.arrived & (np.linalg.norm(ended.errors[:, :3], axis=1) < MOST_LEFT_OUT_M)
+        arrived = ended.arrived & (np.linalg.norm(ended.errors[:, :3], axis=1) < _MOST_LEFT_OUT_M)
         start = nearest_whole_turns(chain, start, turned)  # the other schemes end where this one does
         found = Attempts(start, branch, turned, ended.errors, arrived, chain.excess(turned),
                          aimings + ended.steps, _no_texts(len(turned)), _no_texts(len(turned)))  # fmt: skip

@@ -16,12 +16,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from lab.core import se3
-from lab.core.probabilities import chi2_sf
+from lab.core.probability import chi2_sf
 from lab.core.se3 import Array
 
 __all__ = ["Flange", "located_flange", "point_rows"]
 
-STATED_M = 10e-6  # one standard deviation of a stated coordinate, before distances between points show it
+_STATED_M = 10e-6  # one standard deviation of a stated coordinate, before distances between points show it
 _STATED_DOF = 1  # as many residuals that weighs
 _LEVEL = 0.01  # chance, of each of two tests, that places stated rightly are not believed
 _SPREAD_M = 1e-3  # of points about a line: below, they do not turn about it
@@ -78,7 +78,7 @@ def located_flange(
     if not count:
         return nothing
     rows = point_rows(stated).reshape(count, 6)
-    variance, shape_dof = (STATED_M**2, dof) if posed else _stated_variance(rows, stated, off, _least(prior[:3, :3]))
+    variance, shape_dof = (_STATED_M**2, dof) if posed else _stated_variance(rows, stated, off, _least(prior[:3, :3]))
     whole = rows @ prior @ rows.T + covariance + variance * np.eye(count)
     if _is_elsewhere(whole, rows, off):
         return nothing
@@ -119,4 +119,4 @@ def _stated_variance(rows: Array, stated: Array, off: Array, as_a_link: float) -
         return as_a_link, 1.0
     left = off - rows @ np.linalg.lstsq(rows, off, rcond=None)[0]
     dof = len(off) - 6 + _STATED_DOF
-    return float((left @ left + _STATED_DOF * STATED_M**2) / dof), float(dof)
+    return float((left @ left + _STATED_DOF * _STATED_M**2) / dof), float(dof)

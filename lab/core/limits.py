@@ -1,14 +1,16 @@
-"""How large an input may be: what is more is refused where it enters, before any work begins.
+"""Limits of what a user may give, and checks that name the option, the value and what is allowed."""
 
-The limits are far above what a calibration needs, and small enough that the work ends and fits into memory. Each is
-listed in docs/reference/limits.md.
-"""
-
-from collections.abc import Sized
+import re
+from collections.abc import Mapping, Sized
 from dataclasses import dataclass
+from datetime import date
 from typing import Final
 
+import numpy as np
+from numpy.typing import NDArray
+
 from lab.core.errors import LabError
+from lab.core.se3 import Array
 
 __all__ = [
     "BRACKETS",
@@ -16,47 +18,88 @@ __all__ = [
     "CANDIDATES",
     "CANDIDATE_POINTS",
     "CELLS",
+    "CLOCKS_S",
+    "CLOCK_DRIFT_PPM",
     "COLUMNS",
+    "COORDINATE_SIZE",
     "COPIES",
+    "CORRECTION_A_M",
+    "CORRECTION_D_M",
+    "CORRECTION_RAD",
+    "COUNTS",
+    "COUPLING_SIZE",
     "DAYS",
     "DEPTH",
+    "DIGITS",
+    "DISTANCE_MM",
     "DRAWN_POINTS",
     "DRAWS",
+    "EARTH_GRAVITY",
+    "ELEVATION_DEG",
     "FIXTURES",
     "FRAMES",
+    "FRICTION_PERCENT",
+    "GEAR",
+    "HOLDOUT",
+    "HUMIDITY_PERCENT",
     "JOINTS",
+    "JOINT_SPAN",
+    "LENGTH_M",
     "LIMITS",
     "LINE",
     "LINE_OF_TEXT",
     "MESH_BYTES",
     "MOMENTS",
+    "MOTOR_ZERO_DEG",
     "NAME",
     "NESTED_ELEMENTS",
+    "NUMBER_SIZE",
+    "OPTION_SIZE",
     "ORIENTATIONS",
     "PASSED",
+    "PAYLOAD_KG",
     "PIXELS",
     "PLACED",
     "PLACES",
     "POSES",
+    "POSITION_MM",
+    "POSITIVE_OPTION",
+    "PRESSURE_HPA",
     "PROGRAM_BYTES",
     "PROGRAM_FRAMES",
     "PROGRAM_MOVES",
     "PROGRAM_TARGETS",
+    "QUATERNION_NORM",
+    "RANGES",
     "READINGS",
+    "REFLECTOR_DEG",
+    "REHEARSED",
+    "REHEARSED_S",
     "ROBOTS",
+    "ROOM_C",
+    "ROUNDED_NORM",
     "ROUNDS",
     "ROWS",
     "SEED",
+    "SIGMA_MM",
     "STARTS",
     "STOPS",
     "TABLE_BYTES",
     "TARGETS",
     "TEXT_BYTES",
     "TOML_BYTES",
+    "UNCERTAINTY",
     "VALUES",
     "WORKERS",
     "Limit",
+    "Range",
+    "called",
+    "check_serial",
     "checked_name",
+    "day",
+    "one_serial",
+    "positive",
+    "whole",
 ]
 
 _MIB: Final = 1 << 20
@@ -163,3 +206,160 @@ def checked_name(where: object, name: str) -> str:
     if name[0] in _NOT_FIRST:
         raise LabError(f"{where}: the name {name!r} begins with {name[0]!r}; begin it with a letter")
     return name
+
+
+@dataclass(frozen=True)
+class Range:
+    """The numbers that something may have.
+
+    Attributes:
+        what: as the documentation says it.
+        least: the smallest.
+        most: the largest.
+        unit: of both; "" of a plain number.
+        why: what lies outside.
+    """
+
+    what: str
+    least: float
+    most: float
+    unit: str
+    why: str
+
+    @property
+    def shown(self) -> str:
+        """The ends as a person reads them."""
+        return f"{self.least:,.10g} to {self.most:,.10g} {self.unit}".replace("-", "−").strip()
+
+    def __contains__(self, value: float) -> bool:
+        """Whether a number is one of them; one that is not finite never is."""
+        return self.least <= value <= self.most
+
+    def outside(self, values: Array) -> NDArray[np.bool_]:
+        """Which numbers ``(...)`` are none of them; NaN is a cell that is empty, and passes."""
+        return np.asarray((values < self.least) | (values > self.most))
+
+    def __call__(self, where: object, value: float) -> None:
+        """Refuse another number.
+
+        Args:
+            where: the option, or the name in a file, as an error begins.
+
+        Raises:
+            LabError: it is outside.
+        """
+        if value not in self:
+            raise LabError(f"{where} is {value:g}; give {self.shown}")
+
+
+NUMBER_SIZE = Range("size of any number in a file", 0, 1e15, "", "squares of more overflow")
+OPTION_SIZE = Range("size of a number in an option", 0, 1e9, "", "no unit of an option needs more")
+POSITIVE_OPTION = Range("number of an option above zero", 1e-9, 1e9, "", "no unit of an option needs more")
+SIGMA_MM = Range("standard deviation in a column", 1e-9, 1e3, "mm", "no instrument is so good, or so bad")
+PAYLOAD_KG = Range("payload of a row", 0, 1e3, "kg", "no arm carries more")
+GEAR = Range("size of a gear ratio, or of a drive's gain", 1e-9, 1e6, "", "zero turns nothing")
+COUPLING_SIZE = Range("size of a coupling's ratio", 0, 1e6, "", "no gear has more")
+COUNTS = Range("counts of an encoder in a turn", 1, 1e12, "", "40 bits")
+MOTOR_ZERO_DEG = Range("size of a motor's zero", 0, 1e9, "°", "a motor turns some thousand times")
+CORRECTION_RAD = Range("size of an angle in calibration.conf", 0, 4, "rad", "a turn is another unit")
+CORRECTION_A_M = Range("size of a length a in calibration.conf", 0, 1, "m", "arms are shorter")
+CORRECTION_D_M = Range("size of a length d in calibration.conf", 0, 1e5, "m", "of parallel axes it can be large")
+JOINT_SPAN = Range("span of a joint's limits", 1e-9, 1e15, "rad, m", "it stands still")
+LENGTH_M = Range("size of a length in a mechanism", 0, 1e6, "m", "robots are shorter")
+DISTANCE_MM = Range("size of a coordinate in a cell", 0, 1e6, "mm", "a cell is smaller than a kilometre")
+REFLECTOR_DEG = Range("half-angle of what a reflector takes", 1e-3, 180, "°", "less sees nothing")
+ELEVATION_DEG = Range("elevation in an instrument's view", -90, 90, "°", "beyond is the other side")
+UNCERTAINTY = Range("uncertainty in an instrument's file", 0, 1e5, "µm, µrad", "0.1 m or 0.1 rad is no instrument")
+COORDINATE_SIZE = Range("size of a number in a program's position", 0, 1e10, "", "axes that are not there are 9e9")
+DIGITS = Range("places behind the point in a program", 0, 12, "", "finer says nothing")
+QUATERNION_NORM = Range("norm of a quaternion", 0.999, 1.001, "", "other columns, or another order")
+ROUNDED_NORM = Range("norm of a quaternion in --frames", 0.99, 1.01, "", "they are typed with three digits")
+ROOM_C = Range("temperature of a room", -50, 100, "°C", "kelvin or fahrenheit")
+HUMIDITY_PERCENT = Range("relative humidity", 0, 100, "%", "it is a share")
+PRESSURE_HPA = Range("pressure of air", 300, 1200, "hPa", "bar, Pa or mmHg")
+EARTH_GRAVITY = Range("acceleration of gravity", 9, 10.5, "m/s²", "the Earth has 9.76 to 9.84")
+CLOCKS_S = Range("size of the difference of two clocks", 0, 1e10, "s", "three hundred years")
+CLOCK_DRIFT_PPM = Range("size of the drift between two clocks", 0, 100, "ppm", "two quartz clocks drift less")
+HOLDOUT = Range("share of a path that is held out", 0, 0.8, "", "the rest identifies")
+REHEARSED = Range("a rehearsal's noise, inertia, lag or filter", 0, 1e3, "", "another unit")
+FRICTION_PERCENT = Range("Coulomb friction of a rehearsal", 0, 30, "%", "little torque is left for the motion")
+POSITION_MM = Range(
+    "coordinate of a payload, or tilt of a base (°), of a rehearsal", 0, 1e4, "mm", "farther than arms are"
+)
+REHEARSED_S = Range("seconds of a rehearsal's motion", 2, 1e9, "s", "too little shows")
+
+RANGES: Final = tuple(value for value in list(globals().values()) if isinstance(value, Range))
+
+
+def whole(flag: str, value: int, least: int, most: Limit) -> None:
+    """Refuse a count that is too small or too large.
+
+    Raises:
+        LabError: ``value`` is below ``least``, or above the limit.
+    """
+    if value < least:
+        raise LabError(f"{flag} {value}: give a whole number of {least} or more")
+    most(flag, value)
+
+
+def positive(flag: str, value: float) -> None:
+    """Refuse what is not above zero, or is too large to be meant.
+
+    Raises:
+        LabError: ``value`` is outside ``POSITIVE_OPTION``.
+    """
+    if value not in POSITIVE_OPTION:
+        least, most = POSITIVE_OPTION.least, POSITIVE_OPTION.most
+        raise LabError(f"{flag} {value:g}: give a number above zero, from {least:g} to {most:g}")
+
+
+_FORM = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}")
+
+
+def day(where: str, text: str) -> date:
+    """The day that a text names.
+
+    Args:
+        where: the option or file that holds it.
+
+    Raises:
+        LabError: it is no day in the form YYYY-MM-DD.
+    """
+    try:
+        if not _FORM.fullmatch(text):  # ISO 8601 has others, which a reader would have to know
+            raise ValueError
+        return date.fromisoformat(text)
+    except ValueError:
+        raise LabError(f"{where} {text}: is no day; write it as 2026-03-01") from None
+
+
+def check_serial(serial: str | None) -> None:
+    """Refuse an option ``--serial`` that is empty, longer than a line, or not printable, with a LabError."""
+    if serial is None:
+        return
+    if len(serial) > LINE_OF_TEXT.most or not serial.isprintable() or serial != serial.strip() or not serial:
+        raise LabError(
+            f"--serial {serial!r}: give one line of 1 to {LINE_OF_TEXT.most} characters, without blanks around"
+        )
+
+
+def called(robot: str, serial: str | None) -> str:
+    """Return how a person names the arm: its model, and its serial number where that is known."""
+    return robot if serial is None else f"{robot} {serial}"
+
+
+def one_serial(serials: Mapping[str, str | None], mend: str) -> str | None:
+    """Return the serial number that several sources share; None where none of them states one.
+
+    Args:
+        serials: by the source's name, as an error gives it, the serial number that it states.
+        mend: what to do where they differ, for the end of the message.
+
+    Raises:
+        LabError: two sources state different ones.
+    """
+    stated = [(where, serial) for where, serial in serials.items() if serial is not None]
+    for where, serial in stated[1:]:
+        if serial != stated[0][1]:
+            raise LabError(f"{where}: names the arm {serial}, but {stated[0][0]} names {stated[0][1]}; {mend}")
+    return stated[0][1] if stated else None

@@ -15,28 +15,32 @@ import numpy as np
 import scipy  # its solvers are loaded at their first use
 from numpy.typing import NDArray
 
-from lab.core.probabilities import chi2_sf, f_sf, t_ppf
+from lab.core.errors import LabError
+from lab.core.probability import chi2_sf, f_sf, t_ppf
 from lab.core.se3 import Array
 
 __all__ = [
     "WELL_CONDITIONED",
     "LinearModel",
     "condition_bound",
+    "covariance_root",
     "half_width_95",
     "matched_dof",
     "p_value_of_squares",
     "pseudo_inverse",
+    "refuse_impossible_covariance",
     "triangle",
     "triangle_of",
     "unit_columns",
+    "whitening",
 ]
 
 _TALL = 4_096  # rows that a processor factorizes faster than more at once
 _FAR_FROM_DEPENDENT = 1e-4  # least eigenvalue of products of unit columns whose Cholesky factor keeps twelve digits
-ZERO_COLUMN = 1e-10  # of the largest column's norm: a column below is zero
+_ZERO_COLUMN = 1e-10  # of the largest column's norm: a column below is zero
 WELL_CONDITIONED = 1e6  # by Frobenius norms: no singular value is near a tolerance, and ten digits are kept
 WHOLE = 1e-6  # of a parameter's unit vector that may lie outside of the determined directions
-NORMAL_HALF_WIDTH_95 = 1.959963984540054
+_NORMAL_HALF_WIDTH_95 = 1.959963984540054
 
 
 @dataclass(frozen=True)
@@ -66,7 +70,7 @@ class LinearModel:
         scale = None
         if not scaled:
             size = np.linalg.norm(columns, axis=0)
-            there = size > ZERO_COLUMN * size.max(initial=0.0)
+            there = size > _ZERO_COLUMN * size.max(initial=0.0)
             scale = np.where(there, size, 1.0)
             columns = np.where(there, columns / scale, 0.0)
         q, triangle = np.linalg.qr(columns)
@@ -240,4 +244,51 @@ def matched_dof(mean: Array | float, variance: Array | float) -> Array:
 
 def half_width_95(dof: Array | float) -> Array:
     """Half of a 95 % interval in standard deviations: Student's t, with infinite ``dof`` the normal's."""
-    return np.asarray(np.where(np.isinf(dof), NORMAL_HALF_WIDTH_95, t_ppf(0.975, dof)))
+    return np.asarray(np.where(np.isinf(dof), _NORMAL_HALF_WIDTH_95, t_ppf(0.975, dof)))
+
+
+_ROUNDING = 1e-9  # relative to the standard deviations: what writing, reading and projecting a matrix may change
+
+
+def refuse_impossible_covariance(where: object, matrix: Array) -> None:
+    """Refuse a matrix ``(f, f)`` that is no covariance: finite, symmetric and positive semidefinite.
+
+    It is judged with unit diagonal, so that the units of its parameters do not matter.
+
+    Raises:
+        LabError: it is none.
+    """
+    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
+        raise LabError(f"{where}: the covariance is no square matrix; identify again")
+    if not np.isfinite(matrix).all():
+        raise LabError(f"{where}: the covariance has numbers that are not finite; identify again")
+    variances = np.diag(matrix)
+    if (variances < 0).any():
+        raise LabError(f"{where}: the covariance has a variance below zero; identify again")
+    sigma = np.sqrt(variances)
+    if (matrix[:, sigma == 0] != 0).any() or (matrix[sigma == 0] != 0).any():
+        raise LabError(f"{where}: the covariance correlates what has no variance; identify again")
+    scale = np.where(sigma > 0, sigma, 1.0)
+    correlation = matrix / scale / scale[:, None]
+    if np.abs(correlation - correlation.T).max(initial=0.0) > _ROUNDING:
+        raise LabError(f"{where}: the covariance is not symmetric; identify again")
+    if len(matrix) and np.linalg.eigvalsh((correlation + correlation.T) / 2)[0] < -_ROUNDING * len(matrix):
+        raise LabError(f"{where}: the covariance is not positive semidefinite; identify again")
+
+
+def covariance_root(covariance: Array) -> Array:
+    """Return a square root ``(f, f)`` of a covariance, which may be singular, of parameters in several units.
+
+    NaN where a variance is not finite: nothing is known of it.
+    """
+    if not np.isfinite(covariance).all():
+        return np.full_like(covariance, np.nan)
+    scale = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    scale = np.where(scale > 0, scale, 1.0)
+    sizes, axes = np.linalg.eigh(covariance / np.outer(scale, scale))
+    return np.asarray(scale[:, None] * axes * np.sqrt(np.maximum(sizes, 0.0)))
+
+
+def whitening(covariance: Array) -> Array:
+    """Matrices ``(..., 3, 3)`` that make noise of these covariances white: inverse Cholesky factors."""
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)), dtype=np.float64)

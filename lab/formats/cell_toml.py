@@ -13,12 +13,9 @@ import numpy as np
 
 from lab.core import se3
 from lab.core.errors import LabError
-from lab.core.limits import checked_name
-from lab.core.ranges import DISTANCE_MM, REFLECTOR_DEG
+from lab.core.limits import DISTANCE_MM, REFLECTOR_DEG, checked_name
 from lab.core.se3 import Array
-from lab.formats.structured import structured
-from lab.formats.text_file import refuse_unbounded
-from lab.formats.toml import read_toml
+from lab.formats.structured import read_toml, refuse_unbounded, structured
 from lab.kinematics.joints import JointSpec
 
 __all__ = [

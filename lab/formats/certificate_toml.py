@@ -6,16 +6,11 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
-from lab.core.dates import day
-from lab.core.distributions import Uncertain
 from lab.core.errors import LabError
-from lab.core.limits import LINE_OF_TEXT
-from lab.core.numbers import positive
-from lab.core.ranges import HUMIDITY_PERCENT, PRESSURE_HPA, ROOM_C
-from lab.core.serials import one_serial
+from lab.core.limits import HUMIDITY_PERCENT, LINE_OF_TEXT, PRESSURE_HPA, ROOM_C, day, one_serial, positive
+from lab.core.probability import Uncertain
 from lab.formats.instrument_toml import StatedUncertainty
-from lab.formats.structured import structured
-from lab.formats.toml import read_toml
+from lab.formats.structured import read_toml, structured
 
 __all__ = ["HIGHEST_C", "LOWEST_C", "CertificateDetails", "read_certificate_details"]
 

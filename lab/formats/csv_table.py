@@ -15,10 +15,9 @@ from typing import Any
 import numpy as np
 
 from lab.core.errors import LabError
-from lab.core.limits import COLUMNS, LINE, ROWS, TABLE_BYTES, Limit
-from lab.core.ranges import NUMBER_SIZE
+from lab.core.limits import COLUMNS, LINE, NUMBER_SIZE, ROWS, TABLE_BYTES, Limit
 from lab.core.se3 import Array
-from lab.formats.text_file import read_text
+from lab.formats.structured import read_text
 
 __all__ = ["CsvTable", "name_cell", "text_cell", "write_columns"]
 

@@ -11,11 +11,10 @@ from typing import Any
 import numpy as np
 
 from lab.core.errors import LabError
-from lab.core.ranges import COUNTS, COUPLING_SIZE, GEAR, MOTOR_ZERO_DEG
+from lab.core.limits import COUNTS, COUPLING_SIZE, GEAR, MOTOR_ZERO_DEG
 from lab.core.se3 import Array
-from lab.formats.structured import structured
-from lab.formats.toml import read_toml
-from lab.kinematics.encoders import Encoders
+from lab.formats.structured import read_toml, structured
+from lab.kinematics.joints import Encoders
 
 __all__ = ["Drives", "drives_in", "drives_lines", "read_drives", "write_drives"]
 

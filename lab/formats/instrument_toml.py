@@ -7,13 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from lab.core.distributions import DistributionName, Uncertain
 from lab.core.errors import LabError, error_context
-from lab.core.ranges import ELEVATION_DEG, REFLECTOR_DEG, UNCERTAINTY
-from lab.formats.structured import structured
-from lab.formats.toml import read_toml
-from lab.noise.instruments import FieldOfView, Instrument
-from lab.noise.tracker_errors import TERMS, TrackerErrors
+from lab.core.limits import ELEVATION_DEG, REFLECTOR_DEG, UNCERTAINTY
+from lab.core.probability import DistributionName, Uncertain
+from lab.formats.structured import read_toml, structured
+from lab.noise.instruments import TERMS, FieldOfView, Instrument, TrackerErrors
 
 __all__ = ["StatedUncertainty", "read_instrument"]
 

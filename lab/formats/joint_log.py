@@ -12,9 +12,8 @@ import numpy as np
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.formats.column_map import JointColumns, column_named
-from lab.formats.loose_table import LeftOut, LooseTable, heading_of, read_loose
-from lab.formats.timestamps import Clock, column_times
+from lab.formats.loose_table import JointColumns, LeftOut, LooseTable, column_named, heading_of, read_loose
+from lab.formats.tracker_export import Clock, column_times
 
 __all__ = ["JointLog", "read_joint_log"]
 

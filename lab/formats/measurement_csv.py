@@ -14,9 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from lab.core.errors import LabError
-from lab.core.limits import ROWS, TARGETS, Limit, checked_name
+from lab.core.limits import PAYLOAD_KG, ROWS, SIGMA_MM, TARGETS, Limit, checked_name
 from lab.core.measurements import Measurements
-from lab.core.ranges import PAYLOAD_KG, SIGMA_MM
 from lab.core.se3 import Array
 from lab.formats.csv_table import CsvTable, name_cell, text_cell
 from lab.formats.orientations import ENDS

@@ -10,8 +10,7 @@ from typing import Any, get_args
 import numpy as np
 
 from lab.core.errors import LabError
-from lab.core.limits import FRAMES, JOINTS
-from lab.core.ranges import LENGTH_M
+from lab.core.limits import FRAMES, JOINTS, LENGTH_M
 from lab.core.se3 import Array
 from lab.formats.description import DescriptionFormat
 from lab.formats.robot_toml import (
@@ -28,10 +27,10 @@ from lab.formats.robot_toml import (
     refuse_doubled_names,
     written_base_and_tool,
 )
-from lab.formats.toml import read_toml
+from lab.formats.structured import read_toml
 from lab.kinematics.closed.arm import ClosedArm
+from lab.kinematics.closed.loop_closure import BASE, Frame, Kind, Pin, Rod, Step, Tree
 from lab.kinematics.closed.mechanism import Mechanism
-from lab.kinematics.closed.structure import BASE, Frame, Kind, Pin, Rod, Step, Tree
 from lab.kinematics.parameter import is_reserved_owner
 
 __all__ = ["MECHANISM_TOML", "MechanismFile", "read_mechanism", "write_mechanism"]

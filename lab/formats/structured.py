@@ -1,26 +1,114 @@
-"""Plain values, as JSON and TOML have them, turned into typed dataclasses; what is wrong is said in one line.
-
-A value has to be of its field's type: text is no number, a number no text, and a truth value neither; a whole number is
-a number, and none is larger than any file may hold. cattrs walks the types and says where a value stands; the words are
-made here.
-"""
+"""Read text, TOML and JSON files into typed objects, with errors that name file, line and key."""
 
 import json
+import os
+import re
+import stat
+import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from functools import cache
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, Union, cast, get_args, get_origin
 
 from lab.core.errors import LabError
-from lab.core.limits import DEPTH, TEXT_BYTES
-from lab.core.ranges import NUMBER_SIZE
-from lab.formats.text_file import read_text, refuse_unbounded
+from lab.core.limits import DEPTH, NUMBER_SIZE, SEED, TEXT_BYTES, TOML_BYTES, VALUES, Limit
 
 if TYPE_CHECKING:
     from cattrs import Converter
 
-__all__ = ["read_json", "read_structured", "structured", "unstructured"]
+__all__ = [
+    "is_number",
+    "read_bytes",
+    "read_json",
+    "read_structured",
+    "read_text",
+    "read_toml",
+    "refuse_unbounded",
+    "structured",
+    "unstructured",
+]
+
+_MARK = b"\xef\xbb\xbf"  # by which some editors begin a file in UTF-8
+
+
+def read_bytes(path: Path, most: Limit, mend: str = "check the path") -> bytes:
+    """The content of a regular file.
+
+    Args:
+        most: how large it may be.
+        mend: what to do if it cannot be read, for the end of the message.
+
+    Raises:
+        LabError: it cannot be read, is no regular file (a device or a pipe may never end), or is too large.
+    """
+    try:
+        found = path.stat()
+        if not stat.S_ISREG(found.st_mode):
+            kind = "a directory" if stat.S_ISDIR(found.st_mode) else "no regular file"
+            raise LabError(f"{path}: cannot be read (it is {kind}); {mend}")
+        most(path, found.st_size)
+        with open(path, "rb", opener=_without_waiting) as file:
+            content = file.read(most.most + 1) or b""
+    except OSError as error:
+        raise LabError(f"{path}: cannot be read ({error.strerror}); {mend}") from error
+    except ValueError as error:
+        if isinstance(error, LabError):
+            raise
+        raise LabError(f"{str(path)!r}: is no path ({error}); {mend}") from error
+    most(path, content)
+    return content
+
+
+def _without_waiting(path: str, flags: int) -> int:
+    """Some files of the system call themselves regular and keep a reader waiting for what may never come."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+
+
+def read_text(path: Path, most: Limit, mend: str = "check the path") -> str:
+    """The text of a file in UTF-8, without the mark by which some editors begin it.
+
+    Args:
+        most: how large it may be.
+        mend: what to do if it cannot be read, for the end of the message.
+
+    Raises:
+        LabError: as of ``read_bytes``, or it is not in UTF-8, or has zero bytes (as UTF-16 without a mark has).
+    """
+    content = read_bytes(path, most, mend).removeprefix(_MARK)
+    try:
+        text, wrong = content.decode("utf-8"), content.find(b"\0")
+    except UnicodeDecodeError as error:
+        text, wrong = "", error.start
+    if wrong >= 0:
+        raise LabError(f"{path}: not a text file in UTF-8 (byte {wrong}); save it as UTF-8")
+    return text
+
+
+def refuse_unbounded(where: object, content: Any, *, finite: bool = True) -> None:
+    """Refuse values, as TOML and JSON have them, that are nested too deeply, too many, not finite or too large.
+
+    Args:
+        finite: whether numbers that are not finite are refused here; not where their reader says more of them.
+
+    Raises:
+        LabError: with the name of the value.
+    """
+    waiting, count = [("", content, 0)], 0
+    while waiting:
+        name, value, depth = waiting.pop()
+        count += 1
+        if isinstance(value, Mapping | list):
+            DEPTH(f"{where}: {name}" if name else where, depth)
+            named = value.items() if isinstance(value, Mapping) else ((name, each) for each in value)
+            waiting.extend((str(key), each, depth + 1) for key, each in named)
+            VALUES(where, count + len(waiting))
+        elif finite and isinstance(value, float) and not isfinite(value):
+            raise LabError(f"{where}: {name} is {value}; give a finite number")
+        elif isinstance(value, int) and abs(value) > SEED.most:
+            raise LabError(f"{where}: {name} is a whole number of more than 63 bits; give a smaller one")
+
 
 Kind = TypeVar("Kind")
 _PLAIN = {int: "a whole number", float: "a number", str: "a text", bool: "true or false", Path: "a path as text"}
@@ -237,3 +325,34 @@ def _first(error: BaseException, path: tuple[str, ...]) -> str:
     if isinstance(error, KeyError):
         return f"'{name}' is missing"
     return str(error)  # a dataclass's own refusal
+
+
+_PART = r"""(?:(?<![\w-])[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
+_DEEP = re.compile(rf"(?:{_PART}[ \t]*+\.[ \t]*+){{{DEPTH.most}}}")  # dotted names: the parser's memory is their square
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The content of a TOML file.
+
+    Raises:
+        LabError: it cannot be read, is no TOML, or holds more or larger values than a description needs.
+    """
+    text = read_text(path, TOML_BYTES)
+    if deep := _DEEP.search(text):
+        line = text.count("\n", 0, deep.start()) + 1
+        raise LabError(f"{path}: line {line}: a name of more than {DEPTH.most} {DEPTH.what}; give it fewer")
+    try:
+        content = tomllib.loads(text)
+    except RecursionError as error:
+        raise LabError(f"{path}: more than {DEPTH.most} {DEPTH.what}; give it fewer") from error
+    except ValueError as error:  # TOMLDecodeError, and Python's own of a number of too many digits
+        raise LabError(f"{path}: not a TOML file: {' '.join(str(error).split())}; fix it there") from error
+    if not content:
+        raise LabError(f"{path}: says nothing; write into it what it is for, or leave it out")
+    refuse_unbounded(path, content, finite=False)
+    return content
+
+
+def is_number(value: Any) -> bool:
+    """Whether a value is a number that a robot's description may hold."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) in NUMBER_SIZE

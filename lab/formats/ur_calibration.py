@@ -23,12 +23,11 @@ import numpy as np
 
 from lab.core import se3
 from lab.core.errors import LabError
-from lab.core.limits import TEXT_BYTES
-from lab.core.ranges import CORRECTION_A_M, CORRECTION_D_M, CORRECTION_RAD
+from lab.core.limits import CORRECTION_A_M, CORRECTION_D_M, CORRECTION_RAD, TEXT_BYTES
 from lab.core.se3 import Array
 from lab.formats.description import DescriptionFormat, IdentifiedRobot
 from lab.formats.link_tree import link_tree
-from lab.formats.text_file import read_text
+from lab.formats.structured import read_text
 from lab.kinematics.serial.arm import SerialArm
 
 __all__ = ["UR_CORRECTIONS", "UR_KINEMATICS", "read_corrections", "ur_frames"]

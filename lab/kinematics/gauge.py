@@ -32,7 +32,7 @@ __all__ = [
     "structure_jacobian",
 ]
 
-INDEPENDENT = 1e-8  # the least part of a unit column that is orthogonal to those kept
+_INDEPENDENT = 1e-8  # the least part of a unit column that is orthogonal to those kept
 _MUCH = 0.1  # of a unit column: so much left of it is orthogonal to the others but for its last digit
 STRUCTURE_POSES = 200
 
@@ -63,7 +63,9 @@ class BaseSet:
         kept, fixed = list(self.kept), list(self.fixed)
         scaled, scale = unit_columns(self.triangle)
         found = np.linalg.lstsq(scaled[:, kept], scaled[:, fixed], rcond=None)[0]
-        found[:, np.linalg.norm(self.triangle[:, fixed], axis=0) < INDEPENDENT] = 0.0  # of what moves nothing, rounding
+        found[:, np.linalg.norm(self.triangle[:, fixed], axis=0) < _INDEPENDENT] = (
+            0.0  # of what moves nothing, rounding
+        )
         found[:, [self.fixed.index(i) for i in self.held]] = 0.0
         return np.asarray(found * scale[fixed] / scale[kept][:, None])
 
@@ -174,13 +176,13 @@ def independent_columns(jacobian: Array, order: Sequence[int]) -> tuple[int, ...
     """
     if (code := machine_code()) is not None:
         wanted, found = np.array(order, dtype=np.int64), np.empty(len(order), dtype=np.int64)
-        code.independent(np.ascontiguousarray(jacobian.T), len(jacobian), wanted, INDEPENDENT, found)
+        code.independent(np.ascontiguousarray(jacobian.T), len(jacobian), wanted, _INDEPENDENT, found)
         return tuple(np.sort(wanted[found > 0]).tolist())
     norms = np.linalg.norm(jacobian, axis=0)
     basis = np.empty((len(jacobian), len(order)), order="F")
     kept: list[int] = []
     for column in order:
-        if norms[column] <= INDEPENDENT:
+        if norms[column] <= _INDEPENDENT:
             continue
         rest, known = jacobian[:, column] / norms[column], basis[:, : len(kept)]
         for _ in range(2):
@@ -188,7 +190,7 @@ def independent_columns(jacobian: Array, order: Sequence[int]) -> tuple[int, ...
             size = np.sqrt(rest @ rest)
             if size > _MUCH:
                 break
-        if size > INDEPENDENT:
+        if size > _INDEPENDENT:
             basis[:, len(kept)] = rest / size
             kept.append(column)
     return tuple(sorted(kept))

@@ -6,11 +6,47 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.core.errors import LabError
-from lab.core.ranges import JOINT_SPAN
+from lab.core.limits import JOINT_SPAN
 from lab.core.se3 import Array
-from lab.kinematics.encoders import Encoders
 
-__all__ = ["JointSpec"]
+__all__ = ["Encoders", "JointSpec"]
+
+
+@dataclass(frozen=True)
+class Encoders:
+    """Those of one arm with n joints.
+
+    Attributes:
+        gear_ratio: ``(n,)`` turns of each motor for one of its joint (rad per m of a slide), with their signs.
+        couplings: ``(n, n)`` what each drive turns by the joints' positions, as its own joint feels it: ones on the
+            diagonal.
+        counts_per_turn: ``(n,)`` of the motors.
+    """
+
+    gear_ratio: Array
+    couplings: Array
+    counts_per_turn: Array
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.counts).all() and np.linalg.matrix_rank(self.couplings) == len(self.couplings)):
+            raise LabError("encoders: the couplings of the drives cannot be told apart: give ratios of another motor")
+
+    @property
+    def counts(self) -> Array:
+        """``(n, n)`` counts of each encoder for a radian (or metre) of each joint."""
+        return (self.counts_per_turn * self.gear_ratio / (2 * np.pi))[:, None] * self.couplings
+
+    def rounded(self, joints: Array) -> Array:
+        """The joint positions ``(m, n)`` that whole counts make of joint positions ``(m, n)``."""
+        counts = self.counts
+        whole: Array = np.round(joints @ counts.T) @ np.linalg.inv(counts).T
+        return whole
+
+    @property
+    def covariance(self) -> Array:
+        """``(n, n)`` of the joint positions' errors (rad, m): each count is off by half of one at most, uniformly."""
+        per_count = np.linalg.inv(self.counts)
+        return np.asarray(per_count @ per_count.T / 12)
 
 
 @dataclass(frozen=True, kw_only=True)

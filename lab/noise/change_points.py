@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.core.probabilities import f_sf
+from lab.core.probability import f_sf
 from lab.core.se3 import Array
 
 __all__ = [

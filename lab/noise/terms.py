@@ -9,7 +9,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from lab.core.probabilities import chi2_sf
+from lab.core.probability import chi2_sf
 from lab.core.se3 import Array
 from lab.noise.change_points import ANOTHER_DAY, before_and_after
 from lab.noise.correlation import Correlation

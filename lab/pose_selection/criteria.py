@@ -18,11 +18,21 @@ from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.kinematics.parameter import Parameter
 
-__all__ = ["CRITERIA", "Criterion", "Indices", "Scaling", "criterion", "indices"]
+__all__ = [
+    "CRITERIA",
+    "Criterion",
+    "Indices",
+    "PredictedAccuracy",
+    "Scaling",
+    "criterion",
+    "indices",
+    "predict",
+    "smallest_count",
+]
 
 ScalingKind = Literal["raw", "unit", "length", "whitened"]
 CRITERIA = ("O1", "O2", "O3", "O4", "O5", "condition", "A", "G", "I")
-CHARACTERISTIC_LENGTH_M = 0.300
+_CHARACTERISTIC_LENGTH_M = 0.300
 _LEAST = 1e-300
 _ROUNDING = 1e-14  # of the largest singular value: as good as zero
 _SINGULAR = 1e-13  # smallest eigenvalue of an information matrix of unit diagonal
@@ -38,7 +48,7 @@ class Scaling:
     """
 
     kind: ScalingKind = "raw"
-    length_m: float = CHARACTERISTIC_LENGTH_M
+    length_m: float = _CHARACTERISTIC_LENGTH_M
     tolerance_m: float = 0.5e-3
     tolerance_rad: float = 1.5e-3
 
@@ -230,3 +240,70 @@ _SPECTRAL: dict[str, tuple[Callable[[Array], Array], Callable[[Array], Array]]] 
     "O4": (lambda v: np.log(v[..., 0]) - 0.5 * np.log(v[..., -1]), _ends(1.0, 0.5)),
     "O5": (lambda v: -np.log((v**-0.5).sum(-1)), lambda v: 0.5 * v**-1.5 / (v**-0.5).sum()),
 }
+
+
+DRAWS = 2000  # of the parameter error
+SHARE = 0.95  # of the validation poses, and of the calibrations
+
+
+@dataclass(frozen=True)
+class PredictedAccuracy:
+    """Predicted position errors over the test poses, as lengths of the 3D error (m).
+
+    Attributes:
+        rms: ``(t,)`` sqrt(tr J C J') at each test pose.
+        coverage_radius: the error that 95 % of the validation poses keep in 95 % of the calibrations.
+    """
+
+    rms: Array
+    coverage_radius: float
+
+    def repeated(self, times: float) -> "PredictedAccuracy":
+        """With so many times the information: every error is smaller by its root."""
+        return PredictedAccuracy(self.rms / np.sqrt(times), float(self.coverage_radius / np.sqrt(times)))
+
+
+def predict(information: Array, test: Array, rng: np.random.Generator) -> PredictedAccuracy:
+    """Prediction from an information matrix ``(p, p)`` and Jacobians at test poses ``(t, 3, p)`` (m).
+
+    The coverage radius x is the strict one: P(Q95 over poses of |J d| <= x) = 95 % over draws d ~ N(0, C). The
+    marginal 95 % of all pose-draws would be kept in too few calibrations.
+    """
+    size = np.sqrt(np.diag(information))
+    factor = np.linalg.inv(np.linalg.cholesky(information / np.outer(size, size))) / size  # C = factor' factor
+    spread = test @ factor.T
+    rms = np.sqrt((spread**2).sum(axis=(1, 2)))
+    draws = rng.standard_normal((DRAWS, len(information)))
+    squared = np.zeros((DRAWS, len(test)))
+    for axis in spread.transpose(1, 2, 0):
+        squared += np.square(draws @ axis)
+    kept = np.quantile(np.sqrt(squared, out=squared), SHARE, axis=1, overwrite_input=True)
+    return PredictedAccuracy(rms, float(np.quantile(kept, SHARE)))
+
+
+def smallest_count(coverage_radius: Callable[[int], float], wanted: float, least: int, most: int) -> int:
+    """The least number of poses whose coverage radius is within ``wanted`` (m).
+
+    Args:
+        coverage_radius: number of poses to the coverage radius (m) of a design of that size.
+        least, most: numbers to look between.
+
+    Raises:
+        LabError: even ``most`` poses do not reach it.
+    """
+    most = max(most, least)
+    low, high = least, least
+    while (error := coverage_radius(high)) > wanted:
+        if high == most:
+            raise LabError(
+                f"{1e3 * wanted:g} mm is out of reach: {most} poses predict {1e3 * error:.3g} mm; "
+                "allow more candidates, add targets, average readings, or take a better instrument"
+            )
+        low, high = high + 1, min(2 * high, most)
+    while low < high:
+        middle = (low + high) // 2
+        if coverage_radius(middle) <= wanted:
+            high = middle
+        else:
+            low = middle + 1
+    return high

@@ -6,6 +6,7 @@ Jacobians ``(n, r, p)`` out. So it serves any base set, with or without effects,
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import scipy  # its parts are loaded at their first use, which not every process comes to
@@ -15,14 +16,14 @@ from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.pose_selection.criteria import Criterion
 
-__all__ = ["Design", "Feasible", "Sensitivity", "ascend", "exchange", "information"]
+__all__ = ["Certificate", "Design", "Feasible", "Sensitivity", "ascend", "certify", "exchange", "information"]
 
 Sensitivity = Callable[[Array], Array]
 Feasible = Callable[[Array], NDArray[np.bool_]]
-MOST_PASSES = 30
-LOOKED_AT = 32  # candidates of the largest trace, whose determinants are computed first
-SAMPLED = 256  # candidates tried at each place where a criterion has no rank-k update
-STEP_RAD = 1e-5  # of the central differences (m for a slide)
+_MOST_PASSES = 30
+_LOOKED_AT = 32  # candidates of the largest trace, whose determinants are computed first
+_SAMPLED = 256  # candidates tried at each place where a criterion has no rank-k update
+_STEP_RAD = 1e-5  # of the central differences (m for a slide)
 _PROPOSED = 1e-5  # of the score: the last step of the first ascent, whose poses go only as far as is feasible
 _RIDGE = 1e-9  # of the trace, while a design one pose short is singular
 _NEARLY_SINGULAR = 1e-4  # of 1, what a pose that is left out leaves of a direction: an update would lose its digits
@@ -132,7 +133,7 @@ class _Exchange:
         while unsettled:
             self._count_anew()
             changed, passes = sum(self._changed(slot) for slot in range(count)), passes + 1
-            unsettled = (changed > 0 and passes < MOST_PASSES) or self._barred_anew()
+            unsettled = (changed > 0 and passes < _MOST_PASSES) or self._barred_anew()
         return self.chosen, float(self.goal.score(self.held + information(self.jacobian[self.chosen])))
 
     def _barred_anew(self) -> bool:
@@ -192,8 +193,8 @@ class _Exchange:
             return tried, _added(self.jacobian[tried], left.inverse)
         tried = np.flatnonzero(self.free)
         if self.goal.weight is None:  # no rank-k update: whole scores of a sample
-            if len(tried) > SAMPLED:
-                tried = self.rng.choice(tried, SAMPLED, replace=False)
+            if len(tried) > _SAMPLED:
+                tried = self.rng.choice(tried, _SAMPLED, replace=False)
             tried = np.append(tried, present)
             part = self.jacobian[tried]
             return tried, self.goal.score(without + np.swapaxes(part, 1, 2) @ part)
@@ -214,7 +215,7 @@ class _Exchange:
         """
         rows = self.jacobian.shape[1]
         trace = np.where(self.free, left.trace, -1.0)
-        first = np.argpartition(-trace, min(LOOKED_AT, len(trace) - 1))[:LOOKED_AT]
+        first = np.argpartition(-trace, min(_LOOKED_AT, len(trace) - 1))[:_LOOKED_AT]
         first = first[self.free[first]]
         best = _added(self.jacobian[first], left.inverse).max(initial=-np.inf)
         bound = rows * np.log1p(np.maximum(trace, -0.5) / rows)
@@ -317,14 +318,14 @@ def _proposed(
         left: what a step may gain, as a part of the score, where the ascent ends.
     """
     n, size = joints.shape
-    offsets = np.concatenate([np.zeros((1, size)), STEP_RAD * np.eye(size), -STEP_RAD * np.eye(size)])
+    offsets = np.concatenate([np.zeros((1, size)), _STEP_RAD * np.eye(size), -_STEP_RAD * np.eye(size)])
 
     def downhill(flat: Array) -> tuple[float, Array]:
         around = (flat.reshape(n, 1, size) + offsets).reshape(-1, size)
         jacobian = sensitivity(around).reshape(n, 1 + 2 * size, -1, goal_size)
         here = jacobian[:, 0]
         total = held + information(here)
-        rate = (jacobian[:, 1 : 1 + size] - jacobian[:, 1 + size :]) / (2 * STEP_RAD)
+        rate = (jacobian[:, 1 : 1 + size] - jacobian[:, 1 + size :]) / (2 * _STEP_RAD)
         try:
             slope = 2 * np.einsum("nrp,njrp->nj", here @ goal.slope(total), rate)
         except np.linalg.LinAlgError:  # a step too far, to poses that cannot be and tell nothing
@@ -343,3 +344,117 @@ def _proposed(
     )
     proposal: Array = solved.x.reshape(n, size)
     return proposal
+
+
+MOST_ROUNDS, UPDATES = 400, 50  # looks at all candidates, and updates of those with weight in between
+_VANISHED = 1e-9  # a weight this small counts as none
+_BLOCK = 500  # candidates whose whole matrices are held at a time
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """The best continuous design over a pool.
+
+    Attributes:
+        weights: ``(m,)``, summing to one.
+        log_det: of the information per pose at these weights.
+        bound: no design from the pool has a larger log det per pose.
+        parameters: p.
+    """
+
+    weights: Array
+    log_det: float
+    bound: float
+    parameters: int
+
+    @property
+    def gap(self) -> float:
+        """How much D-efficiency the weights may be short of the best: 1 - exp(-(bound - log_det)/p)."""
+        return float(-np.expm1(-(self.bound - self.log_det) / self.parameters))
+
+    def efficiency(self, jacobian: Array) -> float:
+        """Certified D-efficiency of a design ``(n, r, p)``: (det(M/n) / bound)^(1/p), at most 1."""
+        flat = jacobian.reshape(-1, self.parameters)
+        sign, log_det = np.linalg.slogdet(flat.T @ flat / len(jacobian))
+        return float(np.exp((log_det - self.bound) / self.parameters)) if sign > 0 else 0.0
+
+
+def certify(jacobian: Array, *, gap: float = 1e-3, measured: Array | None = None, share: float = 1.0) -> Certificate:
+    """The continuous D-optimal design over candidates ``(m, r, p)``, by multiplicative updates.
+
+    Candidates whose weight vanishes are set aside and looked at again; the bound itself is taken
+    over all of them.
+
+    Args:
+        gap: stop at this gap of the D-efficiency.
+        measured: information ``(p, p)`` per pose of poses measured already, with weight 1 - share.
+        share: of all poses, those still to be chosen.
+    """
+    m, _, p = jacobian.shape
+    held = np.zeros((p, p)) if measured is None else (1 - share) * measured
+    each, weights, bound = _information(jacobian), np.full(m, 1 / m), np.inf
+    for _ in range(MOST_ROUNDS):
+        total = held + share * _weighted(each, weights, p)
+        gains = _gains(each, total)
+        log_det = float(np.linalg.slogdet(total)[1])
+        bound = min(bound, _bound(log_det, gains, weights, p, share, measured is None))
+        if -np.expm1(-(bound - log_det) / p) <= gap:
+            break
+        keep = (weights > _VANISHED) | (gains > (1 - 0.2 * gap) * gains[weights > _VANISHED].max())
+        weights = np.where(keep, np.maximum(weights, _VANISHED), 0.0) / np.maximum(weights, _VANISHED)[keep].sum()
+        weights[keep] = _multiplied(each if keep.all() else each[keep], weights[keep], held, share)
+    return Certificate(weights, log_det, bound, p)
+
+
+def _multiplied(each: Array, weights: Array, held: Array, share: float) -> Array:
+    """Weights after a round of updates ``w <- w d / sum(w d)`` (Titterington 1976), which raise the log det."""
+    for _ in range(UPDATES):
+        gains = _gains(each, held + share * _weighted(each, weights, len(held)))
+        weights = weights * gains / (weights @ gains)
+    return weights
+
+
+def _information(jacobian: Array) -> Array:
+    """J'J of each candidate ``(m, r, p)``, its upper half row by row, ``(m, p (p + 1) / 2)``.
+
+    Every update asks for weighted sums of these matrices and for their inner products with one other: with each kept
+    as a row, both are a product of a matrix with a vector.
+    """
+    m, _, p = jacobian.shape
+    rows, columns = _upper(p)
+    each = np.empty((m, len(rows)))
+    for first in range(0, m, _BLOCK):
+        part = jacobian[first : first + _BLOCK]
+        each[first : first + _BLOCK] = (part.swapaxes(1, 2) @ part)[:, rows, columns]
+    return each
+
+
+def _weighted(each: Array, weights: Array, p: int) -> Array:
+    """The sum of w J'J over candidates, ``(p, p)``."""
+    total = np.empty((p, p))
+    rows, columns = _upper(p)
+    total[rows, columns] = total[columns, rows] = weights @ each
+    return total
+
+
+@lru_cache(maxsize=8)
+def _upper(p: int) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
+    """Rows and columns of the upper half of a ``(p, p)`` matrix: asked for at every update."""
+    rows, columns = np.triu_indices(p)
+    return rows, columns
+
+
+def _gains(each: Array, information: Array) -> Array:
+    """For each candidate d = tr(J M^-1 J'), the inner product of J'J and M^-1, ``(m,)``."""
+    inverse = np.linalg.inv(information)
+    both = inverse + inverse.T
+    np.fill_diagonal(both, np.diag(inverse))
+    gains: Array = each @ both[_upper(len(both))]
+    return gains
+
+
+def _bound(log_det: float, gains: Array, weights: Array, p: int, share: float, alone: bool) -> float:
+    """The tangent's largest value; where nothing was measured before, the tighter one of the logarithm."""
+    if alone:
+        return log_det + p * float(np.log(gains.max() / p))
+    return log_det + share * float(gains.max() - weights @ gains)

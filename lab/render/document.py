@@ -7,9 +7,13 @@ is shown. Blocks that have nothing to show (no text, no rows, no pictures) are l
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, ClassVar, Final, Literal
+from math import floor, isfinite, log10
+from typing import TYPE_CHECKING, ClassVar, Final, Literal, NamedTuple
 
-from lab.core.wording import counted
+import numpy as np
+
+from lab.core.errors import counted
+from lab.kinematics.parameter import Parameter
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -28,6 +32,7 @@ __all__ = [
     "Code",
     "Column",
     "Command",
+    "DisplayUnit",
     "Document",
     "Figure",
     "Inline",
@@ -39,8 +44,16 @@ __all__ = [
     "Table",
     "Text",
     "Warnings",
+    "capital",
+    "digits_of",
+    "display_unit",
+    "fixed",
+    "format_magnification",
     "inlines",
     "plain",
+    "plus_minus",
+    "sentence",
+    "short",
     "shown",
 ]
 
@@ -299,3 +312,89 @@ def shown(blocks: Iterable[Block], medium: Medium) -> Iterable[Block]:
     for block in blocks:
         if medium in block.shown_in:
             yield from block._reduced(medium)
+
+
+def short(value: float | None, unit: str = "") -> str:
+    """Three significant digits, with a unit where one is given; a dash for None."""
+    if value is None:
+        return "–"
+    if value == 0:
+        text = "0"
+    elif abs(value) < 1e-4:
+        text = f"{value:.1e}"
+    else:
+        text = f"{value:,.0f}" if abs(value) >= 1000 else f"{value:#.3g}".rstrip(".")
+    return text.replace("-", "−") + (f" {unit}" if unit else "")
+
+
+def fixed(value: float, digits: int, *, signed: bool = False) -> str:
+    """A number with ``digits`` digits after the point."""
+    return f"{value:{'+' if signed else ''}z.{digits}f}".replace("-", "−")  # z: no −0
+
+
+def digits_of(half_width: float, most: int) -> int:
+    """How many digits after the point a value is shown with: two of the half-width of its interval, ``most`` at most.
+
+    A half-width that is zero or not finite leaves ``most``.
+    """
+    if not (isfinite(half_width) and half_width > 0):
+        return most
+    return min(max(1 - floor(log10(half_width)), 0), most)
+
+
+def plus_minus(half_width: float, digits: int) -> str:
+    """Half of an interval, ``± 0.0038``, with the ``digits`` of its value; three significant where those say less."""
+    says_enough = digits >= digits_of(half_width, digits + 1)
+    return f"± {fixed(half_width, digits) if says_enough else short(half_width)}"
+
+
+def format_magnification(factor: float) -> str:
+    """A magnification, as ``× 10,000``."""
+    return f"× {factor:,.0f}" if factor >= 1 else f"× {factor:g}"
+
+
+def capital(text: str) -> str:
+    """The text with a capital first letter; the name of a parameter or a file, ``link4.theta``, stays as it is."""
+    first = text.partition(" ")[0]
+    is_name = "." in first.rstrip(".") and not first.endswith(".")
+    return text if is_name else text[:1].upper() + text[1:]
+
+
+def sentence(text: str) -> str:
+    """The text with a capital first letter and a full stop, where it does not end a sentence already."""
+    return capital(text) + "." * (not text.endswith((".", "?", "!")))
+
+
+class DisplayUnit(NamedTuple):
+    """A unit: the factor to it from SI, its name, and how many digits after the point a parameter is shown with."""
+
+    factor: float
+    name: str
+    digits: int
+
+
+_UNITS: Final = {
+    "m": DisplayUnit(1e3, "mm", 4),
+    "rad": DisplayUnit(180 / np.pi, "°", 5),
+    "rad/Nm": DisplayUnit(1e6, "µrad/Nm", 3),
+    "": DisplayUnit(1e6, "ppm", 2),
+    "1/(N m^2)": DisplayUnit(1e6, "1/(MN m²)", 3),
+    "m/N": DisplayUnit(1e6, "µm/N", 3),
+    "kg": DisplayUnit(1.0, "kg", 3),
+    "m/h": DisplayUnit(1e3, "mm/h", 4),
+    "rad/h": DisplayUnit(1e3, "mrad/h", 4),
+    "1/h": DisplayUnit(1e6, "ppm/h", 2),
+    "1/K": DisplayUnit(1e6, "ppm/K", 3),
+    "rad/K": DisplayUnit(1e6, "µrad/K", 3),
+    "m/K": DisplayUnit(1e6, "µm/K", 3),
+    "rad/(Nm)^3": DisplayUnit(1e9, "nrad/(Nm)³", 4),
+    "m/N^3": DisplayUnit(1e9, "nm/N³", 4),
+}
+_JOINT_ANGLE: Final = DisplayUnit(1e3, "mrad", 4)  # of an effect, which is small
+
+
+def display_unit(parameter: Parameter) -> DisplayUnit:
+    """In what a person reads this parameter."""
+    if parameter.is_angle and (parameter.joint is not None or parameter.wave):
+        return _JOINT_ANGLE
+    return _UNITS[parameter.unit]

@@ -15,22 +15,26 @@ from numpy.typing import NDArray
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.kinematics.model import RigidArm
-from lab.render.document import Bullets, Document, Section, Strong, Text
-from lab.render.format import format_magnification
+from lab.render.document import Bullets, Document, Section, Strong, Text, format_magnification
 from lab.render.markdown import to_markdown
-from lab.render.poses_in_time import TIME, draw_moves, pose_times
-from lab.render.recording_layout import SUMMARY, close_view, eye, layout, main_view
-from lab.render.rerun_primitives import (
+from lab.render.recording import (
+    SUMMARY,
+    TIME,
     Colour,
+    close_view,
     draw_instrument,
     draw_legs,
+    draw_moves,
     draw_shells,
     draw_tag,
+    eye,
+    layout,
+    main_view,
     markdown,
+    pose_times,
     recording_to,
 )
-from lab.render.scene import LARGEST_FACTOR, magnification, moved, reach_of, world_legs
-from lab.render.skeleton import skeleton
+from lab.render.scene import LARGEST_FACTOR, magnification, moved, reach_of, skeleton, world_legs
 from lab.render.style import RGB_MEASURED, RGB_UNCERTAINTY
 from lab.simulation.meshes import arm_shells, body_poses
 from lab.simulation.model import RobotModel

@@ -20,7 +20,7 @@ from lab.render.document import (
     shown,
 )
 
-__all__ = ["to_inline", "to_markdown"]
+__all__ = ["to_markdown"]
 
 _SPECIAL = re.compile(r"[\\`*<>|\[\]]|(?<!\w)_|_(?!\w)")  # an underscore within a word emphasises nothing
 
@@ -37,11 +37,11 @@ def _blocks(blocks: Iterable[Block], level: int) -> Iterable[str]:
                 yield f"{'#' * level} {_escaped(block.title)}"
                 yield from _blocks(block.blocks, level + 1)
             case Paragraph():
-                yield to_inline(block.text)
+                yield _to_inline(block.text)
             case Command():
                 yield f"    {block.text}"
             case Bullets():
-                yield "\n".join(f"- {to_inline(item)}" for item in block.items)
+                yield "\n".join(f"- {_to_inline(item)}" for item in block.items)
             case Warnings():
                 yield "\n".join([f"**{block.title}**", "", *(f"- {_escaped(text)}" for text in block.texts)])
             case Table():
@@ -52,11 +52,11 @@ def _table(block: Table) -> Iterable[str]:
     if block.caption:
         yield _escaped(block.caption)
     lines = [map(_escaped, block.headings), ("--:" if number else ":--" for number in block.numeric)]
-    lines += [map(to_inline, cells) for _, cells in block.lines]
+    lines += [map(_to_inline, cells) for _, cells in block.lines]
     yield "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
-def to_inline(text: Text) -> str:
+def _to_inline(text: Text) -> str:
     """A text in one line."""
     parts = ((isinstance(part, Strong | Badge), _escaped(plain(part))) for part in inlines(text))
     return "".join(f"**{words}**" if strong else words for strong, words in parts)

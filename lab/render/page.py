@@ -31,7 +31,7 @@ from lab.render.document import (
     plain,
     shown,
 )
-from lab.render.glossary import explained
+from lab.render.style import explained
 
 __all__ = ["to_html"]
 
@@ -112,6 +112,6 @@ def _dates(text: str) -> Markup:
 
 
 def _svg(picture: Picture) -> Markup:
-    from lab.render.svg import inline_svg  # slow to import, as all that draws
+    from lab.render.charts.chart import inline_svg  # slow to import, as all that draws
 
     return inline_svg(picture)

@@ -7,11 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.core.se3 import Array
-from lab.render.charts.axes import Axes
-from lab.render.document import Picture
-from lab.render.format import capital, short
+from lab.render.charts.chart import axes_picture, cube, log_ticks, shades, view
+from lab.render.charts.marks import Axes
+from lab.render.document import Picture, capital, short
 from lab.render.style import COLOUR_SCALE, GATE, MARK_EDGE, OUTLIER
-from lab.render.svg import axes_picture, cube, log_ticks, shades, view
 
 __all__ = ["MOST_POINTS", "SQUARE", "VIEWS", "SizeMap", "Spread", "histograms", "size_maps", "spread_by_size"]
 

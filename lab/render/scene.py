@@ -1,29 +1,60 @@
 """What every recording's scene needs, as arrays in the world: which poses are drawn, legs, magnified ellipsoids."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
+import trimesh
 from numpy.typing import NDArray
 
-from lab.calibration.uncertainty import Ellipsoids
+from lab.calibration.identify import Ellipsoids
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.kinematics.model import RigidArm
-from lab.render.document import Strong, Text
-from lab.render.skeleton import Legs, skeleton
+from lab.kinematics.skeleton import Skeleton
+from lab.render.charts.chart import axes_picture, cube
+from lab.render.charts.marks import Axes
+from lab.render.document import Picture, Strong, Text
+from lab.render.style import ARM, FRAME_AXES
 
 __all__ = [
     "LARGEST_FACTOR",
     "MOST_POSES",
+    "Legs",
     "MagnifiedEllipsoids",
     "drawn_rows",
+    "halved",
     "legs_legend",
     "magnification",
     "magnified",
+    "mesh_of",
     "moved",
+    "placement_picture",
     "reach_of",
+    "skeleton",
     "world_legs",
+    "write_stl",
 ]
+
+
+@dataclass(frozen=True)
+class Legs:
+    """What of a mechanism is no body: its rods, and legs whose length is a joint position.
+
+    Attributes:
+        ends: ``(n, legs, 2, 3)`` m, the base's side first; a serial arm has none.
+        measured: of each leg, whether its length is a joint position.
+    """
+
+    ends: Array
+    measured: tuple[bool, ...]
+
+
+def skeleton(arm: RigidArm, values: Array, joints: Array) -> Skeleton:
+    """The arm with parameters ``values`` ``(p,)`` as lines at joint positions ``(n, joints)``."""
+    return arm.skeleton(joints, np.concatenate([np.zeros(6), values[6:]]))
+
 
 MOST_POSES = 300  # whose bodies, points and ellipsoids are drawn
 LARGEST_FACTOR = 1e6  # of error arrows: what is still too short to be seen is nothing
@@ -95,3 +126,66 @@ def legs_legend(legs: Legs) -> Text:
     parts = [words for kind, words in kinds.items() if kind in legs.measured]
     joined = [part for words in parts for part in ("; ", *words)][1:]
     return ("lines of the robot, ", *joined) if joined else ""
+
+
+def mesh_of(vertices: Array, triangles: NDArray[np.int_]) -> trimesh.Trimesh:
+    """A mesh of vertices ``(k, 3)`` m and triangles ``(f, 3)``, with those that have no area left out."""
+    mesh = trimesh.Trimesh(vertices, triangles, process=False)
+    if len(triangles):
+        mesh.update_faces(mesh.nondegenerate_faces())
+        mesh.merge_vertices()
+    return mesh
+
+
+def halved(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    """What of a mesh is behind its x-z plane (y at least 0), so that one looks into it; flat ones stay whole."""
+    if not len(mesh.faces) or mesh.bounds[0, 1] >= 0:
+        return mesh
+    cut: trimesh.Trimesh = trimesh.intersections.slice_mesh_plane(mesh, (0.0, 1.0, 0.0), (0.0, 0.0, 0.0))  # type: ignore[no-untyped-call]
+    return cut
+
+
+def write_stl(path: Path, mesh: trimesh.Trimesh) -> None:
+    """Write a mesh as binary STL, in metres."""
+    path.write_bytes(trimesh.exchange.stl.export_stl(mesh))
+
+
+_SIZE = (3.0, 3.0)  # inches
+_AXIS = 0.07  # of the picture: how long a frame's axes are drawn
+_TURNED, _RAISED = np.deg2rad(30.0), np.deg2rad(25.0)  # from where it is seen
+
+
+def placement_picture(which: int, title: str, lines: Sequence[Array], frames: Array) -> Picture:
+    """One placement, to the scale of all.
+
+    Args:
+        which: of the placements it is, from 0.
+        title: above it.
+        lines: ``(n, c, 3)`` m each.
+        frames: ``(n, f, 4, 4)`` m, whose axes are drawn.
+    """
+    every = [_seen(line) for line in lines]
+    middle, half = cube([np.pad(each, ((0, 0), (0, 0), (0, 1))) for each in (*every, _seen(frames[..., :3, 3]))], 0.16)
+
+    def draw(axes: Axes) -> None:
+        for line in every:
+            axes.plot(*line[which].T, "-", color=ARM, linewidth=2.5, solid_capstyle="round", zorder=1)
+        for T in frames[which]:
+            origin = _seen(T[:3, 3])
+            for axis, colour in zip(T[:3, :3].T, FRAME_AXES, strict=True):
+                end = _seen(T[:3, 3] + 2 * _AXIS * half * axis)
+                axes.plot(*np.stack([origin, end], axis=1), "-", color=colour, linewidth=1.1, zorder=2)
+        axes.set(xlim=(middle[0] - half, middle[0] + half), ylim=(middle[1] - half, middle[1] + half))
+        axes.set_aspect("equal")
+        axes.axis("off")
+        axes.set(title=title)
+
+    return axes_picture(f"placement-{which}", f"Placement {title}", _SIZE, draw, (0.05, 0.05, 0.05, 0.3))
+
+
+def _seen(points: Array) -> Array:
+    """Points ``(..., 3)`` on the picture's plane ``(..., 2)``, without perspective."""
+    x, y, z = np.moveaxis(points, -1, 0)
+    across = np.cos(_TURNED) * y - np.sin(_TURNED) * x
+    along = np.cos(_TURNED) * x + np.sin(_TURNED) * y
+    return np.stack([across, np.cos(_RAISED) * z - np.sin(_RAISED) * along], axis=-1)

@@ -36,7 +36,7 @@ from lab.simulation.true_robot import TrueRobot
 __all__ = ["Cable", "CableSensor", "found_sessions", "with_sessions"]
 
 LEAST_ROWS = 15  # of a session: a few bad rows are not one
-MOST_SESSIONS = 10
+_MOST_SESSIONS = 10
 MARGIN = 8.0  # times Schwarz's criterion
 PARAMETERS = 5  # that a change adds: a, a'a, and its row
 FAR = 5.0  # standard deviations from which on a row is bad, if it is alone
@@ -177,7 +177,7 @@ def _contradictions(arm: Model, data: Measurements, nominal: Array) -> list[str]
     """Warnings of rows whose point, beside the length, is not where their joints put it."""
     if arm.targets != data.targets:
         return []
-    found = disagreement(arm, data, nominal)
+    found = _disagreement(arm, data, nominal)
     return [
         f"row {data.ids[row]}: its point is {1e3 * size:.3g} mm from where its joints put it: check the row "
         "(the wire's length alone is fitted)"
@@ -193,7 +193,7 @@ class Disagreement:
     sizes_m: Array
 
 
-def disagreement(arm: Model, data: Measurements, nominal: Array) -> Disagreement:
+def _disagreement(arm: Model, data: Measurements, nominal: Array) -> Disagreement:
     """Rows where the file's points and joints cannot both be right, with nominal links and base and tool fitted.
 
     Args:
@@ -224,7 +224,7 @@ def found_sessions(model: Fixtures, data: Measurements, nominal: Array) -> tuple
     """
     n, starts = len(data), [0]
     best: tuple[float, list[int], Array, Array] | None = None
-    while len(starts) < MOST_SESSIONS:
+    while len(starts) < _MOST_SESSIONS:
         left, rows = _trilateration(model, data, nominal, starts)
         criterion = n * np.log(max(_total(starts, n, left, rows), 1e-300)) + len(starts) * _penalty(n)
         if best is None or criterion < best[0]:

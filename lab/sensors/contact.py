@@ -11,8 +11,7 @@ from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
 from lab.core.newton import newton
 from lab.core.se3 import Array, inverse, transform
-from lab.kinematics.effects.conditions import BUMPED
-from lab.kinematics.effects.effect import ShapesNoise, TrackerMotion
+from lab.kinematics.effects.effect import BUMPED, ShapesNoise, TrackerMotion
 from lab.noise.instruments import Instrument
 from lab.simulation.collisions import collides, random_poses
 from lab.simulation.true_robot import TrueRobot, TrueSerialRobot

@@ -20,12 +20,11 @@ from lab.calibration.gauss_newton import Observations, fit
 from lab.calibration.identify import Identification
 from lab.calibration.observation import no_extra_residuals
 from lab.core import se3
-from lab.core.errors import LabError
+from lab.core.errors import LabError, counted
 from lab.core.measurements import FIXTURE, Measurements
 from lab.core.newton import newton
 from lab.core.random import rng_for
 from lab.core.se3 import Array, transform
-from lab.core.wording import counted
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter, indices_of_groups, names_of, placed_parameters
 from lab.kinematics.serial.arm import SerialArm

@@ -22,8 +22,8 @@ from lab.calibration.sequential import fit_sequentially
 from lab.calibration.weights import Noise
 from lab.core import se3
 from lab.core.errors import LabError
+from lab.core.limits import positive
 from lab.core.measurements import Measurements, seen_mask
-from lab.core.numbers import positive
 from lab.core.orientation import AngleConvention
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import ObservedColumns
@@ -43,7 +43,7 @@ from lab.simulation.true_robot import TrueRobot
 __all__ = ["QUATERNION", "PoseSensor", "Poses", "balanced"]
 
 QUATERNION = ("qw", "qx", "qy", "qz")
-START_RATIO = 1.0  # rad per m: 1 mrad beside 1 mm, until the residuals say better
+_START_RATIO = 1.0  # rad per m: 1 mrad beside 1 mm, until the residuals say better
 ROUNDS = 4  # of the ratio's iteration
 SETTLED = 0.01  # a change of the ratio that is none
 EXACT = 1e-12  # residuals below this have no noise to be compared
@@ -66,7 +66,7 @@ class Poses:
 
     arm: Model
     oriented: str
-    ratio: float = START_RATIO
+    ratio: float = _START_RATIO
     parameters: tuple[Parameter, ...] = field(init=False, repr=False)
     names: tuple[str, ...] = field(init=False)
 
@@ -337,7 +337,7 @@ class PoseSensor(VirtualSensor):
         blank = np.isnan(quaternions[:, 0])
         rotation = np.where(blank[:, None, None], np.nan, np.zeros((len(data), 1, 3)))  # measured as zero
         stated = np.where(blank[:, None], [1.0, 0.0, 0.0, 0.0], quaternions)
-        model = Poses(arm, target, START_RATIO if self.ratio is None else self.ratio)
+        model = Poses(arm, target, _START_RATIO if self.ratio is None else self.ratio)
         conditions = {f"{target}_{part}": stated[:, i] for i, part in enumerate(QUATERNION)}
         points = np.concatenate([data.points, rotation], axis=1)
         observed = replace(data, targets=model.targets, points=points, conditions={**data.conditions, **conditions})

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from lab.calibration.sensor import SensorWords
 from lab.core.errors import LabError
+from lab.core.limits import positive
 from lab.core.measurements import FIXTURE, Measurements
-from lab.core.numbers import positive
 from lab.core.se3 import Array, inverse
 from lab.formats.measurement_csv import ObservedColumns
 from lab.kinematics.model import Model
@@ -23,8 +23,8 @@ from lab.simulation.true_robot import TrueRobot
 
 __all__ = ["SocketSensor", "Sockets"]
 
-DISTANCE_WEIGHT = 30.0  # a distance between sockets is known that much better (0.01 mm) than a ball sits (0.3 mm)
-WHOLE_LOCATIONS = 3  # from this many on, a location is fitted or held out as one
+_DISTANCE_WEIGHT = 30.0  # a distance between sockets is known that much better (0.01 mm) than a ball sits (0.3 mm)
+_WHOLE_LOCATIONS = 3  # from this many on, a location is fitted or held out as one
 _APART_M = 0.1  # of a location's two sockets, where nobody knows it
 _NAMES = ("a", "b")
 _COLUMNS = ("location", "socket")
@@ -69,13 +69,13 @@ class Sockets(Fixtures):
             assert self.distance_m is not None
             residuals[row] = self.distance_m - apart
             rows[row, a], rows[row, b] = -along, along
-        return DISTANCE_WEIGHT * residuals, DISTANCE_WEIGHT * rows
+        return _DISTANCE_WEIGHT * residuals, _DISTANCE_WEIGHT * rows
 
     def cv_groups(self, data: Measurements) -> NDArray[np.int_] | None:
         """Labels ``(n,)`` of the rows' locations, where there are three or more."""
         location = {number: label.rpartition(".")[0] for number, label in zip(self.numbers, self.labels, strict=True)}
         order = {name: i for i, name in enumerate(dict.fromkeys(location.values()))}
-        if len(order) < WHOLE_LOCATIONS:
+        if len(order) < _WHOLE_LOCATIONS:
             return None
         return np.array([order[location[int(number)]] for number in data.conditions[FIXTURE]], dtype=np.int_)
 

@@ -7,12 +7,11 @@ import numpy as np
 
 from lab.core import se3
 from lab.core.se3 import Array
-from lab.formats.dh_table_toml import RobotTable
 from lab.formats.link_tree import link_tree
+from lab.formats.robot_toml import RobotTable
 from lab.kinematics.serial.arm import DEFAULT_TOOL, SerialArm
-from lab.simulation.link_shapes import dress, reach_of
-from lab.simulation.model import FLANGE, TRACKER, add_targets, add_tracker, compiled
-from lab.simulation.serial_model import SerialModel
+from lab.simulation.meshes import dress, reach_of
+from lab.simulation.model import FLANGE, TRACKER, SerialModel, add_targets, add_tracker, compiled
 
 __all__ = ["table_model"]
 

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from lab.core import se3
 from lab.core.errors import LabError
-from lab.core.kept_pieces import Keep, at_once
 from lab.core.progress import Progress, no_progress
+from lab.core.random import ScrambledSobol
 from lab.core.se3 import Array
-from lab.core.sobol import ScrambledSobol
+from lab.core.whole_folder import Keep, at_once
 from lab.noise.instruments import FieldOfView, Instrument
 from lab.simulation.collisions import (
     LOWER_CLEARANCE,

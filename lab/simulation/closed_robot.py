@@ -17,9 +17,8 @@ from lab.formats.mechanism_toml import MechanismFile
 from lab.kinematics.closed.arm import ClosedArm
 from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.serial.arm import DEFAULT_TOOL
-from lab.simulation.build_closed import BASE_BODY, closed_mjcf, closed_spec
+from lab.simulation.build_closed import BASE_BODY, closed_mjcf, closed_qpos, closed_spec
 from lab.simulation.effects import Effects
-from lab.simulation.loop_constraints import closed_qpos
 from lab.simulation.model import FLANGE, TRACKER, RobotModel, compiled, coordinates
 from lab.simulation.true_robot import TrueRobot, stand_before_tracker
 

@@ -15,29 +15,26 @@ from numpy.typing import NDArray
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.kinematics.effects.bending import ElasticLinks
-from lab.kinematics.effects.compliance import JointSprings
-from lab.kinematics.effects.conditions import (
+from lab.kinematics.effects.compliance import HardeningSprings, JointSprings
+from lab.kinematics.effects.effect import (
     BUMPED,
     PAYLOAD,
     REFERENCE_C,
     TEMPERATURE,
     TIME,
-    PoseConditions,
-    approach_of,
-    in_order,
-)
-from lab.kinematics.effects.effect import (
     ArmFacts,
     ChangesJointPositions,
     DisplacesReadings,
     MovesArm,
     MovesJoints,
     MovesTracker,
+    PoseConditions,
     ScattersJoints,
     ShapesNoise,
     SimulatedEffect,
+    approach_of,
+    in_order,
 )
-from lab.kinematics.effects.hardening import HardeningSprings
 from lab.kinematics.effects.registry import EFFECTS, EffectOptions
 from lab.kinematics.joints import JointSpec
 

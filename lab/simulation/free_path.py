@@ -1,17 +1,32 @@
-"""Whether a straight way in joint space touches nothing."""
+"""Clearances, and paths between poses that keep them."""
 
 import copy
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import combinations, product
+from typing import TypeVar
 
 import mujoco
 import numpy as np
 
 from lab.core.se3 import Array
-from lab.simulation.collisions import at_contacts
-from lab.simulation.model import RobotModel
+from lab.formats.link_tree import free_name
+from lab.noise.instruments import Instrument
+from lab.simulation.candidate_poses import view_of
+from lab.simulation.collisions import REFLECTOR, at_contacts
+from lab.simulation.model import RobotModel, compiled
 
-__all__ = ["path_check", "path_step"]
+__all__ = [
+    "CLEARANCE_MM",
+    "INCIDENCE_MARGIN_RAD",
+    "Clearances",
+    "path_check",
+    "path_step",
+    "planning_model",
+    "reflector_radii",
+]
 
 _STEP_M = 0.001  # along a path no point of the arm moves further than this between two places
 _ESTIMATED_STEP_M = 0.010  # of a mechanism, whose points' travel is estimated, and each place is looked at
@@ -111,3 +126,216 @@ class _Serial:
         pairs = self.model.geom_bodyid[contact.geom]
         moving = self.relative[pairs[:, 0], pairs[:, 1]] @ travel + _STILL_M
         return min(float((np.maximum(room - _SLACK_M, self.step / 2) / moving).min()), _CLEAR_M / total)
+
+
+Model = TypeVar("Model", bound=RobotModel)
+
+CLEARANCE_MM = 20.0  # from surroundings, and of links that are not neighbours, unless more or less is asked for
+INCIDENCE_MARGIN_RAD = np.deg2rad(3.0)  # kept from the largest angle that a reflector takes
+_MARGIN_SHARE = 0.1  # of that angle: a reflector that takes a few degrees keeps most of them
+_HALF_INCH_M, _LARGEST_M = 0.00635, 0.01905  # radius of a half-inch and of a 1.5-inch reflector
+_NEST = 4 / 3  # of the ball's radius: from its centre to the foot of its nest
+_SLACK_M_clearances = 1e-5  # of a computed distance
+_CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))  # of a box of two metres
+_INVISIBLE = (0.0, 0.0, 0.0, 0.0)  # no ray meets a shape that is transparent
+
+
+@dataclass(frozen=True)
+class Clearances:
+    """What a plan keeps free.
+
+    Attributes:
+        surroundings_m: between the arm and what stands around it, where its cell states nothing else.
+        own_m: between links of the arm that are not neighbours, at most what the arm keeps at its nominal poses.
+    """
+
+    surroundings_m: float = CLEARANCE_MM / 1e3
+    own_m: float = CLEARANCE_MM / 1e3
+
+
+def reflector_radii(robot: RobotModel, targets: Sequence[str], instrument: Instrument) -> Array:
+    """Radius ``(k,)`` (m) of the ball at each target: of its site, else the usual one of the instrument.
+
+    A site smaller than a half-inch reflector states nothing. Trackers measure 1.5-inch reflectors unless the robot or
+    its cell states others; targets of cameras and of ideal instruments are taken for half an inch.
+    """
+    usual = _LARGEST_M if instrument.kind == "spherical" else _HALF_INCH_M
+    stated = np.array([float(robot.model.site(name).size[0]) for name in targets])
+    return np.where(stated < _HALF_INCH_M - 1e-9, usual, np.minimum(stated, _LARGEST_M))
+
+
+def planning_model(robot: Model, targets: Sequence[str], instrument: Instrument, clearances: Clearances) -> Model:
+    """A copy of a robot's model whose contacts are what a plan avoids.
+
+    Each target is a ball in its nest, and two shapes touch as soon as they are within their clearance, and half of a
+    path check's step more. An obstacle's or the cell's own clearance comes first. Neighbouring links keep none; other
+    links, and the first link from the surroundings, keep at most what they have at the nominal poses: home, joint
+    positions of zero, and the keyframes of the robot's file. Reflectors take a smaller angle, by
+    ``INCIDENCE_MARGIN_RAD``.
+
+    Args:
+        targets: that are measured.
+        instrument: that measures them.
+
+    Raises:
+        LabError: MuJoCo cannot build the model.
+    """
+    spec = robot.spec.copy()
+    _add_reflectors(robot, spec, targets, reflector_radii(robot, targets, instrument))
+    _name_shapes(spec)
+    _mesh_boxes(spec)
+    bare = compiled(robot.path, spec)
+    shapes = _Shapes.of(bare, robot.base_body)
+    around_m, own_m = (_kept(robot, each) for each in (clearances.surroundings_m, clearances.own_m))
+    stated = [name for name, clearance_m in robot.obstacles.items() if clearance_m is not None]
+    for geom in shapes.around:
+        name, margin = bare.geom(geom).name, _kept(robot, float(bare.geom_margin[geom]))
+        spec.geom(name).margin = margin if name in stated else max(margin, around_m)
+    own, first = shapes.own_pairs(), shapes.first_link_pairs(stated)
+    wanted = np.array([own_m] * len(own) + [around_m] * len(first))
+    nearest = _least_distances(replace(robot, model=bare), [*own, *first], wanted)
+    for pair, least, margin in zip([*own, *first], nearest, wanted, strict=True):
+        if least <= 0 and shapes.reflectors & set(pair):
+            _exclude(spec, bare, pair)  # a ball that is drawn into a link's assumed shape
+            continue
+        one, other = (bare.geom(each).name for each in pair)
+        spec.add_pair(geomname1=one, geomname2=other, margin=max(0.0, min(margin, least - _SLACK_M_clearances)))
+    acceptance = view_of(robot, instrument).acceptance_rad
+    narrower = acceptance - min(INCIDENCE_MARGIN_RAD, _MARGIN_SHARE * acceptance)
+    return replace(
+        robot,
+        spec=spec,
+        model=compiled(robot.path, spec),
+        acceptance_rad=robot.acceptance_rad if acceptance >= np.pi else narrower,
+    )
+
+
+def _kept(robot: RobotModel, clearance_m: float) -> float:
+    """A clearance with what two shapes may close between two places of a path that are checked; none stays none."""
+    return clearance_m + path_step(robot) / 2 if clearance_m else 0.0
+
+
+def _add_reflectors(robot: RobotModel, spec: mujoco.MjSpec, targets: Sequence[str], radii: Array) -> None:
+    """Give each target a body with a ball and, behind it along the reflector's axis, its nest."""
+    taken = {body.name for body in spec.bodies}
+    for target, radius in zip(targets, radii.tolist(), strict=True):
+        site = robot.model.site(target)
+        name = free_name(f"{REFLECTOR}{target}", taken)
+        body = spec.site(target).parent.add_body(name=name, pos=site.pos, quat=site.quat)
+        body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[radius, 0, 0], rgba=_INVISIBLE, mass=0)
+        body.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+            size=[radius, _NEST * radius / 2, 0],
+            pos=[0, 0, -_NEST * radius / 2],
+            rgba=_INVISIBLE,
+            mass=0,
+        )
+
+
+def _name_shapes(spec: mujoco.MjSpec) -> None:
+    """Give every shape a name, by which pairs are told."""
+    geoms = list(spec.geoms)
+    taken = {geom.name for geom in geoms}
+    for i, geom in enumerate(geoms):
+        if not geom.name:
+            world = geom.parent.name == "world"
+            wanted = f"shape {i} of the surroundings" if world else f"{geom.parent.name} shape {i}"
+            geom.name = free_name(wanted, taken)
+            taken.add(geom.name)
+
+
+def _mesh_boxes(spec: mujoco.MjSpec) -> None:
+    """Make the solid boxes of bodies meshes: MuJoCo overlooks some pairs of boxes that are near but do not touch."""
+    for geom in spec.geoms:
+        box = geom.type == mujoco.mjtGeom.mjGEOM_BOX and not np.isfinite(geom.fromto[0])
+        if box and geom.parent.name != "world" and (geom.contype or geom.conaffinity):
+            mesh = f"{geom.name} of its corners"
+            spec.add_mesh(name=mesh, uservert=(_CORNERS * geom.size).ravel())
+            geom.type, geom.meshname = mujoco.mjtGeom.mjGEOM_MESH, mesh
+
+
+def _exclude(spec: mujoco.MjSpec, model: mujoco.MjModel, pair: tuple[int, int]) -> None:
+    one, other = (model.body(int(model.geom_bodyid[each])).name for each in pair)
+    spec.add_exclude(bodyname1=one, bodyname2=other)
+
+
+@dataclass(frozen=True)
+class _Shapes:
+    """The solid shapes of a model: those of the arm, those around it, and those of reflectors, by number."""
+
+    model: mujoco.MjModel
+    arm: tuple[int, ...]
+    around: tuple[int, ...]
+    reflectors: frozenset[int]
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel, base_body: str) -> "_Shapes":
+        """The arm is what moves, and its base with all that stands on it."""
+        base = model.body(base_body).id if base_body else -1
+        on_base = np.zeros(model.nbody, dtype=bool)
+        for body in range(1, model.nbody):  # MuJoCo numbers parents before children
+            on_base[body] = body == base or on_base[model.body_parentid[body]]
+        is_arm = (model.body_weldid > 0) | on_base
+        arm, around, reflectors = list[int](), list[int](), set[int]()
+        for geom in np.flatnonzero(model.geom_contype | model.geom_conaffinity).tolist():
+            body = int(model.geom_bodyid[geom])
+            (arm if is_arm[body] else around).append(geom)
+            if model.body(body).name.startswith(REFLECTOR):
+                reflectors.add(geom)
+        return cls(model, tuple(arm), tuple(around), frozenset(reflectors))
+
+    def own_pairs(self) -> list[tuple[int, int]]:
+        """Pairs of the arm's shapes that are not of neighbours; a reflector has no neighbours but its carrier."""
+        return [
+            pair
+            for pair in combinations(self.arm, 2)
+            if self._may_meet(*pair) and (not self._neighbours(*pair) or self.reflectors & set(pair))
+        ]
+
+    def first_link_pairs(self, stated: Sequence[str]) -> list[tuple[int, int]]:
+        """Pairs of the surroundings, but those with a clearance of their own, and what moves on the world."""
+        weld, parent, of = self.model.body_weldid, self.model.body_parentid, self.model.geom_bodyid
+        first = [geom for geom in self.arm if weld[of[geom]] and weld[parent[weld[of[geom]]]] == 0]
+        return [
+            (one, other)
+            for one in first
+            for other in self.around
+            if self._may_meet(one, other) and self.model.geom(other).name not in stated
+        ]
+
+    def _may_meet(self, one: int, other: int) -> bool:
+        """Whether they move against each other, are solid to each other, and are not excluded from contact."""
+        model, bodies = self.model, [int(self.model.geom_bodyid[each]) for each in (one, other)]
+        solid = (
+            model.geom_contype[one] & model.geom_conaffinity[other]
+            or model.geom_contype[other] & model.geom_conaffinity[one]
+        )
+        if not solid or model.body_weldid[bodies[0]] == model.body_weldid[bodies[1]]:
+            return False
+        return (min(bodies) << 16) + max(bodies) not in self._excluded
+
+    @cached_property
+    def _excluded(self) -> frozenset[int]:
+        signatures = np.asarray(self.model.exclude_signature, dtype=np.int64)
+        pairs = [(int(each) >> 16, int(each) & 0xFFFF) for each in signatures]
+        return frozenset((min(pair) << 16) + max(pair) for pair in pairs)
+
+    def _neighbours(self, one: int, other: int) -> bool:
+        weld, parent = self.model.body_weldid, self.model.body_parentid
+        a, b = (int(weld[self.model.geom_bodyid[each]]) for each in (one, other))
+        return bool((a and weld[parent[a]] == b) or (b and weld[parent[b]] == a))
+
+
+def _least_distances(robot: RobotModel, pairs: Sequence[tuple[int, int]], wanted: Array) -> Array:
+    """Least distance (m) of each pair of shapes over the nominal poses; ``wanted`` and a slack where it is larger."""
+    model, far = robot.model, wanted + 2 * _SLACK_M_clearances
+    chain, data, least = robot.chain, mujoco.MjData(robot.model), far.copy()
+    zero = np.zeros((1, chain.size))
+    joints = np.concatenate([chain.home[None], zero[~chain.beyond_limits(zero, 0.0).any(axis=1)]])
+    qpos = np.concatenate([robot.qpos(joints), model.key_qpos.reshape(-1, model.nq)])
+    for row in qpos[~np.isnan(qpos).any(axis=1)]:
+        data.qpos[:] = row
+        mujoco.mj_kinematics(model, data)
+        for i, (one, other) in enumerate(pairs):
+            least[i] = min(least[i], mujoco.mj_geomDistance(model, data, one, other, far[i], None))
+    return least

@@ -11,7 +11,7 @@ from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.measurements import STATION, Measurements, measured
 from lab.core.se3 import Array
-from lab.kinematics.effects.conditions import BUMPED
+from lab.kinematics.effects.effect import BUMPED
 from lab.noise.instruments import Instrument
 from lab.simulation.candidate_poses import field_of_view
 from lab.simulation.effects import NOTHING_SET

@@ -13,16 +13,14 @@ from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.kinematics.effects.bending import ElasticLinks
-from lab.kinematics.effects.compliance import JointSprings
-from lab.kinematics.effects.conditions import PAYLOAD, PoseConditions
-from lab.kinematics.effects.hardening import HardeningSprings
-from lab.kinematics.effects.stations import StationPoses
+from lab.kinematics.effects.compliance import HardeningSprings, JointSprings
+from lab.kinematics.effects.effect import PAYLOAD, PoseConditions
+from lab.kinematics.effects.sessions import StationPoses
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.axes_to_dh import JointAxes, Truth, parameters_from_axes
 from lab.simulation.effects import NOTHING_SET, Effects
 from lab.simulation.elastic import FlexibleArm
-from lab.simulation.model import RobotModel, coordinates, joint_axes, update_constants
-from lab.simulation.serial_model import SerialModel
+from lab.simulation.model import RobotModel, SerialModel, coordinates, joint_axes, update_constants
 
 __all__ = [
     "GeometryErrors",

@@ -9,7 +9,7 @@ The same robot and draw meet the same noise in every cell, so that cells are com
 the geometric mean of the campaigns' ratios, which need not be the ratio of the means.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any, Literal
@@ -17,13 +17,205 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from lab.core.errors import LabError
+from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.significance import STUDY_COMPARISON
-from lab.studies.bootstrap import Resampled, holm, resampled
 from lab.studies.grid import ANY, FACTORS, Cell
-from lab.studies.table import KEYS, CampaignArray, CellGroup, groups
 
-__all__ = ["Analysis", "Comparison", "Kind", "Mean", "Pair", "Rank", "analysed", "compared", "means"]
+__all__ = [
+    "KEYS",
+    "RESAMPLES",
+    "Analysis",
+    "CampaignArray",
+    "CellGroup",
+    "Comparison",
+    "Kind",
+    "Mean",
+    "Pair",
+    "Rank",
+    "Resampled",
+    "analysed",
+    "compared",
+    "groups",
+    "holm",
+    "means",
+    "resampled",
+]
+
+_SAME = 1e-12  # a variance this small, against that of all robots, is that of one robot drawn again and again
+
+
+@dataclass(frozen=True)
+class Resampled:
+    """Means of some columns over robots, and what resampling the robots makes of them.
+
+    Attributes:
+        mean, lower, upper: ``(m,)`` with an interval; NaN where the robots are too few for one.
+        p: ``(m,)`` of a mean of zero; NaN for less than two robots.
+        means: ``(resamples, m)``.
+    """
+
+    mean: Array
+    lower: Array
+    upper: Array
+    p: Array
+    means: Array
+
+
+def resampled(values: Array, weights: Array, level: float) -> Resampled:
+    """Means over robots with their intervals.
+
+    Args:
+        values: ``(robots, m)``; NaN where a robot has none.
+        weights: ``(resamples, robots)`` how often each robot is drawn.
+        level: of the p-values, and one less the intervals' coverage.
+    """
+    finite = np.isfinite(values)
+    count = finite.sum(axis=0)
+    mean = np.where(finite, values, 0.0).sum(axis=0) / np.where(count, count, np.nan)
+    left = np.where(finite, values - mean, 0.0)
+    floor = _SAME * (left**2).mean(axis=0)
+    _, std = _moments(np.ones((1, len(values))), finite, left, floor)
+    shifts, stds = _moments(weights, finite, left, floor)
+    sizes = np.sort(_quotient(np.abs(shifts), stds), axis=0)
+    total = len(weights) + 1
+    known = count > 1
+    reach = sizes[total - round(level * total) - 1]
+    far = np.where(known & np.isfinite(reach), reach * std[0], np.nan)
+    larger = (sizes >= _quotient(np.abs(mean), std[0])).sum(axis=0)
+    return Resampled(mean, mean - far, mean + far, np.where(known, (1 + larger) / total, np.nan), mean + shifts)
+
+
+def _moments(weights: Array, finite: Array, left: Array, floor: Array) -> tuple[Array, Array]:
+    """Mean ``(resamples, m)`` of what is left, and its standard error: infinite where nothing was drawn."""
+    count = weights @ finite.astype(float)
+    shift = weights @ left / np.maximum(count, 1)
+    square = weights @ left**2 / np.maximum(count, 1) - shift**2
+    variance = np.where(square > floor, square, 0.0) / np.maximum(count - 1, 1)
+    return shift, np.sqrt(variance)
+
+
+def _quotient(size: Array, std: Array) -> Array:
+    """Size over standard error; infinite where one robot alone was drawn, zero for zero."""
+    return np.where(std > 0, size / np.where(std > 0, std, 1.0), np.where(size > 0, np.inf, 0.0))
+
+
+def holm(p: Array) -> Array:
+    """p-values ``(m,)`` for the family that they are, whatever their dependence (Holm 1979); NaN is not of it."""
+    corrected = np.full(len(p), np.nan)
+    order = np.argsort(p)[: int(np.isfinite(p).sum())]
+    steps = p[order] * np.arange(len(order), 0, -1)
+    corrected[order] = np.minimum(np.maximum.accumulate(steps), 1.0)
+    return corrected
+
+
+KEYS = ("cell", "robot", "draw", "converged")  # the columns that are no metrics
+RESAMPLES = 9999
+
+
+@dataclass(frozen=True)
+class CellGroup:
+    """Cells that agree in all factors but some.
+
+    Attributes:
+        free: the factors in which they differ.
+        shared: the others' levels, of the factors that vary in the study.
+        cells: their numbers.
+    """
+
+    free: tuple[str, ...]
+    shared: Mapping[str, Any]
+    cells: tuple[int, ...]
+
+
+def groups(cells: Sequence[Cell], free: Collection[str]) -> tuple[CellGroup, ...]:
+    """Cells that agree in all factors but the free ones; a cell whose level is "any" is in each group it agrees with.
+
+    Groups that are a part of another one are not told.
+    """
+    rest = [name for name in FACTORS if name not in free]
+    varying = [name for name in rest if len({getattr(cell, name) for cell in cells}) > 1]
+    found: dict[tuple[int, ...], CellGroup] = {}
+    for key in dict.fromkeys(tuple(getattr(cell, name) for name in rest) for cell in cells):
+        wanted = dict(zip(rest, key, strict=True))
+        members = tuple(i for i, cell in enumerate(cells) if _agrees(cell, wanted))
+        shared = {name: wanted[name] for name in varying}
+        found.setdefault(members, CellGroup(tuple(free), shared, members))
+    return tuple(each for each in found.values() if not any(set(each.cells) < set(other) for other in found))
+
+
+def _agrees(cell: Cell, wanted: Mapping[str, Any]) -> bool:
+    return all(getattr(cell, name) in (level, ANY) for name, level in wanted.items())
+
+
+@dataclass(frozen=True)
+class CampaignArray:
+    """A study's rows by cell, robot and draw, in whatever order they came, and how robots are resampled.
+
+    Attributes:
+        columns: as they came.
+        place: ``(rows,)`` of each row in an array of the shape (cells, robots, draws).
+        weights: ``(resamples, robots)`` how often each robot was drawn, the same in every cell.
+    """
+
+    cells: tuple[Cell, ...]
+    columns: Mapping[str, NDArray[Any]]
+    shape: tuple[int, int, int]
+    place: NDArray[np.int_]
+    weights: Array
+
+    @classmethod
+    def of(
+        cls, columns: Mapping[str, NDArray[Any]], cells: Sequence[Cell], seed: int = 0, resamples: int = RESAMPLES
+    ) -> "CampaignArray":
+        """From the columns ``cell``, ``robot``, ``draw``, ``converged`` and metrics.
+
+        Raises:
+            LabError: a column is missing, a cell is unknown, or a campaign is there twice.
+        """
+        if missing := [name for name in KEYS if name not in columns]:
+            raise LabError(f"campaigns: column '{missing[0]}' is missing; there are {', '.join(columns) or 'none'}")
+        cell = np.asarray(columns["cell"], dtype=int)
+        if not len(cell):
+            raise LabError("campaigns: there are none; run the study first")
+        if cell.min() < 0 or cell.max() >= len(cells):
+            raise LabError(f"campaigns: cell {cell.max()} is unknown; the study has {len(cells)}, counted from 0")
+        robots, robot = np.unique(columns["robot"], return_inverse=True)
+        draws, draw = np.unique(columns["draw"], return_inverse=True)
+        shape = (len(cells), len(robots), len(draws))
+        place = np.ravel_multi_index((cell, robot, draw), shape)
+        if len(np.unique(place)) < len(place):
+            raise LabError("campaigns: a cell's robot and draw is there twice; give each campaign once")
+        drawn = rng_for(seed, "bootstrap").multinomial(len(robots), np.full(len(robots), 1 / len(robots)), resamples)
+        return cls(tuple(cells), columns, shape, place, drawn.astype(float))
+
+    def values(self, metric: str) -> Array:
+        """A metric ``(cells, robots, draws)``; NaN where there is no campaign, it did not converge or is not finite.
+
+        Raises:
+            LabError: the metric is unknown.
+        """
+        if metric not in self.columns:
+            raise LabError(f"metric '{metric}' is unknown; there are {', '.join(self.columns)}")
+        given = np.asarray(self.columns[metric], dtype=float)
+        good = np.asarray(self.columns["converged"], dtype=bool) & np.isfinite(given)
+        return self._arranged(np.where(good, given, np.nan), np.nan)
+
+    def present(self) -> NDArray[np.bool_]:
+        """Whether there is a campaign ``(cells, robots, draws)``."""
+        return self._arranged(np.ones(len(self.place)), 0.0).astype(bool)
+
+    def not_converged(self) -> NDArray[np.int_]:
+        """Campaigns that did not, by cell."""
+        failed = ~np.asarray(self.columns["converged"], dtype=bool)
+        return np.asarray(self._arranged(failed.astype(float), 0.0).sum((1, 2)), dtype=int)
+
+    def _arranged(self, given: Array, empty: float) -> Array:
+        flat = np.full(np.prod(self.shape), empty)
+        flat[self.place] = given
+        return flat.reshape(self.shape)
+
 
 COMPARED = ("fresh_mean_mm", "fresh_worst_mm", "length_rms_mm", "angle_rms_mrad", "mixed_rms")  # less is better
 _TIED = 1e-12  # scores this near to each other, against the largest, are equal

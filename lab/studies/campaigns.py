@@ -5,27 +5,30 @@ tracker are drawn from the robot's own seed, the noise from the robot's and the 
 solved in blocks of their own.
 """
 
+import platform
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from importlib import metadata
+from typing import Any
 
 import numpy as np
 
-from lab.calibration.batch import BatchFits
-from lab.calibration.batch_points import PointBatch, align, fit_points, in_nominal_frame
-from lab.campaign.design_problem import pose_problem
-from lab.campaign.design_search import best_design
+from lab.calibration.batch import BatchFits, PointBatch, align, fit_points, in_nominal_frame
+from lab.campaign.design_problem import best_design, pose_problem
 from lab.campaign.option_groups import ArmEffects, Fitting
 from lab.campaign.options import DesignOptions, VirtualCampaign
-from lab.campaign.robot import Robot, load_virtual
+from lab.campaign.robot import Robot, load_robot, load_virtual
 from lab.campaign.virtual_robot import drawn_conditions, perturbed_arm, truth_of
 from lab.core import se3
-from lab.core.covariance import whitening
 from lab.core.errors import LabError
+from lab.core.linear_model import whitening
 from lab.core.random import Purpose, rng_for, seed_of
 from lab.core.se3 import Array
+from lab.core.version import __version__
 from lab.kinematics.gauge import base_set
 from lab.kinematics.parameter import names_of
-from lab.kinematics.serial.batch import Stacked, stacked
+from lab.kinematics.serial.arm import Stacked, stacked
 from lab.noise.instruments import Instrument, instrument, is_isotropic, observing
 from lab.pose_selection.criteria import CRITERIA
 from lab.simulation.collisions import random_poses
@@ -33,11 +36,20 @@ from lab.simulation.tracking import misalignments, track
 from lab.simulation.true_robot import TrueRobot
 from lab.studies.grid import ANY, NONE, USUAL, Cell, Study, Task
 
-__all__ = ["COLUMNS", "METRICS", "cell_poses", "refuse_impossible", "run_task"]
+__all__ = [
+    "COLUMNS",
+    "METRICS",
+    "cell_poses",
+    "difference",
+    "origin_of",
+    "other_version",
+    "refuse_impossible",
+    "run_task",
+]
 
 RANDOM = "random"
 CANDIDATES, STARTS = 1000, 2  # of a cell's design
-JUDGED_TOGETHER = 5  # campaigns: what fits the processor's cache
+_JUDGED_TOGETHER = 5  # campaigns: what fits the processor's cache
 Columns = dict[str, Array]
 COLUMNS = {  # of every campaign's row, and what they mean
     "cell": "number of the cell, from 0 (manifest.json says which)",
@@ -293,8 +305,8 @@ def _before(fitted: _Fitted, joints: Array, exact: Array, fresh: Array, there: A
 def _errors(fitted: _Fitted, fresh: Array, values: Array, exact: Array) -> Array:
     """Sizes ``(b, k m)`` mm of the errors at validation poses ``(m, joints)``, with targets at ``(b, k, 3, m)``."""
     parts = []
-    for at in range(0, len(values), JUDGED_TOGETHER):
-        part = slice(at, at + JUDGED_TOGETHER)
+    for at in range(0, len(values), _JUDGED_TOGETHER):
+        part = slice(at, at + _JUDGED_TOGETHER)
         off = fitted.stacked.points(fresh, values[part]) - exact[part]
         parts.append(1e3 * np.sqrt((off**2).sum(axis=2)).reshape(len(off), -1))
     errors = np.concatenate(parts)
@@ -315,3 +327,25 @@ def _true_values(fitted: _Fitted, real: TrueRobot, Ts_instrument_nominal: Array)
 def _rms(values: Array) -> Array:
     """Root mean squares ``(b,)`` of ``(b, f)``; NaN of nothing."""
     return np.sqrt((values**2).mean(axis=1)) if values.shape[1] else np.full(len(values), np.nan)
+
+
+_LIBRARIES = ("mujoco", "numpy", "scipy", "pyarrow")
+
+
+def origin_of(robot: str) -> dict[str, Any]:
+    """What a study's numbers depend on beside its options: the robot's files, and versions."""
+    versions = {name: metadata.version(name) for name in _LIBRARIES}
+    versions |= {"python": platform.python_version(), "virtual-calibration-lab": __version__}
+    return {"model_sha256": load_robot(robot).sha256, "versions": versions}
+
+
+def difference(there: dict[str, Any], here: dict[str, Any]) -> str | None:
+    """What of two origins is not the same, in words; None if all is."""
+    files = there["model_sha256"] == here["model_sha256"]
+    return other_version(there["versions"], here["versions"]) or (None if files else "other files of the robot")
+
+
+def other_version(old: Mapping[str, str], new: Mapping[str, str]) -> str | None:
+    """The first package that is not of the same version, in words; None if all are."""
+    other = next((name for name in sorted({*old, *new}) if old.get(name) != new.get(name)), None)
+    return None if other is None else f"{other} {old.get(other)}, not {new.get(other)}"

@@ -25,15 +25,14 @@ from types import ModuleType
 from typing import TYPE_CHECKING, TypeVar
 
 from lab.core.errors import LabError
-from lab.core.limits import WORKERS
-from lab.core.numbers import whole
+from lab.core.limits import WORKERS, whole
 
 if TYPE_CHECKING:
     from distributed import Client  # of an extra
 
 __all__ = ["CONNECTING_S", "StoppedError", "cluster_executor", "local_executor", "run_jobs"]
 
-IN_FLIGHT = 256  # tasks handed out at a time: enough for a hundred workers, and what memory holds
+_IN_FLIGHT = 256  # tasks handed out at a time: enough for a hundred workers, and what memory holds
 CONNECTING_S = 10.0
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -162,7 +161,7 @@ def _client(address: str) -> "Client":
 
 
 def run_jobs(
-    executor: Executor, jobs: Iterable[tuple[Key, Callable[[], Result]]], in_flight: int = IN_FLIGHT
+    executor: Executor, jobs: Iterable[tuple[Key, Callable[[], Result]]], in_flight: int = _IN_FLIGHT
 ) -> Generator[tuple[Key, Result], None, None]:
     """What each job returns, with its key, as they finish; no more than ``in_flight`` are handed out at a time.
 

@@ -9,10 +9,8 @@ from typing import Any, Final, Literal, get_args, get_type_hints
 
 from lab.campaign.option_groups import ArmEffects, Fitting
 from lab.core.errors import LabError, error_context
-from lab.core.limits import CAMPAIGNS, CELLS, DRAWN_POINTS, DRAWS, NAME, POSES, ROBOTS, SEED, TARGETS
-from lab.core.numbers import positive, whole
-from lab.formats.structured import structured
-from lab.formats.toml import read_toml
+from lab.core.limits import CAMPAIGNS, CELLS, DRAWN_POINTS, DRAWS, NAME, POSES, ROBOTS, SEED, TARGETS, positive, whole
+from lab.formats.structured import read_toml, structured
 
 __all__ = ["ANY", "CAMPAIGNS_A_TASK", "FACTORS", "NONE", "USUAL", "Cell", "Study", "Task", "read_study", "study_from"]
 

@@ -1,7 +1,8 @@
 """A study on any executor: the poses of every cell, then all campaigns, each file kept as soon as it is there."""
 
+import contextlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import asdict, dataclass
@@ -13,13 +14,14 @@ from threadpoolctl import threadpool_limits
 
 from lab.core.se3 import Array
 from lab.core.whole_folder import held
-from lab.studies.campaigns import cell_poses, run_task
-from lab.studies.executors import StoppedError, run_jobs
+from lab.render.terminal import bars
+from lab.studies.analysis import CampaignArray
+from lab.studies.campaigns import cell_poses, difference, origin_of, run_task
+from lab.studies.executors import StoppedError, local_executor, run_jobs
 from lab.studies.grid import Cell, Study, Task
-from lab.studies.provenance import difference, origin_of
-from lab.studies.store import Store, begin, go_on
+from lab.studies.store import Store, begin, go_on, read_campaigns
 
-__all__ = ["StudyDone", "run_study"]
+__all__ = ["StudyDone", "run_study", "study_runner"]
 
 Posing = Callable[[Study, Cell], Array]
 Solving = Callable[[Study, Task, Array], dict[str, Array]]
@@ -134,3 +136,27 @@ def _work(origin: dict[str, Any], robot: str, function: Callable[..., Any], *arg
 def _origin_here(robot: str) -> dict[str, Any]:
     """Of this process, worked out once."""
     return origin_of(robot)
+
+
+Running = Callable[[Study, Path], tuple[CampaignArray, StudyDone]]
+
+
+@contextlib.contextmanager
+def study_runner(workers: int) -> Iterator[Running]:
+    """Processes of this machine that run studies, one after another, each into a folder or on with what is there.
+
+    What is yielded gives a study's campaigns in order, and how long it took; a LabError where the folder holds another
+    study.
+    """
+    with local_executor(workers) as executor:
+
+        def run(study: Study, folder: Path) -> tuple[CampaignArray, StudyDone]:
+            folder.parent.mkdir(parents=True, exist_ok=True)
+            with bars() as progress:
+                there = (folder / "config.json").is_file()
+                done = run_study(study, folder, executor, resume=there, progress=progress)
+            table = read_campaigns(folder)
+            columns = {name: table[name].to_numpy() for name in table.column_names}
+            return CampaignArray.of(columns, study.cells, study.seed), done
+
+        yield run

@@ -19,14 +19,21 @@ import pyarrow.parquet as pq
 
 from lab.campaign.robot import load_robot
 from lab.core.errors import LabError
-from lab.core.kept_pieces import keep_checked, left_of, piece_files, read_checked, write_whole
 from lab.core.se3 import Array
-from lab.core.whole_folder import draft_of, held, resolved
+from lab.core.whole_folder import (
+    draft_of,
+    held,
+    keep_checked,
+    left_of,
+    piece_files,
+    read_checked,
+    resolved,
+    write_whole,
+)
 from lab.formats.structured import read_json, read_structured
-from lab.studies.campaigns import COLUMNS
+from lab.studies.campaigns import COLUMNS, origin_of, other_version
 from lab.studies.executors import StoppedError
 from lab.studies.grid import Cell, Study, Task, study_from
-from lab.studies.provenance import origin_of, other_version
 
 __all__ = ["Store", "begin", "go_on", "read_campaigns", "read_store"]
 

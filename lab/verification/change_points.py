@@ -12,17 +12,30 @@ of the years, however often it is measured.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from lab.calibration.estimate import IdentifiedSubset
-from lab.core.linear_model import half_width_95, p_value_of_squares
-from lab.core.probabilities import chi2_isf, t_isf, t_sf
+from lab.core.linear_model import LinearModel, half_width_95, p_value_of_squares
+from lab.core.probability import chi2_isf, t_isf, t_sf
 from lab.core.se3 import Array
-from lab.core.significance import TREND_YEAR
+from lab.core.significance import TREND_YEAR, VERIFICATION
+from lab.verification.prediction import FULL_RANK, CalibrationPrediction, RefitSolution
 
-__all__ = ["POWER", "ChangePoint", "Directions", "Series", "levels"]
+__all__ = [
+    "POWER",
+    "ChangePoint",
+    "ChangeTest",
+    "Directions",
+    "PartTest",
+    "Series",
+    "change_test",
+    "explained",
+    "freed",
+    "levels",
+    "split_test",
+]
 
 POWER = 0.95  # with which a minimum detectable change is found
 _YEAR = 365.25  # days
@@ -218,3 +231,93 @@ def _of_difference(before: Array, after: Array) -> Array:
     """The information ``(..., f, f)`` of the difference of two means, (A^-1 + B^-1)^-1."""
     information: Array = before @ np.linalg.solve(before + after, after)
     return (information + np.swapaxes(information, -1, -2)) / 2
+
+
+@dataclass(frozen=True)
+class PartTest:
+    """One part of r' S^-1 r.
+
+    Attributes:
+        square: how large it is.
+        numbers: its degrees of freedom.
+        p: the chance of a larger one, if nothing has changed; 1 where it has no degrees of freedom.
+    """
+
+    square: float
+    numbers: int
+    p: float
+
+
+@dataclass(frozen=True)
+class ChangeTest:
+    """Whether an arm has changed, by both parts.
+
+    Attributes:
+        along: the part that the identified parameters span.
+        rest: the other.
+    """
+
+    along: PartTest
+    rest: PartTest
+
+    @property
+    def square(self) -> float:
+        """What is left of r' S^-1 r."""
+        return self.along.square + self.rest.square
+
+    @property
+    def tests(self) -> int:
+        """How many parts have degrees of freedom."""
+        return sum(part.numbers > 0 for part in (self.along, self.rest))
+
+    @property
+    def p(self) -> float:
+        """The chance of a smaller p of either part, if nothing has changed."""
+        least = min(self.along.p, self.rest.p)
+        return least if self.tests < 2 else float(-np.expm1(2 * np.log1p(-least))) if least < 1 else 1.0
+
+    @property
+    def changed(self) -> bool:
+        """Whether the test rejects at its level."""
+        return self.p < VERIFICATION
+
+    @property
+    def level(self) -> float:
+        """Of each part."""
+        return VERIFICATION if self.tests < 2 else float(-np.expm1(np.log1p(-VERIFICATION) / 2))
+
+
+def freed(fit: RefitSolution, free: tuple[int, ...]) -> RefitSolution:
+    """The same with every identified parameter fitted, where it was made; ``square`` stays that of ``fit``."""
+    directions = np.concatenate([fit.directions, np.eye(len(fit.values))[:, list(free)]], axis=1)
+    model = LinearModel.of(fit.there.white(fit.there.jacobian @ directions), FULL_RANK)
+    return replace(fit, model=model, directions=directions)
+
+
+def change_test(prediction: CalibrationPrediction, fit: RefitSolution) -> ChangeTest:
+    """Of what is left where ``fit`` was made."""
+    return split_test(prediction, (fit.square, fit.dof), explained(fit, freed(fit, prediction.free)))
+
+
+def explained(fit: RefitSolution, opened: RefitSolution) -> tuple[float, int]:
+    """How much less r' S^-1 r is where the parameters are ``freed``, and by how many numbers."""
+    residual = fit.there.white(fit.there.residual)
+    pulls = (float((each.model.coordinates(residual) ** 2).sum()) for each in (opened, fit))
+    return next(pulls) - next(pulls), opened.rank - fit.rank
+
+
+def split_test(prediction: CalibrationPrediction, left: tuple[float, int], along: tuple[float, int]) -> ChangeTest:
+    """Of squares with their degrees of freedom.
+
+    Args:
+        left: of all numbers.
+        along: of these, what the identified parameters would explain.
+    """
+    square, numbers = max(along[0], 0.0), along[1]
+    others = left[1] - numbers
+    each = max(1, left[1] // max(numbers, 1))
+    rest = max(left[0] - square, 0.0)
+    return ChangeTest(
+        PartTest(square, numbers, prediction.p(square, numbers, each)),
+        PartTest(rest, others, prediction.p(rest, others)),
+    )

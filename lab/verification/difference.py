@@ -11,7 +11,7 @@ import numpy as np
 
 from lab.calibration.estimate import IdentifiedSubset
 from lab.core.linear_model import half_width_95, p_value_of_squares
-from lab.core.probabilities import t_sf
+from lab.core.probability import t_sf
 from lab.core.se3 import Array
 from lab.core.significance import VERIFICATION
 

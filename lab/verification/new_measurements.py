@@ -19,7 +19,7 @@ from lab.calibration.observation import observation_of
 from lab.calibration.residual.process import PredictedBy
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M
 from lab.calibration.weights import Noise, root_mean_square_sigma, weighed
-from lab.core.covariance import whitening
+from lab.core.linear_model import whitening
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.se3 import Array
 from lab.noise.correlation import Correlation

@@ -7,38 +7,167 @@ compared by Schwarz's criterion (1978).
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import Observations
+from lab.calibration.initial_guess import columns_of
 from lab.calibration.refit import dependent_columns
+from lab.core import se3
 from lab.core.checks import Check, Outcome
-from lab.core.errors import LabError
+from lab.core.errors import LabError, counted
 from lab.core.measurements import seen_mask
 from lab.core.progress import Progress, no_progress
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.significance import VERIFICATION
-from lab.core.wording import counted
-from lab.verification.change_test import ChangeTest, change_test, explained, freed, split_test
-from lab.verification.hypotheses import (
-    ChangeHypothesis,
-    Displacement,
-    Kind,
-    extent,
-    movements,
-    of_base,
-    of_joints,
-    of_targets,
-    refitted,
-    sized,
-)
-from lab.verification.prediction import FULL_RANK, CalibrationPrediction, RefitSolution, VerificationProblem
+from lab.kinematics.effects.arm import Arm
+from lab.verification.change_points import ChangeTest, change_test, explained, freed, split_test
+from lab.verification.prediction import DRAWS, FULL_RANK, CalibrationPrediction, RefitSolution, VerificationProblem
 from lab.verification.situation import situation
-from lab.verification.tails import DRAWS
 
-__all__ = ["Hypothesis", "Verified", "verify"]
+__all__ = [
+    "ChangeHypothesis",
+    "Displacement",
+    "Hypothesis",
+    "Kind",
+    "Verified",
+    "extent",
+    "of_joints",
+    "refitted",
+    "sized",
+    "verify",
+]
+
+Kind = Literal["base", "tool", "joint", "reading"]
+
+
+@dataclass(frozen=True)
+class Displacement:
+    """How far something has moved, each with its standard deviation; NaN where that does not apply or is not told."""
+
+    shift_m: float = float("nan")
+    shift_std_m: float = float("nan")
+    turn_rad: float = float("nan")
+    turn_std_rad: float = float("nan")
+
+
+@dataclass(frozen=True)
+class ChangeHypothesis:
+    """One way in which an arm may have changed.
+
+    Attributes:
+        change: what it is, by the name of its phrase: ``base_shift``, ``base``, ``tool``, ``targets``, ``target`` or
+            ``joint``.
+        of: the target's name, or the joint's number and name.
+        directions: ``(p, h)`` how its h numbers change the parameters.
+        turns: how many of these, the last ones, are rotations (rad); the others are lengths (m).
+        alike: how many movements like it are tried.
+    """
+
+    kind: Kind
+    change: str
+    of: tuple[str, ...]
+    directions: Array
+    turns: int = 0
+    alike: int = 1
+
+
+def _movements(arm: Arm, values: Array, without: Sequence[str]) -> list[ChangeHypothesis]:
+    """All that is tried: of base, tool and joints, without the kinds that are fitted anew anyhow.
+
+    Args:
+        without: ``base``, ``tool``, or both.
+    """
+    found = [] if "base" in without else _of_base(arm)
+    found += [] if "tool" in without else _of_tool(arm, values)
+    return found + of_joints(arm)
+
+
+def refitted(arm: Arm, refit: Sequence[str]) -> Array:
+    """Directions ``(p, h)`` of everything that is fitted anew."""
+    return np.eye(len(arm.names))[:, list(columns_of(arm, refit))]
+
+
+def _of_base(arm: Arm) -> list[ChangeHypothesis]:
+    """Instrument and base moved against each other: it is the same to the measurements."""
+    one = refitted(arm, ("base",))
+    return [
+        ChangeHypothesis("base", "base_shift", (), one[:, :3]),
+        ChangeHypothesis("base", "base", (), one, turns=3),
+    ]
+
+
+def _of_tool(arm: Arm, values: Array) -> list[ChangeHypothesis]:
+    """Each target moved alone; of several, the tool moved as one (by little: v + w x t), or each by its own."""
+    one, count, found = refitted(arm, ("tool",)), len(arm.targets), _of_targets(arm)
+    if count > 1:
+        places = values[list(columns_of(arm, ("tool",)))].reshape(-1, 3)
+        turned = -se3.skew(places - places.mean(axis=0))  # (k, 3, 3) of w x t
+        as_one = np.concatenate([np.tile(np.eye(3), (count, 1)), turned.reshape(-1, 3)], axis=1)
+        found.append(ChangeHypothesis("tool", "tool", (), one @ as_one, turns=3))
+        found.append(ChangeHypothesis("tool", "targets", (), one))
+    return found
+
+
+def _of_targets(arm: Arm) -> list[ChangeHypothesis]:
+    """Each target moved alone."""
+    one, count = refitted(arm, ("tool",)), len(arm.targets)
+    return [
+        ChangeHypothesis("tool", "target", (target,), one[:, 3 * k : 3 * k + 3], alike=count)
+        for k, target in enumerate(arm.targets)
+    ]
+
+
+def of_joints(arm: Arm) -> list[ChangeHypothesis]:
+    """The zero of each joint: it stands further than its reading says."""
+    chain, found = arm.rigid.chain, []
+    directions = arm.rigid.joint_derivatives(np.eye(len(arm.names)))  # (p, joints)
+    for k, slides in enumerate(chain.prismatic):
+        of = str(k + 1), chain.joint_names[k]
+        direction = directions[:, k : k + 1]
+        found.append(ChangeHypothesis("joint", "joint", of, direction, int(not slides), chain.size))
+    return found
+
+
+def extent(arm: Arm, movement: ChangeHypothesis, before: Array, after: Array, covariance: Array) -> Displacement:
+    """How far a movement went.
+
+    Args:
+        before, after: all parameters ``(p,)``.
+        covariance: ``(p, p)`` of ``after``.
+    """
+    back = np.linalg.pinv(movement.directions, rcond=1e-9)
+    numbers, spread = back @ (after - before), back @ covariance @ back.T
+    if movement.kind == "base" and movement.turns:
+        turning = list(columns_of(arm, ("base",)))[3:]
+        old, new = se3.exp(before[turning]), se3.exp(after[turning])
+        numbers[3:] = se3.log(new @ old.T)
+        local = np.eye(6)
+        local[3:, 3:] = se3.left_jacobian(after[turning])
+        spread = local @ spread @ local.T
+    first = len(numbers) - movement.turns
+    shift = sized(numbers[:first], spread[:first, :first])
+    turn = sized(numbers[first:], spread[first:, first:])
+    return Displacement(*shift, *turn)
+
+
+def sized(vector: Array, covariance: Array) -> tuple[float, float]:
+    """Length of a vector ``(3 k,)``, or of the mean of k of them (root mean square), and its standard deviation.
+
+    A single number keeps its sign. NaN where there is none.
+    """
+    if not len(vector):
+        return float("nan"), float("nan")
+    if len(vector) == 1:
+        return float(vector[0]), float(np.sqrt(covariance[0, 0]))
+    length = float(np.linalg.norm(vector))
+    along = vector / length if length > 0 else np.full(len(vector), len(vector) ** -0.5)
+    each = np.sqrt(len(vector) / 3)
+    return length / each, float(np.sqrt(along @ covariance @ along)) / each
+
 
 _GAP = 6.0  # of the criterion: what is worse by less cannot be told from the best (Kass & Raftery 1995: "strong")
 _STRUCTURE_POSES = 50
@@ -203,7 +332,7 @@ def _hypotheses(
     problem: VerificationProblem, fit: RefitSolution, refit: Sequence[str], poses: Sequence[str]
 ) -> list[Hypothesis]:
     """All that may have changed alone, the best first."""
-    tried = movements(problem.prediction.arm, fit.values, refit)
+    tried = _movements(problem.prediction.arm, fit.values, refit)
     found = [each for movement in tried if (each := _tried(problem, fit, refit, movement)) is not None]
     return sorted([*found, *_bad_reading(problem, fit, poses)], key=lambda each: each.bic)
 
@@ -353,9 +482,9 @@ def _placed_anew(
     """How far base and targets have moved that were fitted anew; a target that the run did not have is left out."""
     arm, tried = prediction.arm, []
     if "base" in refit:
-        tried.append(("base", of_base(arm)[1]))
+        tried.append(("base", _of_base(arm)[1]))
     if "tool" in refit:
-        tried += [(f"tool.{target}", each) for target, each in zip(arm.targets, of_targets(arm), strict=True)]
+        tried += [(f"tool.{target}", each) for target, each in zip(arm.targets, _of_targets(arm), strict=True)]
     whole = fit.rank == refitted(arm, refit).shape[1]
     return tuple(
         (name, extent(arm, each, prediction.values, fit.values, fit.covariance) if whole else Displacement())
@@ -372,9 +501,9 @@ def _would_notice(
     By the part of the test that notices it first.
     """
     arm = prediction.arm
-    tried = [] if "base" in refit else [("base", of_base(arm)[0])]
+    tried = [] if "base" in refit else [("base", _of_base(arm)[0])]
     if "tool" not in refit:
-        tried += [(f"tool.{target}", each) for target, each in zip(arm.targets, of_targets(arm), strict=True)]
+        tried += [(f"tool.{target}", each) for target, each in zip(arm.targets, _of_targets(arm), strict=True)]
     tried += [(f"joint{k + 1}", each) for k, each in enumerate(of_joints(arm))]
     along = freed(fit, prediction.free).model
     bounds = [

@@ -4,16 +4,14 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120, RX130, SCARA, VERSATRAN, perturbed, somewhere
 
-from lab.calibration.batch import BLOCK, BatchFits
-from lab.calibration.batch_points import PointBatch, align, fit_points, in_nominal_frame
+from lab.calibration.batch import BLOCK, BatchFits, PointBatch, align, fit_points, in_nominal_frame
 from lab.calibration.identify import identify
 from lab.calibration.weights import Noise
 from lab.core import se3
 from lab.core.measurements import measured
 from lab.core.se3 import Array
 from lab.kinematics.gauge import base_set
-from lab.kinematics.serial.arm import SerialArm
-from lab.kinematics.serial.batch import StackedArm
+from lab.kinematics.serial.arm import SerialArm, StackedArm
 from lab.kinematics.serial.chain import Chain
 from lab.noise.instruments import instrument
 from lab.studies.campaigns import COLUMNS, METRICS, cell_poses, run_task

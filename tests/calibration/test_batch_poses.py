@@ -3,7 +3,7 @@
 import numpy as np
 from helpers.robots import RX130
 
-from lab.calibration.batch_poses import MeasuredPoses, StackedPoseArm, fit_poses
+from lab.calibration.batch import MeasuredPoses, StackedPoseArm, fit_poses
 from lab.kinematics.serial.arm import SerialArm
 
 

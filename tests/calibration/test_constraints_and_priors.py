@@ -5,10 +5,9 @@ import pytest
 from helpers.robots import IRB120, perturbed, somewhere
 from helpers.truths import truth_of
 
-from lab.calibration import most_likely_parameters as lift_module
+from lab.calibration import identify as lift_module
 from lab.calibration.identifiability import condition_of, scaled_condition, weak_directions
-from lab.calibration.identify import IdentifyOptions, identify
-from lab.calibration.most_likely_parameters import most_likely_parameters
+from lab.calibration.identify import IdentifyOptions, identify, most_likely_parameters
 from lab.calibration.prior import Tolerance, alias_matrix, prior_of, standard_deviations
 from lab.calibration.weights import Noise
 from lab.commands.inspect.run import inspect

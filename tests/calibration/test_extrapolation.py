@@ -16,19 +16,18 @@ from lab.calibration.estimate_files import (
     read_cover,
     write_cover,
 )
-from lab.calibration.extrapolation import MeasuredRange, measured_range
+from lab.calibration.extrapolation import MeasuredRange, PoseCover, distinct_poses, joint_regions, measured_range
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import WEAK, Identification, identify
-from lab.calibration.pose_cover import PoseCover, distinct_poses, joint_regions
+from lab.calibration.statistics.candidate_models import TELLING, largest_useful_std
 from lab.calibration.statistics.model_selection import select
-from lab.calibration.statistics.useful_parameters import TELLING, largest_useful_std
 from lab.calibration.validation import Errors, Validation
 from lab.calibration.verdict import verdict
 from lab.calibration.weights import Noise
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
 from lab.kinematics.effects.arm import Arm
-from lab.kinematics.effects.gear import gear
+from lab.kinematics.effects.coupling import gear
 from lab.kinematics.effects.harmonics import harmonics
 from lab.kinematics.parameter import BASE_PARAMETERS
 from lab.render.phrases.registry import in_one_line, phrases

@@ -7,9 +7,8 @@ from helpers.truths import truth_of
 from scipy import stats
 
 from lab.calibration.gauss_newton import Observations, fit
-from lab.calibration.identify import _canonical, identify
+from lab.calibration.identify import _canonical, ellipsoids, identify, mapping_ellipsoids, position_covariance
 from lab.calibration.initial_guess import initial_guess
-from lab.calibration.uncertainty import ellipsoids, mapping_ellipsoids, position_covariance
 from lab.calibration.validation import Validation, compare_with_truth, errors_at
 from lab.calibration.verdict import verdict
 from lab.calibration.weights import Noise

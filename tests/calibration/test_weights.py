@@ -12,11 +12,10 @@ from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification, identify
 from lab.calibration.observation import observation_of
 from lab.calibration.weights import Noise, weighed
-from lab.core.distributions import Uncertain
 from lab.core.measurements import Measurements, measured
+from lab.core.probability import Uncertain
 from lab.kinematics.serial.arm import SerialArm
-from lab.noise.instruments import INSTRUMENTS, Instrument
-from lab.noise.tracker_errors import TrackerErrors
+from lab.noise.instruments import INSTRUMENTS, Instrument, TrackerErrors
 from lab.sensors.full_pose import Poses
 
 ARM = SerialArm(IRB120.chain, ("p1", "p2"))

@@ -7,8 +7,7 @@ import pytest
 from helpers.judged import SIGMA_M, campaign
 from helpers.robots import IRB120
 
-from lab.calibration.extrapolation import MeasuredRange
-from lab.calibration.pose_cover import PoseCover
+from lab.calibration.extrapolation import MeasuredRange, PoseCover
 from lab.calibration.prior import Tolerance
 from lab.calibration.regions import Region
 from lab.calibration.residual_spread import ResidualSpread, residual_spread

@@ -22,9 +22,8 @@ from lab.commands.design.run import planned_day
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.noise.instruments import INSTRUMENTS
-from lab.simulation.clearances import Clearances, planning_model
 from lab.simulation.collisions import collides, collisions_in_words
-from lab.simulation.free_path import path_check
+from lab.simulation.free_path import Clearances, path_check, planning_model
 from lab.simulation.model import RobotModel
 
 ROBOTS = {"irb120": 27, "tx40": 27, "rx130": 27, "scara": 18, "scemi": 27, "ur5": 27, "ur10": 27, "panda": 32,

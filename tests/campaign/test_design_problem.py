@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from lab.campaign.design_problem import pose_problem
-from lab.campaign.design_search import best_design
+from lab.campaign.design_problem import best_design, pose_problem
 from lab.campaign.options import DesignOptions
 from lab.pose_selection.exchange import information
 

@@ -9,7 +9,7 @@ import pytest
 from helpers.cells import PLACES, between_table_and_post
 from helpers.dense_check import DenseCheck
 
-from lab.campaign.reachability import free_home, reachability, stops_in_order
+from lab.campaign.design_problem import free_home, reachability, stops_in_order
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.pose_selection.tour import plan_tour, rated

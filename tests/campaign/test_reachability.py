@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 from helpers.robots import IRB120
 
-from lab.campaign.reachability import HUBS, reachability, refusals, stops_in_order
+from lab.campaign.design_problem import HUBS, reachability, refusals, stops_in_order
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.pose_selection.tour import rated

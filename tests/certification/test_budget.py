@@ -6,7 +6,7 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from lab.certification.budget import Budget, InputQuantity, Measurand, budget_of, propagated
-from lab.core.distributions import Uncertain
+from lab.core.probability import Uncertain
 from lab.core.se3 import Array
 
 POSITIONS = np.random.default_rng(0).normal(size=(40, 3))

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from lab.certification.characteristics import distance_errors, pose_accuracy, repeats_of
-from lab.certification.conformity import conformity_of
+from lab.certification.characteristics import conformity_of, distance_errors, pose_accuracy, repeats_of
 from lab.core.se3 import exp
 
 

@@ -8,16 +8,14 @@ from helpers.robots import IRB120
 
 from lab.calibration.gauss_newton import Observations, fit
 from lab.calibration.observation import observation_of
-from lab.certification.propagation import Propagation
-from lab.certification.quantities import KnownSpread, RandomErrors, quantities_of, temperature_of
-from lab.core.covariance import whitening
-from lab.core.distributions import Uncertain
+from lab.certification.budget import KnownSpread, Propagation, RandomErrors, quantities_of, temperature_of
+from lab.core.linear_model import whitening
+from lab.core.probability import Uncertain
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.gauge import base_set
 from lab.kinematics.serial.arm import SerialArm
-from lab.noise.instruments import instrument
-from lab.noise.tracker_errors import TERMS, TrackerErrors
+from lab.noise.instruments import TERMS, TrackerErrors, instrument
 
 ARM = SerialArm(IRB120.chain, ("p1", "p2"))
 TRUTH = ARM.nominal({"p1": (0.03, 0.02, 0.1), "p2": (-0.025, 0.03, 0.08)})

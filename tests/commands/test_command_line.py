@@ -10,9 +10,9 @@ import tyro
 from lab.campaign.option_groups import ArmEffects, Fitting
 from lab.campaign.options import VirtualCampaign
 from lab.cli import main
-from lab.commands import parser_errors, registry
-from lab.commands.command_line import parsed
-from lab.commands.keywords import options_of
+from lab.commands import command_line as parser_errors
+from lab.commands import registry
+from lab.commands.command_line import options_of, parsed
 from lab.commands.measurements import read_measurements, world_frames, write_measurements
 from lab.commands.registry import Command, all_commands, command_named
 from lab.core import se3
@@ -100,7 +100,7 @@ def test_keywords_are_options_those_of_groups_among_them() -> None:
 
 
 def test_measurements_come_back_and_their_frame_is_the_world_s(tmp_path: Path) -> None:
-    from lab.commands.calibrate.simulate import simulate
+    from lab.commands.calibrate.run import simulate
 
     day = simulate("irb120", poses=8, seed=2, instrument="exact", position_sigma_mm=0, rotation_sigma_mrad=0)
     write_measurements(tmp_path / "day.csv", day.measurements, day.robot)

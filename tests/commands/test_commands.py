@@ -14,8 +14,8 @@ from helpers.robots import IRB120, ROOT, data_file
 
 from lab.cli import main
 from lab.core import se3
-from lab.formats.dh_table_toml import read_table
 from lab.formats.measurement_csv import read_measurements
+from lab.formats.robot_toml import read_table
 from lab.kinematics.serial.arm import SerialArm
 
 FILES = {

@@ -20,7 +20,7 @@ from helpers.load_mistakes import (
 )
 from scipy import stats
 
-from lab.extensions.dynamics.load_samples import PayloadSamples
+from lab.extensions.dynamics.load_files import PayloadSamples
 from lab.extensions.dynamics.payload.plausibility import misplaced_points, stuck_channels
 
 ROUTES = {"torques": OF_TORQUES, "wrench": OF_WRENCH}

@@ -7,7 +7,7 @@ from lab.campaign.options import VirtualCampaign
 from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.compare.options import CompareOptions
 from lab.commands.compensate.options import CompensateOptions
-from lab.commands.provenance import command_line
+from lab.commands.run_folder import command_line
 
 
 def test_a_command_line_gives_the_options_back(tmp_path: Path, capsys) -> None:

@@ -17,13 +17,13 @@ from lab.calibration.weights import Noise
 from lab.campaign.robot import load_virtual
 from lab.campaign.virtual_robot import truth_of
 from lab.cli import main
-from lab.commands.calibrate.simulate import MeasuringDay
+from lab.commands.calibrate.run import MeasuringDay
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.kinematics.effects.effect import SessionInfo
-from lab.kinematics.effects.stations import StationPoses
+from lab.kinematics.effects.sessions import StationPoses
 from lab.noise.instruments import INSTRUMENTS
 from lab.simulation.effects import true_parameters
 

@@ -15,11 +15,11 @@ from helpers.time_limit import ends
 from helpers.writing_commands import ended, forked, whole
 
 import lab
-from lab.campaign import reachability
-from lab.commands import unfinished
+from lab.campaign import design_problem as reachability
+from lab.commands import run_folder as unfinished
 from lab.compensation import compensator
-from lab.core import kept_pieces
-from lab.core.kept_pieces import Pieces
+from lab.core import whole_folder as kept_pieces
+from lab.core.whole_folder import Pieces
 from lab.extensions.robotics.workspace import measure
 
 COMMANDS = {
@@ -143,7 +143,7 @@ def test_what_cannot_go_on_is_told(
 
 def test_work_that_fails_leaves_nothing_to_go_on_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from lab.core.errors import LabError
-    from lab.core.kept_pieces import current_keep
+    from lab.core.whole_folder import current_keep
 
     monkeypatch.setattr(kept_pieces, "WORTH_S", -1.0)
     options = lab.commands.compensate.options.CompensateOptions(run=tmp_path)

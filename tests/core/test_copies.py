@@ -1,6 +1,6 @@
 import numpy as np
 
-from lab.core.copies import copied_rows, said_of_copies
+from lab.core.measurements import copied_rows, said_of_copies
 
 
 def test_copies_are_found_with_the_first_row_that_is_alike() -> None:

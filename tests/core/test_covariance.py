@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from lab.core.covariance import refuse_impossible_covariance
 from lab.core.errors import LabError
+from lab.core.linear_model import refuse_impossible_covariance
 
 
 @pytest.mark.parametrize("seed", range(5))

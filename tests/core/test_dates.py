@@ -4,8 +4,8 @@ from datetime import date
 
 import pytest
 
-from lab.core.dates import day
 from lab.core.errors import LabError
+from lab.core.limits import day
 
 
 def test_a_day_is_read() -> None:

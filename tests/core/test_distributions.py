@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from lab.core.distributions import DistributionName, Uncertain
 from lab.core.errors import LabError
+from lab.core.probability import DistributionName, Uncertain
 
 
 @pytest.mark.parametrize(("form", "root"), [("rectangular", 3.0), ("triangular", 6.0), ("arcsine", 2.0)])

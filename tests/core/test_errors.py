@@ -4,10 +4,8 @@ import pytest
 
 from lab.core import significance
 from lab.core.errors import LabError, error_context
-from lab.core.limits import POSES
-from lab.core.numbers import positive, whole
+from lab.core.limits import POSES, POSITIVE_OPTION, positive, whole
 from lab.core.orientation import ANGLE_CONVENTIONS
-from lab.core.ranges import POSITIVE_OPTION
 
 
 def test_an_error_gets_its_context_before_it() -> None:

@@ -3,8 +3,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lab.core import kept_pieces
-from lab.core.kept_pieces import Columns, Pieces, at_once, current_keep, keeping, of_one, read_checked
+from lab.core import whole_folder as kept_pieces
+from lab.core.whole_folder import Columns, Pieces, at_once, current_keep, keeping, of_one, read_checked
 
 A, B = np.arange(4.0), np.asfortranarray(np.arange(6.0).reshape(2, 3))
 

@@ -10,8 +10,7 @@ import pytest
 from helpers.robots import ROOT
 
 from lab.core.errors import LabError
-from lab.core.limits import LIMITS, POSES, checked_name
-from lab.core.ranges import PAYLOAD_KG, RANGES
+from lab.core.limits import LIMITS, PAYLOAD_KG, POSES, RANGES, checked_name
 
 
 def test_each_limit_and_range_is_in_the_documentation_with_its_numbers() -> None:

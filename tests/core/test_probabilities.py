@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from lab.core import probabilities as p
+from lab.core import probability as p
 
 X = np.array([-1.0, 0.0, 1e-12, 0.3, 1.0, 4.0, 60.0, 500.0, np.inf])[:, None]
 CHANCES = np.array([1e-12, 1e-3, 0.025, 0.3, 0.5, 0.99, 1 - 1e-9])[:, None]

@@ -3,7 +3,7 @@
 import pytest
 
 from lab.core.errors import LabError
-from lab.core.serials import called, check_serial, one_serial
+from lab.core.limits import called, check_serial, one_serial
 
 
 def test_sources_agree_or_both_are_named() -> None:

@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import qmc
 
 from lab.core.errors import LabError
-from lab.core.sobol import MOST_DIMENSIONS, ScrambledSobol
+from lab.core.random import MOST_DIMENSIONS, ScrambledSobol
 
 
 @pytest.mark.parametrize("dimensions", [1, 2, 6, MOST_DIMENSIONS])

@@ -1,6 +1,6 @@
 """Counts in sentences."""
 
-from lab.core.wording import be, counted
+from lab.core.errors import be, counted
 
 
 def test_one_is_and_others_are() -> None:

@@ -20,16 +20,15 @@ from lab.campaign.robot import load_robot, load_virtual
 from lab.cli import main
 from lab.commands.registry import all_commands
 from lab.extension_points import registered
-from lab.extensions.dynamics.load_files import read_mounting, write_loads
-from lab.extensions.dynamics.load_samples import Mounting
+from lab.extensions.dynamics.load_files import Mounting, read_mounting, write_loads
 from lab.extensions.dynamics.simulation import LoadBench, RigidLoad, RunErrors
 from lab.formats.cell_toml import read_cell
 from lab.formats.certificate_toml import read_certificate_details
-from lab.formats.column_map import read_column_map
-from lab.formats.dh_table_toml import read_table
 from lab.formats.drives_toml import read_drives
 from lab.formats.instrument_toml import read_instrument
+from lab.formats.loose_table import read_column_map
 from lab.formats.mechanism_toml import read_mechanism
+from lab.formats.robot_toml import read_table
 from lab.simulation.collisions import random_poses
 from lab.studies.grid import read_study
 

@@ -9,8 +9,7 @@ import pytest
 from helpers.bare_python import bare_python
 from helpers.robots import perturbed, somewhere
 
-from lab.calibration.residual.kernels import COMPONENTS
-from lab.calibration.residual.process import JointProcess
+from lab.calibration.residual.process import COMPONENTS, JointProcess
 from lab.campaign.robot import load_virtual
 from lab.core import se3
 from lab.core.errors import LabError

@@ -14,9 +14,9 @@ from lab.campaign.robot import Robot, SerialRobot, load_robot
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.extensions.programs.rapid import Rapid
-from lab.formats.dh_table_toml import RobotTable, read_table
 from lab.formats.link_tree import link_tree
 from lab.formats.programs.protocol import TargetMoves
+from lab.formats.robot_toml import RobotTable, read_table
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
 from lab.simulation.build_serial import table_model

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lab.core.errors import LabError
-from lab.formats.joint_csv import holds_targets, read_joints
+from lab.formats.target_csv import holds_targets, read_joints
 
 SCARA = ("q1", "q2", "q3", "q4"), (False, False, True, False)
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from lab.core.errors import LabError
-from lab.formats.column_map import JointColumns
 from lab.formats.joint_log import JointLog, read_joint_log
+from lab.formats.loose_table import JointColumns
 
 TWO, TURN = ("shoulder", "elbow"), (False, False)
 

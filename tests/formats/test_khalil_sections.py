@@ -7,7 +7,7 @@ import pytest
 
 import lab
 from lab.core.errors import LabError
-from lab.formats.dh_table_toml import read_table
+from lab.formats.robot_toml import read_table
 from lab.kinematics.serial.khalil_frames import pose_of
 
 SIX = {"gamma_deg": 30.0, "b_mm": 400.0, "alpha_deg": 60.0, "d_mm": 50.0, "theta_deg": -20.0, "r_mm": 80.0}

@@ -9,8 +9,8 @@ from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import load_robot
 from lab.campaign.virtual_robot import perturbed_arm
 from lab.core.errors import LabError
-from lab.kinematics.dynamics.link_loads import link_loads
-from lab.kinematics.dynamics.sections import MATERIALS, tube
+from lab.kinematics.dynamics.beam import MATERIALS, tube
+from lab.kinematics.dynamics.gravity import link_loads
 from lab.kinematics.effects.bending import ElasticLinks
 
 TUBES = """robot = "irb120"

@@ -9,8 +9,8 @@ from helpers.robots import ROOT
 
 from lab.cli import main
 from lab.formats.mechanism_toml import read_mechanism, write_mechanism
+from lab.kinematics.closed.loop_closure import Tree
 from lab.kinematics.closed.mechanism import Mechanism
-from lab.kinematics.closed.structure import Tree
 
 MODELS = ROOT / "models"
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from lab.core.limits import TEXT_BYTES
-from lab.formats.text_file import read_text
+from lab.formats.structured import read_text
 
 
 def test_no_reader_waits_for_a_file_that_only_calls_itself_regular(

@@ -8,8 +8,7 @@ from day_files import BEGIN, leica
 from helpers.tracker_files import plain, polyworks, spatial_analyzer
 
 from lab.core.errors import LabError
-from lab.formats.column_map import PointColumns, read_column_map
-from lab.formats.loose_table import heading_of
+from lab.formats.loose_table import PointColumns, heading_of, read_column_map
 from lab.formats.tracker_export import TrackerPoints, read_tracker_points
 
 NAMES = ("A1", "A2", "B 3", "A4")

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.formats.description import IdentifiedRobot
-from lab.formats.dh_table_toml import read_table
+from lab.formats.robot_toml import read_table
 from lab.formats.ur_calibration import UR_KINEMATICS
 from lab.kinematics.serial.arm import SerialArm
 

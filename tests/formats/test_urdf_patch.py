@@ -5,7 +5,7 @@ import pytest
 
 from lab.core import se3
 from lab.core.errors import LabError
-from lab.formats.urdf_patch import is_from_xacro, with_origins, xacro_properties
+from lab.formats.urdf import is_from_xacro, with_origins, xacro_properties
 
 TEXT = """<robot name='r'>  <!-- <joint name="a"><parent/><origin xyz="9 9 9"/></joint> -->
   <joint type="revolute" name='a'><parent link="w"/>

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from lab.cli import main
-from lab.formats.dh_table_toml import read_table
+from lab.formats.robot_toml import read_table
 from lab.kinematics.serial.arm import SerialArm
 
 ROWS = 24

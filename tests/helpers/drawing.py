@@ -27,6 +27,6 @@ def nothing_drawn() -> Iterator[None]:
             module = types.ModuleType(name)
             setattr(module, function, lambda path, *_: Path(path).write_bytes(b""))
             patch.setitem(sys.modules, name, module)
-        patch.setattr("lab.render.svg.inline_svg", lambda picture: Markup())
+        patch.setattr("lab.render.charts.chart.inline_svg", lambda picture: Markup())
         patch.setattr("lab.commands.study.result.StudyResult.pictures", {})
         yield

@@ -4,10 +4,7 @@ import mujoco
 import numpy as np
 
 from lab.core.se3 import Array
-from lab.kinematics.dynamics.rigid_body import (
-    elements,
-    inertia_about_centre,
-)
+from lab.kinematics.dynamics.rigid_body import elements, inertia_about_centre
 from lab.simulation.model import RobotModel
 
 

@@ -22,25 +22,23 @@ from lab.commands.calibrate.load_run import read_calibrated
 from lab.commands.hand_load import read_hand_load
 from lab.extensions.dynamics.load_files import read_load, read_loads, read_motion, read_mounting
 from lab.extensions.reproduction.answer import formula, number
-from lab.extensions.reproduction.item import Item
-from lab.extensions.reproduction.marking import Computed, marked
+from lab.extensions.reproduction.item import Computed, Item, marked
 from lab.extensions.robotics.trajectory.path_csv import read_path
 from lab.formats.cell_toml import read_cell
 from lab.formats.certificate_toml import read_certificate_details
-from lab.formats.column_map import JointColumns, PointColumns, read_column_map
-from lab.formats.dh_table_toml import read_table
 from lab.formats.drives_toml import read_drives
 from lab.formats.instrument_toml import read_instrument
-from lab.formats.joint_csv import read_joints
 from lab.formats.joint_log import read_joint_log
+from lab.formats.loose_table import JointColumns, PointColumns, read_column_map
 from lab.formats.measurement_csv import read_measurements
 from lab.formats.mechanism_toml import read_mechanism
 from lab.formats.programs.program_text import Outside
 from lab.formats.programs.registry import read_program
-from lab.formats.target_csv import read_targets
+from lab.formats.robot_toml import read_table
+from lab.formats.target_csv import read_joints, read_targets
 from lab.formats.tracker_export import read_tracker_points
 from lab.formats.ur_calibration import read_corrections
-from lab.simulation.load_mjcf_urdf import load_model
+from lab.simulation.model_files import load_model
 from lab.studies.grid import read_study
 
 __all__ = ["KINDS", "LONG_RUNS", "RUNS", "STUDY", "FileKind", "calibration", "weighing"]

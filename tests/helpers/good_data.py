@@ -9,8 +9,7 @@ from helpers.robots import perturbed, somewhere
 from lab.campaign.robot import Robot, load_robot
 from lab.core import se3
 from lab.core.se3 import Array
-from lab.kinematics.effects.conditions import absent
-from lab.kinematics.effects.effect import SessionInfo
+from lab.kinematics.effects.effect import SessionInfo, absent
 
 __all__ = ["GoodData", "good_data"]
 

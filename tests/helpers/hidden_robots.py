@@ -19,8 +19,7 @@ from helpers.simulated_controllers import Controller
 from lab.campaign.instruments import named_instrument
 from lab.campaign.robot import Robot, load_virtual
 from lab.commands.calibrate.result import CalibrationResult
-from lab.commands.calibrate.run import identify
-from lab.commands.calibrate.simulate import simulate
+from lab.commands.calibrate.run import identify, simulate
 from lab.commands.compensate.result import CompensationResult
 from lab.core.se3 import Array
 from lab.formats.programs.postures import ArmShape

@@ -12,10 +12,9 @@ from lab.campaign.robot import Robot, load_virtual
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.extensions.dynamics.load_files import write_loads, write_mounting
-from lab.extensions.dynamics.load_samples import Mounting, PayloadSamples
+from lab.extensions.dynamics.load_files import Mounting, PayloadSamples, write_loads, write_mounting
 from lab.extensions.dynamics.payload.excitation import Limits, random_path
-from lab.extensions.dynamics.payload.from_sag import CompliantArm, from_sag
+from lab.extensions.dynamics.payload.methods import CompliantArm, from_sag
 from lab.extensions.dynamics.payload.options import PayloadOptions
 from lab.extensions.dynamics.payload.plausibility import ArmSize, implausibilities, misplaced_points
 from lab.extensions.dynamics.payload.result import wild_sample

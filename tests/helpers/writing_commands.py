@@ -12,10 +12,9 @@ import numpy as np
 
 from helpers.bad_input import run
 from lab.campaign.robot import load_virtual
-from lab.commands.integrity import said_of_edits
+from lab.commands.run_folder import said_of_edits
 from lab.core.whole_folder import CHECKSUMS
-from lab.extensions.dynamics.load_files import write_loads, write_mounting
-from lab.extensions.dynamics.load_samples import Mounting
+from lab.extensions.dynamics.load_files import Mounting, write_loads, write_mounting
 from lab.extensions.dynamics.simulation import LoadBench, RigidLoad, RunErrors
 from lab.simulation.collisions import random_poses
 

@@ -16,7 +16,7 @@ from helpers.robots import (
 
 from lab.campaign.robot import load_robot
 from lab.core.se3 import Array
-from lab.extensions.robotics.inverse.spherical_wrist import SphericalWrist
+from lab.extensions.robotics.inverse.six_axes import SphericalWrist
 from lab.kinematics.differential import (
     ROTATION_M,
     WEIGHTS,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lab.core.errors import LabError
-from lab.kinematics.encoders import Encoders
+from lab.kinematics.joints import Encoders
 
 RNG = np.random.default_rng(0)
 

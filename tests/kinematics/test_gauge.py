@@ -9,7 +9,7 @@ from lab.campaign.robot import load_robot
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.formats.dh_table_toml import read_table
+from lab.formats.robot_toml import read_table
 from lab.kinematics.gauge import base_set, base_set_of, independent_columns
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.axes_to_dh import JointAxes, chain_from_axes, parameters_from_axes

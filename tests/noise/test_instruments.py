@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from helpers.robots import ROOT
 
-from lab.core.distributions import Uncertain
 from lab.core.errors import LabError
-from lab.noise.instruments import INSTRUMENTS, FieldOfView, Instrument, instrument, is_isotropic
-from lab.noise.tracker_errors import TrackerErrors
+from lab.core.probability import Uncertain
+from lab.noise.instruments import INSTRUMENTS, FieldOfView, Instrument, TrackerErrors, instrument, is_isotropic
 
 POINTS = np.array([[2.0, 1.0, 0.5], [0.0, 0.0, 3.0], [-1.0, 4.0, -2.0]])
 

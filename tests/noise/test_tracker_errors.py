@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from lab.core.distributions import Uncertain
 from lab.core.errors import LabError
+from lab.core.probability import Uncertain
 from lab.core.se3 import Array, exp
-from lab.noise.instruments import Instrument
-from lab.noise.tracker_errors import AIR_INDEX_PER_K, PLACEMENT, TERMS, ErrorTerm, TrackerErrors, air_index
+from lab.noise.instruments import AIR_INDEX_PER_K, PLACEMENT, TERMS, ErrorTerm, Instrument, TrackerErrors, air_index
 
 TERM = {term.name: term for term in TERMS}
 POINTS = np.array([[2.0, 1.0, 0.5], [-1.5, 2.5, -1.0], [0.3, -3.0, 2.0], [-4.0, -0.5, 0.1]])

@@ -20,10 +20,8 @@ from lab.formats.measurement_csv import write_measurements
 from lab.kinematics.gauge import base_set
 from lab.kinematics.serial.arm import SerialArm
 from lab.noise.instruments import instrument
-from lab.pose_selection.certificate import certify
-from lab.pose_selection.criteria import CRITERIA, Scaling, criterion
-from lab.pose_selection.exchange import ascend, exchange, information
-from lab.pose_selection.predicted_accuracy import predict, smallest_count
+from lab.pose_selection.criteria import CRITERIA, Scaling, criterion, predict, smallest_count
+from lab.pose_selection.exchange import ascend, certify, exchange, information
 from lab.simulation.candidate_poses import feasibility
 from lab.simulation.collisions import random_poses
 from lab.simulation.free_path import path_check

@@ -20,13 +20,6 @@ from lab.pose_selection.tour import (
     FULL_SPEED_S,
     RoadmapGraph,
     Tour,
-    move_seconds,
-    plan_tour,
-    rated,
-    tour_trajectory,
-    with_reference,
-)
-from lab.pose_selection.tsp import (
     _or_change,
     _or_moved,
     _reversed,
@@ -34,7 +27,12 @@ from lab.pose_selection.tsp import (
     double_bridge,
     improve,
     lengths,
+    move_seconds,
+    plan_tour,
     random_starts,
+    rated,
+    tour_trajectory,
+    with_reference,
 )
 from lab.simulation.candidate_poses import draw_candidates
 from lab.simulation.collisions import collides, random_poses

@@ -7,7 +7,8 @@ from html.parser import HTMLParser
 
 import pytest
 
-from lab.render.charts.axes import Axes
+from lab.render.charts.chart import axes_picture
+from lab.render.charts.marks import Axes
 from lab.render.document import (
     EVERYWHERE,
     PAGE,
@@ -26,10 +27,9 @@ from lab.render.document import (
     Table,
     Warnings,
 )
-from lab.render.glossary import explained
 from lab.render.markdown import to_markdown
 from lab.render.page import to_html
-from lab.render.svg import axes_picture
+from lab.render.style import explained
 from lab.render.terminal import to_text
 
 HOSTILE = """<script>alert("$x_1$")</script>&'<b>*_|`[a](b)"""
@@ -180,7 +180,7 @@ def test_a_document_is_read_without_a_drawing_library() -> None:
 import sys
 from lab.render.document import Document, Figure, Paragraph
 from lab.render.markdown import to_markdown
-from lab.render.svg import axes_picture
+from lab.render.charts.chart import axes_picture
 from lab.render.terminal import to_text
 picture = axes_picture("n", "l", (3, 2), lambda axes: axes.plot([0, 1], [1, 2]))
 document = Document("t", (Paragraph("p"), Figure("f", (picture,), "c")))

@@ -2,7 +2,7 @@
 
 import pytest
 
-from lab.render.format import capital, digits_of, fixed, format_magnification, plus_minus, sentence, short
+from lab.render.document import capital, digits_of, fixed, format_magnification, plus_minus, sentence, short
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import pytest
 from helpers.robots import ROOT
 
 from lab.core.checks import Check
-from lab.render.phrases.models import listed
+from lab.render.phrases.fit import listed
 from lab.render.phrases.registry import PHRASES, phrase, phrases
 
 MAKERS = {"Check", "_noted", "_failed"}

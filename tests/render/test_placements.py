@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lab.core import se3
-from lab.render.placements import placement_picture
+from lab.render.scene import placement_picture
 
 pytestmark = pytest.mark.figures
 

@@ -6,8 +6,7 @@ import rerun as rr
 from helpers.recordings import FLOAT32, column
 
 from lab.campaign.robot import load_robot
-from lab.render.poses_in_time import TIME, draw_moves, moves_between, pose_times
-from lab.render.rerun_primitives import draw_legs, draw_shells, recording_to
+from lab.render.recording import TIME, draw_legs, draw_moves, draw_shells, moves_between, pose_times, recording_to
 from lab.render.scene import world_legs
 from lab.simulation.meshes import body_poses, shells
 

@@ -14,11 +14,19 @@ from lab.core import se3
 from lab.kinematics.serial.arm import SerialArm
 from lab.render.document import plain
 from lab.render.plots import MOST_POINTS, SizeMap, Spread, histograms, size_maps, spread_by_size
-from lab.render.progress import bars, status
-from lab.render.recording_layout import eye, eye_on_arm, main_view
-from lab.render.rerun_primitives import draw_legs, recording_to
-from lab.render.scene import MOST_POSES, drawn_rows, legs_legend, magnification, moved, reach_of, world_legs
-from lab.render.skeleton import Legs, skeleton
+from lab.render.recording import draw_legs, eye, eye_on_arm, main_view, recording_to
+from lab.render.scene import (
+    MOST_POSES,
+    Legs,
+    drawn_rows,
+    legs_legend,
+    magnification,
+    moved,
+    reach_of,
+    skeleton,
+    world_legs,
+)
+from lab.render.terminal import bars, status
 from lab.simulation.meshes import arm_shells, body_poses, shells
 
 

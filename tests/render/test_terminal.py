@@ -6,10 +6,9 @@ from types import SimpleNamespace
 import pytest
 from rich.console import Console
 
-from lab.render import progress
+from lab.render import terminal as progress
 from lab.render.document import Badge, Bullets, Document, Paragraph, Table
-from lab.render.progress import time_left
-from lab.render.terminal import print_document
+from lab.render.terminal import print_document, time_left
 
 
 def test_where_there_is_no_terminal_nothing_is_wrapped_or_cut(capsys: pytest.CaptureFixture[str]) -> None:

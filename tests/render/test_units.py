@@ -3,7 +3,7 @@
 import numpy as np
 from helpers.robots import IRB120
 
-from lab.render.units import display_unit
+from lab.render.document import display_unit
 
 
 def test_every_parameter_of_an_arm_has_a_unit() -> None:

@@ -13,7 +13,7 @@ from lab.compensation.iso9283 import CYCLES, accuracy, cube_positions, repeatabi
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.noise.instruments import instrument
-from lab.render.format import format_magnification
+from lab.render.document import format_magnification
 from lab.render.style import RGB_AFTER, RGB_BEFORE
 from lab.simulation.meshes import body_poses
 from lab.simulation.model import FLANGE

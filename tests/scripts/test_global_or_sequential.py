@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from helpers.run_script import answer_of
 
-from lab.calibration.batch_poses import StackedPoseArm
+from lab.calibration.batch import StackedPoseArm
 from lab.calibration.identify import IdentifyOptions, identify
 from lab.calibration.sequential import fit_sequentially
 from lab.calibration.weights import Noise

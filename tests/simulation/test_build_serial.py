@@ -18,7 +18,7 @@ from lab.kinematics.serial.chain import Chain
 from lab.noise.instruments import instrument
 from lab.simulation.candidate_poses import field_of_view
 from lab.simulation.collisions import collides, random_poses, standing
-from lab.simulation.link_shapes import DENSITY, link_rods, reach_of
+from lab.simulation.meshes import DENSITY, link_rods, reach_of
 
 RANKS = {
     "irb120": 27, "rx130": 27, "tx40": 27, "versatran": 23, "scemi": 27, "scara": 17, "course2r": 11,

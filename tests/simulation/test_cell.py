@@ -17,7 +17,7 @@ from lab.formats.cell_toml import read_cell
 from lab.formats.target_csv import Targets
 from lab.simulation.cell import in_cell
 from lab.simulation.collisions import collides, colliding_pairs, collisions_in_words
-from lab.simulation.serial_model import last_frame
+from lab.simulation.model import last_frame
 
 TABLE = """
 clearance_mm = 20

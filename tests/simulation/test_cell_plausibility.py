@@ -8,7 +8,7 @@ import pytest
 
 from lab.campaign.robot import load_robot
 from lab.core.errors import LabError
-from lab.simulation.cell_plausibility import in_words
+from lab.simulation.cell import in_words
 
 BOX = '[[obstacle]]\nname = "table"\nshape = "box"\nsize_mm = {}\nposition_mm = {}\n'
 POST = '[[obstacle]]\nname = "post"\nshape = "cylinder"\nradius_mm = {}\nheight_mm = {}\nposition_mm = {}\n'

@@ -7,9 +7,8 @@ from helpers.scenes import MODEL, small_arm
 
 from lab.core.random import rng_for
 from lab.noise.instruments import INSTRUMENTS
-from lab.simulation.clearances import INCIDENCE_MARGIN_RAD, Clearances, planning_model, reflector_radii
 from lab.simulation.collisions import collides
-from lab.simulation.free_path import path_step
+from lab.simulation.free_path import INCIDENCE_MARGIN_RAD, Clearances, path_step, planning_model, reflector_radii
 
 GAUGE, TRACKER = INSTRUMENTS["uniform-8um"], INSTRUMENTS["leica-at960"]
 

@@ -14,30 +14,20 @@ from lab.core.errors import LabError
 from lab.core.measurements import last_moves, measured
 from lab.core.se3 import Array
 from lab.kinematics.effects.arm import ArmWithEffects
-from lab.kinematics.effects.backlash import Play
-from lab.kinematics.effects.bad_readings import Displaced
-from lab.kinematics.effects.compensator import CompensatorSpring
-from lab.kinematics.effects.compliance import JointSprings, compliances
-from lab.kinematics.effects.conditions import PoseConditions
-from lab.kinematics.effects.coupling import JointCoupling
-from lab.kinematics.effects.drift import TrackerDrift
-from lab.kinematics.effects.effect import LEVER_M, ArmFacts, SimulatedEffect
-from lab.kinematics.effects.gear import GearErrors
-from lab.kinematics.effects.growth import ThermalGrowth
-from lab.kinematics.effects.hardening import HardeningSprings
+from lab.kinematics.effects.backlash import JointHysteresis, Play, ReadingLag
+from lab.kinematics.effects.compliance import CompensatorSpring, HardeningSprings, JointSprings, compliances
+from lab.kinematics.effects.coupling import GearErrors, JointCoupling
+from lab.kinematics.effects.effect import LEVER_M, ArmFacts, PoseConditions, SimulatedEffect
 from lab.kinematics.effects.harmonics import Runout
-from lab.kinematics.effects.hysteresis import JointHysteresis
-from lab.kinematics.effects.lag import ReadingLag
+from lab.kinematics.effects.readings import Displaced, VisitScatter
 from lab.kinematics.effects.registry import EffectOptions, effect
-from lab.kinematics.effects.repeatability import VisitScatter
-from lab.kinematics.effects.temperature import ThermalExpansion, ThermalZeros
+from lab.kinematics.effects.temperature import ThermalExpansion, ThermalGrowth, ThermalZeros, TrackerDrift
 from lab.kinematics.serial.arm import SerialArm
 from lab.noise.instruments import INSTRUMENTS
 from lab.simulation.effects import Effects, random_conditions, random_effects, true_parameters
 from lab.simulation.elastic import FlexibleArm
-from lab.simulation.link_masses import loads_of
-from lab.simulation.load_mjcf_urdf import load_model
 from lab.simulation.model import RobotModel
+from lab.simulation.model_files import load_model, loads_of
 from lab.simulation.tracking import measure_with_outlier_mask, misalignments, track
 from lab.simulation.true_robot import Perturbation, TrueRobot, random_perturbation, random_tracker, true_robot
 

@@ -12,9 +12,8 @@ from lab.core.se3 import Array
 from lab.kinematics.effects.bending import ElasticLinks
 from lab.kinematics.effects.effect import ArmFacts
 from lab.kinematics.effects.registry import EffectOptions
-from lab.simulation.beam_chain import BeamChain
 from lab.simulation.effects import random_effects, true_parameters
-from lab.simulation.elastic import AT_REST, FlexibleArm, JointMotion
+from lab.simulation.elastic import AT_REST, BeamChain, FlexibleArm, JointMotion
 
 ALUMINIUM = np.array([2.067e-5, 2.067e-5, 2.79e-5, 1.5e-8])  # a tube of 80 x 4 mm: 1/EI, 1/EI, 1/GJ, 1/EA
 JOINTS = IRB120.chain.random_joints(2, np.random.default_rng(1))

@@ -5,7 +5,7 @@ import pytest
 
 import lab
 from lab.core.errors import LabError
-from lab.kinematics.effects.instrument_noise import ShapedNoise
+from lab.kinematics.effects.readings import ShapedNoise
 
 
 def test_correlated_noise_has_its_correlation_and_variance() -> None:

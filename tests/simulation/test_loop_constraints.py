@@ -11,11 +11,10 @@ from helpers.robots import ROOT, RX130, perturbed
 from lab.core.se3 import Array
 from lab.formats.mechanism_toml import read_mechanism
 from lab.kinematics.closed.arm import ClosedArm
+from lab.kinematics.closed.loop_closure import BASE, Frame, Pin, Rod, Step, Tree
 from lab.kinematics.closed.mechanism import Mechanism
-from lab.kinematics.closed.structure import BASE, Frame, Pin, Rod, Step, Tree
 from lab.kinematics.serial.arm import SerialArm
-from lab.simulation.build_closed import closed_mjcf, closed_spec
-from lab.simulation.loop_constraints import closed_qpos
+from lab.simulation.build_closed import closed_mjcf, closed_qpos, closed_spec
 
 ROUNDING_M = 1e-12  # of sums of lengths about 1 m, where no pose is near a singularity
 FILES = ("rpr2/mechanism", "rpr3/mechanism", "delta/mechanism", "delta/small", "delta/six_rods")

@@ -4,7 +4,7 @@ import numpy as np
 from helpers.robots import IRB120, RX130
 
 from lab.campaign.robot import load_robot
-from lab.formats.dh_table_toml import RobotTable
+from lab.formats.robot_toml import RobotTable
 from lab.simulation.build_serial import table_model
 from lab.simulation.closed_robot import random_values, true_mechanism
 from lab.simulation.meshes import body_poses, instrument_body, shells

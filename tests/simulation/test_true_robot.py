@@ -16,13 +16,11 @@ from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.random import rng_for
 from lab.kinematics.serial.arm import SerialArm
-from lab.noise.instruments import INSTRUMENTS, instrument
-from lab.noise.tracker_errors import TrackerErrors
+from lab.noise.instruments import INSTRUMENTS, TrackerErrors, instrument
 from lab.simulation.collisions import collides, random_poses
-from lab.simulation.load_mjcf_urdf import load_model
+from lab.simulation.model_files import calibrated_mjcf, load_model
 from lab.simulation.tracking import track
 from lab.simulation.true_robot import Perturbation, perturbed_bodies, random_perturbation, random_tracker, true_robot
-from lab.simulation.write_mjcf import calibrated_mjcf
 
 MODEL = IRB120.model
 TARGETS = ("p1", "p2", "p3")

@@ -10,7 +10,7 @@ from day_files import JOINTS, ur5e_urdf
 
 from lab.campaign.robot import load_robot
 from lab.core import se3
-from lab.simulation.write_urdf import URDF, XACRO
+from lab.simulation.model_files import URDF, XACRO
 
 
 @pytest.fixture(scope="module")

@@ -10,19 +10,28 @@ import pytest
 from rich.console import Console
 from scipy import stats
 
-from lab.commands.study.document import analysis_sections, comparison_sentence, sentences
 from lab.commands.study.figures import study_pictures, write_figures
-from lab.commands.study.files import write_csv
 from lab.commands.study.format import effect_words
+from lab.commands.study.result import analysis_sections, comparison_sentence, sentences
+from lab.commands.study.run import write_csv
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.core.significance import STUDY_COMPARISON
 from lab.render.document import Document
 from lab.render.terminal import print_document
-from lab.studies.analysis import Analysis, Comparison, analysed, compared, means
-from lab.studies.bootstrap import holm, resampled
+from lab.studies.analysis import (
+    Analysis,
+    CampaignArray,
+    CellGroup,
+    Comparison,
+    analysed,
+    compared,
+    groups,
+    holm,
+    means,
+    resampled,
+)
 from lab.studies.grid import Cell, Study
-from lab.studies.table import CampaignArray, CellGroup, groups
 
 METRIC = "fresh_mean_mm"
 CRITERIA = ("O1", "O5", "O3", "random")

@@ -25,9 +25,9 @@ from helpers.robots import ROOT
 
 from lab.cli import main
 from lab.core.errors import LabError
+from lab.studies.campaigns import origin_of
 from lab.studies.executors import StoppedError, cluster_executor, local_executor, run_jobs
 from lab.studies.grid import Study, read_study
-from lab.studies.provenance import origin_of
 from lab.studies.run import StudyDone, run_study
 from lab.studies.store import read_campaigns, read_store
 
@@ -268,7 +268,7 @@ def test_what_can_go_on_is_the_same_study(tmp_path: Path, monkeypatch: pytest.Mo
         with pytest.raises(LabError, match=r"another study \(draws is 2000 there, 1999 here\)"):
             toy(folder, executor, other, resume=True)
         with monkeypatch.context() as patch, pytest.raises(LabError, match=r"begun with virtual-calibration-lab 0\.1"):
-            patch.setattr("lab.studies.provenance.__version__", "99")
+            patch.setattr("lab.studies.campaigns.__version__", "99")
             toy(folder, executor, resume=True)
         with monkeypatch.context() as patch, pytest.raises(LabError, match=r"begun with another manifest\.json"):
             patch.setattr("lab.studies.grid.CAMPAIGNS_A_TASK", 4000)

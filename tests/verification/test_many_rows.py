@@ -12,9 +12,8 @@ from lab.calibration.gauss_newton import Observations
 from lab.kinematics.gauge import base_set
 from lab.kinematics.serial.arm import SerialArm
 from lab.render.phrases.registry import phrase
-from lab.verification import tails
-from lab.verification.prediction import CalibrationPrediction
-from lab.verification.tails import DRAWS, squares_of_tails
+from lab.verification import prediction as tails
+from lab.verification.prediction import DRAWS, CalibrationPrediction, squares_of_tails
 from lab.verification.test import Verified, verify
 
 ARM, SIGMA, POSES = SerialArm(IRB120.chain, ("p1", "p2")), 5e-6, 90

@@ -17,8 +17,8 @@ from lab.campaign.options import VirtualCampaign
 from lab.campaign.virtual_robot import perturbed_arm
 from lab.cli import main
 from lab.core import se3
-from lab.core.covariance import whitening
 from lab.core.errors import LabError
+from lab.core.linear_model import whitening
 from lab.core.measurements import Measurements, measured
 from lab.core.whole_folder import CHECKSUMS, checksum_lines
 from lab.formats.measurement_csv import write_measurements
@@ -27,10 +27,9 @@ from lab.noise.instruments import instrument
 from lab.render.phrases.registry import phrase
 from lab.simulation.collisions import random_poses
 from lab.simulation.tracking import track
-from lab.verification.change_test import change_test, split_test
-from lab.verification.hypotheses import refitted
+from lab.verification.change_points import change_test, split_test
 from lab.verification.prediction import CalibrationPrediction, VerificationProblem
-from lab.verification.test import verify
+from lab.verification.test import refitted, verify
 
 SIGMA = 5e-6
 NAMES = IRB120.chain.joint_names

@@ -1,23 +1,22 @@
 """Checks of a fit: outliers, weakly observable parameters, priors, joint positions, validation poses."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from lab.calibration.extrapolation import MeasuredRange
+from lab.calibration.extrapolation import MOST_UNCOVERED, MeasuredRange
 from lab.calibration.fitted import Named
 from lab.calibration.fitter import NominalRobot
 from lab.calibration.gauss_newton import Observations
-from lab.calibration.identifiability import WEAK_CONDITION
+from lab.calibration.identifiability import WEAK_CONDITION, condition_of
 from lab.calibration.identify import Identification
 from lab.calibration.noise.search import NOTABLE
 from lab.calibration.observation import FixtureObservation, observation_of
-from lab.calibration.pose_cover import MOST_UNCOVERED
 from lab.calibration.prior import Tolerance, prior_of
 from lab.calibration.residual.process import PredictedBy
 from lab.calibration.sensor import Sensor
-from lab.calibration.setup_suggestions import changes
 from lab.calibration.statistics.joint_lag import lagging
 from lab.calibration.statistics.joint_rounding import by_joint_positions, counting, rounding
 from lab.calibration.statistics.model_selection import Selection
@@ -28,17 +27,17 @@ from lab.core.checks import Check
 from lab.core.measurements import Measurements, evenly, seen_mask
 from lab.core.se3 import Array
 from lab.core.significance import MODEL_GROUPS
-from lab.kinematics.dynamics.link_loads import link_ends
-from lab.kinematics.effects.conditions import approach_of
-from lab.kinematics.effects.effect import SessionInfo
-from lab.kinematics.effects.stations import at_first_station
-from lab.kinematics.encoders import Encoders
-from lab.kinematics.joints import JointSpec
+from lab.kinematics.dynamics.gravity import link_ends
+from lab.kinematics.effects.effect import NO_SESSIONS, SessionInfo, approach_of
+from lab.kinematics.effects.sessions import at_first_station
+from lab.kinematics.joints import Encoders, JointSpec
 from lab.kinematics.parameter import targets_of
 from lab.kinematics.serial.chain import Chain
 from lab.noise.instruments import Instrument, is_isotropic
 
 __all__ = [
+    "SetupSuggestion",
+    "changes",
     "check_alternatives",
     "check_approaches",
     "check_excluded",
@@ -63,6 +62,58 @@ __all__ = [
     "check_workspace",
     "note",
 ]
+
+_OFFSET_M = 0.05  # by which a target is moved along x of its frame, and a second one stands from the first
+
+
+@dataclass(frozen=True)
+class SetupSuggestion:
+    """A change of what is measured, and the condition number that the same poses would then have."""
+
+    change: str
+    condition: float
+
+
+def changes(
+    robot: NominalRobot,
+    sensor: Sensor,
+    targets: tuple[str, ...],
+    groups: tuple[str, ...],
+    values: Array,
+    inputs: Array,
+    course: SessionInfo = NO_SESSIONS,
+) -> tuple[SetupSuggestion, ...]:
+    """The changes that anyone can make, the best first.
+
+    Args:
+        sensor: that measures.
+        values: ``(p,)`` of the arm with these targets and groups, measured by points.
+        inputs: where it is measured, ``(n, joints + conditions)``.
+        course: how.
+    """
+    arm = robot.arm_with(targets, groups, course)
+    known = dict(zip(arm.names, values, strict=True))
+    moved = known | {
+        name: value + _OFFSET_M for name, value in known.items() if name.endswith(".x") and "tool." in name
+    }
+    away = np.array([moved[name] for name in arm.names])
+    more = robot.arm_with((*targets, "another"), groups, course)
+    first = [known[f"tool.{targets[0]}.{axis}"] for axis in "xyz"]
+    second = dict(zip("xyz", np.array(first) + np.array([_OFFSET_M, _OFFSET_M, 0.0]), strict=True))
+    both = known | {f"tool.another.{axis}": value for axis, value in second.items()}
+    found = [
+        SetupSuggestion(
+            f"the target {1e3 * _OFFSET_M:g} mm elsewhere on what carries it", condition_of(arm, away, inputs)
+        ),
+        SetupSuggestion("a second target", condition_of(more, np.array([both[name] for name in more.names]), inputs)),
+    ]
+    if (posed := sensor.with_orientation(arm, targets[0])) is not None:
+        seen = np.concatenate([inputs, np.broadcast_to([1.0, 0.0, 0.0, 0.0], (len(inputs), 4))], axis=1)
+        found.append(
+            SetupSuggestion("orientations measured too", condition_of(posed.model, posed.nominal(values), seen))
+        )
+    return tuple(sorted(found, key=lambda change: change.condition))
+
 
 _WORTH = 0.8  # of the condition: a change that leaves more brings nothing
 _STRANGE = 0.05  # m or rad from the nominal value

@@ -31,16 +31,16 @@ __all__ = [
     "points_in_another_scale",
 ]
 
-LEAST_RESIDUAL_M = 1e-7  # below, residuals are rounding, and say nothing of the noise
-LEAST_FREEDOM = 10
+_LEAST_RESIDUAL_M = 1e-7  # below, residuals are rounding, and say nothing of the noise
+_LEAST_FREEDOM = 10
 MANY = 10.0  # times the residuals' noise: what is given hides errors
-UNIT = 100.0  # times the residuals' noise that a given one may be: a unit is a thousand
+_UNIT = 100.0  # times the residuals' noise that a given one may be: a unit is a thousand
 ANOTHER_DAY = 500.0  # the same of an instrument that may be another one
 LENGTH = re.compile(r"link\d+\.(a|d)")
-LONG_M = 0.05  # a link that tells a scale: of shorter ones tolerances are as large
-LEAST_LENGTHS = 3
+_LONG_M = 0.05  # a link that tells a scale: of shorter ones tolerances are as large
+_LEAST_LENGTHS = 3
 SCALE = 0.005  # steel is so much longer at 400 K more
-MADE_M = 0.0015  # by which the longest link is to differ, too: three times what links are made to
+_MADE_M = 0.0015  # by which the longest link is to differ, too: three times what links are made to
 FAR = 0.1  # of the points' spread: no robot is so far from its nominal model
 MOST_ROWS = 200  # by which that is tested
 ALIKE = 0.1  # of the squares of what lengths differ by that a common scale may leave
@@ -60,9 +60,9 @@ def noise_in_another_unit(noise_mm: float | None, rows: Measurements, found: Ide
     Raises:
         LabError: it is; with the number that it would be in the right unit.
     """
-    if found.dof < LEAST_FREEDOM:
+    if found.dof < _LEAST_FREEDOM:
         return []
-    return noise_beyond(noise_mm, rows, found.residual_sigma_m, "the residuals", UNIT)
+    return noise_beyond(noise_mm, rows, found.residual_sigma_m, "the residuals", _UNIT)
 
 
 def noise_beyond(
@@ -86,11 +86,11 @@ def noise_beyond(
     name, given_mm = "--noise-mm", noise_mm
     if given_mm is None:
         name, known = "column sigma_mm", rows.sigma_m[np.isfinite(rows.sigma_m)]
-        if known.size and known.max() > UNIT * known.min():
+        if known.size and known.max() > _UNIT * known.min():
             data = {"least_m": float(known.min()), "most_m": float(known.max())}
             return [Check("given.noises", "failed", data=data)]
         given_mm = 1e3 * float(np.median(known)) if known.size else None
-    if given_mm is None or known_m <= LEAST_RESIDUAL_M or given_mm / 1e3 <= MANY * known_m:
+    if given_mm is None or known_m <= _LEAST_RESIDUAL_M or given_mm / 1e3 <= MANY * known_m:
         return []
     ratio = given_mm / 1e3 / known_m
     said = f"{name} {given_mm:g}: {whose} are those of a noise of {1e3 * known_m:.2g} mm, {ratio:.0f} times less"
@@ -103,13 +103,13 @@ def noise_beyond(
 def points_in_another_scale(found: Identification) -> list[Check]:
     """Where all long links are longer, or shorter, by about one share: no arm is made so, but points are written so."""
     names, free = found.model.names, [i for i in found.fit.free if LENGTH.fullmatch(found.model.names[i])]
-    long = [i for i in free if abs(found.nominal_aligned[i]) >= LONG_M]
-    if len(long) < LEAST_LENGTHS:
+    long = [i for i in free if abs(found.nominal_aligned[i]) >= _LONG_M]
+    if len(long) < _LEAST_LENGTHS:
         return []
     nominal = found.nominal_aligned[long]
     more = found.values[long] - nominal
     scale = float(more @ nominal / (nominal @ nominal))
-    if abs(scale) < max(SCALE, MADE_M / np.abs(nominal).max()):
+    if abs(scale) < max(SCALE, _MADE_M / np.abs(nominal).max()):
         return []
     if ((more - scale * nominal) ** 2).sum() > ALIKE * (more @ more):
         return []

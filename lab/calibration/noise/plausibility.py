@@ -23,34 +23,27 @@ from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.statistics.linearized import LinearizedFit, linearized
 from lab.core.checks import Check
 from lab.core.measurements import Measurements, evenly
-from lab.core.probabilities import f_sf
+from lab.core.probability import f_sf
 from lab.core.se3 import Array
 from lab.core.significance import CHANGE_IN_TIME
 from lab.kinematics.parameter import targets_of
 from lab.noise.change_points import likeliest_change, rows_around, session_of
 from lab.noise.error_model import ErrorModel, row_times
 
-__all__ = [
-    "COMMON_DRIFT_M",
-    "COMMON_NOISE_M",
-    "COMMON_SCATTER_M",
-    "changes_in_time",
-    "finding",
-    "shared_error_findings",
-]
+__all__ = ["COMMON_NOISE_M", "COMMON_SCATTER_M", "changes_in_time", "finding", "shared_error_findings"]
 
 COMMON_NOISE_M = 0.15e-3
 """Largest white noise (1σ per axis) of instruments in common use: photogrammetry and optical systems of a cell."""
 COMMON_SCATTER_M = 0.1e-3
 """Largest scatter (RMS at the tool) of where an industrial arm stops: ISO 9283 repeatabilities are 0.01 to 0.1 mm."""
-COMMON_DRIFT_M = 0.1e-3
+_COMMON_DRIFT_M = 0.1e-3
 """Largest drift or wandering (1σ per axis) of a set-up that was left alone."""
 
-MIN_ROWS_EACH_SIDE = 8  # of a change in the size of errors
-MAX_SCANNED_POSES = 2_000
-MIN_VARIANCE_RATIO = 1.5  # of a change in the size of errors: a smaller one harms nothing
-TIME_SPAN_OF_REPEATS = 0.5  # of the campaign, between visits of one pose that show what changes with time
-FLOOR_M = 1e-7  # residuals below are rounding
+_MIN_ROWS_EACH_SIDE = 8  # of a change in the size of errors
+_MAX_SCANNED_POSES = 2_000
+_MIN_VARIANCE_RATIO = 1.5  # of a change in the size of errors: a smaller one harms nothing
+_TIME_SPAN_OF_REPEATS = 0.5  # of the campaign, between visits of one pose that show what changes with time
+_FLOOR_M = 1e-7  # residuals below are rounding
 _SPANNED = 1e-6  # of a column's norm that others leave
 
 
@@ -86,7 +79,7 @@ def shared_error_findings(
         adequacy: of the fit, by the best test that there was.
         labels: ``(n,)`` one a configuration; rows that share one are repeats.
     """
-    if found.residual_sigma_m < FLOOR_M:
+    if found.residual_sigma_m < _FLOOR_M:
         return []
     repeated = adequacy.name == "lack_of_fit.repeats" and adequacy.outcome == "passed"
     revisited = repeated and _revisited(rows, labels)
@@ -95,11 +88,11 @@ def shared_error_findings(
     if shared is not None:
         findings += [finding("step", move.size_m, between=(move.before, move.after)) for move in shared.moves]
         if shared.drift_m:
-            fine = revisited and shared.drift_m < COMMON_DRIFT_M
+            fine = revisited and shared.drift_m < _COMMON_DRIFT_M
             whole_m = 2 * float(np.sqrt(3)) * shared.drift_m  # from its beginning to its end, of all three axes
             findings.append(finding("drift", whole_m, supported=fine))
         if shared.wandering_m:
-            fine = (revisited or stated) and shared.wandering_m < COMMON_DRIFT_M
+            fine = (revisited or stated) and shared.wandering_m < _COMMON_DRIFT_M
             findings.append(finding("correlated", shared.wandering_m, supported=fine, correlation=shared.carry))
         if shared.scatter_rad:
             slopes = by_joint_positions(
@@ -126,7 +119,7 @@ def changes_in_time(found: Identification, observed: Observations, rows: Measure
         rows: the same rows.
     """
     times = row_times(rows)
-    if (some := evenly(len(rows), MAX_SCANNED_POSES)) is not None:
+    if (some := evenly(len(rows), _MAX_SCANNED_POSES)) is not None:
         observed, rows, times = observed.take(some), rows.take(some), times[some]
     linear = linearized(found.model, observed, found.values, found.fit.free, found.extra_residuals)
     white = np.concatenate([linear.jacobian, linear.residual[..., None]], axis=2)[: linear.poses]
@@ -159,7 +152,7 @@ def _revisited(rows: Measurements, labels: NDArray[np.int_]) -> bool:
         here = session == each
         span = np.ptp(times[here])
         for label in np.unique(labels[here]):
-            if np.ptp(times[here & (labels == label)]) >= TIME_SPAN_OF_REPEATS * span > 0:
+            if np.ptp(times[here & (labels == label)]) >= _TIME_SPAN_OF_REPEATS * span > 0:
                 return True
     return False
 
@@ -226,9 +219,9 @@ def _change_of_size(linear: LinearizedFit, times: Array) -> _ChangeOfSize | None
     order = np.argsort(times, kind="stable")
     sums, dofs = np.cumsum(total[order]), np.cumsum(freedom[order])
     ordered, count = times[order], len(order)
-    starts = np.arange(MIN_ROWS_EACH_SIDE, count - MIN_ROWS_EACH_SIDE + 1)
+    starts = np.arange(_MIN_ROWS_EACH_SIDE, count - _MIN_ROWS_EACH_SIDE + 1)
     starts = starts[ordered[starts] > ordered[starts - 1]] if len(starts) else starts
-    if not len(starts) or dofs[-1] < 2 * MIN_ROWS_EACH_SIDE:
+    if not len(starts) or dofs[-1] < 2 * _MIN_ROWS_EACH_SIDE:
         return None
     before, after = sums[starts - 1], sums[-1] - sums[starts - 1]
     dof = dofs[starts - 1], dofs[-1] - dofs[starts - 1]
@@ -240,7 +233,7 @@ def _change_of_size(linear: LinearizedFit, times: Array) -> _ChangeOfSize | None
     )
     best = int(np.argmin(p))
     larger = max(ratio[best], 1 / ratio[best])
-    if larger < MIN_VARIANCE_RATIO:
+    if larger < _MIN_VARIANCE_RATIO:
         return None
     time = float(ordered[starts[best] - 1 : starts[best] + 1].mean())
     chance = min(1.0, 2 * float(p[best]) * len(starts))

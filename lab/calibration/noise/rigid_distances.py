@@ -14,7 +14,7 @@ import numpy as np
 from lab.core.checks import Check, Outcome
 from lab.core.linear_model import p_value_of_squares
 from lab.core.measurements import seen_mask
-from lab.core.probabilities import chi2_ppf
+from lab.core.probability import chi2_ppf
 from lab.core.se3 import Array
 from lab.core.significance import LACK_OF_FIT, UNSOLICITED_WARNING
 

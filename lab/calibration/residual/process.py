@@ -8,7 +8,7 @@ covariance matrix of the estimated variances. It counts far from all measured po
 variance is chosen so that 95 % of the poses that are left out in turn lie within their 95 % bounds (``left_out``).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -17,8 +17,6 @@ import numpy as np
 import scipy  # its parts are loaded at their first use, which not every process comes to
 from numpy.typing import NDArray
 
-from lab.calibration.residual.kernels import COMPONENTS, JointKernels
-from lab.calibration.residual.pose_numbers import PoseNumbers, Reduction, covariance
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.core.linear_model import unit_columns
 from lab.core.measurements import evenly
@@ -28,11 +26,217 @@ from lab.kinematics.effects.effect import LEVER_M, Effect
 from lab.kinematics.model import RigidArm
 from lab.kinematics.parameter import Parameter
 
-__all__ = ["GROUP", "SHARE", "UPPER_QUARTILE", "JointProcess", "PredictedBy", "Support", "precisions", "scaled_by"]
+__all__ = [
+    "COMPONENTS",
+    "GROUP",
+    "SHARE",
+    "UPPER_QUARTILE",
+    "JointKernels",
+    "JointProcess",
+    "PoseNumbers",
+    "PredictedBy",
+    "Reduction",
+    "Support",
+    "covariance",
+    "precisions",
+    "scaled_by",
+    "unit_covariances",
+]
+
+_OWN = (0.05, 0.2, 0.8)  # rad: lengths of the functions of a joint's own position
+_ALL = (0.1, 0.4, 1.6)  # of those of all positions
+_SMOOTH = (1.0, 4.0)  # of smooth functions of all positions
+COMPONENTS = (
+    *("noise", "scatter"),
+    *(f"own {size:g}" for size in _OWN),
+    *(f"all {size:g}" for size in _ALL),
+    *(f"smooth {size:g}" for size in _SMOOTH),
+)
+
+
+@dataclass(frozen=True)
+class JointKernels:
+    """The processes of an arm's joints.
+
+    Attributes:
+        turning: ``(joints,)`` which joints turn.
+    """
+
+    turning: NDArray[np.bool_]
+
+    def of_offsets(self, first: Array, second: Array) -> Iterator[tuple[bool, Array]]:
+        """Unit covariances of the offsets at joint positions ``(n, joints)`` and ``(m, joints)``, one a length.
+
+        Yields:
+            Whether it is of each joint's own position; ``(n, m, joints)`` if so, else ``(n, m)``, of every joint.
+        """
+        apart = first[:, None] - second
+        apart = np.where(self.turning, 2 * np.sin(apart / 2), apart / LEVER_M)
+        own = np.abs(apart)
+        whole = np.sqrt((apart**2).sum(axis=2))
+        for size in _OWN:
+            scaled = np.sqrt(3) * own / size
+            yield True, (1 + scaled) * np.exp(-scaled)
+        for size in _ALL:
+            yield False, np.exp(-whole / size)
+        for size in _SMOOTH:
+            scaled = np.sqrt(5) * whole / size
+            yield False, (1 + scaled + scaled**2 / 3) * np.exp(-scaled)
+
+    def of_joints(self, sizes: Array, first: Array, second: Array) -> Array:
+        """Covariances ``(joints, n, m)`` of each joint's offsets: the sum of all lengths with these variances.
+
+        Args:
+            sizes: ``(lengths,)`` in the order of ``of_offsets``.
+            first, second: joint positions ``(n, joints)`` and ``(m, joints)``.
+        """
+        found = np.zeros((first.shape[1], len(first), len(second)))
+        for (own, kernel), size in zip(self.of_offsets(first, second), sizes, strict=True):
+            if size > 0:
+                found += size * (np.moveaxis(kernel, 2, 0) if own else kernel)
+        return found
+
+
+_BLOCK = 1_000  # rows of a covariance matrix that are worked out at once, which bounds the memory
+
+
+@dataclass(frozen=True)
+class PoseNumbers:
+    """Numbers that depend on the offsets of the joints.
+
+    Attributes:
+        joints: ``(n, joints)`` positions of the poses.
+        pose: ``(N,)`` the pose of each number, ascending.
+        slopes: ``(N, joints)`` derivatives by that pose's joint positions.
+    """
+
+    joints: Array
+    pose: NDArray[np.int_]
+    slopes: Array
+
+    @classmethod
+    def whole(cls, joints: Array, slopes: Array) -> "PoseNumbers":
+        """All numbers of poses: positions ``(n, joints)``, derivatives ``(n, d, joints)``."""
+        n, d, size = slopes.shape
+        return cls(joints, np.repeat(np.arange(n), d), slopes.reshape(n * d, size))
+
+    def per_joint(self, numbers: Array) -> Array:
+        """The transposed derivatives times numbers ``(N, q)``: ``(joints, n, q)``."""
+        first = np.flatnonzero(np.diff(self.pose, prepend=-1))
+        found = np.zeros((self.slopes.shape[1], len(self.joints), numbers.shape[1]), dtype=numbers.dtype)
+        there = self.pose[first]
+        for joint, slope in enumerate(self.slopes.T.astype(numbers.dtype)):
+            found[joint, there] = np.add.reduceat(slope[:, None] * numbers, first, axis=0)
+        return found
+
+
+@dataclass(frozen=True)
+class Reduction:
+    """An orthogonal transformation of the numbers of each pose.
+
+    Attributes:
+        numbers: those that depend on the joints' offsets, N of them.
+        groups: poses that saw the same targets: their rows, the numbers seen, and the transformations ``(m, s, s)``.
+        order: ``(all,)`` where each transformed number belongs: the N first, those with the noise alone after them.
+        alone: ``(M,)`` the pose of each number with the noise alone, ascending.
+    """
+
+    numbers: PoseNumbers
+    groups: tuple[tuple[NDArray[np.int_], NDArray[np.int_], Array], ...]
+    order: NDArray[np.int_]
+    alone: NDArray[np.int_]
+
+    @classmethod
+    def of(cls, joints: Array, slopes: Array, seen: NDArray[np.bool_]) -> "Reduction":
+        """Of poses.
+
+        Args:
+            joints: ``(n, joints)``.
+            slopes: ``(n, 3 k, joints)`` derivatives of all numbers.
+            seen: ``(n, k)``.
+        """
+        size, groups = joints.shape[1], []
+        poses, moved, reduced = [], [], []
+        patterns, labels = np.unique(seen, axis=0, return_inverse=True)
+        for label, pattern in enumerate(patterns):
+            rows, kept = np.flatnonzero(labels.ravel() == label), np.flatnonzero(np.repeat(pattern, 3))
+            some = slopes[rows][:, kept]
+            if len(kept) > size:
+                turn, left = np.linalg.qr(some, mode="complete")
+            else:
+                turn, left = np.broadcast_to(np.eye(len(kept)), (len(rows), len(kept), len(kept))), some
+            groups.append((rows, kept, turn))
+            poses.append(np.repeat(rows, len(kept)))
+            moved.append(np.tile(np.arange(len(kept)) < size, len(rows)))
+            reduced.append(left.reshape(-1, size))
+        pose, by_offsets = np.concatenate(poses), np.concatenate(moved)
+        order = np.lexsort((pose, ~by_offsets))
+        count = int(by_offsets.sum())
+        first = order[:count]
+        numbers = PoseNumbers(joints, pose[first], np.concatenate(reduced)[first])
+        return cls(numbers, tuple(groups), order, pose[order[count:]])
+
+    def back(self, pose: int, matrix: Array) -> Array:
+        """Transformed numbers of one pose ``(s, ...)``, those that the offsets move first, as they were measured."""
+        for rows, _, turn in self.groups:
+            if len(found := np.flatnonzero(rows == pose)):
+                return np.asarray(turn[found[0]] @ matrix)
+        raise KeyError(pose)
+
+    def __call__(self, numbers: Array) -> tuple[Array, Array]:
+        """Numbers ``(n, 3 k, ...)`` transformed: those that the offsets move ``(N, ...)``, and the others."""
+        tail = numbers.shape[2:]
+        parts = []
+        for rows, kept, turn in self.groups:
+            some = numbers[rows][:, kept].reshape(len(rows), len(kept), -1)
+            parts.append((np.swapaxes(turn, 1, 2) @ some).reshape(-1, *tail))
+        found, count = np.concatenate(parts)[self.order], len(self.numbers.pose)
+        return found[:count], found[count:]
+
+
+def covariance(kernels: JointKernels, sizes: Array, first: PoseNumbers, second: PoseNumbers | None = None) -> Array:
+    """Covariance ``(N, M)`` of numbers, the noise aside, of processes with these variances.
+
+    Args:
+        sizes: ``(c,)`` of ``kernels.COMPONENTS``.
+        first, second: the numbers; of one set without ``second``, and then with the scatter of each pose.
+    """
+    other = first if second is None else second
+    found = np.zeros((len(first.pose), len(other.pose)))
+    for joint, kernel in enumerate(kernels.of_joints(sizes[2:], first.joints, other.joints)):
+        for start in range(0, len(found), _BLOCK):
+            rows = slice(start, start + _BLOCK)
+            whole = kernel[np.ix_(first.pose[rows], other.pose)]
+            whole *= first.slopes[rows, joint, None]
+            whole *= other.slopes[:, joint]
+            found[rows] += whole
+    if second is None:
+        _add_scatter(found, sizes[1], first)
+    return found
+
+
+def unit_covariances(kernels: JointKernels, numbers: PoseNumbers) -> tuple[Array, ...]:
+    """Covariances ``(N, N)`` of numbers by each component with a variance of one, the noise's first."""
+    alone = np.eye(len(COMPONENTS))[2:]  # one component each
+    scatter = np.zeros((len(numbers.pose), len(numbers.pose)))
+    _add_scatter(scatter, 1.0, numbers)
+    return np.eye(len(numbers.pose)), scatter, *(covariance(kernels, each, numbers) for each in alone)
+
+
+def _add_scatter(found: Array, size: float, numbers: PoseNumbers) -> None:
+    """Add the covariance of numbers by offsets of the joints that each pose has of its own."""
+    for apart in range(int(np.bincount(numbers.pose).max())):
+        one = np.arange(len(numbers.pose) - apart)
+        one = one[numbers.pose[one] == numbers.pose[one + apart]]
+        products = size * (numbers.slopes[one] * numbers.slopes[one + apart]).sum(axis=1)
+        found[one, one + apart] += products
+        if apart:
+            found[one + apart, one] += products
+
 
 GROUP = "residual"
 SHARE = Parameter(GROUP, "share", GROUP, "ratio", "", 1.0)
-_BLOCK = 400  # poses that are worked out at once
+_BLOCK_process = 400  # poses that are worked out at once
 UPPER_QUARTILE = 0.6744897501960817  # of a standard normal
 _MAX_COVARIANCE_NUMBERS = 4_500  # measured, by which covariances are predicted: their time grows with the square
 _AWAY = (5e-3, 15e-3)  # m and rad: one standard deviation of how far a link is from where least squares alone puts it
@@ -86,11 +290,11 @@ class JointProcess:
         """How far the joints are off ``(n, joints)`` (rad, m of a slide) at positions ``(n, joints)``."""
         there = self.inputs[:, : len(self.turning)]
         found = np.zeros(joints.shape)
-        for first in range(0, len(joints), _BLOCK):
-            some = joints[first : first + _BLOCK]
+        for first in range(0, len(joints), _BLOCK_process):
+            some = joints[first : first + _BLOCK_process]
             for (own, kernel), size in zip(self.kernels.of_offsets(some, there), self.variances[2:], strict=True):
                 rows = "nmj,mj->nj" if own else "nm,mj->nj"
-                found[first : first + _BLOCK] += size * np.einsum(rows, kernel, self.weights)
+                found[first : first + _BLOCK_process] += size * np.einsum(rows, kernel, self.weights)
         return found
 
     def prior(self, slopes: Array) -> Array:
@@ -177,8 +381,8 @@ class PredictedBy:
         """
         k = len(self.model.targets) if targets is None else targets
         found = np.empty((len(inputs), k, 3, 3))
-        for first in range(0, len(inputs), _BLOCK // k):
-            some = inputs[first : first + _BLOCK // k]
+        for first in range(0, len(inputs), _BLOCK_process // k):
+            some = inputs[first : first + _BLOCK_process // k]
             n = len(some)
             whole = self.covariance(some, k).reshape(n, k, 3, n, k, 3)
             rows, target = np.meshgrid(np.arange(n), np.arange(k), indexing="ij")

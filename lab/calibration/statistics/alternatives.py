@@ -14,8 +14,8 @@ from lab.calibration.identify import Identification
 from lab.calibration.statistics.candidate_models import SelectionTask
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.kinematics.effects.conditions import absent
-from lab.kinematics.effects.stations import at_first_station
+from lab.kinematics.effects.effect import absent
+from lab.kinematics.effects.sessions import at_first_station
 
 __all__ = ["LOADED_GROUPS", "Alternative", "alternatives"]
 

@@ -1,29 +1,279 @@
 """One set of measurements, and every model that groups of parameters make for it: what can be tried at all."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
-from lab.calibration.gauss_newton import ExtraResiduals, Observations
-from lab.calibration.identify import Identification, IdentifyOptions, identify
+from lab.calibration.gauss_newton import RANK_TOLERANCE, ExtraResiduals, Observations
+from lab.calibration.identify import WEAK, Identification, IdentifyOptions, identify
 from lab.calibration.observation import Observation, observation_of
 from lab.calibration.prior import prior_of
-from lab.calibration.statistics.nested_models import Labels, NestedModels, nested_at
-from lab.calibration.statistics.useful_parameters import largest_useful_std
+from lab.calibration.statistics.joint_rounding import by_joint_positions
+from lab.calibration.statistics.linearized import ClusteredRows, ClusterTest, cluster_sums, clusters_first, jackknifed
 from lab.calibration.validation import configurations, cv_groups_of, folds
 from lab.calibration.weights import Noise, joined, weighed, weighted_constraints
 from lab.core.errors import LabError
+from lab.core.linear_model import LinearModel, p_value_of_squares, unit_columns
 from lab.core.measurements import Measurements
+from lab.core.probability import t_sf
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.kinematics.effects.conditions import PAYLOAD
+from lab.core.significance import TERM_SEARCH
+from lab.kinematics.effects.effect import PAYLOAD, Effect
 from lab.kinematics.gauge import STRUCTURE_POSES, base_set, independent_columns, named
 from lab.kinematics.model import Model
+from lab.kinematics.parameter import Kind, Parameter, names_of
 
-__all__ = ["LEAST_SIGMA_M", "FullModel", "ModelWith", "NominalOf", "SelectionTask"]
+__all__ = [
+    "LEAST_SIGMA_M",
+    "TELLING",
+    "FoundTerm",
+    "FullModel",
+    "HeldOutGain",
+    "Labels",
+    "ModelWith",
+    "NestedModels",
+    "NominalOf",
+    "Score",
+    "SelectionTask",
+    "TermSearch",
+    "TermTable",
+    "largest_useful_std",
+]
+
+Labels = NDArray[np.int_]
+
+
+@dataclass(frozen=True)
+class Score:
+    """How a nested model does.
+
+    Attributes:
+        parameters: how many it fits.
+        squares: its sum of squared whitened residuals.
+        errors: ``(m,)`` lengths (m) of held-out errors, one per observed thing.
+        bic: Bayes' information criterion (Schwarz 1978), lower is better.
+    """
+
+    parameters: int
+    squares: float
+    errors: Array
+    bic: float
+
+
+@dataclass(frozen=True)
+class HeldOutGain:
+    """Estimate how far the error at held-out configurations falls, each configuration counted once.
+
+    Attributes:
+        mean_m: the mean over configurations.
+        std_m: its standard error.
+        dof: of that standard error: configurations less one.
+    """
+
+    mean_m: float
+    std_m: float
+    dof: int
+
+    @property
+    def p(self) -> float:
+        """The chance of as large a gain if there is none: Student's t, one-sided."""
+        if self.dof < 1 or not self.std_m > 0:
+            return 1.0
+        return float(t_sf(self.mean_m / self.std_m, self.dof))
+
+
+@dataclass(frozen=True)
+class NestedModels:
+    """The large model, linearized.
+
+    Attributes:
+        columns: the parameters (of the large model) that some nested model fits, c of them.
+        scale: ``(c,)`` the norms that their columns had.
+        away: ``(c,)`` how far each of them, scaled, stands from its nominal value, which it has where it is not fitted.
+        whole: ``(<= c + 1, c + 1)`` triangle of the scaled whitened Jacobian and, last, the residual.
+        training: the same of all folds but one.
+        held: ``(m_f, d, c + 1)`` of each fold: derivatives and residual of its things, in m.
+        cluster: ``(m,)`` what each thing of the folds, one after the other, was held out together with.
+        rows: the number of residuals.
+        floor: the least standard deviation that a whitened residual may have: 1 where sigma is known.
+        witnesses: the scaled rows themselves, residual last, by the poses whose errors may go together.
+    """
+
+    columns: tuple[int, ...]
+    scale: Array
+    away: Array
+    whole: Array
+    training: tuple[Array, ...]
+    held: tuple[Array, ...]
+    cluster: Labels
+    rows: int
+    floor: float
+    witnesses: ClusteredRows
+
+    def score(self, fitted: Sequence[int]) -> Score:
+        """The nested model that fits these columns, held-out errors by linear prediction from the other folds.
+
+        BIC = N log s^2 + RSS / s^2 + p log N, with s^2 = RSS / N but never below what the noise is known to be:
+        the likelihood's maximum under that bound, so that a sigma given too small does not let every column in.
+        """
+        squares = float(np.sum(self._left(self.whole, fitted)[1] ** 2))
+        lengths = [
+            np.linalg.norm(held @ self._left(triangle, fitted)[0], axis=1)
+            for triangle, held in zip(self.training, self.held, strict=True)
+        ]
+        return Score(len(fitted), squares, np.concatenate(lengths), self._bic(squares, len(fitted)))
+
+    def bic_without(self, fitted: Sequence[int], parts: Sequence[Sequence[int]]) -> Array:
+        """BIC of the models that fit these columns less one of the parts each, as by ``score``, all at once.
+
+        What holding a part b at its nominal value adds to the squares is d' (C_bb)^-1 d, with d how far the fit moves
+        it from there and C the covariance of unit noise (Seber & Lee 2003, section 4.3).
+        """
+        index = [self.columns.index(i) for i in fitted]
+        weights, left = self._left(self.whole, fitted)
+        back = LinearModel.of(self.whole[:, index], RANK_TOLERANCE, scaled=True).back
+        moved = self.away[index] - weights[index]
+        found = []
+        for part in parts:
+            own = [k for k, i in enumerate(fitted) if i in part]
+            rise = moved[own] @ np.linalg.lstsq(back[own] @ back[own].T, moved[own], rcond=None)[0]
+            squares = float(left @ left + rise)
+            found.append(self._bic(squares, len(index) - len(own)))
+        return np.array(found)
+
+    def _bic(self, squares: float, parameters: int) -> float:
+        variance = max(squares / self.rows, self.floor**2)
+        return float(self.rows * np.log(variance) + squares / variance + parameters * np.log(self.rows))
+
+    def std(self, fitted: Sequence[int]) -> Array:
+        """Standard deviations of the parameters that are fitted; of noise as large as the residuals, or as is known."""
+        index = [self.columns.index(i) for i in fitted]
+        left = self._left(self.whole, fitted)[1]
+        variance = max(float(left @ left) / max(self.rows - len(index), 1), self.floor**2)
+        back = LinearModel.of(self.whole[:, index], RANK_TOLERANCE, scaled=True).back
+        std: Array = np.sqrt(variance * (back**2).sum(axis=1)) / self.scale[index]
+        return std
+
+    def p_value(self, small: Score, big: Score) -> float:
+        """The chance of a fall in squares as large as from ``small`` to ``big`` if what was added is not there.
+
+        The larger of the F-test's and of the chi squared test's by the known sigma (Seber & Lee 2003, section
+        4.3): a sigma given too small makes the second one far too sure, and one that says that the smaller model
+        is adequate already must not be overruled by the first.
+        """
+        added, dof = big.parameters - small.parameters, self.rows - big.parameters
+        fall = max(small.squares - big.squares, 0.0)
+        by_noise = p_value_of_squares(fall, added, variance=self.floor**2)
+        by_residuals = p_value_of_squares(fall, added, dof, max(big.squares / dof, 1e-300))
+        return float(max(by_noise, by_residuals))
+
+    def test_by_configurations(self, fitted: Sequence[int], added: Sequence[int]) -> ClusterTest | None:
+        """Test what columns explain beyond those fitted, with errors that are correlated within a configuration.
+
+        Unlike ``p_value`` it does not take the targets or repeats of a pose for independent; None where there is one
+        of each, as there is nothing to allow for.
+        """
+        if not self.witnesses.shared:
+            return None
+        return self.witnesses.test(*([self.columns.index(i) for i in each] for each in (fitted, added)))
+
+    def gain(self, before: Score, after: Score) -> HeldOutGain:
+        """Return the paired fall of the held-out error: a configuration counts once, however often it was measured."""
+        count = np.bincount(self.cluster)
+        fall = (np.bincount(self.cluster, before.errors - after.errors) / np.maximum(count, 1))[count > 0]
+        spread = float(fall.std(ddof=1)) if len(fall) > 1 else 0.0
+        return HeldOutGain(float(fall.mean()), spread / np.sqrt(len(fall)), len(fall) - 1)
+
+    def _left(self, triangle: Array, fitted: Sequence[int]) -> tuple[Array, Array]:
+        """Weights ``(c + 1,)`` of columns and residual in what is left, and what is left of the triangle's rows."""
+        index = [self.columns.index(i) for i in fitted]
+        weights = np.append(self.away, 1.0)
+        weights[index] = 0.0
+        nested = LinearModel.of(triangle[:, index], RANK_TOLERANCE, scaled=True)
+        weights[index] = -nested.solve(triangle @ weights)
+        return weights, triangle @ weights
+
+
+def _nested_at(
+    observation: Observation,
+    observed: Observations,
+    values: Array,
+    columns: Sequence[int],
+    nominal: Array,
+    folds: Labels,
+    clusters: Labels,
+    extra_residuals: ExtraResiduals,
+    floor: float,
+    configurations: Labels,
+) -> NestedModels:
+    """The large model near ``values`` ``(p,)``.
+
+    Args:
+        columns: the parameters that some nested model fits.
+        nominal: ``(c,)`` what they are where they are not fitted.
+        folds, clusters: ``(n,)`` labels: a row's fold, from 0 on, and what it is held out together with.
+        extra_residuals: what is known beside the measurements, weighted as they are.
+        configurations: ``(n,)`` labels from 0 on: rows whose errors may go together.
+    """
+    index, count = list(columns), int(folds.max()) + 1
+    predicted, jacobian = observation.model.observe(observed.inputs, values)
+    both = np.concatenate([jacobian[..., index], (observed.points - predicted)[..., None]], axis=3)
+    rows, mask = observed.apply(both), observed.seen
+    scale = np.append(np.linalg.norm(rows[:, :-1], axis=0), 1.0)
+    scale[scale == 0] = 1.0
+    residual, slopes = extra_residuals(values)
+    beside = np.column_stack([slopes[:, index], residual]) / scale
+    fold = np.repeat(folds[np.nonzero(mask)[0]], observed.points.shape[2])
+    parts = [_stacked([rows[fold == f] / scale]) for f in range(count)]
+    in_m = (both / observation.units[:, None, None])[:, : observation.positions or None]
+    inside = [mask[:, : in_m.shape[1]] & (folds == f)[:, None] for f in range(count)]
+    return NestedModels(
+        columns=tuple(columns),
+        scale=scale[:-1],
+        away=(values[index] - nominal) * scale[:-1],
+        whole=_stacked([*parts, beside]),
+        training=tuple(_stacked([*parts[:f], *parts[f + 1 :], beside]) for f in range(count)),
+        held=tuple(in_m[part] / scale for part in inside),
+        cluster=np.concatenate([clusters[np.nonzero(part)[0]] for part in inside]),
+        rows=len(rows) + len(residual),
+        floor=floor,
+        witnesses=ClusteredRows.of(
+            np.concatenate([rows / scale, beside]), configurations[np.nonzero(mask)[0]], both.shape[2]
+        ),
+    )
+
+
+def _stacked(parts: Sequence[Array]) -> Array:
+    """The triangle of rows below each other."""
+    return np.asarray(np.linalg.qr(np.concatenate(parts), mode="r"))
+
+
+TELLING = 1e-4  # rad or m: an effect of one joint that is known no better says nothing of poses beyond the measured
+_USEFUL: dict[Kind, float] = {"ratio": TELLING, "compliance": 1e-4, "section": 1e-4, "mass": 1.0}  # else WEAK
+_SUPPORTED = 0.5  # of a wave's length, in the measured range
+
+
+def largest_useful_std(parameters: Sequence[Parameter], joints: Array) -> Array:
+    """``(p,)`` the largest standard deviation, in each one's unit, with which it is worth fitting.
+
+    Args:
+        parameters: p of them.
+        joints: ``(n, joints)`` measured positions (rad, m of a slide).
+    """
+    turns = np.ptp(joints, axis=0) / (2 * np.pi)
+    return np.array([TELLING if _is_slow(each, turns) else _USEFUL.get(each.kind, WEAK) for each in parameters])
+
+
+def _is_slow(wave: Parameter, turns: Array) -> bool:
+    """Whether less than half of a parameter's wave lies in the measured range, ``(joints,)`` turns."""
+    turning = wave.joint if wave.turning is None else wave.turning
+    return bool(wave.wave and turning is not None and wave.wave * turns[turning] < _SUPPORTED)
+
 
 LEAST_SIGMA_M = 1e-9  # a sigma below which residuals are those of the fit's arithmetic
 
@@ -179,7 +429,7 @@ class FullModel:
         columns = sorted({*self.fitted(found), *effects})
         nominal = np.array([self.start[i] if i in effects else values[i] for i in columns])
         kinds = self.folds, self.clusters
-        return nested_at(
+        return _nested_at(
             self.observation,
             self.observed,
             values,
@@ -267,3 +517,279 @@ def _filled(start: Array, model: Model, source: Model, values: Array) -> Array:
     """``start`` with the values that another model has for the same names."""
     known = dict(zip(source.names, values, strict=True))
     return np.array([known.get(name, value) for name, value in zip(model.names, start, strict=True)])
+
+
+_FLIPS = 999  # of signs: the level is exact for so many and one
+_STAGE = 8  # groups that are taken before all others are looked at anew
+_POOL = 48  # groups that a stage chooses from
+_LEFT = 1e-3  # share of a column's squares that what is fitted has to leave
+_TIE = 1e-3  # share of a fall by which groups that say the same differ beside geometry: the table's first is taken
+_APART = 1e-3  # share of the squares that two columns of a group have apart
+
+
+@dataclass(frozen=True)
+class FoundTerm:
+    """A group that the search takes.
+
+    Attributes:
+        p: the chance of as large a fall by noise alone, were it the only group that is tried.
+    """
+
+    name: str
+    p: float
+
+
+@dataclass(frozen=True)
+class TermTable:
+    """What each group does to the joints, or to the far ends of links, at some poses.
+
+    Attributes:
+        names: of the groups, g of them.
+        functions: ``(n, p)`` rad or m a unit of each of their parameters.
+        motion: ``(p,)`` what that moves: a joint, from 0, or, beyond the joints, one of six motions of each link's far
+            end.
+        joints: how many joints there are.
+        owner: ``(p,)`` the group that each parameter is of; one has one parameter or two.
+        parameters: the names of each group's parameters.
+    """
+
+    names: tuple[str, ...]
+    functions: Array
+    motion: NDArray[np.int_]
+    joints: int
+    owner: NDArray[np.int_]
+    parameters: tuple[tuple[str, ...], ...]
+
+    @classmethod
+    def of(cls, effects: Mapping[str, Effect], data: Measurements) -> "TermTable":
+        """Of effects that are linear in their parameters, each of which moves one joint or displaces one link's end."""
+        size = data.joints.shape[1]
+        functions, motion, owner = [], [], []
+        for i, effect in enumerate(effects.values()):
+            conditions = data.inputs(effect.conditions)[:, size:]
+            moved = effect.offsets(data.joints, conditions, np.zeros(len(effect.parameters)))[1]
+            assert effect.moves in ("joints", "links") and len(effect.links) <= 1 and len(effect.parameters) <= 2
+            first = size + 6 * effect.links[0] if effect.links else 0
+            for k in range(len(effect.parameters)):
+                component = int(np.abs(moved[..., k]).sum(axis=0).argmax())
+                functions.append(moved[:, component, k])
+                motion.append(first + component)
+                owner.append(i)
+        columns = np.stack(functions, axis=1) if functions else np.empty((len(data), 0))
+        parameters = tuple(names_of(effect.parameters) for effect in effects.values())
+        return cls(tuple(effects), columns, np.array(motion, np.int_), size, np.array(owner, np.int_), parameters)
+
+    @cached_property
+    def showing_ends(self) -> dict[int, int]:
+        """For each motion of a link's end that a group has, the first such group."""
+        found: dict[int, int] = {}
+        for column in np.flatnonzero(self.motion >= self.joints).tolist():
+            found.setdefault(int(self.motion[column]), int(self.owner[column]))
+        return found
+
+    def slopes(self, model: Model, with_ends: Model, observed: Observations, values: Array) -> Array:
+        """Derivatives ``(n, k, d, motions)`` of what is observed by each motion; zero where no group has it.
+
+        Args:
+            with_ends: the model with the groups ``showing_ends`` beside, whose columns are a motion times waves: they
+                give the motion by least squares, pose by pose.
+            values: ``(p,)`` of the model.
+        """
+        by_joints = by_joint_positions(model, observed.inputs, values, self.joints)
+        if not self.showing_ends:
+            return by_joints
+        start = dict(zip(model.names, values.tolist(), strict=True))
+        at = np.array([start.get(name, 0.0) for name in with_ends.names])
+        jacobian = with_ends.observe(observed.inputs, at)[1]
+        slopes = np.zeros((*by_joints.shape[:3], max(self.showing_ends) + 1))
+        slopes[..., : self.joints] = by_joints
+        for motion, group in self.showing_ends.items():
+            functions = self.functions[:, self.owner == group]
+            columns = jacobian[..., [with_ends.names.index(name) for name in self.parameters[group]]]
+            weights = functions / (functions**2).sum(axis=1, keepdims=True)
+            slopes[..., motion] = np.einsum("nkdp,np->nkd", columns, weights)
+        return slopes
+
+
+@dataclass
+class TermSearch:
+    """The linearized problem at an identified model, with every group of a table beside it.
+
+    It changes as groups are taken: the basis grows, the residual shrinks.
+
+    Attributes:
+        columns: ``(r, p)`` whitened derivatives by the table's parameters, rows of one cluster after another's.
+        basis: ``(r, f)`` orthonormal, of what is fitted.
+        residual: ``(r,)`` what that leaves.
+        starts: ``(clusters,)`` the first row of each cluster: rows whose errors may go together.
+        allowed: ``(g,)`` the groups that may be taken.
+        largest_std: of a parameter that is of any use (rad, m).
+        floor: the least standard deviation of a whitened residual.
+    """
+
+    table: TermTable
+    columns: Array
+    basis: Array
+    residual: Array
+    starts: NDArray[np.int_]
+    allowed: NDArray[np.bool_]
+    largest_std: float
+    floor: float
+
+    def __post_init__(self) -> None:
+        count, owner = np.arange(len(self.table.names)), self.table.owner
+        first, last = np.searchsorted(owner, count), np.searchsorted(owner, count, side="right") - 1
+        self._pairs = np.stack([first, last], axis=1)  # of a single column twice the same
+        self._single = first == last
+        self._squares = _products_of_pairs(self.columns, self._pairs)
+        self._shared = self.basis.T @ self.columns
+
+    @classmethod
+    def at(
+        cls,
+        table: TermTable,
+        model: Model,
+        with_ends: Model,
+        observed: Observations,
+        values: Array,
+        free: Sequence[int],
+        configurations: NDArray[np.int_],
+        extra_residuals: ExtraResiduals,
+        *,
+        largest_std: float,
+        floor: float,
+    ) -> "TermSearch":
+        """Near ``values`` ``(p,)``, of which those ``free`` are fitted; what is in the model is not tried again.
+
+        Args:
+            with_ends: the model with the table's groups ``showing_ends`` beside.
+            configurations: ``(n,)`` labels of the poses from 0 on; repeats of one pose share theirs.
+            floor: the least standard deviation of a whitened residual.
+        """
+        index, mask = list(free), observed.seen
+        predicted, jacobian = model.observe(observed.inputs, values)
+        known, slopes = extra_residuals(values)
+        pose = np.repeat(np.nonzero(mask)[0], observed.points.shape[2])
+        order, starts = clusters_first(configurations[pose], len(pose) + len(known))
+        fitted = np.concatenate([observed.apply(jacobian[..., index]), slopes[:, index]])[order]
+        left = np.concatenate([observed.apply(observed.points - predicted), known])[order]
+        slope = observed.apply(table.slopes(model, with_ends, observed, values))
+        columns = np.zeros((len(order), len(table.motion)))
+        columns[: len(pose)] = slope[:, table.motion] * table.functions[pose]
+        basis = np.linalg.qr(unit_columns(fitted)[0])[0]
+        taken = [bool(set(own) & set(model.names)) for own in table.parameters]
+        return cls(
+            table,
+            columns[order],
+            basis,
+            left - basis @ (basis.T @ left),
+            starts,
+            ~np.array(taken, dtype=bool),
+            largest_std,
+            floor,
+        )
+
+    def run(
+        self, rng: np.random.Generator, most: int, only: Sequence[str] | None = None, level: float = TERM_SEARCH
+    ) -> tuple[FoundTerm, ...]:
+        """The groups that are significant, at most so many, in the order in which they are taken.
+
+        Args:
+            only: names of those that are searched; all where None.
+            level: of this search.
+        """
+        wanted = None if only is None else set(only)
+        among = np.array([wanted is None or name in wanted for name in self.table.names], dtype=bool)
+        return tuple(self._taken(rng, most, among, level))
+
+    def _taken(self, rng: np.random.Generator, most: int, among: NDArray[np.bool_], level: float) -> list[FoundTerm]:
+        """What is significant at a level among some of the groups."""
+        taken: list[FoundTerm] = []
+        while len(taken) < most:
+            gram, scores = self._gram(), self._scores()
+            useful = self._useful(gram) & among
+            threshold = self._threshold(scores, gram, useful, rng, level)
+            fall = np.where(useful, _quadratic((self.columns.T @ self.residual)[self._pairs], gram), 0.0)
+            pool = [int(i) for i in np.argsort(-fall)[:_POOL] if fall[i] > threshold]
+            new = self._stage(pool, threshold, min(_STAGE, most - len(taken)))
+            if not new:
+                break
+            taken += new
+        return taken
+
+    def _stage(self, pool: list[int], threshold: float, most: int) -> list[FoundTerm]:
+        """The groups taken of a pool, the one that lowers the squares most first, while they are significant."""
+        found: list[FoundTerm] = []
+        while pool and len(found) < most:
+            index = self._pairs[pool].ravel()
+            own = self.columns[:, index] - self.basis @ self._shared[:, index]
+            pairs = np.arange(len(index)).reshape(-1, 2)
+            gram, products = _products_of_pairs(own, pairs), (own.T @ self.residual)[pairs]
+            fall = _quadratic(products, gram)
+            best = min(np.flatnonzero(fall >= (1 - _TIE) * fall.max()).tolist(), key=pool.__getitem__)
+            if fall[best] <= threshold:
+                break
+            scores = cluster_sums(own[:, pairs[best]] * jackknifed(self.residual, self.basis)[:, None], self.starts)
+            usual = _quadratic(scores, np.broadcast_to(gram[:, best, None], (3, len(scores)))).sum()
+            numbers = 1 if self._single[pool[best]] else 2
+            p = float(p_value_of_squares(fall[best], numbers, variance=usual / numbers))
+            found.append(FoundTerm(self.table.names[pool[best]], p))
+            self.allowed[pool[best]] = False
+            self._take(own[:, pairs[best][:numbers]])
+            del pool[best]
+        return found
+
+    def _take(self, columns: Array) -> None:
+        """Fit these columns, orthogonal to the basis, too."""
+        more = np.linalg.qr(columns)[0]
+        more = np.linalg.qr(more - self.basis @ (self.basis.T @ more))[0]
+        self.basis = np.concatenate([self.basis, more], axis=1)
+        self._shared = np.concatenate([self._shared, more.T @ self.columns])
+        self.residual = self.residual - more @ (more.T @ self.residual)
+
+    def _scores(self) -> Array:
+        """``(clusters, p)`` what each cluster contributes to the products of the columns, less their fitted part."""
+        errors = jackknifed(self.residual, self.basis)[:, None]
+        raw, fitted = (cluster_sums(rows * errors, self.starts) for rows in (self.columns, self.basis))
+        return np.asarray(raw - fitted @ self._shared)
+
+    def _gram(self) -> Array:
+        """``(3, g)`` inner products of the groups' columns beyond what is fitted."""
+        return self._squares - _products_of_pairs(self._shared, self._pairs)
+
+    def _useful(self, gram: Array) -> NDArray[np.bool_]:
+        """Which groups say what the fitted columns do not, well enough to be of any use."""
+        free = (gram[[0, 2]] > _LEFT * np.maximum(self._squares[[0, 2]], 1e-300)).all(axis=0)
+        apart = 1 - gram[1] ** 2 / np.maximum(gram[0] * gram[2], 1e-300)
+        share = np.where(self._single, 1.0, np.maximum(apart, 0.0))
+        dof = max(len(self.residual) - self.basis.shape[1], 1)
+        sigma = max(float(np.sqrt(self.residual @ self.residual / dof)), self.floor)
+        least = np.sqrt(np.maximum(np.minimum(gram[0], gram[2]), 0.0) * share)
+        return np.asarray(self.allowed & free & (share > _APART) & (sigma < self.largest_std * least))
+
+    def _threshold(
+        self, scores: Array, gram: Array, useful: NDArray[np.bool_], rng: np.random.Generator, level: float
+    ) -> float:
+        """What the largest fall of the squares exceeds by chance as often as the level says."""
+        if not useful.any():
+            return np.inf
+        flips = rng.integers(0, 2, (_FLIPS, len(scores))).astype(np.float32) * 2 - 1  # rounding is no matter here
+        size = float(np.abs(scores).max()) or 1.0
+        products = size * (flips @ (scores / size).astype(np.float32)).astype(np.float64)
+        largest = _quadratic(products[:, self._pairs[useful]], gram[:, useful]).max(axis=1)
+        return float(np.sort(largest)[-int(level * (_FLIPS + 1))])
+
+
+def _products_of_pairs(rows: Array, pairs: NDArray[np.int_]) -> Array:
+    """``(3, g)`` sums over rows ``(r, p)`` of each pair's squares and products: first, mixed, second."""
+    first, last = (rows[:, column] for column in pairs.T)
+    return np.stack([np.einsum("rg,rg->g", a, b) for a, b in ((first, first), (first, last), (last, last))])
+
+
+def _quadratic(products: Array, matrix: Array) -> Array:
+    """The squares x' M^-1 x ``(..., g)`` of x ``(..., g, 2)`` and M's entries ``(3, g)``; one column twice: x^2 / M."""
+    (a, b, d), (x, y) = matrix, np.moveaxis(products, -1, 0)
+    determinant = a * d - b**2
+    single = determinant <= 1e-9 * a * d
+    whole = (x**2 * d - 2 * x * y * b + y**2 * a) / np.where(single, 1.0, determinant)
+    return np.asarray(np.where(single, x**2 / np.maximum(a, 1e-300), whole))

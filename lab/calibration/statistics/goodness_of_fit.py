@@ -9,15 +9,17 @@ is not tested where neither can be told.
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy  # its statistics are loaded at their first use
 from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import ExtraResiduals, Fit, Observations
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.statistics.linearized import LinearizedFit, NoiseDistribution, linearized
+from lab.calibration.validation import configurations
 from lab.core.checks import Check, Outcome
 from lab.core.linear_model import LinearModel, matched_dof, p_value_of_squares
-from lab.core.measurements import evenly
-from lab.core.probabilities import f_cdf, f_sf
+from lab.core.measurements import FIXTURE, Measurements, evenly
+from lab.core.probability import binomial_cdf, f_cdf, f_sf, normal_ppf
 from lab.core.se3 import Array
 from lab.core.significance import LACK_OF_FIT, UNSOLICITED_WARNING, VERDICT_LACK_OF_FIT
 from lab.kinematics.model import Model
@@ -29,7 +31,9 @@ __all__ = [
     "is_doubted",
     "isotropy",
     "lack_of_fit_not_tested",
+    "repeats",
     "sandwich",
+    "upper_tolerance_bound",
 ]
 
 _TOLD = 1e-3  # of a column that the model does not say already
@@ -292,3 +296,40 @@ def sandwich(linear: LinearizedFit) -> Sandwich:
     means = sums[0] - np.trace(inner, axis1=1, axis2=2)
     squares = sums[1] - 2 * cross + (inner**2).sum(axis=(1, 2))
     return Sandwich(within.back @ meat @ within.back.T, matched_dof(means, 2 * squares))
+
+
+def repeats(rows: Measurements) -> NDArray[np.int_]:
+    """``(n,)`` labels: rows that share one are repeats of the same, whose scatter is noise alone.
+
+    They agree in joints, payload, approach, session, station and place; the time is passed over, or nothing would
+    repeat.
+    """
+    told = [column for name, column in rows.conditions.items() if name.startswith(("payload_", "approach_", FIXTURE))]
+    columns = [rows.sessions, *(rows.other.get(name, rows.sessions) for name in ("station", "location", "socket"))]
+    texts = list(zip(*columns, strict=True))
+    kinds = {text: float(i) for i, text in enumerate(dict.fromkeys(texts))}
+    group = np.array([kinds[text] for text in texts])
+    return configurations(np.column_stack([rows.joints, *(np.nan_to_num(column) for column in told), group]))
+
+
+_SHARE = _CONFIDENCE = 0.95
+_FEWEST = 3
+
+
+def upper_tolerance_bound(lengths: Array) -> float:
+    """The 95 %/95 % upper tolerance bound of independent lengths ``(n,)``; infinite where there are fewer than three.
+
+    From 59 lengths on it is the smallest of them that serves, whatever their distribution is (Wilks 1941). Of fewer,
+    the cube root of their squares is taken for normal (Wilson & Hilferty 1931), with the factor of a normal sample
+    (Krishnamoorthy & Mathew 2009, equation 2.2.3).
+    """
+    count = len(lengths)
+    if count < _FEWEST:
+        return float("inf")
+    ranks = np.arange(1, count + 1)
+    serves = binomial_cdf(ranks - 1, count, _SHARE) >= _CONFIDENCE
+    if serves.any():
+        return float(np.sort(lengths)[int(np.argmax(serves))])
+    roots = np.cbrt(lengths**2)
+    factor = scipy.stats.nct.ppf(_CONFIDENCE, count - 1, normal_ppf(_SHARE) * np.sqrt(count)) / np.sqrt(count)
+    return float((roots.mean() + factor * roots.std(ddof=1)) ** 1.5)

@@ -11,12 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import Fit, Observations
-from lab.calibration.statistics.clustered_rows import ClusteredRows
-from lab.calibration.statistics.linearized import FULL_RANK, linearized
+from lab.calibration.statistics.linearized import FULL_RANK, ClusteredRows, linearized
 from lab.calibration.validation import configurations
 from lab.core.linear_model import LinearModel, p_value_of_squares
 from lab.core.measurements import Measurements, setups
-from lab.core.probabilities import t_sf
+from lab.core.probability import t_sf
 from lab.core.se3 import Array
 from lab.core.significance import UNSOLICITED_WARNING
 from lab.kinematics.model import Model

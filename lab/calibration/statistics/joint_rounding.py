@@ -6,7 +6,7 @@ import numpy as np
 
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.se3 import Array
-from lab.kinematics.encoders import Encoders
+from lab.kinematics.joints import Encoders
 from lab.kinematics.model import Model
 
 __all__ = ["Rounding", "by_joint_positions", "counting", "rounding"]

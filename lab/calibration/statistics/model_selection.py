@@ -19,11 +19,21 @@ import numpy as np
 from lab.calibration.identify import Identification, IdentifyOptions
 from lab.calibration.observation import observation_of
 from lab.calibration.statistics.alternatives import Alternative, alternatives
-from lab.calibration.statistics.candidate_models import LEAST_SIGMA_M, FullModel, ModelWith, NominalOf, SelectionTask
-from lab.calibration.statistics.clustered_rows import ClusterTest
-from lab.calibration.statistics.nested_models import HeldOutGain, NestedModels, Score
-from lab.calibration.statistics.term_search import FoundTerm, TermSearch, TermTable
-from lab.calibration.statistics.useful_parameters import TELLING
+from lab.calibration.statistics.candidate_models import (
+    LEAST_SIGMA_M,
+    TELLING,
+    FoundTerm,
+    FullModel,
+    HeldOutGain,
+    ModelWith,
+    NestedModels,
+    NominalOf,
+    Score,
+    SelectionTask,
+    TermSearch,
+    TermTable,
+)
+from lab.calibration.statistics.linearized import ClusterTest
 from lab.calibration.validation import ROWS_PER_PARAMETER, configurations
 from lab.calibration.weights import Noise, weighed
 from lab.core.errors import IncompleteColumnError

@@ -21,7 +21,7 @@ from lab.calibration.statistics.linearized import (
     smallest_p,
 )
 from lab.core.linear_model import p_value_of_squares
-from lab.core.probabilities import chi2_isf, chi2_ppf, normal_sf
+from lab.core.probability import chi2_isf, chi2_ppf, normal_sf
 from lab.core.se3 import Array
 from lab.core.significance import CAMPAIGN_OUTLIERS
 from lab.kinematics.model import Model

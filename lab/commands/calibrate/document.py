@@ -9,28 +9,25 @@ from lab.calibration.fitted import Named
 from lab.calibration.identifiability import Direction
 from lab.calibration.prior import ActingPrior
 from lab.calibration.sensor import SensorWords
-from lab.calibration.statistics.explained_error import ExplainedError
+from lab.calibration.statistics.remaining_error import ExplainedError
 from lab.calibration.verdict import Answer, Verdict, Word, rotation_noise_rad
-from lab.commands.calibrate.figure_blocks import (
+from lab.commands.calibrate.figures import (
     arm_figures,
+    correction_pictures,
     correlation_figure,
+    error_histograms,
+    has_correction,
     residual_figures,
     selection_figure,
     singular_value_figure,
     where_figures,
 )
-from lab.commands.calibrate.figures import (
-    correction_pictures,
-    error_histograms,
-    has_correction,
-)
-from lab.commands.calibrate.findings import correlated_pairs
-from lab.commands.calibrate.result import CalibrationResult, errors_without_outliers, outliers_found
-from lab.commands.provenance import provenance_section
+from lab.commands.calibrate.result import CalibrationResult, correlated_pairs, errors_without_outliers, outliers_found
+from lab.commands.run_folder import provenance_section
 from lab.core.checks import Check
-from lab.core.serials import called
+from lab.core.errors import counted
+from lab.core.limits import called
 from lab.core.significance import VARIANCE_COMPONENTS
-from lab.core.wording import counted
 from lab.kinematics.parameter import Parameter
 from lab.render.document import (
     EVERYWHERE,
@@ -48,14 +45,19 @@ from lab.render.document import (
     Strong,
     Table,
     Warnings,
+    capital,
+    digits_of,
+    display_unit,
+    fixed,
+    plus_minus,
+    sentence,
+    short,
 )
-from lab.render.format import capital, digits_of, fixed, plus_minus, sentence, short
-from lab.render.phrases.models import model_name, standing
+from lab.render.phrases.fit import model_name, standing
 from lab.render.phrases.registry import in_one_line, phrases
 from lab.render.phrases.verdict import gate_words, region_words, without_figures
-from lab.render.units import display_unit
 
-__all__ = ["document_of", "parameters_table", "verdict_blocks"]
+__all__ = ["document_of", "parameters_table"]
 
 _MOST_LISTED = 12  # rows of a table
 _MOST_PARTS = 5  # parameters of a direction
@@ -91,7 +93,7 @@ def document_of(result: CalibrationResult) -> Document:
     return Document(
         _title(result),
         (
-            *verdict_blocks(result.verdict, result.options.gate_mm),
+            *_verdict_blocks(result.verdict, result.options.gate_mm),
             Paragraph(_lead(result, words), "lead"),
             Warnings(_warnings(result)),
             _errors(result, words),
@@ -149,7 +151,7 @@ def _validated_on(result: CalibrationResult) -> str:
     return _VALIDATED[result.validation.judged_by].format(count=f"{result.after.count:,}")
 
 
-def verdict_blocks(verdict: Verdict, gate_mm: float | None) -> tuple[Block, ...]:
+def _verdict_blocks(verdict: Verdict, gate_mm: float | None) -> tuple[Block, ...]:
     """The word with its gate, the reasons where it is not good, and the three answers; nothing is told twice."""
     reasons = Bullets(tuple(map(capital, phrases(verdict.reasons))))
     because = (Paragraph("Because:"), reasons) if verdict.reasons else ()

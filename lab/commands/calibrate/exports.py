@@ -5,13 +5,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from lab.calibration.estimate import Estimate
-from lab.core.errors import LabError
+from lab.core.errors import LabError, counted
 from lab.core.measurements import evenly
 from lab.core.se3 import Array
-from lab.core.wording import counted
 from lab.formats.calibrated_module import largest_difference, module_text, plain_model, refusing_text
-from lab.kinematics.effects.conditions import PAYLOAD
-from lab.render.phrases.models import listed, model_name
+from lab.kinematics.effects.effect import PAYLOAD
+from lab.render.phrases.fit import listed, model_name
 
 __all__ = ["ArmExport", "comment_of_lacking"]
 

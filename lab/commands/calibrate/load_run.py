@@ -22,16 +22,14 @@ from lab.campaign.robot import Robot, load_robot, load_virtual
 from lab.commands.calibrate.exports import ArmExport
 from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.hand_load import HandLoad, carrying
-from lab.commands.integrity import said_of_edits
-from lab.commands.run_folder import LOAD_FILE
-from lab.core.errors import LabError, error_context
+from lab.commands.run_folder import LOAD_FILE, said_of_edits
+from lab.core.errors import LabError, be, error_context
+from lab.core.limits import called
 from lab.core.measurements import LAST_MOVE
 from lab.core.se3 import Array
-from lab.core.serials import called
-from lab.core.wording import be
 from lab.formats.noise_model import NoiseModel
 from lab.formats.structured import read_structured, structured
-from lab.kinematics.effects.conditions import PAYLOAD
+from lab.kinematics.effects.effect import PAYLOAD
 from lab.noise.instruments import Instrument
 from lab.render.phrases.verdict import gate_words
 from lab.sensors.registry import sensor_named
@@ -53,7 +51,6 @@ __all__ = [
     "read_calibrated",
     "read_header",
     "refuse_other_parameters",
-    "said_of_extrapolated",
 ]
 
 Campaign = VirtualCampaign | MeasuredCampaign
@@ -383,7 +380,7 @@ def condition_notes(run: CalibrationRun, file: object, given: Sequence[str], row
     return said
 
 
-def said_of_extrapolated(what: str, ids: list[str], count: int) -> list[str]:
+def _said_of_extrapolated(what: str, ids: list[str], count: int) -> list[str]:
     """Word that targets or poses are extrapolated, with the first of them; nothing where none is.
 
     Args:

@@ -19,21 +19,27 @@ from lab.commands.calibrate.document import parameters_table
 from lab.commands.calibrate.result import CalibrationResult
 from lab.commands.calibrate.scene import Scene, scene
 from lab.core.se3 import Array
-from lab.render.document import Bullets, Document, Section, Strong, Text
-from lab.render.format import format_magnification
+from lab.render.document import Bullets, Document, Section, Strong, Text, format_magnification
 from lab.render.markdown import to_markdown
-from lab.render.poses_in_time import TIME, draw_moves, pose_times
-from lab.render.recording_layout import SUMMARY, bars, close_view, eye, layout, main_view
-from lab.render.rerun_primitives import (
+from lab.render.recording import (
+    SUMMARY,
+    TIME,
     Times,
+    bars,
+    close_view,
     draw_beams,
     draw_ellipsoid,
     draw_instrument,
     draw_legs,
+    draw_moves,
     draw_shells,
     draw_tag,
     draw_tracker,
+    eye,
+    layout,
+    main_view,
     markdown,
+    pose_times,
     recording_to,
 )
 from lab.render.scene import legs_legend

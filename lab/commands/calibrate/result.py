@@ -11,44 +11,38 @@ import numpy as np
 from lab.calibration.estimate import Estimate, EstimatedParameter, estimate_of
 from lab.calibration.estimate_files import measured_range_to_dict, residual_to_dict, save_estimate
 from lab.calibration.fitted import Fitted, Named
-from lab.calibration.identifiability import Direction
-from lab.calibration.identify import Identification
-from lab.calibration.most_likely_parameters import most_likely_parameters
+from lab.calibration.gauss_newton import Observations
+from lab.calibration.identifiability import Direction, weak_directions
+from lab.calibration.identify import Identification, most_likely_parameters
 from lab.calibration.noise.rigid_distances import InstrumentNoise
 from lab.calibration.observation import observation_of
 from lab.calibration.prior import Tolerance
 from lab.calibration.residual.estimation import ExpectedGain
 from lab.calibration.residual.process import GROUP
 from lab.calibration.sensor import Sensor
-from lab.calibration.statistics.explained_error import ExplainedError
 from lab.calibration.statistics.model_selection import GroupTrial
-from lab.calibration.statistics.remaining_error import RemainingError
+from lab.calibration.statistics.remaining_error import ExplainedError, RemainingError
 from lab.calibration.validation import TruthComparison, Validation
-from lab.calibration.validation_bounds import ValidationBounds
 from lab.calibration.verdict import Answer, Verdict, rotation_noise_rad
-from lab.calibration.workspace_prediction import Distance, RegionPrediction
+from lab.calibration.workspace_prediction import Distance, RegionPrediction, ValidationBounds
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot
 from lab.commands.calibrate.exports import ArmExport, comment_of_lacking
-from lab.commands.calibrate.findings import (
-    JointStiffness,
-    correlated_pairs,
-    direction_to_dict,
-    stiffnesses,
-    weak_directions_of,
-)
 from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.hand_load import read_hand_load
-from lab.commands.result import Result
-from lab.commands.values import ErrorStatistics, error_statistics, exit_code_of, number
+from lab.commands.result import ErrorStatistics, Result, error_statistics, exit_code_of, number
+from lab.core import se3
 from lab.core.checks import Check, Outcome
+from lab.core.linear_model import triangle_of
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.formats.calibrated_module import MODULE_FILE
 from lab.formats.noise_model import noise_model_to_dict
 from lab.kinematics.effects.registry import said_of_term
+from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
 from lab.kinematics.parameter import targets_of
+from lab.kinematics.serial.khalil_frames import ANGULAR, SYMBOLS, khalil_frame
 from lab.render.phrases.registry import in_one_line, phrase, phrases
 from lab.render.phrases.verdict import gate_words
 from lab.simulation.true_robot import TrueRobot
@@ -58,7 +52,83 @@ if TYPE_CHECKING:
 
     from lab.render.document import Document
 
-__all__ = ["CalibrationResult", "errors_without_outliers", "outliers_found"]
+__all__ = [
+    "CalibrationResult",
+    "CorrelatedPair",
+    "JointStiffness",
+    "correlated_pairs",
+    "direction_to_dict",
+    "errors_without_outliers",
+    "khalil_rows",
+    "outliers_found",
+    "stiffnesses",
+]
+
+_CORRELATED = 0.95  # the least correlation that is called strong
+
+
+@dataclass(frozen=True)
+class JointStiffness:
+    """Stiffness of a joint and its standard deviation, Nm/rad; NaN where that is not known."""
+
+    joint: str
+    stiffness: float
+    std: float
+
+
+@dataclass(frozen=True)
+class CorrelatedPair:
+    """Two parameters whose errors are strongly correlated."""
+
+    names: tuple[str, str]
+    correlation: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """An entry of ``correlated`` in ``result.json``."""
+        return {"parameters": list(self.names), "correlation": self.correlation}
+
+
+def stiffnesses(identification: Identification, chain: JointSpec) -> tuple[JointStiffness, ...]:
+    """Stiffness of the hinges whose compliance was fitted and is above zero."""
+    found = []
+    for i, std in zip(identification.fit.free, identification.std, strict=True):
+        parameter, compliance = identification.model.parameters[i], float(identification.values[i])
+        joint = parameter.joint
+        if parameter.kind == "compliance" and joint is not None and compliance > 0 and not chain.prismatic[joint]:
+            found.append(JointStiffness(chain.joint_names[joint], 1 / compliance, float(std) / compliance**2))
+    return tuple(found)
+
+
+def correlated_pairs(identification: Identification) -> tuple[CorrelatedPair, ...]:
+    """Pairs of identified parameters that are strongly correlated, the strongest first."""
+    names, std = [identification.model.names[i] for i in identification.fit.free], identification.std
+    if not (np.isfinite(std).all() and (std > 0).all()):
+        return ()
+    matrix = np.triu(identification.covariance / np.outer(std, std), 1)
+    pairs = np.argwhere(np.abs(matrix) > _CORRELATED)
+    order = sorted(pairs.tolist(), key=lambda pair: -abs(matrix[pair[0], pair[1]]))
+    return tuple(CorrelatedPair((names[i], names[j]), round(float(matrix[i, j]), 4)) for i, j in order)
+
+
+def _weak_directions_of(identification: Identification, fitted: Measurements) -> tuple[Direction, ...]:
+    """Directions of the identified parameters that the fitted measurements hardly observe."""
+    model, free = identification.model, list(identification.fit.free)
+    seen = Observations(fitted.inputs(model.conditions), fitted.points, np.ones(fitted.points.shape[:2]))
+    triangle = triangle_of(
+        each.apply(model.observe(each.inputs, identification.values)[1][..., free]) for each in seen.blocks()
+    )
+    return weak_directions(
+        [model.names[i] for i in free], triangle, rows=int(fitted.seen.sum() * fitted.points.shape[2])
+    )
+
+
+def direction_to_dict(direction: Direction) -> dict[str, Any]:
+    """A weak direction as plain values; ``parts`` in SI units."""
+    return {
+        "singular_value": direction.singular_value,
+        "moved_mm": 1e3 * direction.moved,
+        "parts": dict(direction.parts),
+    }
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -146,7 +216,7 @@ class CalibrationResult(Result):
     @cached_property
     def weak_directions(self) -> tuple[Direction, ...]:
         """Directions of the parameters that the fitted measurements hardly observe."""
-        return weak_directions_of(self.identification, self.fitted)
+        return _weak_directions_of(self.identification, self.fitted)
 
     @property
     def before(self) -> ErrorStatistics | None:
@@ -323,7 +393,6 @@ class CalibrationResult(Result):
 
     def write(self, folder: Path) -> None:
         """Write every file of the run into a folder that is there."""
-        from lab.commands.calibrate.khalil_rows import khalil_rows
         from lab.commands.run_folder import write_config
         from lab.formats.measurement_csv import write_measurements
 
@@ -481,3 +550,72 @@ def _distance_to_dict(found: Distance | None) -> dict[str, Any] | None:
 def _outlier_to_dict(pose: Named) -> dict[str, Any]:
     where = {} if pose.line is None else {"line": pose.line}
     return {"id": pose.id, **where, "size_mm": 1e3 * pose.size_m, "p": pose.p, "held_out": pose.held_out}
+
+
+_STEP = 1e-6  # m or rad, of central differences
+_BASE = tuple(f"base.{axis}" for axis in ("x", "y", "z", "rx", "ry", "rz"))
+_TURN = ("tool.rx", "tool.ry", "tool.rz")
+
+
+def khalil_rows(estimate: Estimate, width_95: float) -> list[dict[str, Any]]:
+    """Return rows of Z (the base in the instrument's frame) and of E of each target (in the last frame), if any.
+
+    Their intervals are those of the base and the tool, carried over by the derivatives. Where no orientation of the
+    tool was measured, E's is that of the last frame, so that its axes are parallel; a ``note`` says it. There are none
+    without a base.
+
+    Args:
+        estimate: of any model.
+        width_95: half of the widest 95 % interval of a parameter, in standard deviations.
+    """
+    names = list(estimate.params)
+    if not set(_BASE) <= set(names):
+        return []
+    owners = {"Z": list(_BASE)}
+    turn = [name for name in _TURN if name in names]
+    for target in estimate.rigid.targets:
+        owners[f"E.{target}"] = [*(f"tool.{target}.{axis}" for axis in "xyz"), *turn]
+    return [row for owner, index in owners.items() for row in _rows(owner, index, estimate, width_95)]
+
+
+def _pose(values: Array) -> Array:
+    """A pose of a position (m) and a rotation vector (rad), which may be left out."""
+    return se3.pose(se3.exp(values[3:] if len(values) == 6 else np.zeros(3)), values[:3])
+
+
+def _six(values: Array) -> Array:
+    return khalil_frame(_pose(values)).values
+
+
+def _rows(owner: str, names: Sequence[str], estimate: Estimate, wide: float) -> list[dict[str, Any]]:
+    given = [estimate.params[name] for name in names]
+    values = np.array([each.estimate for each in given])
+    frame = khalil_frame(_pose(values))
+    nominal, exported = (_six(np.array([getattr(row, key) for row in given])) for key in ("nominal", "exported"))
+    std = _deviations(values, names, estimate)
+    rows = []
+    for i, symbol in enumerate(SYMBOLS):
+        value, deviation = float(frame.values[i]), None if frame.note else number(float(std[i]))
+        row: dict[str, Any] = {
+            "name": f"{owner}.{symbol}",
+            "unit": "rad" if ANGULAR[i] else "m",
+            "nominal": float(nominal[i]),
+            "estimate": value,
+            "exported": float(exported[i]),
+            "std": deviation,
+            "interval_95": None if deviation is None else [value - wide * deviation, value + wide * deviation],
+            "status": "converted",
+            "weakly_observable": False,
+            "aliases": {},
+        }
+        rows.append(row | ({"note": frame.note} if frame.note else {}))
+    return rows
+
+
+def _deviations(values: Array, names: Sequence[str], estimate: Estimate) -> Array:
+    """Standard deviations ``(6,)`` of the six, from those of the fitted ones among these parameters."""
+    fitted = [k for k, name in enumerate(names) if name in estimate.identified]
+    steps = _STEP * np.eye(len(names))[fitted]
+    slopes = np.array([(_six(values + step) - _six(values - step)) / (2 * _STEP) for step in steps]).reshape(-1, 6)
+    at = [estimate.identified.index(names[k]) for k in fitted]
+    return np.sqrt(np.maximum(np.diag(slopes.T @ estimate.covariance[np.ix_(at, at)] @ slopes), 0.0))

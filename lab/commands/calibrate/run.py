@@ -1,8 +1,8 @@
-"""One campaign: plan, measure, identify, assess; on a virtual arm, or on measurements of a real one."""
+"""Run one campaign: simulate or read the measurements, identify, validate and judge."""
 
 import time
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
@@ -13,6 +13,7 @@ import numpy as np
 from lab.calibration.checks.fit import note
 from lab.calibration.fitted import Fitted, Judging
 from lab.calibration.fitter import Fitter
+from lab.calibration.identify import spread
 from lab.calibration.pipeline import FITTING, STEPS, PipelineOptions, run_steps, start
 from lab.calibration.validation import TruthComparison, Validation, compare_with_truth, errors_of, validate_file
 from lab.calibration.weights import Noise
@@ -20,25 +21,242 @@ from lab.campaign.instruments import named_instrument
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot, load_robot, load_virtual
 from lab.campaign.task_region import task_region
-from lab.campaign.virtual_robot import truth_of
-from lab.commands.calibrate.measured_rows import read_rows, robot_of
+from lab.campaign.virtual_robot import (
+    asked_conditions,
+    drawn_conditions,
+    fresh_poses,
+    perturbed_arm,
+    poses_to_measure,
+    truth_of,
+)
 from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.calibrate.result import CalibrationResult
-from lab.commands.calibrate.simulate import MeasuringDay, measuring_day
-from lab.commands.hand_load import carrying
-from lab.commands.keywords import options_of, takes
+from lab.commands.command_line import options_of, takes
+from lab.commands.hand_load import HandLoad, carrying
 from lab.core.checks import Check
-from lab.core.errors import error_context
-from lab.core.measurements import Measurements
+from lab.core.errors import LabError, error_context
+from lab.core.measurements import Measurements, setups, thinned, without_copies
+from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.effects.registry import CAMPAIGN_SPECIFIC
 from lab.noise.instruments import observing
 from lab.render.phrases.registry import phrases
-from lab.render.progress import Stage, status
+from lab.render.terminal import Stage, status
+from lab.sensors.registry import sensor_named
 from lab.simulation.effects import true_parameters
 from lab.simulation.true_robot import TrueRobot
 
-__all__ = ["CalibrationResult", "calibrate", "identify"]
+__all__ = [
+    "CalibrationResult",
+    "MeasuringDay",
+    "calibrate",
+    "checked",
+    "identify",
+    "measuring_day",
+    "robot_of",
+    "simulate",
+]
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class MeasuringDay:
+    """What a virtual measuring day gives.
+
+    Attributes:
+        robot: the nominal model, which is all that an identification may know.
+        measurements: points (m) in the instrument's frame, and joint positions (rad or m) as the controller has them.
+        true_robot: what was measured: a robot that differs from its nominal model, and where the instrument stood.
+        outliers: ids of the rows whose reading is bad.
+    """
+
+    options: VirtualCampaign
+    robot: Robot
+    measurements: Measurements
+    true_robot: TrueRobot
+    outliers: frozenset[str]
+
+    @property
+    def validation(self) -> Measurements:
+        """Exact points (m, in the instrument's frame) at 1,000 random poses that were not measured."""
+        fresh = fresh_poses(self.true_robot, self.options, asked_conditions(self.robot, self.options))
+        return replace(fresh, robot=self.robot.source)
+
+    def __repr__(self) -> str:
+        rows = len(self.measurements)
+        return f"<MeasuringDay: {rows} poses of {self.robot.name}, targets {', '.join(self.measurements.targets)}>"
+
+
+@takes(VirtualCampaign)
+def simulate(robot: str | Path | Robot | VirtualCampaign = "irb120", **options: Any) -> MeasuringDay:
+    """Simulate a measuring day: perturb a robot, set up an instrument, and measure poses that touch nothing.
+
+    Args:
+        robot: a model's name, a path, or a loaded robot; or all options in one object.
+        options: those of ``lab calibrate``, by name: ``poses``, ``seed``, ``targets``, ``instrument``,
+            ``position_sigma_mm``, ``backlash_mrad`` and so on.
+
+    Returns:
+        The measurements (m, in the instrument's frame), the nominal robot and the true one. The same options give the
+        same measurements as ``lab calibrate``.
+
+    Raises:
+        LabError: an option is unknown or makes no sense; the message says what is valid.
+
+    Example:
+        >>> import lab
+        >>> day = lab.simulate("irb120", poses=20, seed=7)
+        >>> day.measurements.points.shape  # poses, targets, x y z
+        (20, 1, 3)
+    """
+    if isinstance(robot, VirtualCampaign):
+        return measuring_day(robot, load_virtual(robot.robot, robot.cell))[0]
+    known = load_virtual(robot)
+    asked = options_of("lab.simulate", VirtualCampaign, {"robot": known.source, **options})
+    return measuring_day(asked, known.placed_in(asked.cell))[0]
+
+
+def measuring_day(options: VirtualCampaign, robot: Robot) -> tuple[MeasuringDay, Mapping[str, Array]]:
+    """The measuring day of these options, with a robot that ``load_virtual`` gave.
+
+    Returns:
+        The day, and what is identified beside the arm (``SimulatedReadings.placed``), for the assessment alone.
+
+    Raises:
+        LabError: an option makes no sense, or is of another robot, instrument or kind of observation.
+    """
+    options.check()
+    robot, _ = carrying(robot, options.fitting.load, accept_edited=options.fitting.accept_edited)
+    robot.refuse_unknown(options.targets)
+    sensor = options.kind()
+    device = observing(named_instrument(options.instrument), options.observe)
+    if options.plan is not None and sensor.finds_poses:
+        raise LabError(f"--plan is not of --observe {options.observe}: where the arm touches follows from the fixtures")
+    real = perturbed_arm(robot, options)
+    joints, set_there, notes = poses_to_measure(robot, options)
+    asked = asked_conditions(robot, options)
+    conditions = drawn_conditions(real, options, len(joints), rng_for(options.seed, "conditions"), asked) | set_there
+    noise = rng_for(options.seed, "noise")
+    found = sensor.simulate(real, joints, options.targets, device, noise, options.readings, conditions, options)
+    named = frozenset(np.array(found.measurements.ids)[found.bad].tolist())
+    day = MeasuringDay(options, robot, replace(found.measurements, warnings=notes, robot=robot.source), real, named)
+    return day, found.placed
+
+
+_ANOTHER_UNIT = 100.0  # times as far as the robot's points: mm taken for m are a thousand
+_LEAST_SPREAD_M = 1.0  # no error of a robot is as large
+LEAST_ROWS = 3
+_SPREAD_OF = 4_000  # of more poses the spread of so many is as good
+
+
+def robot_of(call: str, data: Measurements, robot: str | Path | Robot | None) -> Robot:
+    """The robot of measurements in memory: the given one, else the one whose name they have.
+
+    Args:
+        call: what an error calls the call.
+        data: the measurements.
+        robot: a name, a path, or a loaded robot; None where the measurements are to say it.
+
+    Raises:
+        LabError: neither says which robot it is, it cannot be loaded, or its joints are others.
+    """
+    if robot is None and not data.robot:
+        raise LabError(f"{call}: the measurements do not say of which robot they are; give robot=")
+    known = load_robot(data.robot if robot is None else robot)
+    _refuse_other_joints(call, data, known)
+    return known
+
+
+def _refuse_other_joints(what: str | Path, data: Measurements, robot: Robot) -> None:
+    """A LabError for measurements in memory whose joints are not the robot's: by number, name, or type where known."""
+    chain, names = robot.chain, data.joint_names
+    plain = tuple(f"q{j + 1}" for j in range(chain.size))
+    if len(names) != chain.size or (names != chain.joint_names and plain not in (names, chain.joint_names)):
+        raise LabError(
+            f"{what}: joints {', '.join(names)} were measured, but robot {robot.name} has "
+            f"{', '.join(chain.joint_names)}; take the right robot"
+        )
+    slides = chain.prismatic if data.robot in ("", robot.source) else _slides(data.robot)
+    if slides is not None and tuple(slides) != tuple(chain.prismatic):
+        j = [a == b for a, b in zip(slides, chain.prismatic, strict=True)].index(False)
+        kinds = ("a slide", "revolute") if slides[j] else ("revolute", "a slide")
+        raise LabError(
+            f"{what}: joint {names[j]} is {kinds[0]} of robot {data.robot}, which was measured, but {kinds[1]} of "
+            f"robot {robot.name}; take the right robot"
+        )
+
+
+def _read_rows(
+    robot: Robot, path: Path, options: MeasuredCampaign, load: HandLoad | None, given: Measurements | None = None
+) -> Measurements:
+    """The rows of a file, or those given in memory, with what the robot carries there.
+
+    Args:
+        robot: whose they are.
+        path: of the file; of rows in memory what an error calls them.
+        options: what is observed, and how.
+        load: what the robot carries; None for nothing.
+        given: the rows in memory; None where the file is to be read.
+
+    Raises:
+        LabError: the file cannot be read, rows in memory cannot be the robot's, joints are impossible, or next to
+            nothing but copied rows is left.
+    """
+    chain, sensor = robot.chain, sensor_named(options.observe)
+    positions = sensor.in_instrument_frame
+    if given is None:
+        read = read_measurements(path, chain.joint_names, chain.prismatic, columns=sensor.columns)
+        read = replace(read, robot=robot.source)
+    else:
+        read = checked(path, given, robot, points=positions)
+    robot.refuse_impossible(path, read.take([i for i, use in enumerate(read.use) if use != "skip"]))
+    read = without_copies(path, read) if positions else read
+    return read if load is None else load.weighed(read)
+
+
+def checked(what: str | Path, data: Measurements, robot: Robot, *, points: bool = True) -> Measurements:
+    """Measurements in memory, as those of a robot.
+
+    Args:
+        what: what an error calls them.
+        data: joint positions (rad or m) and points (m).
+        robot: whose they are to be.
+        points: whether points are observed.
+
+    Raises:
+        LabError: the joints are not the robot's, or the points spread so much further than the robot's that they are
+            in another unit.
+    """
+    _refuse_other_joints(what, data, robot)
+    if points:
+        _refuse_another_unit(what, data, robot)
+    return replace(data, robot=robot.source)
+
+
+def _slides(robot: str) -> tuple[bool, ...] | None:
+    """Which joints of a robot slide; None where it is no longer there to say so."""
+    try:
+        return load_robot(robot).chain.prismatic
+    except LabError:
+        return None
+
+
+def _refuse_another_unit(what: str | Path, data: Measurements, robot: Robot) -> None:
+    some = thinned(data.take(np.flatnonzero(data.seen.any(axis=1) & (np.array(data.use) != "skip"))), _SPREAD_OF)
+    arm, ratios = robot.arm(data.targets), list[float]()
+    predicted = arm.points(some.joints, arm.nominal(robot.tool))
+    predicted = np.where(np.isnan(some.points), np.nan, predicted)
+    placed = setups(some)
+    for each in dict.fromkeys(placed):  # each in a frame of its own
+        rows = [i for i, setup in enumerate(placed) if setup == each]
+        measured_m, robot_m = spread(some.points[rows]), spread(predicted[rows])
+        if len(rows) >= LEAST_ROWS and measured_m > _LEAST_SPREAD_M:
+            ratios.append(measured_m / max(robot_m, 1e-9))
+    if ratios and (times := float(np.median(ratios))) > _ANOTHER_UNIT:
+        raise LabError(
+            f"{what}: the points spread {times:,.0f} times as far as the robot's do in these poses; points in memory "
+            "are in m: divide them by 1000 if they are in mm"
+        )
 
 
 @takes(VirtualCampaign)
@@ -178,9 +396,9 @@ def _of_measurements(
     options.check()
     stage("1 of 3, reading the measurements")
     robot, load = carrying(robot, options.fitting.load, accept_edited=options.fitting.accept_edited)
-    data, other = read_rows(robot, options.file, options, load, given.get("file")), None
+    data, other = _read_rows(robot, options.file, options, load, given.get("file")), None
     if options.validate is not None:
-        read = read_rows(robot, options.validate, options, load, given.get("validate"))
+        read = _read_rows(robot, options.validate, options, load, given.get("validate"))
         other = read.take(np.flatnonzero(read.seen.any(axis=1)))
     kind, device = options.kind(), options.instrument
     asked = PipelineOptions(

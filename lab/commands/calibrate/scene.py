@@ -6,27 +6,27 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.calibration.identify import Identification
+from lab.calibration.identify import Identification, ellipsoids, mapping_ellipsoids, position_covariance
 from lab.calibration.observation import observation_of
 from lab.calibration.stations import in_first_frame, station_poses
-from lab.calibration.uncertainty import ellipsoids, mapping_ellipsoids, position_covariance
 from lab.commands.calibrate.result import CalibrationResult
 from lab.core import se3
 from lab.core.measurements import rows_called, seen_mask
 from lab.core.se3 import Array
-from lab.kinematics.effects.stations import at_first_station
+from lab.kinematics.effects.sessions import at_first_station
 from lab.kinematics.model import RigidArm
 from lab.render.scene import (
     LARGEST_FACTOR,
+    Legs,
     MagnifiedEllipsoids,
     drawn_rows,
     magnification,
     magnified,
     moved,
     reach_of,
+    skeleton,
     world_legs,
 )
-from lab.render.skeleton import Legs, skeleton
 from lab.simulation.meshes import Shell, body_poses, instrument_body, shells, station_stands
 
 __all__ = ["OutlierPose", "Scene", "scene", "world_of"]

@@ -7,7 +7,7 @@ from typing import Literal
 import tyro
 
 from lab.campaign.option_types import Flag
-from lab.core.numbers import positive
+from lab.core.limits import positive
 
 __all__ = ["CertifyOptions"]
 

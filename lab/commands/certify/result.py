@@ -8,23 +8,45 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lab.certification.budget import COVERAGE, Budget, BudgetLine, InputQuantity
-from lab.certification.characteristics import CHARACTERISTICS, Accuracy, PoseAccuracy, Repeats
-from lab.certification.conformity import Conformity
+from lab.certification.characteristics import CHARACTERISTICS, Accuracy, Conformity, PoseAccuracy, Repeats
 from lab.certification.lack_of_fit import LackOfFit
 from lab.commands.calibrate.load_run import CalibrationRun
 from lab.commands.certify.options import CertifyOptions
-from lab.commands.result import Result
-from lab.commands.values import ErrorStatistics, error_statistics, number
+from lab.commands.result import ErrorStatistics, Result, error_statistics, number
+from lab.commands.run_folder import provenance_section
 from lab.compensation.iso9283 import CYCLES
 from lab.core.checks import Check
 from lab.core.se3 import Array
 from lab.formats.certificate_toml import CertificateDetails
 from lab.noise.instruments import Instrument
-from lab.render.phrases.registry import phrase
+from lab.render.charts.chart import axes_picture
+from lab.render.charts.marks import Axes
+from lab.render.document import (
+    PAGE,
+    Badge,
+    Block,
+    Column,
+    Document,
+    Figure,
+    Paragraph,
+    Picture,
+    Row,
+    Section,
+    Strong,
+    Table,
+    Warnings,
+    capital,
+    digits_of,
+    fixed,
+    sentence,
+    short,
+)
+from lab.render.phrases.registry import in_one_line, phrase
 from lab.render.phrases.verdict import gate_words
+from lab.render.style import AFTER
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure as MatplotlibFigure
 
     from lab.render.document import Document
 
@@ -162,9 +184,7 @@ class Certificate(Result):
 
     def document(self) -> "Document":
         """What a person reads, prints and signs."""
-        from lab.commands.certify.document import certificate_document
-
-        return certificate_document(self)
+        return _certificate_document(self)
 
     def columns(self) -> Mapping[str, Sequence[Any]]:
         """The lines of both budgets."""
@@ -176,11 +196,9 @@ class Certificate(Result):
             "share": [line.share for _, line in rows],
         }
 
-    def plot(self) -> "Figure":
+    def plot(self) -> "MatplotlibFigure":
         """Draw what each quantity contributes to the uncertainty of a position."""
-        from lab.commands.certify.document import contributions_picture
-
-        return contributions_picture(self.budgets[0]).draw()
+        return _contributions_picture(self.budgets[0]).draw()
 
     def write(self, folder: Path) -> None:
         """Write ``config.json``, ``result.json`` and ``report.html``."""
@@ -301,3 +319,323 @@ def _line_to_dict(line: BudgetLine) -> dict[str, Any]:
         "contribution_mm": 1e3 * line.contribution_m,
         "share": line.share,
     }
+
+
+_MEASURANDS = {
+    "position": "a calibrated position",
+    "distance": "a distance between two calibrated positions",
+}
+_STATISTICS = {"mean": "mean", "p95": "95th percentile", "max": "largest"}
+_VALIDATED = {
+    "fresh": "at validation poses of the virtual robot, without noise",
+    "holdout": "of the hold-out set",
+    "file": "of the validation measurements",
+    "cross-validation": "by cross-validation",
+}
+_VERDICTS = {"good": Badge("good", "good"), "doubtful": Badge("doubtful", "doubtful"), "bad": Badge("bad", "bad")}
+_DECISIONS = {
+    "conforms": Badge("conforms", "good"),
+    "does not conform": Badge("does not conform", "bad"),
+    "not decided": Badge("not decided", "doubtful"),
+}
+_NAMES = {
+    "temperature_c": "temperature, °C",
+    "pressure_hpa": "pressure, hPa",
+    "humidity_percent": "humidity, %",
+    "repeatability_mm": "repeatability (RP), as stated, mm",
+    "expansion_ppm_per_k": "expansion, ppm/K",
+}
+_MOST_DIGITS = 6
+_ENDLESS = 10_000  # degrees of freedom: from there on Student's t is normal to three digits
+_METHOD = (
+    "What was measured is the robot's points in the frame of the instrument; the result is the robot's model, with the "
+    "positions that it predicts. A calibrated position is where the model says that the first target is, at a pose of "
+    "the workspace. It depends on the quantities of the budget, each known within a standard uncertainty u; how far "
+    "each moves a position follows from the fit's linear map and from the closed forms of the instrument's errors. "
+    "Lines are root mean squares over 200 random poses of the workspace, also outside of the measured region.",
+    "The law of propagation sums the variances (JCGM 100:2008); the effective degrees of freedom are those of Welch "
+    "and Satterthwaite. The expanded uncertainty is the length that 95 % of the errors do not exceed, over poses and "
+    "calibrations like this one; k is its ratio to the combined standard uncertainty. A position is a vector, for "
+    "which k is 1.61 where its three coordinates are equally uncertain. Beside it the quantities were drawn from "
+    "their distributions (JCGM 101:2008): where the two differ in the digits that are given, what was drawn is "
+    "stated. Whole calibrations were drawn, too, and their parameters went through the full kinematics.",
+)
+
+
+def _certificate_document(result: Certificate) -> Document:
+    """Who measured what, the results with their uncertainty, the statement, the budgets, ISO 9283, the signature."""
+    robot, run = result.calibrated.robot, result.calibrated.result
+    name = result.details.certificate.number
+    badge = _VERDICTS.get(run.verdict, Badge(run.verdict))
+    return Document(
+        f"{result.calibrated.called}: calibration certificate{f' {name}' if name else ''}",
+        (
+            Paragraph(("The verdict of the calibration: ", badge, f" ({gate_words(run.gate_mm)}).")),
+            *_withheld(result),
+            Paragraph(_lead(result), "lead"),
+            Warnings(result.warnings),
+            Section("What was calibrated", _details(result)),
+            Section("Results", _results(result)),
+            *((Section("Validation against the budget", _validated(result)),) if result.validation else ()),
+            Section("Statement of conformity", _statement(result)),
+            *(
+                Section(f"Uncertainty budget of {_MEASURANDS[each.measurand]}", _budget(each))
+                for each in result.budgets
+            ),
+            *((Section("What the uncertainty does not contain", _unseen(result)),) if result.unseen else ()),
+            Section("Characteristics of ISO 9283:1998", _characteristics(result)),
+            Section("How the uncertainty was evaluated", tuple(Paragraph(text, shown_in=PAGE) for text in _METHOD)),
+            Section("Signature", (Table(("", ""), (("date", "_" * 24), ("signature", "_" * 40)), shown_in=PAGE),)),
+            provenance_section("certify", result.options, robot.sha256, result.calibrated.serial),
+        ),
+    )
+
+
+def _contributions_picture(budget: Budget) -> Picture:
+    """What each quantity contributes to the standard uncertainty."""
+    lines = sorted(budget.lines, key=lambda line: line.contribution_m)
+    sizes = 1e6 * np.array([line.contribution_m for line in lines])
+
+    def draw(axes: Axes) -> None:
+        at = np.arange(len(lines))
+        axes.barh(at, sizes, color=AFTER, height=0.6)
+        axes.set_yticks(at, [line.quantity.name for line in lines])
+        axes.set(ylim=(-0.7, len(lines) - 0.3), xlabel="contribution to the standard uncertainty, µm")
+        axes.grid(visible=False, axis="y")
+
+    largest = lines[-1].quantity.words
+    label = f"Contributions to the uncertainty of {_MEASURANDS[budget.measurand]}; the largest is of {largest}"
+    return axes_picture(
+        f"budget-{budget.measurand}", label, (6.4, 0.8 + 0.24 * len(lines)), draw, (2.9, 0.5, 0.15, 0.1)
+    )
+
+
+def _withheld(result: Certificate) -> tuple[Block, ...]:
+    """Report that the certificate is not issued, where details are impossible."""
+    if result.issued:
+        return ()
+    why = in_one_line(each for each in result.implausible if each.outcome == "failed")
+    badge = Badge("not issued", "bad")
+    return (Paragraph(("This certificate is ", badge, f": {why}. Correct --details, or measure again.")),)
+
+
+def _lead(result: Certificate) -> str:
+    position, distance = result.budgets
+    return (
+        f"The expanded uncertainty of {_MEASURANDS['position']} is {_uncertainty(position)}, that of "
+        f"{_MEASURANDS['distance']} {_uncertainty(distance)}; both with 95 % coverage over the workspace."
+    )
+
+
+def _uncertainty(budget: Budget) -> str:
+    digits = digits_of(1e3 * budget.expanded_m, _MOST_DIGITS)
+    return f"{fixed(1e3 * budget.expanded_m, digits)} mm (k = {budget.coverage_factor:.2f})"
+
+
+def _details(result: Certificate) -> tuple[Block, ...]:
+    parts: dict[str, list[tuple[str, str]]] = {
+        "Calibration": [
+            ("robot model", result.calibrated.robot.name),
+            ("measured", f"{result.poses} poses, targets {', '.join(result.calibrated.estimate.arm.targets)}"),
+            ("measured on", str(result.calibrated.options.date or "not stated")),
+            ("instrument", "not known" if result.device is None else result.device.name),
+        ]
+    }
+    for part, values in result.details.to_dict().items():
+        parts[part.capitalize()] = [(_name(key), _shown(value)) for key, value in values.items()]
+    rows = [("" if i else part, *row) for part, each in parts.items() for i, row in enumerate(each)]
+    missing = result.details.missing
+    left = f"Not stated: {', '.join(missing)}." if missing else ""
+    return Table(("", "", ""), tuple(rows)), Paragraph(left, "note")
+
+
+def _name(key: str) -> str:
+    return _NAMES.get(key, key.replace("_", " "))
+
+
+def _shown(value: object) -> str:
+    return short(value) if isinstance(value, float) else str(value)
+
+
+def _results(result: Certificate) -> tuple[Block, ...]:
+    run, distances = result.calibrated.result, result.distances
+    rows: list[Row] = []
+    where = "none: nothing was validated"
+    if run.before_mm is not None and run.after_mm is not None:
+        where = _VALIDATED.get(run.judged_by or "", "")
+        rows += [_position_row("nominal model", run.before_mm), _position_row("calibrated model", run.after_mm)]
+    names = "nominal model", "calibrated model"
+    rows += [_distance_row(name, each) for name, each in zip(names, distances, strict=True) if each is not None]
+    caption = f"Errors, mm. Positions {where}; distances between measured poses, which need no base"
+    return (Table(("error of a", "mean", "rms", "95 %", "max", "count"), tuple(rows), caption),)
+
+
+def _position_row(name: str, found: Mapping[str, float]) -> Row:
+    numbers = [short(found[key]) for key in ("mean", "rms", "p95", "max")]
+    return (f"position, {name}", *numbers, f"{found['count']:,.0f}")
+
+
+def _distance_row(name: str, found: ErrorStatistics) -> Row:
+    numbers = (found.mean, found.rms, found.p95, found.max)
+    return (f"distance, {name}", *map(short, numbers), f"{found.count:,}")
+
+
+def _statement(result: Certificate) -> tuple[Block, ...]:
+    found = result.conformity
+    if not result.issued:
+        return (Paragraph("None: the certificate is not issued."),)
+    if found is None:
+        why = "no tolerance was given" if result.calibrated.result.after_mm is not None else "nothing was validated"
+        return (Paragraph(f"None: {why}."),)
+    comparison = f" {_comparison(result, found)}"
+    rule = sentence(f"rule: {found.words}")
+    note = ""
+    if result.device is None and result.unseen:
+        note = (
+            "No instrument is named, so nothing ties the measurements to the metre: the uncertainty is that with what "
+            "the measurements cannot show."
+        )
+    return Paragraph((_DECISIONS[found.decision], comparison)), Paragraph(note, "note"), Paragraph(rule, "note")
+
+
+def _validated(result: Certificate) -> tuple[Block, ...]:
+    """The errors of the validation beside those that the budget predicts for it."""
+    found = result.validation
+    assert found is not None
+    rows: list[Row] = [
+        ("root mean square", short(1e3 * found.observed_rms_m), short(1e3 * found.expected_rms_m)),
+        ("95 %", short(1e3 * found.observed_95_m), short(1e3 * found.expected_95_m)),
+    ]
+    poses = f"{found.poses:,} poses {_VALIDATED.get(result.calibrated.result.judged_by or '', '')}"
+    words = (
+        f"On {poses} the errors are as large as the budget predicts, with the noise of their measurements "
+        f"(p = {found.p:.2g})."
+    )
+    if found.sigma_m:
+        words = (
+            f"On {poses} the errors are larger than the rest of the budget predicts (p = {found.p:.2g}). The budget "
+            f"has a line for this lack of fit: {short(1e3 * found.sigma_m)} mm in each coordinate."
+        )
+    caption = "Errors, mm. Predicted by the budget without the line for lack of fit"
+    return Table(("error", "observed", "predicted"), tuple(rows), caption), Paragraph(words)
+
+
+def _unseen(result: Certificate) -> tuple[Block, ...]:
+    """What nothing in the run shows, how large U would be with it, and what would show it."""
+    rows: tuple[Row, ...] = tuple((each.words, each.remedy) for each in result.unseen)
+    digits = [short(1e3 * each) for each in result.with_unseen_m]
+    words = (
+        "Neither the measurements nor the statements on the instrument show this. With it the expanded uncertainty "
+        f"would be {digits[0]} mm of a position and {digits[1]} mm of a distance."
+    )
+    return Table(("not contained in U", "what would show it"), rows), Paragraph(words)
+
+
+def _comparison(result: Certificate, found: Conformity) -> str:
+    value, tolerance, expanded = (short(1e3 * each) for each in (found.value_m, found.tolerance_m, found.expanded_m))
+    return (
+        f"The {_STATISTICS[result.options.statistic]} position error on validation poses, {value} mm, with an expanded "
+        f"uncertainty of {expanded} mm, against a tolerance of {tolerance} mm."
+    )
+
+
+def _budget(budget: Budget) -> tuple[Block, ...]:
+    columns: Sequence[str | Column] = (
+        "quantity",
+        Column("source", PAGE),
+        Column("distribution", PAGE),
+        "u",
+        Column("sensitivity, µm per unit", PAGE),
+        "µm",
+        "ν",
+        "%",
+    )
+    rows = tuple(_line(line) for line in budget.lines)
+    drawn = digits_of(1e3 * budget.tolerance_m, _MOST_DIGITS)
+    words = (
+        f"Combined standard uncertainty {short(1e3 * budget.combined_m)} mm, effective degrees of freedom "
+        f"{_freedom(budget.freedom)}, "
+        f"k = {budget.coverage_factor:.2f}: ",
+        Strong(f"U = {_uncertainty(budget)}, 95 % coverage."),
+        f" By Monte Carlo, {budget.draws:,} draws: {fixed(1e3 * budget.drawn_m, drawn)} mm, which "
+        f"{'confirms it' if budget.agrees else 'differs, and is stated'}. {_of_kinematics(budget)}",
+    )
+    drawing = f"Contributions to the uncertainty of {_MEASURANDS[budget.measurand]}."
+    figure = Figure(f"budget-{budget.measurand}-figure", (_contributions_picture(budget),), drawing)
+    caption = (
+        f"Standard uncertainty u, contribution in µm, degrees of freedom ν (∞: over {_ENDLESS:,}), "
+        "share of the variance in %"
+    )
+    return Table(tuple(columns), rows, caption), Paragraph(words), figure
+
+
+def _of_kinematics(budget: Budget) -> str:
+    """Whether the linear map of the parameters suffices."""
+    found, digits = budget.kinematics, digits_of(1e3 * budget.tolerance_m, _MOST_DIGITS)
+    full, linear = (fixed(1e3 * each, digits) for each in (found.full_m, found.linear_m))
+    return (
+        f"Through the full kinematics {found.draws:,} drawn calibrations give {full} mm, with the linear map {linear} "
+        "mm: " + ("the linear map suffices." if budget.is_linear else "U was multiplied by their ratio.")
+    )
+
+
+def _line(line: BudgetLine) -> Row:
+    quantity = line.quantity
+    uncertainty = quantity.uncertainty
+    return (
+        capital(quantity.words),
+        quantity.source,
+        uncertainty.distribution,
+        short(quantity.factor * uncertainty.standard, quantity.unit).replace(" ", "\u00a0"),
+        short(1e6 * line.sensitivity / quantity.factor),
+        short(1e6 * line.contribution_m),
+        _freedom(uncertainty.freedom),
+        f"{100 * line.share:.1f}",
+    )
+
+
+def _characteristics(result: Certificate) -> tuple[Block, ...]:
+    robot, (distance_before, distance_after) = result.robot, result.distances
+    rows: list[Row] = [("pose accuracy AP, nominal model", *_two(robot.before.accuracy))]
+    if robot.after is not None:
+        rows.append(("pose accuracy AP, calibrated model", *_two(robot.after.accuracy)))
+    if robot.repeats is not None:
+        rows.append(("pose repeatability RP", *_two(robot.repeats.repeatability)))
+    names = "nominal model", "calibrated model"
+    for name, each in zip(names, (distance_before, distance_after), strict=True):
+        if each is not None:
+            rows.append((f"distance accuracy AD, {name}", short(each.mean), short(each.max)))
+    of = "rows that were not fitted"
+    if robot.of_fitted_rows:
+        of = "the fitted rows, by which the calibrated model has no accuracy: hold poses out (--holdout)"
+    note = (
+        f"Of positions, in mm. Accuracy: {robot.before.poses} poses, {_visits(robot.before.cycles)} each, from {of}. "
+    )
+    if (found := robot.repeats) is not None:
+        note += (
+            f"Repeatability: {found.poses} repeated poses, {_visits(found.cycles)} each, from "
+            f"{' and '.join(robot.repeated_in)}; the scatter within a pose does not depend on the fit. "
+        )
+    note += (
+        f"The standard asks for {CYCLES} visits to five poses of its test cube with rated load and velocity. The "
+        "instrument's noise is in these numbers."
+    )
+    return (
+        Table(("characteristic", "mean", "max"), tuple(rows)),
+        Paragraph(note, "note"),
+        Paragraph(f"Not measured: {', '.join(not_measured(robot))}; orientations."),
+    )
+
+
+def _visits(cycles: tuple[int, int]) -> str:
+    few, many = cycles
+    return f"{few} visit{'s' if few > 1 else ''}" if few == many else f"{few} to {many} visits"
+
+
+def _two(found: Accuracy) -> tuple[str, str]:
+    return short(1e3 * found.mean_m), short(1e3 * found.largest_m)
+
+
+def _freedom(count: float) -> str:
+    """Degrees of freedom; so many that they make no difference are infinite (JCGM 100:2008, table G.2)."""
+    return "∞" if count > _ENDLESS else short(count)

@@ -8,43 +8,57 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from lab.calibration.observation import observation_of
-from lab.calibration.statistics.replicates import repeats
+from lab.calibration.statistics.goodness_of_fit import repeats
 from lab.calibration.validation import SAME_CONFIGURATION
 from lab.campaign.instruments import named_instrument
 from lab.campaign.options import VirtualCampaign
-from lab.certification.budget import MEASURANDS, Budget, InputQuantity, budget_of, propagated
-from lab.certification.characteristics import Repeats, distance_errors, pose_accuracy, repeats_of
-from lab.certification.conformity import Conformity, conformity_of
-from lab.certification.lack_of_fit import LackOfFit, lack_of_fit
-from lab.certification.plausibility import CampaignFacts, implausibilities
-from lab.certification.propagation import Propagation
-from lab.certification.quantities import (
+from lab.certification.budget import (
     LARGEST_SCALE_ERROR,
+    MEASURANDS,
+    Budget,
+    InputQuantity,
+    Propagation,
     RandomErrors,
+    budget_of,
     lack_of_fit_of,
     motion_of,
+    propagated,
     quantities_of,
     scale_of,
     temperature_of,
     unseen_move_of,
 )
+from lab.certification.characteristics import (
+    Conformity,
+    Repeats,
+    conformity_of,
+    distance_errors,
+    pose_accuracy,
+    repeats_of,
+)
+from lab.certification.lack_of_fit import LackOfFit, lack_of_fit
+from lab.certification.plausibility import CampaignFacts, implausibilities
 from lab.commands.calibrate.load_run import CalibrationRun, read_calibrated
-from lab.commands.certify.chance import instrument_noise_m, motions_found, random_errors
-from lab.commands.certify.fitted import FittedRows, fitted_rows
-from lab.commands.certify.fitted_motion import fitted_motions
+from lab.commands.certify.inputs import (
+    FittedRows,
+    fitted_motions,
+    fitted_rows,
+    instrument_noise_m,
+    motions_found,
+    random_errors,
+    validation_errors,
+)
 from lab.commands.certify.options import CertifyOptions
 from lab.commands.certify.result import Certificate, RobotFound, Unseen
-from lab.commands.certify.validation import validation_errors
-from lab.core.distributions import Uncertain
 from lab.core.errors import LabError
 from lab.core.measurements import PLACE, Measurements
+from lab.core.probability import Uncertain
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.formats.certificate_toml import CertificateDetails, read_certificate_details
-from lab.noise.instruments import INSTRUMENTS, Instrument
-from lab.noise.tracker_errors import TrackerErrors
+from lab.noise.instruments import INSTRUMENTS, Instrument, TrackerErrors
 from lab.render.phrases.registry import phrases
-from lab.render.progress import Stage, status
+from lab.render.terminal import Stage, status
 
 __all__ = ["certify"]
 

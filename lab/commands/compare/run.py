@@ -13,12 +13,12 @@ from lab.commands.calibrate.load_run import (
     read_calibrated,
     refuse_other_parameters,
 )
+from lab.commands.command_line import options_of, takes
 from lab.commands.compare.options import CompareOptions
 from lab.commands.compare.result import ComparisonResult
-from lab.commands.keywords import options_of, takes
-from lab.core.copies import copied_rows
 from lab.core.errors import LabError
-from lab.core.serials import one_serial
+from lab.core.limits import one_serial
+from lab.core.measurements import copied_rows
 from lab.verification.difference import difference_of
 
 if TYPE_CHECKING:

@@ -8,7 +8,8 @@ base and flange where the nominal model has them.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
+from itertools import pairwise, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,16 +17,34 @@ from numpy.typing import NDArray
 from lab.calibration.estimate import Estimate, EstimatedParameter
 from lab.calibration.prior import Tolerance, alias_matrix, standard_deviations
 from lab.commands.calibrate.load_run import CalibrationRun
-from lab.compensation.flange import Flange, located_flange
+from lab.compensation.flange import Flange, located_flange, point_rows
 from lab.core import se3
+from lab.core.linear_model import covariance_root, matched_dof
+from lab.core.probability import f_isf
+from lab.core.progress import Progress, no_progress
 from lab.core.se3 import Array
-from lab.formats.programs.program_text import ProgramText, TargetText
+from lab.core.whole_folder import Columns, Keep, at_once
+from lab.formats.programs.postures import ArmShape
+from lab.formats.programs.program_text import Move, ProgramText, TargetText
 from lab.kinematics.gauge import base_set
-from lab.kinematics.inverse.branches import NominalInverse
+from lab.kinematics.inverse.branches import NominalInverse, nearest_whole_turns
+from lab.kinematics.inverse.newton import PoseTarget
+from lab.kinematics.joints import JointSpec
 from lab.kinematics.serial.arm import DEFAULT_TOOL, SerialArm
-from lab.simulation.model import at_zero, site_pose
+from lab.pose_selection.tour import FreePath
+from lab.simulation.collisions import collides, collisions_in_words
+from lab.simulation.free_path import path_check
+from lab.simulation.model import RobotModel, at_zero, site_pose
 
-__all__ = ["ProgramReference", "frames_of", "program_reference"]
+__all__ = [
+    "ProgramErrors",
+    "ProgramReference",
+    "asked_for",
+    "frames_of",
+    "program_errors",
+    "program_reference",
+    "ways_touched",
+]
 
 _BASE, _FLANGE = "base", "flange"  # frames of the controller in the lab's frame 0 and last frame
 _GIVEN_DOF = 2  # as many links the tolerances as they are given weigh beside those that were identified
@@ -267,4 +286,245 @@ def _named(taken: Sequence[str], wished: Sequence[str]) -> list[str]:
         while plain in (*taken, *found):
             plain += "_"
         found.append(plain)
+    return found
+
+
+_SHARE = 0.05  # of the errors that are larger than the expected ones
+_ENDLESS = 1e9  # degrees of freedom of what is known
+_RANK = 1e-9  # of the largest singular value of rigid motions: targets on a line do not show all
+_LEAST_M2 = 1e-24  # a mean square that is none
+
+
+@dataclass(frozen=True)
+class ProgramErrors:
+    """Expected errors of n targets.
+
+    Attributes:
+        flange_m: ``(n,)`` the flange's part (RMS).
+        flange_95_m: ``(n,)`` length that 95 % of the flange's part do not exceed.
+        base_95_m: ``(n,)`` length that 95 % of the errors in the robot's base do not exceed.
+        shape_95_m: ``(n,)`` the same of errors after the best rigid motion of all targets.
+    """
+
+    flange_m: Array
+    flange_95_m: Array
+    base_95_m: Array
+    shape_95_m: Array
+
+
+def program_errors(
+    reference: "ProgramReference",
+    positions: Array,
+    offsets: Array,
+    by_tool: Array,
+    by_measured: Array,
+    rest_m: Array,
+    dof: float | None,
+) -> ProgramErrors:
+    """Predict the errors of corrected targets.
+
+    Args:
+        positions: ``(n, 3)`` m of the tools, in the instrument's frame.
+        offsets: ``(n, 3)`` m of the tools, in the flange.
+        by_tool: ``(n, 3, 3)`` derivatives of the positions by the tools' places in the last frame.
+        by_measured: ``(n, 3, m)`` derivatives by what was measured, in standard deviations.
+        rest_m: ``(n,)`` RMS of what is independent from target to target.
+        dof: degrees of freedom of the measured part; None where its size is known.
+    """
+    by_flange = by_tool @ point_rows(offsets) @ covariance_root(reference.flange.covariance)
+    by_base = point_rows(positions - reference.first_origin) * reference.sigma
+    parts = (by_measured, by_flange, by_base)
+    dofs = (_ENDLESS if dof is None else max(dof, 1.0), reference.flange.dof, reference.dof)
+    rest = np.asarray(rest_m**2 / 3)
+    whole = sum(each @ each.swapaxes(1, 2) for each in parts) + rest[:, None, None] * np.eye(3)
+    return ProgramErrors(
+        _sizes(by_flange),
+        _length_95(by_flange @ by_flange.swapaxes(1, 2), [_sizes(by_flange) ** 2], [reference.flange.dof]),
+        _length_95(whole, [_sizes(each) ** 2 for each in parts], dofs),
+        _shape_95(positions, parts[:2], rest, dofs[:2]),
+    )
+
+
+def _shape_95(positions: Array, parts: Sequence[Array], rest: Array, dofs: Sequence[float]) -> Array:
+    """Lengths ``(n,)`` m that 95 % of the errors do not exceed after the best rigid motion of all targets."""
+    count = len(positions)
+    left, sizes, _ = np.linalg.svd(point_rows(positions - positions.mean(axis=0)).reshape(-1, 6), full_matrices=False)
+    rigid = left[:, sizes > _RANK * sizes.max(initial=0.0)]
+    own = rigid.reshape(count, 3, -1)
+    moved = np.einsum("n,nik,nil->kl", rest, own, own)
+    square = rest[:, None, None] * (np.eye(3) - 2 * own @ own.swapaxes(1, 2)) + own @ moved @ own.swapaxes(1, 2)
+    squares = []
+    for each in parts:
+        flat = each.reshape(3 * count, -1)
+        bent = (flat - rigid @ (rigid.T @ flat)).reshape(each.shape)
+        square = square + bent @ bent.swapaxes(1, 2)
+        squares.append(_sizes(bent) ** 2)
+    return _length_95(square, squares, dofs)
+
+
+def _length_95(squares: Array, of_parts: Sequence[Array], dofs: Sequence[float]) -> Array:
+    """Lengths ``(n,)`` m that 95 % of errors with covariances ``(n, 3, 3)`` do not exceed (Satterthwaite 1946).
+
+    Args:
+        of_parts: mean squares ``(n,)`` of the parts whose sizes are known with so many degrees of freedom.
+    """
+    mean = np.maximum(np.trace(squares, axis1=1, axis2=2), _LEAST_M2)
+    numbers = np.clip(matched_dof(mean, np.maximum(2 * (squares**2).sum(axis=(1, 2)), _LEAST_M2**2)), 1.0, 3.0)
+    spread = sum(part**2 / dof for part, dof in zip(of_parts, dofs, strict=True))
+    dof = mean**2 / np.maximum(spread, mean**2 / _ENDLESS)
+    return np.asarray(np.sqrt(mean * f_isf(_SHARE, numbers, dof)))
+
+
+def _sizes(slopes: Array) -> Array:
+    """Root mean square ``(n,)`` m of errors with independent causes, by derivatives ``(n, 3, m)``."""
+    return np.asarray(np.sqrt((slopes**2).sum(axis=(1, 2))))
+
+
+_REACHED_M = 1e-6  # a pose that a solution misses by less is reached
+_STEP_M, _STEP_RAD = 0.01, np.deg2rad(2.0)  # along a line of the tool, between two looks
+_MOST_LOOKS = 400
+_BLOCK = 200  # ways that are looked at, and kept, together
+_LOOKED_AGAIN = 200  # along a way of all joints that is not free, for words
+_JUMP_RAD = 0.5  # of a joint between two looks on a line: it passes a singularity
+
+
+def asked_for(
+    nominal: NominalInverse, wanted: PoseTarget, targets: Sequence[TargetText]
+) -> tuple[Array, dict[int, str]]:
+    """The joint positions at which the controller's arm is at each target, as far as the text says it.
+
+    Of the solutions that have the configuration that is asked for, the nearest to the target before; where none is
+    asked for, the nearest of all.
+
+    Args:
+        wanted: of the measured point, in the instrument's frame.
+
+    Returns:
+        ``(n, 6)`` rad, NaN where no solution reaches the target; and why some have none, by row.
+    """
+    chain = nominal.arm.chain
+    found, refused = np.full((len(targets), chain.size), np.nan), dict[int, str]()
+    if not targets:
+        return found, refused
+    nominal_chain = nominal.arm.dh_chain(nominal.values)
+    assert nominal_chain is not None
+    shape, last = ArmShape.of(nominal_chain), chain.home
+    ways = nominal.ways(wanted, np.broadcast_to(chain.home, found.shape))
+    for i, target in enumerate(targets):
+        if target.spelling is None:
+            found[i] = last = target.joints
+            continue
+        some = ways.joints[i][ways.gap_m[i] < _REACHED_M]
+        if target.allowed is None:
+            some = np.concatenate([some, _from(nominal, wanted.take(np.array([i])), last)])
+        if not len(some):
+            continue
+        turned = _with_turns(chain, some)
+        turned = turned[~chain.beyond_limits(turned, 1e-9).any(axis=1)]
+        fits = turned if target.allowed is None else turned[target.allowed(shape, turned)]
+        if not len(fits):
+            refused[i] = (
+                f"{target.name}: no solution of the nominal arm within its limits has the configuration that the text "
+                "asks for; are joint zeros and signs those of the controller?"
+            )
+            continue
+        found[i] = last = fits[np.abs(fits - last).max(axis=1).argmin()]
+    return found, refused
+
+
+def _from(nominal: NominalInverse, wanted: PoseTarget, start: Array) -> Array:
+    """The solution ``(0 or 1, 6)`` to which Newton's method leads from joint positions."""
+    joints, _ = nominal.again(wanted, start[None], np.array([-1]))
+    missed = np.linalg.norm(wanted.errors(nominal.tool(joints)[0])[0])
+    return joints if missed < _REACHED_M else joints[:0]
+
+
+def _with_turns(chain: JointSpec, joints: Array) -> Array:
+    """Joint positions ``(k, n)``, and those a whole turn of some joints away."""
+    wide = [
+        (0.0,) if slides or upper - lower < 2 * np.pi else (-2 * np.pi, 0.0, 2 * np.pi)
+        for slides, lower, upper in zip(chain.prismatic, chain.lower, chain.upper, strict=True)
+    ]
+    turns = np.array(list(product(*wide)))
+    return np.asarray((joints[:, None] + turns).reshape(-1, chain.size))
+
+
+def ways_touched(
+    model: RobotModel,
+    nominal: NominalInverse,
+    joints: Array,
+    moves: Sequence[Move],
+    names: Sequence[str],
+    progress: Progress = no_progress,
+    keep: Keep = at_once,
+) -> tuple[tuple[int, str], ...]:
+    """What the arm touches on the moves from target to target in the order of the text, by line.
+
+    Args:
+        joints: ``(t, 6)`` rad at each target of the text, corrected or as it stays; NaN where they are not known.
+        names: of the targets.
+        progress: told how many ways were looked at.
+        keep: how what was found on them is kept.
+    """
+    free, pairs, found = path_check(model), list(pairwise(moves)), list[tuple[int, str]]()
+
+    def touched(first: int) -> Columns:
+        said = list[tuple[int, str]]()
+        for done, (before, move) in enumerate(pairs[first : first + _BLOCK], start=first):
+            progress(done, len(pairs))
+            start, end = joints[before.target], joints[move.target]
+            if not np.isfinite([start, end]).all() or before.target == move.target:
+                continue
+            line = move.motion == "line"
+            words = _on_line(model, nominal, start, end) if line else _of_joints(model, free, start, end)
+            if words:
+                said.append((move.line, f"on the way from {names[before.target]} to {names[move.target]}, {words}"))
+        lines, texts = [line for line, _ in said], [words for _, words in said]
+        return {"lines": np.array(lines, dtype=np.int_), "texts": np.array(texts, dtype=np.str_)}
+
+    for first in range(0, len(pairs), _BLOCK):
+        piece = keep("program", [np.array([first]), joints], partial(touched, first))
+        found += zip(piece["lines"].tolist(), piece["texts"].tolist(), strict=True)
+    return tuple(found)
+
+
+def _of_joints(model: RobotModel, free: FreePath, start: Array, end: Array) -> str:
+    """What is touched on a straight line of all joints; "" if nothing is."""
+    if free(start, end):
+        return ""
+    looks = start + np.linspace(0, 1, _LOOKED_AGAIN)[:, None] * (end - start)
+    return next((words for words in collisions_in_words(model, looks) if words), "something is touched")
+
+
+def _on_line(model: RobotModel, nominal: NominalInverse, start: Array, end: Array) -> str:
+    """What is touched while the tool moves on a straight line; "" if nothing is."""
+    looks = _line_of_tool(nominal, start, end)
+    even = np.abs(np.diff(looks, axis=0)).max() <= _JUMP_RAD and np.abs(looks[-1] - end).max() <= _JUMP_RAD
+    if not even:
+        return "a straight line of the tool leads through a singularity or out of reach"
+    touched = collides(model, looks)
+    return next(iter(collisions_in_words(model, looks[touched][:1])), "")
+
+
+def _line_of_tool(nominal: NominalInverse, start: Array, end: Array) -> Array:
+    """Joint positions ``(k, 6)`` rad on the way of a tool that moves and turns evenly from one pose to another.
+
+    Of the nominal arm's solutions the nearest to those before, in closed form where there is one; NaN where none is.
+    """
+    T_start, T_end = nominal.tool(np.array([start, end]))[0]
+    turn = se3.log(T_start[:3, :3].T @ T_end[:3, :3])
+    along = T_end[:3, 3] - T_start[:3, 3]
+    steps = max(np.linalg.norm(along) / _STEP_M, np.linalg.norm(turn) / _STEP_RAD, 1.0)
+    shares = np.linspace(0, 1, min(int(np.ceil(steps)), _MOST_LOOKS) + 1)
+    wanted = PoseTarget(T_start[:3, 3] + shares[:, None] * along, T_start[:3, :3] @ se3.exp(shares[:, None] * turn))
+    found = start + shares[:, None] * (end - start)
+    if nominal.closed_form is None:
+        return nominal.again(wanted, found, np.full(len(found), -1))[0]
+    ways = nominal.ways(wanted, found)
+    last = start
+    for i, some in enumerate(ways.joints):
+        turned = nearest_whole_turns(nominal.arm.chain, some[ways.gap_m[i] < _REACHED_M], last)
+        found[i] = last = (
+            turned[np.abs(turned - last).max(axis=1).argmin()] if len(turned) else np.full_like(start, np.nan)
+        )
     return found

@@ -10,37 +10,52 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.checks.fit import check_extrapolated
-from lab.calibration.pose_cover import MOST_UNCOVERED
+from lab.calibration.extrapolation import MOST_UNCOVERED
 from lab.calibration.prior import Tolerance
 from lab.calibration.verdict import MOST_TOLERANCES
 from lab.calibration.workspace_prediction import tolerance_rms
 from lab.commands.calibrate.load_run import CalibrationRun
 from lab.commands.compensate.options import CompensateOptions
-from lab.commands.compensate.program import CorrectedProgram
-from lab.commands.compensate.program_errors import ProgramErrors, program_errors
-from lab.commands.compensate.program_reference import ProgramReference
-from lab.commands.compensate.program_words import flange_values, flange_words, used_tools
-from lab.commands.result import Result
-from lab.commands.run_folder import write_config, write_json
-from lab.commands.stops import Stops, joint_columns
-from lab.commands.values import exit_code_of
+from lab.commands.compensate.program import CorrectedProgram, flange_values, flange_words, stated_words, used_tools
+from lab.commands.compensate.program_reference import ProgramErrors, ProgramReference, program_errors
+from lab.commands.result import Result, exit_code_of, joint_values
+from lab.commands.run_folder import VIA, Stops, joint_columns, provenance_section, write_config, write_json
 from lab.compensation.compensator import NEAR_RAD, Compensation
 from lab.compensation.flange import point_rows
-from lab.core.covariance import covariance_root
+from lab.core.linear_model import covariance_root
+from lab.core.measurements import evenly
 from lab.core.se3 import Array
 from lab.formats.programs.registry import refusal
 from lab.formats.target_csv import Targets
 from lab.kinematics.inverse.newton import PoseTarget
 from lab.kinematics.joints import JointSpec
+from lab.render.charts.chart import cube
+from lab.render.document import (
+    PAGE,
+    Badge,
+    Block,
+    Bullets,
+    Document,
+    Figure,
+    Paragraph,
+    Picture,
+    Section,
+    Table,
+    Warnings,
+    capital,
+    fixed,
+    short,
+)
 from lab.render.phrases.registry import phrases
+from lab.render.plots import MOST_POINTS, SizeMap, Spread, histograms, size_maps, spread_by_size
+from lab.render.style import AFTER, BEFORE, HATCH_AFTER, HATCH_BEFORE, MARK_AFTER, MARK_BEFORE
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure as MatplotlibFigure
 
     from lab.render.document import Document
 
-__all__ = ["CompensationResult", "NearSingular", "near_singular", "verdict_of"]
-
+__all__ = ["CompensationResult", "NearSingular"]
 
 _BLOCK = 2_000  # targets whose derivatives are held at a time
 
@@ -65,7 +80,7 @@ class NearSingular:
         return {"id": self.id, "joint": self.joint, f"distance_{unit}": scale * self.distance}
 
 
-def near_singular(found: Compensation, chain: JointSpec, ids: Sequence[str]) -> tuple[NearSingular, ...]:
+def _near_singular(found: Compensation, chain: JointSpec, ids: Sequence[str]) -> tuple[NearSingular, ...]:
     """The targets that are reached within 1 degree of a singularity.
 
     Args:
@@ -125,7 +140,7 @@ class CompensationResult(Result):
         touched = self.program is not None and (self.program.ways or len(self.program.rows) < len(self.program.targets))
         if touched or not self.found.converged.all():
             return 1
-        return exit_code_of(verdict_of(self), self.options.require)
+        return exit_code_of(_verdict_of(self), self.options.require)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -295,7 +310,7 @@ class CompensationResult(Result):
             "run": str(self.run.folder),
             "robot": self.run.robot.name,
             "serial": self.run.serial,
-            "verdict": verdict_of(self),
+            "verdict": _verdict_of(self),
             "reasons": list(self.reasons),
             "run_verdict": self.run.result.to_dict(),
             "tool": self.targets.tool,
@@ -315,7 +330,7 @@ class CompensationResult(Result):
                 "ids": [self.targets.ids[i] for i in np.flatnonzero(self.extrapolated)],
             },
             "near_singular": [
-                each.to_dict() for each in near_singular(self.found, self.run.robot.chain, self.targets.ids)
+                each.to_dict() for each in _near_singular(self.found, self.run.robot.chain, self.targets.ids)
             ],
             "without_effects_mm": None if self.without_effects_m is None else 1e3 * self.without_effects_m,
             "warnings": list(self.warnings),
@@ -358,9 +373,7 @@ class CompensationResult(Result):
 
     def document(self) -> "Document":
         """What a person reads: what became of the targets, how far each was moved, which are not reached."""
-        from lab.commands.compensate.document import compensation_document
-
-        return compensation_document(self)
+        return _compensation_document(self)
 
     def columns(self) -> Mapping[str, Sequence[Any] | Array]:
         """A row for each target that is reached: id, joint positions (deg or mm), correction and predicted error."""
@@ -373,22 +386,21 @@ class CompensationResult(Result):
             "extrapolated": self.extrapolated[rows].tolist(),
         }
 
-    def plot(self) -> "Figure":
+    def plot(self) -> "MatplotlibFigure":
         """Draw how far the targets are moved and the error to expect, as histograms.
 
         Raises:
             LabError: no target is reached.
         """
-        from lab.commands.compensate.document import corrections_picture
         from lab.core.errors import LabError
 
         if not len(self.reached):
             raise LabError("no target is reached: there is nothing to draw; see failed for the reasons")
-        return corrections_picture(self).draw()
+        return _corrections_picture(self).draw()
 
     def write(self, folder: Path) -> None:
         """Write tables, programs, the calibrated arm, ``result.json``, ``recording.rrd`` and ``report.html``."""
-        from lab.commands.compensate.files import write_files
+        from lab.commands.compensate.run import write_files
 
         write_config(folder, "compensate", self.options, self.run.robot.sha256)
         write_files(folder, self)
@@ -488,6 +500,236 @@ def _of_points(values: Array, points: NDArray[np.int_]) -> Array:
     return np.asarray(values[np.arange(len(values)), points])
 
 
-def verdict_of(result: CompensationResult) -> Literal["good", "doubtful", "bad"]:
+def _verdict_of(result: CompensationResult) -> Literal["good", "doubtful", "bad"]:
     """``bad`` where a target is not reached, ``doubtful`` where there are reasons for that, else ``good``."""
     return "bad" if result.failed else "doubtful" if result.reasons else "good"
+
+
+_NEAR = 2.0  # times half the edge of the targets' cube: what is farther off is not drawn
+_SHAPED = 4  # targets: fewer are brought onto each other by a rigid motion, whatever their errors are, or nearly
+_MOST_LISTED = 100  # targets, in each table
+
+
+def _compensation_document(result: CompensationResult) -> Document:
+    """The totals, the targets that are not reached and why, how far the others were moved, and every target."""
+    failed = len(result.failed)
+    verdict = Badge(f"{failed:,} not reached" if failed else "all reached", _verdict_of(result))
+    count = f"{len(result.reached):,} of {len(result.targets):,}"
+    return Document(
+        f"{result.run.called}: {count} targets of {result.targets.tool} corrected",
+        (
+            Paragraph((verdict, f" ({'doubtful; ' if result.reasons else ''}the run is {result.run.result.words})")),
+            Bullets(tuple(map(capital, result.reasons))),
+            Paragraph(_lead(result), "lead"),
+            Warnings(result.warnings),
+            Section(
+                "What became of the targets",
+                (
+                    *_totals(result),
+                    _failed(result),
+                    _other_solutions(result),
+                    _near(result),
+                    _extrapolated(result),
+                    *_moves(result),
+                ),
+            ),
+            *_program(result),
+            Section("How far they were moved", (*_histograms(result), *_map(result))),
+            Section("Every target", _every_target(result), shown_in=PAGE),
+            provenance_section("compensate", result.options, result.run.robot.sha256, result.run.serial),
+        ),
+    )
+
+
+def _corrections_picture(result: CompensationResult) -> Picture:
+    """How far the targets are moved, and the error to expect, as histograms."""
+    moved, expected = (_finite(result, lengths) for lengths in (result.correction_m, result.predicted_m))
+    spreads = [Spread(moved, BEFORE, ("moved by: mean", float(moved.mean())), HATCH_BEFORE, MARK_BEFORE)]
+    if len(expected):
+        mark = ("expected error: mean", float(expected.mean()))
+        spreads.append(Spread(expected, AFTER, mark, HATCH_AFTER, MARK_AFTER))
+    return histograms("moved", spreads, "length", result.run.result.gate_mm)
+
+
+def _lead(result: CompensationResult) -> str:
+    targets = f"{len(result.targets):,} targets for the arm that {result.run.folder} calibrated"
+    if not len(result.reached):
+        return f"{targets}: none of them is reached."
+    if result.failed:
+        targets = f"{len(result.reached):,} of {targets}"
+    mean, largest = result.mean_and_max_mm(result.correction_m)
+    if result.expected is not None:
+        in_base = short(result.mean_and_max_mm(result.expected.base_95_m)[1])
+        text = (
+            f"{targets} were moved by {short(mean)} mm on average, {short(largest)} mm at most. 95 % of the errors to "
+            f"expect in the robot's base are below {in_base} mm, with what the first link adds to all targets alike"
+        )
+        if len(result.reached) < _SHAPED:
+            return f"{text}."
+        return (
+            f"{text}, relative to each other below {short(result.mean_and_max_mm(result.expected.shape_95_m)[1])} mm."
+        )
+    expected, _ = result.mean_and_max_mm(result.predicted_m)
+    text = f"{targets} were moved by {short(mean)} mm on average, {short(largest)} mm at most"
+    if expected is not None:
+        text += f"; the error to expect there is {short(expected)} mm"
+    after = result.run.result.after_mm
+    return text + ("." if after is None else f" (at the run's validation poses it was {short(after['mean'])} mm).")
+
+
+def _totals(result: CompensationResult) -> tuple[Block, ...]:
+    expected = [("expected error, mm", result.predicted_m)]
+    if result.expected is not None:
+        expected = [
+            ("expected error in the robot's base (95 %), mm", result.expected.base_95_m),
+            ("of it by the flange (95 %), mm", result.expected.flange_95_m),
+            ("expected error relative to each other (95 %), mm", result.expected.shape_95_m),
+        ][: None if len(result.reached) >= _SHAPED else 2]
+    rows = tuple(
+        (name, *map(short, result.mean_and_max_mm(lengths)))
+        for name, lengths in [("moved by, mm", result.correction_m), *expected]
+    )
+    _, apart = result.mean_and_max_mm(result.found.scheme_disagreement_m)
+    schemes = "" if apart is None else f"The three schemes to compute them end within {short(apart)} mm of each other. "
+    note = Paragraph(f"{schemes}Model: {result.model.replace('+', ' + ')}.", "note")
+    return Table(("", "mean", "largest"), rows), note
+
+
+def _failed(result: CompensationResult) -> Table:
+    """The targets that are not reached; those of a program are listed by line, with all else that stays."""
+    if result.program is not None:
+        return Table((), ())
+    return Table(("target", "why it is not reached"), result.failed, most_rows=_MOST_LISTED)
+
+
+def _other_solutions(result: CompensationResult) -> Table:
+    header = ("target", "reached by another solution of the inverse: what is wrong with the nearest one")
+    return Table(header, result.passed_over, most_rows=_MOST_LISTED)
+
+
+def _moves(result: CompensationResult) -> tuple[Block, ...]:
+    """What was checked for collisions, and on what the arm passes."""
+    if not result.checked or not len(result.reached):
+        return ()
+    if result.program is not None:
+        return (
+            Paragraph(
+                f"The {len(result.reached)} corrected targets and the moves from each to the next one in the order of "
+                "the text, whatever its loops and branches do, were checked for collisions with the arm itself and "
+                "with the surroundings that the robot's model knows."
+            ),
+        )
+    passed = sum(name.startswith(VIA) for name in result.stops.names if name not in result.targets.ids)
+    text = (
+        f"The {len(result.reached)} corrected targets and the {len(result.stops.joints) - 1} moves from home through "
+        "all of them and back, each in a straight line of all joints, were checked for collisions with the arm itself "
+        "and with the surroundings that the robot's model knows."
+    )
+    return (Paragraph(text + (f" {passed} stops are only passed, to get around something." if passed else "")),)
+
+
+def _program(result: CompensationResult) -> tuple[Section, ...]:
+    """What became of the program that the targets are of."""
+    if (program := result.program) is None:
+        return ()
+    text = (
+        f"{program.name} in the run's folder is the {program.language} program with the numbers of "
+        f"{len(result.reached)} targets corrected, and nothing else changed."
+    )
+    in_base = (
+        "The base is that of the calibrated arm, by the nominal first link. No measurement shows that link itself, so "
+        "all targets together may be off as its tolerances let them be, with the correction as without it; relative to "
+        "each other they are not."
+    )
+    tools = Bullets(tuple(capital(each.words) + "." for each in used_tools(result)))
+    lines = tuple((str(each.line), each.reason) for each in program.uncorrected)
+    ways = tuple((str(line), words) for line, words in program.ways)
+    return (
+        Section(
+            "The program",
+            (
+                Paragraph(text),
+                tools,
+                Paragraph(() if result.reference is None else stated_words(result.reference)),
+                Paragraph(in_base),
+                Table(("line", "what stays as it is, or needs a look"), lines, most_rows=_MOST_LISTED),
+                Table(("line", "ways that are not free"), ways, most_rows=_MOST_LISTED),
+            ),
+        ),
+    )
+
+
+def _near(result: CompensationResult) -> Table:
+    close = _near_singular(result.found, result.run.robot.chain, result.targets.ids)
+    rows = tuple((each.id, _distance(each), each.joint) for each in close)
+    return Table(("target", "within 1° of a singularity, by", "of joint"), rows, most_rows=_MOST_LISTED)
+
+
+def _extrapolated(result: CompensationResult) -> Table:
+    """The targets that no measured pose is near, with the error to expect there."""
+    rows = tuple(
+        (result.targets.ids[i], short(1e3 * float(result.predicted_m[i]))) for i in np.flatnonzero(result.extrapolated)
+    )
+    return Table(
+        ("target", "extrapolated: not covered by measured poses; expected error, mm"), rows, most_rows=_MOST_LISTED
+    )
+
+
+def _distance(near: NearSingular) -> str:
+    """The distance to a singularity, in the unit of the joint that leads there."""
+    return short(1e3 * near.distance, "mm") if near.slides else short(float(np.rad2deg(near.distance)), "°")
+
+
+def _histograms(result: CompensationResult) -> tuple[Block, ...]:
+    if not len(result.reached):
+        return ()
+    caption = (
+        "How far the targets are moved (vermilion, hatched): without the correction the arm would miss them by about "
+        "as much. Blue: the error to expect with it."
+    )
+    return (Figure("moved-figure", (_corrections_picture(result),), caption),)
+
+
+def _finite(result: CompensationResult, lengths: Array) -> Array:
+    lengths = lengths[result.reached]
+    return np.asarray(lengths[np.isfinite(lengths)])
+
+
+def _map(result: CompensationResult) -> tuple[Block, ...]:
+    reached, positions = result.reached, result.targets.positions
+    if not len(reached):
+        return ()
+    rows = reached[spread_by_size(result.correction_m[reached])]
+    off = positions[~result.found.converged]
+    middle, half = cube([positions[reached]])
+    near = (np.abs(off - middle) < _NEAR * half).all(axis=1)
+    off, some = off[near], evenly(int(near.sum()), MOST_POINTS)
+    crosses = off if some is None else off[some]
+    shown = SizeMap(
+        positions[rows], result.correction_m[rows], "how far a target is moved", crosses, "not reached", "targets"
+    )
+    caption = "The targets in the frame of their file. The darker a target, the farther it is moved."
+    if beyond := int((~near).sum()):
+        caption += f" Not reached, and too far off to be drawn: {beyond}."
+    return (Figure("where", size_maps(shown), caption),)
+
+
+def _every_target(result: CompensationResult) -> tuple[Block, ...]:
+    chain, found = result.run.robot.chain, result.found
+    moved = 1e3 * (found.positions - result.targets.positions)
+    rows = tuple(
+        (
+            result.targets.ids[i],
+            *(fixed(value, 3) for value in joint_values(chain.prismatic, found.joints[i])),
+            *(fixed(value, 3, signed=True) for value in moved[i]),
+        )
+        for i in result.reached[:_MOST_LISTED]
+    )
+    units = ("mm" if slides else "°" for slides in chain.prismatic)
+    joints = (f"{name}, {unit}" for name, unit in zip(chain.joint_names, units, strict=True))
+    header = ("target", *joints, *(f"Δ{axis}, mm" for axis in "xyz"))
+    note = (
+        "Joint positions that bring the calibrated arm there, and how far the corrected target is from the wanted one."
+    )
+    table = Table(header, rows, most_rows=_MOST_LISTED, rest_in="joints.csv", count=len(result.reached))
+    return (Paragraph(note, "note"), table) if rows else ()

@@ -1,28 +1,352 @@
 """What a person reads of a plan: the predicted error, the tour, and how good the choice of poses is."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
-from lab.commands.design.day import MeasuringDayLength
-from lab.commands.design.figures import curve_pictures, pose_pictures
-from lab.commands.design.result import DesignResult
-from lab.commands.provenance import provenance_section
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.calibration.identify import ellipsoids
+from lab.commands.design.result import DesignResult, DesignStep, MeasuringDayLength, PlanCheckResult, visit_ids
+from lab.commands.run_folder import provenance_section
+from lab.core.se3 import Array
 from lab.formats.programs.protocol import PAUSE_S
 from lab.formats.programs.registry import PLAN, language_of, plan_or_refusal, refusal
+from lab.kinematics.joints import JointSpec
+from lab.pose_selection.exchange import information
+from lab.pose_selection.tour import rated, tour_trajectory
+from lab.render.charts.chart import axes_picture, cube, shades, view
+from lab.render.charts.marks import Axes, colour
 from lab.render.document import (
     NARROW,
     PAGE,
     TERMINAL,
+    Badge,
     Block,
     Document,
     Figure,
     Paragraph,
+    Picture,
     Section,
     Table,
     Warnings,
+    fixed,
+    sentence,
+    short,
 )
-from lab.render.format import fixed, sentence, short
+from lab.render.plots import SQUARE, VIEWS
+from lab.render.scene import Legs, MagnifiedEllipsoids, magnified, moved, reach_of, skeleton, world_legs
+from lab.render.style import (
+    ARM,
+    AXIS,
+    BOUND,
+    EQUAL_CONTRAST,
+    GRID,
+    INDEX,
+    INK,
+    INSTRUMENT,
+    ORDER_SCALE,
+    REFERENCE,
+    RMS,
+    TICK,
+    WORST,
+    luminance,
+)
+from lab.simulation.meshes import Shell, body_poses, shells
 
-__all__ = ["design_document"]
+__all__ = ["PlanScene", "check_document", "curve_pictures", "design_document", "plan_scene", "pose_pictures"]
+
+_STEP_S = 0.1  # between two pictures of the moving arm
+_LOOKS = 16  # points drawn of the path between two stops
+
+
+@dataclass(frozen=True)
+class PlanScene:
+    """The stops of a tour: home, poses and the poses passed on the way, home.
+
+    Attributes:
+        measured: ``(s,)``, whether a stop is measured.
+        ids: ``(n,)`` of the measured ones, as in ``plan.csv``.
+        points: ``(s, k, 3)`` targets.
+        path: ``(p, 3)``, the first target's way through all stops.
+        Ts_world_station: ``(q, 4, 4)``, where the instrument measures from, with its names in ``stations``.
+        station: ``(s,)`` from where it measures at each stop.
+        reach_m: the largest distance of a target, or a leg's end, from frame 0.
+        shells: of the bodies in ``bodies``.
+        bodies: world poses ``(s, 4, 4)`` by name.
+        origins: ``(s, f, 3)`` of the arm's frames.
+        home: lines ``(f, 3)`` from frame to frame, of the arm at home.
+        legs: in the world.
+        mapping: sensitivity of the position to the scaled parameters.
+        uncertainty: predicted 1 sigma of the first target after calibration.
+        arrivals, departures: ``(s,)`` s, when the arm comes to each stop and leaves it, at its full speed.
+        times: ``(t,)`` s while it moves, with ``moving``, poses ``(t, 4, 4)`` of the bodies by name,
+            ``moving_legs``, and ``moving_points`` ``(t, k, 3)``.
+    """
+
+    measured: NDArray[np.bool_]
+    ids: tuple[str, ...]
+    points: Array
+    path: Array
+    Ts_world_station: Array
+    stations: tuple[str, ...]
+    station: NDArray[np.int_]
+    reach_m: float
+    shells: tuple[Shell, ...]
+    bodies: dict[str, Array]
+    origins: Array
+    home: tuple[Array, ...]
+    legs: Legs
+    mapping: MagnifiedEllipsoids
+    uncertainty: MagnifiedEllipsoids
+    arrivals: Array
+    departures: Array
+    times: Array
+    moving: dict[str, Array]
+    moving_legs: Legs
+    moving_points: Array
+
+    @property
+    def head(self) -> Array:
+        """The tracker's at its first station ``(3,)``."""
+        head: Array = self.Ts_world_station[0, :3, 3]
+        return head
+
+    @property
+    def heads(self) -> Array:
+        """The tracker's at each stop ``(s, 3)``."""
+        heads: Array = self.Ts_world_station[self.station, :3, 3]
+        return heads
+
+
+def plan_scene(plan: DesignResult) -> PlanScene:
+    """The scene of a plan, of the nominal arm and the tracker where the model has it."""
+    problem, stops = plan.problem, plan.tour.stops
+    model, arm, values = problem.robot.model, problem.arm, problem.values
+    tracker, frame0, names = model.T_world_tracker, model.T_world_frame0, model.stations or ("",)
+    points = moved(tracker, arm.points(stops, values))
+    share = np.linspace(0, 1, _LOOKS, endpoint=False)[None, :, None]
+    between = stops[:-1, None] + share * (stops[1:] - stops[:-1])[:, None]  # (s - 1, looks, joints)
+    way = np.concatenate([between.reshape(-1, stops.shape[1]), stops[-1:]])
+    mapping, uncertainty = _shapes(plan)
+    waiting = np.where(plan.tour.measured >= 0, float(PAUSE_S), 0.0)
+    day, arrivals = tour_trajectory(rated(problem.robot.chain)[0], stops, waiting)
+    times = np.concatenate(
+        [np.arange(left, came, _STEP_S)[1:] for left, came in zip(arrivals + waiting, arrivals[1:], strict=False)]
+    )
+    on_the_way = day.at(times)[0]
+    visible, way_poses = tuple(shells(model)), body_poses(model, arm, values, on_the_way)
+    legs = world_legs(frame0, arm, values, stops)
+    reach = reach_of(frame0, points, legs)
+    return PlanScene(
+        np.asarray(plan.tour.measured >= 0),
+        visit_ids(plan.tour, plan.pose_ids),
+        points,
+        moved(tracker, arm.points(way, values))[:, 0],
+        model.Ts_world_station,
+        model.stations or ("tracker",),
+        np.array([names.index(name) for name in plan.stops.stations or names[:1] * len(stops)]),
+        reach,
+        visible,
+        body_poses(model, arm, values, stops),
+        moved(frame0, skeleton(arm, values, stops).origins),
+        tuple(moved(frame0, line[0]) for line in skeleton(arm, values, stops[:1]).frame_lines),
+        legs,
+        magnified(ellipsoids(mapping @ np.swapaxes(mapping, 1, 2)), points[:, 0], tracker, reach),
+        magnified(ellipsoids(uncertainty @ np.swapaxes(uncertainty, 1, 2)), points[:, 0], tracker, reach),
+        arrivals,
+        arrivals + waiting,
+        times,
+        {shell.body: way_poses[shell.body] for shell in visible},
+        world_legs(frame0, arm, values, on_the_way),
+        moved(tracker, arm.points(on_the_way, values)),
+    )
+
+
+def _shapes(plan: DesignResult) -> tuple[Array, Array]:
+    """Two factors F ``(s, 3, p)`` at every stop, of the squares F F' of the mapping and the uncertainty ellipsoids.
+
+    The parameters of the mapping are scaled so that over all measured poses each moves the
+    whitened points alike; the uncertainty is J C J', the inverse of the information being C.
+    """
+    problem = plan.problem
+    _, jacobian = problem.arm.observe(plan.tour.stops, problem.values)
+    seen = [i for i in problem.structure.kept if i < len(problem.arm.names)]  # the places of stations move no point
+    here = np.zeros((*jacobian.shape[:1], 3, len(problem.structure.kept)))
+    here[..., : len(seen)] = jacobian[:, 0][..., seen]
+    total = information(problem.whitened(np.concatenate([plan.design.joints, problem.already])))
+    size = np.sqrt(np.diag(total))
+    root = np.linalg.cholesky(total / np.outer(size, size))
+    factor = np.linalg.inv(root).T / size[:, None]  # C = factor factor'
+    return here / size, here @ factor
+
+
+_HALF, _WIDE = (4.8, 3.6), (8.0, 2.6)  # inches
+_ROOM = 0.2  # around the poses, of their width: for the legend
+_EDGE = 0.94  # of the half of a picture
+_NUMBER = 6.5  # points, of a pose's number
+_TICKS = (1, 2, 3, 5)  # of each power of ten
+
+
+def curve_pictures(plan: DesignResult) -> tuple[Picture, ...]:
+    """Predicted errors against the number of poses with the plan's; beside them O1, where each number was designed."""
+    chosen = len(plan.joints), plan.prediction.coverage_radius
+    scaling = plan.problem.scaling.describe()
+    errors = axes_picture(
+        "curve", "Predicted error against the number of poses", _HALF,
+        lambda axes: _draw_errors(axes, plan.curve, chosen), (0.65, 0.5, 0.15, 0.3),
+    )  # fmt: skip
+    if not plan.options.curve:  # of a continuous design O1 is the same for any number
+        return (errors,)
+    information = axes_picture(
+        "information", "O1 against the number of poses", _HALF,
+        lambda axes: _draw_information(axes, plan.curve, scaling, chosen[0]), (0.65, 0.5, 0.15, 0.3),
+    )  # fmt: skip
+    return errors, information
+
+
+def pose_pictures(plan: DesignResult) -> tuple[Picture, ...]:
+    """The targets from above and from the side, and the joint positions in their ranges."""
+    targets = (
+        axes_picture(f"poses-{name}", f"The targets from {'the side' if name == 'side' else name}", SQUARE,
+                     lambda axes, plane=plane: _targets(axes, plan.scene, plane),  # type: ignore[misc]
+                     (0.75, 0.5, 0.15, 0.3))
+        for name, plane in VIEWS.items()
+    )  # fmt: skip
+    joints = axes_picture(
+        "joints", "The joint positions in their ranges", _WIDE,
+        lambda axes: _joints(axes, plan.problem.robot.chain, plan.joints), (1.0, 0.15, 0.2, 0.3),
+    )  # fmt: skip
+    return (*targets, joints)
+
+
+def _draw_errors(axes: Axes, curve: Sequence[DesignStep], chosen: tuple[int, float] | None = None) -> None:
+    """Draw predicted errors on validation poses (µm, logarithmic) against the number of poses.
+
+    Args:
+        chosen: the plan's number of poses, and its tolerance bound (m).
+    """
+    poses = [step.poses for step in curve]
+    drawn = [1e6 * np.array([_rms(s.prediction.rms) for s in curve])]
+    for label, values, tint, style in (
+        ("95 %/95 % tolerance bound", [s.prediction.coverage_radius for s in curve], BOUND, "o-"),
+        ("worst pose, RMS", [s.prediction.rms.max() for s in curve], WORST, "^:"),
+        ("all poses, RMS", [_rms(s.prediction.rms) for s in curve], RMS, "s:"),
+    ):
+        drawn.append(1e6 * np.array(values))
+        axes.plot(poses, drawn[-1], style, color=tint, label=label, markersize=5)
+    if chosen is not None:
+        said = f"this plan: {chosen[0]} poses, {short(1e6 * chosen[1])} µm"
+        drawn.append(np.array([1e6 * chosen[1]]))
+        axes.axvline(chosen[0], color=REFERENCE, linewidth=1)
+        axes.plot([chosen[0]], drawn[-1], "D", color=REFERENCE, markersize=8, label=said, zorder=4)
+    every = np.concatenate(drawn)
+    low, high = float(every.min()) / 1.2, float(every.max()) * 1.2
+    ticks = [m * 10.0**e for e in range(-9, 9) for m in _TICKS if low <= m * 10.0**e <= high]
+    axes.set(yscale="log", ylim=(low, high))
+    axes.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
+    axes.set_yticks([], minor=True)
+    axes.set(xlabel="poses", ylabel="predicted position error, µm (logarithmic)", title="Error on validation poses")
+    axes.legend(loc="upper right")
+
+
+def _draw_information(axes: Axes, curve: Sequence[DesignStep], scaling: str, chosen: int | None = None) -> None:
+    """Draw O1, the information per pose, against the number of poses.
+
+    Args:
+        scaling: of O1, in words.
+        chosen: the plan's number of poses.
+    """
+    o1 = [step.o1 for step in curve]
+    axes.plot([step.poses for step in curve], o1, "D--", color=INDEX, markersize=4)
+    if chosen is not None:
+        axes.axvline(chosen, color=REFERENCE, linewidth=1)
+    axes.set(xlabel="poses", ylabel=f"O1 ({scaling})", title="Information per pose", ylim=(0, 1.1 * max(o1)))
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _first_visits(points: Array) -> tuple[NDArray[np.int_], list[int]]:
+    """Rows of points ``(n, 3)`` mm at which a place is visited first, and how often each is: a reference pose again."""
+    places: dict[tuple[float, ...], list[int]] = {}
+    for row, point in enumerate(np.round(points, 3)):
+        places.setdefault(tuple(point + 0.0), []).append(row)
+    return np.array([rows[0] for rows in places.values()], int), [len(rows) for rows in places.values()]
+
+
+def _in_order(rows: NDArray[np.int_], count: int) -> Array:
+    """The colours ``(n, 3)`` of rows ``(n,)`` of so many: dark for the first, light for the last."""
+    return shades(rows / max(count - 1, 1), ORDER_SCALE)
+
+
+def _targets(axes: Axes, shown: PlanScene, plane: tuple[int, int]) -> None:
+    """Target positions in mm on a plane of the world, with the way between them, the arm at home and the tracker."""
+    i, j = plane
+    mm = 1e3
+    every = mm * shown.points[shown.measured, 0]
+    middle, half = cube([mm * shown.path, every, *(mm * line for line in shown.home)], _ROOM)
+    view(axes, plane, middle, half, "world", "Targets")
+    axes.plot(mm * shown.path[:, i], mm * shown.path[:, j], color=AXIS, linewidth=0.6, alpha=0.8, label="their way")
+    for k, line in enumerate(mm * each for each in shown.home):
+        label = "" if k else "robot at home"
+        axes.plot(line[:, i], line[:, j], "o-", color=ARM, linewidth=5, alpha=0.45, markersize=6, label=label)
+    rows, visits = _first_visits(every)
+    points, tints = every[rows][:, plane], _in_order(rows, len(every))
+    axes.scatter(
+        points[:, 0], points[:, 1], s=110, c=tints, edgecolors="white", linewidths=1, label="at a pose", zorder=3
+    )
+    for row, place, tint, times in zip(rows, points, tints, visits, strict=True):
+        ink = "white" if luminance(tint) < EQUAL_CONTRAST else "black"
+        own = {"boxstyle": "circle,pad=0.05", "facecolor": colour(tint), "edgecolor": "none"}  # where points overlap
+        axes.annotate(shown.ids[row], place, ha="center", va="center", fontsize=_NUMBER, color=ink, bbox=own, zorder=4)
+        if times > 1:
+            axes.annotate(
+                f"{times} visits", place, xytext=(8, 5), textcoords="offset points", fontsize=7, color=INK,
+                bbox={"boxstyle": "round,pad=0.1", "facecolor": "white", "edgecolor": "none"}, zorder=5,
+            )  # fmt: skip
+    via = ~shown.measured
+    via[[0, -1]] = False
+    if via.any():
+        passed = mm * shown.points[via, 0]
+        axes.plot(passed[:, i], passed[:, j], "x", color=REFERENCE, label="passed only", zorder=3)
+    head, said = _at_edge(mm * shown.head - middle, half, plane)
+    axes.plot([middle[i] + head[0]], [middle[j] + head[1]], "P", color=INSTRUMENT, markersize=12, label=said, zorder=4)
+    if j == 2:
+        axes.axhline(0.0, color=TICK, linewidth=1)
+    axes.legend(loc="best", frameon=True)
+
+
+def _at_edge(head: Array, half: float, plane: tuple[int, int]) -> tuple[Array, str]:
+    """Where a tracker at ``(3,)`` mm from the middle is drawn on a plane ``(2,)``, and its words.
+
+    One that is beyond the picture is drawn at its edge.
+    """
+    seen = head[list(plane)]
+    beyond = float(np.abs(seen).max()) / (_EDGE * half)
+    if beyond <= 1:
+        return seen, "tracker"
+    return seen / beyond, f"to the tracker, {np.linalg.norm(seen) / 1e3:.1f} m"
+
+
+def _joints(axes: Axes, chain: JointSpec, joints: Array) -> None:
+    """Every joint position in its joint's range, the limits written at its ends."""
+    share = (joints - chain.lower) / (chain.upper - chain.lower)
+    rows = np.arange(chain.size)[::-1]
+    axes.hlines(rows, 0, 1, color=GRID, linewidth=9)
+    for k, row in enumerate(rows):
+        tints = _in_order(np.arange(len(share)), len(share))
+        axes.scatter(share[:, k], np.full(len(share), row), c=tints, s=45, edgecolors="white", linewidths=1, zorder=3)
+        scale, unit = (1e3, "mm") if chain.prismatic[k] else (180 / np.pi, "°")
+        for x, value, side in ((-0.01, chain.lower[k], "right"), (1.01, chain.upper[k], "left")):
+            axes.annotate(f"{scale * value:.0f} {unit}".replace("-", "−"), (x, row), ha=side, va="center", color=TICK)
+    axes.set_yticks(rows, chain.joint_names)
+    axes.tick_params(axis="y", length=0)
+    axes.set(xlim=(-0.09, 1.09), ylim=(-0.6, chain.size - 0.4), xticks=[], title="Joint positions between the limits")
+    axes.grid(visible=False)
+
 
 _INDICES = {
     "o1": "O1, information per pose",
@@ -219,3 +543,26 @@ def _indices(values: dict[str, Any]) -> tuple[Block, ...]:
 
 def _value(index: dict[str, Any]) -> str:
     return "∞" if index["value"] is None else short(index["value"])
+
+
+def check_document(result: PlanCheckResult) -> Document:
+    """Whether the plan can be run, what is wrong with it, and how long the day takes."""
+    count = len(result.faults)
+    cell = f" in {result.options.cell}" if result.options.cell else ""
+    badge = Badge("the plan can be run", "good") if not count else Badge("the plan cannot be run", "bad")
+    said = (
+        f" All {len(result.stops)} stops and the ways between them are free{cell}."
+        if not count
+        else f" {count} of {len(result.stops)} stops{cell} are not allowed, or the way to them is not; plan anew."
+    )
+    rows = tuple((fault.stop, fault.why) for fault in result.faults)
+    return Document(
+        f"{result.robot.name}: {badge.text}",
+        (
+            Paragraph((badge, f".{said}"), "lead"),
+            Warnings(result.warnings),
+            Section("Faults", (Table(("stop", "why"), rows),)),
+            Section("The day", (Paragraph(result.day.words),)),
+            provenance_section("design", result.options, result.robot.sha256),
+        ),
+    )

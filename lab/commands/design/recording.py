@@ -13,16 +13,17 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
+from lab.commands.design.document import PlanScene
 from lab.commands.design.result import DesignResult
-from lab.commands.design.scene import PlanScene
-from lab.commands.values import joint_values
+from lab.commands.result import joint_values
 from lab.core.se3 import Array
-from lab.render.document import RECORDING, Bullets, Document, Section, Strong, Table
-from lab.render.format import fixed, format_magnification
+from lab.render.document import RECORDING, Bullets, Document, Section, Strong, Table, fixed, format_magnification
 from lab.render.markdown import to_markdown
-from lab.render.recording_layout import SUMMARY, bars, close_view, eye, layout, main_view
-from lab.render.rerun_primitives import (
+from lab.render.recording import (
+    SUMMARY,
     Times,
+    bars,
+    close_view,
     draw_beams,
     draw_ellipsoid,
     draw_instrument,
@@ -31,6 +32,9 @@ from lab.render.rerun_primitives import (
     draw_moving_legs,
     draw_shells,
     draw_tag,
+    eye,
+    layout,
+    main_view,
     markdown,
     recording_to,
 )

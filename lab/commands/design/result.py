@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,31 +13,118 @@ from numpy.typing import NDArray
 from lab.campaign.design_problem import PoseProblem
 from lab.campaign.instruments import named_instrument
 from lab.campaign.options import DesignOptions
-from lab.commands.design.day import MeasuringDayLength, visit_ids
-from lab.commands.result import Result
-from lab.commands.stops import VIA, Stops
-from lab.commands.values import error_statistics, number
+from lab.campaign.robot import Robot
+from lab.campaign.stations import stations_in
+from lab.commands.result import Result, error_statistics, number
+from lab.commands.run_folder import VIA, Stops
+from lab.core.errors import LabError
+from lab.core.limits import STOPS
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
+from lab.formats.measurement_csv import read_measurements
 from lab.formats.programs.postures import postures_of
-from lab.formats.programs.protocol import MeasuringTour
+from lab.formats.programs.protocol import PAUSE_S, MeasuringTour
 from lab.formats.programs.registry import plan_files, plan_or_refusal
-from lab.pose_selection.certificate import Certificate
-from lab.pose_selection.criteria import Indices
-from lab.pose_selection.exchange import Design
-from lab.pose_selection.predicted_accuracy import PredictedAccuracy
-from lab.pose_selection.tour import Tour
-from lab.simulation.candidate_poses import incidence, view_of
+from lab.kinematics.trajectory.profiles import rest_to_rest_seconds
+from lab.noise.instruments import observing
+from lab.pose_selection.criteria import Indices, PredictedAccuracy
+from lab.pose_selection.exchange import Certificate, Design
+from lab.pose_selection.tour import Tour, rated
+from lab.simulation.candidate_poses import field_of_view, incidence, view_of
+from lab.simulation.collisions import collisions_in_words
+from lab.simulation.free_path import path_check, planning_model
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     from matplotlib.figure import Figure
 
-    from lab.commands.design.scene import PlanScene
+    from lab.commands.design.document import PlanScene
     from lab.render.document import Document
 
-__all__ = ["DesignResult", "DesignStep"]
+__all__ = ["DesignResult", "DesignStep", "Fault", "MeasuringDayLength", "PlanCheckResult", "check_plan", "visit_ids"]
 
-NEAR_ACCEPTANCE_DEG = 5.0  # nearer to the largest angle that a reflector takes, a stop is told
+_WARM_UP_S = 1800.0  # ISO 9283:1998 asks for a warm-up, its length as the maker says; half an hour is common
+REFERENCE_EVERY = 10  # poses after which the reference pose is measured again
+
+
+@dataclass(frozen=True)
+class MeasuringDayLength:
+    """The time that a plan takes.
+
+    Attributes:
+        poses: how many are measured.
+        moving_s: on the move at full speed, s.
+        again: how many stops of the plan are poses that are measured again; none where the plan leaves that out.
+    """
+
+    poses: int
+    moving_s: float
+    again: int = 0
+
+    @classmethod
+    def of(cls, tour: Tour) -> Self:
+        """That of a tour."""
+        poses = len(tour.order)
+        return cls(poses, tour.seconds, int((tour.measured >= 0).sum()) - poses)
+
+    @property
+    def references(self) -> int:
+        """How often the reference pose is measured: first, after every tenth pose, and last; or as the plan has it."""
+        return 1 + (self.again or 1 + (self.poses - 1) // REFERENCE_EVERY)
+
+    @property
+    def seconds(self) -> float:
+        """All of it: warm-up, moves, waiting; ways to the reference pose are taken to last as long as others."""
+        moving = _WARM_UP_S + self.moving_s + PAUSE_S * (self.poses + self.again)
+        if self.again:
+            return moving
+        a_move = self.moving_s / (self.poses + 1)
+        return moving + self.references * (2 * a_move + PAUSE_S)
+
+    def to_dict(self) -> dict[str, float | int]:
+        """The parts, in s."""
+        return {
+            "tour_seconds": float(self.moving_s),
+            "warm_up_seconds": _WARM_UP_S,
+            "reference_measurements": self.references,
+            "day_seconds": round(self.seconds, 1),
+        }
+
+    @property
+    def words(self) -> str:
+        """What the day needs, in sentences."""
+        reference = (
+            "The plan measures its reference pose again (--reference-every)."
+            if self.again
+            else f"Choose one pose of the plan for that; measure it first, after every {REFERENCE_EVERY}th pose and "
+            f"last (--reference-every {REFERENCE_EVERY} plans it so)."
+        )
+        return (
+            f"The day takes about {self.seconds / 60:.0f} minutes: {_WARM_UP_S / 60:.0f} minutes of warm-up, in which "
+            f"the arm goes through the plan unmeasured, {self.moving_s / 60:.1f} minutes of moving at full speed, "
+            f"{PAUSE_S} s of waiting at each pose, and {self.references} measurements of a reference pose. {reference} "
+            "Its scatter is the repeatability, and its drift shows whether tracker or arm have moved. Setting up the "
+            "tracker and its own warm-up are not counted."
+        )
+
+
+def visit_ids(tour: Tour, pose_ids: Sequence[str]) -> tuple[str, ...]:
+    """What each measured stop of a tour is called: its pose's id, and which time it is where it is measured again.
+
+    Args:
+        tour: of the poses.
+        pose_ids: of the poses, in the order in which they are first measured.
+    """
+    names = dict(zip(tour.order.tolist(), pose_ids, strict=True))
+    visits, ids = dict.fromkeys(names, 0), list[str]()
+    for pose in tour.measured[tour.measured >= 0].tolist():
+        visits[pose] += 1
+        ids.append(names[pose] + (f"_{visits[pose]}" if visits[pose] > 1 else ""))
+    return tuple(ids)
+
+
+_NEAR_ACCEPTANCE_DEG = 5.0  # nearer to the largest angle that a reflector takes, a stop is told
 _NUMBERED = ("o1", "o2", "o3", "o4", "o5", "condition", "a")
 _VARIANCE = "mm², of the position on test poses, whatever the units of the parameters"
 
@@ -127,8 +214,8 @@ class DesignResult(Result):
         return {
             "acceptance_deg": float(np.rad2deg(acceptance)),
             "largest_deg": float(angles.max()),
-            "near_deg": NEAR_ACCEPTANCE_DEG,
-            "near": int((angles > np.rad2deg(acceptance) - NEAR_ACCEPTANCE_DEG).sum()),
+            "near_deg": _NEAR_ACCEPTANCE_DEG,
+            "near": int((angles > np.rad2deg(acceptance) - _NEAR_ACCEPTANCE_DEG).sum()),
         }
 
     @property
@@ -175,7 +262,7 @@ class DesignResult(Result):
     @cached_property
     def scene(self) -> "PlanScene":
         """What pictures and the recording show."""
-        from lab.commands.design.scene import plan_scene
+        from lab.commands.design.document import plan_scene
 
         return plan_scene(self)
 
@@ -230,7 +317,7 @@ class DesignResult(Result):
 
     def plot(self) -> "Figure":
         """Draw predicted errors against the number of poses."""
-        from lab.commands.design.figures import curve_pictures
+        from lab.commands.design.document import curve_pictures
 
         return curve_pictures(self)[0].draw()
 
@@ -268,3 +355,123 @@ class DesignResult(Result):
         self.report(folder / "report.html")
         if not self.options.no_recording:
             record_plan(folder / "recording.rrd", self)
+
+
+_SLACK = 1e-9  # rad or m
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A stop that the arm may not take, or a way to one that is not free: its id, and why."""
+
+    stop: str
+    why: str
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class PlanCheckResult(Result):
+    """Whether a plan can be run in a cell.
+
+    Attributes:
+        options: what was asked.
+        stops: the plan's rows, in order.
+        faults: what is wrong with it; none where it can be run.
+        day: how long it takes.
+    """
+
+    options: DesignOptions
+    robot: Robot
+    stops: Measurements
+    faults: tuple[Fault, ...]
+    day: MeasuringDayLength
+    warnings: tuple[str, ...]
+
+    @property
+    def exit_code(self) -> int:
+        """1 where the plan cannot be run, else 0."""
+        return 1 if self.faults else 0
+
+    def to_dict(self) -> dict[str, Any]:
+        """What ``--json`` prints."""
+        return {
+            "robot": self.robot.name,
+            "plan": str(self.options.check),
+            "stops": len(self.stops),
+            "poses": self.day.poses,
+            "good": not self.faults,
+            "faults": [{"stop": fault.stop, "why": fault.why} for fault in self.faults],
+            **self.day.to_dict(),
+            "warnings": list(self.warnings),
+        }
+
+    def document(self) -> "Document":
+        """What a person reads: whether the plan can be run, what is wrong with it, how long it takes."""
+        from lab.commands.design.document import check_document
+
+        return check_document(self)
+
+    def columns(self) -> "Mapping[str, Sequence[Any]]":
+        """A row for each fault."""
+        return {"stop": [fault.stop for fault in self.faults], "why": [fault.why for fault in self.faults]}
+
+    def plot(self) -> "Figure":
+        """There is nothing to draw.
+
+        Raises:
+            LabError: always.
+        """
+        raise LabError("a check of a plan has no figure; lab inspect --cell shows the cell")
+
+    def write(self, folder: Path) -> None:
+        """Write ``config.json``, ``result.json`` and ``report.html``."""
+        from lab.commands.run_folder import write_config, write_json
+
+        write_config(folder, "design", self.options, self.robot.sha256)
+        write_json(folder / "result.json", self.to_dict())
+        self.report(folder / "report.html")
+
+
+def check_plan(options: DesignOptions, robot: Robot) -> PlanCheckResult:
+    """Check every stop of a plan, and every way between two stops, against the arm, its cell and its limits.
+
+    Args:
+        options: whose ``check`` is the plan's file, with every stop in order.
+        robot: in its cell.
+
+    Raises:
+        LabError: the file cannot be read, or has no stop to measure.
+    """
+    assert options.check is not None
+    chain, warnings = rated(robot.chain)
+    stops = read_measurements(options.check, chain.joint_names, chain.prismatic, points=False, most=STOPS)
+    measured = np.array([use != "skip" for use in stops.use])
+    if not measured.any():
+        raise LabError(f"{options.check}: no stop is to be measured; give the plan.csv of lab design")
+    device = observing(named_instrument(options.instrument), "points")
+    faults: dict[str, str] = {}
+    for j, beyond in enumerate(chain.beyond_limits(stops.joints, _SLACK).T):
+        for i in np.flatnonzero(beyond):
+            faults.setdefault(stops.ids[i], chain.said_beyond(j, stops.joints[i, j]))
+    robot.refuse_unknown(options.targets)
+    model = planning_model(robot.model, options.targets, device, options.clearances)
+    for name, words in zip(stops.ids, collisions_in_words(model, stops.joints), strict=True):
+        if words:
+            faults.setdefault(name, words)
+    at = stations_in(options.check, stops, robot.model)
+    for station, name in enumerate(robot.model.stations or ("",)):
+        here = np.flatnonzero(measured & (at == station))
+        sees = field_of_view(robot.model, options.targets, device, station)(stops.joints[here])
+        who = f"the instrument at station '{name}'" if name else "the instrument"
+        for i in here[~sees]:
+            faults.setdefault(stops.ids[i], f"{who} does not see {', '.join(options.targets)} there")
+    free = path_check(model)
+    for end in range(1, len(stops)):
+        ends = {stops.ids[end - 1], stops.ids[end]}
+        if not ends & set(faults) and not free(stops.joints[end - 1], stops.joints[end]):
+            faults.setdefault(stops.ids[end], f"the path to it from {stops.ids[end - 1]} does not keep the clearances")
+    order = {name: i for i, name in enumerate(stops.ids)}
+    found = tuple(Fault(name, faults[name]) for name in sorted(faults, key=lambda name: order[name]))
+    moving = rest_to_rest_seconds(np.diff(stops.joints, axis=0), chain.speed, chain.acceleration).sum()
+    poses = len(np.unique(stops.joints[measured], axis=0))
+    day = MeasuringDayLength(poses, float(moving), int(measured.sum()) - poses)
+    return PlanCheckResult(options, robot, stops, found, day, (*robot.warnings, *stops.warnings, *warnings))

@@ -9,23 +9,19 @@ from typing import Any
 import numpy as np
 
 from lab.calibration.identifiability import enough_poses
-from lab.campaign.design_problem import PoseProblem, pose_problem
-from lab.campaign.design_search import best_design, exchanged
+from lab.campaign.design_problem import PoseProblem, best_design, exchanged, pose_problem
 from lab.campaign.options import DesignOptions
 from lab.campaign.robot import Robot, load_virtual
-from lab.commands.design.check import PlanCheckResult, check_plan
-from lab.commands.design.result import DesignResult, DesignStep
-from lab.commands.keywords import options_of, takes
+from lab.commands.command_line import options_of, takes
+from lab.commands.design.result import DesignResult, DesignStep, PlanCheckResult, check_plan
 from lab.core.errors import LabError
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.joints import JointSpec
-from lab.pose_selection.certificate import Certificate, certify
-from lab.pose_selection.criteria import indices
-from lab.pose_selection.exchange import Design, information
-from lab.pose_selection.predicted_accuracy import PredictedAccuracy, predict, smallest_count
+from lab.pose_selection.criteria import PredictedAccuracy, indices, predict, smallest_count
+from lab.pose_selection.exchange import Certificate, Design, certify, information
 from lab.pose_selection.tour import Tour, one_after_another, plan_tour, rated, with_reference
-from lab.render.progress import Stage, status
+from lab.render.terminal import Stage, status
 
 __all__ = ["design", "planned_day"]
 

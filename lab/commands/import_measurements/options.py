@@ -8,9 +8,7 @@ import tyro
 
 from lab.campaign.option_types import Names
 from lab.core.errors import LabError
-from lab.core.limits import TARGETS, checked_name
-from lab.core.numbers import positive
-from lab.core.ranges import CLOCK_DRIFT_PPM, CLOCKS_S
+from lab.core.limits import CLOCK_DRIFT_PPM, CLOCKS_S, TARGETS, checked_name, positive
 
 __all__ = ["By", "ImportOptions"]
 

@@ -8,17 +8,16 @@ from typing import Any
 import numpy as np
 
 from lab.campaign.robot import Robot, load_robot
+from lab.commands.command_line import options_of, takes
+from lab.commands.import_measurements.clocks import NominalFit
 from lab.commands.import_measurements.matching import Matching, matched
-from lab.commands.import_measurements.nominal_fit import NominalFit
 from lab.commands.import_measurements.options import ImportOptions
 from lab.commands.import_measurements.result import ImportResult
-from lab.commands.keywords import options_of, takes
-from lab.core.errors import LabError
+from lab.core.errors import LabError, counted
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
-from lab.core.wording import counted
-from lab.formats.column_map import read_column_map
 from lab.formats.joint_log import read_joint_log
+from lab.formats.loose_table import read_column_map
 from lab.formats.tracker_export import TrackerPoints, read_tracker_points
 
 __all__ = ["import_measurements"]

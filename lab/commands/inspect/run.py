@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from lab.calibration.checks.fit import changes
 from lab.calibration.identifiability import (
     WEAK_CONDITION,
     aliases,
@@ -14,19 +15,18 @@ from lab.calibration.identifiability import (
     scaled_condition,
     weak_directions,
 )
-from lab.calibration.setup_suggestions import changes
 from lab.campaign.robot import Robot, load_robot
-from lab.commands.calibrate.findings import direction_to_dict
+from lab.commands.calibrate.result import direction_to_dict
+from lab.commands.command_line import options_of, takes
 from lab.commands.inspect.cell import cell_values
 from lab.commands.inspect.closed import closed_nominal, closed_shape
 from lab.commands.inspect.options import InspectOptions
 from lab.commands.inspect.result import Inspection
 from lab.commands.inspect.serial import serial_frames, serial_nominal, serial_shape
-from lab.commands.keywords import options_of, takes
-from lab.commands.values import number
+from lab.commands.result import number
 from lab.core.errors import LabError
+from lab.core.limits import OPTION_SIZE
 from lab.core.random import rng_for
-from lab.core.ranges import OPTION_SIZE
 from lab.core.se3 import Array
 from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.gauge import base_set, named

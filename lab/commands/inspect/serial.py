@@ -1,19 +1,93 @@
 """The nominal model and the shape of a serial arm, as plain values."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from lab.commands.inspect.serial_shape import LEAST, shape_of
-from lab.commands.values import joint_kind, joint_limits, tidy
+from lab.commands.result import joint_kind, joint_limits, limits_and_speed, printed, tidy, with_joint
 from lab.core import se3
+from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.kinematics.mobility import mobility_of
+from lab.kinematics.closed.mobility import mobility_of
+from lab.kinematics.differential import rates
+from lab.kinematics.inverse.closed_form import Factor, closed_form_of
+from lab.kinematics.reach import reach_from_axis
+from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import COLUMNS, Chain
 from lab.kinematics.serial.khalil_frames import ANGULAR, khalil_frame
+from lab.render.document import Block, Bullets, Paragraph, Table
 
-__all__ = ["serial_frames", "serial_nominal", "serial_shape"]
+__all__ = ["serial_blocks", "serial_frames", "serial_nominal", "serial_shape", "shape_of"]
+
+_TRIES = 200  # poses from which a singular one is sought
+ZERO = 1e-12  # of a factor (m, or a sine)
+_LEAST = 1e-6  # of a joint's part in a combination
+
+
+@dataclass(frozen=True)
+class Singularity:
+    """One way in which an arm is singular.
+
+    Attributes:
+        factor: what of the determinant is zero there.
+        joints: ``(n,)`` readings of an example; None where there is none within the limits.
+        free: ``(k, n)`` combinations of the joints that move nothing in the example, the largest part 1.
+    """
+
+    factor: Factor
+    joints: Array | None
+    free: Array
+
+
+@dataclass(frozen=True)
+class SerialShape:
+    """Of a drawing.
+
+    Attributes:
+        reach_m: how far the last frame's origin gets from axis 1, within the limits; from frame 0 where joint 1 slides.
+        ways: how many readings lead to a pose; None where no closed form is known.
+        determinant: of the Jacobian, in words; "" where no closed form is known.
+        moved: what motions the determinant is of, in words.
+    """
+
+    reach_m: float
+    ways: int | None
+    determinant: str
+    singularities: tuple[Singularity, ...]
+    moved: str = ""
+
+
+def shape_of(chain: Chain) -> SerialShape:
+    """The shape of an arm as drawn."""
+    form = closed_form_of(chain)
+    if form is None:
+        return SerialShape(reach_from_axis(chain), None, "", ())
+    singularities = tuple(_singularity(chain, factor) for factor in form.determinant.factors if factor.terms)
+    return SerialShape(reach_from_axis(chain), form.branches, form.determinant.text, singularities, form.moved)
+
+
+def _singularity(chain: Chain, factor: Factor) -> Singularity:
+    """An example of a singularity within the limits, by Newton's method on its factor."""
+    joints = chain.random_joints(_TRIES, rng_for(0, "structure"))
+    step = 1e-6
+    for _ in range(20):
+        value = factor.at(joints)
+        slope = np.stack(
+            [(factor.at(joints + move) - factor.at(joints - move)) / (2 * step) for move in step * np.eye(chain.size)],
+            axis=1,
+        )
+        size = np.maximum((slope**2).sum(axis=1, keepdims=True), 1e-300)
+        joints = joints - value[:, None] * slope / size
+    fits = (np.abs(factor.at(joints)) < ZERO) & ~chain.beyond_limits(joints, 0.0).any(axis=1)
+    if not fits.any():
+        return Singularity(factor, None, np.empty((0, chain.size)))
+    example = joints[np.flatnonzero(fits)[0]]
+    arm = SerialArm(chain)
+    found = rates(arm.tool(example[None], arm.nominal())[1], np.zeros((1, 6)))
+    free = found.free[0, : chain.size - int(found.rank[0])]
+    return Singularity(factor, example, free / np.abs(free).max(axis=1, keepdims=True))
 
 
 def serial_nominal(chain: Chain) -> dict[str, Any]:
@@ -55,7 +129,7 @@ def serial_shape(chain: Chain) -> dict[str, Any]:
                 "where": each.factor.text,
                 "example": None if each.joints is None else [tidy(value) for value in each.joints * scale],
                 "free": [
-                    {name: tidy(part) for name, part in zip(names, parts, strict=True) if abs(part) > LEAST}
+                    {name: tidy(part) for name, part in zip(names, parts, strict=True) if abs(part) > _LEAST}
                     for parts in each.free
                 ],
             }
@@ -85,3 +159,89 @@ def _joint(chain: Chain, i: int) -> dict[str, Any]:
         for j, c in enumerate(COLUMNS)
     }
     return {**joint_kind(chain, i), **cells, **joint_limits(chain, i)}
+
+
+_ASKED = "a pose is met in its place, and in its rotation as near as these can"
+_ORDERS = {"distal": "Rz(θ) Tz(d) Tx(a) Rx(α)", "craig": "Rx(α) Tx(a) Rz(θ) Tz(d)"}
+
+
+def serial_blocks(values: Mapping[str, Any]) -> tuple[Block, ...]:
+    """The Denavit-Hartenberg table with limits, the reach, and the singularities."""
+    convention = values["convention"]
+    solutions = "" if values["ways"] is None else f"; {values['ways']} inverse-kinematics solutions of a pose"
+    return (
+        Paragraph(f"{values['robot']}: Denavit-Hartenberg, {convention}, {_ORDERS[convention]}; mm and °"),
+        Table(("i", "θ", "d", "a", "α", "limits", "speed per s"), _rows(values["joints"])),
+        Paragraph(f"reach {printed(values['reach_mm'])} mm from axis 1 to the last frame{solutions}"),
+        Paragraph(_freedoms_serial_document(values["freedoms"])),
+        *_singularities(values),
+        *_frames(values["khalil"]),
+    )
+
+
+def _freedoms_serial_document(values: Mapping[str, Any]) -> str:
+    """Joints and degrees of freedom, what is free and what cannot be moved, in a sentence."""
+    index, freedoms = values["index"], values["degrees_of_freedom"]
+    said = f"mobility index {index}, {freedoms} degrees of freedom of the last frame"
+    if values["redundancy"]:
+        said += f": redundant by {values['redundancy']}; {', '.join(values['free'])} can move while it stands still"
+    else:
+        said += ": not redundant but at singularities"
+    if values["planar"]:
+        turns = " and turns about its normal" if freedoms > 2 else ", and its turn follows from its place"
+        return f"{said}; it moves in a plane{turns}"
+    lacks = [f"{count} {name}" for count, name in ((values["missing_displacements"], "of its displacements"),
+                                                   (values["missing_turns"], "of its turns")) if count]  # fmt: skip
+    if not lacks:
+        return said if freedoms >= 6 or index >= 6 else f"{said}; {_ASKED}"
+    return f"{said}; no joint makes {' and '.join(lacks)}; {_ASKED}"
+
+
+def _rows(joints: list[dict[str, Any]]) -> tuple[tuple[str, ...], ...]:
+    rows = []
+    for i, joint in enumerate(joints):
+        slides = joint["type"] == "prismatic"
+        theta, d = printed(joint["theta_deg"]), printed(joint["d_mm"])
+        moved = with_joint(joint["name"], joint["sign"], joint["d_mm" if slides else "theta_deg"])
+        theta, d = (theta, moved) if slides else (moved, d)
+        lengths = printed(joint["a_mm"]), printed(joint["alpha_deg"])
+        rows.append((str(i + 1), theta, d, *lengths, *limits_and_speed(joint)))
+    return tuple(rows)
+
+
+def _frames(khalil: Mapping[str, Mapping[str, Any]]) -> tuple[Block, ...]:
+    """Base and targets in Khalil and Kleinfinger's parameters, and what is not determined."""
+    rows = tuple((name, *(printed(each[key]) for key in each if key != "note")) for name, each in khalil.items())
+    notes = [f"{name}: {each['note']}".replace("-", "−") for name, each in khalil.items() if each["note"]]
+    return (
+        Paragraph(
+            "base in the world and targets in the last frame, Khalil and Kleinfinger: "
+            "Rz(γ) Tz(b) Rx(α) Tx(d) Rz(θ) Tz(r); mm and °"
+        ),
+        Table(("", "γ", "b", "α", "d", "θ", "r"), rows),
+        *((Bullets(tuple(notes)),) if notes else ()),
+    )
+
+
+def _singularities(values: Mapping[str, Any]) -> tuple[Block, ...]:
+    """The Jacobian's determinant, and an example of each singularity with its self-motion."""
+    if values["determinant"] is None:
+        return ()
+    text = values["determinant"].replace("-", "−").replace("*", "·")
+    lines = []
+    for each in values["singularities"]:
+        where = f"{each['name']}, {each['where']} = 0"
+        if each["example"] is None:
+            lines.append(f"{where}: not within the limits")
+            continue
+        parts = " or ".join(" ".join(f"{part:+.3g} {name}" for name, part in one.items()) for one in each["free"])
+        at = ", ".join(f"{value:.1f}" for value in np.round(each["example"], 1) + 0.0)
+        moves = (
+            f"with the self-motion {parts}" if parts else "where one of these motions is lost, and nothing moves alone"
+        )
+        lines.append(f"{where}: e.g. at ({at}), {moves}")
+    ends = "singular where a factor is zero:" if lines else "never singular."
+    return (
+        Paragraph(f"det J = {text} (m), of {values['determinant_of']}; {ends}"),
+        Bullets(tuple(line.replace("-", "−").replace("self−motion", "self-motion") for line in lines)),
+    )

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import tyro
 
-from lab.core.dates import day
+from lab.core.limits import day
 
 __all__ = ["MigrateOptions"]
 

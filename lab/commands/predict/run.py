@@ -9,7 +9,7 @@ import numpy as np
 
 from lab.calibration.checks.fit import check_limits
 from lab.commands.calibrate.load_run import CalibrationRun, calibrated_by, condition_notes, folder_of, read_calibrated
-from lab.commands.keywords import options_of, takes
+from lab.commands.command_line import options_of, takes
 from lab.commands.predict.options import PredictOptions
 from lab.commands.predict.result import PredictionResult
 from lab.core.errors import LabError, error_context

@@ -7,9 +7,7 @@ from typing import Literal
 import tyro
 
 from lab.campaign.option_types import Flag
-from lab.core.dates import day
-from lab.core.limits import DAYS
-from lab.core.numbers import whole
+from lab.core.limits import DAYS, day, whole
 
 __all__ = ["StatusOptions"]
 

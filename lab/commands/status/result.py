@@ -1,19 +1,47 @@
 """The state of the arms of a folder of runs: typed, and as plain values."""
 
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import date
+from datetime import UTC, date, datetime
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from lab.commands.result import Result
-from lab.commands.status.arm import ArmStatus
-from lab.commands.status.history import Check, LeftOut
+from lab.commands.run_folder import provenance_section
+from lab.commands.status.arm import FEWEST_CHECKS, STATES, ArmStatus, Check, LeftOut
 from lab.commands.status.options import StatusOptions
+from lab.commands.trend.result import change_words
+from lab.core.errors import counted
+from lab.render.charts.chart import axes_picture
+from lab.render.charts.marks import Axes
+from lab.render.document import (
+    EVERYWHERE,
+    PAGE,
+    Badge,
+    Bullets,
+    Code,
+    Column,
+    Document,
+    Figure,
+    Inline,
+    Paragraph,
+    Picture,
+    Row,
+    Section,
+    Table,
+    Text,
+    Warnings,
+    digits_of,
+    fixed,
+    plus_minus,
+    short,
+)
+from lab.render.style import GRID, INK, MEASURED, MUTED, RMS, WORST
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure as MatplotlibFigure
 
     from lab.render.document import Document
 
@@ -68,9 +96,7 @@ class StatusResult(Result):
 
     def document(self) -> "Document":
         """What a person reads: every arm in a row, the checks over time, what changed, what was left out."""
-        from lab.commands.status.document import status_document
-
-        return status_document(self)
+        return _status_document(self)
 
     def columns(self) -> Mapping[str, Sequence[Any]]:
         """A row for each arm, as ``status.csv`` has it; empty where nothing is known."""
@@ -98,22 +124,19 @@ class StatusResult(Result):
         ]
         return {name: ["" if row[name] is None else row[name] for row in flat] for name in (flat or [{}])[0]}
 
-    def plot(self) -> "Figure":
+    def plot(self) -> "MatplotlibFigure":
         """Draw the checks of every arm over time."""
-        from lab.commands.status.figures import checks_picture
-
-        return checks_picture(self).draw()
+        return _checks_picture(self).draw()
 
     def write(self, folder: Path) -> None:
         """Write ``config.json``, ``result.json``, ``status.csv``, ``status.prom`` and ``report.html``."""
         from lab.commands.run_folder import write_config, write_json
-        from lab.commands.status.metrics import exposition
         from lab.formats.csv_table import write_columns
 
         write_config(folder, "status", self.options, self.model_sha256)
         write_json(folder / "result.json", self.to_dict())
         write_columns(folder / "status.csv", {name: [*map(str, each)] for name, each in self.columns().items()})
-        (folder / "status.prom").write_text(exposition(self.arms, len(self.left_out)), encoding="utf-8")
+        (folder / "status.prom").write_text(_exposition(self.arms, len(self.left_out)), encoding="utf-8")
         self.report(folder / "report.html")
 
 
@@ -142,3 +165,208 @@ def _check(check: Check | None) -> dict[str, Any] | None:
         return None
     on = None if check.on is None else check.on.isoformat()
     return {"run": str(check.folder), "date": on, "verdict": check.verdict, "error_mm": check.error_mm}
+
+
+_MARKS = {
+    "good": (RMS, "o"),
+    "doubtful": (MEASURED, "^"),
+    "bad": (WORST, "D"),
+    "not judged": (MUTED, "s"),
+}  # by verdict: they differ without colour, too
+_ROW, _MOST_NAME = 0.24, 26  # inches of an arm; characters of its name
+_MONTHS = (1, 2, 3, 6, 12, 24, 60, 120)  # between ticks
+_MOST_TICKS = 8
+
+
+def _checks_picture(result: StatusResult) -> Picture:
+    """Draw a row for each arm, the worst on top: a mark for each check, a stroke for each calibration."""
+    arms = result.arms
+    days = [(each, len(arms) - 1 - i) for i, arm in enumerate(arms) for each in arm.checks if each.on is not None]
+
+    def draw(axes: Axes) -> None:
+        for row in range(len(arms)):
+            axes.axhline(row, color=GRID, linewidth=0.8)
+        strokes = [(each.on.toordinal(), row) for each, row in days if each.on is not None and each.calibrates]
+        if strokes:
+            at, rows = zip(*strokes, strict=True)
+            axes.plot(at, rows, "|", color=INK, markersize=15, label="calibration")
+        for verdict, (colour, mark) in _MARKS.items():
+            own = [(each.on.toordinal(), row) for each, row in days if each.on is not None and each.verdict == verdict]
+            if own:
+                at, rows = zip(*own, strict=True)
+                axes.plot(at, rows, mark, color=colour, markersize=5, label=verdict)
+        axes.axvline(result.on.toordinal(), color=MUTED, linewidth=1, linestyle=":")
+        first = min((each.on for each, _ in days if each.on is not None), default=result.on)
+        ticks = _ticks(first, result.on)
+        axes.set_xticks([each.toordinal() for each in ticks], [f"{each:%Y-%m}" for each in ticks])
+        names = [arm.called for arm in reversed(arms)]
+        axes.set_yticks(range(len(arms)), [n if len(n) <= _MOST_NAME else f"{n[:_MOST_NAME]}…" for n in names])
+        span = max(30, result.on.toordinal() - first.toordinal())
+        left, right = first.toordinal() - 0.03 * span, result.on.toordinal() + 0.03 * span
+        axes.set(xlim=(left, right), ylim=(-0.7, len(arms) + 0.6))
+        axes.grid(visible=False)
+        axes.legend(loc="upper left", ncols=5)
+
+    label = f"Calibrations and verifications of {len(arms)} arms up to {result.on}, by verdict"
+    widest = max((min(len(arm.called), _MOST_NAME) for arm in arms), default=0)
+    return axes_picture("checks", label, (7.2, 1.1 + _ROW * len(arms)), draw, (0.35 + 0.075 * widest, 0.45, 0.2, 0.15))
+
+
+def _ticks(first: date, last: date) -> list[date]:
+    """Firsts of months between two days, at most eight."""
+    months = [first.year * 12 + first.month - 1, last.year * 12 + last.month - 1]
+    step = next((each for each in _MONTHS if (months[1] - months[0]) / each < _MOST_TICKS), _MONTHS[-1])
+    start = -(-(months[0]) // step) * step
+    return [date(at // 12, at % 12 + 1, 1) for at in range(start, months[1] + 1, step)]
+
+
+_KINDS: Mapping[str, Literal["good", "doubtful", "bad", "open"]] = {
+    "good": "good",
+    "due": "doubtful",
+    "doubtful": "doubtful",
+    "bad": "bad",
+}
+_MOST_DIGITS = 6
+
+
+def _status_document(result: StatusResult) -> Document:
+    """The count of each state, a row for each arm, the checks over time, changes, and what was left out."""
+    counts = Counter(each.state for each in result.arms)
+    said = ", ".join(f"{counts[state]} {state}" for state in reversed(STATES) if counts[state])
+    lead = tuple(_badges(counts))
+    caption = (
+        "Every check of every arm: a stroke is a calibration, its mark and those between the strokes the verdicts. The "
+        f"dotted line is {result.on}."
+    )
+    return Document(
+        f"{counted(len(result.arms), 'arm')} on {result.on}: {said}" if result.arms else "no arm",
+        (
+            Paragraph(lead, "lead"),
+            Warnings(result.warnings),
+            Section("The arms", (_arms(result), Paragraph(_explained(result), "note", shown_in=PAGE))),
+            Section("The checks over time", (Figure("checks", (_checks_picture(result),), caption),)),
+            Section("Changes between calibrations", (Bullets(tuple(_changes(each) for each in result.arms)),)),
+            provenance_section("status", result.options, result.model_sha256),
+        ),
+    )
+
+
+def _badges(counts: Mapping[str, int]) -> list[Inline]:
+    parts: list[Inline] = []
+    for state in reversed(STATES):
+        if counts.get(state):
+            parts += [Badge(f"{counts[state]} {state}", _KINDS.get(state, "open")), " "]
+    return parts
+
+
+def _arms(result: StatusResult) -> Table:
+    on_page = ("verdict", "error then", "slope, mm a year")  # a terminal has no room for these
+    headings = (
+        "state", "arm", "calibrated", "verdict", "verified", "verdict", "error then", "error now", "slope, mm a year",
+        "next due",
+    )  # fmt: skip
+    columns = tuple(Column(each, PAGE if each in on_page else EVERYWHERE) for each in headings)
+    return Table(columns, tuple(_row(each) for each in result.arms), "Mean position errors, mm", most_rows=200)
+
+
+def _row(arm: ArmStatus) -> Row:
+    slope = arm.slope
+    words = "–"
+    if slope is not None:
+        digits = digits_of(slope.half_width, _MOST_DIGITS)
+        words = f"{fixed(slope.per_year, digits, signed=True)} {plus_minus(slope.half_width, digits)}"
+    return (
+        Badge(arm.state, _KINDS.get(arm.state, "open")),
+        Code(arm.called),
+        *_checked(arm.calibration),
+        *_checked(arm.verification),
+        _length(arm.error_then_mm),
+        _length(arm.error_now_mm),
+        words,
+        "–" if arm.due is None else arm.due.isoformat(),
+    )
+
+
+def _checked(check: Check | None) -> tuple[Text, Text]:
+    if check is None or check.on is None:
+        return "–", "–"
+    return check.on.isoformat(), check.verdict
+
+
+def _length(value: float | None) -> str:
+    return "–" if value is None else short(value)
+
+
+def _explained(result: StatusResult) -> str:
+    return (
+        "The state is the verdict of the last verification of the last calibration, or of that itself. An arm is due "
+        f"{counted(result.options.every_days, 'day')} after its last check, a bad one at once. Error then: at "
+        "validation of the last calibration; now: at its last verification. The slope needs "
+        f"{FEWEST_CHECKS} verifications of one calibration; its interval is 95 %."
+    )
+
+
+def _changes(arm: ArmStatus) -> Text:
+    """What changed between the calibrations of an arm, in the words of its trend."""
+    if arm.trend is None:
+        return ""
+    if not arm.trend.changes:
+        return f"{arm.called}: no change in {len(arm.trend.runs)} calibrations."
+    count, said = len(arm.trend.changes), change_words(arm.trend, arm.trend.changes[-1])
+    earlier = "" if count == 1 else f" The last of {count} changes in {len(arm.trend.runs)} calibrations (lab trend)."
+    return f"{arm.called}: {said}{earlier}"
+
+
+_STATES = ", ".join(f"{i} {word}" for i, word in enumerate(STATES))
+_ESCAPES = str.maketrans({"\\": r"\\", '"': r"\"", "\n": r"\n"})
+
+
+def _exposition(arms: Sequence[ArmStatus], left_out: int) -> str:
+    """Return the text that a scraper reads: a family for each quantity, a line for each arm that has it.
+
+    Days are the seconds of their first moment, UTC.
+
+    Args:
+        left_out: how many runs could not be used.
+    """
+    families = (
+        ("lab_arm_state", f"State of the arm: {_STATES}.", [_state(each) for each in arms]),
+        ("lab_arm_error_mm", "Mean position error at the last check, mm.", [_error(each) for each in arms]),
+        (
+            "lab_arm_last_calibration_timestamp_seconds",
+            "Day of the last calibration.",
+            [None if each.calibration is None else _seconds(each.calibration.on) for each in arms],
+        ),
+        ("lab_arm_due_timestamp_seconds", "Last day for the next check.", [_seconds(each.due) for each in arms]),
+    )
+    lines = list[str]()
+    for name, text, values in families:
+        lines += _head(name, text)
+        lines += [
+            f"{name}{_labels(arm)} {value!r}" for arm, value in zip(arms, values, strict=True) if value is not None
+        ]
+    name = "lab_status_left_out_runs"
+    lines += [*_head(name, "Runs of the folder that could not be used."), f"{name} {left_out}"]
+    return "\n".join(lines) + "\n"
+
+
+def _head(name: str, text: str) -> Iterator[str]:
+    yield f"# HELP {name} {text}"
+    yield f"# TYPE {name} gauge"
+
+
+def _labels(arm: ArmStatus) -> str:
+    serial, robot = ((each or "").translate(_ESCAPES) for each in (arm.serial, arm.robot))
+    return f'{{serial="{serial}",robot="{robot}"}}'
+
+
+def _state(arm: ArmStatus) -> int:
+    return STATES.index(arm.state)
+
+
+def _error(arm: ArmStatus) -> float | None:
+    return arm.error_now_mm if arm.error_now_mm is not None else arm.error_then_mm
+
+
+def _seconds(on: date | None) -> int | None:
+    return None if on is None else int(datetime(on.year, on.month, on.day, tzinfo=UTC).timestamp())

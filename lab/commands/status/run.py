@@ -8,17 +8,16 @@ from typing import Any
 import numpy as np
 
 from lab.commands.calibrate.load_run import read_calibrated
-from lab.commands.keywords import options_of, takes
-from lab.commands.status.arm import STATES, ArmStatus
-from lab.commands.status.history import Check, LeftOut, checks_of, reason_of
+from lab.commands.command_line import options_of, takes
+from lab.commands.status.arm import STATES, ArmStatus, Check, LeftOut, checks_of, reason_of
 from lab.commands.status.options import StatusOptions
 from lab.commands.status.result import StatusResult
 from lab.commands.trend.options import TrendOptions
 from lab.commands.trend.result import DatedRun, TrendResult
 from lab.commands.trend.run import content_of, followed
-from lab.core.dates import day
 from lab.core.errors import LabError
-from lab.render.progress import status as showing
+from lab.core.limits import day
+from lab.render.terminal import status as showing
 
 __all__ = ["status"]
 

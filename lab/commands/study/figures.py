@@ -18,15 +18,13 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import LogLocator, NullLocator
 
-from lab.commands.study.document import comparison_sentence
 from lab.commands.study.format import circumstances, effect_words, factor_words, level_words, metric_words, varying
-from lab.render.document import Picture
-from lab.render.format import capital
+from lab.commands.study.result import comparison_sentence
+from lab.render.charts.chart import save_figure
+from lab.render.document import Picture, capital
 from lab.render.style import FIGURE_STYLE, MUTED, PREDICTED, REFERENCE, SERIES
-from lab.render.svg import save_figure
-from lab.studies.analysis import Analysis, Comparison, Mean, Pair
+from lab.studies.analysis import Analysis, CellGroup, Comparison, Mean, Pair, groups
 from lab.studies.grid import ANY, Cell
-from lab.studies.table import CellGroup, groups
 
 __all__ = ["study_pictures", "write_figures"]
 
@@ -53,11 +51,13 @@ def study_pictures(analysis: Analysis, metric: str) -> dict[str, Picture]:
     made: dict[str, Picture] = {}
     for free, comparisons in by_factor.items():
         draw: dict[str, Callable[[], Figure]] = {
-            "means": partial(means_figure, analysis, metric, free[0]),
-            "pairs": partial(pairs_figure, comparisons, analysis.cells),
+            "means": partial(_means_figure, analysis, metric, free[0]),
+            "pairs": partial(_pairs_figure, comparisons, analysis.cells),
         }
         if any(rank.lowest < rank.highest for each in comparisons for rank in each.ranks):
-            draw["ranks"] = partial(ranks_figure, comparisons, analysis.cells)  # where each is certain they say nothing
+            draw["ranks"] = partial(
+                _ranks_figure, comparisons, analysis.cells
+            )  # where each is certain they say nothing
         answers = ". ".join(capital(comparison_sentence(each, analysis.cells)) for each in comparisons[:_MOST_ANSWERS])
         for kind, figure in draw.items():
             name = f"{metric}-{'-'.join(free)}-{kind}"
@@ -72,7 +72,7 @@ def write_figures(folder: Path, pictures: Mapping[str, Picture]) -> None:
         save_figure(folder, name, picture.draw())
 
 
-def means_figure(analysis: Analysis, metric: str, factor: str, line: str | None = None) -> Figure:
+def _means_figure(analysis: Analysis, metric: str, factor: str, line: str | None = None) -> Figure:
     """A metric against a factor with 95 % intervals, a line a level of another one, a panel where the rest agrees.
 
     Args:
@@ -156,7 +156,7 @@ def _line(axes: Axes, mine: Sequence[tuple[float, Mean]], number: int, lines: in
     )
 
 
-def pairs_figure(comparisons: Sequence[Comparison], cells: Sequence[Cell]) -> Figure:
+def _pairs_figure(comparisons: Sequence[Comparison], cells: Sequence[Cell]) -> Figure:
     """How much more than the best each cell has, with 95 % intervals, a panel a group: a forest plot."""
     free, kind = comparisons[0].group.free, comparisons[0].kind
     most = max((pair.effect for each in comparisons for pair in _behind(each) if isfinite(pair.effect)), default=1.0)
@@ -210,7 +210,7 @@ def _most_rows(comparisons: Sequence[Comparison]) -> int:
     return max(len(each.ranks) for each in comparisons)
 
 
-def ranks_figure(comparisons: Sequence[Comparison], cells: Sequence[Cell]) -> Figure:
+def _ranks_figure(comparisons: Sequence[Comparison], cells: Sequence[Cell]) -> Figure:
     """The share of resamples in which each cell has each rank, its 95 % set framed, a panel a group."""
     free = comparisons[0].group.free
 

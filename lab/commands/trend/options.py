@@ -8,7 +8,7 @@ import tyro
 from lab.calibration.estimate import SETUP
 from lab.campaign.option_types import Flag, Names
 from lab.core.errors import LabError
-from lab.core.serials import check_serial
+from lab.core.limits import check_serial
 
 __all__ = ["TrendOptions"]
 

@@ -8,23 +8,46 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lab.calibration.estimate import IdentifiedSubset
+from lab.calibration.estimate import SETUP, IdentifiedSubset
 from lab.commands.calibrate.load_run import CalibrationRun
-from lab.commands.result import Result
+from lab.commands.result import Result, number
+from lab.commands.run_folder import provenance_section
 from lab.commands.trend.options import TrendOptions
-from lab.commands.values import number
+from lab.core.errors import counted
+from lab.core.limits import called
 from lab.core.linear_model import half_width_95
 from lab.core.se3 import Array
 from lab.core.significance import TREND_YEAR
 from lab.kinematics.parameter import Parameter
+from lab.render.charts.chart import figure_picture, log_ticks
+from lab.render.document import (
+    Badge,
+    Bullets,
+    Code,
+    Document,
+    Figure,
+    Paragraph,
+    Picture,
+    Row,
+    Section,
+    Table,
+    Warnings,
+    digits_of,
+    display_unit,
+    fixed,
+    plus_minus,
+    short,
+)
+from lab.render.style import AFTER, BEFORE, GRID, INK, OUTLIER, PREDICTED
 from lab.verification.change_points import POWER, ChangePoint
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure as MatplotlibFigure
 
     from lab.render.document import Document
 
-__all__ = ["DatedRun", "DetectableChange", "TrendResult"]
+__all__ = ["DatedRun", "DetectableChange", "TrendResult", "change_words", "errors_picture"]
 
 
 @dataclass(frozen=True)
@@ -160,9 +183,7 @@ class TrendResult(Result):
 
     def document(self) -> "Document":
         """What a person reads: whether and when anything changed, what, and how the parameters went."""
-        from lab.commands.trend.document import trend_document
-
-        return trend_document(self)
+        return _trend_document(self)
 
     def columns(self) -> Mapping[str, Sequence[Any]]:
         """A row for each run and parameter: change since the first run and half of its 95 % interval, in SI units."""
@@ -175,11 +196,9 @@ class TrendResult(Result):
             "half_width_95": self.half_widths.ravel().tolist(),
         }
 
-    def plot(self) -> "Figure":
+    def plot(self) -> "MatplotlibFigure":
         """Draw all parameters over time."""
-        from lab.commands.trend.figures import parameters_picture
-
-        return parameters_picture(self).draw()
+        return _parameters_picture(self).draw()
 
     def write(self, folder: Path) -> None:
         """Write ``config.json``, ``result.json`` and ``report.html``."""
@@ -188,3 +207,253 @@ class TrendResult(Result):
         write_config(folder, "trend", self.options, self.runs[0].run.robot.sha256)
         write_json(folder / "result.json", self.to_dict())
         self.report(folder / "report.html")
+
+
+_WIDTH = 5.6  # inches
+_ROW = 0.2  # inches of a parameter
+_REACH = 4.0  # halves of a 95 % interval at which the colours end
+_MOST = 6  # parameters with a picture of their own
+
+
+def errors_picture(result: TrendResult) -> tuple[Picture, ...]:
+    """Mean and 95 % of the errors at validation, over time; nothing where fewer than two runs were validated."""
+    of = [(each.date, each.run.result.after_mm) for each in result.runs]
+    found = [(day, errors["mean"], errors["p95"]) for day, errors in of if errors is not None and errors["mean"] > 0]
+    if len(found) < 2:
+        return ()
+    days, means, ends = zip(*found, strict=True)
+
+    def draw(axes: "Axes") -> None:
+        log_ticks(axes, "y", min(means) / 1.6, max(ends) * 1.6)
+        axes.plot(days, ends, "s--", color=PREDICTED, markersize=4, linewidth=1, label="95 % of the points")
+        axes.plot(days, means, "o-", color=AFTER, markersize=4.5, linewidth=1.3, label="mean")
+        _changes(axes, result)
+        axes.set(ylabel="validation error, mm (logarithmic)")
+        _date_axis(axes)
+        axes.legend(loc="best")
+
+    label = f"Validation error of each calibration: mean from {min(means):.3g} to {max(means):.3g} mm"
+    return (figure_picture("errors", label, (_WIDTH, 2.6), draw, (0.75, 0.45, 0.2, 0.3)),)
+
+
+def _parameters_picture(result: TrendResult) -> Picture:
+    """Every parameter in every calibration: how far it is from the first, in halves of the difference's interval."""
+    names, halves = result.estimates[0].names, result.half_widths
+    sizes = result.shifts / np.sqrt(halves**2 + halves[0] ** 2)
+
+    def draw(axes: "Axes") -> None:
+        from matplotlib.colors import LinearSegmentedColormap
+
+        colours = LinearSegmentedColormap.from_list("shift", [BEFORE, "#ffffff", AFTER])
+        grid = axes.pcolormesh(
+            np.arange(len(result.runs) + 1), np.arange(len(names) + 1), sizes.T[::-1], cmap=colours, vmin=-_REACH,
+            vmax=_REACH, edgecolors=GRID, linewidth=0.5,
+        )  # fmt: skip
+        for change in result.changes:
+            axes.axvline(change.after + 1, color=OUTLIER, linewidth=2)
+        axes.set_yticks(np.arange(len(names)) + 0.5, list(names[::-1]))
+        step = max(1, -(-len(result.runs) // 8))
+        shown = range(0, len(result.runs), step)
+        axes.set_xticks([i + 0.5 for i in shown], [result.runs[i].date.isoformat() for i in shown], rotation=30)
+        axes.tick_params(length=0)
+        axes.grid(visible=False)
+        bar = axes.figure.colorbar(grid, ax=axes, pad=0.02, fraction=0.04)
+        bar.set_label("difference, in halves of its 95 % interval")
+
+    label = f"Parameters over time, {_said(result)}"
+    return figure_picture("parameters", label, (_WIDTH, 1.3 + _ROW * len(names)), draw, (1.2, 0.75, 0.5, 0.15))
+
+
+def _moved_pictures(result: TrendResult) -> tuple[Picture, ...]:
+    """Each parameter that changed, over time with its intervals; at most six."""
+    names = dict.fromkeys(name for change in result.changes for name in change.named)
+    own = [name for name in names if name in result.estimates[0].names][:_MOST]
+    return tuple(_over_time(result, name, f"moved-{i + 1}") for i, name in enumerate(own))
+
+
+def _over_time(result: TrendResult, name: str, called: str) -> Picture:
+    at = result.estimates[0].names.index(name)
+    factor, unit, _ = display_unit(result.parameters[at])
+    factor, unit = (1e3, "mrad") if unit == "°" else (factor, unit)
+    shifts, halves = factor * result.shifts[:, at], factor * result.half_widths[:, at]
+
+    def draw(axes: "Axes") -> None:
+        days: Any = [each.date for each in result.runs]
+        axes.errorbar(days, shifts, halves, fmt="o", color=AFTER, ecolor=AFTER, capsize=3, markersize=4.5)
+        axes.axhline(0, color=INK, linewidth=0.8)
+        _changes(axes, result)
+        axes.set(ylabel=f"{name}, {unit}")
+        _date_axis(axes)
+
+    label = f"{name} over time: {shifts[-1]:.3g} {unit} from the first calibration"
+    return figure_picture(called, label, (4.5, 2.6), draw, (0.8, 0.45, 0.15, 0.3))
+
+
+def _changes(axes: "Axes", result: TrendResult) -> None:
+    """A line for each change, between the two calibrations."""
+    for k, change in enumerate(result.changes):
+        before, after = (result.runs[i].date.toordinal() for i in (change.after, change.after + 1))
+        at: Any = (before + after) / 2 - 719163  # matplotlib counts days from 1970
+        axes.axvline(at, color=OUTLIER, linewidth=1.2, linestyle=":", label="" if k else "change")
+
+
+def _date_axis(axes: "Axes") -> None:
+    from matplotlib import dates
+
+    locator = dates.AutoDateLocator(minticks=3, maxticks=7)  # type: ignore[no-untyped-call]
+    axes.xaxis.set_major_locator(locator)
+    axes.xaxis.set_major_formatter(dates.ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
+
+
+def _said(result: TrendResult) -> str:
+    count = len(result.changes)
+    return counted(count, "change") if count else "no change"
+
+
+_MOST_DIGITS = 6
+_LEVEL = f"(an unchanged robot raises an alarm in at most {100 * TREND_YEAR:g} % of the years)"
+
+
+def _trend_document(result: TrendResult) -> Document:
+    """Whether and when anything changed, what, errors and parameters over time, and what would be found."""
+    first, last = result.runs[0], result.runs[-1]
+    count = len(result.changes)
+    word = counted(count, "change") if count else "no change"
+    robot = first.run.robot
+    name = called(robot.name, result.serial)
+    if len(result.runs) == 1:
+        return _first_document(result, name)
+    badge = Badge("changed", "bad") if count else Badge("unchanged", "good")
+    return Document(
+        f"{name}: {word} in {len(result.runs)} calibrations",
+        (
+            Paragraph((badge, f" {_when(result)} {_LEVEL}")),
+            Paragraph(f"The calibrations are of {first.date} to {last.date}.", "note"),
+            Bullets(tuple(change_words(result, each) for each in result.changes)),
+            Warnings(result.warnings),
+            Section("Errors over time", (_runs(result), _errors(result))),
+            Section("Parameters over time", _parameters(result)),
+            Section("Minimum detectable change", (_detectable(result), Paragraph(_explained(result), "note"))),
+            provenance_section("trend", result.options, robot.sha256, result.serial),
+        ),
+    )
+
+
+def _when(result: TrendResult) -> str:
+    """Between which days it changed; of an unchanged robot, between the first and the last."""
+    spans = [(change.after, change.after + 1) for change in result.changes] or [(0, -1)]
+    return " and ".join(f"between {result.runs[i].date} and {result.runs[j].date}" for i, j in spans)
+
+
+def _first_document(result: TrendResult, name: str) -> Document:
+    """One calibration: nothing can have changed, but the next one can be judged."""
+    only = result.runs[0]
+    return Document(
+        f"{name}: one run, no trend yet",
+        (
+            Paragraph((Badge("one run: no trend yet"), f" the calibration of {only.date} is the first")),
+            Warnings(result.warnings),
+            Section("Errors", (_runs(result),)),
+            Section("Minimum detectable change", (_detectable(result), Paragraph(_explained(result), "note"))),
+            provenance_section("trend", result.options, only.run.robot.sha256, result.serial),
+        ),
+    )
+
+
+def change_words(result: TrendResult, change: ChangePoint) -> str:
+    """What changed, between which days, and by how much."""
+    before, after, found = (result.runs[i] for i in (change.after, change.after + 1, change.found_at))
+    when = f"Between {before.date} ({before.run.folder.name}) and {after.date} ({after.run.folder.name})"
+    p = f"p = {change.p:.2g}" if change.p > 0 else "p < 1e-300"
+    by = f" (found by {found.run.folder.name}, {p} at a level of {change.level:.2g})"
+    moved = [
+        f"{_called(name)} changed by {_size(result, name, size, half)}"
+        for name, size, half in zip(change.named, change.changes, change.half_widths, strict=True)
+    ]
+    if not moved:
+        return f"{when} the links changed, but no single parameter is surely the one that did{by}."
+    if change.several:
+        return f"{when} more than one parameter changed: {'; '.join(moved)}{by}."
+    if len(moved) == 1:
+        return f"{when} {moved[0]}{by}."
+    return f"{when} one of these changed, and the calibrations cannot tell which: {'; '.join(moved)}{by}."
+
+
+def _called(name: str) -> str:
+    """A parameter, with the joint whose zero it is."""
+    joint = name.removeprefix("link").removesuffix(".theta")
+    return f"{name} (the zero of joint {joint})" if joint.isdigit() else name
+
+
+def _size(result: TrendResult, name: str, size: float, half: float) -> str:
+    factor, unit = _unit(result, name)
+    digits = digits_of(factor * half, _MOST_DIGITS)
+    return f"{fixed(factor * size, digits, signed=True)} {plus_minus(factor * half, digits)} {unit}"
+
+
+def _unit(result: TrendResult, name: str) -> tuple[float, str]:
+    """The factor from SI and the unit, of a parameter or of a joint's zero."""
+    for parameter in result.parameters:
+        if parameter.name == name:
+            factor, unit, _ = display_unit(parameter)
+            return (1e3, "mrad") if unit == "°" else (factor, unit)
+    units = {f"zero of joint {each.joint}": each.unit for each in result.detectable}
+    return 1e3, units[name]
+
+
+def _runs(result: TrendResult) -> Table:
+    rows: list[Row] = []
+    for each in result.runs:
+        errors = each.run.result.after_mm
+        numbers = ("–", "–") if errors is None else (short(errors["mean"]), short(errors["p95"]))
+        found = each.run.result
+        gate = "none" if found.gate_mm is None else f"{found.gate_mm:g}"
+        rows.append((each.date.isoformat(), Code(each.run.folder.name), found.verdict, gate, *numbers))
+    caption = "Errors at positions that were not fitted, and the gate of their mean, mm"
+    return Table(("date", "run", "verdict", "gate", "mean", "95 %"), tuple(rows), caption)
+
+
+def _errors(result: TrendResult) -> Figure:
+    caption = (
+        "The validation error of each calibration. It says how well the arm was described on that day; whether the arm "
+        "moved, the parameters say. Logarithmic axis; a dotted line is a change."
+    )
+    return Figure("errors-over-time", errors_picture(result), caption)
+
+
+def _parameters(result: TrendResult) -> tuple[Figure, ...]:
+    every = (
+        "Differences from the first calibration, each in halves of its own 95 % interval: up to 1 is what an "
+        "unchanged arm shows in 19 of 20. Blue is more, vermilion less; a line is a change."
+    )
+    moved = "What changed, as the difference from the first calibration with 95 % intervals; a dotted line is a change."
+    return (
+        Figure("moved-over-time", _moved_pictures(result), moved),
+        Figure("parameters-over-time", (_parameters_picture(result),), every),
+    )
+
+
+def _detectable(result: TrendResult) -> Table:
+    anew = " and ".join(group for group in SETUP if group not in result.options.kept)
+    columns = (f"{anew} set up anew" * bool(anew), "base and tool kept")
+    rows: list[Row] = []
+    for each in result.detectable:
+        sizes = [_or_none(each.links_alone)] * bool(anew) + [_or_none(each.all_kept)]
+        rows.append((f"joint {each.joint}", *sizes, each.unit))
+    caption = "The next calibration finds in 95 of 100 that the zero of a joint has moved by"
+    return Table(("", *filter(None, columns), "unit"), tuple(rows), caption)
+
+
+def _or_none(size: float) -> str:
+    return "–" if size == float("inf") else short(1e3 * size)
+
+
+def _explained(result: TrendResult) -> str:
+    hidden = [str(each.joint) for each in result.detectable if each.links_alone == float("inf")]
+    if not hidden:
+        return ""
+    which = f"the zero of joint {hidden[0]}" if len(hidden) == 1 else f"the zeros of joints {' and '.join(hidden)}"
+    return (
+        f"A dash: {which} cannot be told from how base and tool were set up. Where the instrument, the base and the "
+        "tool stay as they are between the calibrations, --kept base,tool compares them as well."
+    )

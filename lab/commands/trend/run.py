@@ -16,11 +16,10 @@ from lab.commands.calibrate.load_run import (
 )
 from lab.commands.trend.options import TrendOptions
 from lab.commands.trend.result import DatedRun, DetectableChange, TrendResult
-from lab.core.dates import day
 from lab.core.errors import LabError
+from lab.core.limits import day, one_serial
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.core.serials import one_serial
 from lab.kinematics.gauge import STRUCTURE_POSES
 from lab.verification.change_points import Directions, Series
 

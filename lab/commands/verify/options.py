@@ -7,10 +7,8 @@ from typing import Literal
 import tyro
 
 from lab.campaign.option_types import Flag, Names, NoRecording
-from lab.core.dates import day
 from lab.core.errors import LabError
-from lab.core.numbers import positive
-from lab.core.serials import check_serial
+from lab.core.limits import check_serial, day, positive
 
 __all__ = ["VerifyOptions"]
 

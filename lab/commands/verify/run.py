@@ -8,9 +8,9 @@ import numpy as np
 
 from lab.calibration.checks.fit import check_extrapolated
 from lab.calibration.checks.mistakes import noise_beyond
+from lab.calibration.extrapolation import MOST_UNCOVERED
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import PLAUSIBLE_SPREAD, spread
-from lab.calibration.pose_cover import MOST_UNCOVERED
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M
 from lab.calibration.weights import Noise
 from lab.campaign.instruments import named_instrument
@@ -20,21 +20,19 @@ from lab.commands.calibrate.load_run import (
     folder_of,
     read_calibrated,
 )
-from lab.commands.calibrate.measured_rows import checked
-from lab.commands.keywords import options_of, takes
+from lab.commands.calibrate.run import checked
+from lab.commands.command_line import options_of, takes
 from lab.commands.verify.options import VerifyOptions
 from lab.commands.verify.result import VerificationResult
-from lab.core.copies import without_copies
-from lab.core.errors import LabError, error_context
-from lab.core.measurements import Measurements
+from lab.core.errors import LabError, be, counted, error_context
+from lab.core.limits import one_serial
+from lab.core.measurements import Measurements, without_copies
 from lab.core.progress import Progress
 from lab.core.se3 import Array
-from lab.core.serials import one_serial
-from lab.core.wording import be, counted
 from lab.formats.measurement_csv import read_measurements
 from lab.noise.instruments import observing
 from lab.render.phrases.registry import phrase, phrases
-from lab.render.progress import Stage, status
+from lab.render.terminal import Stage, status
 from lab.sensors.registry import sensor_named
 from lab.verification.new_measurements import held_against
 from lab.verification.prediction import CalibrationPrediction
@@ -47,10 +45,10 @@ if TYPE_CHECKING:
 
 __all__ = ["verify"]
 
-LEAST_SPREAD = 3  # poses whose spread says something
+_LEAST_SPREAD = 3  # poses whose spread says something
 _PASSES = 2  # times that all rows are gone through where nothing has changed
 _SPREAD_OF = 4_000  # of more poses the spread of so many is as good
-TOO_GOOD = 1 - 1e-4  # a p-value that says that the noise is given too large
+_TOO_GOOD = 1 - 1e-4  # a p-value that says that the noise is given too large
 
 
 @takes(VerifyOptions, file="measurements")
@@ -205,7 +203,7 @@ def _refuse_implausible(prediction: CalibrationPrediction, observations: Observa
     predicted = prediction.arm.points(some.inputs, prediction.values)
     spreads = [spread(np.where(np.isnan(some.points), np.nan, points)) for points in (some.points, predicted)]
     if (
-        len(observations.inputs) >= LEAST_SPREAD
+        len(observations.inputs) >= _LEAST_SPREAD
         and not PLAUSIBLE_SPREAD[0] <= spreads[0] / spreads[1] <= PLAUSIBLE_SPREAD[1]
     ):
         other = another_unit(prediction, observations)
@@ -281,7 +279,7 @@ def _warnings(calibrated: CalibrationRun, read: Measurements, rows: Measurements
         said.append(
             f"these poses do not determine {names}, which stay as the run has them; the test does not depend on it"
         )
-    if verified.p_of_all > TOO_GOOD:
+    if verified.p_of_all > _TOO_GOOD:
         said.append(
             f"errors are much smaller than predicted (p = {verified.p_of_all:.6f}): the noise is given too large"
         )

@@ -16,7 +16,7 @@ __all__ = ["BiasCandidate", "ChannelSolution", "ResidualVerdict", "Series", "lea
 
 RANK_TOLERANCE = 1e-9  # of the largest singular value of the scaled columns
 ROUNDING = 1e-6  # of the signal: noise below is what computing leaves, and not fitted to
-OWN_NOISE = 20  # rows from which on a channel's noise is estimated by itself
+_OWN_NOISE = 20  # rows from which on a channel's noise is estimated by itself
 _ROUNDS, _SETTLED = 20, 1e-6
 
 
@@ -82,13 +82,13 @@ def least_squares(
     squares by the rows less what the fit takes of them (its leverages), which is unbiased where all is linear.
 
     Args:
-        groups: ``(d,)`` labels from 0 on; where there are ``OWN_NOISE`` rows every channel is its own.
+        groups: ``(d,)`` labels from 0 on; where there are ``_OWN_NOISE`` rows every channel is its own.
         sigma: ``(d,)`` of a row, if known.
 
     Raises:
         LabError: there are no more rows than parameters, and no sigma.
     """
-    label = np.arange(measured.shape[1]) if len(measured) >= OWN_NOISE else np.asarray(groups)
+    label = np.arange(measured.shape[1]) if len(measured) >= _OWN_NOISE else np.asarray(groups)
     count = int(label.max()) + 1
     least = ROUNDING * max(float(np.sqrt((measured**2).mean())), 1e-300)
     if sigma is not None:

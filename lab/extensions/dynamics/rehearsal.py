@@ -11,7 +11,7 @@ from lab.core.errors import LabError
 from lab.core.linear_model import LinearModel
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.extensions.dynamics.load_samples import Mounting, PayloadSamples
+from lab.extensions.dynamics.load_files import Mounting, PayloadSamples
 from lab.extensions.dynamics.payload.excitation import (
     CHECKED,
     PERIOD_S,
@@ -33,7 +33,7 @@ from lab.extensions.dynamics.simulation import (
 )
 from lab.kinematics.dynamics.rigid_body import LOAD, Dynamics, hand_motion, wrench_regressor
 from lab.simulation.collisions import collides
-from lab.simulation.serial_model import SerialModel
+from lab.simulation.model import SerialModel
 
 __all__ = ["MeasuringBench", "load_of_rehearsal"]
 

@@ -4,9 +4,7 @@ from dataclasses import dataclass
 
 from lab.campaign.option_types import Flag, Numbers
 from lab.core.errors import LabError
-from lab.core.limits import POSES, ROUNDS, SEED
-from lab.core.numbers import positive, whole
-from lab.core.ranges import FRICTION_PERCENT, POSITION_MM, REHEARSED, REHEARSED_S
+from lab.core.limits import FRICTION_PERCENT, POSES, POSITION_MM, REHEARSED, REHEARSED_S, ROUNDS, SEED, positive, whole
 
 __all__ = ["Rehearsal"]
 

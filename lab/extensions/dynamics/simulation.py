@@ -17,11 +17,9 @@ from scipy.interpolate import make_interp_spline
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.extensions.dynamics.load_samples import Mounting, PayloadSamples
-from lab.kinematics.dynamics.arm_dynamics import directions
-from lab.kinematics.dynamics.rigid_body import Dynamics
-from lab.simulation.model import at_zero, body_pose, compiled, update_constants
-from lab.simulation.serial_model import SerialModel, last_frame
+from lab.extensions.dynamics.load_files import Mounting, PayloadSamples
+from lab.kinematics.dynamics.rigid_body import Dynamics, directions
+from lab.simulation.model import SerialModel, at_zero, body_pose, compiled, last_frame, update_constants
 
 __all__ = ["CarryingArm", "LoadBench", "RigidLoad", "RunErrors", "drawn_mounting", "own_dynamics", "peak_torques"]
 

@@ -50,7 +50,7 @@ from lab.formats.programs.program_text import (
 )
 from lab.formats.programs.protocol import MeasuringTour, PathMoves, TargetMoves
 
-__all__ = ["FanucLs", "read_fanuc"]
+__all__ = ["FanucLs"]
 
 _POSITION = re.compile(r'\bP\[(\d+)(?:\s*:\s*"[^"\r\n]*")?\s*\]\s*\{(.*?)(?:\}\s*;|(\Z))', re.DOTALL)
 _GROUP = re.compile(r"\bGP(\d+)\s*:(.*?)(?=\bGP\d+\s*:|\Z)", re.DOTALL)
@@ -122,7 +122,7 @@ class _Reader(ProgramReader):
         return TargetText(name, line, numbers, FIXED_XYZ, tool, base, allowed=_allowed(inner))
 
 
-def read_fanuc(text: str, outside: Outside) -> ProgramText:
+def _read_fanuc(text: str, outside: Outside) -> ProgramText:
     """Read a listing.
 
     Raises:
@@ -170,7 +170,7 @@ class FanucLs(SixAxisLanguage):
 
     def read(self, text: str, outside: Outside) -> ProgramText:
         """The targets and moves of a program in it."""
-        return read_fanuc(text, outside)
+        return _read_fanuc(text, outside)
 
     def measuring_tour(self, tour: MeasuringTour) -> bytes:
         """A program ``MEASURE_POSES``: home, every pose with a wait, home."""

@@ -57,7 +57,7 @@ from lab.formats.programs.program_text import (
 )
 from lab.formats.programs.protocol import MeasuringTour, PathMoves, TargetMoves
 
-__all__ = ["Jbi", "read_jbi"]
+__all__ = ["Jbi"]
 
 _LINE = re.compile(r"[^\r\n]+")
 _POSITION = re.compile(r"^(C|P)(\d+)\s*=\s*(.*)$")
@@ -143,7 +143,7 @@ class _Reader(ProgramReader):
             self.reached.setdefault(name, []).append((line_of(self.text, at), motion))
 
 
-def read_jbi(text: str, outside: Outside) -> ProgramText:
+def _read_jbi(text: str, outside: Outside) -> ProgramText:
     """Read a job.
 
     Raises:
@@ -202,7 +202,7 @@ class Jbi(SixAxisLanguage):
 
     def read(self, text: str, outside: Outside) -> ProgramText:
         """The targets and moves of a program in it."""
-        return read_jbi(text, outside)
+        return _read_jbi(text, outside)
 
     def measuring_tour(self, tour: MeasuringTour) -> bytes:
         """A job ``PLAN``: home, every pose with a wait, home; of the flange (tool 0), in the robot's frame."""

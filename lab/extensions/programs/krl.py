@@ -52,7 +52,7 @@ from lab.formats.programs.program_text import (
 )
 from lab.formats.programs.protocol import MeasuringTour, PathMoves, TargetMoves
 
-__all__ = ["Krl", "read_krl"]
+__all__ = ["Krl"]
 
 _STATEMENT = re.compile(r"[^\r\n]+")
 _MOVE = re.compile(
@@ -239,7 +239,7 @@ class _Reader(ProgramReader):
         return self._read()
 
 
-def read_krl(text: str, outside: Outside) -> ProgramText:
+def _read_krl(text: str, outside: Outside) -> ProgramText:
     """Read a module (.src) or a data list (.dat).
 
     Raises:
@@ -289,7 +289,7 @@ class Krl(SixAxisLanguage):
 
     def read(self, text: str, outside: Outside) -> ProgramText:
         """The targets and moves of a program in it."""
-        return read_krl(text, outside)
+        return _read_krl(text, outside)
 
     def measuring_tour(self, tour: MeasuringTour) -> bytes:
         """A module ``measure_poses``: home, every pose with a wait, home."""

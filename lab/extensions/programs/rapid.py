@@ -38,7 +38,7 @@ from lab.formats.programs.program_text import (
 from lab.formats.programs.protocol import ANY_DIGITS, PAUSE_S, MeasuringTour, PathMoves, TargetMoves
 from lab.kinematics.joints import JointSpec
 
-__all__ = ["Rapid", "read_rapid"]
+__all__ = ["Rapid"]
 
 _DECLARED = re.compile(
     r"\b(?:CONST|VAR|PERS)\s+(robtarget|jointtarget|tooldata|wobjdata)\s+(\w+)\s*(\{[^{}]*\})?\s*(:=)?", re.IGNORECASE
@@ -213,7 +213,7 @@ class _Reader(ProgramReader):
         return TargetText(name, line, (*place, *turn), QUATERNION, tool, base, allowed=_allowed(configuration))
 
 
-def read_rapid(text: str, outside: Outside) -> ProgramText:
+def _read_rapid(text: str, outside: Outside) -> ProgramText:
     """Read a module.
 
     Raises:
@@ -326,7 +326,7 @@ class Rapid:
 
     def read(self, text: str, outside: Outside) -> ProgramText:
         """The targets and moves of a program in it."""
-        return read_rapid(text, outside)
+        return _read_rapid(text, outside)
 
     def measuring_tour(self, tour: MeasuringTour) -> bytes:
         """A module with a procedure ``measure_poses_from_1`` (the first id): home, every pose with a wait, home."""

@@ -47,7 +47,7 @@ from lab.formats.programs.program_text import (
 )
 from lab.formats.programs.protocol import MeasuringTour, PathMoves, TargetMoves
 
-__all__ = ["UrScript", "read_urscript"]
+__all__ = ["UrScript"]
 
 _ASSIGNED = re.compile(r"^[ \t]*(?:(?:global|local)\s+)?(\w+)(\[[^\]\n]*\])?[ \t]*=(?!=)[ \t]*", re.MULTILINE)
 _CALL = re.compile(r"(?<![\w.])(def[ \t]+)?(move[jlpc]|servoj|set_tcp)[ \t]*\(")
@@ -192,7 +192,7 @@ class _Reader(ProgramReader):
         return self._read()
 
 
-def read_urscript(text: str, outside: Outside) -> ProgramText:
+def _read_urscript(text: str, outside: Outside) -> ProgramText:
     """Read a script.
 
     Raises:
@@ -222,7 +222,7 @@ class UrScript(SixAxisLanguage):
 
     def read(self, text: str, outside: Outside) -> ProgramText:
         """The targets and moves of a program in it."""
-        return read_urscript(text, outside)
+        return _read_urscript(text, outside)
 
     def measuring_tour(self, tour: MeasuringTour) -> bytes:
         """A function ``measure_poses``: home, every pose with a wait, home."""

@@ -52,7 +52,7 @@ from lab.formats.programs.program_text import (
 )
 from lab.formats.programs.protocol import MeasuringTour, PathMoves, TargetMoves
 
-__all__ = ["Val3", "read_val3"]
+__all__ = ["Val3"]
 
 # A <Data> that ends with "/>" has no values.
 _DATA = re.compile(r"<Data\b([^<>]*[^/<>])>(.*?)(?:</Data\s*>|(\Z))", re.DOTALL)
@@ -168,7 +168,7 @@ class _Reader(ProgramReader):
         self._add(TargetText(f"{found[1]} of line {line}", line, numbers), ())
 
 
-def read_val3(text: str, outside: Outside) -> ProgramText:
+def _read_val3(text: str, outside: Outside) -> ProgramText:
     """Read a file of an application.
 
     Raises:
@@ -216,7 +216,7 @@ class Val3(SixAxisLanguage):
 
     def read(self, text: str, outside: Outside) -> ProgramText:
         """The targets and moves of a program in it."""
-        return read_val3(text, outside)
+        return _read_val3(text, outside)
 
     def measuring_tour(self, tour: MeasuringTour) -> bytes:
         """A program ``measurePoses``: home, every pose with a wait, home."""

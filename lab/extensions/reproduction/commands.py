@@ -8,6 +8,6 @@ REPRODUCE = Command(
     "reproduce",
     "Compute the tables, figures and examples of a source again, or set and mark them as an exercise.",
     "lab.extensions.reproduction.options:ReproduceOptions",
-    "lab.extensions.reproduction.run:reproduce",
+    "lab.extensions.reproduction.result:reproduce",
     "reproduce-{source}",
 )

@@ -1,15 +1,19 @@
 """A numbered item of a source, and a source: what is computed again, by which command, and what cannot be."""
 
-from collections.abc import Callable
+import csv
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
 
+from lab.core.errors import LabError
 from lab.extensions.reproduction.answer import Answer
+from lab.formats.csv_table import CsvTable, text_cell
 
 if TYPE_CHECKING:
     from lab.render.document import Picture
 
-__all__ = ["Item", "Missing", "Source"]
+__all__ = ["Computed", "Item", "Mark", "Missing", "Source", "marked", "write_exercise"]
 
 
 def _none() -> tuple[Answer, ...]:
@@ -65,3 +69,79 @@ class Source:
     title: str
     items: tuple[Item, ...]
     missing: tuple[Missing, ...]
+
+
+COLUMNS = ("item", "value", "unit")
+
+
+@dataclass(frozen=True)
+class Computed:
+    """An item with its answers."""
+
+    item: Item
+    answers: tuple[Answer, ...]
+
+
+@dataclass(frozen=True)
+class Mark:
+    """What a reader gave for an answer.
+
+    Attributes:
+        label: of the answer in the file.
+        given: what stands there; "" where it is left blank.
+        state: what came of it.
+        note: why it cannot be read; "" where it can.
+        answer: what is asked.
+    """
+
+    label: str
+    given: str
+    state: Literal["right", "wrong", "blank"]
+    note: str
+    answer: Answer
+
+
+def write_exercise(path: Path, computed: Sequence[Computed]) -> None:
+    """Write the answers that an exercise asks for, each with a blank."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(COLUMNS)
+        writer.writerows((text_cell(label), "", answer.unit) for label, answer in _asked(computed))
+
+
+def marked(path: Path, computed: Sequence[Computed]) -> tuple[Mark, ...]:
+    """A filled-in exercise, answer by answer; answers that are not in the file are blank.
+
+    Raises:
+        LabError: the file is no exercise of this source.
+    """
+    table = CsvTable(path)
+    labels, values = table.texts("item"), table.texts("value")
+    if labels is None or values is None:
+        raise LabError(f"{path}: has no columns item and value; fill in the CSV that --exercise writes")
+    asked = dict(_asked(computed))
+    given: dict[str, str] = {}
+    for row, (cell, value) in enumerate(zip(labels, values, strict=True)):
+        label = " ".join(cell.split())
+        if label not in asked:
+            raise table.fail(row, "item", f"'{label}' is no answer of this source; keep the labels of --exercise")
+        if label in given:
+            raise table.fail(row, "item", f"'{label}' is there twice; keep one")
+        given[label] = value.strip()
+    return tuple(_mark(label, given.get(label, ""), answer) for label, answer in asked.items())
+
+
+def _mark(label: str, text: str, answer: Answer) -> Mark:
+    if not text:
+        return Mark(label, text, "blank", "", answer)
+    try:
+        return Mark(label, text, "right" if answer.check(text) else "wrong", "", answer)
+    except LabError as error:
+        return Mark(label, text, "wrong", str(error), answer)
+
+
+def _asked(computed: Sequence[Computed]) -> Iterator[tuple[str, Answer]]:
+    for each in computed:
+        for answer in each.answers:
+            if answer.asked:
+                yield f"{each.item.number}: {answer.name}", answer

@@ -9,8 +9,7 @@ import numpy as np
 from lab.campaign.robot import load_robot
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.extensions.reproduction.answer import Answer, formula, number
-from lab.extensions.reproduction.formula import Variables
+from lab.extensions.reproduction.answer import Answer, Variables, formula, number
 from lab.kinematics.serial.arm import SerialArm
 
 __all__ = ["SAMPLES", "Sampled", "matrix_formulas", "matrix_numbers", "sampled", "serial"]

@@ -7,8 +7,7 @@ import numpy as np
 
 from lab.core.se3 import Array
 from lab.kinematics.serial.arm import SerialArm
-from lab.render.placements import placement_picture
-from lab.render.skeleton import skeleton
+from lab.render.scene import placement_picture, skeleton
 
 if TYPE_CHECKING:
     from lab.render.document import Picture

@@ -1,23 +1,41 @@
 """A source computed again: typed, and as plain values."""
 
+import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lab.commands.result import Result
+from lab.commands.run_folder import provenance_section
 from lab.core.errors import LabError
 from lab.extensions.reproduction.answer import Answer
-from lab.extensions.reproduction.item import Source
-from lab.extensions.reproduction.marking import Computed, Mark, write_exercise
+from lab.extensions.reproduction.item import Computed, Item, Mark, Source, marked, write_exercise
 from lab.extensions.reproduction.options import ReproduceOptions
+from lab.extensions.reproduction.registry import source_named
+from lab.render.document import (
+    PAGE,
+    TERMINAL,
+    Badge,
+    Block,
+    Bullets,
+    Code,
+    Command,
+    Document,
+    Figure,
+    Paragraph,
+    Row,
+    Section,
+    Table,
+    Warnings,
+)
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure as MatplotlibFigure
 
     from lab.render.document import Document
 
-__all__ = ["ReproductionResult"]
+__all__ = ["ReproductionResult", "reproduce"]
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -100,9 +118,7 @@ class ReproductionResult(Result):
 
     def document(self) -> "Document":
         """What a person reads: an overview, then every item; of an exercise its questions or its marks."""
-        from lab.extensions.reproduction.document import reproduction_document
-
-        return reproduction_document(self)
+        return _reproduction_document(self)
 
     def columns(self) -> Mapping[str, Sequence[Any]]:
         """A row for each answer."""
@@ -116,7 +132,7 @@ class ReproductionResult(Result):
             "erratum": ["" if blank else answer.erratum for _, answer in pairs],
         }
 
-    def plot(self) -> "Figure":
+    def plot(self) -> "MatplotlibFigure":
         """Draw the first figure of the source.
 
         Raises:
@@ -139,3 +155,137 @@ class ReproductionResult(Result):
         else:
             write_columns(folder / "values.csv", self.columns())
         self.report(folder / "report.html")
+
+
+def _reproduction_document(result: ReproductionResult) -> Document:
+    """An overview of the items, each item on the page, what cannot be computed, or an exercise or its marks."""
+    source = result.source
+    return Document(
+        _title(result),
+        (
+            Paragraph(source.title, "lead"),
+            Warnings(() if result.options.exercise else result.warnings),
+            Section("Marks", _marks(result.marks or ())),
+            Section("Items", (_overview(result),) if result.marks is None else ()),
+            Section("Errata", _errata(result), shown_in=TERMINAL),
+            *(_section(result, each) for each in result.computed if result.marks is None),
+            Section("What cannot be computed", (_missing(result),) if result.marks is None else ()),
+            provenance_section("reproduce", result.options, ""),
+        ),
+    )
+
+
+def _title(result: ReproductionResult) -> str:
+    name = result.source.name
+    if result.marks is not None:
+        right = sum(mark.state == "right" for mark in result.marks)
+        blank = sum(mark.state == "blank" for mark in result.marks)
+        return f"{name}: {right} of {len(result.marks)} answers right, {blank} blank"
+    if result.options.exercise:
+        count = sum(answer.asked for answer in result.answers)
+        return f"{name}: an exercise of {count} answers"
+    printed = [answer for answer in result.answers if answer.agrees is not None]
+    agree, errata = sum(answer.agrees is True for answer in printed), sum(bool(answer.erratum) for answer in printed)
+    return f"{name}: {agree} of {len(printed)} printed values agree, {errata} are errata"
+
+
+def _overview(result: ReproductionResult) -> Table:
+    rows: list[Row] = []
+    for each in result.computed:
+        printed = [answer.agrees for answer in each.answers if answer.agrees is not None]
+        errata = sum(bool(answer.erratum) for answer in each.answers)
+        counts = (len(each.answers), len(printed), sum(printed), errata)
+        told = counts[:1] if result.options.exercise else counts
+        rows.append((each.item.number, each.item.title, *map(str, told)))
+    heads = ("values",) if result.options.exercise else ("values", "printed", "agree", "errata")
+    return Table(("item", "", *heads), tuple(rows))
+
+
+def _errata(result: ReproductionResult) -> tuple[Block, ...]:
+    """The reasons, each once."""
+    if result.options.exercise or result.marks is not None:
+        return ()
+    said: dict[str, None] = {}
+    for each in result.computed:
+        for answer in each.answers:
+            if answer.erratum:
+                said.setdefault(f"{each.item.number}: {answer.erratum}")
+    return (Bullets(tuple(said)),)
+
+
+def _section(result: ReproductionResult, each: Computed) -> Section:
+    """An item on the page: its values, its pictures, its command."""
+    item, exercise = each.item, result.options.exercise
+    return Section(
+        f"{item.number}: {item.title}",
+        (
+            Paragraph(item.note),
+            _questions(each.answers) if exercise else _values(each.answers),
+            *(() if exercise else _figure(item)),
+            Command(item.command),
+        ),
+        shown_in=PAGE,
+    )
+
+
+def _values(answers: tuple[Answer, ...]) -> Table:
+    rows: list[Row] = []
+    for answer in answers:
+        badge = Badge("erratum", "doubtful") if answer.erratum else Badge("agrees", "good")
+        state: Badge | str = badge if answer.agrees is not None else ""
+        if answer.agrees is False and not answer.erratum:
+            state = Badge("differs", "bad")
+        rows.append(
+            (
+                answer.name,
+                answer.printed.replace("-", "−"),
+                answer.ours,
+                answer.unit,
+                answer.difference,
+                state,
+                answer.erratum,
+            )
+        )
+    heads = ("", "printed", "here", "unit", "difference", "", "")
+    return Table(heads, tuple(rows))
+
+
+def _questions(answers: tuple[Answer, ...]) -> Table:
+    return Table(("asked", "answer", "unit"), tuple((a.name, "", a.unit) for a in answers if a.asked))
+
+
+def _figure(item: Item) -> tuple[Block, ...]:
+    """Its pictures, whose names begin with the item's, so that they are unique."""
+    slug = re.sub(r"[^a-z0-9]+", "-", item.number.lower()).strip("-")
+    pictures = tuple(replace(picture, name=f"{slug}-{picture.name}") for picture in item.pictures())
+    return (Figure(slug, pictures, item.title),)
+
+
+def _marks(marks: tuple[Mark, ...]) -> tuple[Block, ...]:
+    """Every answer that was given, and what it should have been."""
+    if not marks:
+        return ()
+    badges = {"right": Badge("right", "good"), "wrong": Badge("wrong", "bad"), "blank": Badge("blank", "open")}
+    rows = tuple(
+        (mark.label, mark.given, badges[mark.state], mark.answer.ours if mark.state == "wrong" else "",
+         mark.answer.unit, mark.note)
+        for mark in marks
+    )  # fmt: skip
+    return (Table(("answer", "given", "", "right is", "unit", ""), rows),)
+
+
+def _missing(result: ReproductionResult) -> Table:
+    rows = tuple((Code(each.number), each.title, each.reason) for each in result.source.missing)
+    return Table(("item", "", "reason"), rows)
+
+
+def reproduce(options: ReproduceOptions) -> ReproductionResult:
+    """The tables, figures and worked examples of a source, each beside what it prints.
+
+    Raises:
+        LabError: the file to be marked is no exercise of this source.
+    """
+    source = source_named(options.source)
+    computed = tuple(Computed(item, item.answers()) for item in source.items)
+    marks = None if options.mark is None else marked(options.mark, computed)
+    return ReproductionResult(options, source, computed, marks)

@@ -12,14 +12,13 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.calibration.batch_points import PointBatch, fit_points
+from lab.calibration.batch import PointBatch, fit_points
 from lab.campaign.robot import load_robot
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.gauge import base_set_of
 from lab.kinematics.parameter import Parameter
-from lab.kinematics.serial.arm import SerialArm
-from lab.kinematics.serial.batch import StackedArm
+from lab.kinematics.serial.arm import SerialArm, StackedArm
 from lab.noise.instruments import instrument
 from lab.pose_selection.criteria import Criterion, Scaling, criterion, indices
 from lab.pose_selection.exchange import Design, ascend, exchange

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from lab.core import se3
 from lab.core.errors import LabError
-from lab.core.limits import PROGRAM_FRAMES, PROGRAM_MOVES
-from lab.core.ranges import COORDINATE_SIZE, DIGITS, ROUNDED_NORM
+from lab.core.limits import COORDINATE_SIZE, DIGITS, PROGRAM_FRAMES, PROGRAM_MOVES, ROUNDED_NORM
 from lab.core.se3 import Array
 from lab.formats.programs.postures import ArmShape
 

@@ -7,7 +7,7 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.core.ranges import DIGITS
+from lab.core.limits import DIGITS
 from lab.core.se3 import Array
 from lab.formats.programs.postures import Postures
 from lab.formats.programs.program_text import Outside, PoseSpelling, ProgramText

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array, exp, left_jacobian, pose
-from lab.kinematics.closed.configuration import Configuration, crossed
-from lab.kinematics.closed.loop_closure import Closed
+from lab.kinematics.closed.loop_closure import Closed, Configuration, crossed
 from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.parameter import Parameter, names_of, tool_parameters
 from lab.kinematics.serial.arm import chunks, target_positions

@@ -1,24 +1,19 @@
-"""What the closures make of a mechanism's passive values: Newton's method from places where they are known.
+"""Solve the loop-closure equations of a mechanism from its structure."""
 
-A mechanism assembles in several ways (modes), and Newton's method from afar may end in any. Meant is the mode into
-which a known place can be moved. So the passive values are followed from there, in steps that shrink until Newton's
-corrections do: by Deuflhard's monotonicity test (Newton Methods for Nonlinear Problems, 2004, section 5.1) corrections
-of at most a quarter of the one before say that the way has not been left. A turn is no small correction by itself: a
-first one of radians may end a turn away with nothing to be noticed. And on a way without singularities the determinant
-of the closures' derivatives keeps its sign.
-"""
-
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, NamedTuple
 
 import numpy as np
 import scipy  # its parts are loaded at their first use, which not every process comes to
 from numpy.typing import NDArray
 
-from lab.core.se3 import Array
-from lab.kinematics.closed.configuration import Configuration, Dimensions
-from lab.kinematics.closed.structure import Tree
+from lab.core.se3 import Array, exp
+from lab.kinematics.serial.walk import padded, turned
 
 __all__ = [
+    "BASE",
     "CLOSED_M",
     "CONTRACTED",
     "FIRST_STEP",
@@ -28,8 +23,316 @@ __all__ = [
     "SINGULAR",
     "Assembly",
     "Closed",
+    "Configuration",
+    "Dimensions",
+    "Frame",
+    "Kind",
+    "Pin",
+    "Rod",
     "SolvedPoses",
+    "Step",
+    "Tree",
+    "crossed",
 ]
+
+Kind = Literal["x", "y", "z", "rx", "ry", "rz"]
+BASE = -1  # the frame that the tree stands on
+
+
+@dataclass(frozen=True)
+class Step:
+    """One elementary motion: a slide along, or a turn about, an axis of the frame as the steps before have left it.
+
+    Attributes:
+        value: its constant (m, rad); of a passive step, where it stands in the nominal position.
+        exact: whether the constant is taken for granted, and no parameter.
+        joint: the one (from 0) whose position, times its sign, adds to the constant, its offset.
+    """
+
+    kind: Kind
+    value: float
+    exact: bool = False
+    joint: int | None = None
+    passive: bool = False
+
+    @property
+    def is_turn(self) -> bool:
+        """Whether it turns."""
+        return len(self.kind) == 2
+
+    @property
+    def axis(self) -> int:
+        """0, 1 or 2 for x, y or z."""
+        return "xyz".index(self.kind[-1])
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A frame that stands ``on`` another (its index, or ``BASE``), at the end of a path of steps."""
+
+    name: str
+    on: int
+    path: tuple[Step, ...]
+
+
+@dataclass(frozen=True)
+class Rod:
+    """A distance between the origins of two frames: a rod with ball ends, or a leg whose length a joint sets.
+
+    Attributes:
+        length_m: its constant; the offset of a joint's position, where a joint sets the length.
+    """
+
+    name: str
+    ends: tuple[int, int]
+    length_m: float
+    exact: bool = False
+    joint: int | None = None
+
+
+@dataclass(frozen=True)
+class Pin:
+    """Two frames whose origins meet, along some of the base's axes (0, 1, 2): of a planar mechanism along two."""
+
+    name: str
+    ends: tuple[int, int]
+    axes: tuple[int, ...]
+
+
+class Opening(NamedTuple):
+    """That a step (its frame, and where in the path) moves an end of a closure, the first (sign +1) or the second."""
+
+    step: tuple[int, int]
+    end: int
+    sign: float
+
+
+@dataclass(frozen=True)
+class Tree:
+    """Frames, each on an earlier one, what closes their loops, and the frame that carries the targets."""
+
+    frames: tuple[Frame, ...]
+    rods: tuple[Rod, ...]
+    pins: tuple[Pin, ...]
+    platform: int
+
+    def __post_init__(self) -> None:
+        assert 0 <= self.platform < len(self.frames)
+        assert all(frame.on < i for i, frame in enumerate(self.frames))
+
+    def step(self, frame: int, step: int) -> Step:
+        """A step of a frame's path."""
+        return self.frames[frame].path[step]
+
+    @cached_property
+    def passive(self) -> tuple[tuple[int, int], ...]:
+        """Frame and step of each passive value."""
+        return tuple((f, s) for f, frame in enumerate(self.frames) for s, step in enumerate(frame.path) if step.passive)
+
+    @cached_property
+    def column(self) -> dict[tuple[int, int], int]:
+        """Which passive value a frame's step is."""
+        return {step: i for i, step in enumerate(self.passive)}
+
+    @property
+    def equations(self) -> int:
+        """How many numbers the closures make zero."""
+        return len(self.rods) + sum(len(pin.axes) for pin in self.pins)
+
+    @cached_property
+    def constants(self) -> tuple[tuple[int, int], ...]:
+        """Frame and step of each constant that is a parameter."""
+        every = [(f, s) for f, frame in enumerate(self.frames) for s in range(len(frame.path))]
+        return tuple((f, s) for f, s in every if not (self.step(f, s).exact or self.step(f, s).passive))
+
+    @cached_property
+    def lengths(self) -> tuple[int, ...]:
+        """The rods whose length, or its offset, is a parameter."""
+        return tuple(i for i, rod in enumerate(self.rods) if not rod.exact)
+
+    def name_of(self, frame: int, step: int) -> str:
+        """The name of a step's constant."""
+        return f"{self.frames[frame].name}.{self.step(frame, step).kind}"
+
+    def ancestry(self, frame: int) -> tuple[tuple[int, int], ...]:
+        """Frame and step of every motion that moves a frame, the base's side first."""
+        if frame == BASE:
+            return ()
+        own = tuple((frame, s) for s in range(len(self.frames[frame].path)))
+        return (*self.ancestry(self.frames[frame].on), *own)
+
+    @cached_property
+    def loose(self) -> tuple[bool, ...]:
+        """Of each frame, whether passive values move it."""
+        return tuple(any(self.step(f, s).passive for f, s in self.ancestry(frame)) for frame in range(len(self.frames)))
+
+    @cached_property
+    def openings(self) -> tuple[tuple[Opening, ...], ...]:
+        """What opens each closure: rods as they come, then the pins' axes.
+
+        What moves both ends of a closure alike does not open it.
+        """
+        ends = [rod.ends for rod in self.rods] + [pin.ends for pin in self.pins for _ in pin.axes]
+        found = []
+        for a, b in ends:
+            of_a, of_b = self.ancestry(a), self.ancestry(b)
+            found.append(
+                (
+                    *(Opening(step, a, 1.0) for step in of_a if step not in of_b),
+                    *(Opening(step, b, -1.0) for step in of_b if step not in of_a),
+                )
+            )
+        return tuple(found)
+
+
+Axes = tuple[Array, Array, Array]
+
+
+@dataclass(frozen=True)
+class Dimensions:
+    """The numbers of a mechanism, by which it may differ from its nominal model.
+
+    Attributes:
+        base: ``(6,)`` place and rotation vector of the base in the tracker's frame.
+        steps: of each frame's path, the constants (m, rad).
+        lengths: of the rods (m).
+        scale: the sign with which each joint's position counts.
+    """
+
+    base: Array
+    steps: tuple[Array, ...]
+    lengths: Array
+    scale: Array
+
+
+@dataclass
+class Configuration:
+    """A mechanism at n poses.
+
+    Attributes:
+        joint_values: ``(joints, n)`` joint positions (rad, m) times their sign.
+        passive: ``(z, n)``.
+        frames: axes and origin of each frame.
+        steps: axis, and origin (None of a slide), of each frame's steps.
+    """
+
+    tree: Tree
+    dimensions: Dimensions
+    joint_values: Array
+    passive: Array
+    base: tuple[Axes, Array]
+    frames: list[tuple[Axes, Array]]
+    steps: list[list[tuple[Array, Array | None]]]
+
+    @staticmethod
+    def of(tree: Tree, dimensions: Dimensions, joints: Array, passive: Array) -> "Configuration":
+        """At joint positions ``(n, joints)`` and passive values ``(z, n)``."""
+        x, y, z = (padded(column) for column in exp(dimensions.base[3:]).T)
+        count = len(tree.frames)
+        empty: tuple[Axes, Array] = ((x, y, z), padded(dimensions.base[:3]))
+        joint_values = dimensions.scale[:, None] * joints.T
+        found = Configuration(
+            tree, dimensions, joint_values, passive, empty, [empty] * count, [[] for _ in range(count)]
+        )
+        for frame in range(count):
+            found._walk(frame)
+        return found
+
+    def move(self, passive: Array) -> None:
+        """To other passive values ``(z, n)``."""
+        self.passive = passive
+        for frame, loose in enumerate(self.tree.loose):
+            if loose:
+                self._walk(frame)
+
+    def _walk(self, frame: int) -> None:
+        described = self.tree.frames[frame]
+        (x, y, z), origin = self.base if described.on == BASE else self.frames[described.on]
+        steps: list[tuple[Array, Array | None]] = []
+        for s, step in enumerate(described.path):
+            value = self.dimensions.steps[frame][s]
+            if step.joint is not None:
+                value = value + self.joint_values[step.joint]
+            elif step.passive:
+                value = self.passive[self.tree.column[frame, s]]
+            axis = (x, y, z)[step.axis]
+            if not step.is_turn:
+                steps.append((axis, None))
+                origin = origin + value * axis
+                continue
+            steps.append((axis, origin))
+            if step.axis == 0:
+                y, z = turned(y, z, value)
+            elif step.axis == 1:
+                z, x = turned(z, x, value)
+            else:
+                x, y = turned(x, y, value)
+        self.frames[frame], self.steps[frame] = ((x, y, z), origin), steps
+
+    def lengths(self) -> list[Array]:
+        """Of the rods, ``(n,)`` or one number each (m)."""
+        return [
+            self.dimensions.lengths[i] + (0.0 if rod.joint is None else self.joint_values[rod.joint])
+            for i, rod in enumerate(self.tree.rods)
+        ]
+
+    def closures(self) -> tuple[list[Array], list[Array]]:
+        """How far each closure is from closed (m), and the direction ``(5, n)`` in which its first end opens it.
+
+        Of a rod from b to a it is (|a - b|^2 - l^2) / 2 l, whose direction is (a - b) / l: unlike a distance
+        it is of second order in the frames' places, and smooth where the ends meet.
+        """
+        gaps: list[Array] = []
+        directions: list[Array] = []
+        for rod, length in zip(self.tree.rods, self.lengths(), strict=True):
+            between = self._between(rod)
+            directions.append(between / length)
+            gaps.append(((between[:3] ** 2).sum(axis=0) / length - length) / 2)
+        for pin in self.tree.pins:
+            a, b = (self.frames[end][1] for end in pin.ends)
+            for axis in pin.axes:
+                direction = self.base[0][axis]
+                directions.append(direction)
+                gaps.append(((a - b)[:3] * direction[:3]).sum(axis=0))
+        return gaps, directions
+
+    def _between(self, rod: Rod) -> Array:
+        a, b = (self.frames[end][1] for end in rod.ends)
+        return a - b
+
+    def slope(self, step: tuple[int, int], point: Array, direction: Array) -> Array:
+        """How a step moves a point ``(5, n)`` that it carries, along a direction ``(5, n)``."""
+        axis, origin = self.steps[step[0]][step[1]]
+        if origin is None:
+            return _dot(axis, direction)
+        return _dot(axis, crossed(point - origin, direction))
+
+    def motion(self, step: tuple[int, int], points: Array) -> Array:
+        """How a step moves points ``(5, k, n)`` that it carries, ``(3, k, n)``."""
+        axis, origin = self.steps[step[0]][step[1]]
+        return axis[:3, None] if origin is None else crossed(axis[:, None], points - origin[:, None])
+
+    def by_passive(self, directions: Sequence[Array]) -> Array:
+        """Derivatives of the closures by the passive values, ``(n, closures, z)``."""
+        size, count = len(self.tree.passive), self.passive.shape[1]
+        out = np.zeros((size, size, count))
+        for i, opening in enumerate(self.tree.openings):
+            for step, end, sign in opening:
+                if (column := self.tree.column.get(step)) is not None:
+                    out[i, column] = sign * self.slope(step, self.frames[end][1], directions[i])
+        return out.transpose(2, 0, 1)
+
+
+def _dot(u: Array, v: Array) -> Array:
+    """Of vectors ``(3 or 5, n)``, ``(n,)``."""
+    product: Array = u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
+    return product
+
+
+def crossed(u: Array, v: Array) -> Array:
+    """The cross products of vectors ``(5, n)``, ``(3, n)``."""
+    return u[1:4] * v[2:5] - u[2:5] * v[1:4]
+
 
 SINGULAR = 1e3  # condition of the closures by the passive values from which on a pose is refused
 CONTRACTED = 0.25  # of the correction before, the next at most

@@ -11,7 +11,7 @@ centre of mass. A load that grows along the segment adds 11 w L^4 / 120 EI and w
 does.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -20,7 +20,7 @@ import numpy as np
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 
-__all__ = ["COMPLIANCES", "Beam", "loads_on"]
+__all__ = ["COMPLIANCES", "MATERIALS", "Beam", "LinkSections", "Material", "loads_on", "tube"]
 
 COMPLIANCES = ("ei_y", "ei_z", "gj", "ea")  # 1/EI about y and about z, 1/GJ, 1/EA, in this order everywhere
 _PARALLEL = 1e-6  # the sine of the angle to the joint's axis below which a segment runs along that
@@ -165,3 +165,45 @@ def loads_on(force: Array, moment: Array, pull: Array, change: Array | None = No
     """
     grows = np.zeros((*force.shape[:-1], 9)) if change is None else change.reshape(*force.shape[:-1], 9)
     return np.concatenate([force, moment, pull, grows], axis=-1)
+
+
+@dataclass(frozen=True)
+class Material:
+    """An elastic material: Young's modulus and the shear modulus, Pa."""
+
+    young_pa: float
+    shear_pa: float
+
+
+MATERIALS: Mapping[str, Material] = {  # Gere & Goodno 2009, table H-2, the middle of each range
+    "aluminium": Material(70e9, 26e9),
+    "steel": Material(210e9, 80e9),
+    "cast iron": Material(125e9, 50e9),
+    "magnesium": Material(43e9, 16e9),
+}
+
+
+@dataclass(frozen=True)
+class LinkSections:
+    """The links of an arm as beams, by what their maker says of them.
+
+    Attributes:
+        compliances: ``(n, 4)`` of each link, as ``beam.COMPLIANCES``; zero where a link is stiff.
+        paths: by link (from 0), ``(k, 3)`` m: corners of its line in its own axes (``beam.Beam``), its far end last; a
+            link that is not named is straight.
+    """
+
+    compliances: Array
+    paths: Mapping[int, Array]
+
+
+def tube(outer_m: float, wall_m: float, material: Material) -> Array:
+    """Compliances ``(4,)`` (``beam.COMPLIANCES``) of a round tube, by its outer diameter and its wall.
+
+    I = pi (D^4 - d^4) / 64 about any axis across, the polar one twice that, and A = pi (D^2 - d^2) / 4.
+    """
+    inner = outer_m - 2 * wall_m
+    area, second = np.pi * (outer_m**2 - inner**2) / 4, np.pi * (outer_m**4 - inner**4) / 64
+    bending, twisting = material.young_pa * second, material.shear_pa * 2 * second
+    found: Array = 1 / np.array([bending, bending, twisting, material.young_pa * area])
+    return found

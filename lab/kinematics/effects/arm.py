@@ -11,8 +11,7 @@ import numpy as np
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.kinematics.effects.conditions import structure_values
-from lab.kinematics.effects.effect import Effect, Moves
+from lab.kinematics.effects.effect import Effect, Moves, structure_values
 from lab.kinematics.model import RigidArm
 from lab.kinematics.parameter import Parameter, names_of
 from lab.kinematics.serial.arm import BentArm, SerialArm

@@ -1,4 +1,4 @@
-"""Play of full width b_i: joint i is at q_i + a_i b_i / 2, where a_i, its direction of approach, is 1 or -1."""
+"""Errors that depend on how a pose was approached: backlash, hysteresis and lag."""
 
 from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass
@@ -6,35 +6,50 @@ from typing import ClassVar, Self
 
 import numpy as np
 
+from lab.core.errors import LabError
+from lab.core.measurements import last_moves
 from lab.core.se3 import Array
-from lab.kinematics.effects.conditions import PoseConditions, approach_of
 from lab.kinematics.effects.effect import (
     ArmFacts,
+    ChangesJointPositions,
     Effect,
     FittedGroup,
     MovesJoints,
+    PoseConditions,
     SimulatedEffect,
     TermFamily,
     VirtualEffect,
+    approach_of,
     by_joint,
     joint_terms,
+    last_move_of,
     levers,
     refuse_negative,
 )
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.parameter import Kind, Parameter, joint_parameter
 
-__all__ = ["Backlash", "Play", "approached_groups", "backlash", "fitted_widths"]
+__all__ = [
+    "Backlash",
+    "Hysteresis",
+    "JointHysteresis",
+    "Lag",
+    "Play",
+    "ReadingLag",
+    "approached_groups",
+    "backlash",
+    "hysteresis",
+]
 
 _SCALE = 1e-3  # rad, m of a slide
 
 
 def backlash(chain: JointSpec) -> Effect:
     """The fitted group: b_i of every joint."""
-    return fitted_widths("backlash", chain, approach_of)
+    return _fitted_widths("backlash", chain, approach_of)
 
 
-def fitted_widths(group: str, chain: JointSpec, direction_of: Callable[[str], str]) -> Effect:
+def _fitted_widths(group: str, chain: JointSpec, direction_of: Callable[[str], str]) -> Effect:
     """The fitted group of widths w_i: joint i is at q_i + s_i w_i / 2, with a direction s_i of 1 or -1.
 
     Args:
@@ -63,7 +78,7 @@ def approached_groups(chain: JointSpec, columns: Container[str]) -> tuple[str, .
         ``backlash`` itself.
     """
     known = [joint for joint, name in enumerate(chain.joint_names) if approach_of(name) in columns]
-    return tuple(map(PLAY.name, known)) if 0 < len(known) < chain.size else ("backlash",)
+    return tuple(map(_PLAY.name, known)) if 0 < len(known) < chain.size else ("backlash",)
 
 
 def _width(group: str, chain: JointSpec, joint: int, symbol: str) -> Parameter:
@@ -72,7 +87,7 @@ def _width(group: str, chain: JointSpec, joint: int, symbol: str) -> Parameter:
 
 
 def _of_one_joint(arm: ArmFacts, joint: int, _: int) -> Effect:
-    name, size = PLAY.name(joint), arm.chain.size
+    name, size = _PLAY.name(joint), arm.chain.size
 
     def offsets(joints: Array, direction: Array, values: Array) -> tuple[Array, Array]:
         derivative = np.zeros((len(joints), size, 1))
@@ -85,7 +100,7 @@ def _of_one_joint(arm: ArmFacts, joint: int, _: int) -> Effect:
     return Effect(name, (width,), offsets, (condition,), plain=lambda values: joint_terms(values, where, times=0.5))
 
 
-PLAY = TermFamily("backlash", "", _of_one_joint, lambda _: (), lambda joint, _: f"joint {joint} has play")
+_PLAY = TermFamily("backlash", "", _of_one_joint, lambda _: (), lambda joint, _: f"joint {joint} has play")
 
 
 @dataclass(frozen=True)
@@ -129,8 +144,110 @@ class Backlash(VirtualEffect):
 
     draws: ClassVar[int] = 1
     groups: ClassVar[tuple[FittedGroup, ...]] = (FittedGroup("backlash", lambda arm: backlash(arm.chain)),)
-    terms: ClassVar[tuple[TermFamily, ...]] = (PLAY,)
+    terms: ClassVar[tuple[TermFamily, ...]] = (_PLAY,)
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
         """Each joint's between half the mean and one and a half of it."""
         return Play(levers(arm.chain) * (self.backlash_mrad / 1e3) * rngs[0].uniform(0.5, 1.5, arm.chain.size))
+
+
+def hysteresis(chain: JointSpec) -> Effect:
+    """The fitted group: h_i of every joint."""
+    return _fitted_widths("hysteresis", chain, last_move_of)
+
+
+@dataclass(frozen=True)
+class JointHysteresis(SimulatedEffect, MovesJoints):
+    """Of one arm.
+
+    Attributes:
+        hysteresis_rad: ``(n,)`` full widths, m of a slide.
+    """
+
+    hysteresis_rad: Array
+
+    def __post_init__(self) -> None:
+        refuse_negative("hysteresis_rad", self.hysteresis_rad)
+
+    @classmethod
+    def none(cls, joints: int) -> Self:
+        """Joints without friction."""
+        return cls(np.zeros(joints))
+
+    def joint_offsets(self, joints: Array, conditions: PoseConditions) -> Array:
+        """Half the width to where the joint came from its last position, by the order of the poses."""
+        if not self.hysteresis_rad.any():
+            return np.zeros(joints.shape)
+        return np.asarray(self.hysteresis_rad / 2 * last_moves(joints))
+
+    def true_parameters(self) -> dict[str, float]:
+        """h_i."""
+        return {f"joint{i + 1}.hysteresis": float(value) for i, value in enumerate(self.hysteresis_rad)}
+
+
+@dataclass(frozen=True)
+class Hysteresis(VirtualEffect):
+    """Hysteresis of a virtual arm."""
+
+    hysteresis_mrad: float = 0.0
+    """Mean hysteresis of the joints, by the direction of their last move."""
+
+    draws: ClassVar[int] = 1
+    groups: ClassVar[tuple[FittedGroup, ...]] = (
+        FittedGroup(
+            "hysteresis",
+            lambda arm: hysteresis(arm.chain),
+            "play by the direction of the last move, as rows are ordered",
+        ),
+    )
+
+    def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
+        """Each joint's between half the mean and one and a half of it."""
+        widths = (self.hysteresis_mrad / 1e3) * rngs[0].uniform(0.5, 1.5, arm.chain.size)
+        return JointHysteresis(levers(arm.chain) * widths)
+
+
+@dataclass(frozen=True)
+class ReadingLag(SimulatedEffect, ChangesJointPositions):
+    """Of one arm.
+
+    Attributes:
+        lag: share of the last move that a joint position still lacks when it is read, in [0, 1).
+    """
+
+    lag: float
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.lag < 1:
+            raise LabError("effects: lag is to be in [0, 1)")
+
+    @classmethod
+    def none(cls, joints: int) -> Self:
+        """Joint positions of the settled arm."""
+        return cls(0.0)
+
+    def shown(self, joints: Array) -> Array:
+        """Behind where they will settle; the first pose is settled."""
+        shown: Array = joints - self.lag * np.diff(joints, axis=0, prepend=joints[:1])
+        return shown
+
+
+@dataclass(frozen=True)
+class Lag(VirtualEffect):
+    """Lag of a virtual arm's joint positions."""
+
+    lag: float = 0.0
+    """Share of the last move that the joint positions still lack, from 0 to below 1."""
+
+    def check(self) -> None:
+        """Refuse a joint that never moves.
+
+        Raises:
+            LabError: with the option.
+        """
+        if not self.lag < 1:
+            raise LabError(f"--lag {self.lag:g}: give a share from 0 to below 1")
+
+    def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
+        """As it is given."""
+        return ReadingLag(self.lag)

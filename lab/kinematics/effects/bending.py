@@ -13,27 +13,29 @@ import numpy as np
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.beam import COMPLIANCES
-from lab.kinematics.dynamics.link_loads import LinkLoads, link_loads
-from lab.kinematics.effects.conditions import PAYLOAD, rates_in, rates_of
+from lab.kinematics.dynamics.gravity import LinkLoads, link_loads
 from lab.kinematics.effects.effect import (
+    PAYLOAD,
     ArmFacts,
     Effect,
     FittedGroup,
     SimulatedEffect,
     VirtualEffect,
+    rates_in,
+    rates_of,
     refuse_negative,
 )
 from lab.kinematics.parameter import section_parameter
 
 __all__ = ["Bending", "ElasticLinks", "elastic_links"]
 
-TWIST_OF_TUBES = 1.32  # EI / GJ = 1 + Poisson's ratio, 0.29 to 0.35 of steel and aluminium (Gere & Goodno 2009, H-2)
+_TWIST_OF_TUBES = 1.32  # EI / GJ = 1 + Poisson's ratio, 0.29 to 0.35 of steel and aluminium (Gere & Goodno 2009, H-2)
 Symbols = Mapping[str, tuple[float, float, float, float]]
 FITTED: Mapping[str, Symbols] = {  # of each parameter, what it makes of a link's COMPLIANCES
     "bending": {"ei_y": (1, 0, 0, 0), "ei_z": (0, 1, 0, 0)},
     "torsion": {"gj": (0, 0, 1, 0)},
     "extension": {"ea": (0, 0, 0, 1)},
-    "tubes": {"ei": (1, 1, TWIST_OF_TUBES, 0)},
+    "tubes": {"ei": (1, 1, _TWIST_OF_TUBES, 0)},
 }
 
 

@@ -1,4 +1,4 @@
-"""Joints that give way to gravity: joint i is at q_i + c_i g_i(q + offset), by the nominal model's masses."""
+"""Elastic joints: compliance, hardening springs, gravity compensators."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -7,31 +7,99 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from lab.core.errors import LabError
-from lab.core.numbers import positive
+from lab.core.limits import positive
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.kinematics.dynamics.gravity import Loads
-from lab.kinematics.dynamics.link_loads import link_loads
-from lab.kinematics.effects.conditions import PAYLOAD, rates_in, rates_of
+from lab.kinematics.dynamics.gravity import Loads, link_loads
 from lab.kinematics.effects.effect import (
+    PAYLOAD,
     ArmFacts,
     Effect,
     FittedGroup,
+    MovesJoints,
+    PoseConditions,
     SimulatedEffect,
     TermFamily,
     VirtualEffect,
+    joint_terms,
     levers,
+    rates_in,
+    rates_of,
     refuse_negative,
+    turning_joints,
 )
-from lab.kinematics.effects.gravity_terms import GRAVITY
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.parameter import Parameter, joint_parameter
+from lab.kinematics.serial.chain import Chain
 
-__all__ = ["NEWTON_STEPS", "Compliance", "JointSprings", "compliance", "compliances"]
+__all__ = [
+    "GRAVITY",
+    "NEWTON_STEPS",
+    "Compensator",
+    "CompensatorSpring",
+    "Compliance",
+    "Hardening",
+    "HardeningSprings",
+    "JointSprings",
+    "compensator",
+    "compliance",
+    "compliances",
+    "hardening",
+]
+
+_DOWN = np.array([0.0, 0.0, -1.0])  # in frame 0, where a file does not say
+
+
+def _of_one_link(arm: ArmFacts, joint: int, link: int) -> Effect:
+    """How far a joint, from 0, gives way (rad) to a link's weight, from 1: along x of its frame, and along y."""
+    name, chain = GRAVITY.name(joint, link), arm.chain
+    if not isinstance(chain, Chain) or (joint, link) not in _searched(arm):
+        raise LabError(f"--model {name}: give a joint that turns and a link that it carries, of a robot without loops")
+    parameters = tuple(joint_parameter(name, joint, f"gravity{link}{axis}") for axis in "xy")
+    down = _DOWN if arm.loads is None else arm.loads.gravity / np.linalg.norm(arm.loads.gravity)
+
+    def offsets(joints: Array, _: Array, values: Array) -> tuple[Array, Array]:
+        derivative = np.zeros((*joints.shape, 2))
+        derivative[:, joint] = _unit_torques(chain, joints, down, joint, link - 1)
+        return derivative @ values, derivative
+
+    where = [(joint, ("weight", joint, link - 1, axis, down.tolist())) for axis in range(2)]
+    return Effect(name, parameters, offsets, plain=lambda values: joint_terms(values, *where))
+
+
+def _unit_torques(chain: Chain, joints: Array, down: Array, joint: int, link: int) -> Array:
+    """Torques about a hinge of a unit weight times metre on a link, along x and y of its frame, ``(n, 2)``.
+
+    Args:
+        down: unit vector ``(3,)`` in frame 0.
+        joint, link: from 0; the frame turns with the link's own joint, z along that joint's axis.
+    """
+    frames = Loads(chain, np.zeros(chain.size), np.zeros((chain.size, 3)), down).frames(joints)
+    across = np.cross(down, frames.axes[:, joint])  # down . (z x r) = (down x z) . r
+    torques: Array = np.einsum("ni,nij->nj", across, frames.rotations[:, link, :, :2])
+    return torques
+
+
+def _searched(arm: ArmFacts) -> list[tuple[int, int]]:
+    """Every hinge with its own link and all beyond that turn."""
+    if not isinstance(arm.chain, Chain):
+        return []
+    turning = turning_joints(arm.chain)
+    return [(i, link + 1) for i in turning for link in turning if link >= i]
+
+
+GRAVITY = TermFamily(
+    "gravity",
+    "a link, whose weight it gives way to",
+    _of_one_link,
+    _searched,
+    lambda joint, link: f"joint {joint} gives way to the weight of link {link}",
+)
+
 
 NEWTON_STEPS = 2  # the first leaves about 1e-11 rad of a sag of 1 mrad
-TYPICAL_COMPLIANCE = 1e-5  # rad/Nm
-MASS_SCALE_KG = 10.0
+_TYPICAL_COMPLIANCE = 1e-5  # rad/Nm
+_MASS_SCALE_KG = 10.0
 
 
 def compliance(loads: Loads, payload: bool = False, *, moving: bool = False) -> Effect:
@@ -49,7 +117,7 @@ def compliance(loads: Loads, payload: bool = False, *, moving: bool = False) -> 
         joint_parameter(group, i, "compliance", "compliance", unit=unit) for i, unit in zip(bearing, units, strict=True)
     )
     if payload:
-        parameters += (Parameter("payload", "mass", group, "mass", "kg", MASS_SCALE_KG),)
+        parameters += (Parameter("payload", "mass", group, "mass", "kg", _MASS_SCALE_KG),)
 
     def offsets(joints: Array, conditions: Array, values: Array) -> tuple[Array, Array]:
         soft: Array = np.zeros(loads.chain.size, dtype=np.result_type(values, float))
@@ -73,7 +141,7 @@ def compliance(loads: Loads, payload: bool = False, *, moving: bool = False) -> 
         soft = [found.get(i, 0.0) for i in range(loads.chain.size)]
         return [{"springs": soft, "payload_kg": float(values[-1]) if payload else 0.0}]
 
-    typical = (*[TYPICAL_COMPLIANCE] * len(bearing), 0.0) if payload else ()
+    typical = (*[_TYPICAL_COMPLIANCE] * len(bearing), 0.0) if payload else ()
     asked = (PAYLOAD, *rates_of(loads.chain.joint_names)) if moving else (PAYLOAD,)
     return Effect(group, parameters, offsets, asked, typical=typical, plain=None if moving else plain)
 
@@ -175,3 +243,170 @@ class Compliance(VirtualEffect):
         bearing = arm.loads.bearing(rng_for(0, "structure"))
         stiffness = {joint + 1: self.stiffness_nm_per_rad for joint in bearing}
         return JointSprings(compliances(arm.chain, stiffness), at)
+
+
+_TORQUE_NM = 30.0  # at which the option states its size
+_SCALE = 1e-7  # rad/(Nm)^3
+
+
+def hardening(loads: Loads) -> Effect:
+    """The fitted group: d_i of the joints that bear the arm's weight."""
+    bearing, slides = list(loads.bearing(rng_for(0, "structure"))), loads.chain.prismatic
+    parameters = tuple(
+        joint_parameter(
+            "hardening", i, "hardening", "compliance", unit="m/N^3" if slides[i] else "rad/(Nm)^3", scale=_SCALE
+        )
+        for i in bearing
+    )
+
+    def offsets(joints: Array, payload: Array, values: Array) -> tuple[Array, Array]:
+        torque = loads.forces(joints, payload[:, 0])[0]
+        derivative = np.zeros((*joints.shape, len(bearing)), dtype=torque.dtype)
+        for column, i in enumerate(bearing):
+            derivative[:, i, column] = torque[:, i] ** 3
+        return derivative @ values, derivative
+
+    where = [(i, ("torque cubed", i)) for i in bearing]
+    return Effect("hardening", parameters, offsets, (PAYLOAD,), plain=lambda values: joint_terms(values, *where))
+
+
+def _fitted_hardening(arm: ArmFacts) -> Effect:
+    if arm.chain.has_loops or arm.loads is None:
+        why = "has loops" if arm.chain.has_loops else "is a table without masses"
+        raise LabError(f"--model hardening: robot {arm.chain.name} {why}, so nothing is known to load its joints")
+    return hardening(arm.loads)
+
+
+@dataclass(frozen=True)
+class HardeningSprings(SimulatedEffect):
+    """Of one arm; ``simulation.elastic`` finds how it settles.
+
+    Attributes:
+        cubic_rad_per_nm3: ``(n,)``, by which a joint gives way for the cube of its torque; below zero it hardens.
+    """
+
+    cubic_rad_per_nm3: Array
+
+    @classmethod
+    def none(cls, joints: int) -> Self:
+        """Linear springs."""
+        return cls(np.zeros(joints))
+
+    def conditions(self, joint_names: tuple[str, ...]) -> tuple[str, ...]:
+        """The payload."""
+        return (PAYLOAD,) if self.cubic_rad_per_nm3.any() else ()
+
+    def true_parameters(self) -> dict[str, float]:
+        """d_i."""
+        return {f"joint{i + 1}.hardening": float(value) for i, value in enumerate(self.cubic_rad_per_nm3)}
+
+
+@dataclass(frozen=True)
+class Hardening(VirtualEffect):
+    """Springs of a virtual arm's joints that grow stiffer with torque."""
+
+    hardening_mrad: float = 0.0
+    """By how much less than in proportion joints that bear the arm's weight give way at 30 Nm."""
+
+    groups: ClassVar[tuple[FittedGroup, ...]] = (
+        FittedGroup("hardening", _fitted_hardening, "joints that grow stiffer, or softer, with torque"),
+    )
+
+    def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
+        """The same for every joint that bears the arm's weight.
+
+        Raises:
+            LabError: the arm has no masses.
+        """
+        cubic = np.zeros(arm.chain.size)
+        if self.hardening_mrad:
+            if arm.loads is None:
+                raise LabError(f"--hardening-mrad: robot {arm.chain.name} has no masses, so nothing bends it")
+            bearing = list(arm.loads.bearing(rng_for(0, "structure")))
+            cubic[bearing] = -self.hardening_mrad / 1e3 / _TORQUE_NM**3
+        return HardeningSprings(levers(arm.chain) ** 4 * cubic)
+
+
+_JOINT = 1  # from 0: the one that lifts the arm, where compensators are
+_ORDERS = (1, 2)
+_RATIO, _PRELOAD = 0.2, 0.7  # r, and l0 / s, of a virtual arm: ends at 0.1 and 1 of a length, stretched at all angles
+
+
+def compensator(chain: JointSpec) -> Effect:
+    """The fitted group: sine and cosine of joint 2's angle and of twice that, times what it gives way to the spring."""
+    _refuse_without(chain, "--model compensator")
+    parameters = tuple(
+        joint_parameter("compensator", _JOINT, f"spring_{function}{order}", wave=order)
+        for order in _ORDERS
+        for function in ("sin", "cos")
+    )
+
+    def offsets(joints: Array, _: Array, values: Array) -> tuple[Array, Array]:
+        angle = joints[:, _JOINT]
+        derivative = np.zeros((*joints.shape, len(parameters)))
+        waves = [function(order * angle) for order in _ORDERS for function in (np.sin, np.cos)]
+        derivative[:, _JOINT] = np.stack(waves, axis=1)
+        return derivative @ values, derivative
+
+    where = [(_JOINT, (function, order, _JOINT)) for order in _ORDERS for function in ("sin", "cos")]
+    return Effect("compensator", parameters, offsets, plain=lambda values: joint_terms(values, *where))
+
+
+@dataclass(frozen=True)
+class CompensatorSpring(SimulatedEffect, MovesJoints):
+    """Of one arm; a spring that is stretched at all angles, and pulls in neither direction where joint 2 is at zero.
+
+    Attributes:
+        gives_rad: how far joint 2 would give way to k a b, the torque of a spring without free length at 90 degrees.
+    """
+
+    gives_rad: float
+
+    @classmethod
+    def none(cls, joints: int) -> Self:
+        """No spring."""
+        return cls(0.0)
+
+    def joint_offsets(self, joints: Array, conditions: PoseConditions) -> Array:
+        """Joint 2's, by the spring's torque at its angle."""
+        offsets: Array = np.zeros(joints.shape)
+        if self.gives_rad:
+            angle = joints[:, _JOINT]
+            offsets[:, _JOINT] = self.gives_rad * np.sin(angle) * (1 - _PRELOAD / np.sqrt(1 - _RATIO * np.cos(angle)))
+        return offsets
+
+    def true_parameters(self) -> dict[str, float]:
+        """The first two harmonics; those of the cosine are zero, by symmetry."""
+        angle = np.linspace(-np.pi, np.pi, 256, endpoint=False)
+        at = self.joint_offsets(np.tile(angle[:, None], (1, _JOINT + 1)), PoseConditions({}, len(angle), ()))
+        sines = {f"joint2.spring_sin{k}": float(2 * np.mean(at[:, _JOINT] * np.sin(k * angle))) for k in _ORDERS}
+        return sines | {f"joint2.spring_cos{k}": 0.0 for k in _ORDERS}
+
+    def refuse_unfit(self, chain: JointSpec) -> None:
+        """The spring sits at joint 2."""
+        if self.gives_rad:
+            _refuse_without(chain, "effects: gives_rad")
+
+
+@dataclass(frozen=True)
+class Compensator(VirtualEffect):
+    """A gravity compensator of a virtual arm."""
+
+    compensator_mrad: float = 0.0
+    """How far joint 2 gives way to its gravity compensator, a spring, at 90 degrees."""
+
+    groups: ClassVar[tuple[FittedGroup, ...]] = (
+        FittedGroup("compensator", lambda arm: compensator(arm.chain), "joint 2 gives way to a spring"),
+    )
+
+    def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
+        """As it is given."""
+        if self.compensator_mrad:
+            _refuse_without(arm.chain, "--compensator-mrad")
+        return CompensatorSpring(self.compensator_mrad / 1e3 / (1 - _PRELOAD))
+
+
+def _refuse_without(chain: JointSpec, what: str) -> None:
+    """A LabError where there is no joint 2 that turns."""
+    if _JOINT not in turning_joints(chain):
+        raise LabError(f"{what}: robot {chain.name} has no joint 2 that turns, where a compensator would be")

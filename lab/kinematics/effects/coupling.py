@@ -1,4 +1,4 @@
-"""Axes that others drag along: joint i is at q_i + k_ij q_j."""
+"""Transmission errors: gear ratios and couplings between joints."""
 
 import itertools
 from collections.abc import Sequence
@@ -9,21 +9,33 @@ import numpy as np
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.kinematics.effects.conditions import PoseConditions
 from lab.kinematics.effects.effect import (
     ArmFacts,
     Effect,
     FittedGroup,
     MovesJoints,
+    PoseConditions,
     SimulatedEffect,
     TermFamily,
     VirtualEffect,
+    by_joint,
     joint_terms,
     turning_joints,
 )
+from lab.kinematics.joints import JointSpec
 from lab.kinematics.parameter import joint_parameter
 
-__all__ = ["COUPLED", "Coupling", "FullCoupling", "FullJointCoupling", "JointCoupling", "coupling"]
+__all__ = [
+    "COUPLED",
+    "Coupling",
+    "FullCoupling",
+    "FullJointCoupling",
+    "Gear",
+    "GearErrors",
+    "JointCoupling",
+    "coupling",
+    "gear",
+]
 
 
 def coupling(group: str, pairs: Sequence[tuple[int, int]]) -> Effect:
@@ -139,3 +151,55 @@ class FullCoupling(VirtualEffect):
         size, turning = arm.chain.size, ~np.array(arm.chain.prismatic)
         pairs = np.outer(turning, turning) & ~np.eye(size, dtype=bool)
         return FullJointCoupling(self.full_coupling_ppm / 1e6 * rngs[0].standard_normal((size, size)) * pairs)
+
+
+def gear(chain: JointSpec) -> Effect:
+    """The fitted group: e_i of every joint."""
+    parameters = tuple(joint_parameter("gear", i, "gear", "ratio") for i in range(chain.size))
+    where = [(i, ("position", i)) for i in range(chain.size)]
+    return Effect(
+        "gear",
+        parameters,
+        lambda joints, _, values: by_joint(joints, values),
+        plain=lambda values: joint_terms(values, *where),
+    )
+
+
+@dataclass(frozen=True)
+class GearErrors(SimulatedEffect, MovesJoints):
+    """Of one arm.
+
+    Attributes:
+        gear: ``(n,)``; the joint moves by 1 + gear where its measured position says 1.
+    """
+
+    gear: Array
+
+    @classmethod
+    def none(cls, joints: int) -> Self:
+        """Exact gears."""
+        return cls(np.zeros(joints))
+
+    def joint_offsets(self, joints: Array, conditions: PoseConditions) -> Array:
+        """In proportion to the joint's position."""
+        offsets: Array = self.gear * joints
+        return offsets
+
+    def true_parameters(self) -> dict[str, float]:
+        """e_i."""
+        return {f"joint{i + 1}.gear": float(value) for i, value in enumerate(self.gear)}
+
+
+@dataclass(frozen=True)
+class Gear(VirtualEffect):
+    """Gear errors of a virtual arm."""
+
+    gear_ppm: float = 0.0
+    """How far gear ratios are off (1σ)."""
+
+    draws: ClassVar[int] = 1
+    groups: ClassVar[tuple[FittedGroup, ...]] = (FittedGroup("gear", lambda arm: gear(arm.chain)),)
+
+    def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
+        """Normal draws, one a joint."""
+        return GearErrors(self.gear_ppm / 1e6 * rngs[0].standard_normal(arm.chain.size))

@@ -1,31 +1,35 @@
-"""Runout of gear or encoder: joint i is at q_i + s_i sin(k q_i) + c_i cos(k q_i), once (k = 1) and twice a turn."""
+"""Errors that are periodic in a joint's position: harmonics, cross-harmonics and ripple."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from functools import partial
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.kinematics.effects.conditions import PoseConditions
 from lab.kinematics.effects.effect import (
+    AXES,
     ArmFacts,
     Effect,
     FittedGroup,
     MovesJoints,
+    PoseConditions,
     SimulatedEffect,
     TermFamily,
     VirtualEffect,
     joint_terms,
+    levers,
     turning_joints,
 )
 from lab.kinematics.joints import JointSpec
-from lab.kinematics.parameter import joint_parameter
+from lab.kinematics.parameter import Kind, joint_parameter, link_end_parameter
+from lab.kinematics.serial.chain import Chain
 
-__all__ = ["HARMONIC", "LARGEST_ORDER", "Harmonics", "Runout", "harmonics"]
+__all__ = ["CROSS_FAMILIES", "CrossHarmonics", "CrossRunout", "GearWaves", "Harmonics", "Ripple", "Runout", "harmonics"]
 
-LARGEST_ORDER = 64  # that is searched where nothing says of more: above, none of a real arm was worth its poses
+_LARGEST_ORDER = 64  # that is searched where nothing says of more: above, none of a real arm was worth its poses
 
 _NAMES = ("sin1", "cos1", "sin2", "cos2")
 
@@ -48,14 +52,14 @@ def harmonics(group: str, joints: Sequence[int], order: int) -> Effect:
 
 
 def _of_one_joint(arm: ArmFacts, joint: int, order: int) -> Effect:
-    name = HARMONIC.name(joint, order)
+    name = _HARMONIC.name(joint, order)
     if joint not in turning_joints(arm.chain) or order < 1:
         raise LabError(f"--model {name}: give a joint that turns, and a wave number from 1")
     return harmonics(name, (joint,), order)
 
 
 def _searched(arm: ArmFacts) -> list[tuple[int, int]]:
-    usual = [(joint, order) for joint in turning_joints(arm.chain) for order in range(1, LARGEST_ORDER + 1)]
+    usual = [(joint, order) for joint in turning_joints(arm.chain) for order in range(1, _LARGEST_ORDER + 1)]
     return list(dict.fromkeys([*usual, *_expected(arm)]))
 
 
@@ -68,7 +72,7 @@ def _expected(arm: ArmFacts) -> list[tuple[int, int]]:
     return list(dict.fromkeys((joint, whole) for joint, whole in near if whole >= 1))
 
 
-HARMONIC = TermFamily(
+_HARMONIC = TermFamily(
     "harmonic",
     "wave number, how often a turn",
     _of_one_joint,
@@ -133,7 +137,7 @@ class Harmonics(VirtualEffect):
         FittedGroup("harmonics", lambda arm: harmonics("harmonics", turning_joints(arm.chain), 1)),
         FittedGroup("harmonics2", lambda arm: harmonics("harmonics2", turning_joints(arm.chain), 2)),
     )
-    terms: ClassVar[tuple[TermFamily, ...]] = (HARMONIC,)
+    terms: ClassVar[tuple[TermFamily, ...]] = (_HARMONIC,)
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
         """The same amplitude for every hinge; the phases are drawn, those of each order from their own stream."""
@@ -143,3 +147,234 @@ class Harmonics(VirtualEffect):
             (size * wave(phase)) * hinge for size, phase in zip(sizes, phases, strict=True) for wave in (np.cos, np.sin)
         ]
         return Runout(np.stack(waves, axis=1))
+
+
+_DIRECTIONS: Mapping[str, tuple[Literal["length", "angle"], str]] = {
+    "x": ("length", "moves along x"),
+    "y": ("length", "moves along y"),
+    "z": ("length", "moves along its joint's axis"),
+    "rx": ("angle", "turns about x"),
+    "ry": ("angle", "turns about y"),
+}
+
+
+def _of_position(arm: ArmFacts, joint: int, other: int) -> Effect:
+    """The position of a joint, from 0, by the turn of another one, from 1."""
+    name, turning = _POSITION.name(joint, other), other - 1
+    if joint == turning or joint >= arm.chain.size or turning not in turning_joints(arm.chain):
+        raise LabError(f"--model {name}: give two different joints, the second one a joint that turns")
+    kind: Kind = "length" if arm.chain.prismatic[joint] else "angle"
+    parameters = tuple(
+        joint_parameter(name, joint, f"cross{other}_{wave}", kind, wave=1, turning=turning) for wave in ("sin", "cos")
+    )
+
+    def offsets(joints: Array, _: Array, values: Array) -> tuple[Array, Array]:
+        derivative = np.zeros((*joints.shape, 2))
+        derivative[:, joint] = _waves(joints[:, turning])
+        return derivative @ values, derivative
+
+    where = [(joint, wave) for wave in _plain_waves(turning)]
+    return Effect(name, parameters, offsets, plain=lambda values: joint_terms(values, *where))
+
+
+def _of_link_end(direction: str, arm: ArmFacts, link: int, other: int) -> Effect:
+    """The far end of a link, from 0, by the turn of a joint, from 1."""
+    name, turning = f"link{link + 1}.{direction}_cross{other}", other - 1
+    if (link, other) not in _link_pairs(direction, arm):
+        raise LabError(
+            f"--model {name}: give a link and a joint that turns, of a robot without loops; "
+            "y only of the last link, ry also before a parallel axis, z only of a joint that turns"
+        )
+    component, (kind, _) = AXES.index(direction), _DIRECTIONS[direction]
+    parameters = tuple(
+        link_end_parameter(name, link, f"{direction}_cross{other}_{wave}", kind, turning) for wave in ("sin", "cos")
+    )
+
+    def offsets(joints: Array, _: Array, values: Array) -> tuple[Array, Array]:
+        derivative = np.zeros((len(joints), len(AXES), 2), dtype=joints.dtype)
+        derivative[:, component] = _waves(joints[:, turning])
+        return derivative @ values, derivative
+
+    def plain(values: Array) -> list[dict[str, Any]]:
+        waves = zip(values.tolist(), _plain_waves(turning), strict=True)
+        return [{"link": link, "axis": component, "times": value, "of": list(wave)} for value, wave in waves]
+
+    return Effect(name, parameters, offsets, moves="links", links=(link,), plain=plain)
+
+
+def _waves(position: Array) -> Array:
+    """Sine and cosine ``(n, 2)`` of a joint's position ``(n,)``."""
+    return np.stack([np.sin(position), np.cos(position)], axis=1)
+
+
+def _plain_waves(turning: int) -> list[tuple[str, int, int]]:
+    """The same as signals of ``formats.plain_arm``."""
+    return [(function, 1, turning) for function in ("sin", "cos")]
+
+
+def _position_pairs(arm: ArmFacts) -> list[tuple[int, int]]:
+    turning = turning_joints(arm.chain)
+    return [(joint, other + 1) for joint in range(arm.chain.size) for other in turning if other != joint]
+
+
+def _link_pairs(direction: str, arm: ArmFacts) -> list[tuple[int, int]]:
+    """The links that can be displaced so, without what a joint's position does, with every joint that turns."""
+    chain = arm.chain
+    if not isinstance(chain, Chain):
+        return []
+    last = chain.size - 1
+    own: dict[str, Callable[[int], bool]] = {
+        "y": lambda link: link == last,
+        "ry": lambda link: link == last or chain.joins_parallel_axes(link),
+        "z": lambda link: not chain.prismatic[link],
+    }
+    links = [link for link in range(chain.size) if direction not in own or own[direction](link)]
+    return [(link, other + 1) for link in links for other in turning_joints(chain)]
+
+
+def _once(other: int) -> str:
+    return f"with the sine and cosine of joint {other}"
+
+
+def _link_words(motion: str, link: int, other: int) -> str:
+    return f"the far end of link {link} {motion} {_once(other)}"
+
+
+_POSITION = TermFamily(
+    "cross",
+    "the joint whose turn moves it",
+    _of_position,
+    _position_pairs,
+    lambda joint, other: f"joint {joint} moves {_once(other)}",
+)
+CROSS_FAMILIES = (
+    _POSITION,
+    *(
+        TermFamily(
+            f"{direction}_cross",
+            "the joint whose turn moves it",
+            partial(_of_link_end, direction),
+            partial(_link_pairs, direction),
+            partial(_link_words, words),
+            owner="link",
+        )
+        for direction, (_, words) in _DIRECTIONS.items()
+    ),
+)
+
+
+@dataclass(frozen=True)
+class CrossRunout(SimulatedEffect, MovesJoints):
+    """Of one arm.
+
+    Attributes:
+        cross_rad: ``(n, n, 2)``: coefficients (rad, m of a slide) of sine and cosine of joint j's position in joint
+            i's, by i and j. Zero diagonal, and zero where j is a slide.
+    """
+
+    cross_rad: Array
+
+    @classmethod
+    def none(cls, joints: int) -> Self:
+        """Joints that leave each other in place."""
+        return cls(np.zeros((joints, joints, 2)))
+
+    def joint_offsets(self, joints: Array, conditions: PoseConditions) -> Array:
+        """Waves of the other joints' positions."""
+        sine, cosine = np.moveaxis(self.cross_rad, 2, 0)
+        return np.asarray(np.sin(joints) @ sine.T + np.cos(joints) @ cosine.T)
+
+    def true_parameters(self) -> dict[str, float]:
+        """Those of ``joint2.cross6`` and its like."""
+        found: dict[str, float] = {}
+        for i, j in np.argwhere(self.cross_rad.any(axis=2)).tolist():
+            sine, cosine = self.cross_rad[i, j].tolist()
+            found |= {f"joint{i + 1}.cross{j + 1}_sin": sine, f"joint{i + 1}.cross{j + 1}_cos": cosine}
+        return found
+
+    def refuse_unfit(self, chain: JointSpec) -> None:
+        """A slide does not turn, and a joint's own waves are runout."""
+        if self.cross_rad[:, list(chain.prismatic)].any() or np.diagonal(self.cross_rad).any():
+            raise LabError(f"robot {chain.name}: cross_rad of a slide's turn, or of a joint by itself; give it zeros")
+
+
+@dataclass(frozen=True)
+class CrossHarmonics(VirtualEffect):
+    """Cross-harmonics of a virtual arm."""
+
+    cross_harmonic_mrad: float = 0.0
+    """How far each joint is moved by the turn of another one, once a turn, with a random phase."""
+
+    draws: ClassVar[int] = 1
+    terms: ClassVar[tuple[TermFamily, ...]] = CROSS_FAMILIES
+
+    def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
+        """The same amplitude for every joint; which other one moves it, and the phase, are drawn."""
+        size = arm.chain.size
+        partner, phase = rngs[0].random(size), rngs[0].uniform(0.0, 2 * np.pi, size)
+        amplitude, cross = levers(arm.chain) * self.cross_harmonic_mrad / 1e3, np.zeros((size, size, 2))
+        for i in range(size):
+            if others := [j for j in turning_joints(arm.chain) if j != i]:
+                j = others[int(partner[i] * len(others))]
+                cross[i, j] = amplitude[i] * np.array([np.cos(phase[i]), np.sin(phase[i])])
+        return CrossRunout(cross)
+
+
+_ORDERS = (3, 60)  # least and largest: those of one and two are runout
+
+
+@dataclass(frozen=True)
+class GearWaves(SimulatedEffect, MovesJoints):
+    """Of one arm.
+
+    Attributes:
+        waves: ``(n, 3)``: how often a turn of its own position each joint is off, and the coefficients (rad) of sine
+            and cosine of that many times the position. Zero for a slide.
+    """
+
+    waves: Array
+
+    @classmethod
+    def none(cls, joints: int) -> Self:
+        """Smooth gears."""
+        return cls(np.zeros((joints, 3)))
+
+    def joint_offsets(self, joints: Array, conditions: PoseConditions) -> Array:
+        """Waves of the joint's position."""
+        order, sine, cosine = self.waves.T
+        offsets: Array = sine * np.sin(order * joints) + cosine * np.cos(order * joints)
+        return offsets
+
+    def true_parameters(self) -> dict[str, float]:
+        """Those of ``joint2.harmonic20`` and its like."""
+        found: dict[str, float] = {}
+        for i, (order, sine, cosine) in enumerate(self.waves.tolist(), start=1):
+            if order:
+                found |= {f"joint{i}.sin{order:.0f}": sine, f"joint{i}.cos{order:.0f}": cosine}
+        return found
+
+    def refuse_unfit(self, chain: JointSpec) -> None:
+        """A slide does not turn."""
+        if self.waves[list(chain.prismatic), 1:].any():
+            raise LabError(f"robot {chain.name}: a slide has no waves; give it zeros")
+
+
+@dataclass(frozen=True)
+class Ripple(VirtualEffect):
+    """Gear waves of a virtual arm."""
+
+    ripple_mrad: float = 0.0
+    """A wave of each joint's gear, as often a turn as the robot's gear ratios say, else 3 to 60 times."""
+
+    draws: ClassVar[int] = 1
+
+    def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
+        """The same amplitude for every hinge; phases are drawn, and orders where no gear ratio names them."""
+        size = arm.chain.size
+        order = rngs[0].integers(_ORDERS[0], _ORDERS[1] + 1, size)
+        if (ratio := arm.chain.gear_ratio) is not None:
+            order = np.where(arm.chain.prismatic, order, np.maximum(np.round(np.abs(ratio)), 1)).astype(np.int_)
+        phase = rngs[0].uniform(0.0, 2 * np.pi, size)
+        amplitude = self.ripple_mrad / 1e3 * ~np.array(arm.chain.prismatic)
+        waves = np.stack([order, amplitude * np.cos(phase), amplitude * np.sin(phase)], axis=1)
+        return GearWaves(waves * (amplitude > 0)[:, None])

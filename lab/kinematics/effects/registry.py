@@ -10,17 +10,12 @@ from dataclasses import dataclass, fields
 from typing import TypeVar
 
 from lab.core.errors import LabError
-from lab.core.ranges import OPTION_SIZE
+from lab.core.limits import OPTION_SIZE
 from lab.kinematics.dynamics.gravity import Loads
-from lab.kinematics.effects.backlash import Backlash
-from lab.kinematics.effects.bad_readings import BadReadings
+from lab.kinematics.effects.backlash import Backlash, Hysteresis, Lag
 from lab.kinematics.effects.bending import Bending
-from lab.kinematics.effects.campaign import Duration, Payloads
-from lab.kinematics.effects.compensator import Compensator
-from lab.kinematics.effects.compliance import Compliance
-from lab.kinematics.effects.coupling import Coupling, FullCoupling
-from lab.kinematics.effects.cross_harmonics import CrossHarmonics
-from lab.kinematics.effects.drift import Drift
+from lab.kinematics.effects.compliance import Compensator, Compliance, Hardening
+from lab.kinematics.effects.coupling import Coupling, FullCoupling, Gear
 from lab.kinematics.effects.effect import (
     NO_SESSIONS,
     ArmFacts,
@@ -30,18 +25,10 @@ from lab.kinematics.effects.effect import (
     TermFamily,
     VirtualEffect,
 )
-from lab.kinematics.effects.encoder_rounding import EncoderRounding
-from lab.kinematics.effects.gear import Gear
-from lab.kinematics.effects.growth import Growth
-from lab.kinematics.effects.hardening import Hardening
-from lab.kinematics.effects.harmonics import Harmonics
-from lab.kinematics.effects.hysteresis import Hysteresis
-from lab.kinematics.effects.instrument_noise import InstrumentNoise
-from lab.kinematics.effects.lag import Lag
-from lab.kinematics.effects.repeatability import Repeatability
-from lab.kinematics.effects.ripple import Ripple
-from lab.kinematics.effects.sessions import Bump
-from lab.kinematics.effects.temperature import Temperature, ZerosByTemperature
+from lab.kinematics.effects.harmonics import CrossHarmonics, Harmonics, Ripple
+from lab.kinematics.effects.readings import BadReadings, EncoderRounding, InstrumentNoise, Repeatability
+from lab.kinematics.effects.sessions import Bump, Duration, Payloads
+from lab.kinematics.effects.temperature import Drift, Growth, Temperature, ZerosByTemperature
 from lab.kinematics.joints import JointSpec
 
 __all__ = [
@@ -49,7 +36,6 @@ __all__ = [
     "CANDIDATES",
     "EFFECTS",
     "GROUPS",
-    "TERM_FAMILIES",
     "EffectOptions",
     "effect",
     "expected_terms",
@@ -113,8 +99,8 @@ EFFECTS: tuple[type[VirtualEffect], ...] = EffectOptions.__bases__[::-1]
 _FITTED = {group.name: group for kind in EFFECTS for group in kind.groups}
 GROUPS = tuple(_FITTED)
 CANDIDATES = tuple(group.name for group in _FITTED.values() if group.is_candidate)  # that --model auto tries
-TERM_FAMILIES = tuple(family for kind in EFFECTS for family in kind.terms)
-_FAMILIES = {(str(family.owner), family.symbol, bool(family.number)): family for family in TERM_FAMILIES}
+_TERM_FAMILIES = tuple(family for kind in EFFECTS for family in kind.terms)
+_FAMILIES = {(str(family.owner), family.symbol, bool(family.number)): family for family in _TERM_FAMILIES}
 _TERM = re.compile(r"(joint|link)([1-9]\d*)\.([a-z_]+)([1-9]\d*)?")
 CAMPAIGN_SPECIFIC = tuple(group.name for group in _FITTED.values() if group.of_one_campaign)  # nothing of another day
 
@@ -142,7 +128,7 @@ def effect(
             raise LabError(f"--model {name}: robot {chain.name} has {family.owner}s 1 to {chain.size}")
         return family.fitted(facts, joint - 1, number)
     if name not in _FITTED:
-        terms = ", ".join(family.name(0, 2 if family.number else 0) for family in TERM_FAMILIES)
+        terms = ", ".join(family.name(0, 2 if family.number else 0) for family in _TERM_FAMILIES)
         raise LabError(f"--model {name}: no such group; there are geometric, auto, {', '.join(GROUPS)}, and {terms}")
     found = _FITTED[name].fitted(facts)
     if not found.parameters:
@@ -152,13 +138,13 @@ def effect(
 
 def searched_terms(facts: ArmFacts) -> dict[str, Effect]:
     """The groups of single joints and links that ``--model auto`` searches for an arm, by name."""
-    names = (family.name(*pair) for family in TERM_FAMILIES for pair in family.searched(facts))
+    names = (family.name(*pair) for family in _TERM_FAMILIES for pair in family.searched(facts))
     return {name: effect(name, facts.chain, facts.loads, facts.sessions) for name in names}
 
 
 def expected_terms(facts: ArmFacts) -> tuple[str, ...]:
     """Those of ``searched_terms`` that the robot's description leads one to expect."""
-    return tuple(family.name(*pair) for family in TERM_FAMILIES for pair in family.expected(facts))
+    return tuple(family.name(*pair) for family in _TERM_FAMILIES for pair in family.expected(facts))
 
 
 def said_of_term(name: str) -> str:

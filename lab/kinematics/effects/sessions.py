@@ -1,39 +1,55 @@
-"""A tracker, or a foot, that was bumped: every session after the first has a frame moved by a little."""
+"""Sessions and stations of a campaign: bumps of the frame, several stations, duration and payloads."""
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 
+from lab.core import se3
 from lab.core.errors import LabError
-from lab.core.measurements import SESSION
+from lab.core.limits import positive
+from lab.core.measurements import SESSION, STATION
 from lab.core.se3 import Array
-from lab.kinematics.effects.conditions import BUMPED
 from lab.kinematics.effects.effect import (
     AXES,
+    BUMPED,
     ArmFacts,
     Effect,
     FittedGroup,
+    MovesTracker,
     Offsets,
+    PoseConditions,
     SimulatedEffect,
     TrackerMotion,
     VirtualEffect,
 )
-from lab.kinematics.parameter import placed_parameters
+from lab.kinematics.parameter import Parameter, placed_parameters
 
-__all__ = ["Bump", "TrackerBump", "frame_each", "sessions"]
+__all__ = [
+    "GROUP",
+    "Bump",
+    "Duration",
+    "Payloads",
+    "StationPoses",
+    "TrackerBump",
+    "at_first_station",
+    "further_stations",
+    "sessions",
+    "station_parameters",
+    "stations",
+]
 
 
 def sessions(names: Sequence[str]) -> Effect:
     """The fitted group: how the frame of every session but the first is moved and turned."""
     moved = [placed_parameters(f"session.{name}", "sessions", AXES, scaled=True) for name in names[1:]]
     parameters = tuple(itertools.chain.from_iterable(moved))
-    return Effect("sessions", parameters, frame_each(1.0), tuple(SESSION + name for name in names[1:]), "frame")
+    return Effect("sessions", parameters, _frame_each(1.0), tuple(SESSION + name for name in names[1:]), "frame")
 
 
-def frame_each(sign: float) -> Offsets:
+def _frame_each(sign: float) -> Offsets:
     """What moves the frame of each setup but the first, by six parameters of its own.
 
     Args:
@@ -89,3 +105,118 @@ class Bump(VirtualEffect):
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
         """Both directions are drawn."""
         return TrackerBump.random(self.bump_mm / 1e3, self.bump_mrad / 1e3, rngs)
+
+
+GROUP = "stations"  # of the parameters
+_OWNER = "station."
+
+
+def stations(names: Sequence[str]) -> tuple[Effect, ...]:
+    """Where every station but the first stands, in the first one's frame: its head's position, its rotation vector.
+
+    None where there is one station alone. Nothing is known of them beforehand: they are placed like the base
+    (``initial_guess``).
+    """
+    placed = [placed_parameters(_OWNER + name, GROUP, AXES) for name in names[1:]]
+    parameters = tuple(itertools.chain.from_iterable(placed))
+    conditions = tuple(STATION + name for name in names[1:])
+    return (Effect(GROUP, parameters, _frame_each(-1.0), conditions, "station"),) if parameters else ()
+
+
+def further_stations(parameters: Sequence[Parameter]) -> dict[str, tuple[int, ...]]:
+    """The conditions that say which rows are of each station but the first, and where its six parameters stand."""
+    found: dict[str, list[int]] = {}
+    for i, parameter in enumerate(parameters):
+        if parameter.group == GROUP:
+            found.setdefault(STATION + parameter.owner.removeprefix(_OWNER), []).append(i)
+    return {condition: tuple(indices) for condition, indices in found.items()}
+
+
+def at_first_station(conditions: Sequence[str], inputs: Array) -> Array:
+    """Settings ``(n, joints + conditions)`` as if the first station measured all of them."""
+    first = inputs.shape[1] - len(conditions)
+    columns = [first + i for i, name in enumerate(conditions) if name.startswith(STATION)]
+    if not columns:
+        return inputs
+    there = inputs.copy()
+    there[:, columns] = 0.0
+    return there
+
+
+def station_parameters(Ts_world_station: Array) -> Array:
+    """The parameters ``(s - 1, 6)`` of all stations but the first, from the poses ``(s, 4, 4)`` (m) of all."""
+    Ts = se3.inverse(Ts_world_station[0]) @ Ts_world_station[1:]
+    return np.concatenate([Ts[:, :3, 3], se3.log(Ts[:, :3, :3])], axis=1)
+
+
+@dataclass(frozen=True)
+class StationPoses(SimulatedEffect, MovesTracker):
+    """Where a virtual instrument stands when it is not at its first station.
+
+    Attributes:
+        Ts_first_station: poses ``(4, 4)`` (m) of the other stations in the first one's frame, by name.
+    """
+
+    Ts_first_station: Mapping[str, Array]
+
+    @classmethod
+    def none(cls, joints: int) -> Self:
+        """One station alone."""
+        return cls({})
+
+    def conditions(self, joint_names: tuple[str, ...]) -> tuple[str, ...]:
+        """Which poses are measured from each of them."""
+        return tuple(STATION + name for name in self.Ts_first_station)
+
+    def true_parameters(self) -> dict[str, float]:
+        """Their places."""
+        truth: dict[str, float] = {}
+        for name, T in self.Ts_first_station.items():
+            numbers = [*T[:3, 3].tolist(), *se3.log(T[:3, :3]).tolist()]
+            truth |= {f"{_OWNER}{name}.{axis}": number for axis, number in zip(AXES, numbers, strict=True)}
+        return truth
+
+    def seen_after(self, points: Array, conditions: PoseConditions) -> Array:
+        """In the frame of the station from which each pose is measured."""
+        for name, T in self.Ts_first_station.items():
+            here = conditions.column(STATION + name) > 0
+            points = np.where(here[:, None, None], se3.transform(se3.inverse(T), points), points)
+        return points
+
+
+@dataclass(frozen=True)
+class Payloads(VirtualEffect):
+    """What hangs at the flange."""
+
+    payload_kg: tuple[float, ...] = (0.0,)
+    """Payloads at the flange, one of which each pose has."""
+
+    def check(self) -> None:
+        """Refuse no payload at all.
+
+        Raises:
+            LabError: with the option.
+        """
+        if not self.payload_kg:
+            raise LabError("--payload-kg: give at least one payload, e.g. 0,3")
+
+    def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
+        """No effect by itself."""
+        return None
+
+
+@dataclass(frozen=True)
+class Duration(VirtualEffect):
+    """How long the poses take."""
+
+    hours: float | None = None
+    """How long the campaign takes: an hour, if drift or growth need to know."""
+
+    def check(self) -> None:
+        """Refuse a time that is none."""
+        if self.hours is not None:
+            positive("--hours", self.hours)
+
+    def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
+        """No effect by itself."""
+        return None

@@ -1,7 +1,4 @@
-"""Temperature: an arm whose lengths expand, and whose joints' zeros shift, in proportion to the column ``temp_C``.
-
-Both are zero at 20 degrees Celsius, where lengths are stated (ISO 1:2022).
-"""
+"""Effects of temperature and time: thermal growth, zeros by temperature, drift of the frame."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,24 +7,43 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from lab.core.errors import LabError
+from lab.core.measurements import PLACE
 from lab.core.se3 import Array
-from lab.kinematics.effects.conditions import REFERENCE_C, TEMPERATURE, PoseConditions
 from lab.kinematics.effects.effect import (
+    AXES,
+    HOUR_S,
+    REFERENCE_C,
+    TEMPERATURE,
+    TIME,
     ArmFacts,
     Effect,
     FittedGroup,
     MovesArm,
     MovesJoints,
+    PoseConditions,
     SimulatedEffect,
+    TrackerMotion,
     VirtualEffect,
     by_joint,
     joint_terms,
     levers,
 )
 from lab.kinematics.joints import JointSpec
-from lab.kinematics.parameter import Kind, Parameter, joint_parameter
+from lab.kinematics.parameter import Kind, Parameter, joint_parameter, placed_parameters
 
-__all__ = ["Temperature", "ThermalExpansion", "ThermalZeros", "ZerosByTemperature", "expansion", "thermal_zeros"]
+__all__ = [
+    "Drift",
+    "Growth",
+    "Temperature",
+    "ThermalExpansion",
+    "ThermalGrowth",
+    "ThermalZeros",
+    "TrackerDrift",
+    "ZerosByTemperature",
+    "drift",
+    "expansion",
+    "thermal_zeros",
+]
 
 _WARMER = ("condition", TEMPERATURE, REFERENCE_C)  # as a signal of formats.plain_arm
 _EXPANSION_SCALE, _ZERO_SCALE = 1e-4, 1e-4  # 1/K, rad/K: several times those of aluminium, and of its joints
@@ -159,3 +175,106 @@ class ZerosByTemperature(VirtualEffect):
         """Normal draws, one a joint."""
         sizes = self.thermal_zero_mrad_per_k / 1e3 * rngs[0].standard_normal(arm.chain.size)
         return ThermalZeros(levers(arm.chain) * sizes)
+
+
+@dataclass(frozen=True)
+class ThermalGrowth(SimulatedEffect, MovesArm):
+    """Of one arm.
+
+    Attributes:
+        growth_per_h: how much all lengths of the arm grow about its foot in an hour, relative.
+    """
+
+    growth_per_h: float
+
+    def __post_init__(self) -> None:
+        if not np.isfinite(self.growth_per_h):
+            raise LabError("effects: growth_per_h is to be finite")
+
+    @classmethod
+    def none(cls, joints: int) -> Self:
+        """An arm that keeps its size."""
+        return cls(0.0)
+
+    def conditions(self, joint_names: tuple[str, ...]) -> tuple[str, ...]:
+        """The time."""
+        return (TIME,) if self.growth_per_h else ()
+
+    def moved(self, points: Array, foot: Array, conditions: PoseConditions) -> Array:
+        """Farther from the foot."""
+        if not self.growth_per_h:
+            return points
+        scale = 1 + self.growth_per_h * conditions.column(TIME) / HOUR_S
+        grown: Array = foot + scale[:, None, None] * (points - foot)
+        return grown
+
+    def obscured(self) -> tuple[str, ...]:
+        """Growth about the foot shifts and stretches what is measured; it does not turn it."""
+        return tuple(f"drift.{axis}" for axis in ("x", "y", "z", "scale")) if self.growth_per_h else ()
+
+
+@dataclass(frozen=True)
+class Growth(VirtualEffect):
+    """Growth of a virtual arm."""
+
+    growth_ppm_per_h: float = 0.0
+    """How fast the arm grows with its temperature."""
+
+    def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
+        """As it is given."""
+        return ThermalGrowth(self.growth_ppm_per_h / 1e6)
+
+
+def drift(start_s: float = 0.0) -> Effect:
+    """The fitted group: how far what is measured is shifted, turned and stretched in an hour."""
+    parameters = placed_parameters("drift", "drift", (*AXES, "scale"), rate=True, scaled=True)
+
+    def offsets(_: Array, time_s: Array, values: Array) -> tuple[Array, Array]:
+        hours = (time_s - start_s) / HOUR_S  # (n, 1)
+        return hours * values, hours[:, :, None] * np.eye(7)
+
+    return Effect("drift", parameters, offsets, (TIME,), "frame")
+
+
+def _drift_by_row() -> Effect:
+    """The fitted group where nobody wrote down the time: how far what is measured moves from first row to last."""
+    parameters = placed_parameters("drift", "drift", (*AXES, "scale"), scaled=True)
+
+    def offsets(_: Array, place: Array, values: Array) -> tuple[Array, Array]:
+        return place * values, place[:, :, None] * np.eye(7)
+
+    return Effect("drift", parameters, offsets, (PLACE,), "frame")
+
+
+def _fitted(arm: ArmFacts) -> Effect:
+    return drift(arm.sessions.start_s) if arm.sessions.timed else _drift_by_row()
+
+
+@dataclass(frozen=True)
+class TrackerDrift(TrackerMotion):
+    """Of one campaign: the motion is that of an hour, steady."""
+
+    condition: ClassVar[str] = TIME
+    whole: ClassVar[float] = HOUR_S
+
+    def true_parameters(self) -> dict[str, float]:
+        """The tracker's motion reversed: ``p' = exp(w t) (p + v t)``."""
+        rates = {f"drift.{axis}": float(value) for axis, value in zip(AXES, -self.motion, strict=True)}
+        return rates | {"drift.scale": 0.0}
+
+
+@dataclass(frozen=True)
+class Drift(VirtualEffect):
+    """Drift of a virtual arm's tracker."""
+
+    drift_mm_per_h: float = 0.0
+    """How fast the tracker creeps, in a random direction."""
+    drift_mrad_per_h: float = 0.0
+    """How fast the tracker turns, about a random axis."""
+
+    draws: ClassVar[int] = 2
+    groups: ClassVar[tuple[FittedGroup, ...]] = (FittedGroup("drift", _fitted, of_one_campaign=True),)
+
+    def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
+        """Both directions are drawn."""
+        return TrackerDrift.random(self.drift_mm_per_h / 1e3, self.drift_mrad_per_h / 1e3, rngs)

@@ -18,12 +18,12 @@ __all__ = ["NominalInverse", "nearest_whole_turns", "ordered"]
 
 SAMPLES = 20_000  # random poses among which a search starts
 SEARCHED = 8  # from the nearest of which
-MORE_SEARCHED = 64  # where none of them leads there
-DISLIKE_COST = 2 * np.pi  # of a way that is disliked, beside a move of 1 rad
-EXCESS_COST = 100.0  # of a joint beyond its limits by 1 rad, beside a move of 1 rad
-GAP_COST = 1e4  # of a pose missed by 1 m
+_MORE_SEARCHED = 64  # where none of them leads there
+_DISLIKE_COST = 2 * np.pi  # of a way that is disliked, beside a move of 1 rad
+_EXCESS_COST = 100.0  # of a joint beyond its limits by 1 rad, beside a move of 1 rad
+_GAP_COST = 1e4  # of a pose missed by 1 m
 ALIKE, ALIKE_RAD = 1.1, 1e-6  # a way that misses a rotation by no more than this beyond the best is as good
-TILT_COST = 100.0  # of a rotation missed by 1 rad, where no way of the arm's could take it
+_TILT_COST = 100.0  # of a rotation missed by 1 rad, where no way of the arm's could take it
 _FOLLOWED = 3.0  # Newton's steps: near its fold, where it is a parabola, a way moves by at most two of them
 
 
@@ -176,7 +176,7 @@ class NominalInverse:
             if not rows.size:
                 continue
             tree = scipy.spatial.cKDTree(pose_landmarks(Ts[:, :3, 3], Ts[:, :3, :3], turned))
-            for starting in (SEARCHED, MORE_SEARCHED):
+            for starting in (SEARCHED, _MORE_SEARCHED):
                 landmarks = pose_landmarks(wanted.positions[rows], wanted.rotations[rows], turned)
                 starts = samples[tree.query(landmarks, k=starting)[1]]
                 given = np.isfinite(reference[rows]).all(axis=1)
@@ -222,12 +222,12 @@ def ordered(
     joints, order = np.empty_like(solutions.joints), np.empty(solutions.gap_m.shape, dtype=np.int_)
     given = np.asarray(np.isfinite(reference).all(axis=1), dtype=np.bool_)
     near = np.where(given[:, None], reference, chain.home if before is None else before)
-    fixed = DISLIKE_COST * disliked + GAP_COST * solutions.gap_m + TILT_COST * solutions.tilt_rad
+    fixed = _DISLIKE_COST * disliked + _GAP_COST * solutions.gap_m + _TILT_COST * solutions.tilt_rad
     rows = np.arange(len(joints))
     while rows.size:  # all at once from a guess of the row before, then again those that it has changed for
         turned = nearest_whole_turns(chain, solutions.joints[rows], near[rows, None])
         cost = np.abs(turned - near[rows, None]).max(axis=2) + fixed[rows]
-        cost += EXCESS_COST * chain.excess(turned).sum(axis=2)
+        cost += _EXCESS_COST * chain.excess(turned).sum(axis=2)
         order[rows] = np.argsort(cost, axis=1, kind="stable")
         joints[rows] = np.take_along_axis(turned, order[rows, :, None], axis=1)
         after = rows[rows + 1 < len(joints)] + 1

@@ -26,10 +26,10 @@ PLACES = 3  # directions of a place: with fewer joints an arm takes some places 
 FREEDOMS = 6  # of a tool in space: with fewer joints an arm takes some rotations only
 MAX_STEPS = 40
 ARRIVED_M, ARRIVED_RAD = 1e-10, 1e-10  # an error below these is none
-PLACE_FIRST = 1e3  # how much more the place weighs than the rotation, where that cannot be met
-HIDDEN_M = 1e-12  # by rounding of what is left of a rotation
-NOWHERE = se3.pose(np.eye(3), np.full(3, 1e6))
-LONGEST_STEP = 0.3  # rad or m, of any joint
+_PLACE_FIRST = 1e3  # how much more the place weighs than the rotation, where that cannot be met
+_HIDDEN_M = 1e-12  # by rounding of what is left of a rotation
+_NOWHERE = se3.pose(np.eye(3), np.full(3, 1e6))
+_LONGEST_STEP = 0.3  # rad or m, of any joint
 LEAST_DAMPING, LARGEST_DAMPING = 1e-6, 1e3  # beside singular values in m
 
 
@@ -147,7 +147,7 @@ def tool_at(arm: "Arm", inputs: Array, values: Array, target: int = 0) -> tuple[
     """
     Ts, jacobian = arm.tool(inputs, values, target)
     lost = np.isnan(Ts).any(axis=(1, 2))
-    Ts[lost], jacobian[lost] = NOWHERE, 0.0
+    Ts[lost], jacobian[lost] = _NOWHERE, 0.0
     return Ts, jacobian
 
 
@@ -212,9 +212,9 @@ def _place_first(jacobian: Array, errors: Array, turned: NDArray[np.bool_], damp
 
 
 def _limited(step: Array) -> Array:
-    """Steps ``(n, joints)``, none of a joint longer than ``LONGEST_STEP``."""
+    """Steps ``(n, joints)``, none of a joint longer than ``_LONGEST_STEP``."""
     longest = np.abs(step).max(axis=1, keepdims=True)
-    limited: Array = step * np.minimum(1.0, LONGEST_STEP / np.maximum(longest, 1e-300))
+    limited: Array = step * np.minimum(1.0, _LONGEST_STEP / np.maximum(longest, 1e-300))
     return limited
 
 
@@ -227,10 +227,10 @@ def _nearer(errors: Array, before: Array, few: bool) -> NDArray[np.bool_]:
     if not few:
         return np.asarray(np.linalg.norm(errors * WEIGHTS, axis=1) < np.linalg.norm(before * WEIGHTS, axis=1))
     now, then = (
-        PLACE_FIRST * np.linalg.norm(e[:, :3], axis=1) + ROTATION_M * np.linalg.norm(e[:, 3:], axis=1)
+        _PLACE_FIRST * np.linalg.norm(e[:, :3], axis=1) + ROTATION_M * np.linalg.norm(e[:, 3:], axis=1)
         for e in (errors, before)
     )
-    return np.asarray(now <= then + HIDDEN_M)
+    return np.asarray(now <= then + _HIDDEN_M)
 
 
 def _in_tolerances(errors: Array) -> Array:

@@ -23,7 +23,7 @@ from lab.kinematics.serial.walk import Motion
 
 __all__ = ["JointAxes", "Truth", "chain_from_axes", "parameters_from_axes"]
 
-MEETING_M = 0.010  # axes nearer than this meet, on the nominal model
+_MEETING_M = 0.010  # axes nearer than this meet, on the nominal model
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ def _common_normal(x: Array, z: Array, position: Array, next_z: Array, next_orig
         return unit, foot
     normal /= np.linalg.norm(normal)
     distance = np.dot(apart, normal)
-    if abs(distance) < MEETING_M:  # the axes nearly meet: of the two normals the one that turns less
+    if abs(distance) < _MEETING_M:  # the axes nearly meet: of the two normals the one that turns less
         distance = np.dot(normal, x) + 1e-12
     next_x = normal * np.sign(distance)
     foot = next_origin + next_z * np.dot(np.cross(normal, z), apart) / np.dot(np.cross(z, normal), next_z)

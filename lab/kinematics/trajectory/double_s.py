@@ -13,8 +13,7 @@ import numpy as np
 import scipy  # its parts are loaded at their first use, which not every process comes to
 
 from lab.core.se3 import Array
-from lab.kinematics.trajectory.changes import TINY, change_seconds, shortest_changes
-from lab.kinematics.trajectory.profiles import SLACK, Span
+from lab.kinematics.trajectory.profiles import SLACK, TINY, Span, change_seconds, shortest_changes
 
 __all__ = [
     "Profile",

@@ -7,26 +7,81 @@ Berscheid & Kroeger (2021, ruckig) without a limit of jerk, for several at rest 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.kinematics.trajectory.changes import TINY, shortest_changes, slowing
+from lab.kinematics.joints import JointSpec
 
 __all__ = [
+    "EXACT",
     "SLACK",
+    "TINY",
     "Axis",
     "Span",
+    "Trajectory",
+    "change_seconds",
     "check_rates",
+    "check_within",
+    "joined",
     "lasts",
     "possible_spans",
     "quickest_ramps",
     "rest_to_rest",
     "rest_to_rest_seconds",
+    "rounding_seconds",
+    "shortest_changes",
+    "slowing",
     "stretches_and_blends",
 ]
+
+TINY = 1e-300  # in place of a zero divisor under a zero
+
+
+def change_seconds(change: float, acceleration: float, jerk: float) -> float:
+    """How long a change of speed takes at least, without acceleration at its ends."""
+    size = abs(change)
+    if size * jerk >= acceleration**2 or math.isinf(jerk):
+        return size / acceleration + acceleration / jerk if size else 0.0
+    return 2 * math.sqrt(size / jerk)
+
+
+def rounding_seconds(ramp: Array | float, jerks: Array | float) -> Array:
+    """How long the jerk lasts in changes of speed that take ``ramp`` s in all.
+
+    Args:
+        ramp: ``(m,)``.
+        jerks: ``(m,)`` |d| / j of the joint for which it is the largest, s^2.
+    """
+    return np.asarray(0.5 * (ramp - np.sqrt(np.maximum(np.square(ramp) - 4 * np.asarray(jerks), 0.0))))
+
+
+def shortest_changes(pulls: Array, jerks: Array) -> Array:
+    """The shortest durations ``(m,)`` of changes of speed that joints make together.
+
+    Args:
+        pulls: ``(m,)`` the largest |d| / a, s.
+        jerks: ``(m,)`` the largest |d| / j, s^2.
+    """
+    reached = jerks <= pulls**2
+    return np.where(reached, pulls + jerks / np.maximum(pulls, TINY), 2 * np.sqrt(jerks))
+
+
+def slowing(pulls: Array, jerks: Array, longest: Array) -> Array:
+    """By which factor k changes of speed have to be slowed down, so that d / k takes no more than k times ``longest``.
+
+    All ``(m,)``; 1 where they need not be.
+    """
+    part = jerks / np.maximum(pulls, TINY)
+    reaching = (part + np.sqrt(part**2 + 4 * longest * pulls)) / (2 * longest)
+    found = np.where(reaching * jerks <= pulls**2, reaching, np.cbrt(4 * jerks / longest**2))
+    return np.asarray(np.maximum(found, 1.0))
+
 
 SLACK = 1e-13  # relative: a limit or a duration missed by less is met, but for rounding
 ROUNDS = 100  # of slowing down single stretches, before what is left slows down the whole path
@@ -304,3 +359,168 @@ def _blends(moved: Array, lasting: Array, allowed: Array | float) -> tuple[Array
     missing[[0, -1]] = 0.0
     room = np.minimum(np.append(math.inf, lasting), np.append(lasting, math.inf))
     return changes, 1 / np.maximum(missing, 1 / room)
+
+
+EXACT = 1e-9  # rad or m, or per s: by how much a joint position may pass its limit, or two ends miss each other
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """How n joints move in m phases of constant jerk.
+
+    Attributes:
+        durations: ``(m,)`` s.
+        accelerations: ``(m, n)`` rad/s^2 or m/s^2 at the start of each phase.
+        start: ``(n,)`` joint positions, rad or m.
+        start_speed: ``(n,)`` rad/s or m/s.
+        jerks: ``(m, n)`` rad/s^3 or m/s^3; None where accelerations are constant and change at once.
+    """
+
+    durations: Array
+    accelerations: Array
+    start: Array
+    start_speed: Array
+    jerks: Array | None = None
+
+    def __post_init__(self) -> None:
+        shape = (len(self.durations), len(self.start))
+        assert self.accelerations.shape == self.jerk.shape == shape and self.start_speed.shape == shape[1:]
+        assert (self.durations >= 0).all() and np.isfinite(self.durations).all()
+        parts = (self.accelerations, self.jerk, self.start, self.start_speed)
+        assert all(np.isfinite(values).all() for values in parts)
+
+    @property
+    def jerk(self) -> Array:
+        """The jerks ``(m, n)``, zero where accelerations are constant."""
+        return np.zeros_like(self.accelerations) if self.jerks is None else self.jerks
+
+    @cached_property
+    def knots(self) -> tuple[Array, Array, Array]:
+        """Times ``(m + 1,)``, joint positions and speeds ``(m + 1, n)`` between the phases and at the ends."""
+        each, a, j = self.durations[:, None], self.accelerations, self.jerk
+        speeds = np.cumsum(np.vstack([self.start_speed, (a + 0.5 * j * each) * each]), axis=0)
+        moves = (speeds[:-1] + (0.5 * a + j * each / 6) * each) * each
+        return np.append(0.0, np.cumsum(self.durations)), np.cumsum(np.vstack([self.start, moves]), axis=0), speeds
+
+    @property
+    def seconds(self) -> float:
+        """How long it takes."""
+        return float(self.knots[0][-1])
+
+    @property
+    def end(self) -> Array:
+        """Joint positions ``(n,)`` at the end."""
+        return np.asarray(self.knots[1][-1])
+
+    @property
+    def end_speed(self) -> Array:
+        """Speeds ``(n,)`` at the end."""
+        return np.asarray(self.knots[2][-1])
+
+    @property
+    def peak_speed(self) -> Array:
+        """The largest magnitudes ``(n,)`` of the speeds, also where an acceleration passes zero within a phase."""
+        speeds = self.knots[2]
+        inner = _at_zero(speeds[:-1], self.accelerations, self.jerk, self.durations)
+        return np.asarray(np.abs(np.vstack([speeds, inner])).max(axis=0))
+
+    @property
+    def peaks(self) -> tuple[Array, Array]:
+        """The largest magnitudes ``(n,)`` of the speeds and of the accelerations."""
+        ends = self.accelerations + self.jerk * self.durations[:, None]
+        return self.peak_speed, np.asarray(np.abs(np.vstack([self.accelerations, ends])).max(axis=0, initial=0.0))
+
+    @property
+    def peak_jerk(self) -> Array:
+        """The largest magnitudes ``(n,)`` of the jerks; infinite where accelerations change at once."""
+        if self.jerks is None:
+            return np.full(len(self.start), np.inf)
+        return np.asarray(np.abs(self.jerks).max(axis=0, initial=0.0))
+
+    @property
+    def extremes(self) -> tuple[Array, Array]:
+        """The lowest and the highest joint positions ``(n,)``, where joints turn back between the ends too."""
+        _, positions, speeds = self.knots
+        v, a, j, each = speeds[:-1], self.accelerations, self.jerk, self.durations[:, None]
+        half = -0.5 * (a + np.copysign(np.sqrt(np.maximum(a**2 - 2 * j * v, 0.0)), a))
+        passed = [positions]
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            for t in (2 * half / j, v / half):  # where the speed v + a t + j t^2 / 2 passes zero
+                inside = np.where((t > 0) & (t < each), t, 0.0)
+                passed.append(positions[:-1] + (v + (0.5 * a + j * inside / 6) * inside) * inside)
+        every = np.vstack(passed)
+        return every.min(axis=0), every.max(axis=0)
+
+    def at(self, times: Array) -> tuple[Array, Array, Array]:
+        """Joint positions, speeds and accelerations ``(k, n)`` at times ``(k,)`` since the start.
+
+        Before the start all is as at the start, and after the end as at the end. Between two phases the acceleration
+        is the next one's; from the end on it is zero.
+        """
+        _, positions, speeds = self.knots
+        phase, since, jerk = self._phase(times)
+        accelerations = np.vstack([self.accelerations, np.zeros_like(self.start)])[phase]
+        now = accelerations + jerk * since
+        moved = (speeds[phase] + (0.5 * accelerations + jerk * since / 6) * since) * since
+        return positions[phase] + moved, speeds[phase] + 0.5 * (accelerations + now) * since, now
+
+    def jerks_at(self, times: Array) -> Array:
+        """Jerks ``(k, n)`` at times ``(k,)``; zero where accelerations are constant."""
+        return self._phase(times)[2]
+
+    def _phase(self, times: Array) -> tuple[NDArray[np.int_], Array, Array]:
+        """The phase of each time, the seconds ``(k, 1)`` since it began, and its jerk ``(k, n)``."""
+        knots = self.knots[0]
+        held = np.clip(times, 0.0, self.seconds)
+        phase = np.searchsorted(knots, held, side="right") - 1
+        return phase, (held - knots[phase])[:, None], np.vstack([self.jerk, np.zeros_like(self.start)])[phase]
+
+
+def _at_zero(speeds: Array, accelerations: Array, jerks: Array, durations: Array) -> Array:
+    """Speeds ``(m, n)`` where the acceleration passes zero within a phase; elsewhere those at its start."""
+    crosses = (accelerations * (accelerations + jerks * durations[:, None]) < 0) & (jerks != 0)
+    return np.where(crosses, speeds - 0.5 * accelerations**2 / np.where(crosses, jerks, 1.0), speeds)
+
+
+def joined(parts: Sequence[Trajectory]) -> Trajectory:
+    """One trajectory after the other.
+
+    Raises:
+        LabError: one begins elsewhere than the one before it ends, or at another speed.
+    """
+    for i, (first, second) in enumerate(pairwise(parts)):
+        for what, end, start in (
+            ("reading", first.end, second.start),
+            ("speed", first.end_speed, second.start_speed),
+        ):
+            j = int(np.argmax(np.abs(end - start)))
+            if abs(end[j] - start[j]) > EXACT:
+                raise LabError(
+                    f"trajectory {i + 2} begins where joint {j + 1} has a {what} of {start[j]:g}, but the one before "
+                    f"it ends at {end[j]:g}; make them the same"
+                )
+    limited = any(part.jerks is not None for part in parts)
+    return Trajectory(
+        np.concatenate([part.durations for part in parts]),
+        np.concatenate([part.accelerations for part in parts]),
+        parts[0].start,
+        parts[0].start_speed,
+        np.concatenate([part.jerk for part in parts]) if limited else None,
+    )
+
+
+def check_within(chain: JointSpec, trajectory: Trajectory) -> None:
+    """Refuse a trajectory that leaves the limits of the joint positions between its ends.
+
+    Raises:
+        LabError: naming the joint that goes the farthest beyond.
+    """
+    lowest, highest = trajectory.extremes
+    beyond = np.array([chain.lower - lowest, highest - chain.upper])
+    side, j = divmod(int(np.argmax(beyond)), chain.size)
+    if beyond[side, j] > EXACT:
+        ends = f"from {chain.shown(j, trajectory.start[j])} to {chain.shown(j, trajectory.end[j])}"
+        raise LabError(
+            f"on its way {ends} {chain.said_beyond(j, (lowest, highest)[side][j])}; lower its speeds at the ends, or "
+            "move these away from the limit"
+        )

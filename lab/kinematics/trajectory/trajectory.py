@@ -13,18 +13,21 @@ import numpy as np
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.kinematics.joints import JointSpec
-from lab.kinematics.trajectory.changes import rounding_seconds
 from lab.kinematics.trajectory.double_s import SmoothAxis, mixed, quickest_smooth_ramps, rest_to_rest_smooth
-from lab.kinematics.trajectory.phases import EXACT, Trajectory, check_within, joined
 from lab.kinematics.trajectory.profiles import (
+    EXACT,
     SLACK,
     Axis,
     Span,
+    Trajectory,
     check_rates,
+    check_within,
+    joined,
     lasts,
     possible_spans,
     quickest_ramps,
     rest_to_rest,
+    rounding_seconds,
     stretches_and_blends,
 )
 

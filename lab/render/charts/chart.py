@@ -1,18 +1,204 @@
 """One set of axes with what is drawn in it, as SVG. It takes the calls of ``Axes``, with matplotlib's defaults."""
 
-from collections.abc import Sequence
-from typing import Any, Literal
+import io
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+from markupsafe import Markup
 from numpy.typing import ArrayLike
 
 from lab.core.se3 import Array
-from lab.render.charts.frame import FONT_SIZE, ChartAxis, Legend, line_sample
-from lab.render.charts.marks import ROUND, backdrop, cells, colour, dashes, line, marks, path, rectangle, words
-from lab.render.charts.sheet import Coordinates, Sheet, arrow, place
-from lab.render.charts.ticks import Scale
+from lab.render.charts.marks import (
+    FONT_SIZE,
+    ROUND,
+    Axes,
+    ChartAxis,
+    Entry,
+    Legend,
+    Scale,
+    axis_lines,
+    backdrop,
+    below,
+    beside,
+    cells,
+    colour,
+    dashes,
+    grid_lines,
+    heading,
+    line,
+    line_sample,
+    marks,
+    path,
+    rectangle,
+    shown_number,
+    words,
+)
+from lab.render.document import Picture
+from lab.render.style import FIGURE_STYLE
 
-__all__ = ["Chart"]
+if TYPE_CHECKING:
+    import matplotlib.axes
+    from matplotlib.figure import Figure
+
+__all__ = [
+    "Chart",
+    "Coordinates",
+    "Sheet",
+    "arrow",
+    "axes_picture",
+    "cube",
+    "figure_picture",
+    "inline_svg",
+    "log_ticks",
+    "place",
+    "save_figure",
+    "shades",
+    "view",
+]
+
+_POINTS = 72  # per inch
+_SPACE = 3 * FONT_SIZE, 2 * FONT_SIZE  # that a step along x, along y needs for its words
+_HATCH = 6.0  # points between the lines of a hatched area
+_HEAD = 7.0  # of an arrow, points
+_LEGEND = 5.0  # what is drawn later than others: as matplotlib's zorder
+Draw = Callable[[Scale, Scale], str]
+Coordinates = str | tuple[str, str]
+
+
+class Sheet:
+    """Axes, and what is drawn in them; sizes are points."""
+
+    def __init__(
+        self, name: str, size: tuple[float, float], margins: tuple[float, float, float, float], font: str
+    ) -> None:
+        """Empty axes.
+
+        Args:
+            name: begins the ids of what the picture refers to.
+            size: width and height, inches.
+            margins: left, bottom, right and top of the axes, inches.
+            font: families of the words.
+        """
+        self.name, self.font = name, font
+        self.width, self.height = (_POINTS * edge for edge in size)
+        self.left, self.bottom, self.right, self.top = (_POINTS * each for each in margins)
+        self.x, self.y = ChartAxis(), ChartAxis()
+        self.points: list[tuple[Array, Array]] = []  # that a legend should not hide
+        self.words: list[Draw] = []  # which may lie beyond the axes
+        self.shown_legend: Legend | None = None
+        self.title, self.equal, self.hidden = "", "", False
+        self._marks: list[tuple[float, Draw]] = []
+        self._entries: list[Entry] = []
+        self._patterns: dict[str, str] = {}
+
+    def add(
+        self, order: float, draw: Draw, label: str = "", sample: Callable[[float, float, float], str] | None = None
+    ) -> None:
+        """Something to be drawn, over what has a lower order; with a label it has an entry in the legend."""
+        self._marks.append((order, draw))
+        if label and sample is not None:
+            self._entries.append(Entry(label, sample))
+
+    def reach(self, x: Any, y: Any) -> None:
+        """Values that are drawn."""
+        self.x.reach(x)
+        self.y.reach(y)
+
+    def hatched(self, said: str, hatch: str, tint: str, alpha: float) -> str:
+        """An area hatched with rising lines; nothing without a hatch."""
+        if not hatch:
+            return ""
+        name = f"{self.name}-hatch{list(self._patterns).index(tint) if tint in self._patterns else len(self._patterns)}"
+        self._patterns[tint] = (
+            f'<pattern id="{name}" width="{_HATCH}" height="{_HATCH}" patternUnits="userSpaceOnUse">'
+            f'<path d="M-1 1L1 -1M0 {_HATCH}L{_HATCH} 0M{_HATCH - 1} {_HATCH + 1}L{_HATCH + 1} {_HATCH - 1}" '
+            f'stroke="{tint}"/></pattern>'
+        )
+        return path(said, fill=f"url(#{name})", alpha=alpha)
+
+    def svg(self) -> str:
+        """The elements of the picture, without the one around them."""
+        across, up = self.scales()
+        ticks = self.x.found_ticks(across, _SPACE[0]), self.y.found_ticks(up, _SPACE[1])
+        inside = "".join(draw(across, up) for _, draw in sorted(self._marks, key=lambda each: each[0]))
+        area = rectangle((across.start, across.end), (up.start, up.end))
+        clip = f"{self.name}-area"
+        parts = [
+            f'<defs><clipPath id="{clip}"><path d="{area}"/></clipPath>{"".join(self._patterns.values())}</defs>',
+            path(rectangle((0, self.width), (0, self.height)), fill="#ffffff"),
+            f'<g font-family="{self.font}">',
+        ]
+        if not self.hidden:
+            parts.append(
+                grid_lines(
+                    across,
+                    ticks[0][0][: len(ticks[0][0]) * self.x.grid],
+                    up,
+                    ticks[1][0][: len(ticks[1][0]) * self.y.grid],
+                )
+            )
+        parts.append(f'<g clip-path="url(#{clip})">{inside}</g>')
+        if not self.hidden:
+            middle = (self.left + self.width - self.right) / 2, (self.top + self.height - self.bottom) / 2
+            parts.append(axis_lines(across, up))
+            parts.append(below(self.x, across, ticks[0], up.start, middle[0]))
+            parts.append(beside(self.y, up, ticks[1], across.start, middle[1]))
+        parts.append(heading(self.title, across, up))
+        parts += [draw(across, up) for draw in self.words]
+        if self.shown_legend is not None and self._entries:
+            parts.append(self.shown_legend.drawn(self._entries, across, up, self._drawn_points(across, up)))
+        return "".join([*parts, "</g>"])
+
+    def _drawn_points(self, across: Scale, up: Scale) -> Array:
+        if not self.points:
+            return np.empty((0, 2))
+        x, y = (np.concatenate(each) for each in zip(*self.points, strict=True))
+        return np.stack([across(x), up(y)], axis=-1)
+
+    def scales(self) -> tuple[Scale, Scale]:
+        """The axes' scales: in the area within the margins, or a smaller one where one scale is for both."""
+        left, right = self.left, self.width - self.right
+        top, bottom = self.top, self.height - self.bottom
+        (low, high), (under, over) = self.x.found_limits(), self.y.found_limits()
+        if self.equal:
+            wide, tall = (right - left) / abs(high - low), (bottom - top) / abs(over - under)
+            per = min(wide, tall)  # points per unit
+            more = (right - left) / per - abs(high - low), (bottom - top) / per - abs(over - under)
+            if self.equal == "datalim":
+                low, high = low - more[0] / 2, high + more[0] / 2
+                under, over = under - more[1] / 2, over + more[1] / 2
+            else:
+                left, right = left + per * more[0] / 2, right - per * more[0] / 2
+                top, bottom = top + per * more[1] / 2, bottom - per * more[1] / 2
+        x = Scale(low, high, left, right, self.x.logarithmic)
+        return x, Scale(under, over, bottom, top, self.y.logarithmic)
+
+
+def place(at: Any, coordinates: Coordinates, across: Scale, up: Scale) -> tuple[float, float]:
+    """A place whose parts are values of the axes (``data``), or shares of them (``axes fraction``)."""
+    kinds = (coordinates, coordinates) if isinstance(coordinates, str) else coordinates
+    x, y = (
+        float(scale(value)) if kind == "data" else scale.start + value * (scale.end - scale.start)
+        for scale, value, kind in zip((across, up), at, kinds, strict=True)
+    )
+    return x, y
+
+
+def arrow(across: Scale, up: Scale, tail: Any, tip: Any, *, color: str, linewidth: float, arrowstyle: str) -> str:
+    """A line from one place to another with a filled head."""
+    ends = [np.array(place(at, "data", across, up)) for at in (tail, tip)]
+    along = (ends[1] - ends[0]) / max(float(np.linalg.norm(ends[1] - ends[0])), 1e-9)
+    base, aside = ends[1] - _HEAD * along, _HEAD / 2 * np.array([-along[1], along[0]])
+    tint = colour(color)
+    points = [ends[1], base + aside, base - aside]
+    head = "M" + "L".join(f"{shown_number(x)} {shown_number(y)}" for x, y in points) + "z"
+    shaft = f"M{ends[0][0]:.2f} {ends[0][1]:.2f}L{base[0]:.2f} {base[1]:.2f}"
+    return path(shaft, tint, linewidth) + path(head, fill=tint)
+
 
 _MARKS = ".os^vDP|x"
 _FIRST = "#1f77b4"  # where no colour is given
@@ -315,3 +501,149 @@ def _between(x: Array, y: Array) -> tuple[Array, Array]:
     at = np.linspace(0, len(x) - 1, min(8 * len(x), 2000))
     rows = np.arange(len(x))
     return np.interp(at, rows, x), np.interp(at, rows, y)
+
+
+_PROLOGUE = re.compile(r"^.*?(?=<svg\b)|<metadata>.*?</metadata>", re.DOTALL)
+_STYLE = re.compile(r'<defs>\s*<style type="text/css">\*\{(.*?)\}</style>\s*</defs>')  # of every element of a page
+_NAMES = re.compile(r'(\bid="|url\(#|href="#)')
+_POINTS_PER_INCH, _PX_PER_INCH = 72, 96
+_FONT = "DejaVu Sans, Arial, sans-serif"
+_SEEN_FROM = {(0, 1): "from above", (0, 2): "from the side"}
+_MARGINS = (0.7, 0.5, 0.15, 0.3)
+_DOTS_PER_INCH = 130  # of a PNG
+_HALF_PX = 480  # a picture no wider than this has room for another beside it
+
+
+def axes_picture(
+    name: str,
+    label: str,
+    size: tuple[float, float],
+    draw: Callable[[Axes], None],
+    margins: tuple[float, float, float, float] = _MARGINS,
+) -> Picture:
+    """A picture of one set of axes, which is a chart on a page.
+
+    Args:
+        name: of the picture in its document; no other may have it.
+        label: what it shows, for those who do not see it.
+        size: width and height, inches.
+        draw: draws into the axes.
+        margins: left, bottom, right and top of the axes, inches.
+    """
+
+    def chart() -> Chart:
+        made = Chart(name, size, margins, _FONT)
+        draw(made)
+        return made
+
+    return replace(figure_picture(name, label, size, draw, margins), chart=chart)
+
+
+def figure_picture(
+    name: str,
+    label: str,
+    size: tuple[float, float],
+    draw: "Callable[[matplotlib.axes.Axes], None]",
+    margins: tuple[float, float, float, float] = _MARGINS,
+) -> Picture:
+    """A picture of one set of axes that needs what only matplotlib has, as colour bars and dates."""
+
+    def figure() -> "Figure":
+        import matplotlib
+        from matplotlib.figure import Figure
+
+        (width, height), (left, bottom, right, top) = size, margins
+        with matplotlib.rc_context(FIGURE_STYLE):
+            made = Figure(figsize=size)
+            area = (left / width, bottom / height, 1 - (left + right) / width, 1 - (bottom + top) / height)
+            draw(made.add_axes(area))
+        return made
+
+    return Picture(name, label, figure)
+
+
+def inline_svg(picture: Picture) -> Markup:
+    """A picture as a part of a page: without prologue and metadata, its ids its own, with a title."""
+    if picture.chart is None:
+        width, height, drawn = _matplotlib_svg(picture)
+    else:
+        chart = picture.chart()
+        width, height, drawn = chart.width, chart.height, chart.svg() + "</svg>"
+    pixels = round(width * _PX_PER_INCH / _POINTS_PER_INCH)
+    form = Markup(
+        '<svg viewBox="0 0 {:g} {:g}" class="{}" role="img" aria-label="{}" style="max-width: {}px"><title>{}</title>{}'
+    )
+    kind = "half" if pixels <= _HALF_PX else "wide"
+    words = Markup(drawn)  # both escape what they are given
+    return form.format(width, height, kind, picture.label, pixels, picture.label, words)
+
+
+def _matplotlib_svg(picture: Picture) -> tuple[float, float, str]:
+    """A picture's width and height (points), and what is within its outermost element, with the end of that."""
+    import matplotlib
+
+    text = io.StringIO()
+    with matplotlib.rc_context(FIGURE_STYLE):
+        figure = picture.draw()
+        figure.savefig(text, format="svg", metadata={"Date": None}, dpi=_DOTS_PER_INCH)
+    svg = _NAMES.sub(rf"\g<1>{picture.name}-", _PROLOGUE.sub("", text.getvalue()))
+    width, height = (_POINTS_PER_INCH * edge for edge in figure.get_size_inches())
+    inside, styles = svg.split(">", 1)[1].rpartition("</svg>")[0], _STYLE.search(svg)
+    assert styles is not None
+    return float(width), float(height), f'<g style="{styles[1]}">{_STYLE.sub("", inside)}</g></svg>'
+
+
+def save_figure(folder: Path, name: str, figure: "Figure") -> None:
+    """Write a figure as PNG and SVG, the same bytes for the same figure."""
+    import matplotlib
+
+    with matplotlib.rc_context(FIGURE_STYLE):
+        figure.savefig(folder / f"{name}.png", dpi=_DOTS_PER_INCH)
+        figure.set_layout_engine("none")  # what the first one found, which takes as long as drawing
+        figure.savefig(folder / f"{name}.svg", metadata={"Date": None})
+
+
+def log_ticks(axes: Axes, which: Literal["x", "y"], low: float, high: float) -> None:
+    """A logarithmic axis from ``low`` to ``high``, with plain numbers at up to nine powers of ten."""
+    axes.set(**{f"{which}scale": "log", f"{which}lim": (low, high)})
+    first, last = int(np.ceil(np.log10(low) - 1e-9)), int(np.floor(np.log10(high) + 1e-9))
+    step = max(1, -(-(last - first) // 8))
+    ticks = [10.0**power for power in range(first, last + 1, step)]
+    if len(ticks) < 3:
+        ticks = [m * 10.0**power for power in range(first - 1, last + 1) for m in (1, 2, 5)]
+        ticks = [tick for tick in ticks if low <= tick <= high]
+    set_ticks = axes.set_xticks if which == "x" else axes.set_yticks
+    set_ticks(ticks, [f"{tick:g}".replace("-", "−") for tick in ticks])
+    set_ticks([], minor=True)
+
+
+def shades(values: Array, colours: Sequence[str]) -> Array:
+    """Colours ``(..., 3)`` from 0 to 1 of values ``(...)`` from 0 (the first) to 1 (the last); NaN has none.
+
+    Args:
+        colours: evenly spaced along the values, as ``#rrggbb``.
+    """
+    knots = np.array([[int(each[i : i + 2], 16) / 255 for i in (1, 3, 5)] for each in colours])
+    at = np.linspace(0, 1, len(knots))
+    return np.stack([np.interp(values, at, knots[:, part]) for part in range(3)], axis=-1)
+
+
+def cube(points: Sequence[Array], share: float = 0.06) -> tuple[Array, float]:
+    """The middle ``(3,)`` and half the edge of the cube around arrays of points ``(…, 3)``, NaN left out."""
+    every = np.concatenate([np.reshape(each, (-1, 3)) for each in points])
+    low, high = np.nanmin(every, axis=0), np.nanmax(every, axis=0)
+    return (low + high) / 2, max(float((high - low).max()) * (0.5 + share), 1e-6)
+
+
+def view(axes: Axes, plane: tuple[int, int], middle: Array, half: float, frame: str, shown: str = "") -> None:
+    """Equal axes in mm for a view on a plane of the frame (0 is x, 2 is z).
+
+    Args:
+        shown: what is seen, for the title.
+    """
+    i, j = plane
+    title = f"{shown}, {_SEEN_FROM[plane]}" if shown else _SEEN_FROM[plane]
+    axes.set(xlim=(middle[i] - half, middle[i] + half), ylim=(middle[j] - half, middle[j] + half))
+    axes.set(xlabel=f"{'xyz'[i]} of the {frame}, mm", ylabel=f"{'xyz'[j]}, mm", title=title)
+    axes.set_aspect("equal")
+    axes.locator_params(nbins=6)

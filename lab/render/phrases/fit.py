@@ -1,14 +1,37 @@
 """Phrases of the checks of a fit: what a person is told beside the verdict, by the name of each check."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
+from lab.calibration.statistics.model_selection import GroupTrial
 from lab.core.checks import Check
-from lab.core.wording import be, counted
-from lab.render.phrases.models import listed
+from lab.core.errors import be, counted
+from lab.kinematics.effects.registry import said_of_term
 
-__all__ = ["PHRASES"]
+__all__ = ["PHRASES", "listed", "model_name", "standing"]
+
+_MOST_LISTED = 6  # groups of single joints in a sentence
+
+
+def listed(groups: Sequence[str]) -> tuple[str, ...]:
+    """The names of groups; many groups of single joints as one."""
+    terms = [name for name in groups if said_of_term(name)]
+    if len(terms) <= _MOST_LISTED:
+        return tuple(groups)
+    return (*(name for name in groups if name not in terms), f"{len(terms)} groups of single joints")
+
+
+def model_name(groups: Sequence[str]) -> str:
+    """Geometry and the groups."""
+    return " + ".join(("geometric", *listed(groups)))
+
+
+def standing(group: GroupTrial) -> str:
+    """Whether a group is in the model, what it says of the robot, and what speaks against it."""
+    said = said_of_term(group.name)
+    chosen = (f"chosen: {said}" if said else "chosen") if group.chosen else ""
+    return ", but ".join(part for part in (chosen, group.infeasibility_reason) if part)
 
 
 def _note(check: Check) -> str:

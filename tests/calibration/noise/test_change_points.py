@@ -14,7 +14,7 @@ from lab.calibration.weights import Noise, weighed
 from lab.campaign.robot import load_robot
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
-from lab.core.probabilities import f_sf
+from lab.core.probability import f_sf
 from lab.formats.noise_model import noise_model_from_dict, noise_model_to_dict
 from lab.noise.change_points import APART, ChangePoint, before_and_after, likeliest_change
 from lab.noise.error_model import Clock, ErrorModel, row_times

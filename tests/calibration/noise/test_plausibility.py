@@ -15,7 +15,7 @@ from lab.calibration.noise.plausibility import (
 )
 from lab.calibration.noise.search import search_noise
 from lab.calibration.observation import observation_of
-from lab.calibration.statistics.replicates import repeats
+from lab.calibration.statistics.goodness_of_fit import repeats
 from lab.calibration.weights import Noise, weighed
 from lab.core.checks import Check
 from lab.core.measurements import Measurements

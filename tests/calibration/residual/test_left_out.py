@@ -10,11 +10,8 @@ from scipy import stats
 
 from lab.calibration.extrapolation import prediction_squares
 from lab.calibration.identify import identify
-from lab.calibration.residual.estimation import with_residual
-from lab.calibration.residual.kernels import JointKernels
-from lab.calibration.residual.left_out import bound_factor, left_out
-from lab.calibration.residual.pose_numbers import Reduction, covariance
-from lab.calibration.residual.process import PredictedBy, Support
+from lab.calibration.residual.estimation import bound_factor, left_out, with_residual
+from lab.calibration.residual.process import JointKernels, PredictedBy, Reduction, Support, covariance
 from lab.calibration.residual_spread import residual_spread
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array

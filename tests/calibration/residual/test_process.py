@@ -21,9 +21,18 @@ from lab.calibration.estimate_files import (
 from lab.calibration.extrapolation import prediction_squares
 from lab.calibration.identify import identify
 from lab.calibration.residual.estimation import with_residual
-from lab.calibration.residual.kernels import COMPONENTS, JointKernels
-from lab.calibration.residual.pose_numbers import Reduction, covariance, unit_covariances
-from lab.calibration.residual.process import UPPER_QUARTILE, JointProcess, PredictedBy, precisions, scaled_by
+from lab.calibration.residual.process import (
+    COMPONENTS,
+    UPPER_QUARTILE,
+    JointKernels,
+    JointProcess,
+    PredictedBy,
+    Reduction,
+    covariance,
+    precisions,
+    scaled_by,
+    unit_covariances,
+)
 from lab.calibration.residual_spread import residual_spread
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.core.errors import LabError

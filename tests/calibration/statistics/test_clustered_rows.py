@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import f
 
-from lab.calibration.statistics.clustered_rows import ClusteredRows
+from lab.calibration.statistics.linearized import ClusteredRows
 from lab.core.se3 import Array
 
 FITTED, ADDED = range(5), range(5, 8)

@@ -5,7 +5,7 @@ import pytest
 from helpers.robots import IRB120, somewhere
 
 from lab.calibration.identify import identify
-from lab.calibration.statistics.explained_error import ExplainedError, explained_errors
+from lab.calibration.statistics.remaining_error import ExplainedError, explained_errors
 from lab.calibration.weights import Noise
 from lab.core.measurements import Measurements, measured
 from lab.kinematics.model import Model

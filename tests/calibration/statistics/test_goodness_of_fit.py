@@ -11,13 +11,12 @@ from lab.calibration.gauss_newton import Fit, Observations, fit
 from lab.calibration.statistics.goodness_of_fit import goodness_of_fit, isotropy, sandwich
 from lab.calibration.statistics.linearized import NoiseDistribution, linearized
 from lab.core.checks import Check
-from lab.core.covariance import whitening
+from lab.core.linear_model import whitening
 from lab.core.se3 import Array
 from lab.core.significance import LACK_OF_FIT
 from lab.kinematics.gauge import base_set
 from lab.kinematics.serial.arm import SerialArm
-from lab.noise.instruments import INSTRUMENTS, Instrument
-from lab.noise.tracker_errors import TrackerErrors
+from lab.noise.instruments import INSTRUMENTS, Instrument, TrackerErrors
 from lab.render.phrases.registry import phrase
 
 ARM = SerialArm(IRB120.chain)

@@ -9,10 +9,9 @@ from helpers.robots import IRB120, data_file, somewhere
 
 from lab.calibration.identify import Identification, IdentifyOptions, identify
 from lab.calibration.statistics import candidate_models as trials
-from lab.calibration.statistics.candidate_models import FullModel, SelectionTask
-from lab.calibration.statistics.clustered_rows import ClusteredRows, ClusterTest
+from lab.calibration.statistics.candidate_models import FullModel, HeldOutGain, Score, SelectionTask
+from lab.calibration.statistics.linearized import ClusteredRows, ClusterTest
 from lab.calibration.statistics.model_selection import Selection, objection, select
-from lab.calibration.statistics.nested_models import HeldOutGain, Score
 from lab.calibration.weights import Noise
 from lab.campaign.robot import Robot, load_robot
 from lab.core.errors import LabError

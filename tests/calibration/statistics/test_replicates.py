@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from lab.calibration.statistics.replicates import repeats
+from lab.calibration.statistics.goodness_of_fit import repeats
 from lab.core.measurements import measured
 
 JOINTS = np.array([[0.1, 0.2], [0.3, 0.2], [0.1, 0.2], [0.1, 0.2]])

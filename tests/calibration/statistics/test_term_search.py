@@ -9,8 +9,8 @@ from helpers.robots import IRB120
 
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import WEAK, Identification, identify
+from lab.calibration.statistics.candidate_models import TermSearch, TermTable
 from lab.calibration.statistics.model_selection import Selection, select
-from lab.calibration.statistics.term_search import TermSearch, TermTable
 from lab.calibration.validation import configurations
 from lab.core.measurements import Measurements, measured
 from lab.core.significance import TERM_SEARCH

@@ -7,12 +7,7 @@ import numpy as np
 import pytest
 
 from lab.calibration.statistics.model_selection import GroupTrial
-from lab.commands.calibrate.diagnostics import (
-    correlation_picture,
-    residual_pictures,
-    selection_picture,
-    uncertainty_map,
-)
+from lab.commands.calibrate.figures import correlation_picture, residual_pictures, selection_picture, uncertainty_map
 
 
 def test_residuals_are_described_by_their_share_outside_the_band(seven) -> None:

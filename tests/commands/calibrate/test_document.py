@@ -12,16 +12,14 @@ from helpers.robots import data_file
 from lab.calibration.verdict import Verdict
 from lab.campaign.option_groups import ArmEffects, Fitting
 from lab.campaign.options import VirtualCampaign
-from lab.commands.calibrate.error_map import error_maps
-from lab.commands.calibrate.figures import has_correction
+from lab.commands.calibrate.figures import error_maps, has_correction
 from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.calibrate.run import calibrate, identify
 from lab.commands.calibrate.scene import world_of
 from lab.core import se3
 from lab.formats.measurement_csv import write_measurements
-from lab.render.format import capital, digits_of, sentence, short
+from lab.render.document import capital, digits_of, display_unit, sentence, short
 from lab.render.phrases.registry import in_one_line, phrases
-from lab.render.units import display_unit
 
 SECTIONS = ["Before and after calibration", "Where in the workspace the errors are", "Uncertainty and goodness of fit",
             "Parameters", "Identifiability and conditioning", "The arm at its poses", "What was done",

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import lab
-from lab.commands.calibrate.khalil_rows import khalil_rows
+from lab.commands.calibrate.result import khalil_rows
 from lab.core import se3
 from lab.kinematics.serial.khalil_frames import SYMBOLS, khalil_frame, pose_of
 

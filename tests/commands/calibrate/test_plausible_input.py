@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 import lab
-from lab.core.copies import without_copies
 from lab.core.errors import LabError
-from lab.core.measurements import Measurements, measured
+from lab.core.measurements import Measurements, measured, without_copies
 from lab.core.se3 import Array
 from lab.render.phrases.registry import in_one_line, phrases
 

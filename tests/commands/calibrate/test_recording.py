@@ -6,8 +6,7 @@ from helpers.recordings import FLOAT32, column, in_world, needs_vulkan, rrd, sta
 from helpers.robots import ROOT, data_file
 from rerun.chunk import RrdReader
 
-from lab.calibration.identify import identify
-from lab.calibration.uncertainty import ellipsoids, mapping_ellipsoids, position_covariance
+from lab.calibration.identify import ellipsoids, identify, mapping_ellipsoids, position_covariance
 from lab.campaign.option_groups import ArmEffects, Fitting
 from lab.commands.calibrate.recording import parameters_text, record, summary_text
 from lab.commands.calibrate.run import MeasuredCampaign, VirtualCampaign, calibrate
@@ -15,11 +14,11 @@ from lab.commands.calibrate.run import identify as identify_file
 from lab.commands.calibrate.scene import scene
 from lab.core import se3
 from lab.kinematics.serial.arm import SerialArm
-from lab.render.format import format_magnification
+from lab.render.document import format_magnification
 from lab.render.scene import MOST_POSES, drawn_rows, magnification
-from lab.simulation.load_mjcf_urdf import load_model
 from lab.simulation.meshes import body_poses, shells
 from lab.simulation.model import FLANGE
+from lab.simulation.model_files import load_model
 
 pytestmark = pytest.mark.usefixtures("strict_recordings")
 

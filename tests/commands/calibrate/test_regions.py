@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import lab
-from lab.calibration.validation_bounds import bounds_at
+from lab.calibration.workspace_prediction import bounds_at
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
 from lab.render.phrases.registry import in_one_line

@@ -13,9 +13,8 @@ from helpers.robots import ROOT
 
 import lab
 from lab.cli import main
-from lab.commands.certify.document import _freedom
 from lab.commands.certify.options import CertifyOptions
-from lab.commands.certify.result import Certificate
+from lab.commands.certify.result import Certificate, _freedom
 from lab.commands.certify.run import certify
 from lab.compensation.iso9283 import repeatability
 from lab.core.errors import LabError

@@ -8,11 +8,10 @@ from helpers.robots import IRB120
 
 import lab
 from lab.calibration.gauss_newton import Observations
-from lab.commands.certify.chance import _scatter_m
-from lab.commands.certify.fitted import FittedRows
+from lab.commands.certify.inputs import FittedRows, _scatter_m
 from lab.commands.certify.options import CertifyOptions
 from lab.commands.certify.run import certify
-from lab.core.covariance import whitening
+from lab.core.linear_model import whitening
 from lab.core.measurements import measured
 from lab.noise.correlation import Correlation
 from lab.noise.instruments import instrument

@@ -8,8 +8,7 @@ from helpers.drawing import nothing_drawn
 
 import lab
 from lab.commands.calibrate.load_run import read_calibrated
-from lab.commands.certify.fitted import fitted_rows
-from lab.commands.certify.fitted_motion import fitted_motions
+from lab.commands.certify.inputs import fitted_motions, fitted_rows
 
 POSITIONS = np.array([[0.5, 0.0, 0.5], [0.0, 0.6, 0.4]])
 CASES = {

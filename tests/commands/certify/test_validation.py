@@ -9,17 +9,14 @@ import pytest
 from helpers.drawing import nothing_drawn
 
 import lab
+from lab.certification.budget import Propagation, quantities_of
 from lab.certification.lack_of_fit import lack_of_fit
-from lab.certification.propagation import Propagation
-from lab.certification.quantities import quantities_of
 from lab.commands.calibrate.load_run import read_calibrated
-from lab.commands.certify.chance import instrument_noise_m, random_errors
-from lab.commands.certify.fitted import fitted_rows
+from lab.commands.certify.inputs import fitted_rows, instrument_noise_m, random_errors, validation_errors
 from lab.commands.certify.run import _propagation
-from lab.commands.certify.validation import validation_errors
 from lab.core.measurements import Measurements
 from lab.formats.measurement_csv import write_measurements
-from lab.noise.tracker_errors import TrackerErrors
+from lab.noise.instruments import TrackerErrors
 
 INSTRUMENT = "uniform-8um"
 

@@ -17,7 +17,7 @@ from lab.commands.calibrate.load_run import CalibrationRun, read_calibrated
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.core.whole_folder import CHECKSUMS, checksum_lines
-from lab.formats.dh_table_toml import read_table
+from lab.formats.robot_toml import read_table
 from lab.formats.target_csv import read_targets
 from lab.kinematics.differential import singular_distance
 from lab.simulation.collisions import collides

@@ -10,7 +10,7 @@ from helpers.html_page import Page
 from lab.cli import main
 from lab.commands.calibrate.load_run import read_calibrated
 from lab.core import se3
-from lab.render.format import short
+from lab.render.document import short
 
 NASTY = """<script>alert("$x_1$")</script>&'<b>"""
 

@@ -28,8 +28,7 @@ from lab.cli import main
 from lab.commands.calibrate.load_run import CalibrationRun, calibrated_by
 from lab.commands.calibrate.result import CalibrationResult
 from lab.commands.compensate.options import CompensateOptions
-from lab.commands.compensate.program import open_program
-from lab.commands.compensate.program_words import stated_words
+from lab.commands.compensate.program import open_program, stated_words
 from lab.commands.compensate.result import CompensationResult
 from lab.commands.compensate.run import compensate
 from lab.commands.run_folder import _refuse_other_files

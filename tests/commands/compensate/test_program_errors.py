@@ -7,7 +7,7 @@ import pytest
 from helpers.hidden_robots import rigid_rest
 from scipy.spatial.transform import Rotation
 
-from lab.commands.compensate.program_errors import ProgramErrors, program_errors
+from lab.commands.compensate.program_reference import ProgramErrors, program_errors
 from lab.compensation.flange import point_rows
 from lab.core.se3 import Array
 

@@ -9,8 +9,8 @@ from helpers.drawing import nothing_drawn
 
 from lab.campaign.options import DesignOptions
 from lab.cli import main
-from lab.commands.calibrate.simulate import simulate
-from lab.commands.design.day import MeasuringDayLength
+from lab.commands.calibrate.run import simulate
+from lab.commands.design.result import MeasuringDayLength
 from lab.commands.design.run import planned_day
 from lab.formats.programs.protocol import PAUSE_S
 

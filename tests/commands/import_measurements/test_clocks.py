@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from lab.campaign.robot import Robot, load_robot
-from lab.commands.import_measurements.matching import Matching, matched
-from lab.commands.import_measurements.nominal_fit import NominalFit
+from lab.commands.import_measurements.clocks import NominalFit
+from lab.commands.import_measurements.matching import Matching, matched, settled_windows
 from lab.commands.import_measurements.options import ImportOptions
-from lab.commands.import_measurements.settled import settled_windows
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.formats.joint_log import JointLog

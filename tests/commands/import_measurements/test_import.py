@@ -13,7 +13,7 @@ from helpers.tracker_files import plain, polyworks, rows_of_joints, spatial_anal
 
 from lab.campaign.robot import load_robot
 from lab.cli import main
-from lab.commands.calibrate.simulate import MeasuringDay, simulate
+from lab.commands.calibrate.run import MeasuringDay, simulate
 from lab.commands.import_measurements.options import ImportOptions
 from lab.commands.import_measurements.run import import_measurements
 from lab.core.errors import LabError

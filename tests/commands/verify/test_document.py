@@ -12,7 +12,7 @@ import lab
 from lab.cli import main
 from lab.core.errors import LabError
 from lab.formats.measurement_csv import write_measurements
-from lab.render.format import short
+from lab.render.document import short
 
 
 def test_a_verification_says_good_or_what_has_moved(seven_run: Path, tmp_path: Path, seven) -> None:

@@ -10,17 +10,14 @@ import pytest
 import lab
 from lab.campaign.robot import load_virtual
 from lab.extensions.dynamics.arm.base_parameters import base_parameters
-from lab.extensions.dynamics.arm.identify import identify_dynamics
-from lab.extensions.dynamics.arm.physical import nearest_physical_arm
+from lab.extensions.dynamics.arm.identify import DynamicModel, identify_dynamics, nearest_physical_arm
 from lab.extensions.dynamics.arm.plausibility import implausible_dynamics
-from lab.extensions.dynamics.arm.runs import DynamicModel
-from lab.extensions.dynamics.load_files import write_loads
-from lab.extensions.dynamics.load_samples import PayloadSamples
+from lab.extensions.dynamics.load_files import PayloadSamples, write_loads
 from lab.extensions.dynamics.payload.excitation import Limits, random_path
 from lab.extensions.dynamics.payload.plausibility import ArmSize
 from lab.extensions.dynamics.simulation import LoadBench, RigidLoad, RunErrors, drawn_mounting
-from lab.kinematics.dynamics.arm_dynamics import ArmDynamics, khalil_chain
-from lab.simulation.link_masses import link_inertias
+from lab.kinematics.dynamics.rigid_body import ArmDynamics, khalil_chain
+from lab.simulation.model_files import link_inertias
 
 TX40 = load_virtual("tx40")
 LOAD = RigidLoad(1.5, np.array([0.010, -0.005, 0.060]), np.diag([22.5, 26, 12.5]) * 1e-4)

@@ -8,15 +8,18 @@ import pytest
 from lab.campaign.robot import load_virtual
 from lab.core.errors import LabError
 from lab.extensions.dynamics.arm.base_parameters import base_parameters
-from lab.extensions.dynamics.arm.estimate import DynamicsEstimate
-from lab.extensions.dynamics.arm.identify import identify_dynamics
-from lab.extensions.dynamics.arm.physical import nearest_physical_arm
-from lab.extensions.dynamics.arm.runs import DynamicModel, thinned_run
-from lab.extensions.dynamics.load_samples import PayloadSamples
+from lab.extensions.dynamics.arm.identify import (
+    DynamicModel,
+    DynamicsEstimate,
+    identify_dynamics,
+    nearest_physical_arm,
+    thinned_run,
+)
+from lab.extensions.dynamics.load_files import PayloadSamples
 from lab.extensions.dynamics.payload.excitation import Limits, random_path
 from lab.extensions.dynamics.simulation import LoadBench, RigidLoad, RunErrors, drawn_mounting
-from lab.kinematics.dynamics.arm_dynamics import ArmDynamics
-from lab.simulation.link_masses import link_inertias
+from lab.kinematics.dynamics.rigid_body import ArmDynamics
+from lab.simulation.model_files import link_inertias
 
 TX40 = load_virtual("tx40").serial_model
 MOUNTING = drawn_mounting(TX40)
@@ -132,7 +135,7 @@ def test_a_delay_is_estimated() -> None:
 def test_long_runs_are_worked_out_part_by_part(monkeypatch: pytest.MonkeyPatch) -> None:
     records = runs(DRIVEN, None)
     whole = thinned_run(MODEL, records, False)
-    monkeypatch.setattr("lab.extensions.dynamics.arm.runs._PART", 100)
+    monkeypatch.setattr("lab.extensions.dynamics.arm.identify._PART", 100)
     parts = thinned_run(MODEL, records, False)
     np.testing.assert_allclose(parts.columns, whole.columns, atol=1e-9 * np.abs(whole.columns).max())
     assert len(whole.times()) == whole.columns.shape[1]

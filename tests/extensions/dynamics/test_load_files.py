@@ -8,8 +8,14 @@ from helpers.robots import TX40, VERSATRAN
 
 from lab.core import se3
 from lab.core.errors import LabError
-from lab.extensions.dynamics.load_files import read_loads, read_mounting, write_loads, write_mounting
-from lab.extensions.dynamics.load_samples import Mounting, PayloadSamples
+from lab.extensions.dynamics.load_files import (
+    Mounting,
+    PayloadSamples,
+    read_loads,
+    read_mounting,
+    write_loads,
+    write_mounting,
+)
 
 NAMES, SLIDES = TX40.joint_names, TX40.prismatic
 LIMITS = np.deg2rad([-180.0, -125, -138, -270, -120, -270]), np.deg2rad([180, 125, 138, 270, 133.5, 270])

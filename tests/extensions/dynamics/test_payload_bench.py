@@ -14,7 +14,7 @@ from lab.campaign.robot import load_virtual
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.extensions.dynamics.load_samples import Mounting, PayloadSamples
+from lab.extensions.dynamics.load_files import Mounting, PayloadSamples
 from lab.extensions.dynamics.simulation import (
     CarryingArm,
     LoadBench,
@@ -27,8 +27,8 @@ from lab.extensions.dynamics.simulation import (
 from lab.kinematics.dynamics.rigid_body import hand_motion, torque_regressor, wrench_regressor
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
-from lab.simulation.load_mjcf_urdf import load_model
 from lab.simulation.model import RobotModel
+from lab.simulation.model_files import load_model
 
 PEAK_NM = np.array([131.8, 131.8, 103.5, 46.1, 43.2, 30.7])
 LOAD = RigidLoad(1.5, np.array([0.010, -0.005, 0.060]), np.diag([22.5e-4, 26e-4, 12.5e-4]))

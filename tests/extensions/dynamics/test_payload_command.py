@@ -12,8 +12,7 @@ from lab.campaign.robot import load_virtual
 from lab.cli import main
 from lab.commands.calibrate.load_run import read_calibrated
 from lab.commands.hand_load import HandLoad
-from lab.extensions.dynamics.load_files import write_loads, write_mounting
-from lab.extensions.dynamics.load_samples import Mounting
+from lab.extensions.dynamics.load_files import Mounting, write_loads, write_mounting
 from lab.extensions.dynamics.payload.excitation import Limits, random_path
 from lab.extensions.dynamics.payload.recording import equivalent_ellipsoid
 from lab.extensions.dynamics.simulation import LoadBench, RigidLoad, RunErrors

@@ -13,11 +13,9 @@ from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.core.significance import PAYLOAD_RESIDUALS
 from lab.extensions.dynamics.filtering import band_of
-from lab.extensions.dynamics.load_samples import Mounting, PayloadSamples
+from lab.extensions.dynamics.load_files import Mounting, PayloadSamples
 from lab.extensions.dynamics.payload.estimate import LoadEstimate
-from lab.extensions.dynamics.payload.from_sag import CompliantArm, from_sag
-from lab.extensions.dynamics.payload.from_torques import from_torques
-from lab.extensions.dynamics.payload.from_wrench import from_wrench
+from lab.extensions.dynamics.payload.methods import CompliantArm, from_sag, from_torques, from_wrench
 from lab.extensions.dynamics.payload.physical_consistency import nearest_physical, physical_estimate
 from lab.extensions.dynamics.regression import least_squares
 from lab.kinematics.dynamics.rigid_body import (
@@ -31,7 +29,7 @@ from lab.kinematics.dynamics.rigid_body import (
     wrench_regressor,
 )
 from lab.kinematics.serial.arm import SerialArm
-from lab.simulation.link_masses import loads_of
+from lab.simulation.model_files import loads_of
 
 TX40 = load_virtual("tx40").model
 ARM = SerialArm(TX40.chain)

@@ -9,8 +9,7 @@ import pytest
 
 from lab.campaign.robot import load_virtual
 from lab.core.errors import LabError
-from lab.extensions.dynamics.load_files import write_loads, write_mounting
-from lab.extensions.dynamics.load_samples import Mounting, PayloadSamples
+from lab.extensions.dynamics.load_files import Mounting, PayloadSamples, write_loads, write_mounting
 from lab.extensions.dynamics.payload.options import PayloadOptions
 from lab.extensions.dynamics.payload.plausibility import ArmSize, Implausibility, implausibilities
 from lab.extensions.dynamics.payload.result import PayloadResult

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from lab.core.errors import LabError
-from lab.extensions.reproduction.formula import evaluated
+from lab.extensions.reproduction.answer import evaluated
 
 V = {name: np.linspace(0.2, 1.1, 7) * (i + 1) for i, name in enumerate(("q1", "q2", "q3", "L2", "px", "a"))}
 Q1, Q2, Q3, L2, PX, A = V.values()

@@ -8,8 +8,7 @@ import pytest
 
 from lab.extensions.reproduction.course.source import COURSE
 from lab.extensions.reproduction.elastic.source import ELASTIC
-from lab.extensions.reproduction.item import Item
-from lab.extensions.reproduction.marking import Computed, marked, write_exercise
+from lab.extensions.reproduction.item import Computed, Item, marked, write_exercise
 from lab.extensions.reproduction.registry import source_named, sources
 from lab.extensions.reproduction.staubli.source import STAUBLI
 from lab.extensions.reproduction.thesis.calibration import ESTIMATES

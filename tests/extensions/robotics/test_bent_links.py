@@ -3,8 +3,8 @@
 import numpy as np
 from helpers.robots import IRB120
 
-from lab.extensions.robotics.trajectory.bent_links import bent_links
-from lab.kinematics.dynamics.link_loads import link_loads
+from lab.extensions.robotics.trajectory.motion import bent_links
+from lab.kinematics.dynamics.gravity import link_loads
 
 
 def test_lines_end_where_the_deformed_arm_has_its_frames() -> None:

@@ -9,10 +9,7 @@ from scipy.optimize import brentq
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.extensions.robotics.closed.delta import AZIMUTHS_RAD, Delta
-from lab.extensions.robotics.closed.rpr2 import TwoLegs
-from lab.extensions.robotics.closed.rpr3 import ThreeLegs
-from lab.extensions.robotics.closed.shared_pin import SharedPin
-from lab.extensions.robotics.closed.singularity import Distances
+from lab.extensions.robotics.closed.planar_platforms import Distances, SharedPin, ThreeLegs, TwoLegs
 from lab.kinematics.closed.mobility import mobility
 
 DRAWS = 10_000

@@ -11,8 +11,8 @@ from lab.core.errors import LabError
 from lab.extensions.robotics.closed.delta import AZIMUTHS_RAD, Delta
 from lab.extensions.robotics.closed.recognition import ClassicalModel, classical_model_of
 from lab.formats.mechanism_toml import read_mechanism
+from lab.kinematics.closed.loop_closure import BASE, Frame, Step
 from lab.kinematics.closed.mechanism import Mechanism
-from lab.kinematics.closed.structure import BASE, Frame, Step
 
 MODELS = ROOT / "models"
 POSES = 2_000

@@ -8,12 +8,11 @@ from helpers.robots import IRB120, chain_of
 
 from lab.campaign.robot import load_virtual
 from lab.core.se3 import Array
-from lab.extensions.robotics.trajectory.elastic import Correction, compensated, elastic_errors, greville
-from lab.kinematics.dynamics.gravity import Loads
-from lab.kinematics.dynamics.link_loads import LinkLoads, link_loads
+from lab.extensions.robotics.trajectory.motion import Correction, compensated, elastic_errors, greville
+from lab.kinematics.dynamics.gravity import LinkLoads, Loads, link_loads
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.walk import Torsors
-from lab.simulation.beam_chain import BeamChain
+from lab.simulation.elastic import BeamChain
 
 TUBE = np.array([2.067e-5, 2.067e-5, 2.79e-5, 1.5e-8])
 

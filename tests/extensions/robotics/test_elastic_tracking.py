@@ -4,12 +4,11 @@ import numpy as np
 from helpers.robots import IRB120
 
 from lab.core.se3 import Array
-from lab.extensions.robotics.trajectory.elastic import Tracking, elastic_errors, tracking
+from lab.extensions.robotics.trajectory.motion import Tracking, elastic_errors, tracking
 from lab.kinematics.dynamics.beam import COMPLIANCES
-from lab.kinematics.dynamics.link_loads import link_loads
+from lab.kinematics.dynamics.gravity import link_loads
 from lab.kinematics.trajectory.trajectory import through
-from lab.simulation.beam_chain import BeamChain
-from lab.simulation.elastic import AT_REST, JointMotion
+from lab.simulation.elastic import AT_REST, BeamChain, JointMotion
 
 TUBE = np.array([2.067e-5, 2.067e-5, 2.79e-5, 0.0])
 SECTIONS = np.zeros((6, 4))

@@ -10,10 +10,9 @@ from helpers.robots import EIGHT, IRB120, chain_of
 from lab.campaign.robot import load_robot
 from lab.core import se3
 from lab.core.se3 import Array
-from lab.extensions.robotics.inverse.khalil_one_unknown import type_2
-from lab.extensions.robotics.inverse.scara import Scara
-from lab.extensions.robotics.inverse.spherical_wrist import SphericalWrist
-from lab.extensions.robotics.inverse.three_parallel import ThreeParallel
+from lab.extensions.robotics.inverse.khalil_equations import type_2
+from lab.extensions.robotics.inverse.planar import Scara
+from lab.extensions.robotics.inverse.six_axes import SphericalWrist, ThreeParallel
 from lab.kinematics.differential import singular_distance
 from lab.kinematics.inverse.closed_form import ClosedForm, Factor, closed_form_of
 from lab.kinematics.inverse.newton import PoseTarget, reach

@@ -7,8 +7,20 @@ import numpy as np
 import pytest
 
 from lab.core.se3 import Array
-from lab.extensions.robotics.inverse.khalil_one_unknown import TINY, Roots, type_1, type_2, type_3, type_9, type_10
-from lab.extensions.robotics.inverse.khalil_two_unknowns import type_4, type_5, type_6, type_7, type_8
+from lab.extensions.robotics.inverse.khalil_equations import (
+    TINY,
+    Roots,
+    type_1,
+    type_2,
+    type_3,
+    type_4,
+    type_5,
+    type_6,
+    type_7,
+    type_8,
+    type_9,
+    type_10,
+)
 
 DRAWS = 20_000
 PI = np.pi

@@ -5,9 +5,13 @@ import pytest
 
 from lab.campaign.robot import load_robot
 from lab.core import se3
-from lab.extensions.robotics.closed.modes import assembly_modes, passive_values_of, working_modes
-from lab.extensions.robotics.closed.recognition import classical_model_of
-from lab.kinematics.closed.configuration import Configuration
+from lab.extensions.robotics.closed.recognition import (
+    assembly_modes,
+    classical_model_of,
+    passive_values_of,
+    working_modes,
+)
+from lab.kinematics.closed.loop_closure import Configuration
 from lab.kinematics.closed.mechanism import Mechanism, platform_poses
 
 MODES = {"delta": (2, 8), "rpr3": (2, 1), "rpr2": (2, 1)}  # of assembly and of work, of most poses

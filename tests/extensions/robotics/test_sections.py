@@ -7,7 +7,7 @@ import pytest
 from helpers.robots import chain_of
 
 from lab.core.errors import LabError
-from lab.extensions.robotics.workspace.sections import carrier_volume
+from lab.extensions.robotics.workspace.boundary import carrier_volume
 from lab.kinematics.serial.chain import Chain
 
 SPHERICAL = chain_of("spherical", "craig", "RRP", [0, -90, 90], [0] * 3, [0] * 3, [0] * 3)

@@ -15,13 +15,12 @@ from lab.core.measurements import measured
 from lab.core.se3 import Array
 from lab.formats.mechanism_toml import read_mechanism
 from lab.kinematics.closed.arm import ClosedArm
+from lab.kinematics.closed.loop_closure import BASE, Frame, Pin, Rod, Step, Tree
 from lab.kinematics.closed.mechanism import Mechanism
-from lab.kinematics.closed.structure import BASE, Frame, Pin, Rod, Step, Tree
 from lab.kinematics.effects.arm import affected
-from lab.kinematics.effects.gear import gear
+from lab.kinematics.effects.coupling import gear
 from lab.kinematics.gauge import base_set, base_set_of
-from lab.kinematics.serial.arm import SerialArm
-from lab.kinematics.serial.batch import stacked
+from lab.kinematics.serial.arm import SerialArm, stacked
 from lab.kinematics.serial.chain import Chain
 
 FILES = ("rpr2/mechanism", "rpr3/mechanism", "delta/mechanism", "delta/small", "delta/six_rods")

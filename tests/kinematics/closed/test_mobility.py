@@ -9,8 +9,7 @@ from lab.campaign.robot import load_robot
 from lab.core import se3
 from lab.core.measurements import measured
 from lab.core.random import rng_for
-from lab.extensions.robotics.closed.modes import working_modes
-from lab.extensions.robotics.closed.recognition import classical_model_of
+from lab.extensions.robotics.closed.recognition import classical_model_of, working_modes
 from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.closed.mobility import BodyCount, body_count, mobility
 

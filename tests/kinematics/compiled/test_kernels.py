@@ -11,16 +11,14 @@ from helpers.robots import ROOT, chain_of
 
 from lab.campaign.robot import load_robot
 from lab.core import se3
+from lab.extensions.robotics.inverse.first_joints import ThreeJoints
 from lab.extensions.robotics.inverse.five_axes import FiveAxes
-from lab.extensions.robotics.inverse.spherical_wrist import SphericalWrist
-from lab.extensions.robotics.inverse.three_joints import ThreeJoints
-from lab.extensions.robotics.inverse.three_parallel import ThreeParallel
+from lab.extensions.robotics.inverse.six_axes import SphericalWrist, ThreeParallel
 from lab.kinematics.compiled import kernels
 from lab.kinematics.gauge import independent_columns
 from lab.kinematics.inverse.closed_form import Solutions
 from lab.kinematics.inverse.newton import PoseTarget, reach
-from lab.kinematics.serial.arm import SerialArm
-from lab.kinematics.serial.batch import StackedArm
+from lab.kinematics.serial.arm import SerialArm, StackedArm
 from lab.kinematics.serial.chain import Chain
 from lab.sensors.full_pose import Poses
 
@@ -172,7 +170,7 @@ def test_all_inverse_solutions_are_those_of_numpy(name: str, monkeypatch: pytest
     for liked in (0.0, rng.standard_normal((300, 6))):
         fast = form.solve(Ts, liked)
         with monkeypatch.context() as without:
-            without.setattr("lab.extensions.robotics.inverse.spherical_wrist.machine_code", lambda: None)
+            without.setattr("lab.extensions.robotics.inverse.six_axes.machine_code", lambda: None)
             slow = form.solve(Ts, liked)
         turn = np.abs(fast.joints - slow.joints)[20:]
         assert np.minimum(turn, 2 * np.pi - turn).max() < 1e-9  # rad: some poses are near a singularity
@@ -210,7 +208,7 @@ def test_all_solutions_of_three_joints_are_those_of_numpy(name: str, monkeypatch
     Ts[50:, :3, 3] *= 4.0
     fast = form.solve(Ts, joints)
     with monkeypatch.context() as without:
-        without.setattr("lab.extensions.robotics.inverse.three_joints.machine_code", lambda: None)
+        without.setattr("lab.extensions.robotics.inverse.first_joints.machine_code", lambda: None)
         slow = form.solve(Ts, joints)
     each_has_its_like(chain, fast, slow)
     each_has_its_like(chain, slow, fast)
@@ -256,7 +254,7 @@ def test_all_solutions_of_three_parallel_axes_are_those_of_numpy(monkeypatch: py
     for liked in (0.0, rng.standard_normal((300, 6))):
         fast = form.solve(Ts, liked)
         with monkeypatch.context() as without:
-            without.setattr("lab.extensions.robotics.inverse.three_parallel.machine_code", lambda: None)
+            without.setattr("lab.extensions.robotics.inverse.six_axes.machine_code", lambda: None)
             slow = form.solve(Ts, liked)
         turn = np.abs(fast.joints - slow.joints)
         exactly = (slow.free == fast.free).all(axis=(1, 2))
@@ -308,8 +306,8 @@ def test_all_solutions_of_five_axes_are_those_of_numpy(name: str, monkeypatch: p
     found = fast.solve(Ts, joints)
     with monkeypatch.context() as without:
         inverse = "lab.extensions.robotics.inverse"
-        for module in (f"{inverse}.five_axes_pair", f"{inverse}.five_axes_planar", f"{inverse}.five_axes_wrist",
-                       f"{inverse}.three_joints", "lab.kinematics.serial.arm"):  # fmt: skip
+        inner = (f"{inverse}.five_axes", f"{inverse}.five_axes_planar", f"{inverse}.first_joints")
+        for module in (*inner, "lab.kinematics.serial.arm"):
             without.setattr(f"{module}.machine_code", lambda: None)
         slow = FiveAxes.of(chain)
         assert slow is not None

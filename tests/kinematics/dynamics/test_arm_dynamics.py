@@ -10,10 +10,16 @@ from lab.core.errors import LabError
 from lab.core.se3 import exp, pose
 from lab.extensions.dynamics.arm.base_parameters import base_parameters, random_states, regrouping_formulas
 from lab.extensions.dynamics.simulation import CarryingArm, drawn_mounting
-from lab.kinematics.dynamics.arm_dynamics import ArmDynamics, flange_in_last_link, load_in_frame
-from lab.kinematics.dynamics.rigid_body import hand_motion, torque_regressor, wrench_regressor
+from lab.kinematics.dynamics.rigid_body import (
+    ArmDynamics,
+    flange_in_last_link,
+    hand_motion,
+    load_in_frame,
+    torque_regressor,
+    wrench_regressor,
+)
 from lab.kinematics.serial.arm import SerialArm
-from lab.simulation.link_masses import link_inertias
+from lab.simulation.model_files import link_inertias
 
 SERIAL = ("irb120", "tx40", "rx130", "scara", "scemi", "versatran", "course2r")
 DOWN = np.array([0.0, 0.0, -9.81])

@@ -11,8 +11,7 @@ from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.beam import Beam, loads_on
-from lab.kinematics.dynamics.gravity import Loads
-from lab.kinematics.dynamics.link_loads import link_loads
+from lab.kinematics.dynamics.gravity import Loads, link_loads
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
 

@@ -9,8 +9,8 @@ from helpers.robots import IRB120, SCARA
 import lab
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
-from lab.kinematics.effects.cross_harmonics import CROSS_FAMILIES, CrossHarmonics
 from lab.kinematics.effects.effect import ArmFacts
+from lab.kinematics.effects.harmonics import CROSS_FAMILIES, CrossHarmonics
 from lab.kinematics.effects.registry import effect, said_of_term, searched_terms
 from lab.kinematics.gauge import base_set
 

@@ -16,14 +16,13 @@ from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.effects.arm import ArmWithEffects
-from lab.kinematics.effects.conditions import HOUR_S
-from lab.kinematics.effects.effect import Effect, SessionInfo
+from lab.kinematics.effects.effect import HOUR_S, Effect, SessionInfo
 from lab.kinematics.effects.registry import GROUPS, effect
 from lab.kinematics.gauge import base_set
 from lab.kinematics.parameter import joint_parameter
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
-from lab.simulation.link_masses import loads_of
+from lab.simulation.model_files import loads_of
 
 ALONE = tuple(name for name in GROUPS if name not in ("payload", "tubes", "compensator"))  # in others
 PARAMETERS = {

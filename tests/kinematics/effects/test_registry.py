@@ -8,8 +8,7 @@ from helpers.robots import IRB120, SCARA
 
 from lab.campaign.option_groups import ArmEffects
 from lab.core.errors import LabError
-from lab.kinematics.effects.conditions import PoseConditions, in_order
-from lab.kinematics.effects.effect import ArmFacts, MovesJoints, SessionInfo, SimulatedEffect
+from lab.kinematics.effects.effect import ArmFacts, MovesJoints, PoseConditions, SessionInfo, SimulatedEffect, in_order
 from lab.kinematics.effects.registry import (
     CAMPAIGN_SPECIFIC,
     CANDIDATES,

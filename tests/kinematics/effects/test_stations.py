@@ -6,15 +6,15 @@ from lab.campaign.robot import load_robot
 from lab.core import se3
 from lab.core.measurements import STATION
 from lab.kinematics.effects.arm import affected
-from lab.kinematics.effects.conditions import PoseConditions
-from lab.kinematics.effects.drift import drift
-from lab.kinematics.effects.stations import (
+from lab.kinematics.effects.effect import PoseConditions
+from lab.kinematics.effects.sessions import (
     StationPoses,
     at_first_station,
     further_stations,
     station_parameters,
     stations,
 )
+from lab.kinematics.effects.temperature import drift
 
 ROBOT = load_robot("irb120")
 PLACES = np.stack(

@@ -11,7 +11,7 @@ from scipy.optimize import linprog
 from lab.core.se3 import Array
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.trajectory.double_s import SmoothAxis
-from lab.kinematics.trajectory.phases import Trajectory, check_within
+from lab.kinematics.trajectory.profiles import Trajectory, check_within
 from lab.kinematics.trajectory.trajectory import blended, common_phases, independent, own_phases, possible_seconds
 
 

@@ -13,9 +13,11 @@ from hypothesis import strategies as st
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.kinematics.serial.chain import Chain
-from lab.kinematics.trajectory.phases import Trajectory, check_within, joined
 from lab.kinematics.trajectory.profiles import (
     Axis,
+    Trajectory,
+    check_within,
+    joined,
     quickest_ramps,
     rest_to_rest,
     rest_to_rest_seconds,

@@ -8,13 +8,9 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes as PaperAxes
 from matplotlib.figure import Figure
 
-from lab.render.charts.axes import Axes
-from lab.render.charts.chart import Chart
-from lab.render.charts.frame import Legend
-from lab.render.charts.marks import ROUND, cells, colour, line, marks, text_width
-from lab.render.charts.sheet import Sheet
+from lab.render.charts.chart import Chart, Sheet, log_ticks, shades
+from lab.render.charts.marks import ROUND, Axes, Legend, cells, colour, line, marks, text_width
 from lab.render.style import FIGURE_STYLE
-from lab.render.svg import log_ticks, shades
 
 SIZE, MARGINS = (4.0, 3.0), (0.5, 0.5, 0.5, 0.5)
 VALUES = np.random.default_rng(3).normal(size=20)

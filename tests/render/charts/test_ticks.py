@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lab.render.charts.ticks import Scale, round_numbers, tick_words
+from lab.render.charts.marks import Scale, round_numbers, tick_words
 
 
 def test_scales_are_straight_lines_in_the_value_or_in_its_logarithm() -> None:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.kinematics.dynamics.arm_dynamics import ArmDynamics
+from lab.kinematics.dynamics.rigid_body import ArmDynamics
 from lab.kinematics.serial.chain import COLUMNS, Chain
 
 __all__ = ["BaseParameters", "Formula", "Term", "base_parameters", "random_states", "regrouping_formulas"]

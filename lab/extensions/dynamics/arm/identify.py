@@ -6,24 +6,303 @@ with the parameters (``payload_identification.least_squares``), and the residual
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lab.core.errors import LabError
+from lab.core.linear_model import p_value_of_squares
 from lab.core.se3 import Array
-from lab.extensions.dynamics.arm.adequacy import residual_verdict
-from lab.extensions.dynamics.arm.estimate import DynamicsEstimate, Prediction
-from lab.extensions.dynamics.arm.runs import DynamicModel, ThinnedRun, thinned_run
-from lab.extensions.dynamics.filtering import BAND_HZ
-from lab.extensions.dynamics.load_samples import PayloadSamples
+from lab.extensions.dynamics.arm.base_parameters import BaseParameters
+from lab.extensions.dynamics.filtering import BAND_HZ, Band, band_of
+from lab.extensions.dynamics.load_files import PayloadSamples
 from lab.extensions.dynamics.payload.estimate import LoadEstimate, Nuisance, estimate_of
-from lab.extensions.dynamics.payload.from_torques import from_torques
-from lab.extensions.dynamics.regression import ChannelSolution, ResidualVerdict, least_squares
-from lab.kinematics.dynamics.rigid_body import LOAD
+from lab.extensions.dynamics.payload.methods import from_torques
+from lab.extensions.dynamics.payload.physical_consistency import BodyCone, Nearest
+from lab.extensions.dynamics.regression import (
+    BiasCandidate,
+    ChannelSolution,
+    ResidualVerdict,
+    Series,
+    least_squares,
+    verdict,
+)
+from lab.kinematics.dynamics.rigid_body import LOAD, ArmDynamics, directions, flange_in_last_link, load_in_frame
 from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.chain import Chain
 
-__all__ = ["fit_runs", "identify_dynamics", "predict"]
+__all__ = [
+    "DynamicModel",
+    "DynamicsEstimate",
+    "PhysicalFit",
+    "Prediction",
+    "ThinnedRun",
+    "fit_runs",
+    "identify_dynamics",
+    "nearest_physical_arm",
+    "predict",
+    "thinned_run",
+]
+
+_PART = 4000  # rows of a file that are worked out at a time
+_STILL = 1e-3  # rad or m
+_BETWEEN = 8  # kept rows between two parts of a run, so that no filter reaches from one into the other
+
+
+@dataclass(frozen=True)
+class DynamicModel:
+    """What is fitted.
+
+    Attributes:
+        chain: as the robot's table has it; a load is about its last frame, the flange.
+        arm: the inverse dynamic model.
+        base: its base parameters.
+    """
+
+    chain: Chain
+    arm: ArmDynamics
+    base: BaseParameters
+
+    @cached_property
+    def _load(self) -> Array:
+        """The parameters ``(10, 10)`` of the last link that a load at the flange is."""
+        return load_in_frame(flange_in_last_link(self.chain))
+
+    def columns(self, joints: Array, speeds: Array, accelerations: Array) -> Array:
+        """``(n, J, 10 + b)``: of a load at the flange, and of the base parameters."""
+        standard = self.arm.regressor(joints, speeds, accelerations)
+        load = standard[..., self.arm.bodies()[-1]] @ self._load
+        return np.concatenate([load, standard[..., self.base.kept]], axis=2)
+
+    def torques(self, values: Array, motion: tuple[Array, Array, Array]) -> Array:
+        """The drives' torques ``(n, J)`` by base parameters ``(b,)`` along a motion, part by part."""
+        joints, speeds, accelerations = motion
+        found = np.empty_like(joints)
+        for first in range(0, len(joints), _PART):
+            at = slice(first, first + _PART)
+            regressor = self.arm.regressor(joints[at], speeds[at], accelerations[at])
+            found[at] = regressor[..., self.base.kept] @ values
+        return found
+
+
+@dataclass(frozen=True)
+class ThinnedRun:
+    """One run.
+
+    Attributes:
+        loaded: whether it carried the load.
+        band: how it was thinned.
+        columns: ``(3, k, J, 10 + b)``, those of ``DynamicModel`` with their first two derivatives in time.
+        torques: ``(n, J)`` as recorded, at the rows of ``motion``.
+        speeds: ``(n, J)``.
+        start_s: of the file's first row.
+        first, last: of the kept rows, those that count.
+    """
+
+    loaded: bool
+    band: Band
+    columns: Array
+    torques: Array
+    speeds: Array
+    start_s: float
+    first: int = 0
+    last: int | None = None
+
+    def measured(self, late_s: float = 0.0) -> Array:
+        """The torques ``(k, J)``, if they are so much later than the positions."""
+        return self.band.kept(self.torques, late_s)[self.first : self.last]
+
+    def rows(self, order: int = 0) -> Array:
+        """The columns ``(k, J, 10 + b)``, or their derivative in time."""
+        rows: Array = self.columns[order, self.first : self.last]
+        return rows
+
+    def times(self) -> Array:
+        """``(k,)`` s, of the kept rows."""
+        band, count = self.band, self.columns.shape[1]
+        middle = band.margin + (len(band.impulse) - 1) / 2 + band.every * np.arange(count)
+        return np.asarray(self.start_s + band.step_s * middle[self.first : self.last])
+
+    def thinned(self, values: Array) -> Array:
+        """Anything at the rows of ``motion`` ``(n, ...)``, thinned."""
+        return self.band.kept(values)[self.first : self.last]
+
+    def split(self, share: float) -> tuple["ThinnedRun", "ThinnedRun"]:
+        """The beginning of the run, and the share of it at its end.
+
+        Raises:
+            LabError: one of them would have too few rows.
+        """
+        count = self.columns.shape[1]
+        cut = round(count * (1 - share))
+        if cut - _BETWEEN < 2 or count - cut < 2:
+            raise LabError(f"a run of {count} independent rows cannot be held out by {share:g}: record a longer one")
+        return replace(self, last=cut - _BETWEEN), replace(self, first=cut)
+
+
+def thinned_run(model: DynamicModel, samples: PayloadSamples, loaded: bool, band_hz: float = BAND_HZ) -> ThinnedRun:
+    """One of the runs of a file.
+
+    Raises:
+        LabError: there are no torques or times, nothing moves, or the run is too short.
+    """
+    run = samples.run(loaded)
+    if run.torques is None or run.time_s is None:
+        raise LabError("an arm is identified from torques along a motion: give time_s and the torques of every joint")
+    if float(np.ptp(run.joints, axis=0).max()) < _STILL:
+        raise LabError("the joints stand still: an arm's dynamics show in a motion alone")
+    band = band_of(run.time_s, band_hz)
+    motion = band.motion(run.joints)
+    reach = len(band.impulse)
+    count = 1 + (len(motion[0]) - reach) // band.every
+    step, parts = max(1, _PART // band.every), []
+    for first in range(0, count, step):
+        last = min(first + step, count)
+        at = slice(first * band.every, (last - 1) * band.every + reach)
+        columns = model.columns(*(each[at] for each in motion))
+        parts.append(np.array([band.kept(columns, order=order) for order in range(3)]))
+    columns = np.concatenate(parts, axis=1)
+    assert columns.shape[3] == len(LOAD) + model.base.size
+    return ThinnedRun(loaded, band, columns, band.trimmed(run.torques), motion[1], float(run.time_s[0]))
+
+
+_DELAY = "a delay between torques and positions; estimate it (delay)"
+_FILTERED = "a filter that torques came through and positions did not; record without it"
+_FRICTION = "friction that the model leaves out; take it in"
+_GROWING = "friction that grows with what a joint bears"
+_LOAD = "a load other than the one that was given; mend it, or have it estimated"
+
+
+def _residual_verdict(
+    model: DynamicModel,
+    runs: Sequence[ThinnedRun],
+    solution: ChannelSolution,
+    columns: Sequence[Array],
+    *,
+    known_load: Array | None,
+    delay: bool,
+) -> ResidualVerdict:
+    """The tests of a fit.
+
+    Args:
+        columns: ``(n, J, c)`` that were fitted, and their first two derivatives in time.
+        known_load: what was not fitted, because it was given.
+        delay: whether one was fitted.
+    """
+    fitted = solution.values[: columns[0].shape[2]]
+    suspects = [BiasCandidate((columns[2] @ fitted)[..., None], _FILTERED)]
+    if not delay:
+        suspects.append(BiasCandidate((columns[1] @ fitted)[..., None], _DELAY))
+    signs = np.concatenate([run.thinned(directions(run.speeds)) for run in runs])
+    if model.arm.friction:
+        # by what the model says that a drive gives: as recorded, its noise would be that which is to be explained
+        suspects.append(BiasCandidate(_diagonal(np.abs(columns[0] @ fitted) * signs), _GROWING))
+    else:
+        speeds = np.concatenate([run.thinned(run.speeds) for run in runs])
+        suspects.append(BiasCandidate(np.concatenate([_diagonal(signs), _diagonal(speeds)], axis=2), _FRICTION))
+    if known_load is not None and any(run.loaded for run in runs):
+        loads = [run.rows()[..., : len(LOAD)] * float(run.loaded) for run in runs]
+        suspects.append(BiasCandidate(np.concatenate(loads), _LOAD))
+    return verdict(solution, suspects, _series(runs))
+
+
+def _series(runs: Sequence[ThinnedRun]) -> list[Series]:
+    series, first = [], 0
+    for run in runs:
+        count = len(run.rows())
+        series.append(Series(first, first + count, run.band.hz))
+        first += count
+    return series
+
+
+def _diagonal(values: Array) -> Array:
+    """``(n, J)`` as diagonal matrices ``(n, J, J)``."""
+    diagonal: Array = values[:, :, None] * np.eye(values.shape[1])
+    return diagonal
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """How well torques that were not fitted are predicted.
+
+    Attributes:
+        of: which torques.
+        rows: how many independent rows there are.
+        relative: ``(J,)`` what is left of each drive's torque, of its root mean square.
+        noise_ratio: ``(J,)`` root mean square of what is left, by the noise of the fit.
+        total_relative, total_noise_ratio: the same of all drives together.
+        measured, predicted: ``(n, J)``.
+    """
+
+    of: str
+    relative: Array
+    noise_ratio: Array
+    total_relative: float
+    total_noise_ratio: float
+    measured: Array
+    predicted: Array
+
+    @property
+    def rows(self) -> int:
+        """How many independent rows there are."""
+        return len(self.measured)
+
+
+@dataclass(frozen=True)
+class DynamicsEstimate:
+    """The base parameters of an arm with 95 % intervals; NaN where they are not identified.
+
+    Attributes:
+        names: of the base parameters, b of them.
+        values, sigma, half_width: ``(b,)`` in SI, with the standard deviations and the intervals' half-widths.
+        covariance: ``(b, b)``; NaN where one is not identified.
+        noise: ``(J,)`` standard deviation of one reading of each drive's torque, Nm (N of a slide).
+        time_s: ``(n,)`` of the rows that were fitted, run by run.
+        measured, residual: ``(n, J)`` what was to be explained, and what of that is left.
+        delay: how much later the torques are than the positions, where that was fitted.
+        load: what the loaded run carries, fitted at once with the arm; None without such a run, or where it is known.
+        by_difference: the same from the loaded run less the unloaded one, where their paths are alike.
+        predictions: of torques that were not fitted.
+    """
+
+    names: tuple[str, ...]
+    values: Array
+    sigma: Array
+    half_width: Array
+    covariance: Array
+    noise: Array
+    time_s: Array
+    measured: Array
+    residual: Array
+    delay: Nuisance | None
+    load: LoadEstimate | None
+    by_difference: LoadEstimate | None
+    predictions: tuple[Prediction, ...]
+    verdict: ResidualVerdict
+    solution: ChannelSolution
+
+    @property
+    def identified(self) -> NDArray[np.bool_]:
+        """``(b,)`` which base parameters the motion shows."""
+        return np.isfinite(self.values)
+
+    @property
+    def rows(self) -> int:
+        """The numbers that were fitted, each of which counts as independent."""
+        return int(self.residual.size)
+
+    @cached_property
+    def relative_sigma(self) -> Array:
+        """``(b,)`` standard deviations by the values' sizes."""
+        return np.asarray(self.sigma / np.maximum(np.abs(self.values), 1e-300))
+
+    @property
+    def relative_error(self) -> float:
+        """What is left of the fitted torques, of their root mean square."""
+        return float(np.sqrt((self.residual**2).sum() / (self.measured**2).sum()))
+
 
 _ROUNDS, _SETTLED_S = 10, 1e-7
 _SIZE = len(LOAD)
@@ -75,7 +354,7 @@ def fit_runs(
     columns = [np.concatenate([_design(run, with_load, order) for run in runs]) for order in range(3)]
     names = [*(LOAD if with_load else ()), *model.base.labels]
     solution, late = _fitted(runs, names, columns, known_load, delay)
-    said = residual_verdict(model, runs, solution, columns, known_load=known_load, delay=delay)
+    said = _residual_verdict(model, runs, solution, columns, known_load=known_load, delay=delay)
     first = _SIZE if with_load else 0
     identified = solution.identifiable[first : first + model.base.size]
     widths = solution.half_widths(np.eye(len(solution.names)))
@@ -214,3 +493,68 @@ def _by_difference(model: DynamicModel, samples: PayloadSamples, found: Dynamics
     flange = SerialArm(model.chain)
     of_joints = replace(samples, torques=samples.torques @ couplings)
     return from_torques(flange, flange.nominal(), of_joints, model.arm.gravity, own=own)
+
+
+_SAME = 0.1  # standard deviations: parameters that are nearer are those that were found
+_UNKNOWN = {"Ia": 0.1, "Fc": 1.0, "Fv": 1.0, "Fcm": 1.0, "Fvm": 1.0}  # a reference where there is none, SI
+_BALL_KG, _BALL_M = 2.0, 0.1  # of each link, where no masses are known
+
+
+@dataclass(frozen=True)
+class PhysicalFit:
+    """The nearest parameters that an arm can have.
+
+    Attributes:
+        standard: ``(p,)`` standard parameters with positive definite pseudo-inertias, and positive inertias of motors
+            and friction; those that torques do not determine are near a reference.
+        base: ``(b,)`` the base parameters of these.
+        distance: of these from what was found, in standard deviations (the root of the sum of squares).
+        p: the chance that the noise alone carries an arm's estimate so far out of what is physical.
+    """
+
+    standard: Array
+    base: Array
+    distance: float
+    p: float
+
+    @property
+    def physical(self) -> bool:
+        """Whether what was found is what an arm can have."""
+        return self.distance < _SAME
+
+
+def nearest_physical_arm(model: DynamicModel, found: DynamicsEstimate, links: Array | None = None) -> PhysicalFit:
+    """The nearest physical parameters of an arm.
+
+    Args:
+        links: ``(J, 10)`` phi of links like the arm's, in Khalil's frames, near which what torques do not determine is
+            held; balls of 2 kg where they are not known.
+
+    Raises:
+        LabError: some base parameter was not identified.
+    """
+    if not found.identified.all():
+        raise LabError("not every base parameter is identified: there is nothing to make physical; move more joints")
+    arm = model.arm
+    positive = _positive(arm)
+    reference = _reference(arm, links)
+    scale = found.sigma
+    root = np.linalg.inv(np.linalg.cholesky(found.covariance / np.outer(scale, scale))) / scale
+    aim = Nearest(model.base.projection, found.values, root)
+    standard = BodyCone(arm.bodies(), positive, reference).nearest(aim, reference)
+    distance = float(np.linalg.norm(aim.misfit(standard)))
+    return PhysicalFit(
+        standard, model.base.projection @ standard, distance, float(p_value_of_squares(distance**2, model.base.size))
+    )
+
+
+def _positive(arm: ArmDynamics) -> NDArray[np.int_]:
+    """Indices of motor inertias and friction."""
+    return np.array([i for i, name in enumerate(arm.names) if name.rstrip("0123456789") in _UNKNOWN], dtype=np.int_)
+
+
+def _reference(arm: ArmDynamics, links: Array | None) -> Array:
+    others = {name: _UNKNOWN[kind] for name in arm.names if (kind := name.rstrip("0123456789")) in _UNKNOWN}
+    moment = 0.4 * _BALL_KG * _BALL_M**2
+    ball = np.array([_BALL_KG, 0.0, 0.0, 0.0, moment, moment, moment, 0.0, 0.0, 0.0])
+    return arm.standard(np.tile(ball, (arm.chain.size, 1)) if links is None else links, others)

@@ -7,9 +7,7 @@ import tyro
 
 from lab.campaign.option_types import Flag, Names, NoRecording
 from lab.core.errors import LabError
-from lab.core.numbers import positive
-from lab.core.ranges import HOLDOUT
-from lab.core.serials import check_serial
+from lab.core.limits import HOLDOUT, check_serial, positive
 from lab.extensions.dynamics.rehearsal_options import Rehearsal
 
 __all__ = ["PARTS", "DynamicsOptions"]

@@ -13,9 +13,7 @@ from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.significance import UNSOLICITED_WARNING
 from lab.extensions.dynamics.arm.base_parameters import random_states
-from lab.extensions.dynamics.arm.estimate import DynamicsEstimate
-from lab.extensions.dynamics.arm.physical import PhysicalFit
-from lab.extensions.dynamics.arm.runs import DynamicModel
+from lab.extensions.dynamics.arm.identify import DynamicModel, DynamicsEstimate, PhysicalFit
 from lab.extensions.dynamics.payload.plausibility import ArmSize, Implausibility, implausibilities
 
 __all__ = ["implausible_dynamics"]

@@ -9,31 +9,52 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lab.campaign.robot import Robot
-from lab.commands.result import Result
-from lab.commands.values import number, plain_numbers
+from lab.commands.result import Result, number, plain_numbers
+from lab.commands.run_folder import provenance_section
 from lab.core.errors import LabError
+from lab.core.limits import called
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.core.significance import PAYLOAD_RESIDUALS
 from lab.extensions.dynamics.arm.base_parameters import BaseParameters, Formula, random_states, regrouping_formulas
-from lab.extensions.dynamics.arm.estimate import DynamicsEstimate
+from lab.extensions.dynamics.arm.identify import DynamicsEstimate, PhysicalFit
 from lab.extensions.dynamics.arm.options import DynamicsOptions
-from lab.extensions.dynamics.arm.physical import PhysicalFit
-from lab.extensions.dynamics.load_files import write_loads
-from lab.extensions.dynamics.load_samples import PayloadSamples
+from lab.extensions.dynamics.load_files import PayloadSamples, write_loads
 from lab.extensions.dynamics.payload.estimate import LoadEstimate
 from lab.extensions.dynamics.payload.plausibility import Implausibility
+from lab.extensions.dynamics.payload.result import parameter_rows, true_values
 from lab.formats.drives_toml import Drives
-from lab.kinematics.dynamics.arm_dynamics import ArmDynamics
+from lab.kinematics.dynamics.rigid_body import ArmDynamics
+from lab.render.charts.chart import axes_picture, log_ticks
+from lab.render.charts.marks import Axes
+from lab.render.document import (
+    EVERYWHERE,
+    PAGE,
+    Badge,
+    Block,
+    Document,
+    Figure,
+    Paragraph,
+    Picture,
+    Section,
+    Table,
+    Warnings,
+    digits_of,
+    fixed,
+    sentence,
+    short,
+)
+from lab.render.style import MEASURED, PREDICTED
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure as MatplotlibFigure
 
     from lab.render.document import Document
 
+__all__ = ["DynamicsResult", "RehearsedDay", "estimate_to_dict", "singular_values_picture"]
+
 MOTION_CSV, ANOTHER_CSV = "motion.csv", "another.csv"  # of a rehearsed day, in the run's folder
 STATES = 200  # over which the conditioning is looked at
-
-__all__ = ["DynamicsResult", "RehearsedDay", "estimate_to_dict", "load_to_dict", "physical_to_dict"]
 
 
 @dataclass(frozen=True)
@@ -123,15 +144,13 @@ class DynamicsResult(Result):
         }
         strange = {"implausible": [each.words for each in self.implausible]}
         measured = {} if self.estimate is None else estimate_to_dict(self.estimate) | strange
-        bodies = {} if self.physical is None else {"physical": physical_to_dict(base, self.physical)}
+        bodies = {} if self.physical is None else {"physical": _physical_to_dict(base, self.physical)}
         true = {} if self.day is None else {"true": dict(zip(base.labels, self.day.truth.tolist(), strict=True))}
         return described | measured | bodies | true | {"warnings": list(self.warnings)}
 
     def document(self) -> "Document":
         """What a person reads: the base parameters, and what is grouped into each."""
-        from lab.extensions.dynamics.arm.document import dynamics_document
-
-        return dynamics_document(self)
+        return _dynamics_document(self)
 
     def columns(self) -> Mapping[str, Sequence[Any]]:
         """A row for each base parameter: its name, formula and unit, and what was identified of it."""
@@ -146,11 +165,9 @@ class DynamicsResult(Result):
             table["relative_std_percent"] = (100 * self.estimate.relative_sigma).tolist()
         return table
 
-    def plot(self) -> "Figure":
+    def plot(self) -> "MatplotlibFigure":
         """Draw the first drive's torque, measured and explained; without measurements, the singular values."""
-        from lab.extensions.dynamics.arm.document import singular_values_picture, torque_pictures
-
-        return (singular_values_picture(self) if self.estimate is None else torque_pictures(self)[0]).draw()
+        return (singular_values_picture(self) if self.estimate is None else _torque_pictures(self)[0]).draw()
 
     def write(self, folder: Path) -> None:
         """Write ``config.json``, ``result.json`` and ``report.html``; of measurements ``recording.rrd`` too."""
@@ -193,8 +210,8 @@ def estimate_to_dict(found: DynamicsEstimate) -> dict[str, Any]:
         "adequacy": found.verdict.words,
         "p": number(found.verdict.p),
         "delay_s": None if found.delay is None else _with_width(found.delay.value, found.delay.half_width),
-        "load": None if found.load is None else load_to_dict(found.load),
-        "load_by_difference": None if found.by_difference is None else load_to_dict(found.by_difference),
+        "load": None if found.load is None else _load_to_dict(found.load),
+        "load_by_difference": None if found.by_difference is None else _load_to_dict(found.by_difference),
         "predictions": [
             {
                 "of": each.of,
@@ -209,7 +226,7 @@ def estimate_to_dict(found: DynamicsEstimate) -> dict[str, Any]:
     }
 
 
-def physical_to_dict(base: BaseParameters, found: PhysicalFit) -> dict[str, Any]:
+def _physical_to_dict(base: BaseParameters, found: PhysicalFit) -> dict[str, Any]:
     """Plain values of the nearest parameters that an arm can have, SI units."""
     return {
         "physical": found.physical,
@@ -220,7 +237,7 @@ def physical_to_dict(base: BaseParameters, found: PhysicalFit) -> dict[str, Any]
     }
 
 
-def load_to_dict(load: LoadEstimate) -> dict[str, Any]:
+def _load_to_dict(load: LoadEstimate) -> dict[str, Any]:
     """Plain values of a load at the flange, SI units."""
     return {
         "mass_kg": _with_width(load.mass_kg, load.mass_half_width_kg),
@@ -232,3 +249,198 @@ def load_to_dict(load: LoadEstimate) -> dict[str, Any]:
 
 def _with_width(value: Array | float, half_width: Array | float) -> dict[str, Any]:
     return {"value": plain_numbers(value), "half_width_95": plain_numbers(half_width)}
+
+
+MOST_DRAWN = 600  # rows
+ROUNDING = 1e-12  # of what is true, SI
+
+
+def _dynamics_document(result: DynamicsResult) -> Document:
+    """The base parameters with their formulas, what affects no torque, and the conditioning."""
+    base, found = result.base, result.estimate
+    grouping = (Paragraph(_counts(result)), _formulas(result), Paragraph(_without(result)))
+    name = called(result.robot.name, result.options.serial)
+    return Document(
+        f"{name}: {base.size} base parameters of {len(base.names)} standard ones",
+        (
+            *(
+                ()
+                if found is None
+                else (Paragraph((_FIT[found.verdict.adequate], f" {sentence(found.verdict.words)}")),)
+            ),
+            Warnings(result.warnings),
+            *(() if found is None else _identified(result, found)),
+            Section("Base parameters", grouping, shown_in=EVERYWHERE if found is None else PAGE),
+            Section("Conditioning", (_conditioning(result),), shown_in=EVERYWHERE if found is None else PAGE),
+            provenance_section("dynamics", result.options, result.robot.sha256, result.options.serial),
+        ),
+    )
+
+
+_FIT = {True: Badge("no lack of fit", "good"), False: Badge("lack of fit", "bad"), None: Badge("not judged")}
+
+
+def _identified(result: DynamicsResult, found: DynamicsEstimate) -> tuple[Section, ...]:
+    """What was identified, how it predicts, the load beside it, and the torques."""
+    caption = "Measured torques, and what the parameters make of them."
+    return (
+        Section("Identified parameters", (_values(result, found), Paragraph(_noise(result, found)))),
+        Section("Physical consistency", (Paragraph(_physical(result)),)),
+        Section("Predicted torques", (_predictions(result, found),)),
+        Section("The load", _loads(result, found)),
+        Section("Measured and explained", (Figure("torques", _torque_pictures(result), caption),), shown_in=PAGE),
+    )
+
+
+def _values(result: DynamicsResult, found: DynamicsEstimate) -> Table:
+    """Values to the second digit of their half-widths, with relative standard deviations."""
+    units = result.arm.units([formula.name for formula in result.formulas])
+    rows: list[tuple[str, ...]] = []
+    for name, unit, value, half, relative in zip(
+        found.names, units, result.values, found.half_width, found.relative_sigma, strict=True
+    ):
+        if not np.isfinite(value):
+            rows.append((name, "–", "–", "–", unit))
+            continue
+        digits = digits_of(half, 9)
+        rows.append((name, fixed(value, digits), fixed(half, digits), f"{short(100 * relative)} %", unit))
+    caption = "With half-widths of 95 % intervals and relative standard deviations."
+    columns: tuple[str, ...] = ("base parameter", "value", "±", "relative σ", "unit")
+    if result.day is not None:
+        columns = (*columns, "true")
+        rows = [
+            (*row, short(true if abs(true) > ROUNDING else 0.0))
+            for row, true in zip(rows, result.day.truth.tolist(), strict=True)
+        ]
+    return Table(columns, tuple(rows), caption)
+
+
+def _noise(result: DynamicsResult, found: DynamicsEstimate) -> str:
+    noise = ", ".join(short(sigma) for sigma in found.noise)
+    units = "Nm" if not any(result.robot.chain.prismatic) else "Nm (N of a slide)"
+    late = ""
+    if found.delay is not None:
+        value, half = (short(1e3 * each) for each in (found.delay.value, found.delay.half_width))
+        late = f" The torques are {value} ± {half} ms later than the positions."
+    return (
+        f"What is left of the torques is {short(100 * found.relative_error)} % of them. The noise of one reading is "
+        f"{noise} {units} (1σ, estimated).{late}"
+    )
+
+
+def _physical(result: DynamicsResult) -> str:
+    """Whether links, motors and joints can have these parameters."""
+    fit = result.physical
+    if fit is None:
+        return ""
+    if fit.physical:
+        return "Links, motors and joints can have these parameters."
+    noise = "which the noise explains" if fit.p > PAYLOAD_RESIDUALS else "which the noise does not explain"
+    taken = "the table has these" if result.options.physical else "--physical takes these"
+    return (
+        f"No arm has exactly what least squares found; the nearest that one has is {short(fit.distance)} standard "
+        f"deviations away, {noise} (p = {fit.p:.2g}); {taken}."
+    )
+
+
+def _predictions(result: DynamicsResult, found: DynamicsEstimate) -> Table:
+    """A row for each path that was predicted, and for each drive of it."""
+    rows = []
+    for each in found.predictions:
+        rows.append((each.of, "all", short(100 * each.total_relative, "%"), short(each.total_noise_ratio)))
+        for name, relative, ratio in zip(result.robot.chain.joint_names, each.relative, each.noise_ratio, strict=True):
+            rows.append(("", name, short(100 * relative, "%"), short(ratio)))
+    return Table(("torques of", "drive", "relative error", "error / noise"), tuple(rows))
+
+
+def _loads(result: DynamicsResult, found: DynamicsEstimate) -> tuple[Block, ...]:
+    """The load by both ways, side by side."""
+    if found.load is None:
+        return ()
+    ways = [parameter_rows(load) for load in (found.load, found.by_difference) if load is not None]
+    if not ways[0]:
+        return (Paragraph("The motion does not show what the load is."),)
+    rows = []
+    true = None if result.day is None or result.day.load is None else true_values(result.day.load)
+    for name, value, width, unit in ways[0]:
+        others = [row for way in ways[1:] for row in way if row[0] == name]
+        pairs = [(value, width), *((other[1], other[2]) for other in others)]
+        cells = [_with_width_document(*pair) for pair in pairs]
+        known = () if true is None else (short(true[name]),)
+        rows.append((name, *cells, *("–" for _ in range(2 - len(cells))), unit, *known))
+    caption = "About and along the frame of the flange, with half-widths of 95 % intervals."
+    columns = ("", "with the arm at once", "by difference of the runs", "unit", *(() if true is None else ("true",)))
+    return (Table(columns, tuple(rows), caption),)
+
+
+def _with_width_document(value: float, half_width: float) -> str:
+    if not np.isfinite(half_width):
+        return f"{short(value)} ± –"
+    digits = digits_of(half_width, 6)
+    return f"{fixed(value, digits)} ± {fixed(half_width, digits)}"
+
+
+def _torque_pictures(result: DynamicsResult) -> tuple[Picture, ...]:
+    """Each drive: its torque as measured, and as the parameters explain it."""
+    found = result.estimate
+    assert found is not None
+    every = max(1, len(found.measured) // MOST_DRAWN)
+    measured, left = found.measured[::every], found.residual[::every]
+    pictures = []
+    for j, (name, slides) in enumerate(zip(result.robot.chain.joint_names, result.robot.chain.prismatic, strict=True)):
+
+        def draw(axes: Axes, j: int = j, name: str = name, slides: bool = slides) -> None:
+            at = np.arange(len(measured)) * every
+            axes.plot(at, measured[:, j], ".", color=MEASURED, markersize=3, label="measured")
+            axes.plot(at, measured[:, j] - left[:, j], "-", color=PREDICTED, linewidth=1, label="explained")
+            axes.set(title=name, xlabel="row, as thinned", ylabel="N" if slides else "Nm")
+            if j == 0:
+                axes.legend(loc="best")
+
+        words = f"Torque of {name}, measured and explained"
+        pictures.append(axes_picture(f"torque{j}", words, (4.4, 2.3), draw, (0.7, 0.45, 0.1, 0.3)))
+    return tuple(pictures)
+
+
+def singular_values_picture(result: DynamicsResult) -> Picture:
+    """Singular values relative to the largest, from the best determined direction to the worst."""
+    relative = result.singular_values / result.singular_values[0]
+
+    def draw(axes: Axes) -> None:
+        axes.plot(np.arange(1, len(relative) + 1), relative, "o", color=PREDICTED, markersize=4.5)
+        log_ticks(axes, "y", relative.min() / 1.6, 1.7)
+        axes.set(xlabel="direction, from the best determined to the worst", ylabel="relative singular value")
+
+    words = "Singular values of the base regressor with unit columns"
+    return axes_picture("singular-values", words, (5.6, 2.8), draw, (0.8, 0.5, 0.2, 0.15))
+
+
+def _counts(result: DynamicsResult) -> str:
+    base, others = result.base, result.base.size - result.base.inertial
+    left = f" ({', '.join(result.options.without)} left out)" if result.options.without else ""
+    return (
+        f"The torques determine {base.inertial} parameters of links and motors, and {others} of friction and offsets"
+        f"{left}. The rest is grouped into them, with these coefficients of the table's lengths:"
+    )
+
+
+def _formulas(result: DynamicsResult) -> Table:
+    names = [formula.name for formula in result.formulas]
+    units = result.arm.units(names)
+    rows = tuple((formula.label, formula.words(), unit) for formula, unit in zip(result.formulas, units, strict=True))
+    caption = (
+        "XX to ZZ: inertia about and along the frame on the joint's axis; MX MY MZ: first moments; M: mass; Ia: motor "
+        "inertia; Fc, Fv: Coulomb and viscous friction; off: offset. R: others are grouped into it."
+    )
+    return Table(("base parameter", "is", "unit"), rows, caption)
+
+
+def _without(result: DynamicsResult) -> str:
+    names = [result.base.names[i] for i in result.base.without_effect]
+    return f"No torque depends on {', '.join(names)}." if names else ""
+
+
+def _conditioning(result: DynamicsResult) -> Figure:
+    condition = result.singular_values[0] / result.singular_values[-1]
+    caption = f"Over random states, columns of unit length; the condition number is {condition:.0f}."
+    return Figure("singular-values-figure", (singular_values_picture(result),), caption)

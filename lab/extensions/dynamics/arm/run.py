@@ -8,32 +8,27 @@ from typing import Any
 import numpy as np
 
 from lab.campaign.robot import Robot, load_robot, load_virtual
-from lab.commands.keywords import options_of, takes
+from lab.commands.command_line import options_of, takes
 from lab.core.errors import LabError, error_context
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.extensions.dynamics.arm.base_parameters import base_parameters
-from lab.extensions.dynamics.arm.estimate import DynamicsEstimate
-from lab.extensions.dynamics.arm.identify import identify_dynamics
+from lab.extensions.dynamics.arm.identify import DynamicModel, DynamicsEstimate, identify_dynamics, nearest_physical_arm
 from lab.extensions.dynamics.arm.options import DynamicsOptions
-from lab.extensions.dynamics.arm.physical import nearest_physical_arm
 from lab.extensions.dynamics.arm.plausibility import implausible_dynamics
 from lab.extensions.dynamics.arm.result import DynamicsResult, RehearsedDay
-from lab.extensions.dynamics.arm.runs import DynamicModel
-from lab.extensions.dynamics.load_files import read_load, read_motion, read_mounting
-from lab.extensions.dynamics.load_samples import PayloadSamples
+from lab.extensions.dynamics.load_files import PayloadSamples, read_load, read_motion, read_mounting
 from lab.extensions.dynamics.payload.plausibility import ArmSize, Implausibility, stuck_channels
 from lab.extensions.dynamics.rehearsal import MeasuringBench, load_of_rehearsal
 from lab.extensions.dynamics.simulation import drawn_mounting
 from lab.formats.drives_toml import Drives, drives_in, read_drives
-from lab.formats.toml import read_toml
-from lab.kinematics.dynamics.arm_dynamics import ArmDynamics, khalil_chain
-from lab.kinematics.dynamics.rigid_body import LOAD
-from lab.simulation.link_masses import link_inertias
+from lab.formats.structured import read_toml
+from lab.kinematics.dynamics.rigid_body import LOAD, ArmDynamics, khalil_chain
+from lab.simulation.model_files import link_inertias
 
 __all__ = ["dynamics"]
 
-MOST_NAMED = 8  # base parameters in a warning
+_MOST_NAMED = 8  # base parameters in a warning
 
 
 @takes(DynamicsOptions)
@@ -172,7 +167,7 @@ def _warnings(estimate: DynamicsEstimate, strange: Sequence[Implausibility]) -> 
         warnings.append(estimate.verdict.words)
     hidden = [name for name, seen in zip(estimate.names, estimate.identified, strict=True) if not seen]
     if hidden:
-        more = f" and {len(hidden) - MOST_NAMED} more" if len(hidden) > MOST_NAMED else ""
-        named = ", ".join(hidden[:MOST_NAMED])
+        more = f" and {len(hidden) - _MOST_NAMED} more" if len(hidden) > _MOST_NAMED else ""
+        named = ", ".join(hidden[:_MOST_NAMED])
         warnings.append(f"the motion does not show {named}{more}: move more joints at a time, and faster")
     return warnings

@@ -42,7 +42,6 @@ __all__ = [
     "design_poses",
     "predicted",
     "random_path",
-    "rest_shapes",
 ]
 
 HARMONICS, PERIOD_S = 5, 5.0
@@ -65,7 +64,7 @@ def bases(times: Array, period_s: float, harmonics: int) -> Array:
     )
 
 
-def rest_shapes(harmonics: int) -> Array:
+def _rest_shapes(harmonics: int) -> Array:
     """Orthonormal columns ``(1 + 2 h, 2 h - 1)`` of series that are at rest where a period begins and ends.
 
     A series whose speed and acceleration vanish there has coefficients with sum k s_k = 0 and sum k^2 c_k = 0 (e.g.
@@ -169,7 +168,7 @@ def random_path(
     drawn[1:] *= 10 * limits.box.half[0] / np.concatenate([order, order])[:, None] ** rng.uniform(0.0, 2.0)
     drawn[0] = rng.uniform(limits.lower, limits.upper)
     if at_rest:
-        shapes = rest_shapes(HARMONICS)
+        shapes = _rest_shapes(HARMONICS)
         drawn = shapes @ (shapes.T @ drawn)
     times = period_s * np.arange(CHECKED) / CHECKED
     return FourierPath(limits.box.fitted(drawn, bases(times, period_s, HARMONICS)), period_s)
@@ -444,7 +443,7 @@ def design_path(
     """
     allowed = _allowance(limits, feasible, torque)
     paths = [random_path(limits, rng, period_s, at_rest=at_rest) for _ in range(drawn)]
-    shapes = rest_shapes(HARMONICS) if at_rest else np.eye(1 + 2 * HARMONICS)
+    shapes = _rest_shapes(HARMONICS) if at_rest else np.eye(1 + 2 * HARMONICS)
 
     def whitened(joints: Array, speeds: Array, accelerations: Array) -> Array:
         rows: Array = regressor(joints, speeds, accelerations) / sigma[:, None]

@@ -8,8 +8,7 @@ import tyro
 
 from lab.campaign.option_types import Flag, NoRecording
 from lab.core.errors import LabError
-from lab.core.numbers import positive
-from lab.core.serials import check_serial
+from lab.core.limits import check_serial, positive
 from lab.extensions.dynamics.rehearsal_options import Rehearsal
 
 __all__ = ["PayloadOptions"]

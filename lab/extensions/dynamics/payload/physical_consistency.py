@@ -18,7 +18,7 @@ from lab.core.se3 import Array
 from lab.extensions.dynamics.payload.estimate import LoadEstimate
 from lab.kinematics.dynamics.rigid_body import is_physical, pseudo_inertia
 
-__all__ = ["BASIS", "BodyCone", "Nearest", "nearest_physical", "physical_estimate"]
+__all__ = ["BodyCone", "Nearest", "nearest_physical", "physical_estimate"]
 
 _PRIOR = 1e-4  # weight w: it moves the parameters by far less than a standard deviation
 _FALL = 0.2  # of the weight, from one that outweighs the misfit at the start down to the prior's
@@ -26,7 +26,7 @@ _STEPS, _SETTLED = (
     60,
     1e-14,
 )  # Newton's steps at each weight, and half its decrement squared, which says how far there is
-BASIS = np.array([pseudo_inertia(unit) for unit in np.eye(10)])  # (10, 4, 4): J = phi . basis
+_BASIS = np.array([pseudo_inertia(unit) for unit in np.eye(10)])  # (10, 4, 4): J = phi . basis
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ class BodyCone:
             assert factor is not None
             inverse = np.linalg.inv(factor)
             rows = np.zeros((16, len(x)))
-            rows[:, body] = (inverse @ BASIS @ inverse.T).reshape(10, 16).T
+            rows[:, body] = (inverse @ _BASIS @ inverse.T).reshape(10, 16).T
             wanted = np.eye(4)
             if self.reference is not None:
                 wanted = wanted - factor.T @ np.linalg.solve(pseudo_inertia(self.reference[body]), factor)
@@ -185,7 +185,7 @@ def _inside(phi: Array) -> Array:
     unit = np.array([size, size, size, 1.0]) * np.sqrt(mass)
     sizes, axes = np.linalg.eigh(pseudo_inertia(phi) / np.outer(unit, unit))
     matrix = (axes * np.maximum(sizes, 1e-3)) @ axes.T * np.outer(unit, unit)
-    flat: Array = np.linalg.lstsq(BASIS.reshape(10, 16).T, matrix.ravel(), rcond=None)[0]
+    flat: Array = np.linalg.lstsq(_BASIS.reshape(10, 16).T, matrix.ravel(), rcond=None)[0]
     assert is_physical(flat)
     return flat
 

@@ -12,10 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.core.errors import LabError
+from lab.core.errors import LabError, counted
 from lab.core.se3 import Array
-from lab.core.wording import counted
-from lab.extensions.dynamics.load_samples import PayloadSamples
+from lab.extensions.dynamics.load_files import PayloadSamples
 from lab.extensions.dynamics.payload.estimate import LoadEstimate
 from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.serial.chain import COLUMNS, Chain
@@ -25,7 +24,6 @@ __all__ = [
     "Implausibility",
     "Upward",
     "implausibilities",
-    "likely_shifts",
     "misplaced_points",
     "not_of_the_arm",
     "stuck_channels",
@@ -38,7 +36,7 @@ _ROWS_FOR_ONE = 4  # rows of a run for each function of the joint positions
 _LEAST_SIZE = 1e-6  # of the largest singular value: less is a function of the others
 
 
-def likely_shifts(samples: PayloadSamples, upward: Upward, count: int) -> tuple[int, ...]:
+def _likely_shifts(samples: PayloadSamples, upward: Upward, count: int) -> tuple[int, ...]:
     """How many rows later joint positions may belong to what was measured; the likeliest first, zero not among them."""
     runs = [run for loaded in (True, False) if len(run := samples.run(loaded)) >= 2 * _ROWS_FOR_ONE]
     if not runs:
@@ -77,21 +75,21 @@ def _basis(joints: Array, upward: Upward) -> Array:
     return np.asarray(u[:, sizes > _LEAST_SIZE * sizes.max(initial=0.0)])
 
 
-MOST_OF_ARM = 1.5  # times its own mass that an arm carries: the strongest carry half of it
-MOST_KG = 1000.0  # where the arm's mass is not known
-KGF_N = 9.80665  # of a kilogram's weight
-LEAST_DISTANCE_M = 0.001  # of a centre of mass that a unit would make plausible: hands have a length
-FITS_BADLY = 0.3  # of what was to be explained that is left
-FAR_BETTER = 0.5  # times as much left
+_MOST_OF_ARM = 1.5  # times its own mass that an arm carries: the strongest carry half of it
+_MOST_KG = 1000.0  # where the arm's mass is not known
+_KGF_N = 9.80665  # of a kilogram's weight
+_LEAST_DISTANCE_M = 0.001  # of a centre of mass that a unit would make plausible: hands have a length
+_FITS_BADLY = 0.3  # of what was to be explained that is left
+_FAR_BETTER = 0.5  # times as much left
 NEAR_SHIFTS = (1, -1, 2, -2)  # rows, which are tried in any case
-FAR_SHIFTS = 8  # that a cross-correlation finds likeliest
+_FAR_SHIFTS = 8  # that a cross-correlation finds likeliest
 FAR_M = 0.03  # root mean square of points from where the arm has them: no arm sags so far
 BEARS = 0.2  # of the largest torque of the arm's own weight: of less, friction may hide it
-ANOTHER = 0.03  # more alike to another drive's weight: the columns are exchanged
+_ANOTHER = 0.03  # more alike to another drive's weight: the columns are exchanged
 ALIKE = 0.5  # correlation of a drive's torque with that of nominal masses, at least
-LEAST_STUCK = 5  # rows of one and the same reading that no noise makes
-MOST_AT_END = 0.05  # of the rows of a run that may have its largest, or its smallest, reading
-LEAST_READINGS = 20  # different ones, of a channel that is not rounded coarsely
+_LEAST_STUCK = 5  # rows of one and the same reading that no noise makes
+_MOST_AT_END = 0.05  # of the rows of a run that may have its largest, or its smallest, reading
+_LEAST_READINGS = 20  # different ones, of a channel that is not rounded coarsely
 _DEGREE = np.pi / 180
 
 Fit = Callable[[PayloadSamples], LoadEstimate]
@@ -138,15 +136,15 @@ def stuck_channels(
     said = []
     for loaded, run in ((True, "loaded"), (False, "unloaded")):
         rows = readings[samples.loaded == loaded]
-        if len(rows) < LEAST_STUCK:
+        if len(rows) < _LEAST_STUCK:
             continue
         for name, channel in zip(np.array(names)[shows], rows.T[shows], strict=True):
             if channel.min() == channel.max():
                 words = f"{name} is {channel[0]:.4g} in all {len(rows)} rows of the {run} run"
                 said.append(f"{words}: is its sensor connected, and is the column the right one?")
-            elif len(np.unique(channel)) >= LEAST_READINGS:
+            elif len(np.unique(channel)) >= _LEAST_READINGS:
                 count = max(int((channel == end).sum()) for end in (channel.min(), channel.max()))
-                if count > max(MOST_AT_END * len(rows), LEAST_STUCK):
+                if count > max(_MOST_AT_END * len(rows), _LEAST_STUCK):
                     words = f"{name} stays at the end of its range in {count} of the {len(rows)} rows of the {run} run"
                     said.append(f"{words}: it saturates; move more slowly, or with a smaller load")
     return tuple(Implausibility(words) for words in dict.fromkeys(said))
@@ -159,7 +157,7 @@ def not_of_the_arm(measured: Array, expected: Array, names: Sequence[str]) -> tu
         measured: ``(n, J)`` torques without a load, at rest.
         expected: ``(n, J)`` by the nominal masses.
     """
-    if len(measured) < LEAST_STUCK:
+    if len(measured) < _LEAST_STUCK:
         return ()
     seen, weight = measured - measured.mean(axis=0), expected - expected.mean(axis=0)
     size = np.sqrt((weight**2).mean(axis=0))
@@ -168,7 +166,7 @@ def not_of_the_arm(measured: Array, expected: Array, names: Sequence[str]) -> tu
     alike, said = seen[:, bears].T @ weight[:, bears] / np.maximum(lengths, 1e-300), []
     for row, drive in enumerate(bears):
         other = int(alike[row].argmax())
-        if alike[row, row] < ALIKE or alike[row, other] > alike[row, row] + ANOTHER:
+        if alike[row, row] < ALIKE or alike[row, other] > alike[row, row] + _ANOTHER:
             like = "" if other == row else f", and that of {names[bears[other]]} is {alike[row, other]:.2g}"
             said.append(
                 f"without a load, the torque of {names[drive]} does not follow the arm's own weight (correlation "
@@ -211,7 +209,7 @@ def implausibilities(
         upward: the way up in the last frame, for shifts by more than two rows.
     """
     said = [*_of_mass(found, arm), *_of_centre(found, arm)]
-    if samples is not None and fit is not None and (said or _left(found) > FITS_BADLY):
+    if samples is not None and fit is not None and (said or _left(found) > _FITS_BADLY):
         said += _otherwise(found, arm, samples, fit, upward)
     return tuple(Implausibility(words) for words in said)
 
@@ -220,7 +218,7 @@ def _of_mass(found: LoadEstimate, arm: ArmSize) -> Iterator[str]:
     mass, width = found.mass_kg, found.mass_half_width_kg
     if not np.isfinite(mass):
         return
-    most = MOST_OF_ARM * arm.mass_kg if np.isfinite(arm.mass_kg) else MOST_KG
+    most = _MOST_OF_ARM * arm.mass_kg if np.isfinite(arm.mass_kg) else _MOST_KG
     if mass > most:
         unit = "Nmm or mN" if mass / 1e3 <= most else "another unit"
         yield (
@@ -246,11 +244,11 @@ def _of_centre(found: LoadEstimate, arm: ArmSize) -> Iterator[str]:
     units = [
         f"{unit} (it would be {1e3 * distance / larger:.3g} mm away)"
         for unit, larger in (
-            ("forces in kgf", KGF_N),
+            ("forces in kgf", _KGF_N),
             ("moments in Nmm", 1e3),
-            ("forces in kgf and moments in Nmm", 1e3 * KGF_N),
+            ("forces in kgf and moments in Nmm", 1e3 * _KGF_N),
         )
-        if LEAST_DISTANCE_M <= distance / larger <= arm.reach_m
+        if _LEAST_DISTANCE_M <= distance / larger <= arm.reach_m
     ]
     yield (
         f"the centre of mass is {distance:.3g} m from the flange, farther than the arm reaches ({arm.reach_m:.2g} m): "
@@ -275,7 +273,7 @@ def _otherwise(
             again = fit(other)
         except (LabError, np.linalg.LinAlgError):
             continue
-        if _left(again) < FAR_BETTER * here and not [*_of_mass(again, arm), *_of_centre(again, arm)]:
+        if _left(again) < _FAR_BETTER * here and not [*_of_mass(again, arm), *_of_centre(again, arm)]:
             yield (
                 f"{words}: {100 * _left(again):.2g} % of what was measured is then left unexplained, and "
                 f"{100 * here:.2g} % is as the file stands (the payload would be {again.mass_kg:.3g} kg)"
@@ -285,7 +283,7 @@ def _otherwise(
 
 def _readings(samples: PayloadSamples, upward: Upward | None) -> Iterator[tuple[str, PayloadSamples]]:
     """What a file may have been meant to say."""
-    far = () if upward is None else likely_shifts(samples, upward, FAR_SHIFTS)
+    far = () if upward is None else _likely_shifts(samples, upward, _FAR_SHIFTS)
     for rows in dict.fromkeys((*NEAR_SHIFTS, *far)):
         shifted = _shifted(samples, rows)
         if shifted is not None:

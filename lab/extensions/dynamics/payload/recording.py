@@ -14,10 +14,8 @@ from lab.core import se3
 from lab.core.se3 import Array
 from lab.extensions.dynamics.payload.result import PayloadResult, channels_of
 from lab.render.markdown import to_markdown
-from lab.render.recording_layout import SUMMARY, eye_on_arm, layout, main_view
-from lab.render.rerun_primitives import Times, draw_shells, markdown, recording_to
-from lab.render.scene import moved
-from lab.render.skeleton import skeleton
+from lab.render.recording import SUMMARY, Times, draw_shells, eye_on_arm, layout, main_view, markdown, recording_to
+from lab.render.scene import moved, skeleton
 from lab.render.style import RGB_MUTED, RGB_PAYLOAD, RGB_WEIGHT
 from lab.simulation.meshes import arm_shells, body_poses
 

@@ -9,19 +9,15 @@ import numpy as np
 
 from lab.campaign.robot import Robot, load_robot, load_virtual
 from lab.commands.calibrate.load_run import CalibrationRun, calibrated_by, folder_of, read_calibrated
-from lab.commands.keywords import options_of, takes
-from lab.core.copies import copied_rows, said_of_copies
+from lab.commands.command_line import options_of, takes
 from lab.core.errors import LabError, error_context
-from lab.core.measurements import Measurements
+from lab.core.limits import one_serial
+from lab.core.measurements import Measurements, copied_rows, said_of_copies
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.core.serials import one_serial
-from lab.extensions.dynamics.load_files import WRENCH, read_loads, read_mounting
-from lab.extensions.dynamics.load_samples import Mounting, PayloadSamples
+from lab.extensions.dynamics.load_files import WRENCH, Mounting, PayloadSamples, read_loads, read_mounting
 from lab.extensions.dynamics.payload.estimate import LoadEstimate
-from lab.extensions.dynamics.payload.from_sag import CompliantArm, from_sag
-from lab.extensions.dynamics.payload.from_torques import from_torques
-from lab.extensions.dynamics.payload.from_wrench import from_wrench
+from lab.extensions.dynamics.payload.methods import CompliantArm, from_sag, from_torques, from_wrench
 from lab.extensions.dynamics.payload.options import PayloadOptions
 from lab.extensions.dynamics.payload.physical_consistency import physical_estimate
 from lab.extensions.dynamics.payload.plausibility import (
@@ -48,7 +44,7 @@ __all__ = ["payload"]
 _REHEARSED_KG = 1.0
 _LEAST_LEVER = 0.1  # m, times gravity: a drive whose torque a load changes by less may stand still
 COSTED = 200  # poses over which the cost of an uncertain load is averaged
-SAME_RAD = 1e-6  # rad or m: joint positions of one pose
+_SAME_RAD = 1e-6  # rad or m: joint positions of one pose
 
 
 @takes(PayloadOptions)
@@ -243,7 +239,7 @@ def _paired(options: PayloadOptions, data: Measurements) -> tuple[Array, Array, 
     with_it, without = (
         np.array([i for i, text in enumerate(column) if text == kind]) for kind in ("loaded", "unloaded")
     )
-    if len(with_it) != len(without) or np.abs(data.joints[with_it] - data.joints[without]).max(initial=0) > SAME_RAD:
+    if len(with_it) != len(without) or np.abs(data.joints[with_it] - data.joints[without]).max(initial=0) > _SAME_RAD:
         raise LabError(f"{options.file}: give the same joint positions loaded and unloaded, in one order")
     parts = data.joints[with_it], data.points[without], data.points[with_it]
     copies = copied_rows(np.concatenate([each.reshape(len(with_it), -1) for each in parts], axis=1))

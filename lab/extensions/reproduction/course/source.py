@@ -1,13 +1,13 @@
 """The course as a source."""
 
-from lab.extensions.reproduction.course.arms import ARM_ITEMS
-from lab.extensions.reproduction.course.basics import BASIC_ITEMS
-from lab.extensions.reproduction.course.carriers import CARRIER_ITEMS
-from lab.extensions.reproduction.course.motion import MOTION_ITEMS
-from lab.extensions.reproduction.course.parallel import PARALLEL_ITEMS
-from lab.extensions.reproduction.course.rotations import ROTATION_ITEMS
-from lab.extensions.reproduction.course.versatran import VERSATRAN_ITEMS
-from lab.extensions.reproduction.course.volumes import VOLUME_ITEMS
+from lab.extensions.reproduction.course.examples import (
+    ARM_ITEMS,
+    BASIC_ITEMS,
+    MOTION_ITEMS,
+    ROTATION_ITEMS,
+    VOLUME_ITEMS,
+)
+from lab.extensions.reproduction.course.machines import CARRIER_ITEMS, PARALLEL_ITEMS, VERSATRAN_ITEMS
 from lab.extensions.reproduction.item import Missing, Source
 
 __all__ = ["COURSE"]

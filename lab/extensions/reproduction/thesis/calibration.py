@@ -7,7 +7,7 @@ import numpy as np
 from lab.core import se3
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.extensions.reproduction.answer import Answer, drawn, formula, holds, number, word
+from lab.extensions.reproduction.answer import Answer, at_least, drawn, formula, holds, number, word
 from lab.extensions.reproduction.item import Item
 from lab.extensions.reproduction.models import matrix_formulas
 from lab.extensions.reproduction.thesis_case import (
@@ -17,14 +17,20 @@ from lab.extensions.reproduction.thesis_case import (
     INTO,
     OFF,
     PRINTED,
+    converging,
     errors,
     rows_of_table,
     searched,
     thesis_case,
 )
 from lab.kinematics.gauge import base_set_of
+from lab.pose_selection.criteria import indices
+from lab.render.charts.chart import axes_picture
+from lab.render.charts.marks import Axes
+from lab.render.document import Picture
+from lab.render.style import AFTER, INK, MUTED
 
-__all__ = ["CALIBRATION_ITEMS", "ESTIMATES"]
+__all__ = ["CALIBRATION_ITEMS", "CURVE_ITEMS", "ESTIMATES", "INDEX_ITEMS"]
 
 DRAWS, CANDIDATES = 1000, 200
 _SYMBOLS = ("δθ1", "δr1", "δl1", "δα1", "δθ2", "δl2", "δα2", "δθ3", "δr3", "δl3", "δα3", "δθ4", "δr4", "δl4", "δα4",
@@ -265,4 +271,137 @@ CALIBRATION_ITEMS = (
     Item("Table IV.3", "RMS, MAE and RSD", _performance, "python scripts/thesis_tables.py",
          "From the printed table IV.2. The RSD is the standard deviation of the 19 errors."),
     Item("Conclusion", "Which index is the best", _best, "python scripts/thesis_tables.py"),
+)  # fmt: skip
+
+
+_PRINTED_BEST = 12.2487
+_COUNTS = (7, 8, 10, 12, 15, 20, 25, 30)
+_CANDIDATES, _STARTS, _ROUNDS = 200, 4, 4
+
+
+@cache
+def _curve() -> Array:
+    """The best O1 found with each number of poses."""
+    found = [searched("O1", 0, _CANDIDATES, 1, poses=count) for count in _COUNTS]
+    return np.array([float(indices(design.jacobian).o1) for design in found])
+
+
+@cache
+def _trace() -> Array:
+    return converging(0, _CANDIDATES, _STARTS, _ROUNDS)
+
+
+def _against_poses() -> tuple[Answer, ...]:
+    last = _curve()[_COUNTS.index(20)]
+    return (
+        *(
+            number(f"O1 with {count} poses", "", float(value), digits=2)
+            for count, value in zip(_COUNTS, _curve(), strict=True)
+        ),
+        number("gain from 20 to 30 poses, %", "", 100 * float(_curve()[-1] / last - 1), digits=1),
+    )
+
+
+def _best_curves() -> tuple[Answer, ...]:
+    return (at_least("the best O1 of 20 poses", f"{_PRINTED_BEST:.4f}", float(_trace().max())),)
+
+
+def _curve_picture() -> tuple[Picture, ...]:
+    def draw(axes: Axes) -> None:
+        axes.plot(_COUNTS, _curve(), "o-", color=AFTER, markersize=4)
+        axes.axvline(20, color=MUTED, linewidth=1, linestyle="--")
+        axes.set(xlabel="number of poses", ylabel="O1 (mm, rad)")
+
+    return (axes_picture("o1-poses", "O1 against the number of poses", (4.6, 3.2), draw),)
+
+
+def _trace_picture() -> tuple[Picture, ...]:
+    def draw(axes: Axes) -> None:
+        for row in _trace():
+            axes.plot(range(len(row)), row, "o-", color=AFTER, markersize=3, linewidth=1, alpha=0.7)
+        axes.axhline(_PRINTED_BEST, color=MUTED, linewidth=1, linestyle="--")
+        axes.set(xlabel="rounds of the ascent after the exchange", ylabel="O1 of 20 poses")
+
+    return (axes_picture("o1-search", "Convergence of the search for O1, each start", (4.6, 3.2), draw),)
+
+
+CURVE_ITEMS = (
+    Item("Figure IV.1", "O1 against the number of poses", _against_poses, "python scripts/best_o1.py --ignore-limits",
+         "The curve is printed without numbers. It flattens because O1 is divided by √n: it measures information per "
+         "pose, and does not say that more poses stop helping.", _curve_picture),
+    Item("Figure IV.2", "Convergence of the search for O1", _best_curves, "python scripts/best_o1.py --ignore-limits",
+         f"{_STARTS} starts, without joint limits as in the thesis; the dashed line is the printed maximum.",
+         _trace_picture),
+)  # fmt: skip
+
+
+@cache
+def _jacobian_indices() -> Array:
+    """Of 20 random poses ``(20, 3, 19)``, mm and rad."""
+    case = thesis_case()
+    joints = case.arm.chain.random_joints(20, rng_for(0, "structure"))
+    return np.asarray(1e3 * case.arm.observe(joints, case.nominal)[1][:, 0][..., list(case.free)] / case.mm)
+
+
+def _bounds() -> tuple[Answer, ...]:
+    """II.1 to II.4 at random errors."""
+    J = _jacobian_indices().reshape(-1, len(OFF))
+    u, s, vt = np.linalg.svd(J, full_matrices=False)
+    errors = rng_for(0, "arm").normal(size=(len(OFF), 1000))
+    ratio = np.linalg.norm(J @ errors, axis=0) / np.linalg.norm(errors, axis=0)
+    beyond = max(float(s[-1] - ratio.min()), float(ratio.max() - s[0]), 0.0)
+    return (
+        holds("II.2 J = U Σ V'", float(np.abs(u * s @ vt - J).max() / s[0])),
+        holds("II.4 the least σ ≤ |dX|/|Δ| ≤ the largest σ", beyond),
+    )
+
+
+def _indices() -> tuple[Answer, ...]:
+    """II.5 to II.9 from the eigenvalues of J'J, beside the lab's from its singular values."""
+    J = _jacobian_indices()
+    flat = J.reshape(-1, len(OFF))
+    s = np.sqrt(np.linalg.eigvalsh(flat.T @ flat)[::-1])
+    ours = indices(J)
+    printed = {
+        "II.5 O1": (np.prod(s) ** (1 / len(s)) / np.sqrt(len(J)), ours.o1), "II.6 O2": (s[-1] / s[0], ours.o2),
+        "II.7 O3": (s[-1], ours.o3), "II.8 O4": (s[-1] ** 2 / s[0], ours.o4),
+        "II.9 O5": (1 / (1 / s).sum(), ours.o5),
+    }  # fmt: skip
+    return tuple(
+        holds(name, abs(float(mine) / float(theirs) - 1), within=1e-6) for name, (theirs, mine) in printed.items()
+    )
+
+
+def _ellipse() -> tuple[Picture, ...]:
+    """What unit errors of two parameters do to one target: an ellipse whose half axes are singular values."""
+    case = thesis_case()
+    columns = [list(OFF).index(name) for name in ("link2.a", "link4.d")]
+    J = _jacobian_indices()[0][:, columns]
+    u, s, _ = np.linalg.svd(J, full_matrices=False)
+    turn = np.linspace(0, 2 * np.pi, 200)
+    circle = np.stack([np.cos(turn), np.sin(turn)])
+    across = u.T @ J
+    assert case.arm.chain.size == 6
+
+    def draw(axes: Axes) -> None:
+        axes.plot(*circle, "-", color=MUTED, linewidth=1.2)
+        axes.plot(*(across @ circle), "-", color=AFTER, linewidth=1.6)
+        for i, size in enumerate(s):
+            axes.annotate(f"σ{i + 1} = {size:.3f}", 0.5 * size * np.eye(2)[i] + 0.05, color=INK, fontsize=8)
+            axes.plot(*np.stack([np.zeros(2), size * np.eye(2)[i]], axis=1), "-", color=INK, linewidth=1)
+        axes.set_aspect("equal")
+        axes.set(xlabel="along the first left singular vector, mm", ylabel="along the second, mm")
+
+    label = "A unit circle of errors of a2 and d4, and the ellipse of errors of the point"
+    return (axes_picture("ellipse", label, (4.2, 3.6), draw),)
+
+
+INDEX_ITEMS = (
+    Item("Equations II.1 to II.4", "Singular values bound the errors", _bounds, "lab inspect irb120",
+         "At 20 random poses and 1,000 random errors of the 19 parameters."),
+    Item("Figure II.1", "The ellipsoid of errors", command="lab calibrate --robot irb120 --prior off --out ellipsoids",
+         note="Two parameters of one pose: the circle of unit errors (a2, d4; mm) becomes an ellipse (mm). Every run's "
+         "report and recording has the ellipsoids of its own poses.", pictures=_ellipse),
+    Item("Equations II.5 to II.9", "The indices O1 to O5", _indices, "lab design --robot irb120 --criterion O1",
+         "From the eigenvalues of J'J here, and from singular values in the lab."),
 )  # fmt: skip

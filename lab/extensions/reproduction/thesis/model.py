@@ -16,7 +16,7 @@ from lab.kinematics.inverse.closed_form import closed_form_of
 if TYPE_CHECKING:
     from lab.render.document import Picture
 
-__all__ = ["MODEL_ITEMS", "eight_solutions"]
+__all__ = ["MODEL_ITEMS"]
 
 _LIMITS = ((-165, 165), (-110, 110), (-110, 70), (-160, 160), (-120, 120), (-400, 400))  # °, table III.1
 _TABLE = (  # table III.2: theta - q and alpha in °, d and a in mm
@@ -215,7 +215,7 @@ def _last_joints() -> tuple[Answer, ...]:
 
 
 @cache
-def eight_solutions() -> Array:
+def _eight_solutions() -> Array:
     """The solutions ``(8, 6)`` rad of section III.2.2, in the order of table III.3."""
     arm, values = serial("irb120")
     form = closed_form_of(arm.dh_chain(values))
@@ -230,7 +230,7 @@ def eight_solutions() -> Array:
 
 
 def _solutions() -> tuple[Answer, ...]:
-    ours = np.rad2deg(eight_solutions())
+    ours = np.rad2deg(_eight_solutions())
     return tuple(
         number(f"q{j + 1} of solution {k + 1}", text, float(ours[k, j]), "°")
         for k in range(8)
@@ -243,7 +243,7 @@ def _pictures(which: str) -> "tuple[Picture, ...]":
     rows = {
         "III.6": (("q = 0",), np.zeros((1, 6))),
         "III.7": (("0, 0, −90, −90, 90, −90",), np.deg2rad([[0.0, 0, -90, -90, 90, -90]])),
-        "III.10": (tuple(f"solution {k + 1}" for k in range(8)), eight_solutions()),
+        "III.10": (tuple(f"solution {k + 1}" for k in range(8)), _eight_solutions()),
     }[which]
     return placements(arm, values, *rows)
 

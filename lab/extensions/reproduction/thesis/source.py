@@ -1,9 +1,7 @@
 """The thesis as a source: its items in the order of the text, and what cannot be computed."""
 
 from lab.extensions.reproduction.item import Missing, Source
-from lab.extensions.reproduction.thesis.calibration import CALIBRATION_ITEMS
-from lab.extensions.reproduction.thesis.curves import CURVE_ITEMS
-from lab.extensions.reproduction.thesis.indices import INDEX_ITEMS
+from lab.extensions.reproduction.thesis.calibration import CALIBRATION_ITEMS, CURVE_ITEMS, INDEX_ITEMS
 from lab.extensions.reproduction.thesis.model import MODEL_ITEMS
 
 __all__ = ["THESIS"]

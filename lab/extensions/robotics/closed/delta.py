@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.extensions.robotics.closed.plane import real_root, wrapped
-from lab.extensions.robotics.closed.singularity import Distances, independence
+from lab.extensions.robotics.closed.planar_platforms import Distances, independence, real_root, wrapped
 
 __all__ = ["AZIMUTHS_RAD", "Delta"]
 

@@ -19,16 +19,553 @@ from numpy.typing import NDArray
 from lab.core import se3
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.extensions.robotics.inverse.first_joint import Named
-from lab.extensions.robotics.inverse.five_axes_pair import ParallelPair
-from lab.extensions.robotics.inverse.five_axes_planar import PlanarMiddle
-from lab.extensions.robotics.inverse.five_axes_planar_end import PlanarEnd
-from lab.extensions.robotics.inverse.five_axes_wrist import TwoAxisWrist
-from lab.kinematics.inverse.closed_form import EXACT, Axes, Candidates, Determinant, Solutions, determinant
+from lab.extensions.robotics.inverse.first_joints import (
+    Carrier,
+    Elbow,
+    Lift,
+    Named,
+    Telescope,
+    ThreeJoints,
+    polynomial_roots,
+)
+from lab.extensions.robotics.inverse.fitted_factor import fitted_factor
+from lab.extensions.robotics.inverse.five_axes_planar import PlanarEnd, PlanarMiddle
+from lab.extensions.robotics.inverse.khalil_equations import TINY, type_2
+from lab.kinematics.compiled.kernels import machine_code
+from lab.kinematics.inverse.closed_form import (
+    EXACT,
+    Axes,
+    Candidates,
+    Determinant,
+    Solutions,
+    determinant,
+    meeting_point,
+    plane_across,
+)
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
 
-__all__ = ["FiveAxes"]
+__all__ = ["FiveAxes", "ParallelPair", "TwoAxisWrist"]
+
+_NODES = 5  # at which det N is looked at: it has so many coefficients
+_MORE_NODES = 9
+_MIXED = np.array([[1.0, 0.6, -0.4], [-0.3, 1.0, 0.7]])  # two equations, where there are no more
+_ROOTS = 4
+_ALIKE = 1e-6  # of N's columns: less and they say one thing of t, whose equation has two roots
+_LOOSE, _NOTHING = 1e-6, 1e-12  # of det N, or N, beside its usual size: s, or t, is nearly free, or free
+_TRIED = 8  # positions of a joint that is nearly free, from the one that is liked on
+
+
+@dataclass(frozen=True)
+class ParallelPair:
+    """Such an arm.
+
+    Attributes:
+        pair: the two joints with parallel axes, the one beside the third joint first; ``third`` is that joint.
+        scale_m: of the arm.
+        centre: ``(3,)`` m, a point of axis 5 in the last frame.
+    """
+
+    axes: Axes
+    pair: tuple[int, int]
+    third: int
+    scale_m: float
+    centre: Array
+    repeats: bool = True
+
+    @classmethod
+    def of(cls, axes: Axes) -> "ParallelPair | None":
+        """The shape of an arm of five joints; None where it is another."""
+        if any(axes.prismatic):
+            return None
+        for pair, third, beside in (((1, 2), 0, (0, 3)), ((1, 0), 2, (2,))):
+            if not axes.parallel(*pair) or any(axes.parallel(pair[0], each) for each in beside):
+                continue
+            scale = float(np.abs(axes.origins - axes.origins[0]).max()) + 0.1
+            along = 0.3 * scale * axes.directions[4]
+            for point in (axes.origins[4], axes.origins[4] + along):  # the first may be on a parallel axis
+                centre = se3.transform(se3.inverse(axes.T_frame0_last), point[None])[0]
+                made = cls(axes, pair, third, scale, centre)
+                if made._regular():
+                    return made
+        return None
+
+    def _regular(self) -> bool:
+        """Whether the parallel axes are apart, the equations say something of joint s, and the centre can be moved."""
+        apart = np.cross(self._n, self.axes.origins[self.pair[1]] - self.axes.origins[self.pair[0]])
+        if np.linalg.norm(apart) <= EXACT or min(self._sizes) <= EXACT:
+            return False
+        joints = rng_for(0, "structure").uniform(-1.5, 1.5, (20, 5))
+        return bool(np.abs(self._elbow(joints) * self._shoulder(joints)).max() > EXACT * self.scale_m**3)
+
+    @cached_property
+    def _sizes(self) -> tuple[float, float]:
+        """Of the coefficients of det N, and of the equation by its null vector, usually."""
+        joints = rng_for(0, "structure").uniform(-1.5, 1.5, (5, 40))
+        equations = self._equations(self._moved(joints))
+        one, two = (
+            float(np.median(np.abs(each).max(axis=0)))
+            for each in (self._polynomial(equations), self._of_two(equations))
+        )
+        return one, two
+
+    @property
+    def _last(self) -> tuple[int, int]:
+        """Which joints s and t are."""
+        return (4, 3) if self.third == 0 else (3, 4)
+
+    @property
+    def roots(self) -> int:
+        """See ``Shape``."""
+        return _ROOTS
+
+    # The equations
+
+    @property
+    def _n(self) -> Array:
+        """The direction of the parallel axes."""
+        return np.asarray(self.axes.directions[self.pair[1]])
+
+    @cached_property
+    def _coefficients(self) -> Array:
+        """Of N's three equations ``(27, 12)``, by ``_features``: each for (1, cos q4, sin q4) x (1, cos q5, sin q5).
+
+        A point p from the line of axis 3, through U along u, to that of axis 1, through W along w, seen by link 3 is
+        k4 + R4 k5 + R4 R5 v, and w is R4 R5 y. Then u.w, u.p, w.p, p.p and p.(u x w) are bilinear in joints 4 and 5.
+        """
+        axes, size = self.axes, self.scale_m
+        u, k4 = axes.directions[2], (axes.origins[3] - axes.origins[2]) / size
+        k5 = (axes.origins[4] - axes.origins[3]) / size
+        fourth, fifth = _turning(axes.directions[3]), _turning(axes.directions[4])
+
+        def both(x: Array, K: Array) -> Array:  # x . R4 K R5 z
+            return np.asarray(np.einsum("i,aij,jk,bkl->abl", x, fourth, K, fifth))
+
+        angle, height, other, square, moment = (np.zeros((3, 3, 12)) for _ in range(5))
+        angle[:, :, 1:4] = height[:, :, 4:7] = moment[:, :, 7:10] = both(u, np.eye(3))
+        height[0, 0, 0] = u @ k4
+        height[:, 0, 0] += u @ fourth @ k5
+        other[:, :, 1:4] = both(k4, np.eye(3))
+        other[0, :, 1:4] += k5 @ fifth
+        other[0, 0, 10] = 1.0
+        square[:, :, 4:7] = 2 * other[:, :, 1:4]
+        square[:, 0, 0] = 2 * k4 @ fourth @ k5
+        square[0, 0, 0] += k4 @ k4 + k5 @ k5
+        square[0, 0, 11] = 1.0
+        moment[:, :, 1:4] = -both(np.cross(u, k4), np.eye(3)) - both(u, se3.skew(k5))
+        along, across = self._offset
+        if self.third == 0:
+            equations = np.stack([angle, height, square + 2 * along * other - 2 * across * moment])
+        else:
+            equations = np.stack([angle, other, square - 2 * along * height - 2 * across * moment])
+        start = equations @ self._features(np.eye(4)[None])[0]
+        equations[:, 0, 0, 0] -= start[:, :2, :2].sum(axis=(1, 2))  # at zero joint positions they hold
+        return np.asarray(equations.reshape(27, 12))
+
+    @property
+    def _offset(self) -> tuple[float, float]:
+        """How far the middle axis is from the third joint's point, along its axis z and along z x n, by the scale."""
+        z, root = self.axes.directions[self.third], self.axes.origins[self.third]
+        frame = np.stack([z, np.cross(z, self._n), self._n], axis=1)
+        along, across, _ = np.linalg.solve(frame, self.axes.origins[1] - root) / self.scale_m
+        return float(along), float(across)
+
+    def _features(self, moved: Array) -> Array:
+        """What the equations are linear in ``(n, 12)``: 1, y, v, y x v, y.v and v.v, of the hand's displacements."""
+        w, root = self.axes.directions[0], self.axes.origins[0]
+        back = moved[:, :3, :3].swapaxes(1, 2)
+        y, v = back @ w, ((back @ (root - moved[:, :3, 3])[:, :, None])[:, :, 0] - self.axes.origins[4]) / self.scale_m
+        inner = np.stack([(y * v).sum(axis=1), (v * v).sum(axis=1)], axis=1)
+        return np.concatenate([np.ones((len(moved), 1)), y, v, np.cross(y, v), inner], axis=1)
+
+    def _equations(self, moved: Array) -> Array:
+        """The equations ``(n, 3, 3, 3)`` of displacements: which, for (1, cos t, sin t), and for the same of s."""
+        found = (self._features(moved) @ self._coefficients.T).reshape(-1, 3, 3, 3)
+        return np.asarray(found if self.third == 0 else found.swapaxes(2, 3))
+
+    def _polynomial(self, equations: Array) -> NDArray[np.complex128]:
+        """Of det N ``(3, n)``: of exp(i k s) from k = 0 to 2."""
+        N = equations @ _circle(_NODES)  # (n, 3, 3, nodes)
+        det = (N[:, 0] * np.cross(N[:, 1], N[:, 2], axis=1)).sum(axis=1)
+        return np.asarray(np.fft.fft(det, axis=1)[:, :3].T / _NODES)
+
+    def _of_two(self, equations: Array) -> NDArray[np.complex128]:
+        """The equation in s ``(5, n)`` where det N is zero everywhere: of N's null vector, whose length is known."""
+        first, second = (_MIXED @ (equations @ _circle(_MORE_NODES)).transpose(3, 0, 1, 2)).transpose(2, 0, 1, 3)
+        null = np.cross(first, second)  # (nodes, n, 3)
+        values = null[..., 1] ** 2 + null[..., 2] ** 2 - null[..., 0] ** 2
+        return np.asarray(np.fft.fft(values, axis=0)[:5] / _MORE_NODES)
+
+    def candidates(self, Ts: Array, liked: Array) -> Iterator[Candidates]:
+        """See ``Shape``: where the equations say little of joint 4 or 5 there are more of them."""
+        compiled = self._compiled(Ts)
+        plain, joints = self._plain(self._moved_by(Ts), liked) if compiled is None else compiled
+        if (rows := np.flatnonzero(plain)).size:
+            yield rows, joints[..., rows], np.zeros((*joints.shape[:2], rows.size), dtype=np.bool_)
+        if (rows := np.flatnonzero(~plain)).size:
+            yield rows, *self._loose(self._moved_by(Ts[rows]), liked[:, rows])
+
+    def _moved_by(self, Ts: Array) -> Array:
+        """Displacements of the hand from where it is at zero joint positions."""
+        return np.asarray(Ts @ se3.inverse(self.axes.T_frame0_last))
+
+    def _plain(self, moved: Array, liked: Array) -> tuple[NDArray[np.bool_], Array]:
+        """Where ``(n,)`` the equations say both joints 4 and 5, and candidates ``(4, 5, n)``."""
+        equations = self._equations(moved)
+        found, size = self._found(equations)
+        rest, single, _ = self._rest(equations, found, liked[self._last[1]])
+        return np.asarray(single.all(axis=0) & (size > _LOOSE)), self._joints(moved, found, rest[0])
+
+    def _compiled(self, Ts: Array) -> tuple[NDArray[np.bool_], Array] | None:
+        """``_plain`` in machine code; None where there is none."""
+        if (code := machine_code()) is None or Ts.dtype != np.float64:
+            return None
+        joints, plain = np.empty((len(Ts), _ROOTS, 5)), np.empty(len(Ts), dtype=np.bool_)
+        code.parallel_pair(self._numbers, np.ascontiguousarray(Ts), joints, plain)
+        return plain, joints.transpose(1, 2, 0)
+
+    @cached_property
+    def _numbers(self) -> Array:
+        """What the compiled candidates ask of the arm."""
+        axes, n = self.axes, self._n
+        equations = self._coefficients.reshape(3, 3, 3, 12)
+        parts = (
+            equations if self.third == 0 else equations.swapaxes(1, 2), se3.inverse(axes.T_frame0_last)[:3],
+            axes.directions[0], axes.origins[0], axes.directions, axes.origins,
+            [self.scale_m, self._sizes[0], self.third],
+            self.pair, [np.sign(n @ axes.directions[self.pair[0]])], plane_across(n)[0],
+        )  # fmt: skip
+        return np.concatenate([np.ravel(part).astype(np.float64) for part in parts])
+
+    def _found(self, equations: Array) -> tuple[Array, Array]:
+        """Positions ``(4, n)`` of joint s, and how large det N is ``(n,)`` beside its usual size."""
+        polynomial = self._polynomial(equations)
+        return _angles(polynomial), np.abs(polynomial).max(axis=0) / self._sizes[0]
+
+    def _loose(self, moved: Array, liked: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Candidates ``(k, 5, n)`` where joint s or t is free, or nearly; and which are free.
+
+        A joint s that is free is as it is liked, if the others allow it, else at places all around.
+        """
+        s, t = self._last
+        equations = self._equations(moved)
+        found, size = self._found(equations)
+        around = liked[s] + 2 * np.pi * np.arange(_TRIED)[:, None] / _TRIED
+        rest, _, _ = self._rest(equations, around[:1], liked[t])
+        ones = np.ones_like(rest)
+        of_s, of_t = (np.stack([ones, np.cos(each), np.sin(each)]) for each in (around[:1] + 0 * rest, rest))
+        missing = np.abs(np.einsum("niab,amkn,bmkn->imkn", equations, of_t, of_s)).max(axis=0).min(axis=(0, 1))
+        of_two = self._of_two(equations)
+        at_will = (size <= _NOTHING) & (np.abs(of_two).max(axis=0) <= _NOTHING * self._sizes[1])
+        found = np.where(at_will & (missing <= EXACT), around[:1], np.concatenate([found, _angles(of_two), around]))
+        rest, _, silent = self._rest(equations, found, liked[t])
+        found = np.broadcast_to(found, rest.shape).reshape(-1, len(moved))
+        joints = self._joints(moved, found, rest.reshape(found.shape))
+        free = np.zeros(joints.shape, dtype=np.bool_)
+        free[:, s], free[:, t] = at_will, np.concatenate([silent] * len(rest))
+        return joints, free
+
+    def _rest(self, equations: Array, found: Array, liked: Array) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
+        """Joint t ``(3, k, n)`` for positions ``(k, n)`` of s: by all equations, and the two of the strongest one.
+
+        Returns:
+            Also ``(k, n)`` where the first will do, and where none of them says anything of t.
+        """
+        turned = np.stack([np.ones_like(found), np.cos(found), np.sin(found)])
+        fixed, cosine, sine = np.einsum("niab,bkn->aikn", equations, turned)
+        A, B, C = (cosine**2).sum(axis=0), (cosine * sine).sum(axis=0), (sine**2).sum(axis=0)
+        right, ahead = -(cosine * fixed).sum(axis=0), -(sine * fixed).sum(axis=0)
+        least = np.arctan2(A * ahead - B * right, C * right - B * ahead)
+        along = np.arctan2(2 * B, A - C) / 2  # the direction that the equations say most of
+        e, f = np.cos(along), np.sin(along)
+        strongest = A * e * e + 2 * B * e * f + C * f * f
+        silent = strongest <= _NOTHING**2
+        height = (e * right + f * ahead) / np.where(silent, 1.0, strongest)
+        (roots,), _, _ = type_2(f, e, height, TINY, liked)
+        roots = np.where(silent, liked, roots)
+        return np.concatenate([least[None], roots]), A * C - B * B > _ALIKE * (A + C) ** 2, silent
+
+    def _joints(self, moved: Array, found: Array, rest: Array) -> Array:
+        """Joints ``(k, 5, n)`` for joints s and t ``(k, n)``: the third one turns n, the others what is left."""
+        axes, (s, t) = self.axes, self._last
+        out = np.empty((len(found), 5, found.shape[1]))
+        out[:, s], out[:, t] = found, rest
+        left = moved @ self._turned(4, -out[:, 4]) @ self._turned(3, -out[:, 3])  # what joints 1 to 3 do
+        z, n = axes.directions[self.third], self._n
+        if self.third:
+            left = se3.inverse(left)
+        way = -1.0 if self.third else 1.0
+        first = _turn_between(z, n, left[..., :3, :3] @ n)
+        out[:, self.third] = way * first
+        left = self._turned(self.third, -first) @ left
+        end, root = axes.origins[self.pair[1]], axes.origins[self.pair[0]]
+        there = left[..., :3, :3] @ end + left[..., :3, 3]
+        second = _turn_between(n, end - root, there - root)
+        across = plane_across(n)[0]
+        whole = _turn_between(n, across, left[..., :3, :3] @ across)
+        out[:, self.pair[0]] = way * float(np.sign(n @ axes.directions[self.pair[0]])) * second
+        out[:, self.pair[1]] = way * (whole - second)
+        return out
+
+    def _turned(self, joint: int, amount: Array) -> Array:
+        """Displacements ``(..., 4, 4)`` by one joint."""
+        R = se3.exp(amount[..., None] * self.axes.directions[joint])
+        return se3.pose(R, self.axes.origins[joint] - R @ self.axes.origins[joint])
+
+    def _moved(self, joints: Array) -> Array:
+        """Displacements ``(n, 4, 4)`` of the hand from where it is at zero joint positions ``(5, n)``."""
+        out = np.broadcast_to(np.eye(4), (joints.shape[1], 4, 4))
+        for joint in range(5):
+            out = out @ self._turned(joint, joints[joint])
+        return out
+
+    # The determinant
+
+    def factors(self) -> tuple[list[float], list[Named]]:
+        """See ``Shape``: how far the centre is from the parallel axes' plane, and what the two other joints do.
+
+        The parallel axes do not turn about m, across n and axis 5, and move the centre across n only: the other two
+        joints lift it along n.
+        """
+        named = ("elbow", self._elbow), ("shoulder", self._shoulder)
+        return [], [(name, fitted_factor(value, self.axes.prismatic, (1, 2, 3))) for name, value in named]
+
+    def _elbow(self, joints: Array) -> Array:
+        """Twice the area ``(n,)`` of the triangle of the parallel axes and the centre, at joints ``(n, 5)``."""
+        moves, turns = self._motions(joints)
+        first, second = self.pair
+        return np.asarray((np.cross(moves[first], moves[second]) * turns[first]).sum(axis=1))
+
+    def _shoulder(self, joints: Array) -> Array:
+        """What joint 4 and the third one lift the centre, where together they do not turn about m."""
+        moves, turns = self._motions(joints)
+        n = turns[self.pair[0]]
+        m = np.cross(n, turns[4])
+        third, fourth = ([(part * along).sum(axis=1) for part, along in ((turns[joint], m), (moves[joint], n))]
+                         for joint in (self.third, 3))  # fmt: skip
+        return np.asarray(third[0] * fourth[1] - fourth[0] * third[1])
+
+    def _motions(self, joints: Array) -> tuple[Array, Array]:
+        """How the joints, at positions ``(n, 5)``, move the centre, and turn: ``(5, n, 3)`` each."""
+        axes, moved, places, turns = (
+            self.axes,
+            np.broadcast_to(np.eye(4), (len(joints), 4, 4)),
+            list[Array](),
+            list[Array](),
+        )
+        for joint, amount in enumerate((joints * self.axes.sign).T):
+            places.append(moved[:, :3, :3] @ axes.origins[joint] + moved[:, :3, 3])
+            turns.append(moved[:, :3, :3] @ axes.directions[joint])
+            moved = moved @ self._turned(joint, amount)
+        end = se3.transform(axes.T_frame0_last, self.centre[None])[0]
+        return np.cross(turns, moved[:, :3, :3] @ end + moved[:, :3, 3] - np.array(places)), np.array(turns)
+
+    def moved(self, backwards: bool) -> str:
+        """See ``Shape``."""
+        seen = "axis 1, seen from the last frame," if backwards else "axis 5"
+        return f"the displacements of a point of {seen} and the turn across it and the parallel axes"
+
+    def rows(self, jacobian: Array) -> Array:
+        """See ``Shape``: of joints 1 to 4, the place, and the turn about m, across axis 5 and the parallel axes."""
+        m = np.cross(jacobian[3:, self.pair[0]], jacobian[3:, 4])
+        return np.concatenate([jacobian[:3, :4], (m @ jacobian[3:, :4])[None]])
+
+
+def _circle(count: int) -> Array:
+    """1, cosine and sine of angles all around ``(3, count)``."""
+    nodes = 2 * np.pi * np.arange(count) / count
+    return np.stack([np.ones(count), np.cos(nodes), np.sin(nodes)])
+
+
+def _angles(polynomial: NDArray[np.complex128]) -> Array:
+    """The roots ``(2 d, n)`` of trigonometric polynomials ``(d + 1, n)``, those off the unit circle by their angles."""
+    return np.angle(polynomial_roots(np.concatenate([polynomial[:0:-1].conj(), polynomial])))
+
+
+def _turning(axis: Array) -> Array:
+    """What of a rotation about an axis is fixed, and what goes with cosine and sine ``(3, 3, 3)``."""
+    along = np.outer(axis, axis)
+    return np.stack([along, np.eye(3) - along, se3.skew(axis)])
+
+
+def _turn_between(axis: Array, start: Array, end: Array) -> Array:
+    """Turns ``(...)`` about an axis that bring a direction ``(3,)`` nearest to others ``(..., 3)``."""
+    along, ahead = start - (start @ axis) * axis, np.cross(axis, start)
+    return np.asarray(np.arctan2(end @ ahead, end @ along))
+
+
+_ON_AXIS = 1e-6  # m: so near to a hinge's axis the place says little of its turn
+
+
+@dataclass(frozen=True)
+class TwoAxisWrist:
+    """Such an arm.
+
+    Attributes:
+        carrier: joints 1 to 3, where they are a classical carrier; ``three`` what else they are.
+        start: P ``(3,)`` m in frame 0 at zero joint positions, and ``centre`` in the last frame.
+    """
+
+    axes: Axes
+    carrier: Carrier | None
+    three: ThreeJoints
+    start: Array
+    centre: Array
+    repeats: bool = False
+
+    @classmethod
+    def of(cls, axes: Axes) -> "TwoAxisWrist | None":
+        """The shape of an arm of five joints; None where it is another."""
+        if any(axes.prismatic[3:]) or axes.parallel(3, 4):
+            return None
+        start, missed = meeting_point(axes.origins[3:], axes.directions[3:])
+        if missed > EXACT:
+            return None
+        three = ThreeJoints.by_axes(axes.first(3), start)
+        if three is None:
+            return None
+        carrier = Elbow.of(axes, start) or Telescope.of(axes, start) or Lift.of(axes, start)
+        centre = se3.transform(se3.inverse(axes.T_frame0_last), start[None])[0]
+        return cls(axes, carrier, three, start, centre)
+
+    @property
+    def roots(self) -> int:
+        """See ``Shape``."""
+        return self.three.branches if self.carrier is None else 2 * self.carrier.elbows
+
+    def candidates(self, Ts: Array, liked: Array) -> Iterator[Candidates]:
+        """See ``Shape``: where P is on a hinge's axis there are more of them."""
+        R = Ts[:, :3, :3] @ self.axes.T_frame0_last[:3, :3].T
+        place = (Ts[:, :3, :3] @ self.centre + Ts[:, :3, 3]).T
+        first, free = self._placed(place, liked[:3])  # (k, 3, n)
+        compiled = self._compiled(Ts, first)
+        found, near = (self._wrist(R, first), self._near(first)) if compiled is None else compiled
+        if not near.any():
+            yield slice(None), found, _with_wrist(free)
+            return
+        away, there = np.flatnonzero(~near), np.flatnonzero(near)
+        yield away, found[..., away], _with_wrist(free[..., away])
+        first, free = self._by_rotation(R[there], first[..., there], free[..., there])
+        yield there, self._wrist(R[there], first), _with_wrist(free)
+
+    def _wrist(self, R: Array, first: Array) -> Array:
+        """Candidates ``(k, 5, n)`` by their first three joints: axis 4 turns axis 5, which turns what is left."""
+        back = self._turned(first).swapaxes(2, 3) @ R  # (k, n, 3, 3)
+        a4, a5 = self.axes.directions[3:]
+        fourth = _turn_between_five_axes_wrist(a4, np.broadcast_to(a5, back.shape[:-1]), back @ a5)
+        left = se3.exp(-fourth[..., None] * a4) @ back
+        fifth = _turn_between_five_axes_wrist(a5, np.broadcast_to(self._across, back.shape[:-1]), left @ self._across)
+        return np.concatenate([first, fourth[:, None], fifth[:, None]], axis=1)
+
+    @property
+    def _across(self) -> Array:
+        """A direction across axis 5."""
+        a5 = self.axes.directions[4]
+        return np.asarray(np.cross(a5, np.eye(3)[np.argmin(np.abs(a5))]))
+
+    def _compiled(self, Ts: Array, first: Array) -> tuple[Array, NDArray[np.bool_]] | None:
+        """``_wrist`` and ``_near`` in machine code; None where there is none."""
+        if (code := machine_code()) is None or Ts.dtype != np.float64:
+            return None
+        count = first.shape[2]
+        out, near = np.empty((count, len(first), 5)), np.empty(count, dtype=np.bool_)
+        out[:, :, :3] = first.transpose(2, 0, 1)
+        code.two_axes(self._numbers, np.ascontiguousarray(Ts), out, near)
+        return out.transpose(1, 2, 0), near
+
+    @cached_property
+    def _numbers(self) -> Array:
+        """What the compiled wrist asks of the arm."""
+        back, axes = self.axes.T_frame0_last[:3, :3].T, self.axes
+        vectors = (self.start, back @ axes.directions[4], back @ self._across, self._across)
+        parts = (axes.prismatic[:3], axes.directions, axes.origins[:3], *vectors)
+        return np.concatenate([np.ravel(part).astype(np.float64) for part in parts])
+
+    def _placed(self, place: Array, liked: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Joints 1 to 3 ``(k, 3, n)`` that bring P to places ``(3, n)``."""
+        count = place.shape[1]
+        if self.carrier is not None:
+            shape = (1, self.carrier.elbows, 2, count)
+            angles, gap, free = np.empty((3, *shape)), np.empty(shape), np.zeros((3, *shape), dtype=np.bool_)
+            self.carrier.solve(place, liked, angles, gap, free)
+            return angles.reshape(3, -1, count).swapaxes(0, 1), free.reshape(3, -1, count).swapaxes(0, 1)
+        Ts = se3.pose(np.broadcast_to(np.eye(3), (count, 3, 3)), place.T - self.start)
+        sign = self.three.axes.sign
+        found = self.three.solve(Ts, liked.T * sign, nearest=False)
+        return (found.joints * sign).transpose(1, 2, 0), found.free.transpose(1, 2, 0)
+
+    def _by_rotation(self, R: Array, first: Array, free: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
+        """More candidates where P is on a hinge's axis: that hinge by the angle between axes 4 and 5."""
+        a4, a5 = self.axes.directions[3:]
+        for joint in (0, 1):
+            if self.axes.prismatic[joint] or not (near := self._on_axis(joint, first)).any():
+                continue
+            before, after = (self._turned(first, span) for span in (range(joint), range(joint + 1, 3)))
+            axis = self.axes.directions[joint]
+            held, wanted = after @ a4, before.swapaxes(2, 3) @ R @ a5
+            level = wanted - (wanted @ axis)[..., None] * axis
+            x = -(np.cross(axis, wanted) * held).sum(axis=-1)
+            z = float(a4 @ a5) - (wanted @ axis) * (held @ axis)
+            (roots,), _, (still,) = type_2(x, (level * held).sum(axis=-1), z, TINY, first[:, joint])
+            more = np.stack([first, first])
+            more[:, :, joint] = np.where(near, roots, more[:, :, joint])
+            flags = np.stack([free, free])
+            flags[:, :, joint] &= still | ~near
+            first = np.concatenate([first, *more])
+            free = np.concatenate([free, *flags])
+        return first, free
+
+    def _near(self, first: Array) -> NDArray[np.bool_]:
+        """``(n,)`` where P is on the axis of a hinge in one of the candidates."""
+        near = np.zeros(first.shape[2], dtype=np.bool_)
+        for joint in (0, 1):
+            if not self.axes.prismatic[joint]:
+                near |= self._on_axis(joint, first).any(axis=0)
+        return near
+
+    def _on_axis(self, joint: int, first: Array) -> NDArray[np.bool_]:
+        """``(k, n)`` where P, carried by the joints after it, is on a hinge's axis."""
+        at = np.broadcast_to(self.start[:, None], (3, first.shape[0] * first.shape[2]))
+        rows = first.transpose(1, 0, 2).reshape(3, -1)
+        for each in range(2, joint, -1):
+            at = self.axes.carried(each, rows[each], at)
+        lever = at - self.axes.origins[joint][:, None]
+        off = np.linalg.norm(np.cross(self.axes.directions[joint], lever, axisb=0), axis=1)
+        return np.asarray((off < _ON_AXIS).reshape(first.shape[0], -1))
+
+    def _turned(self, first: Array, span: range = range(3)) -> Array:
+        """Rotations ``(k, n, 3, 3)`` of the last of some joints, from where it is at zero joint positions."""
+        R = np.broadcast_to(np.eye(3), (first.shape[0], first.shape[2], 3, 3))
+        for joint in span:
+            if not self.axes.prismatic[joint]:
+                R = R @ se3.exp(first[:, joint, :, None] * self.axes.directions[joint])
+        return np.asarray(R)
+
+    def factors(self) -> tuple[list[float], list[Named]]:
+        """See ``Shape``: those of joints 1 to 3."""
+        found = self.three.determinant
+        return list(found.lengths), [(each.name, each.terms) for each in found.factors]
+
+    def moved(self, backwards: bool) -> str:
+        """See ``Shape``."""
+        meet = "axes 1 and 2 meet, seen from the last frame" if backwards else "axes 4 and 5 meet"
+        return f"the displacements of where {meet}"
+
+    def rows(self, jacobian: Array) -> Array:
+        """See ``Shape``: of joints 1 to 3, the place."""
+        return jacobian[:3, :3]
+
+
+def _with_wrist(free: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """What is free ``(k, 5, n)`` of all joints, of which the last two never are."""
+    return np.concatenate([free, np.zeros_like(free[:, :2])], axis=1)
+
+
+def _turn_between_five_axes_wrist(axis: Array, start: Array, end: Array) -> Array:
+    """Turns ``(...)`` about an axis that bring directions ``(..., 3)`` nearest to others."""
+    along, ahead = start - (start @ axis)[..., None] * axis, np.cross(axis, start)
+    return np.asarray(np.arctan2((ahead * end).sum(axis=-1), (along * end).sum(axis=-1)))
+
 
 _STEPS = 4
 _NEAR = 1e-2  # of a pose (m, rad): a candidate farther off is no solution

@@ -5,19 +5,233 @@ Two joints bring a point of the last link somewhere, whatever the rotation; thre
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lab.core import se3
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.extensions.robotics.inverse.khalil_one_unknown import unless_tiny
-from lab.extensions.robotics.inverse.planar_joints import PlanarJoints
-from lab.kinematics.inverse.closed_form import EXACT, Axes, Determinant, Solutions, determinant, plane_across
+from lab.extensions.robotics.inverse.first_joints import BEND, Named, slid
+from lab.extensions.robotics.inverse.khalil_equations import ROUNDING, TINY, type_1, type_8, type_10, unless_tiny
+from lab.kinematics.inverse.closed_form import (
+    EXACT,
+    Axes,
+    Determinant,
+    Solutions,
+    Term,
+    determinant,
+    in_plane,
+    plane_across,
+    real_part,
+)
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
 
-__all__ = ["PlanarArm"]
+__all__ = ["PlanarArm", "PlanarJoints", "Scara"]
+
+Complex = NDArray[np.complex128]
+_Pair = tuple[Array, Array, Array, NDArray[np.bool_], NDArray[np.bool_]]  # two unknowns, the gap, and which are free
+
+
+@dataclass(frozen=True)
+class PlanarJoints:
+    """Such joints at zero joint positions; angles and ways here are along their axes.
+
+    Attributes:
+        joints: which of the arm's they are.
+        turning: of each 1 where a hinge's axis points as the plane's normal does, else -1; 1 of a slide.
+        places: of each hinge (m), from the plane's origin; ``ways`` of each slide, of unit length.
+        hand: the point that is brought somewhere (m).
+        turned: whether a turn is asked for beside the place.
+    """
+
+    joints: tuple[int, ...]
+    prismatic: tuple[bool, ...]
+    turning: tuple[float, ...]
+    places: tuple[complex, ...]
+    ways: tuple[complex, ...]
+    hand: complex
+    turned: bool
+
+    @classmethod
+    def of(
+        cls, axes: Axes, joints: tuple[int, ...], plane: Array, hand: Array, origin: Array | float = 0.0
+    ) -> "PlanarJoints | None":
+        """Some joints of an arm, if they move in a plane (rows e, f, its normal) and bring a point anywhere there.
+
+        Args:
+            hand: the point ``(3,)`` m in frame 0; ``origin`` the plane's.
+        """
+        normal = plane[2]
+        for joint in joints:
+            direction = axes.directions[joint]
+            across = np.linalg.norm(np.cross(direction, normal))
+            if (abs(float(direction @ normal)) if axes.prismatic[joint] else float(across)) > EXACT:
+                return None
+        slides = tuple(axes.prismatic[joint] for joint in joints)
+        if len(joints) not in (2, 3) or (len(joints) == 3 and all(slides)):
+            return None
+        turning = tuple(1.0 if axes.prismatic[j] else float(np.sign(axes.directions[j] @ normal)) for j in joints)
+        places = tuple(in_plane(plane, axes.origins[j] - origin) for j in joints)
+        ways = tuple(in_plane(plane, axes.directions[j]) for j in joints)
+        made = cls(joints, slides, turning, places, ways, in_plane(plane, hand - origin), len(joints) == 3)
+        lengths = [] if len(made._slides) == 1 and made._after(made._slides[0]) == 1 else map(abs, made._lengths)
+        still = len(made._slides) == 2 and not made._between and _parallel(*(made.ways[i] for i in made._slides))
+        return None if min(lengths, default=1.0) < EXACT or still else made
+
+    # What the joints are
+
+    @cached_property
+    def _hinges(self) -> tuple[int, ...]:
+        return tuple(i for i, slides in enumerate(self.prismatic) if not slides)
+
+    @cached_property
+    def _slides(self) -> tuple[int, ...]:
+        return tuple(i for i, slides in enumerate(self.prismatic) if slides)
+
+    @cached_property
+    def _ends(self) -> tuple[complex, ...]:
+        """The hinges' places, and the hand's."""
+        return (*(self.places[i] for i in self._hinges), self.hand)
+
+    @cached_property
+    def _lengths(self) -> tuple[complex, ...]:
+        """Those that unknown hinges turn."""
+        every = [b - a for a, b in zip(self._ends, self._ends[1:], strict=False)]
+        return tuple(every[:-1] if self.turned else every)
+
+    @property
+    def _between(self) -> bool:
+        """Whether a hinge stands between two slides."""
+        return len(self._slides) == 2 and self._slides[1] - self._slides[0] == 2
+
+    def _after(self, slide: int) -> int:
+        """How many hinges turn a slide."""
+        return sum(hinge < slide for hinge in self._hinges)
+
+    @property
+    def roots(self) -> int:
+        """How many solutions there are."""
+        return 1 if len(self._slides) == 2 else 2
+
+    # Their positions
+
+    def solve(self, place: Complex, turn: Array | None, liked: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+        """All positions that bring the hand to places ``(...)``, turned by ``turn`` where that is asked for.
+
+        Args:
+            liked: ``(joints, ...)`` what free joints take.
+
+        Returns:
+            Positions ``(roots, joints, ...)``, the gap ``(...)`` m, and what is free ``(joints, ...)``.
+        """
+        rest = place - self._ends[0]
+        last = np.zeros_like(place.real) if turn is None else turn
+        if self.turned:
+            rest = rest - np.exp(1j * last) * (self._ends[-1] - self._ends[-2])
+        size = np.abs(place) + sum(map(abs, self._lengths), start=1e-3)
+        pair = self._two_slides if len(self._slides) == 2 else self._one_slide if self._slides else self._no_slide
+        first, second, gap, free_1, free_2 = pair(rest, last, liked, size)
+        values = np.empty((self.roots, len(self.joints), *place.shape))
+        free = np.zeros((len(self.joints), *place.shape), dtype=np.bool_)
+        unknown = [*self._hinges[: len(self._lengths)], *self._slides]
+        if not self._slides:  # two turns: of the first hinge, and of both
+            values[:, unknown[0]], values[:, unknown[1]] = first, second - first
+        else:
+            values[:, unknown[0]], values[:, unknown[1]] = first, second
+        free[unknown[0]], free[unknown[1]] = free_1, free_2
+        if self.turned:
+            others = [i for i in self._hinges if i != self._hinges[-1]]
+            values[:, self._hinges[-1]] = last - values[:, others].sum(axis=1)
+        return values * np.reshape(self.turning, (-1, *(1,) * place.ndim)), gap, free
+
+    def _no_slide(self, rest: Complex, last: Array, liked: Array, size: Array) -> _Pair:
+        """Two hinges: a triangle."""
+        (x, y), hinge = self._lengths, self._hinges[0]
+        bent, bent_2 = float(np.angle(x)), float(np.angle(y))
+        favourite = liked[hinge] * self.turning[hinge] + bent
+        (root, elbow), gap, (free, _) = type_8(abs(x), abs(y), rest.real, rest.imag, TINY, (favourite, 0.0), BEND)
+        return root - bent, root + elbow - bent_2, gap, free, np.zeros_like(free)
+
+    def _one_slide(self, rest: Complex, last: Array, liked: Array, size: Array) -> _Pair:
+        """A hinge and a slide: a line across a circle."""
+        hinge, slide, (length,) = self._hinges[0], self._slides[0], self._lengths
+        way, favourite = self.ways[slide], liked[hinge] * self.turning[hinge]
+        if self._after(slide) == 1:
+            turned = rest * np.conj(way)
+            roots = slid(turned.real, turned.imag, length * way.conjugate(), favourite, liked[slide])
+            (turn, way_out), (turn_free, out_free) = roots.values, roots.free
+            return turn, way_out, roots.gap, turn_free, out_free
+        along = way * np.exp(1j * last) if self._after(slide) == 2 else np.broadcast_to(way, rest.shape)
+        seen, start = rest * np.conj(along), np.angle(length * np.conj(along))
+        (angle,), gap, (free,) = type_10(abs(length), seen.imag, TINY, favourite + start)
+        gap = np.where(np.abs(seen.imag) - abs(length) <= ROUNDING * size, 0.0, gap)
+        return angle - start, seen.real - abs(length) * np.cos(angle), gap, free, np.zeros_like(free)
+
+    def _two_slides(self, rest: Complex, last: Array, liked: Array, size: Array) -> _Pair:
+        """Two slides: a parallelogram, of which one side is as it is liked where they are parallel."""
+        first, second = (
+            self.ways[i] * np.exp(1j * last) if self._after(i) else np.broadcast_to(self.ways[i], rest.shape)
+            for i in self._slides
+        )
+        across = np.imag(np.conj(first) * second)
+        free = np.abs(across) <= TINY
+        b = np.where(free, liked[self._slides[1]], np.imag(np.conj(first) * rest) / np.where(free, 1.0, across))
+        left = np.conj(first) * (rest - b * second)
+        gap = unless_tiny(np.where(free, np.abs(left.imag), 0.0), ROUNDING * size)
+        return left.real[None], b[None], gap, free, free
+
+    # Where they are singular
+
+    def factors(self, sign: Array) -> tuple[list[float], list[Named]]:
+        """Of the determinant of place and turn by these joints, but for its sign: lengths (m), and named factors.
+
+        Args:
+            sign: ``(n,)`` of all joint positions of the arm.
+        """
+
+        def angle(i: int) -> tuple[int, float]:
+            return self.joints[i], float(self.turning[i] * sign[self.joints[i]])
+
+        if not self._slides:
+            (x, y), second = self._lengths, self._hinges[1]
+            return [abs(x)], [("elbow", real_part(-1j * x.conjugate() * y / abs(x), [angle(second)])[::-1])]
+        way = self.ways[self._slides[0]]
+        if len(self._slides) == 2:
+            other = self.ways[self._slides[1]]
+            across = -1j * way.conjugate() * other
+            if not self._between:
+                return [abs(across.real)], []
+            return [], [("slides", real_part(across, [angle(self._hinges[0])]))]
+        (length,), slide, hinge = self._lengths, self._slides[0], self._hinges[0]
+        joint = self.joints[slide]
+        if self._after(slide) == 1:
+            return [], [("slide", [Term(float(sign[joint]), slides=(joint,)), Term((length * way.conjugate()).real)])]
+        if self._after(slide) == 0:
+            return [], [("slide", real_part(way.conjugate() * length, [angle(hinge)]))]
+        return [], [("slide", real_part(way * length.conjugate(), [angle(self._hinges[1])]))]
+
+    def place_along(self, direction: complex, sign: Array) -> list[Term]:
+        """Of the hand's place the part along a direction: Re(conj(direction) place)."""
+        level, terms = direction.conjugate(), list[Term]()
+        turned, ends = list[tuple[int, float]](), list(self._ends)
+        terms += real_part(level * ends[0], [])
+        for i, slides in enumerate(self.prismatic):
+            joint = self.joints[i]
+            if slides:
+                terms += real_part(level * self.ways[i] * float(sign[joint]), turned, slides=(joint,))
+            else:
+                turned = [*turned, (joint, float(self.turning[i] * sign[joint]))]
+                k = self._hinges.index(i)
+                terms += real_part(level * (ends[k + 1] - ends[k]), turned)
+        return terms
+
+
+def _parallel(a: complex, b: complex) -> bool:
+    return abs((a.conjugate() * b).imag) <= EXACT
+
 
 _IN_PLANE_M = 1e-11
 
@@ -124,3 +338,116 @@ class PlanarArm:
         tilt = np.arctan2(np.hypot(M[:, 2, 0], M[:, 2, 1]), M[:, 2, 2])
         turn = np.arctan2(M[:, 1, 0] - M[:, 0, 1], M[:, 0, 0] + M[:, 1, 1])
         return turn, np.where(tilt <= EXACT, 0.0, tilt)
+
+
+@dataclass(frozen=True)
+class Scara:
+    """Such an arm, by its axes in frame 0 at zero joint positions.
+
+    Attributes:
+        hinges, slide: which joints they are.
+        up: ``(4,)`` 1 where an axis points as that of the first hinge does, else -1, times the joint position's sign.
+        plane: ``(3, 3)`` rows e and f, across the axes, and w, along that of the first hinge.
+        root: on it ``(3,)`` m.
+        upper, fore: in the plane (m): the second hinge from the first one, and the third from the second.
+        height: of the wrist over the root, along w (m), the slide drawn in.
+        wrist: where the third hinge is ``(3,)`` in the last frame (m).
+        R_frame0_last: rotation ``(3, 3)`` of the last frame.
+    """
+
+    chain: Chain
+    hinges: tuple[int, ...]
+    slide: int
+    up: Array
+    plane: Array
+    root: Array
+    upper: complex
+    fore: complex
+    height: float
+    wrist: Array
+    R_frame0_last: Array
+    branches: int = 2
+    by_point: bool = False
+    exact_only: bool = False
+    numbered: bool = True
+    moved: str = "all displacements and the turn about the axes"
+
+    @classmethod
+    def of(cls, chain: Chain) -> "Scara | None":
+        """The closed form of a nominal model; None where its shape is another."""
+        if chain.size != 4 or sum(chain.prismatic) != 1:
+            return None
+        axes, slide = Axes.of(chain), chain.prismatic.index(True)
+        hinges = tuple(i for i in range(4) if i != slide)
+        if not all(axes.parallel(0, i) for i in range(1, 4)):
+            return None
+        root, elbow, wrist = axes.origins[list(hinges)]
+        w = axes.directions[hinges[0]]
+        plane = plane_across(w)
+        upper, fore = in_plane(plane, elbow - root), in_plane(plane, wrist - elbow)
+        if min(abs(upper), abs(fore)) < EXACT:
+            return None
+        return cls(
+            chain=chain,
+            hinges=hinges,
+            slide=slide,
+            up=np.sign(axes.directions @ w) * chain.sign,
+            plane=plane,
+            root=root,
+            upper=upper,
+            fore=fore,
+            height=float(w @ (wrist - root)),
+            wrist=se3.transform(se3.inverse(axes.T_frame0_last), wrist[None])[0],
+            R_frame0_last=axes.T_frame0_last[:3, :3],
+        )
+
+    @property
+    def determinant(self) -> Determinant:
+        """Of x, y, z of the last hinge and the turn about w, in a right-handed frame whose z is w."""
+        across = np.conj(self.upper) * self.fore / abs(self.upper)
+        elbow = real_part(-1j * across, [(self.hinges[1], float(self.up[self.hinges[1]]))])
+        sign = float(np.prod(self.up)) * (-1.0) ** self.slide  # the slide's column moved to the third place
+        return determinant(self.chain.joint_names, sign, [abs(self.upper)], [("elbow", elbow)])
+
+    def nearest_rotations(self, Rs_frame0_last: Array) -> Array:
+        """See ``ClosedForm``: turned about w alone."""
+        return self._at(self._turn(Rs_frame0_last)[0])
+
+    def solve(self, Ts_frame0_last: Array, reference: Array | float = 0.0) -> Solutions:
+        """See ``ClosedForm``. Where a pose is tilted its place is met, turned as near to it as can be."""
+        count = len(Ts_frame0_last)
+        yaw, tilt = self._turn(Ts_frame0_last[:, :3, :3])
+        liked = np.broadcast_to(reference, (count, 4)) * self.up
+        e, f, w = self.plane @ (Ts_frame0_last[:, :3, 3] + self._at(yaw) @ self.wrist - self.root).T
+        bent = float(np.angle(self.upper))
+        first, second, third = self.hinges
+        (shoulder, elbow), gap, (free, _) = type_8(
+            abs(self.upper), abs(self.fore), e, f, TINY, (liked[:, first] + bent, 0.0), BEND
+        )
+        joints = np.empty((count, 2, 4))
+        joints[:, :, first] = (shoulder - bent).T
+        joints[:, :, second] = (elbow + bent - np.angle(self.fore)).T
+        joints[:, :, third] = yaw[:, None] - joints[:, :, first] - joints[:, :, second]
+        hinges = list(self.hinges)
+        joints[:, :, hinges] -= 2 * np.pi * np.round(joints[:, :, hinges] / (2 * np.pi))
+        joints[:, :, self.slide] = type_1(1.0, w - self.height).values[0].T
+        frees = np.zeros(joints.shape, dtype=np.bool_)
+        frees[:, :, first] = free[:, None]
+        shape = (count, 2)
+        return Solutions(
+            joints * self.up,
+            np.broadcast_to(gap[:, None], shape).copy(),
+            np.broadcast_to(tilt[:, None], shape).copy(),
+            frees,
+        )
+
+    def _turn(self, Rs: Array) -> tuple[Array, Array]:
+        """How far ``(n,)`` rad rotations are turned about w, and how far they are tilted then."""
+        M = self.plane @ Rs @ self.R_frame0_last.T @ self.plane.T
+        tilt = np.arctan2(np.hypot(M[:, 2, 0], M[:, 2, 1]), M[:, 2, 2])
+        yaw = np.arctan2(M[:, 1, 0] - M[:, 0, 1], M[:, 0, 0] + M[:, 1, 1])
+        return yaw, np.where(tilt <= EXACT, 0.0, tilt)
+
+    def _at(self, yaw: Array) -> Array:
+        """Rotations ``(n, 3, 3)`` of the last frame, turned about w."""
+        return np.asarray(se3.exp(yaw[:, None] * self.plane[2]) @ self.R_frame0_last)

@@ -1,12 +1,10 @@
 """Choose the closed form of a nominal model's inverse; registered as ``lab.inverses``."""
 
 from lab.core.se3 import Array
+from lab.extensions.robotics.inverse.first_joints import ThreeJoints
 from lab.extensions.robotics.inverse.five_axes import FiveAxes
-from lab.extensions.robotics.inverse.planar import PlanarArm
-from lab.extensions.robotics.inverse.scara import Scara
-from lab.extensions.robotics.inverse.spherical_wrist import SphericalWrist
-from lab.extensions.robotics.inverse.three_joints import ThreeJoints
-from lab.extensions.robotics.inverse.three_parallel import ThreeParallel
+from lab.extensions.robotics.inverse.planar import PlanarArm, Scara
+from lab.extensions.robotics.inverse.six_axes import SphericalWrist, ThreeParallel
 from lab.kinematics.inverse.closed_form import ClosedForm
 from lab.kinematics.serial.chain import Chain
 

@@ -5,10 +5,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lab.campaign.model_files import description_of, sha256_of
-from lab.formats.dh_table_toml import read_table
-from lab.formats.links_toml import described_links
-from lab.formats.robot_toml import is_mechanism
+from lab.campaign.robot import description_of, sha256_of
+from lab.formats.robot_toml import described_links, is_mechanism, read_table
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
 from lab.kinematics.serial.arm import SerialArm

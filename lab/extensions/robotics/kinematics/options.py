@@ -10,8 +10,8 @@ import tyro
 from lab.campaign.option_types import Flag, Names, NoRecording, Numbers
 from lab.core import se3
 from lab.core.errors import LabError
+from lab.core.limits import OPTION_SIZE, QUATERNION_NORM
 from lab.core.orientation import AngleConvention
-from lab.core.ranges import OPTION_SIZE, QUATERNION_NORM
 from lab.core.se3 import Array
 from lab.formats.orientations import rotation_from_angles
 from lab.kinematics.inverse.newton import PoseTarget

@@ -8,20 +8,28 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from lab.core.se3 import Array
-from lab.extensions.robotics.kinematics.document import MOST_DRAWN, frames_of
-from lab.extensions.robotics.kinematics.result import KinematicsResult
+from lab.extensions.robotics.kinematics.result import MOST_DRAWN, KinematicsResult, frames_of
 from lab.kinematics.model import RigidArm
 from lab.render.markdown import to_markdown
-from lab.render.recording_layout import SUMMARY, backdrop, eye_on_arm, layout, main_view
-from lab.render.rerun_primitives import Times, draw_legs, draw_shells, markdown, recording_to
-from lab.render.scene import drawn_rows, moved, world_legs
-from lab.render.skeleton import skeleton
+from lab.render.recording import (
+    SUMMARY,
+    Times,
+    backdrop,
+    draw_legs,
+    draw_shells,
+    eye_on_arm,
+    layout,
+    main_view,
+    markdown,
+    recording_to,
+)
+from lab.render.scene import drawn_rows, moved, skeleton, world_legs
 from lab.render.style import RGB_AXES, RGB_CURRENT, RGB_LEG, RGB_ROD
 from lab.simulation.meshes import arm_shells, body_poses
 
 __all__ = ["record_kinematics"]
 
-GALLERY = "gallery"
+_GALLERY = "gallery"
 _APART = 1.25  # reaches between placements that stand side by side
 _AXIS = 0.12  # of the reach: how long a frame's axes are
 
@@ -49,7 +57,7 @@ def record_kinematics(path: Path, result: KinematicsResult) -> None:
         names = [each.name for each in shown[:MOST_DRAWN]]  # its configuration stands in the summary
         for i, name in enumerate(names):
             _stand_beside(recording, result, arm, i, name, reach, {k: T[i] for k, T in bodies.items()}, legs.ends[i])
-            _draw_frames(recording, f"{GALLERY}/placement{i + 1}/frames", [], frames[i : i + 1], _AXIS * reach)
+            _draw_frames(recording, f"{_GALLERY}/placement{i + 1}/frames", [], frames[i : i + 1], _AXIS * reach)
         recording.send_blueprint(_blueprint(origins, reach, len(names)))
 
 
@@ -64,7 +72,7 @@ def _stand_beside(
     legs: Array,
 ) -> None:
     """One placement in its row of the gallery, with its name above it."""
-    under = f"{GALLERY}/placement{i + 1}"
+    under = f"{_GALLERY}/placement{i + 1}"
     recording.log(under, rr.Transform3D(translation=(0.0, _APART * reach * i, 0.0)), static=True)
     draw_shells(recording, [], arm_shells(result.robot.whole.model), {k: T[None] for k, T in bodies.items()}, under)
     measured = arm.skeleton(arm.chain.home[None], arm.nominal()).measured
@@ -100,6 +108,6 @@ def _blueprint(origins: Array, reach: float, count: int) -> rrb.Blueprint:
         kind=rrb.Eye3DKind.Orbital, position=middle + np.array([max(2.2, 0.75 * count) * reach, 0.0, 0.8 * reach]),
         look_target=middle, eye_up=(0.0, 0.0, 1.0),
     )  # fmt: skip
-    gallery = rrb.Spatial3DView(origin=GALLERY, name="Side by side", eye_controls=controls, background=backdrop())
+    gallery = rrb.Spatial3DView(origin=_GALLERY, name="Side by side", eye_controls=controls, background=backdrop())
     text = rrb.TextDocumentView(origin=SUMMARY, name="Summary")
     return layout(rrb.Vertical(single, gallery), rrb.Vertical(text), "pose")

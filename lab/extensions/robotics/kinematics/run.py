@@ -7,23 +7,29 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lab.commands.keywords import options_of, takes
+from lab.commands.command_line import options_of, takes
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.limits import PLACED
 from lab.core.se3 import Array
-from lab.extensions.robotics.kinematics.matrices import Matrices
 from lab.extensions.robotics.kinematics.nominal_robot import NominalRobot, nominal_robot
 from lab.extensions.robotics.kinematics.options import KinematicsOptions
-from lab.extensions.robotics.kinematics.placement import Placement, Task, placements
-from lab.extensions.robotics.kinematics.result import KinematicsResult, Reached
-from lab.extensions.robotics.kinematics.solutions import Solution, Solver, matching
+from lab.extensions.robotics.kinematics.result import (
+    KinematicsResult,
+    Matrices,
+    Placement,
+    Reached,
+    Solution,
+    Solver,
+    Task,
+    matching,
+    placements,
+)
 from lab.extensions.robotics.kinematics.symbolic import SymbolicChain, symbolic_chain
-from lab.formats.joint_csv import holds_targets, read_joints
-from lab.formats.target_csv import read_targets
+from lab.formats.target_csv import holds_targets, read_joints, read_targets
+from lab.kinematics.closed.mobility import mobility_of
 from lab.kinematics.inverse.closed_form import closed_form_of
 from lab.kinematics.inverse.newton import PoseTarget
-from lab.kinematics.mobility import mobility_of
 from lab.kinematics.model import RigidArm
 from lab.kinematics.serial.arm import SerialArm
 
@@ -174,8 +180,7 @@ class _Model:
         mechanism = self.robot.chain
         if not mechanism.has_loops:
             return np.empty((0, 4, 4))
-        from lab.extensions.robotics.closed.modes import assembly_modes
-        from lab.extensions.robotics.closed.recognition import classical_model_of
+        from lab.extensions.robotics.closed.recognition import assembly_modes, classical_model_of
         from lab.kinematics.closed.mechanism import Mechanism
 
         course = classical_model_of(mechanism) if isinstance(mechanism, Mechanism) and placed else None

@@ -26,9 +26,9 @@ from lab.core.se3 import Array
 from lab.kinematics.inverse.newton import FREEDOMS, PoseTarget, reach
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
-from lab.kinematics.trajectory.phases import Trajectory
+from lab.kinematics.trajectory.profiles import Trajectory
 
-__all__ = ["CartesianPath", "Feed", "PathMove", "arc", "line", "path_move", "quickest_pace"]
+__all__ = ["CartesianPath", "Feed", "PathMove", "arc", "line", "path_move"]
 
 _WAYS, _SHARES = 20, 6  # shapes that are tried first
 _AROUND, _ROUNDS = (-0.6, -0.3, 0.0, 0.3, 0.6), 3  # of trying again, nearer to the best
@@ -37,7 +37,7 @@ _PLACES = 2049  # on the path, at which slopes are known to choose
 _TOGETHER = 1 + 1e-12  # of a time, so that rounding passes no limit
 
 
-def quickest_pace(chain: JointSpec, joints: BSpline, rates: Sequence[tuple[float, float]]) -> Trajectory:
+def _quickest_pace(chain: JointSpec, joints: BSpline, rates: Sequence[tuple[float, float]]) -> Trajectory:
     """The place s from 0 to 1 over time, from rest to rest, as a trajectory of one joint.
 
     Args:
@@ -324,7 +324,7 @@ def path_move(
         (path.turn_rad, feed.turn_rad_s, feed.turn_rad_s2),
     )
     rates = [(speed / size, pull / size) for size, speed, pull in sizes if size > _LEAST_M]
-    return PathMove(arm, values, path, turned, nodes, joints, quickest_pace(chain, spline, rates))
+    return PathMove(arm, values, path, turned, nodes, joints, _quickest_pace(chain, spline, rates))
 
 
 @dataclass(frozen=True)

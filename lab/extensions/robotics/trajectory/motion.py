@@ -3,9 +3,10 @@
 Moves of several kinds one after the other: phases of the joints, and paths of the tool.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 from typing import Literal, Protocol
 
 import numpy as np
@@ -14,17 +15,35 @@ from numpy.typing import NDArray
 from lab.core import se3
 from lab.core.errors import LabError, error_context
 from lab.core.se3 import Array
-from lab.extensions.robotics.kinematics.solutions import Solver
+from lab.extensions.robotics.kinematics.result import Solver
 from lab.extensions.robotics.trajectory.cartesian import CartesianPath, arc, line, path_move
 from lab.extensions.robotics.trajectory.options import TrajectoryOptions
 from lab.extensions.robotics.trajectory.path_csv import PathRows
-from lab.kinematics.differential import rates
+from lab.kinematics.differential import SINGULAR_M, WEIGHTS, rates
+from lab.kinematics.dynamics.gravity import LinkLoads
+from lab.kinematics.effects.arm import Arm, ArmWithEffects
 from lab.kinematics.inverse.newton import PoseTarget
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
+from lab.kinematics.serial.arm import SerialArm
+from lab.kinematics.serial.walk import RIGID, Torsors
 from lab.kinematics.trajectory.trajectory import blended, common_phases, independent, own_phases, through
 
-__all__ = ["Leg", "Motion", "Move", "planned"]
+__all__ = [
+    "Correction",
+    "ElasticErrors",
+    "Leg",
+    "Motion",
+    "Move",
+    "ToolAt",
+    "Tracking",
+    "bent_links",
+    "compensated",
+    "elastic_errors",
+    "greville",
+    "planned",
+    "tracking",
+]
 
 
 class Move(Protocol):
@@ -260,3 +279,222 @@ class _Planner:
             return np.asarray(self.arm.tool(self.rows.joints[i : i + 1], self.values)[0][0])
         rotation = self.rows.rotations[i]
         return se3.pose(rotation if np.isfinite(rotation).all() else T_before[:3, :3], self.rows.positions[i])
+
+
+ToolAt = Callable[[Array], tuple[Array, Array]]
+"""X_d = F_d(q, u): joint positions ``(n, joints)`` to the deformed arm's tool ``(n, 4, 4)`` there, and its Jacobian
+``(n, 6, joints)`` (``SerialArm.tool``): a model of deformations, its loads in it."""
+
+_ROUNDS = 30
+_SETTLED = 1e-12  # m, a radian as ``ROTATION_M``: what is left of the components that can be made
+_LEAST = 1e-9  # of a column beside those before it, that counts as none
+
+
+@dataclass(frozen=True)
+class ElasticErrors:
+    """How far the deformed arm's tool is from the rigid one's, m and rad (a rotation vector), in the tracker's frame.
+
+    Attributes:
+        total: ``(n, 6)``.
+        by_link: ``(n, links, 6)``, of each link alone, all others rigid; they add up to first order.
+        links: which links those are, from 0.
+    """
+
+    total: Array
+    by_link: Array
+    links: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Correction:
+    """Joint positions that let the deformed arm's tool be where the rigid arm's would be.
+
+    Attributes:
+        joints: ``(n, joints)`` q_C.
+        made: ``(6,)`` which components (x y z rx ry rz) are made up for; the others no joint can make as well.
+        left: ``(n, 6)`` what is left of the elastic error, m and rad.
+        rounds: how many iterations it took.
+    """
+
+    joints: Array
+    made: NDArray[np.bool_]
+    left: Array
+    rounds: int
+
+
+def elastic_errors(arm: SerialArm, values: Array, joints: Array, torsors: Torsors, target: int = 0) -> ElasticErrors:
+    """The elastic errors of a target at joint positions ``(n, joints)``, for parameters ``(p,)``."""
+    rigid = arm.tool(joints, values, target)[0]
+    alone = [_error_between(rigid, arm.tool(joints, values, target, {link: each})[0]) for link, each in torsors.items()]
+    total = _error_between(rigid, arm.tool(joints, values, target, torsors)[0])
+    return ElasticErrors(total, np.stack(alone, axis=1) if alone else np.zeros((len(joints), 0, 6)), tuple(torsors))
+
+
+def compensated(rigid: tuple[Array, Array], joints: Array, deformed: ToolAt) -> Correction:
+    """Bring the deformed arm's tool to where joint positions ``(n, joints)`` bring the rigid arm's.
+
+    The components that are made up for are the first ones, in the order x y z rx ry rz, that are independent where the
+    joints are: of a planar arm with two joints, x and y.
+
+    Args:
+        rigid: the rigid arm's tool ``(n, 4, 4)`` at the joint positions, and its Jacobian ``(n, 6, joints)``.
+        deformed: the deformed arm's.
+    """
+    wanted, made = rigid[0], _can_be_made(rigid[1])
+    moved, rounds = joints.astype(np.float64), 0
+    while True:
+        Ts, jacobian = deformed(moved)
+        left = _error_between(wanted, Ts)
+        if rounds == _ROUNDS or np.abs(left[:, made] * WEIGHTS[made]).max(initial=0.0) <= _SETTLED:
+            return Correction(moved, made, left, rounds)
+        weighted = WEIGHTS[made, None] * jacobian[:, made]
+        inverse = np.stack([greville(each) for each in weighted])
+        moved = moved - (inverse @ (WEIGHTS[made] * left[:, made])[:, :, None])[:, :, 0]
+        rounds += 1
+
+
+def greville(matrix: Array) -> Array:
+    """The pseudo-inverse ``(c, r)`` of a matrix ``(r, c)``, column by column (Greville 1960).
+
+    With d = A+ a the coordinates of the next column a among those before, and c = a - A d what is new in it, the next
+    row b is c' / c'c, or d' A+ / (1 + d'd) where nothing is new; the rows above become A+ - d b.
+    """
+    rows, columns = matrix.shape
+    inverse = np.zeros((0, rows))
+    least = _LEAST * max(float(np.linalg.norm(matrix)), 1e-300)
+    for k in range(columns):
+        column = matrix[:, k]
+        among = inverse @ column
+        new = column - matrix[:, :k] @ among
+        if np.linalg.norm(new) > least:
+            row = new / (new @ new)
+        else:
+            row = among @ inverse / (1 + among @ among) if k else np.zeros(rows)
+        inverse = np.concatenate([inverse - np.outer(among, row), row[None]])
+    return inverse
+
+
+def _error_between(rigid: Array, deformed: Array) -> Array:
+    """DX = X_D - X_R of poses ``(n, 4, 4)``: ``(n, 6)`` m, and the rotation vector (rad) in the tracker's frame."""
+    turned = se3.log(deformed[:, :3, :3] @ rigid[:, :3, :3].swapaxes(1, 2))
+    return np.concatenate([deformed[:, :3, 3] - rigid[:, :3, 3], turned], axis=1)
+
+
+def _can_be_made(jacobian: Array) -> NDArray[np.bool_]:
+    """``(6,)`` the first components that are independent of each other at most poses, of ``(n, 6, joints)``."""
+    made = np.zeros(6, dtype=np.bool_)
+    for component in range(6):
+        made[component] = True
+        ranks = np.linalg.matrix_rank(WEIGHTS[made, None] * jacobian[:, made], tol=SINGULAR_M)
+        made[component] = bool(np.median(ranks) == made.sum())
+    return made
+
+
+@dataclass(frozen=True)
+class Tracking:
+    """An arm along a trajectory, at k times.
+
+    Attributes:
+        wanted: ``(k, 4, 4)`` where the tool is to be, in the tracker's frame.
+        total: ``(k, 6)`` what it is off by (m; a rotation vector, rad) with the joints as they are commanded.
+        parts: ``(k, 6)`` each, what of that is the geometry's, the joints' and each link's alone; they add up to first
+            order. Parts that the arm does not have are left out.
+        standing: ``(k, n)`` where the joints then are.
+        torsors: how far the links' ends are displaced.
+        corrected: the joint positions to command instead.
+    """
+
+    wanted: Array
+    total: Array
+    parts: Mapping[str, Array]
+    standing: Array
+    torsors: Torsors
+    corrected: Correction
+
+
+def tracking(arm: Arm, values: Array, wanted: tuple[Array, Array], joints: Array, rest: Array, target: int) -> Tracking:
+    """Errors and correction along a trajectory.
+
+    Args:
+        arm: as identified, in motion (``Robot.arm_with``).
+        values: its parameters ``(p,)``.
+        wanted: where the controller's model brings the tool ``(k, 4, 4)``, and how its joints move it
+            ``(k, 6, joints)``.
+        joints: ``(k, joints)`` as commanded.
+        rest: ``(k, c)`` what the arm's effects ask for, its ``conditions``.
+        target: of the tool, which one is tracked.
+    """
+
+    def deformed(there: Array) -> tuple[Array, Array]:
+        return arm.tool(np.concatenate([there, rest], axis=1), values, target)
+
+    rigid, inputs = arm.rigid, np.concatenate([joints, rest], axis=1)
+    own = values[: len(rigid.names)]
+    standing, torsors = joints, RIGID
+    if isinstance(arm, ArmWithEffects):
+        standing, torsors = arm.standing(inputs, values), arm.torsors(inputs, values)
+    exact, moved = (rigid.tool(each, own, target)[0] for each in (joints, standing))
+    parts = {"geometry": _error_between(wanted[0], exact), "joints": _error_between(exact, moved)}
+    if torsors and isinstance(rigid, SerialArm):
+        each = elastic_errors(rigid, own, standing, torsors, target)
+        parts |= {f"link {link + 1}": each.by_link[:, i] for i, link in enumerate(each.links)}
+    total = _error_between(wanted[0], deformed(joints)[0])
+    kept = {name: part for name, part in parts.items() if part.any()}
+    return Tracking(wanted[0], total, kept, standing, torsors, compensated(wanted, joints, deformed))
+
+
+_POINTS = 12  # of each straight part of a link
+
+
+def bent_links(links: LinkLoads, joints: Array, sag: Array, torsors: Torsors, factor: float) -> Mapping[int, Array]:
+    """Lines of the links ``(k, m, 3)`` m in frame 0, by link, from 0; links without a length have none.
+
+    The deformations of all links and joints are magnified, and each carries the links beyond it. Between its ends a
+    link is drawn as a beam that is loaded at its end: by the cubic through displacements and slopes there.
+
+    Args:
+        joints: ``(k, n)`` as commanded.
+        sag: ``(k, n)`` how far the joints give way, rad or m.
+        torsors: how far the links' ends are displaced.
+        factor: of the magnification.
+    """
+    placed, chain = links.loads.frames(joints), links.loads.chain
+    carried = np.tile(np.eye(4), (len(joints), 1, 1))  # how the magnified deformations inward of a link have moved it
+    found = {}
+    for j in range(chain.size):
+        far = placed.end if j == chain.size - 1 else placed.anchors[:, j + 1]
+        rotation, end = placed.rotations[:, j], links.ends[j]
+        carried = carried @ _given_way(placed.axes[:, j], placed.anchors[:, j], factor * sag[:, j], chain.prismatic[j])
+        torsor = factor * torsors.get(j, np.zeros((len(joints), 6)))
+        turn = se3.exp(torsor[:, 3:])
+        shift = (turn @ torsor[:, :3, None])[..., 0]  # T_flex = Rot Trans
+        if end.any():
+            line = _along(links.beams[j].path if j in links.beams else np.stack([np.zeros(3), end]))
+            Ts = carried @ se3.pose(rotation, far - rotation @ end)
+            drawn = line + _deflection(line, end, shift, torsor[:, 3:])
+            found[j] = drawn @ Ts[:, :3, :3].swapaxes(1, 2) + Ts[:, None, :3, 3]
+        T_frame0_far = se3.pose(rotation, far)
+        carried = carried @ T_frame0_far @ se3.pose(turn, shift) @ se3.inverse(T_frame0_far)
+    return found
+
+
+def _along(path: Array) -> Array:
+    """Points ``(m, 3)`` along a line with corners ``(k, 3)``."""
+    shares = np.linspace(0.0, 1.0, _POINTS)[1:, None]
+    return np.concatenate([path[:1], *(a + shares * (b - a) for a, b in pairwise(path))])
+
+
+def _deflection(line: Array, end: Array, shift: Array, turn: Array) -> Array:
+    """How far points ``(m, 3)`` of a link go ``(k, m, 3)`` whose end ``(3,)`` is shifted and turned by ``(k, 3)``."""
+    lengths = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
+    s = (lengths / lengths[-1])[:, None]
+    shape: Array = (3 * s**2 - 2 * s**3) * shift[:, None] + (s**3 - s**2) * np.cross(turn, end)[:, None]
+    return shape
+
+
+def _given_way(axes: Array, anchors: Array, by: Array, slides: bool) -> Array:
+    """Motions ``(k, 4, 4)`` of joints that give way."""
+    if slides:
+        return se3.pose(np.tile(np.eye(3), (len(by), 1, 1)), axes * by[:, None])
+    turn = se3.exp(axes * by[:, None])
+    return se3.pose(turn, anchors - (turn @ anchors[..., None])[..., 0])

@@ -9,9 +9,8 @@ import tyro
 
 from lab.campaign.option_types import Flag, NoRecording, Numbers
 from lab.core.errors import LabError
-from lab.core.numbers import positive
+from lab.core.limits import OPTION_SIZE, PAYLOAD_KG, POSITIVE_OPTION, positive
 from lab.core.orientation import AngleConvention
-from lab.core.ranges import OPTION_SIZE, PAYLOAD_KG, POSITIVE_OPTION
 from lab.core.se3 import Array
 from lab.extensions.robotics.trajectory.cartesian import Feed
 from lab.formats.programs.registry import Controller

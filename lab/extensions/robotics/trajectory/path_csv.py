@@ -16,9 +16,8 @@ from lab.core.limits import PASSED
 from lab.core.orientation import AngleConvention
 from lab.core.se3 import Array
 from lab.formats.csv_table import CsvTable
-from lab.formats.joint_csv import holds_targets
 from lab.formats.measurement_csv import ObservedColumns, read_measurements
-from lab.formats.target_csv import read_targets
+from lab.formats.target_csv import holds_targets, read_targets
 
 __all__ = ["MOVES", "PathRows", "read_path"]
 

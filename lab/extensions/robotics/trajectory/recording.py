@@ -8,16 +8,24 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from lab.commands.values import joint_values
-from lab.extensions.robotics.trajectory.bent_links import bent_links
-from lab.extensions.robotics.trajectory.elastic import Tracking
+from lab.commands.result import joint_values
+from lab.extensions.robotics.trajectory.motion import Tracking, bent_links
 from lab.extensions.robotics.trajectory.result import TrajectoryResult
-from lab.kinematics.dynamics.link_loads import link_loads
+from lab.kinematics.dynamics.gravity import link_loads
 from lab.render.markdown import to_markdown
-from lab.render.recording_layout import SUMMARY, eye_on_arm, layout, magnified_view, main_view
-from lab.render.rerun_primitives import Times, draw_legs, draw_shells, markdown, recording_to
-from lab.render.scene import drawn_rows, magnification, moved, world_legs
-from lab.render.skeleton import skeleton
+from lab.render.recording import (
+    SUMMARY,
+    Times,
+    draw_legs,
+    draw_shells,
+    eye_on_arm,
+    layout,
+    magnified_view,
+    main_view,
+    markdown,
+    recording_to,
+)
+from lab.render.scene import drawn_rows, magnification, moved, skeleton, world_legs
 from lab.render.style import RGB_CURRENT, RGB_LINKS, RGB_PATH, RGB_ROD
 from lab.simulation.meshes import arm_shells, body_poses
 

@@ -9,26 +9,143 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lab.campaign.robot import Robot
-from lab.commands.result import Result
-from lab.commands.values import joint_values, number, tidy
+from lab.commands.calibrate.load_run import CalibrationRun
+from lab.commands.hand_load import carrying
+from lab.commands.result import Result, joint_values, number, tidy
+from lab.commands.run_folder import provenance_section
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.extensions.robotics.trajectory.elastic import Tracking
-from lab.extensions.robotics.trajectory.motion import Leg, Motion
+from lab.extensions.robotics.trajectory.motion import Leg, Motion, Tracking, tracking
 from lab.extensions.robotics.trajectory.options import TrajectoryOptions
-from lab.extensions.robotics.trajectory.tracked import TrackedArm, tracking_along
 from lab.formats.csv_table import write_columns
 from lab.formats.programs.registry import path_file, path_program, refusal
-from lab.kinematics.effects.effect import AXES
+from lab.kinematics.dynamics.beam import COMPLIANCES
+from lab.kinematics.effects.arm import Arm
+from lab.kinematics.effects.effect import AXES, PAYLOAD, absent, approach_of, last_move_of, rates_of
 from lab.kinematics.joints import JointSpec
+from lab.render.charts.chart import axes_picture
+from lab.render.charts.marks import Axes
+from lab.render.document import Document, Figure, Paragraph, Picture, Section, Table, Warnings, fixed, sentence
+from lab.render.phrases.fit import listed
+from lab.render.style import SERIES
+from lab.simulation.collisions import collides, collisions_in_words
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure as MatplotlibFigure
 
     from lab.render.document import Document
 
-__all__ = ["Sampled", "TrajectoryResult"]
+__all__ = [
+    "Sampled",
+    "TrackedArm",
+    "TrajectoryResult",
+    "curve_pictures",
+    "refuse_collisions",
+    "tracked_arm",
+    "tracking_along",
+    "tracking_warnings",
+]
+
+_GROUPS = ("bending", "torsion", "extension")
+_BENT = (".ei_y", ".ei_z", ".gj")
+_FAR_RAD = np.deg2rad(1.0)  # of a correction of a joint: near a singularity
+_LEFT = 1e-8  # m, rad
+
+
+@dataclass(frozen=True)
+class TrackedArm:
+    """An arm whose errors along a motion are known.
+
+    Attributes:
+        arm: in motion, with its effects.
+        values: its parameters ``(p,)``.
+        nominal: ``(g,)`` of its geometry, as the controller has it.
+        payload_kg: carried all the way.
+        warnings: what a reader should be told.
+    """
+
+    arm: Arm
+    values: Array
+    nominal: Array
+    payload_kg: float
+    warnings: tuple[str, ...]
+
+
+def tracked_arm(options: TrajectoryOptions, robot: Robot, run: CalibrationRun | None) -> TrackedArm | None:
+    """The arm of a run, else the nominal one with the elastic links of its description; None where it is rigid.
+
+    Raises:
+        LabError: a payload is given, but nothing bends under it.
+    """
+    if run is not None:
+        return _of_run(options, run)
+    robot, load = carrying(robot, options.load, accept_edited=options.accept_edited)
+    sections = robot.link_compliances
+    if sections is None:
+        if options.payload_kg is not None or options.load is not None:
+            flag = "--load" if options.payload_kg is None else "--payload-kg"
+            raise LabError(
+                f"{flag}: nothing bends robot {robot.name} here; give --run, or a robot with [[link]] sections"
+            )
+        return None
+    known = {
+        f"link{link + 1}.{symbol}": float(sections[link, i])
+        for link in range(len(sections))
+        for i, symbol in enumerate(COMPLIANCES)
+    }
+    arm = robot.arm_with(("p1",), _GROUPS, moving=True)
+    values = arm.nominal({"p1": options.tool_m})
+    values[len(arm.rigid.names) :] = [known[name] for name in arm.names[len(arm.rigid.names) :]]
+    payload = (0.0 if load is None else load.mass_kg) if options.payload_kg is None else options.payload_kg
+    return TrackedArm(arm, values, values[: len(arm.rigid.names)], payload, ())
+
+
+def _of_run(options: TrajectoryOptions, run: CalibrationRun) -> TrackedArm:
+    arm = run.robot.arm_with(run.estimate.arm.targets, run.estimate.groups, moving=True)
+    hung = 0.0 if run.load is None else run.load.mass_kg
+    payload, said = hung if options.payload_kg is None else options.payload_kg, list(run.warnings)
+    if payload and PAYLOAD not in arm.conditions:
+        said.append(f"{payload:.4g} kg make no difference: the model of {run.folder} has nothing that gives way")
+    hidden = [name for name in arm.names if name.endswith(_BENT) and name not in run.estimate.free_names]
+    if hidden:
+        said.append(
+            f"{', '.join(hidden)} did not show at rest and is zero here, though inertia may load it; links that are "
+            "round tubes of metal are identified whole by --model tubes"
+        )
+    unmoved = [name for name in run.estimate.groups if ".gravity" in name]
+    if unmoved:
+        said.append(f"{', '.join(listed(unmoved))} gives way to unknown masses, whose inertia is left out")
+    return TrackedArm(arm, run.estimate.values, run.estimate.nominal[: len(arm.rigid.names)], payload, tuple(said))
+
+
+def tracking_along(tracked: TrackedArm, joints: Array, speeds: Array, accelerations: Array, times: Array) -> Tracking:
+    """Errors and correction at k times of a motion, by its joints ``(k, n)`` and their rates."""
+    names = tracked.arm.rigid.chain.joint_names
+    columns = dict(zip(rates_of(names), np.concatenate([speeds, accelerations], axis=1).T, strict=True))
+    for told in (approach_of, last_move_of):
+        columns |= {told(name): np.sign(column) for name, column in zip(names, speeds.T, strict=True)}
+    columns |= {PAYLOAD: np.full(len(times), tracked.payload_kg)}
+    rest = [columns.get(name, absent(name, len(times))) for name in tracked.arm.conditions]
+    stacked = np.stack(rest, axis=1) if rest else np.empty((len(times), 0))
+    wanted = tracked.arm.rigid.tool(joints, tracked.nominal)
+    return tracking(tracked.arm, tracked.values, wanted, joints, stacked, 0)
+
+
+def tracking_warnings(tracked: TrackedArm, found: Tracking, joints: Array) -> Sequence[str]:
+    """What of the correction cannot be believed or made."""
+    chain, corrected = tracked.arm.rigid.chain, found.corrected
+    said, times = list(tracked.warnings), len(joints)
+    left = np.abs(corrected.left[:, corrected.made]).max(axis=1) > _LEFT
+    if left.any():
+        said.append(f"at {int(left.sum())} of {times} times the correction does not settle: the arm is singular there")
+    far = (np.abs(corrected.joints - joints)[:, ~np.array(chain.prismatic)] > _FAR_RAD).any(axis=1) & ~left
+    if far.any():
+        said.append(f"at {int(far.sum())} of {times} times a joint is corrected by more than 1°: near a singularity")
+    beyond = chain.beyond_limits(corrected.joints, 1e-9).any(axis=1)
+    if beyond.any():
+        said.append(f"at {int(beyond.sum())} of {times} times corrected joint positions are beyond their limits")
+    return said
 
 
 @dataclass(frozen=True)
@@ -159,9 +276,7 @@ class TrajectoryResult(Result):
 
     def document(self) -> "Document":
         """What a person reads: how long each move takes, how near the joints come to their limits, and the curves."""
-        from lab.extensions.robotics.trajectory.document import trajectory_document
-
-        return trajectory_document(self)
+        return _trajectory_document(self)
 
     def columns(self) -> Mapping[str, Sequence[Any]]:
         """A row for each time: joint positions, speeds and accelerations, mm and degrees, and where the tool is.
@@ -204,10 +319,8 @@ class TrajectoryResult(Result):
             table[f"{name.replace(' ', '')}_mm"] = (1e3 * np.linalg.norm(part[:, :3], axis=1)).tolist()
         return table
 
-    def plot(self) -> "Figure":
+    def plot(self) -> "MatplotlibFigure":
         """Draw the joint positions over time."""
-        from lab.extensions.robotics.trajectory.document import curve_pictures
-
         return curve_pictures(self)[0].draw()
 
     def write(self, folder: Path) -> None:
@@ -216,8 +329,8 @@ class TrajectoryResult(Result):
         Of an arm whose errors are known also ``corrected.csv``, and the program where the controller is known.
         """
         from lab.commands.run_folder import write_config, write_json
-        from lab.extensions.robotics.trajectory.moves import path_moves
         from lab.extensions.robotics.trajectory.recording import record_trajectory
+        from lab.extensions.robotics.trajectory.run import path_moves
 
         write_config(folder, "trajectory", self.options, self.robot.sha256)
         write_json(folder / "result.json", self.to_dict())
@@ -246,3 +359,204 @@ def _mean_and_max(error: Array) -> dict[str, float | None]:
 
 def _told(chain: JointSpec, values: Array) -> list[float | None]:
     return [tidy(value) if np.isfinite(value) else None for value in joint_values(chain.prismatic, values)]
+
+
+_STILL = 1e-9  # rad/s or m/s
+_MOST_LEGS = 40  # rows of the table of moves
+
+
+def _trajectory_document(result: TrajectoryResult) -> Document:
+    """The moves, the joints' peaks beside their limits, and how the joints move over time."""
+    seconds = result.motion.seconds
+    points = sum(len(leg.points) - 1 for leg in result.legs) + 1
+    return Document(
+        f"{result.robot.name}: {fixed(seconds, 5)} s through {points} points",
+        (
+            Warnings(result.warnings),
+            Section("Moves", (_legs(result),)),
+            Section("Joints", (_joints(result), Paragraph(_laws(result), "note"))),
+            *_errors(result),
+            Section("Over time", (_figure(result),)),
+            Section("Files", (_files(result),)),
+            provenance_section("trajectory", result.options, result.robot.sha256),
+        ),
+    )
+
+
+_LAWS = {
+    "common": "In moves of the joints all have their phases in common: from rest to rest they move in a straight line.",
+    "own": "In moves of the joints all start and stop together, each with phases of its own.",
+    "independent": "In moves of the joints all start together, and each stops as soon as it can.",
+}
+
+
+def _laws(result: TrajectoryResult) -> str:
+    """How the joints move together, and whether their jerk is limited."""
+    smooth = "Jerk is limited" if result.chain.jerk is not None else "Jerk is not limited (--jerks)"
+    return f"{_LAWS[result.options.law]} {smooth}."
+
+
+def _files(result: TrajectoryResult) -> Paragraph:
+    """What was checked, the program, and what it leaves to the controller."""
+    chain, controller = result.robot.chain, result.options.controller
+    checked = (
+        "The whole motion was checked for collisions, with the arm itself and with the surroundings that are known."
+        if result.checked
+        else f"Nothing was checked for collisions: {result.unchecked_reason}."
+    )
+    name = path_file(chain, controller)
+    if name is None:
+        return Paragraph(f"{checked} {sentence(refusal(chain, controller) or '')}")
+    words = f"{checked} {name} has the moves for the controller, which stops at each point and finds the way between."
+    passed = result.options.blend(result.chain) is not None or any(_passed(result))
+    return Paragraph(f"{words} Points that are passed without a stop here are stopped at there." if passed else words)
+
+
+def _passed(result: TrajectoryResult) -> Sequence[bool]:
+    """Whether the joints move at the end of each leg but the last."""
+    ends = [leg.move.at(np.array([leg.move.seconds]))[1] for leg in result.legs[:-1] if leg.kind == "joint"]
+    return [bool(np.abs(speeds).max() > _STILL) for speeds in ends]
+
+
+def _errors(result: TrajectoryResult) -> tuple[Section, ...]:
+    """What the arm misses along the way, by part, and what is done about it."""
+    if result.tracked is None or result.tracking is None:
+        return ()
+    found, values = result.tracking, result.to_dict()["tracking"]
+    left = ("left after the correction, by the model", values["left_mm"])
+    rows = [("in all", values["error_mm"]), *values["parts_mm"].items(), left]
+    cells = tuple((name, *(_um(each[key]) for key in ("mean", "max"))) for name, each in rows)
+    chain, largest = result.chain, values["largest_corrections"]
+    joints = ", ".join(
+        f"{name} {size:.3g}{' mm' if slides else '°'}"
+        for name, size, slides in zip(chain.joint_names, largest, chain.prismatic, strict=True)
+    )
+    words = (
+        f"With {values['payload_kg']:.4g} kg, under gravity and the inertia of the motion, at rest at each instant: "
+        f"vibration is left out. Joint positions that make up for it are in corrected.csv: by up to {joints}."
+    )
+    if values["not_made_up_for"]:
+        words += f" No joint moves the tool along {', '.join(values['not_made_up_for'])}, so that is not made up for."
+    figure = Figure("errors", (_error_picture(result, found),), "What the tool misses its path by, in all and by part.")
+    return (Section("Errors along the way", (Paragraph(words), Table(("part", "mean, µm", "max, µm"), cells), figure)),)
+
+
+def _um(length_mm: float) -> str:
+    return f"{1e3 * length_mm:.3g}" if length_mm >= 1e-6 else "< 0.001"
+
+
+def _error_picture(result: TrajectoryResult, found: Tracking) -> Picture:
+    curves = {"in all": found.total, **found.parts}
+
+    def draw(axes: Axes) -> None:
+        for i, (name, error) in enumerate(curves.items()):
+            lengths = 1e3 * np.linalg.norm(error[:, :3], axis=1)
+            axes.plot(result.sampled.times, lengths, "-", color=SERIES[i % len(SERIES)][0], linewidth=1.3, label=name)
+        axes.set(xlabel="time, s", ylabel="mm", title="errors of the tool")
+        axes.legend(loc="best", fontsize=7)
+
+    return axes_picture("errors", "Errors of the tool over time", (7.5, 2.4), draw, (0.8, 0.5, 0.2, 0.3))
+
+
+def curve_pictures(result: TrajectoryResult) -> tuple[Picture, ...]:
+    """Joint positions over time, slides in mm and others in degrees; then what they use of each limit, in per cent."""
+    sampled, chain = result.sampled, result.chain
+    units = {"mm" if slides else "°" for slides in chain.prismatic}
+    positions = joint_values(chain.prismatic, sampled.joints)
+    rates = [("speeds", sampled.speeds, chain.speed), ("accelerations", sampled.accelerations, chain.acceleration)]
+    if sampled.jerks is not None and chain.jerk is not None:
+        rates.append(("jerks", sampled.jerks, chain.jerk))
+    return (
+        _curves("positions", result, positions, f"{' or '.join(sorted(units))}", limited=False),
+        *(_curves(name, result, 100 * values / limit, "% of the limit", limited=True) for name, values, limit in rates),
+    )
+
+
+def _curves(name: str, result: TrajectoryResult, shown: Array, unit: str, *, limited: bool) -> Picture:
+    times, steps = result.sampled.times, name == ("accelerations" if result.chain.jerk is None else "jerks")
+
+    def draw(axes: Axes) -> None:
+        for j, (joint, column) in enumerate(zip(result.robot.chain.joint_names, shown.T, strict=True)):
+            colour, style = SERIES[j % len(SERIES)][0], "steps-post" if steps else "default"
+            axes.plot(times, column, "-", color=colour, linewidth=1.3, label=joint, drawstyle=style)
+        for start in result.motion.starts[1:-1]:
+            axes.axvline(start, color="0.85", linewidth=0.8, zorder=0)
+        for limit in (-100, 100) if limited else ():
+            axes.axhline(limit, color="0.4", linewidth=0.9, linestyle="--", zorder=0)
+        axes.set(xlabel="time, s", ylabel=unit, title=name)
+        if limited:
+            axes.set(ylim=(-112, 112), yticks=(-100, -50, 0, 50, 100))
+        else:
+            axes.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize=7)
+
+    return axes_picture(name, f"Joint {name} over time", (7.5, 2.4), draw, (0.8, 0.5, 0.8, 0.3))
+
+
+def _legs(result: TrajectoryResult) -> Table:
+    rows = []
+    for leg, start in zip(result.legs, result.motion.starts, strict=False):
+        along = "" if np.isnan(leg.length_m) else f"{fixed(1e3 * leg.length_m, 2)} mm"
+        along += f", turns {fixed(np.rad2deg(leg.turn_rad), 2)}°" if leg.turn_rad > 1e-9 else ""
+        rows.append((" → ".join(leg.points), leg.kind, fixed(start, 5), fixed(leg.move.seconds, 5), along))
+    columns = ("points", "move", "starts at, s", "takes, s", "path of the tool")
+    return Table(columns, tuple(rows), most_rows=_MOST_LEGS)
+
+
+def _joints(result: TrajectoryResult) -> Table:
+    """Each joint's range, and its peaks beside its limits."""
+    chain, sampled = result.chain, result.sampled
+    low, high = (joint_values(chain.prismatic, each(sampled.joints, axis=0)) for each in (np.min, np.max))
+    speeds, accelerations = result.motion.peaks
+    rates = {"speed, per s": (speeds, chain.speed), "acceleration, per s²": (accelerations, chain.acceleration)}
+    if chain.jerk is not None:
+        rates["jerk, per s³"] = (result.motion.peak_jerk, chain.jerk)
+    columns = [_peaks(result, *each) for each in rates.values()]
+    rows = tuple(
+        (name, "mm" if chain.prismatic[j] else "°", f"{fixed(low[j], 2)} … {fixed(high[j], 2)}",
+         *(column[j] for column in columns))
+        for j, name in enumerate(chain.joint_names)
+    )  # fmt: skip
+    return Table(("joint", "", "from … to", *(f"peak {name}" for name in rates)), rows)
+
+
+def _peaks(result: TrajectoryResult, peaks: Array, limits: Array) -> list[str]:
+    """The largest rate of each joint, beside its limit."""
+    shown = (joint_values(result.chain.prismatic, each) for each in (peaks, limits))
+    return [
+        f"{fixed(peak, 2)} of {fixed(most, 1)}" if most < np.inf else "not limited"
+        for peak, most in zip(*shown, strict=True)
+    ]
+
+
+def _figure(result: TrajectoryResult) -> Figure:
+    rates = "speeds and accelerations" if result.chain.jerk is None else "speeds, accelerations and jerks"
+    caption = f"Joint positions; {rates} as shares of each joint's limit (dashed). Grey lines part the moves."
+    return Figure("curves", curve_pictures(result), caption)
+
+
+_STEP_M = 0.01  # by how much no point of the arm moves more between two looks
+
+
+def refuse_collisions(result: TrajectoryResult) -> None:
+    """Look along the whole motion for what the arm touches, unless nothing is to be checked or its shapes are unknown.
+
+    Raises:
+        LabError: it touches something; the message says what, when and on which move.
+    """
+    if not result.checked:
+        return
+    model, joints = result.robot.model, result.sampled.joints
+    travel = np.append(0.0, np.cumsum(np.abs(np.diff(joints, axis=0)) @ model.travel_per_joint()))
+    looks = np.unique(np.append(np.linspace(0, travel[-1], 1 + int(np.ceil(travel[-1] / _STEP_M))), travel))
+    stands = np.stack([np.interp(looks, travel, column) for column in joints.T], axis=1)
+    touched = np.flatnonzero(collides(model, stands))
+    if not touched.size:
+        return
+    seconds = float(np.interp(looks[touched[0]], travel, result.sampled.times))
+    leg = result.legs[min(int(np.searchsorted(result.motion.starts, seconds, side="right")) - 1, len(result.legs) - 1)]
+    kind = {"joint": "move", "line": "line", "circle": "circle"}[leg.kind]
+    words = collisions_in_words(model, stands[touched[:1]])[0] or "something is touched"
+    raise LabError(
+        f"{result.options.points}: on the {kind} from point {leg.points[0]} to {leg.points[-1]}, at {seconds:.3f} s, "
+        f"{words}; move the points, pass by another one, or give --no-check"
+    )

@@ -12,11 +12,10 @@ import numpy as np
 import scipy  # its parts are loaded at their first use
 from numpy.typing import NDArray
 
-from lab.core.kept_pieces import Keep, at_once
 from lab.core.progress import Progress, no_progress
 from lab.core.se3 import Array
-from lab.extensions.robotics.workspace.domain import Domain
-from lab.extensions.robotics.workspace.membership import Membership
+from lab.core.whole_folder import Keep, at_once
+from lab.extensions.robotics.workspace.membership import Domain, Membership
 
 __all__ = ["Measured", "measured"]
 

@@ -8,15 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.campaign.robot import Robot
-from lab.commands.values import number, tidy
-from lab.core.kept_pieces import current_keep, of_one
+from lab.commands.result import number, tidy
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.extensions.robotics.workspace.domain import anyhow
+from lab.core.whole_folder import current_keep, of_one
+from lab.extensions.robotics.workspace.membership import anyhow
 from lab.extensions.robotics.workspace.options import WorkspaceOptions
 from lab.extensions.robotics.workspace.space import Section, Workspace, workspace_of
 from lab.kinematics.reach import reach_from_axis
-from lab.render.progress import Stage, no_stage
+from lab.render.terminal import Stage, no_stage
 from lab.simulation.collisions import collides
 
 __all__ = ["RobotWorkspace", "robot_workspace"]

@@ -8,19 +8,114 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.core import se3
+from lab.core.errors import LabError
+from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.extensions.robotics.closed.recognition import ClassicalModel, classical_model_of
-from lab.extensions.robotics.inverse.three_joints import ThreeJoints
-from lab.extensions.robotics.workspace.rods import ByRods
+from lab.extensions.robotics.inverse.first_joints import ThreeJoints
 from lab.extensions.robotics.workspace.search import Search
+from lab.kinematics.closed.loop_closure import Configuration
 from lab.kinematics.closed.mechanism import Mechanism, platform_poses
 from lab.kinematics.inverse.closed_form import Axes, ClosedForm, Solutions, closed_form_of
-from lab.kinematics.inverse.newton import PoseTarget
+from lab.kinematics.inverse.newton import FREEDOMS, PoseTarget
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
+from lab.kinematics.reach import extents
 from lab.kinematics.serial.chain import Chain
 
-__all__ = ["ByLegs", "Membership", "by_closed_form", "memberships", "turns_about_z", "within_turns"]
+__all__ = [
+    "ByLegs",
+    "ByRods",
+    "Domain",
+    "Membership",
+    "anyhow",
+    "by_closed_form",
+    "domain_of",
+    "memberships",
+    "turns_about_z",
+    "within_turns",
+]
+
+_SLACK_M = 1e-9  # beyond a limit
+
+
+@dataclass(frozen=True)
+class ByRods:
+    """Such a mechanism and the point of its tool.
+
+    The lengths from the base to the platform are distances of points, so that each pose has one set of joint positions
+    (e.g. Merlet 2006, Parallel Robots, section 3.1). Of two poses with the same lengths that one counts which is on the
+    same side of the parallel singularities as the nominal position.
+
+    Attributes:
+        anchors: ``(6, 3)`` m, the rods' ends in the base, and ``corners`` in the platform's frame.
+        zeros: ``(6,)`` m, the rods' lengths at joint positions zero.
+        order: ``(6,)`` the joint that measures each rod.
+        tool: ``(3,)`` m in the platform's frame.
+    """
+
+    mechanism: Mechanism
+    anchors: Array
+    corners: Array
+    zeros: Array
+    order: NDArray[np.int_]
+    T_home: Array
+    tool: Array
+    exact: bool = True
+
+    @classmethod
+    def of(cls, mechanism: Mechanism, tool: Array) -> "ByRods | None":
+        """Such a mechanism with a point ``(3,)`` m of its platform; None of another."""
+        tree = mechanism.tree
+        joints = [rod.joint for rod in tree.rods]
+        if tree.pins or len(joints) != FREEDOMS or None in joints or len(set(joints)) != mechanism.size:
+            return None
+        if any({step[0] for step in tree.passive} - {tree.platform} for _ in tree.passive):
+            return None
+        home, dimensions = mechanism.home[None], mechanism.dimensions(mechanism.nominal_values)
+        passive = mechanism.assembled(home, mechanism.nominal_values).configuration.passive
+        at = Configuration.of(tree, dimensions, home, passive)
+        axes, origin = at.frames[tree.platform]
+        T = se3.pose(np.stack([_flat(axis) for axis in axes], axis=1), _flat(origin))
+        moves = [[tree.loose[end] for end in rod.ends] for rod in tree.rods]
+        if any(sum(each) != 1 for each in moves):
+            return None
+        ends = np.array([[_flat(at.frames[end][1]) for end in rod.ends] for rod in tree.rods])
+        rows, held = np.arange(FREEDOMS), np.array([each.index(False) for each in moves])
+        corners = se3.transform(se3.inverse(T), ends[rows, 1 - held])
+        order = np.array(joints, dtype=np.int_)
+        return cls(mechanism, ends[rows, held], corners, np.array(dimensions.lengths), order, T, tool)
+
+    def reached(self, wanted: PoseTarget) -> tuple[NDArray[np.bool_], Array]:
+        """Which poses ``(n,)`` are reached, and joint positions ``(n, joints)`` that do, NaN where there are none."""
+        Ts = se3.pose(wanted.rotations, wanted.positions - wanted.rotations @ self.tool)
+        lengths, sides = self._seen(Ts)
+        joints = np.empty((len(wanted), FREEDOMS))
+        joints[:, self.order] = (lengths - self.zeros) * self.mechanism.sign[self.order]
+        reached = ~self.mechanism.beyond_limits(joints, _SLACK_M).any(axis=1) & (sides == self._side)
+        return reached, np.where(reached[:, None], joints, np.nan)
+
+    def ways(self, wanted: PoseTarget) -> Array:
+        """The one."""
+        return self.reached(wanted)[1][:, None]
+
+    @cached_property
+    def _side(self) -> float:
+        return float(self._seen(self.T_home[None])[1][0])
+
+    def _seen(self, Ts: Array) -> tuple[Array, Array]:
+        """Lengths ``(n, 6)`` m of the rods at poses ``(n, 4, 4)``, and the sign of the determinant of their lines."""
+        levers = np.einsum("nij,kj->nki", Ts[:, :3, :3], self.corners)
+        rods = levers + Ts[:, None, :3, 3] - self.anchors
+        lengths = np.linalg.norm(rods, axis=2)
+        lines = np.concatenate([rods, np.cross(levers, rods)], axis=2)
+        return lengths, np.sign(np.linalg.det(lines))
+
+
+def _flat(vector: Array) -> Array:
+    """The first three rows of a vector of one pose, ``(3,)``."""
+    return np.broadcast_to(vector[:3].reshape(3, -1), (3, 1))[:, 0].copy()
+
 
 _SLACK = 1e-9  # rad or m beyond a limit
 _STARTS_WITH_LOOPS = 5_000
@@ -192,3 +287,113 @@ class _ByPlatform:
         Ts = platform_poses(self.mechanism, np.tile(self.mechanism.home, (count + 1, 1)), rows)
         places = se3.transform(Ts, self.tool[None])[:, 0]
         return places[0], (places[1:] - places[0]).T
+
+
+_POSES = 4000
+_FLAT_M = 1e-9
+_MARGIN = 0.03  # of the extents, which walks find to a little less than all
+_RANK = 1e-9
+
+
+@dataclass(frozen=True)
+class Domain:
+    """A box in d coordinates around what a robot's point reaches.
+
+    Attributes:
+        kind: ``space`` (x, y, z), ``revolution`` (the distance from z, and z), or ``plane`` (two of x, y and z).
+        low, high: ``(d,)`` m.
+        axes: which of x, y and z the coordinates of a plane are.
+        level_m: the third coordinate of a plane.
+        extents: ``(3, 2)`` m, the least and largest coordinates that are reached.
+    """
+
+    kind: str
+    low: Array
+    high: Array
+    axes: tuple[int, ...]
+    level_m: float
+    extents: Array
+
+    @property
+    def size(self) -> int:
+        """The number of coordinates."""
+        return len(self.low)
+
+    def places(self, coordinates: Array) -> Array:
+        """Places ``(n, 3)`` m in the base at coordinates ``(n, d)``; of a half plane those with y = 0."""
+        if self.kind == "space":
+            return coordinates
+        found = np.zeros((len(coordinates), 3))
+        if self.kind == "revolution":
+            found[:, 0], found[:, 2] = np.abs(coordinates[:, 0]), coordinates[:, 1]
+            return found
+        found[:, self.axes] = coordinates
+        found[:, 3 - sum(self.axes)] = self.level_m
+        return found
+
+    def coordinates(self, places: Array) -> Array:
+        """Coordinates ``(n, d)`` of places ``(n, 3)`` m."""
+        if self.kind == "space":
+            return places
+        if self.kind == "revolution":
+            return np.stack([np.hypot(places[:, 0], places[:, 1]), places[:, 2]], axis=1)
+        return places[:, self.axes]
+
+    def weights(self, coordinates: Array) -> Array:
+        """How much volume (m³; of a plane area, m²) there is at coordinates ``(n, d)`` for a unit of theirs."""
+        return 2 * np.pi * np.abs(coordinates[:, 0]) if self.kind == "revolution" else np.ones(len(coordinates))
+
+    def spread(self, coordinates: Array, rng: np.random.Generator) -> Array:
+        """Places ``(n, 3)`` m of coordinates, of a solid of revolution each turned about z at random."""
+        places = self.places(coordinates)
+        if self.kind == "revolution":
+            angle = rng.uniform(0, 2 * np.pi, len(places))
+            places = np.stack([places[:, 0] * np.cos(angle), places[:, 0] * np.sin(angle), places[:, 2]], axis=1)
+        return places
+
+    def reached(self, membership: Membership, coordinates: Array) -> NDArray[np.bool_]:
+        """Which coordinates ``(n, d)`` are of places that are reached, in some orientation."""
+        return membership.reached(anyhow(self.places(coordinates)))[0]
+
+
+def anyhow(places: Array) -> PoseTarget:
+    """Places ``(n, 3)`` m, turned in any way."""
+    return PoseTarget(places, np.full((len(places), 3, 3), np.nan))
+
+
+def domain_of(arm: RigidArm, values: Array) -> Domain:
+    """The box around what a robot's point reaches within its limits.
+
+    Args:
+        values: parameters ``(p,)`` with one target.
+
+    Raises:
+        LabError: the point stays on a line or a surface in space, which has no volume.
+    """
+    joints = JointSpec.random_joints(arm.chain, _POSES, rng_for(0, "structure"))
+    Ts, jacobian = arm.tool(joints, values)
+    stands = np.isfinite(Ts).all(axis=(1, 2))
+    joints, places, jacobian = joints[stands], Ts[stands, :3, 3], jacobian[stands, :3]
+
+    def places_of(tried: Array) -> Array:
+        return np.asarray(arm.tool(tried, values)[0][:, :3, 3])
+
+    ends = extents(arm.chain, places_of, joints, places)
+    sizes = np.linalg.svd(jacobian, compute_uv=False)
+    rank = int((sizes > _RANK * max(float(sizes.max()), _RANK)).sum(axis=1).max())
+    flat = np.flatnonzero(ends[:, 1] - ends[:, 0] < _FLAT_M)
+    if rank < 2 or (rank == 2 and len(flat) != 1):
+        raise LabError(
+            f"robot '{arm.chain.name}': its point stays on a {'line' if rank < 2 else 'surface'}, which has no volume; "
+            "lab inspect tells its reach"
+        )
+    margin = _MARGIN * (ends[:, 1] - ends[:, 0])
+    low, high = ends[:, 0] - margin, ends[:, 1] + margin
+    if len(flat):
+        axes = tuple(i for i in range(3) if i != flat[0])
+        return Domain("plane", low[list(axes)], high[list(axes)], axes, float(ends[flat[0]].mean()), ends)
+    chain = arm.dh_chain(values)
+    if chain is not None and turns_about_z(chain):
+        radius = float(np.abs(ends[:2]).max()) * (1 + _MARGIN)
+        return Domain("revolution", np.array([0.0, low[2]]), np.array([radius, high[2]]), (), 0.0, ends)
+    return Domain("space", low, high, (0, 1, 2), 0.0, ends)

@@ -8,14 +8,12 @@ import tyro
 
 from lab.campaign.option_types import Flag, NoRecording, Numbers
 from lab.core.errors import LabError
-from lab.core.limits import ORIENTATIONS, PLACES, SEED
-from lab.core.numbers import whole
-from lab.core.ranges import OPTION_SIZE
+from lab.core.limits import OPTION_SIZE, ORIENTATIONS, PLACES, SEED, whole
 from lab.core.se3 import Array
 
-__all__ = ["CARRIERS", "WorkspaceOptions"]
+__all__ = ["WorkspaceOptions"]
 
-CARRIERS = tuple(f"carrier/{name}" for name in ("cartesian", "cylindrical", "spherical", "scara", "anthropomorphic"))
+_CARRIERS = tuple(f"carrier/{name}" for name in ("cartesian", "cylindrical", "spherical", "scara", "anthropomorphic"))
 _FEWEST_PLACES = 100
 
 
@@ -62,7 +60,7 @@ class WorkspaceOptions:
     @property
     def named(self) -> tuple[str, ...]:
         """The robots, each once."""
-        every = (name for robot in self.robots for name in (CARRIERS if robot == "carriers" else (robot,)))
+        every = (name for robot in self.robots for name in (_CARRIERS if robot == "carriers" else (robot,)))
         return tuple(dict.fromkeys(every))
 
     @property

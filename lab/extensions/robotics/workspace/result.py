@@ -7,13 +7,21 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lab.commands.result import Result
+from lab.commands.result import Result, printed
+from lab.commands.run_folder import provenance_section
+from lab.core.errors import counted
 from lab.extensions.robotics.workspace.measured import RobotWorkspace
 from lab.extensions.robotics.workspace.options import WorkspaceOptions
+from lab.extensions.robotics.workspace.space import Section as Cut
 from lab.formats.csv_table import write_columns
+from lab.render.charts.chart import axes_picture, figure_picture
+from lab.render.charts.marks import Axes
+from lab.render.document import Bullets, Document, Figure, Picture, Section, Table, Warnings, short
+from lab.render.style import AFTER, COLOUR_SCALE, INK
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    import matplotlib.axes
+    from matplotlib.figure import Figure as MatplotlibFigure
 
     from lab.render.document import Document
 
@@ -53,9 +61,7 @@ class WorkspaceResult(Result):
 
     def document(self) -> "Document":
         """What a person reads: sizes, reach, voids and orientations, with the sections."""
-        from lab.extensions.robotics.workspace.document import workspace_document
-
-        return workspace_document(self)
+        return _workspace_document(self)
 
     def columns(self) -> Mapping[str, Sequence[Any]]:
         """A row for each place that was looked at: whether it is reached."""
@@ -68,11 +74,9 @@ class WorkspaceResult(Result):
         table["reached"] = np.concatenate([each.space.measured.reached for each in self.robots]).astype(int).tolist()
         return table
 
-    def plot(self) -> "Figure":
+    def plot(self) -> "MatplotlibFigure":
         """Draw the first robot's first section; of several robots their sizes."""
-        from lab.extensions.robotics.workspace.document import section_pictures, size_picture
-
-        return (section_pictures(self.robots[0])[0] if len(self.robots) == 1 else size_picture(self)).draw()
+        return (_section_pictures(self.robots[0])[0] if len(self.robots) == 1 else _size_picture(self)).draw()
 
     def write(self, folder: Path) -> None:
         """Write the run's files.
@@ -82,7 +86,7 @@ class WorkspaceResult(Result):
         """
         from lab.commands.run_folder import write_config, write_json
         from lab.extensions.robotics.workspace.recording import record_workspaces
-        from lab.render.surfaces import mesh_of, write_stl
+        from lab.render.scene import mesh_of, write_stl
 
         write_config(folder, "workspace", self.options, self.sha256)
         write_json(folder / "result.json", self.to_dict())
@@ -94,3 +98,152 @@ class WorkspaceResult(Result):
                 write_stl(folder / f"{each.robot.name}.stl", mesh)
         if not self.options.no_recording:
             record_workspaces(folder / "recording.rrd", self, meshes)
+
+
+def _workspace_document(result: WorkspaceResult) -> Document:
+    """Each robot's workspace in a few lines with its sections; several ones compared first."""
+    several = len(result.robots) > 1
+    return Document(
+        f"Workspaces of {len(result.robots)} robots" if several else _title(result.robots[0]),
+        (
+            Warnings(result.warnings),
+            *((_comparison(result),) if several else ()),
+            *(
+                Section(
+                    each.robot.name if several else "Workspace",
+                    (Bullets(_lines(each)), Figure(f"sections-{i + 1}", _section_pictures(each, i), _caption(each))),
+                )
+                for i, each in enumerate(result.robots)
+            ),
+            provenance_section("workspace", result.options, result.sha256),
+        ),
+    )
+
+
+def _title(each: RobotWorkspace) -> str:
+    kind = "an area" if each.plane else "a volume"
+    return f"{each.robot.name} reaches {kind} of {_size(each, each.size)}"
+
+
+def _size(each: RobotWorkspace, value: float) -> str:
+    return f"{value:.4g} {'m²' if each.plane else 'm³'}"
+
+
+def _comparison(result: WorkspaceResult) -> Section:
+    """A table and a figure of all sizes."""
+    rows = []
+    for each in result.robots:
+        values, found = each.to_dict(), each.space.measured
+        share = values["orientations"]
+        ends = each.reach_m
+        rows.append((
+            each.robot.name, _size(each, each.size), f"{_size(each, found.size)} ± {found.standard_error:.2g}",
+            "–" if ends is None else f"{printed(round(1e3 * ends[0]))} … {printed(round(1e3 * ends[1]))}",
+            str(len(found.voids)), "–" if share is None else f"{100 * share['mean_share']:.0f} %",
+        ))  # fmt: skip
+    columns = ("robot", "size", "by Monte Carlo", "from axis 1, mm", "voids", "orientations")
+    figure = Figure("sizes", (_size_picture(result),), "What each robot reaches.")
+    return Section("Comparison", (Table(columns, tuple(rows)), figure))
+
+
+def _size_picture(result: WorkspaceResult) -> Picture:
+    """The sizes of several robots' workspaces as bars."""
+    robots = result.robots
+    sizes, largest = [each.size for each in robots], max(each.size for each in robots)
+
+    def draw(axes: Axes) -> None:
+        at = np.arange(len(robots))[::-1]
+        axes.barh(at, sizes, color=AFTER, height=0.6)
+        for place, each in zip(at, robots, strict=True):
+            axes.annotate(_size(each, each.size), (each.size + 0.01 * largest, place), va="center", fontsize=8)
+        axes.set_yticks(at, [each.robot.name for each in robots])
+        kinds = dict.fromkeys("area, m²" if each.plane else "volume, m³" for each in robots)
+        axes.set(xlabel=", or ".join(kinds))
+        axes.set(xlim=(0, 1.2 * largest))
+
+    height = 0.8 + 0.32 * len(robots)
+    return axes_picture("sizes", "Sizes of the workspaces", (5.6, height), draw, (1.9, 0.5, 0.15, 0.1))
+
+
+def _lines(each: RobotWorkspace) -> tuple[str, ...]:
+    """The workspace in sentences."""
+    values, found, space = each.to_dict(), each.space.measured, each.space
+    name = "area" if each.plane else "volume"
+    by = "the closed form" if space.by_place.exact else "a search"
+    carlo = (
+        f"{_size(each, found.size)} ± {found.standard_error:.2g} (1σ) by Monte Carlo: {len(found.reached):,} places "
+        f"in cells of {short(1e3 * found.cell_m)} mm, reached or not by {by}"
+    )
+    first = f"{name} {carlo}"
+    if space.by_sections is not None:
+        first = f"{name} {_size(each, each.size)} by sections; {carlo}"
+    ends = ", ".join(
+        f"{axis} {printed(round(low))} … {printed(round(high))}" for axis, (low, high) in values["extents_mm"].items()
+    )
+    lines = [first, f"it lies within {ends} mm of the base"]
+    if each.reach_m is not None:
+        low, high = (printed(round(1e3 * end, 1)) for end in each.reach_m)
+        lines.append(f"reach from axis 1: {low} … {high} mm")
+    voids = ", ".join(_size(each, size) for size in found.voids)
+    count = len(found.voids)
+    least = f"{short(3e3 * found.cell_m)} mm"
+    lines.append(f"{counted(count, 'enclosed void')} of about {voids}" if count
+                 else f"no enclosed void wider than {least}")  # fmt: skip
+    lines.append(_orientations(each, values["orientations"]))
+    if values["cell"] is not None:
+        cell = values["cell"]
+        lines.append(
+            f"in the cell {cell['name']} a way that touches nothing was found to {100 * cell['free_share']:.0f} % "
+            f"(± {100 * cell['free_share_standard_error']:.0f} %) of it, {_size(each, cell['free_size'])}"
+        )
+    return tuple(lines)
+
+
+def _orientations(each: RobotWorkspace, values: dict[str, Any] | None) -> str:
+    if values is None:
+        return "no orientation can be chosen: it follows from the place, at least in part"
+    about = "orientations" if values["about"] is None else "turns about its one axis"
+    return (
+        f"of {values['tried']} {about}, {100 * values['mean_share']:.0f} % are reached in the mean of "
+        f"{values['places']} places; all of them in {100 * values['all_reached_share']:.0f} % of the "
+        f"{'area' if each.plane else 'volume'}, {_size(each, values['all_reached_size'])}"
+    )
+
+
+def _caption(each: RobotWorkspace) -> str:
+    shaded = "shaded by the share of orientations" if each.sections[0].shares is not None else "shaded"
+    return f"What is reached, {shaded}, with its boundary, in the base's frame; the base's axis is at x = y = 0."
+
+
+def _section_pictures(each: RobotWorkspace, which: int = 0) -> tuple[Picture, ...]:
+    """The sections of one robot's workspace."""
+    return tuple(
+        _section(cut, f"section-{which + 1}-{'xyz'[cut.axes[0]]}{'xyz'[cut.axes[1]]}") for cut in each.sections
+    )
+
+
+def _section(cut: Cut, name: str) -> Picture:
+    first, second = ("xyz"[axis] for axis in cut.axes)
+    third = "xyz"[3 - sum(cut.axes)]
+    level = f"{third} = {printed(round(1e3 * cut.level_m))} mm"
+
+    def draw(axes: "matplotlib.axes.Axes") -> None:
+        from matplotlib.collections import LineCollection
+        from matplotlib.colors import LinearSegmentedColormap, ListedColormap
+
+        right, up = 1e3 * cut.right, 1e3 * cut.up
+        if cut.shares is None:
+            shown, colours = np.where(cut.reached, 1.0, np.nan), ListedColormap([COLOUR_SCALE[0]])
+            axes.pcolormesh(right, up, shown.T, cmap=colours, shading="nearest", rasterized=True)
+        else:
+            scale = LinearSegmentedColormap.from_list("share", COLOUR_SCALE)
+            drawn = axes.pcolormesh(right, up, 100 * cut.shares.T, cmap=scale, vmin=0, vmax=100, shading="nearest",
+                                    rasterized=True)  # fmt: skip
+            bar = axes.figure.colorbar(drawn, ax=axes, shrink=0.8)
+            bar.set_label("orientations, %")
+        axes.add_collection(LineCollection(list(1e3 * cut.vertices[cut.segments]), colors=INK, linewidths=1.0))
+        axes.set_aspect("equal")
+        axes.set(xlabel=f"{first}, mm", ylabel=f"{second}, mm", title=level)
+        axes.locator_params(nbins=6)
+
+    return figure_picture(name, f"Section {first}-{second} at {level}", (4.6, 3.9), draw, (0.8, 0.5, 0.3, 0.3))

@@ -6,7 +6,7 @@ from lab.campaign.robot import load_robot
 from lab.extensions.robotics.workspace.measured import robot_workspace
 from lab.extensions.robotics.workspace.options import WorkspaceOptions
 from lab.extensions.robotics.workspace.result import WorkspaceResult
-from lab.render.progress import status
+from lab.render.terminal import status
 
 __all__ = ["measure_workspaces"]
 

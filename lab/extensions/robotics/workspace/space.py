@@ -6,16 +6,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.core.kept_pieces import Keep, at_once
 from lab.core.progress import Progress, no_progress
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.extensions.robotics.workspace.boundary import boundary
-from lab.extensions.robotics.workspace.domain import Domain, domain_of
+from lab.core.whole_folder import Keep, at_once
+from lab.extensions.robotics.workspace.boundary import boundary, carrier_volume, solid_volume
 from lab.extensions.robotics.workspace.measure import Measured, measured
-from lab.extensions.robotics.workspace.membership import Membership, memberships
+from lab.extensions.robotics.workspace.membership import Domain, Membership, domain_of, memberships
 from lab.extensions.robotics.workspace.orientations import Orientations, orientation_shares, orientations_of
-from lab.extensions.robotics.workspace.sections import carrier_volume, solid_volume
 from lab.kinematics.model import RigidArm
 
 __all__ = ["Section", "Workspace", "workspace_of"]

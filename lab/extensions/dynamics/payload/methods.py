@@ -1,0 +1,649 @@
+"""Identify a payload from sag, from torques or from a wrench."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy  # its parts are loaded at their first use, which not every process comes to
+from numpy.typing import NDArray
+
+from lab.core import se3
+from lab.core.errors import LabError
+from lab.core.se3 import Array
+from lab.extensions.dynamics.filtering import BAND_HZ, SETTLING_S, Band, Filter, band_of
+from lab.extensions.dynamics.load_files import Mounting, PayloadSamples
+from lab.extensions.dynamics.payload.estimate import LoadEstimate, estimate_of, excitation_advice
+from lab.extensions.dynamics.regression import BiasCandidate, ChannelSolution, Series, least_squares, verdict
+from lab.kinematics.dynamics.gravity import Loads
+from lab.kinematics.dynamics.rigid_body import (
+    LOAD,
+    Dynamics,
+    HandMotion,
+    hand_motion,
+    torque_regressor,
+    wrench_regressor,
+)
+from lab.kinematics.serial.arm import SerialArm
+
+__all__ = ["CompliantArm", "PairedRuns", "SharedFilter", "diagonal", "from_sag", "from_torques", "from_wrench"]
+
+_ROUNDS, _SETTLED = 20, 1e-9  # kg, kg m
+_NEWTON = 4
+
+
+@dataclass(frozen=True)
+class CompliantArm:
+    """An arm whose joints give way.
+
+    Attributes:
+        compliance: ``(J,)`` rad/Nm (m/N of a slide), zero of joints that do not.
+        loads: its own masses, with gravity in frame 0.
+    """
+
+    compliance: Array
+    loads: Loads
+
+
+def from_sag(
+    arm: SerialArm,
+    values: Array,
+    soft: CompliantArm,
+    joints: Array,
+    unloaded: Array,
+    loaded: Array,
+    sigma_m: float | None = None,
+) -> LoadEstimate:
+    """Mass and centre of mass from the targets' places without and with the load, at the same joint positions.
+
+    The joints stand at q + d with d = C (g(q + d) - W(q + d) phi), by the arm's own weight g and the static columns
+    of the load's regressor; Gauss-Newton in phi, the equilibrium solved at each step.
+
+    Args:
+        joints: joint positions ``(n, J)``.
+        unloaded, loaded: ``(n, k, 3)`` m, in the tracker's frame; poses with a NaN are left out.
+        sigma_m: noise of a coordinate in one of the two; else it is estimated.
+
+    Raises:
+        LabError: too few poses, or no compliance.
+    """
+    if not np.any(soft.compliance):
+        raise LabError(
+            "no joint has a compliance: a stiff arm shows no load by its sag; identify the compliances first"
+        )
+    both = np.isfinite(unloaded).all(axis=(1, 2)) & np.isfinite(loaded).all(axis=(1, 2))
+    if not both.any():
+        raise LabError("no pose was seen both with and without the load: measure the same poses twice")
+    joints, seen = joints[both], (loaded - unloaded)[both].reshape(int(both.sum()), -1)
+    known = None if sigma_m is None else np.full(seen.shape[1], np.sqrt(2) * sigma_m)
+    without = joints + _sag(arm, values, soft, joints, np.zeros(10))[0]
+    before, phi = arm.points(without, values).reshape(seen.shape), np.zeros(10)
+    for _ in range(_ROUNDS):
+        sag, slopes = _sag(arm, values, soft, joints, phi)
+        lever = arm.joint_jacobian(joints + sag, values).reshape(*seen.shape, -1)
+        columns = lever @ slopes
+        left = seen - (arm.points(joints + sag, values).reshape(seen.shape) - before) + columns @ phi
+        solution = least_squares(LOAD, columns, left, [0] * seen.shape[1], known)
+        step, phi = np.abs(solution.values - phi).max(), solution.values
+        if step < _SETTLED:
+            break
+    bend = lever * (sag + joints - without)[:, None, :]
+    suspects = [BiasCandidate(bend, "compliances other than those given; identify them with a load that was weighed")]
+    unidentified = excitation_advice(solution, False, arm, values, joints)
+    return estimate_of("sag", solution, {}, unidentified, verdict(solution, suspects), float(np.sqrt(2)))
+
+
+def _sag(arm: SerialArm, values: Array, soft: CompliantArm, joints: Array, phi: Array) -> tuple[Array, Array]:
+    """How far the joints give way ``(n, J)``, and the derivatives by phi ``(n, J, 10)``: Newton's method.
+
+    The load's mass and first moment are added to the last link's, which they move with.
+    """
+    mass, centre = soft.loads.mass_kg.copy(), soft.loads.centre_m.copy()
+    mass[-1] += phi[0]
+    if mass[-1]:
+        centre[-1] = (soft.loads.mass_kg[-1] * soft.loads.centre_m[-1] + phi[1:4]) / mass[-1]
+    together = replace(soft.loads, mass_kg=mass, centre_m=centre)
+    rest, still = together.equilibrium(joints, soft.compliance, np.zeros(len(joints)), _NEWTON), np.zeros_like(joints)
+    regressor = torque_regressor(arm, values, joints + rest.offset, still, still, soft.loads.gravity)
+    slopes: Array = np.linalg.solve(rest.equations, -soft.compliance[:, None] * regressor).astype(float)
+    return rest.offset, slopes
+
+
+_MOST_APART = 0.01  # rad or m root mean square: the weight of an arm's own links changes by half a Nm over that
+_SAME_STEP = 0.01  # of a time step
+_ROUNDING = 1e-9  # of a root mean square of some thousand readings
+_PASSED = 1e-2  # of the power at rest: frequencies of which a filter has left less are not used
+
+
+@dataclass(frozen=True)
+class SharedFilter:
+    """The one filter that torques and regressor pass.
+
+    Attributes:
+        came_through: what the torques had passed before they were recorded; all else passes its like here.
+        whiten: ``(k, k)`` that makes noise white which has passed both, where there was such a filter.
+        gain: standard deviation of a kept sample where that of a reading is one.
+    """
+
+    band: Band
+    gain: float
+    came_through: Filter | None = None
+    whiten: Array | None = None
+
+    def recorded(self, torques: Array, lead_s: float = 0.0) -> Array:
+        """Torques ``(n, ...)`` as recorded, thinned; ``lead_s`` later than the rows' times."""
+        return self._thinned(torques, lead_s, 0)
+
+    def __call__(self, values: Array, order: int = 0) -> Array:
+        """Anything computed from the positions ``(n, ...)``, thinned, or its derivative in time."""
+        if self.came_through:
+            values = self.came_through(values - values[0]) + values[0]
+        return self._thinned(values, 0.0, order)
+
+    def _thinned(self, values: Array, lead_s: float, order: int) -> Array:
+        cut = round(SETTLING_S / self.band.step_s) if self.came_through else 0
+        thin = self.band.kept(values[cut : len(values) - cut], lead_s, order)
+        if self.whiten is None:
+            return thin
+        white: Array = np.tensordot(self.whiten, thin, axes=1)
+        return white
+
+
+def _passed_hz(came_through: Filter, step_s: float) -> float:
+    """The frequency from which on a filter leaves too little of noise and signal for either to be told."""
+    impulse = np.zeros(2 * round(SETTLING_S / step_s) + 1)
+    impulse[len(impulse) // 2] = 1.0
+    power = np.abs(np.fft.rfft(came_through(impulse))) ** 2
+    if not (np.isfinite(power).all() and power[0] > 0):
+        raise LabError("came_through: the filter lets no steady torque pass; give a low-pass")
+    weak = np.flatnonzero(power < _PASSED * power[0])
+    return float(np.fft.rfftfreq(len(impulse), step_s)[weak[0] if weak.size else -1])
+
+
+def _common_of(band: Band, rows: int, came_through: Filter | None) -> SharedFilter:
+    """The filter for runs of so many rows (those of ``Band.motion``).
+
+    Noise that has passed ``came_through`` and the band's own kernel, with the response g to an impulse, has the
+    autocorrelation g * g at the steps that are kept; the inverse of its Cholesky factor whitens it.
+    """
+    if came_through is None:
+        return SharedFilter(band, float(np.linalg.norm(band.impulse)))
+    settled = round(SETTLING_S / band.step_s)
+    if rows < 4 * settled:
+        raise LabError(f"the run is too short to let the filter settle: give at least {5 * SETTLING_S:g} s")
+    impulse = np.zeros(2 * settled + 1)
+    impulse[settled] = 1.0
+    passed = came_through(impulse)
+    response = np.convolve(passed, band.impulse)
+    gain = float(np.linalg.norm(response) / np.linalg.norm(passed))
+    kept = len(band.kept(np.zeros(rows - 2 * settled)))
+    lags = np.correlate(response, response, "full")[len(response) - 1 :: band.every][:kept]
+    lags = np.pad(lags, (0, kept - len(lags))) / (response @ response)
+    factor = np.linalg.cholesky(scipy.linalg.toeplitz(lags))
+    return SharedFilter(band, gain, came_through, scipy.linalg.solve_triangular(factor, np.eye(kept), lower=True))
+
+
+@dataclass(frozen=True)
+class PairedRuns:
+    """The two runs at the file's step, but for what is thinned (k rows) already.
+
+    Attributes:
+        joints, direction: ``(n, J)`` readings of the loaded run, and the signs of their speeds.
+        torque: ``(n, J)`` loaded less unloaded, as recorded.
+        unloaded: ``(n, J)`` what the joints bear without the load: by the arm's own dynamics, or else as recorded.
+        own: ``(k, J)`` the arm's own dynamics, loaded less unloaded; zero without them.
+        regressor: ``(n, J, 10)``.
+        thinned: ``(3, k, J, 10)``, the regressor with its first two derivatives in time.
+        apart: ``(k, J, 3 J)`` columns of the two paths' differences in reading, speed and acceleration.
+    """
+
+    common: SharedFilter
+    joints: Array
+    direction: Array
+    torque: Array
+    unloaded: Array
+    own: Array
+    regressor: Array
+    thinned: Array
+    apart: Array
+
+    def seen(self, late_s: float) -> Array:
+        """What the load adds to the torques ``(k, J)``, if these are so much later than the positions."""
+        return self.common.recorded(self.torque, late_s) - self.own
+
+    def rubbing(self, phi: Array) -> Array:
+        """Columns ``(3, k, J, J)`` of friction that grows with what a joint bears, and derivatives as of ``thinned``.
+
+        (|loaded| - |unloaded|) sign(speed), where loaded is unloaded plus what the load found, ``phi``, would add:
+        as recorded, its noise would be that of the difference which the columns are to explain.
+        """
+        more = np.abs(self.unloaded + self.regressor @ phi) - np.abs(self.unloaded)
+        return np.array([diagonal(self.common(more * self.direction, order)) for order in range(3)])
+
+
+def _pair_runs(
+    arm: SerialArm,
+    values: Array,
+    loaded: PayloadSamples,
+    unloaded: PayloadSamples,
+    gravity: Array,
+    own: Dynamics | None,
+    came_through: Filter | None, band_hz: float,
+) -> PairedRuns:  # fmt: skip
+    """Bring two runs together, row by row from their beginnings."""
+    assert loaded.torques is not None and unloaded.torques is not None and loaded.time_s is not None
+    n = min(len(loaded), len(unloaded))
+    if came_through:
+        band_hz = min(band_hz, _passed_hz(came_through, loaded.step_s or 0.0))
+    band = band_of(loaded.time_s[:n], band_hz)
+    _same_step(band, unloaded)
+    common = _common_of(band, n - 2 * band.margin, came_through)
+    motion, other = (band.motion(run.joints[:n]) for run in (loaded, unloaded))
+    _refuse_apart(arm, motion[0] - other[0], own)
+    regressor = torque_regressor(arm, values, *motion, gravity)
+    alone = own(*other) if own else band.smoothed(unloaded.torques[:n])
+    more = own(*motion) - alone if own else np.zeros_like(motion[0])
+    apart = np.concatenate([diagonal(common(a - b)) for a, b in zip(motion, other, strict=True)], axis=2)
+    return PairedRuns(
+        common, motion[0], np.sign(motion[1]), band.trimmed(loaded.torques[:n] - unloaded.torques[:n]), alone,
+        common(more), regressor, np.array([common(regressor, order) for order in range(3)]), apart,
+    )  # fmt: skip
+
+
+def _same_step(band: Band, unloaded: PayloadSamples) -> None:
+    """A LabError where the unloaded run has another time step than the loaded one's."""
+    step = unloaded.step_s or 0.0
+    if abs(step / band.step_s - 1) > _SAME_STEP:
+        raise LabError(f"time steps of {band.step_s:g} s loaded and {step:g} s unloaded: give the same")
+
+
+def _refuse_apart(arm: SerialArm, difference: Array, own: Dynamics | None) -> None:
+    """A LabError where readings differ ``(n, J)`` between the runs by more than can pass without the own dynamics."""
+    apart = np.sqrt((difference**2).mean(axis=0))
+    j = int(np.argmax(apart >= (1 - _ROUNDING) * apart.max()))  # the first of joints that are equally far apart
+    if own is None and apart[j] > _MOST_APART:
+        raise LabError(
+            f"the loaded and the unloaded path are {arm.chain.shown(j, apart[j])} apart at joint "
+            f"{arm.chain.joint_names[j]} (root mean square; {arm.chain.shown(j, _MOST_APART)} at most): repeat the "
+            "same path, or have the arm's own dynamics subtracted"
+        )
+
+
+def diagonal(values: Array) -> Array:
+    """Of ``(n, J)`` a column for each joint, in its own rows only: ``(n, J, J)``."""
+    return values[:, :, None] * np.eye(values.shape[1])
+
+
+_ROUNDS_from_torques, _SETTLED_from_torques = 10, 1e-6  # of what is fitted along: seconds, and shares of a torque
+_DELAY = "a delay between torques and positions; estimate it (delay)"
+_FILTERED = "a filter that torques came through and positions did not; tell it (came_through), or record without"
+_FRICTION = "friction that grows with the load; estimate it (friction)"
+_PATHS = "the difference between the two runs' paths; subtract the arm's own dynamics, or better ones (own)"
+
+
+def from_torques(
+    arm: SerialArm,
+    values: Array,
+    records: PayloadSamples,
+    gravity: Array,
+    *,
+    own: Dynamics | None = None,
+    friction: bool = False,
+    delay: bool = False,
+    came_through: Filter | None = None,
+    sigma: Array | None = None,
+    band_hz: float = BAND_HZ,
+) -> LoadEstimate:
+    """The load from differences of torques, row by row of the two runs; four parameters where these are static poses.
+
+    Args:
+        gravity: ``(3,)`` m/s^2 in frame 0.
+        own: subtracted from each run along its own path, so that paths may differ.
+        friction: fit of each joint what share of a torque it loses to friction: (|loaded| - |unloaded|) sign(speed).
+            Give ``own`` with it where the joints' friction without a load is not small beside what they bear.
+        delay: fit how much later the torques are than the positions, the same of all joints.
+        came_through: what filter the torques had passed when they were recorded; its like acts on all else.
+        sigma: ``(J,)`` noise of one reading of each torque; else it is estimated.
+        band_hz: of the filter in which a motion is compared.
+
+    Raises:
+        LabError: no torques, no or unequal runs, too few samples, paths too far apart for a run without ``own``.
+    """
+    loaded, unloaded = _runs(records)
+    if records.time_s is None:
+        if friction or delay or came_through:
+            raise LabError(
+                "static poses show no friction, delay or filter: leave these options out, or record a motion"
+            )
+        return _static(arm, values, loaded, unloaded, gravity, own, sigma)
+    runs = _pair_runs(arm, values, loaded, unloaded, gravity, own, came_through, band_hz)
+    names = arm.chain.joint_names if friction else ()
+    reading = np.sqrt(2) * runs.common.gain
+    known = None if sigma is None else reading * np.asarray(sigma)
+    solution, late, columns = _fitted(runs, names, delay, known)
+    fitted = solution.values[: columns.shape[3]]
+    suspects = [
+        BiasCandidate((columns[2, ..., :10] @ fitted[:10])[..., None], _FILTERED),
+        BiasCandidate(runs.apart, _PATHS),
+    ]
+    if not delay:
+        suspects.append(BiasCandidate((columns[1] @ fitted)[..., None], _DELAY))
+    if not friction:
+        suspects.append(BiasCandidate(runs.rubbing(fitted[:10])[0], _FRICTION))
+    nuisance = {name: (float(value), "") for name, value in zip(solution.names[10:], solution.values[10:], strict=True)}
+    nuisance |= {"delay": (late, "s")} if delay else {}
+    unidentified = excitation_advice(solution, True, arm, values, runs.joints)
+    said = verdict(solution, suspects, [Series(0, len(runs.own), runs.common.band.hz)])
+    return estimate_of("torque difference, moving", solution, nuisance, unidentified, said, reading)
+
+
+def _fitted(
+    runs: PairedRuns, joint_names: Sequence[str], delay: bool, sigma: Array | None
+) -> tuple[ChannelSolution, float, Array]:
+    """Gauss-Newton in the delay, while the columns of friction follow the load that is found.
+
+    With y(t + late) = X(t) p, where X holds the regressor and the friction's columns, a step of the delay has the
+    column -X' p.
+
+    Returns:
+        The last step's solution, in which the delay's own value is that step; the delay (s); and X with its first two
+        derivatives in time, ``(3, k, J, c)``.
+    """
+    labels = [*LOAD, *(f"friction.{name}" for name in joint_names), *(["delay"] if delay else [])]
+    columns, late = runs.thinned, 0.0
+    solution = least_squares(LOAD, columns[0], runs.seen(late), [0] * runs.own.shape[1], sigma)
+    fitted = np.concatenate([solution.values, np.zeros(len(joint_names))])
+    for _ in range(_ROUNDS_from_torques if len(labels) > len(LOAD) else 0):
+        if joint_names:
+            columns = np.concatenate([runs.thinned, runs.rubbing(fitted[:10])], axis=3)
+        step = [-(columns[1] @ fitted)[..., None]] if delay else []
+        design = np.concatenate([columns[0], *step], axis=2)
+        solution = least_squares(labels, design, runs.seen(late), [0] * runs.own.shape[1], sigma)
+        before, fitted = fitted, solution.values[: len(fitted)]
+        moved = np.abs(fitted - before)[10:].max(initial=0.0)
+        if delay:
+            late += float(solution.values[-1])
+            moved = max(moved, abs(float(solution.values[-1])))
+        if moved < _SETTLED_from_torques:
+            break
+    if abs(late) > runs.common.band.every * runs.common.band.step_s:
+        raise LabError(f"a delay of {1e3 * late:.3g} ms is too long: align torques and positions first")
+    return solution, late, columns
+
+
+def _static(
+    arm: SerialArm,
+    values: Array,
+    loaded: PayloadSamples,
+    unloaded: PayloadSamples,
+    gravity: Array,
+    own: Dynamics | None,
+    sigma: Array | None,
+) -> LoadEstimate:  # fmt: skip
+    assert loaded.torques is not None and unloaded.torques is not None
+    if len(loaded) != len(unloaded):
+        raise LabError(
+            f"{len(loaded)} loaded static poses and {len(unloaded)} unloaded ones: give both at each pose, in one order"
+        )
+    still = np.zeros_like(loaded.joints)
+    _refuse_apart(arm, loaded.joints - unloaded.joints, own)
+    regressor = torque_regressor(arm, values, loaded.joints, still, still, gravity)
+    seen = loaded.torques - unloaded.torques
+    if own:
+        seen = seen - (own(loaded.joints, still, still) - own(unloaded.joints, still, still))
+    known = None if sigma is None else np.sqrt(2) * np.asarray(sigma)
+    solution = least_squares(LOAD, regressor, seen, [0] * seen.shape[1], known)
+    steady = np.broadcast_to(np.eye(seen.shape[1]), (*seen.shape, seen.shape[1]))
+    suspects = [
+        BiasCandidate(steady, "a steady torque of each joint, as stiction leaves; approach each pose from both sides"),
+        BiasCandidate(diagonal(regressor @ solution.values), "gains of the joints' torques"),
+    ]
+    unidentified = excitation_advice(solution, False, arm, values, loaded.joints)
+    said = verdict(solution, suspects)
+    return estimate_of("torque difference, static", solution, {}, unidentified, said, float(np.sqrt(2)))
+
+
+def _runs(records: PayloadSamples) -> tuple[PayloadSamples, PayloadSamples]:
+    if records.torques is None:
+        raise LabError("there are no torques: give those of every joint, or identify from the wrench")
+    loaded, unloaded = records.run(True), records.run(False)
+    for run, name in ((loaded, "loaded"), (unloaded, "unloaded")):
+        if not len(run):
+            raise LabError(f"there is no {name} run: torques are compared with and without the load; record both")
+    return loaded, unloaded
+
+
+_WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
+_OFFSETS = tuple(f"offset.{name}" for name in _WRENCH)
+_TILT, _TURN = ("tilt.x", "tilt.y"), ("turn.x", "turn.y", "turn.z")
+_UNITS = {"offset.f": "N", "offset.m": "Nm", "tilt": "rad", "turn": "rad", "delay": "s"}
+_FORCE_AND_MOMENT = (0, 0, 0, 1, 1, 1)  # one noise each, where there are too few poses for six
+_ROUNDS_from_wrench, _SETTLED_from_wrench = 20, 1e-10  # rad and s
+
+
+@dataclass(frozen=True)
+class _MountingEstimate:
+    """How arm and sensor stand, as far as it is estimated.
+
+    Attributes:
+        gravity: ``(3,)`` m/s^2 in frame 0.
+        rotation: ``(3, 3)`` of the sensor's axes in the last frame.
+        tilt: ``(2,)`` rad by which frame 0 is tilted beyond what was told: about its x, made horizontal, and across.
+        late_s: how much later the wrench is than the positions.
+    """
+
+    gravity: Array
+    rotation: Array
+    tilt: Array
+    late_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class _Readings:
+    """What the sensor read and what it was to read, thinned if it was a motion.
+
+    Attributes:
+        raw: ``(n, 6)`` of the loaded run, for the hand on the load.
+        still: ``(m, 6)`` of the unloaded run, thinned: offsets alone.
+        at_rest: ``(3, k, 6, 10)`` the regressor without gravity, with its first two derivatives in time.
+        by_gravity: ``(3, k, 6, 10, 3)`` what each component of gravity in frame 0 adds.
+    """
+
+    band: Band | None
+    raw: Array
+    still: Array
+    at_rest: Array
+    by_gravity: Array
+
+    def series(self, rows: int) -> list[Series]:
+        """The two runs among so many rows, if they move."""
+        if self.band is None:
+            return []
+        k = self.at_rest.shape[1]
+        ends = [(0, k), (k, rows)] if rows > k else [(0, k)]
+        return [Series(first, last, self.band.hz) for first, last in ends]
+
+    def seen(self, late_s: float) -> Array:
+        """The wrench ``(k, 6)``, if it is so much later than the positions."""
+        return self.raw if self.band is None else self.band.kept(self.raw, late_s)
+
+
+def from_wrench(
+    arm: SerialArm,
+    values: Array,
+    records: PayloadSamples,
+    mounting: Mounting,
+    *,
+    tilt: bool = False,
+    turn: bool = False,
+    delay: bool = False,
+    sigma: Array | None = None,
+    band_hz: float = BAND_HZ,
+) -> LoadEstimate:
+    """The load from the wrench of the loaded run, six offsets always fitted along; four parameters of static poses.
+
+    An unloaded run, where there is one, tells of the offsets only: nothing may hang from the sensor then.
+
+    Args:
+        mounting: how arm and sensor stand, and the sensor's sign.
+        tilt: fit how frame 0 is tilted beyond what ``mounting`` says.
+        turn: fit how the sensor is turned beyond that.
+        delay: fit how much later the wrench is than the positions.
+        sigma: ``(6,)`` N and Nm of one reading; else it is estimated.
+        band_hz: of the filter in which a motion is compared.
+
+    Raises:
+        LabError: no wrench, no loaded run, too few samples, or it does not converge.
+    """
+    if records.wrench is None:
+        raise LabError("there is no wrench: give a sensor's fx_n to mz_nm, or identify from the torques")
+    if not records.loaded.any():
+        raise LabError("there is no loaded run: record the wrench with the payload at the flange")
+    moving = records.time_s is not None
+    if delay and not moving:
+        raise LabError("static poses show no delay: leave the option out, or record a motion")
+    readings = _readings(arm, values, records, mounting, band_hz)
+    labels = [*LOAD, *_OFFSETS, *(_TILT if tilt else ()), *(_TURN if turn else ()), *(("delay",) if delay else ())]
+    reading = float(np.linalg.norm(readings.band.impulse)) if readings.band else 1.0
+    known = None if sigma is None else reading * np.asarray(sigma)
+    solution, standing = _fitted_from_wrench(readings, labels, mounting, known)
+    series = readings.series(len(solution.residual))
+    said = verdict(solution, _suspects(readings, solution, standing, labels), series)
+    turned = se3.log(mounting.rotation.T @ standing.rotation)
+    found = [
+        *(mounting.sign * solution.values[10:16]),
+        *(standing.tilt if tilt else ()),
+        *(turned if turn else ()),
+        standing.late_s,
+    ]
+    nuisance = {name: (float(value), _unit(name)) for name, value in zip(labels[10:], found, strict=False)}
+    unidentified = excitation_advice(solution, moving, arm, values, records.joints[records.loaded])
+    return estimate_of(f"wrench, {'moving' if moving else 'static'}", solution, nuisance, unidentified, said, reading)
+
+
+def _readings(arm: SerialArm, values: Array, records: PayloadSamples, mounting: Mounting, band_hz: float) -> _Readings:
+    loaded, unloaded = records.run(True), records.run(False)
+    assert loaded.wrench is not None and unloaded.wrench is not None
+    raw, still = mounting.sign * loaded.wrench, mounting.sign * unloaded.wrench
+    if loaded.time_s is None:
+        zero = np.zeros_like(loaded.joints)
+        regressors = _regressors(hand_motion(arm, values, loaded.joints, zero, zero))
+        return _Readings(None, raw, still, *(np.array([part, 0 * part, 0 * part]) for part in regressors))
+    band = band_of(loaded.time_s, band_hz)
+    regressors = _regressors(hand_motion(arm, values, *band.motion(loaded.joints)))
+    if len(unloaded) and unloaded.time_s is not None:
+        _same_step(band, unloaded)
+        still = band_of(unloaded.time_s, band_hz).kept(still)
+    parts = (np.array([band.kept(part, order=order) for order in range(3)]) for part in regressors)
+    return _Readings(band, band.trimmed(raw), still, *parts)
+
+
+def _regressors(motion: HandMotion) -> tuple[Array, Array]:
+    """The regressor without gravity ``(n, 6, 10)``, and what each of gravity's components adds ``(n, 6, 10, 3)``."""
+    zero = np.zeros_like(motion.omega)
+    hanging = replace(motion, omega=zero, alpha=zero, acceleration=zero)
+    return wrench_regressor(motion, np.zeros(3)), np.stack([wrench_regressor(hanging, axis) for axis in np.eye(3)], -1)
+
+
+def _fitted_from_wrench(
+    readings: _Readings, labels: Sequence[str], mounting: Mounting, sigma: Array | None
+) -> tuple[ChannelSolution, _MountingEstimate]:
+    """Gauss-Newton in how arm and sensor stand; the rest is linear."""
+    standing = _MountingEstimate(mounting.gravity, mounting.rotation, np.zeros(2))
+    linear = labels[:16]
+    seen = np.concatenate([readings.seen(0.0), readings.still])
+    solution = least_squares(linear, _columns(readings, standing), seen, _FORCE_AND_MOMENT, sigma)
+    for _ in range(_ROUNDS_from_wrench if len(labels) > len(linear) else 0):
+        freed = _freed(readings, standing, solution.values[:10])
+        design = np.concatenate([_columns(readings, standing), *(freed[name] for name in labels[16:])], axis=2)
+        seen = np.concatenate([readings.seen(standing.late_s), readings.still])
+        solution = least_squares(labels, design, seen, _FORCE_AND_MOMENT, sigma)
+        standing = _stepped(standing, dict(zip(labels, solution.values, strict=True)))
+        if np.abs(solution.values[16:]).max() < _SETTLED_from_wrench:
+            return solution, standing
+    if len(labels) > len(linear) and np.abs(solution.values[16:]).max() > 1e-6:
+        raise LabError("tilt, mounting or delay do not converge: align arm, sensor and clock better, or free fewer")
+    return solution, standing
+
+
+def _loaded(readings: _Readings, standing: _MountingEstimate, order: int = 0) -> Array:
+    """The load's columns ``(k, 6, 10)`` in the sensor's axes."""
+    return _turned(standing, readings.at_rest[order] + readings.by_gravity[order] @ standing.gravity)
+
+
+def _columns(readings: _Readings, standing: _MountingEstimate) -> Array:
+    """Of the load and the offsets, ``(k + m, 6, 16)``."""
+    columns = _padded(readings, _loaded(readings, standing))
+    return np.concatenate([columns, np.broadcast_to(np.eye(6), (len(columns), 6, 6))], axis=2)
+
+
+def _freed(readings: _Readings, standing: _MountingEstimate, phi: Array) -> dict[str, Array]:
+    """By name, one column ``(k + m, 6, 1)`` of what is fitted by steps, at a load ``phi``.
+
+    Frame 0 tilted by d turns gravity in it by -d, and a sensor turned by d reads w - d x w.
+    """
+    wrench = _loaded(readings, standing) @ phi
+    found = {}
+    for name, axis in zip(_TILT, _horizontal(standing.gravity), strict=True):
+        found[name] = _turned(standing, readings.by_gravity[0] @ np.cross(standing.gravity, axis)) @ phi
+    for name, axis in zip(_TURN, np.eye(3), strict=True):
+        found[name] = np.cross(wrench.reshape(-1, 2, 3), axis).reshape(-1, 6)
+    found["delay"] = -_loaded(readings, standing, 1) @ phi
+    return {name: _padded(readings, column[..., None]) for name, column in found.items()}
+
+
+def _stepped(standing: _MountingEstimate, steps: dict[str, float]) -> _MountingEstimate:
+    tilt = np.array([steps.get(name, 0.0) for name in _TILT])
+    turn = np.array([steps.get(name, 0.0) for name in _TURN])
+    return _MountingEstimate(
+        se3.exp(-tilt @ _horizontal(standing.gravity)) @ standing.gravity,
+        standing.rotation @ se3.exp(turn),
+        standing.tilt + tilt,
+        standing.late_s + float(steps.get("delay", 0.0)),
+    )
+
+
+def _suspects(
+    readings: _Readings, solution: ChannelSolution, standing: _MountingEstimate, labels: Sequence[str]
+) -> list[BiasCandidate]:
+    phi = solution.values[:10]
+    freed = _freed(readings, standing, phi)
+    named = {
+        _TILT: "a base that is tilted; estimate it (tilt)",
+        _TURN: "a sensor that is turned; estimate it (turn)",
+        ("delay",): "a delay between wrench and positions; estimate it (delay)",
+    }
+    found = [
+        BiasCandidate(np.concatenate([freed[name] for name in names], axis=2), words)
+        for names, words in named.items()
+        if names[0] not in labels
+    ]
+    wrench = _padded(readings, (_loaded(readings, standing) @ phi)[:, :, None] * np.eye(6))
+    found.append(BiasCandidate(wrench, "gains of the sensor's axes; calibrate the sensor"))
+    bent = _loaded(readings, standing, 2) @ phi
+    found.append(BiasCandidate(_padded(readings, bent[..., None]), "a filter that the wrench came through"))
+    return found
+
+
+def _unit(name: str) -> str:
+    return next(unit for start, unit in _UNITS.items() if name.startswith(start))
+
+
+def _horizontal(gravity: Array) -> NDArray[np.float64]:
+    """Frame 0's x, or its y where x is upright, made horizontal, and what is horizontal across it: rows ``(2, 3)``."""
+    up = -gravity / np.linalg.norm(gravity)
+    x = np.eye(3)[0 if abs(up[0]) < 0.9 else 1]
+    x = x - (x @ up) * up
+    x = x / np.linalg.norm(x)
+    return np.array([x, np.cross(up, x)])
+
+
+def _turned(standing: _MountingEstimate, columns: Array) -> Array:
+    """Forces and moments ``(k, 6, ...)`` from the last frame's axes to the sensor's."""
+    halves = columns.reshape(len(columns), 2, 3, -1)
+    turned: Array = np.einsum("ji,nhjc->nhic", standing.rotation, halves)
+    return turned.reshape(columns.shape)
+
+
+def _padded(readings: _Readings, columns: Array) -> Array:
+    """With rows of zeros for the unloaded run, in which nothing hangs from the sensor."""
+    return np.concatenate([columns, np.zeros((len(readings.still), *columns.shape[1:]))])

@@ -1,0 +1,259 @@
+"""Simulated scatter of what is read: repeatability, encoder rounding, correlated noise, bad readings."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.core.errors import LabError
+from lab.core.se3 import Array
+from lab.kinematics.effects.effect import (
+    ArmFacts,
+    ChangesJointPositions,
+    DisplacesReadings,
+    ScattersJoints,
+    ShapesNoise,
+    SimulatedEffect,
+    VirtualEffect,
+    levers,
+    refuse_negative,
+)
+from lab.kinematics.joints import Encoders
+
+__all__ = [
+    "BadReadings",
+    "Displaced",
+    "EncoderCounts",
+    "EncoderRounding",
+    "InstrumentNoise",
+    "Repeatability",
+    "ShapedNoise",
+    "VisitScatter",
+]
+
+
+@dataclass(frozen=True)
+class VisitScatter(SimulatedEffect, ScattersJoints):
+    """Of one arm.
+
+    Attributes:
+        repeatability_rad: ``(n,)`` standard deviation of where a joint stops from one visit to the next, m of a slide.
+    """
+
+    repeatability_rad: Array
+
+    def __post_init__(self) -> None:
+        refuse_negative("repeatability_rad", self.repeatability_rad)
+
+    @classmethod
+    def none(cls, joints: int) -> Self:
+        """Joints that stop where they did before."""
+        return cls(np.zeros(joints))
+
+    @property
+    def is_on(self) -> bool:
+        """Whether any joint scatters."""
+        return bool(self.repeatability_rad.any())
+
+    def scatter(self, poses: int, rng: np.random.Generator) -> Array:
+        """Normal draws."""
+        drawn: Array = self.repeatability_rad * rng.standard_normal((poses, len(self.repeatability_rad)))
+        return drawn
+
+
+@dataclass(frozen=True)
+class Repeatability(VirtualEffect):
+    """Repeatability of a virtual arm."""
+
+    repeatability_mrad: float = 0.0
+    """How far a joint is off from one visit to the next (1σ)."""
+
+    def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
+        """Alike for all joints."""
+        return VisitScatter(levers(arm.chain) * (self.repeatability_mrad / 1e3))
+
+
+@dataclass(frozen=True)
+class EncoderCounts(SimulatedEffect, ChangesJointPositions):
+    """Of one arm.
+
+    Attributes:
+        encoders: those of its table; None for ideal ones.
+    """
+
+    encoders: Encoders | None
+
+    @classmethod
+    def none(cls, joints: int) -> Self:
+        """Ideal encoders."""
+        return cls(None)
+
+    def shown(self, joints: Array) -> Array:
+        """In whole counts."""
+        return joints if self.encoders is None else self.encoders.rounded(joints)
+
+
+@dataclass(frozen=True)
+class EncoderRounding(VirtualEffect):
+    """Encoders of a virtual arm: a robot's table says them, no option."""
+
+    def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
+        """As the table has them."""
+        return None if arm.chain.encoders is None else EncoderCounts(arm.chain.encoders)
+
+
+_LEAST_DOF = 2.0  # of Student's t: there its variance ends
+
+
+@dataclass(frozen=True)
+class ShapedNoise(SimulatedEffect, ShapesNoise):
+    """Of one instrument, whose variance it leaves as it is.
+
+    Attributes:
+        correlation: of each number's noise from one pose to the next: an autoregressive process of the first order.
+        tail_dof: degrees of freedom of Student's t, which the noise is stretched to by chance; infinite for none.
+        moved_m: how far the base or the tracker moves at once in each set of measurements; their mean stays.
+        moved_after: how many poses are measured before; 0 for half of them.
+    """
+
+    correlation: float
+    tail_dof: float
+    moved_m: float = 0.0
+    moved_after: int = 0
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.correlation < 1:
+            raise LabError("effects: the noise's correlation is to be in [0, 1)")
+        if not self.tail_dof > _LEAST_DOF:
+            raise LabError("effects: tail_dof is to be above 2: below, Student's t has no variance")
+
+    @classmethod
+    def none(cls, joints: int) -> Self:
+        """Noise that is independent, and as the instrument has it."""
+        return cls(0.0, np.inf)
+
+    @property
+    def is_on(self) -> bool:
+        """Whether it changes the noise."""
+        return self.correlation > 0 or bool(np.isfinite(self.tail_dof)) or self.is_of_a_tracker
+
+    @property
+    def is_of_a_tracker(self) -> bool:
+        """Whether it moves the tracker, which not every kind of measurement has."""
+        return self.moved_m > 0
+
+    def shaped(self, noise: Array, rng: np.random.Generator) -> Array:
+        """Independent noise ``(poses, k, 3)`` m, stretched by number, carried on from pose to pose, and moved."""
+        return self._carried(noise, rng) + self._moved(len(noise), rng)
+
+    def _carried(self, noise: Array, rng: np.random.Generator) -> Array:
+        if np.isfinite(self.tail_dof):
+            noise = noise * np.sqrt((self.tail_dof - 2) / rng.chisquare(self.tail_dof, noise.shape))
+        if not self.correlation:
+            return noise
+        carried, fresh = noise.copy(), np.sqrt(1 - self.correlation**2)
+        for i in range(1, len(noise)):
+            carried[i] = self.correlation * carried[i - 1] + fresh * noise[i]
+        return carried
+
+    def _moved(self, poses: int, rng: np.random.Generator) -> Array:
+        """``(poses, 1, 3)`` m against the mean, in a random direction."""
+        if not self.moved_m:
+            return np.zeros((1, 1, 1))
+        after = np.arange(poses) >= (self.moved_after or poses / 2)
+        direction = rng.standard_normal(3)
+        return np.asarray(self.moved_m * (after - after.mean())[:, None, None] * direction / np.linalg.norm(direction))
+
+
+@dataclass(frozen=True)
+class InstrumentNoise(VirtualEffect):
+    """The noise of a virtual instrument."""
+
+    noise_correlation: float = 0.0
+    """Correlation of the instrument's noise from one pose to the next."""
+    noise_tail_dof: float = 0.0
+    """Give the noise the heavy tails of Student's t with so many degrees of freedom, above 2; 0 for none."""
+    step_mm: float = 0.0
+    """How far the base or the tracker moves at once, unnoticed; the mean over the poses stays where it is."""
+    step_after: int = 0
+    """Poses that are measured before that; 0 for half of them."""
+
+    def check(self) -> None:
+        """Refuse a correlation of one, tails without a variance, and the time of a step that there is none of."""
+        if not self.noise_correlation < 1:
+            raise LabError(f"--noise-correlation {self.noise_correlation:g}: give a correlation from 0 to below 1")
+        if self.noise_tail_dof and not self.noise_tail_dof > _LEAST_DOF:
+            raise LabError(f"--noise-tail-dof {self.noise_tail_dof:g}: give more than 2 degrees of freedom, e.g. 3")
+        if self.step_after and not self.step_mm:
+            raise LabError(f"--step-after {self.step_after}: give --step-mm, too: how far the base moves there")
+
+    def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
+        """As it is given."""
+        return ShapedNoise(self.noise_correlation, self.noise_tail_dof or np.inf, self.step_mm / 1e3, self.step_after)
+
+
+@dataclass(frozen=True)
+class Displaced(SimulatedEffect, DisplacesReadings):
+    """Of one campaign.
+
+    Attributes:
+        bad_share: how likely a pose's reading is bad.
+        bad_range_m: least and largest displacement of a bad reading; log-uniform between, in any direction.
+    """
+
+    bad_share: float
+    bad_range_m: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.bad_share <= 1:
+            raise LabError("effects: bad_share is to be in [0, 1]")
+        if not 0 < self.bad_range_m[0] <= self.bad_range_m[1] < np.inf:
+            raise LabError(f"effects: bad_range_m {self.bad_range_m} is to be a least and a largest length above zero")
+
+    @classmethod
+    def none(cls, joints: int) -> Self:
+        """Good readings."""
+        return cls(0.0, (1e-3, 1e-3))
+
+    @property
+    def is_on(self) -> bool:
+        """Whether any reading may be bad."""
+        return self.bad_share > 0
+
+    def displacements(self, poses: int, rng: np.random.Generator) -> tuple[Array, NDArray[np.bool_]]:
+        """Four draws a pose: whether it is bad, how far it is displaced, and where."""
+        chance, size, height, turn = rng.random((poses, 4)).T
+        bad = chance < self.bad_share
+        least, largest = np.log(self.bad_range_m)
+        z, radius = 2 * height - 1, 2 * np.sqrt(height * (1 - height))
+        direction = np.stack([radius * np.cos(2 * np.pi * turn), radius * np.sin(2 * np.pi * turn), z], axis=1)
+        return (bad * np.exp(least + (largest - least) * size))[:, None] * direction, bad
+
+
+@dataclass(frozen=True)
+class BadReadings(VirtualEffect):
+    """Bad readings of a virtual arm."""
+
+    bad_share: float = 0.0
+    """Share of the poses whose reading is bad."""
+    bad_mm: tuple[float, ...] = (1.0, 50.0)
+    """Least and largest displacement of a bad reading."""
+
+    def check(self) -> None:
+        """Refuse a share above one, and sizes that are none or without a share.
+
+        Raises:
+            LabError: with the option.
+        """
+        if not self.bad_share <= 1:
+            raise LabError(f"--bad-share {self.bad_share:g}: give a share from 0 to 1")
+        if len(self.bad_mm) != 2 or not 0 < self.bad_mm[0] <= self.bad_mm[1]:
+            raise LabError("--bad-mm: give the least and the largest displacement, e.g. 1,50")
+        if self.bad_mm != BadReadings.bad_mm and not self.bad_share:
+            raise LabError("--bad-mm says how large bad readings are; give --bad-share too")
+
+    def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
+        """As it is given; each campaign draws which are bad."""
+        return Displaced(self.bad_share, (self.bad_mm[0] / 1e3, self.bad_mm[1] / 1e3))

@@ -1,0 +1,413 @@
+"""Write recordings: entities, layouts, arms in time."""
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from numpy.typing import NDArray
+
+from lab.core import se3
+from lab.core.se3 import Array
+from lab.kinematics.model import RigidArm
+from lab.render.document import format_magnification
+from lab.render.scene import Legs, MagnifiedEllipsoids, world_legs
+from lab.render.style import RGB_ARROW, RGB_AXES, RGB_BACKDROP, RGB_BEAM, RGB_FLOOR, RGB_LEG, RGB_ROD, RGB_TRACKER
+from lab.simulation.meshes import Shell, body_poses, shells
+from lab.simulation.model import RobotModel
+
+__all__ = [
+    "FAR",
+    "LEGS",
+    "SUMMARY",
+    "TIME",
+    "Colour",
+    "Times",
+    "backdrop",
+    "bars",
+    "close_view",
+    "draw_beams",
+    "draw_ellipsoid",
+    "draw_instrument",
+    "draw_legs",
+    "draw_moves",
+    "draw_moving",
+    "draw_moving_legs",
+    "draw_shells",
+    "draw_tag",
+    "draw_tracker",
+    "eye",
+    "eye_on_arm",
+    "layout",
+    "magnified_view",
+    "main_view",
+    "markdown",
+    "moves_between",
+    "pose_times",
+    "recording_to",
+]
+
+Colour = tuple[int, int, int]
+Times = list[rr.TimeColumn]
+LEGS = "world/arm/rods_and_legs"
+_ROD: tuple[Colour, float] = RGB_ROD, 0.004  # and its radius, of the reach
+_LEG: tuple[Colour, float] = RGB_LEG, 0.01
+_LEGS_M, _STAND_M = 0.3, 1.2  # height of a tracker's tripod and how far its feet reach; of a usual stand
+_AXES = np.array(RGB_AXES, dtype=np.uint8)
+
+
+@contextmanager
+def recording_to(path: Path, robot: str, identity: str) -> Iterator[rr.RecordingStream]:
+    """A recording of a world whose z is up, written to ``path`` when the block ends well, whatever RERUN is set to.
+
+    Args:
+        robot: the name of what it shows.
+        identity: the same for the same content, so that the same content gives the same recording.
+    """
+    application = f"{robot} {identity[:8]}"  # a viewer has one blueprint for each application
+    with _enabled():
+        recording = rr.RecordingStream(application, recording_id=identity, send_properties=False)
+    memory = recording.memory_recording()  # written at the end, in one go: a full disk would hang rerun's own writer
+    recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    yield recording
+    path.write_bytes(memory.drain_as_bytes() or b"")
+    recording.disconnect()
+
+
+@contextmanager
+def _enabled() -> Iterator[None]:
+    """Without the variable RERUN: one that turns off what a program logs would leave a file without content."""
+    given = os.environ.pop("RERUN", None)
+    try:
+        yield
+    finally:
+        if given is not None:
+            os.environ["RERUN"] = given
+
+
+def draw_shells(
+    recording: rr.RecordingStream,
+    at: Times,
+    shells: Sequence[Shell],
+    bodies: Mapping[str, Array],
+    under: str = "world/arm",
+) -> None:
+    """The robot's shells, which move through the poses ``(m, 4, 4)`` of their bodies, as entities under a path."""
+    for shell in shells:
+        entity = f"{under}/{rr.escape_entity_path_part(shell.body)}"
+        mesh = rr.Mesh3D(
+            vertex_positions=shell.vertices,
+            triangle_indices=shell.faces,
+            vertex_normals=shell.normals,
+            vertex_colors=shell.rgba,
+        )
+        recording.log(entity, mesh, static=True)
+        draw_moving(recording, at, {shell.body: bodies[shell.body]}, under)
+
+
+def draw_moving(
+    recording: rr.RecordingStream, at: Times, bodies: Mapping[str, Array], under: str = "world/arm"
+) -> None:
+    """Further poses ``(m, 4, 4)`` of bodies that are drawn already under a path."""
+    for name, Ts in bodies.items():
+        _move(recording, f"{under}/{rr.escape_entity_path_part(name)}", at, Ts)
+
+
+def draw_legs(recording: rr.RecordingStream, at: Times, legs: Legs, reach_m: float) -> None:
+    """Rods and legs as lines from end to end; a serial arm has none, and no entity for them."""
+    if not legs.measured:
+        return
+    colours, shares = zip(*(_LEG if measured else _ROD for measured in legs.measured), strict=True)
+    style = rr.LineStrips3D.from_fields(colors=colours, radii=[share * reach_m for share in shares])
+    recording.log(LEGS, style, static=True)
+    draw_moving_legs(recording, at, legs)
+
+
+def draw_moving_legs(recording: rr.RecordingStream, at: Times, legs: Legs) -> None:
+    """Further places of rods and legs that are drawn already."""
+    if count := len(legs.measured):
+        lines = rr.LineStrips3D.columns(strips=list(legs.ends.reshape(-1, 2, 3))).partition([count] * len(legs.ends))
+        recording.send_columns(LEGS, at, lines)
+
+
+def _move(recording: rr.RecordingStream, entity: str, at: Times, Ts: Array) -> None:
+    """Log poses ``(m, 4, 4)``, once where nothing moves."""
+    positions, quaternions = Ts[:, :3, 3], _xyzw(Ts[:, :3, :3])
+    if np.ptp(Ts, axis=0).max() == 0:
+        still = rr.Transform3D(translation=positions[0], quaternion=quaternions[0])
+        recording.log(entity, still, static=True)
+        return
+    moving = rr.Transform3D.columns(translation=positions, quaternion=quaternions)
+    recording.send_columns(entity, at, moving)
+
+
+def _xyzw(rotations: Array) -> Array:
+    return se3.quaternion_from_rotation(rotations)[..., [1, 2, 3, 0]]
+
+
+def draw_instrument(recording: rr.RecordingStream, name: str, T_world_instrument: Array, station: str = "") -> None:
+    """The instrument's frame, at one of its stations where it has several."""
+    T = T_world_instrument
+    axes = rr.Arrows3D(
+        origins=np.tile(T[:3, 3], (3, 1)), vectors=0.25 * T[:3, :3].T, colors=_AXES, radii=0.006, labels=[name, "", ""]
+    )
+    recording.log(
+        rr.new_entity_path(["world", "instrument", "frame", *([station] if station else [])]), axes, static=True
+    )
+
+
+def draw_tracker(recording: rr.RecordingStream, head: Array) -> None:
+    """A tracker on its stand: head, column and three legs on the floor, or as high as is usual where that is below.
+
+    Args:
+        head: ``(3,)`` m in the world.
+    """
+    floor = head[2] if head[2] > _LEGS_M else _STAND_M
+    waist, foot = head - (0.0, 0.0, floor - _LEGS_M), head - (0.0, 0.0, floor)
+    angles = 2 * np.pi / 3 * np.arange(3)
+    feet = foot + _LEGS_M * np.stack([np.cos(angles), np.sin(angles), np.zeros(3)], axis=1)
+    shoulder = head - (0.0, 0.0, 0.12)
+    strips = [np.stack([shoulder, waist]), *(np.stack([waist, each]) for each in feet)]
+    stand = rr.LineStrips3D(strips, colors=RGB_TRACKER, radii=[0.035, 0.012, 0.012, 0.012])
+    recording.log("world/instrument/stand", stand, static=True)
+    body = rr.Ellipsoids3D(
+        half_sizes=[[0.06, 0.06, 0.12]], centers=[head], colors=RGB_TRACKER, fill_mode="Solid", line_radii=0.0
+    )
+    recording.log("world/instrument/head", body, static=True)
+
+
+def draw_beams(recording: rr.RecordingStream, at: Times, head: Array, points: Array) -> None:
+    """Beams from the head, ``(3,)`` or of each pose ``(m, 3)``, to the points ``(m, k, 3)`` that are not NaN."""
+    visible = np.isfinite(points).all(axis=2)
+    heads = np.broadcast_to(np.reshape(head, (-1, 1, 3)), points.shape)
+    strips = [np.stack(ends) for ends in zip(heads[visible], points[visible], strict=True)]
+    beams = rr.LineStrips3D.columns(strips=strips).partition(visible.sum(axis=1))
+    recording.send_columns("world/instrument/beam", at, beams)
+    recording.log("world/instrument/beam", rr.LineStrips3D.from_fields(colors=RGB_BEAM, radii=0.0015), static=True)
+
+
+def draw_ellipsoid(
+    recording: rr.RecordingStream, name: str, at: Times, drawn: MagnifiedEllipsoids, colour: Colour
+) -> None:
+    """One ellipsoid a row, with its half-axes and its magnification."""
+    shape = rr.Ellipsoids3D.columns(half_sizes=drawn.half_sizes, centers=drawn.centers, quaternions=_xyzw(drawn.axes))
+    recording.send_columns(f"world/ellipsoid/{name}/shape", at, shape)
+    style = rr.Ellipsoids3D.from_fields(colors=colour, fill_mode="TransparentFillMajorWireframe", line_radii=0.0008)
+    recording.log(f"world/ellipsoid/{name}/shape", style, static=True)
+    vectors = np.swapaxes(drawn.axes * drawn.half_sizes[:, None, :], 1, 2).reshape(-1, 3)  # rows: the half-axes
+    origins = np.repeat(drawn.centers, 3, axis=0)
+    axes = rr.Arrows3D.columns(origins=origins, vectors=vectors).partition([3] * len(drawn.centers))
+    recording.send_columns(f"world/ellipsoid/{name}/axes", at, axes)
+    recording.log(f"world/ellipsoid/{name}/axes", rr.Arrows3D.from_fields(colors=RGB_ARROW, radii=0.002), static=True)
+    above = drawn.centers + np.array([0.0, 0.0, 1.1]) * drawn.half_sizes[:, :1]
+    draw_tag(recording, f"world/ellipsoid/{name}/factor", at, above, format_magnification(drawn.factor), colour)
+
+
+def draw_tag(
+    recording: rr.RecordingStream, entity: str, at: Times, positions: Array, text: str, colour: Colour
+) -> None:
+    """A text that goes along with ``positions`` ``(m, 3)``."""
+    recording.send_columns(entity, at, rr.Points3D.columns(positions=positions))
+    style = rr.Points3D.from_fields(colors=colour, radii=0.0005, labels=text, show_labels=True)
+    recording.log(entity, style, static=True)
+
+
+def markdown(text: str) -> rr.TextDocument:
+    """A text with tables and emphasis."""
+    return rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)
+
+
+SUMMARY = "summary"  # the entity of a recording's text
+_POSES_PER_SECOND = 2.0  # when it is played
+_CLOSE = 0.5  # of the reach: how far a close view's eye is from the target
+_SHOULDER_RAD, _DOWN = 0.9, 0.35  # the main view looks past the arm: turned from the line to the instrument, and down
+_SHELL = 0.12  # of the reach: how far bodies stand out from the frames, for an arm that fills the view
+_FLAT, _DOWN_ON_FLAT = 0.15, 1.8  # an arm of which all is lower than this share of its width lies in a plane
+FAR = 4.0  # reaches: an instrument further away does not have to be in view
+_HALF_FIELD, _ASPECT = 0.5, 1.4  # what is to fit in a view: less than the viewer's field of 55 degrees
+
+
+def layout(left: rrb.Container, right: rrb.Container, timeline: str) -> rrb.Blueprint:
+    """Two columns and nothing else, paused at the start of a timeline."""
+    return rrb.Blueprint(
+        rrb.Horizontal(left, right, column_shares=[3, 2]),
+        rrb.TimePanel(timeline=timeline, play_state="paused", state="collapsed", fps=_POSES_PER_SECOND),
+        collapse_panels=True,
+        auto_views=False,
+        auto_layout=False,
+    )
+
+
+def main_view(name: str, controls: rrb.EyeControls3D) -> rrb.Spatial3DView:
+    """The arm and what is around it; ellipsoids and what is magnified more have their own views."""
+    return rrb.Spatial3DView(
+        origin="world",
+        name=name,
+        contents=["+ /world/**", "- /world/ellipsoid/**", "- /world/magnified/**", "- /world/focus/**"],
+        line_grid=_floor(),
+        eye_controls=controls,
+        background=backdrop(),
+    )
+
+
+def magnified_view(name: str, origins: Array, reach_m: float) -> rrb.Spatial3DView:
+    """What is magnified, without the arm's shells, from the side; ``origins`` ``(m, f, 3)`` are the frames'."""
+    middle = origins.mean(axis=(0, 1))
+    controls = rrb.EyeControls3D(
+        kind=rrb.Eye3DKind.Orbital,
+        position=middle + reach_m * np.array([0.35, -1.1, 0.3]),
+        look_target=middle,
+        eye_up=(0.0, 0.0, 1.0),
+    )
+    return rrb.Spatial3DView(
+        origin="world",
+        name=name,
+        contents=["+ /world/magnified/**", "+ /world/path"],
+        line_grid=_floor(),
+        eye_controls=controls,
+        background=backdrop(),
+    )
+
+
+def close_view(entities: str, name: str, reach_m: float) -> rrb.Spatial3DView:
+    """The target with one ellipsoid or what is magnified (below ``world``); ``world/focus`` is where it looks."""
+    return rrb.Spatial3DView(
+        origin="world/focus",
+        name=name,
+        contents=["+ /world/arm/**", "+ /world/targets/measured", f"+ /world/{entities}/**"],
+        line_grid=False,
+        eye_controls=rrb.EyeControls3D(
+            kind=rrb.Eye3DKind.Orbital,
+            position=_CLOSE * reach_m * np.array([0.45, -0.8, 0.4]),
+            look_target=(0.0, 0.0, 0.0),
+            eye_up=(0.0, 0.0, 1.0),
+        ),
+        background=backdrop(),
+    )
+
+
+def bars(origin: str, name: str) -> rrb.BarChartView:
+    """A bar chart without a legend."""
+    return rrb.BarChartView(origin=origin, name=name, plot_legend=rrb.PlotLegend(visible=False))
+
+
+def eye(origins: Array, points: Array, reach_m: float, head: Array) -> rrb.EyeControls3D:
+    """Over the arm's shoulder towards the instrument: the arm near and large, the instrument behind it.
+
+    One that lies in a plane is looked down upon, without the instrument.
+
+    Args:
+        origins: ``(m, f, 3)`` of the frames, base outward.
+        points: ``(k, 3)`` further ones to show.
+        head: ``(3,)`` the instrument's.
+    """
+    foot = origins[0, 0] + 0.25 * reach_m * np.array([[1, 1, 0], [1, -1, 0], [-1, 1, 0], [-1, -1, 0]])
+    arm = np.concatenate([foot, origins.reshape(-1, 3), points])
+    middle = (arm.min(axis=0) + arm.max(axis=0)) / 2
+    towards = (head - middle) * np.array([1.0, 1.0, 0.0])
+    distance = float(np.linalg.norm(towards))
+    towards = towards / distance if distance > 1e-6 else np.array([1.0, 0.0, 0.0])
+    extent = np.ptp(arm, axis=0)
+    flat = bool(extent[2] < _FLAT * extent.max())
+    down = _DOWN_ON_FLAT if flat else _DOWN
+    forward = se3.exp(np.array([0.0, 0.0, _SHOULDER_RAD])) @ towards + np.array([0.0, 0.0, -down])
+    forward /= np.linalg.norm(forward)
+    near = distance < FAR * reach_m and not flat
+    more = head + np.array([[0.0, 0.0, 0.3], [0.0, 0.0, -head[2]]]) if near else arm[:0]
+    if flat:  # room for what is drawn above and below its plane
+        more = np.concatenate([arm + np.array([0.0, 0.0, sign * 0.25 * reach_m]) for sign in (1, -1)])
+    span = np.concatenate([arm, more])
+    target, back = _framed(span, forward)
+    return rrb.EyeControls3D(
+        kind=rrb.Eye3DKind.Orbital, position=target - back * forward, look_target=target, eye_up=(0.0, 0.0, 1.0)
+    )
+
+
+def eye_on_arm(origins: Array, points: Array, reach_m: float) -> rrb.EyeControls3D:
+    """From in front and from the side, of an arm that nothing measures; arguments as those of ``eye``."""
+    shells = origins.reshape(-1, 3)[:, None] + _SHELL * reach_m * np.array([[0, 0, 1], [0, 0, -1], [1, -1, 0]])
+    behind = origins[0, 0] + FAR * reach_m * np.array([0.2, 1.0, 0.0])  # no instrument: a direction alone
+    return eye(origins, np.concatenate([points, shells.reshape(-1, 3)]), reach_m, behind)
+
+
+def _framed(points: Array, forward: Array) -> tuple[Array, float]:
+    """Where to look, and from how far back along ``forward``, so that all ``points`` ``(n, 3)`` are in view."""
+    right = np.cross(forward, (0.0, 0.0, 1.0))
+    right /= np.linalg.norm(right)
+    up = np.cross(right, forward)
+    target, back = points.mean(axis=0), 0.0
+    for _ in range(5):  # centre the picture, which moves as the eye does
+        local = points - target
+        depth, across, above = local @ forward, local @ right, local @ up
+        needed = np.maximum(np.abs(across) / (_ASPECT * _HALF_FIELD), np.abs(above) / _HALF_FIELD)
+        back = float((needed - depth).max())
+        u, v = across / (depth + back), above / (depth + back)
+        target = target + 0.5 * back * ((u.min() + u.max()) * right + (v.min() + v.max()) * up)
+    return target, back
+
+
+def _floor() -> rrb.archetypes.LineGrid3D:
+    """A grid of 100 mm."""
+    return rrb.LineGrid3D(visible=True, spacing=0.1, plane=rr.components.Plane3D.XY, stroke_width=0.5, color=RGB_FLOOR)
+
+
+def backdrop() -> Any:
+    """What every 3D view stands before."""
+    return rrb.Background(kind=rrb.BackgroundKind.SolidColor, color=RGB_BACKDROP)
+
+
+TIME = "time"
+_MOVING = 0.6  # of the time from pose to pose; the arm stands at each for the rest
+_STEPS = 9  # drawn on the way to the next pose
+
+
+def pose_times(numbers: NDArray[np.int_], poses: str = "pose") -> Times:
+    """When poses ``numbers`` ``(m,)`` are shown: by their number on a timeline, and in seconds on ``time``."""
+    return [
+        rr.TimeColumn(poses, sequence=numbers),
+        rr.TimeColumn(TIME, duration=np.asarray(numbers) / _POSES_PER_SECOND),
+    ]
+
+
+def moves_between(arm: RigidArm, numbers: NDArray[np.int_], joints: Array) -> tuple[Array, Array]:
+    """Where the arm is on its way: all joints start and stop together, by a law of degree five without jerks.
+
+    Args:
+        numbers: ``(m,)`` of the poses, rising.
+        joints: ``(m, joints)`` of the arm there.
+
+    Returns:
+        Seconds ``(w,)`` and joint positions ``(w, joints)``, where the arm can be assembled.
+    """
+    shares = np.arange(1, _STEPS + 1) / (_STEPS + 1)
+    passed = shares**3 * (10 - 15 * shares + 6 * shares**2)
+    arrive = np.asarray(numbers[1:], dtype=float) / _POSES_PER_SECOND
+    seconds = (arrive[:, None] - (1 - shares) * _MOVING / _POSES_PER_SECOND).ravel()
+    between = (joints[:-1, None] + passed[:, None] * np.diff(joints, axis=0)[:, None]).reshape(-1, joints.shape[1])
+    stands = arm.chain.is_assemblable(between)
+    return seconds[stands], between[stands]
+
+
+def draw_moves(
+    recording: rr.RecordingStream,
+    model: RobotModel,
+    arm: RigidArm,
+    values: Array,
+    numbers: NDArray[np.int_],
+    joints: Array,
+) -> None:
+    """Bodies and legs on their way between poses ``joints`` ``(m, joints)``; at the poses they are drawn already."""
+    seconds, between = moves_between(arm, numbers, joints)
+    if not len(seconds):
+        return
+    at: Times = [rr.TimeColumn(TIME, duration=seconds)]
+    seen = {shell.body for shell in shells(model)}
+    bodies = body_poses(model, arm, values, between)
+    still = body_poses(model, arm, values, joints)  # what stands at all poses was drawn once
+    moving = {name: Ts for name, Ts in bodies.items() if name in seen and np.ptp(still[name], axis=0).max() > 0}
+    draw_moving(recording, at, moving)
+    draw_moving_legs(recording, at, world_legs(model.T_world_frame0, arm, values, between))

@@ -1,0 +1,606 @@
+"""Read and write MJCF and URDF models."""
+
+import itertools
+import stat
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from math import prod
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from lab.core import se3
+from lab.core.errors import LabError
+from lab.core.limits import COPIES, JOINTS, MESH_BYTES, NESTED_ELEMENTS, PIXELS, TEXT_BYTES
+from lab.core.random import rng_for
+from lab.core.se3 import Array
+from lab.formats.description import DescriptionFormat, IdentifiedRobot
+from lab.formats.link_tree import free_name, last_axis_frame
+from lab.formats.structured import read_bytes, read_text
+from lab.formats.urdf import (
+    UrdfSource,
+    identified_urdf,
+    is_from_xacro,
+    is_urdf,
+    mesh_files,
+    read_urdf,
+    with_origins,
+    xacro_properties,
+)
+from lab.kinematics.dynamics.gravity import Loads
+from lab.kinematics.dynamics.rigid_body import khalil_chain, load_in_frame, load_of
+from lab.kinematics.joints import JointSpec
+from lab.kinematics.serial.arm import DEFAULT_TOOL, SerialArm
+from lab.kinematics.serial.axes_to_dh import chain_from_axes
+from lab.simulation.collisions import at_contacts
+from lab.simulation.meshes import dress
+from lab.simulation.model import (
+    FLANGE,
+    TRACKER,
+    SerialModel,
+    add_targets,
+    add_tracker,
+    at_zero,
+    body_pose,
+    compiled,
+    coordinates,
+    flange_body,
+    joint_axes,
+    joint_name,
+    joint_of,
+    last_frame,
+    let_weigh_nothing,
+    one_line,
+    site_pose,
+)
+
+__all__ = [
+    "MJCF",
+    "URDF",
+    "XACRO",
+    "bodies_of_links",
+    "calibrated_mjcf",
+    "joint_limits",
+    "link_inertias",
+    "load_model",
+    "loads_of",
+    "model_files",
+    "refuse_unbounded_model",
+    "set_vectors",
+    "write_in_full",
+]
+
+_AREAS = {"texture": ("width", "height"), "hfield": ("nrow", "ncol"), "replicate": ("count",), "composite": ("count",)}
+_AREAS |= {"flexcomp": ("count",)}
+_NOT_FINITE = frozenset(("nan", "inf", "infinity"))
+_TEXTS = frozenset(("name", "file", "filename", "class", "childclass", "model", "link", "joint", "body", "site"))
+
+
+def refuse_unbounded_model(path: Path) -> None:
+    """Refuse a model of more than can be worked with; what is wrong with it otherwise, MuJoCo tells.
+
+    Raises:
+        LabError: it is too large, nests too deeply, reads what is no file, or has a number that is not finite.
+    """
+    joints, sizes = 0, dict[Path, int]()
+    folders = {path.parent}
+    for element, depth in _elements(path):
+        NESTED_ELEMENTS(path, depth)
+        _refuse_numbers(path, element)
+        if element.tag in _AREAS:
+            most = PIXELS if len(_AREAS[element.tag]) == 2 else COPIES
+            most(f"{path}: {element.tag}", _product(element, _AREAS[element.tag]))
+        folders |= _folders(path, element)
+        joints += element.tag == "joint" and element.get("type") != "fixed"
+        sizes |= _sizes(path, folders, element.get("file") or element.get("filename"))
+    JOINTS(path, joints)
+    MESH_BYTES(path, sum(sizes.values()))
+
+
+def model_files(path: Path) -> set[Path]:
+    """The files that a model names, as far as they are there: meshes, pictures, included models.
+
+    Raises:
+        LabError: it cannot be read.
+    """
+    if is_urdf(path):
+        return set(mesh_files(path))
+    elements = [element for element, _ in _elements(path)]
+    folders = {path.parent}.union(*(_folders(path, each) for each in elements))
+    named = [each.get("file") for each in elements]
+    return {folder / name for folder in folders for name in named if name is not None and (folder / name).is_file()}
+
+
+def _folders(path: Path, element: ET.Element) -> set[Path]:
+    """Folders in which an element says that files are."""
+    return {path.parent / element.get(each, "") for each in ("meshdir", "texturedir", "assetdir")}
+
+
+def _elements(path: Path) -> Iterator[tuple[ET.Element, int]]:
+    """Every element with its depth, those of included files too."""
+    waiting, read = [path], set[Path]()
+    while waiting:
+        file = waiting.pop()
+        if file in read or not file.exists():
+            continue
+        read.add(file)
+        root = _root(file)
+        left = [(root, 1)]
+        while left:
+            element, depth = left.pop()
+            yield element, depth
+            left.extend((child, depth + 1) for child in element)
+            if element.tag == "include" and (name := element.get("file")):
+                waiting.append(path.parent / name)
+
+
+def _root(file: Path) -> ET.Element:
+    """The outermost element: what this parser cannot read, MuJoCo's might, and nothing of it would be checked."""
+    content = read_bytes(file, TEXT_BYTES)
+    try:
+        root = ET.fromstring(content)
+    except (ET.ParseError, LookupError, ValueError) as error:  # the last two of an encoding that there is not
+        said = error if content.strip() else "an empty file"
+        raise LabError(f"{file}: not a readable MJCF or URDF, mend it there: {said}") from error
+    try:
+        content.decode("utf-8")
+    except UnicodeDecodeError as error:  # MuJoCo takes names as bytes
+        if any(not value.isascii() for element in root.iter() for value in element.attrib.values()):
+            raise LabError(f"{file}: has names that are not in UTF-8; save it as UTF-8") from error
+    return root
+
+
+def _refuse_numbers(path: Path, element: ET.Element) -> None:
+    for name, text in element.items():
+        if name not in _TEXTS and any(word.lower().lstrip("+-") in _NOT_FINITE for word in text.split()):
+            raise LabError(f"{path}: {element.tag}: {name} is '{text}'; give finite numbers")
+
+
+def _product(element: ET.Element, names: Sequence[str]) -> int:
+    """Of all numbers in some attributes; what is no number, MuJoCo tells."""
+    words = [word for name in names for word in element.get(name, "1").split()]
+    try:
+        return prod(max(1, int(float(word))) for word in words)
+    except (ValueError, OverflowError):
+        return 1
+
+
+def _sizes(path: Path, folders: set[Path], name: str | None) -> dict[Path, int]:
+    """The sizes of the files that an element names, wherever they are."""
+    sizes = {}
+    for file in () if name is None else {folder / name for folder in folders}:
+        try:
+            found = file.stat()
+        except (OSError, ValueError):
+            continue
+        if not stat.S_ISREG(found.st_mode) and not stat.S_ISDIR(found.st_mode):
+            raise LabError(f"{path}: {name} is no regular file; give a file")
+        sizes[file] = found.st_size
+    return sizes
+
+
+# an MJCF's <custom><numeric>, in joint order; mm for a slide
+_SPEED_KEY, _ACCELERATION_KEY = "joint_speed_deg_per_s", "joint_acceleration_deg_per_s2"
+
+
+def joint_limits(path: Path, model: mujoco.MjModel, names: Sequence[str]) -> tuple[Array, Array, Array, Array]:
+    """Lower and upper limits, speeds and accelerations ``(n,)``, rad or m (per s, s^2); NaN where these are not given.
+
+    Raises:
+        LabError: a range is crossed, a slide has none, or the speeds are not one for each joint and above zero.
+    """
+    lower, upper, scale = np.empty(len(names)), np.empty(len(names)), np.empty(len(names))
+    for i, name in enumerate(names):
+        joint = model.joint(name)
+        slides = joint.type[0] == mujoco.mjtJoint.mjJNT_SLIDE
+        scale[i] = 1e-3 if slides else np.pi / 180
+        if joint.range[0] > joint.range[1]:
+            raise LabError(f"{path}: joint {name}: the range's lower limit is above the upper one; swap them")
+        if joint.limited[0]:
+            lower[i], upper[i] = joint.range
+        elif slides:
+            raise LabError(f"{path}: slide {name} has no range; give it one")
+        else:
+            lower[i], upper[i] = -np.pi, np.pi
+    speed, acceleration = (_each(path, model, key, names, scale) for key in (_SPEED_KEY, _ACCELERATION_KEY))
+    return (
+        lower,
+        upper,
+        _urdf_speeds(path, names) if speed is None else speed,
+        (np.full(len(names), np.nan) if acceleration is None else acceleration),
+    )
+
+
+def _each(path: Path, model: mujoco.MjModel, key: str, names: Sequence[str], scale: Array) -> Array | None:
+    """A number of the model for each joint ``(n,)``, in rad or m; None where it has none."""
+    found = [i for i in range(model.nnumeric) if model.numeric(i).name == key]
+    if not found:
+        return None
+    numbers = np.array(model.numeric(found[0]).data, dtype=np.float64)
+    if numbers.shape != scale.shape:
+        raise LabError(f"{path}: {key} has {numbers.size} values for {len(names)} joints; give one each")
+    if (still := np.flatnonzero(~(numbers > 0))).size:
+        raise LabError(f"{path}: {key} of joint {names[still[0]]} is {numbers[still[0]]:g}; give more than zero")
+    return np.asarray(numbers * scale)
+
+
+def _urdf_speeds(path: Path, names: Sequence[str]) -> Array:
+    """Speeds ``(n,)`` of a URDF's ``<limit velocity>``, which MuJoCo does not keep; NaN where there are none."""
+    text = path.read_bytes()
+    if b"<robot" not in text or b"<!" in text.replace(b"<!--", b""):  # no entities: they can be made to explode
+        return np.full(len(names), np.nan)
+    limits = {joint.get("name"): joint.find("limit") for joint in ET.fromstring(text).iter("joint")}
+    speeds = np.full(len(names), np.nan)
+    for i, name in enumerate(names):
+        limit = limits.get(name)
+        given = None if limit is None else limit.get("velocity")
+        try:
+            speeds[i] = float(given) if given else np.nan
+        except ValueError as error:
+            raise LabError(f"{path}: joint {name}: velocity is {given!r}; give a number") from error
+    return np.where(speeds > 0, speeds, np.nan)
+
+
+_POSES = 200  # at which is looked what overlaps by construction
+
+
+def load_model(path: Path) -> SerialModel:
+    """Load an MJCF or a URDF with exactly one serial chain of hinges and slides.
+
+    Sites on the last body or beyond it are its targets, except one named ``flange``, which
+    places the last frame (of a URDF a link ``tool0`` or ``flange``). It gets those of the default tool that it
+    lacks; one without a site ``tracker`` gets a tracker beside it, and one without shapes gets rods for links.
+    Meshes that cannot be read are left out, and told.
+
+    Raises:
+        LabError: the file is malformed, or has no chain, several, or one that is not serial.
+    """
+    if not path.is_file():
+        raise LabError(f"{path}: no such file; give a robot's MJCF, URDF or TOML table")
+    refuse_unbounded_model(path)
+    urdf = read_urdf(path) if is_urdf(path) else None
+    spec, model, missing = _built(path, urdf)
+    bodies = _serial_bodies(path, model)
+    data = at_zero(model)
+    flange = _flange_pose(model, data, bodies)
+    base_body = _base_body(model, bodies)
+    base = body_pose(data, model.body(base_body).id) if base_body else np.eye(4)
+    chain, T_world_frame0 = chain_from_axes(
+        path.resolve().parent.name if path.stem in ("robot", "scene") else path.stem,
+        tuple(joint_name(model, body) for body in bodies),
+        tuple(bool(joint_of(model, body).type[0] == mujoco.mjtJoint.mjJNT_SLIDE) for body in bodies),
+        joint_axes(model, data, [joint_name(model, body) for body in bodies], ()),
+        base,
+        flange,
+        joint_limits(path, model, [joint_name(model, body) for body in bodies]),
+    )
+    T_world_last = last_frame(chain, T_world_frame0)
+    tool = _own_targets(model, data, bodies, T_world_last)
+    sites = {model.site(site).name for site in range(model.nsite)}
+    spare = {name: np.array(place) for name, place in DEFAULT_TOOL.items() if name not in sites}
+    carrier = model.body(flange_body(model, bodies))
+    add_targets(spec.body(carrier.name), se3.inverse(body_pose(data, carrier.id)) @ T_world_last, spare)
+    if TRACKER not in sites:
+        add_tracker(spec)
+    solid = model.geom_bodyid[(model.geom_contype | model.geom_conaffinity) != 0]
+    shapeless = not missing and not np.isin(solid, _beyond(model, bodies[0])).any()
+    weighed = shapeless and dress(path, spec, chain, T_world_frame0, bodies, tool | spare)
+    model = compiled(path, spec)
+    overlapping = _exclude_overlaps(spec, model, chain, (base_body, bodies[0]))
+    model = compiled(path, spec) if overlapping else model
+    return SerialModel(
+        path=path, spec=spec, model=model, chain=chain, T_world_frame0=T_world_frame0, bodies=bodies,
+        base_body=base_body, tool=tool | spare, shapes_assumed=shapeless, masses_assumed=weighed, missing=missing,
+        overlapping=overlapping, held=() if urdf is None else urdf.held,
+    )  # fmt: skip
+
+
+def _exclude_overlaps(
+    spec: mujoco.MjSpec, model: mujoco.MjModel, chain: JointSpec, base: tuple[str, str]
+) -> tuple[tuple[str, str], ...]:
+    """Exclude the contact of bodies that touch in all of many random poses; their names.
+
+    Of the base and the first link, too, where they touch in some: MuJoCo looks at the contact of no other neighbours.
+    Not of the tracker's body, where it is one of its own: what stands in the arm's way is a fault of the scene.
+    """
+    stand = str(model.body(model.site(TRACKER).bodyid[0]).name)
+    always, sometimes = set[tuple[str, str]](), set[tuple[str, str]]()
+    joints = chain.random_joints(_POSES, rng_for(0, "structure"))
+    for i, data in enumerate(at_contacts(model, coordinates(model, chain.joint_names, joints))):
+        pairs = {(int(min(pair)), int(max(pair))) for pair in model.geom_bodyid[data.contact.geom]}
+        touching = {(str(model.body(a).name), str(model.body(b).name)) for a, b in pairs if a}  # a = 0: the world
+        always, sometimes = touching if i == 0 else always & touching, sometimes | touching
+    names = sorted(pair for pair in always | ({base} & sometimes) if stand in base or stand not in pair)
+    for first, second in names:
+        spec.add_exclude(bodyname1=first, bodyname2=second)
+    return tuple(names)
+
+
+def _built(path: Path, urdf: UrdfSource | None) -> tuple[mujoco.MjSpec, mujoco.MjModel, str]:
+    """The file as a spec and a model; where its meshes cannot be read, without them, and why."""
+    spec = _read(path, urdf)
+    try:
+        if urdf is not None and urdf.missing:
+            raise LabError(urdf.missing)
+        return spec, compiled(path, spec), ""
+    except LabError as error:
+        bare = _read(path, urdf)
+        if not bare.meshes:
+            raise
+        _delete_meshes(bare)
+        try:
+            model = compiled(path, bare)
+        except LabError:
+            raise error from None
+        return bare, model, f"{error}; meshes are left out"
+
+
+def _delete_meshes(spec: mujoco.MjSpec) -> None:
+    """Leave the kinematics; a body whose mass came from a mesh gets next to none."""
+    for geom in [geom for geom in spec.geoms if geom.type == mujoco.mjtGeom.mjGEOM_MESH]:
+        spec.delete(geom)
+    for mesh in list(spec.meshes):
+        spec.delete(mesh)
+    let_weigh_nothing(spec)
+
+
+def _read(path: Path, urdf: UrdfSource | None) -> mujoco.MjSpec:
+    """The file with a name for every body that has no joint, and without sites that have no name."""
+    try:
+        spec = (
+            mujoco.MjSpec.from_file(str(path))
+            if urdf is None
+            else mujoco.MjSpec.from_string(urdf.text, assets=urdf.assets)
+        )
+    except ValueError as error:
+        raise LabError(f"{path}: not a readable MJCF or URDF, mend it there: {one_line(error)}") from error
+    spec.compiler.fusestatic = False  # a fixed link says where the flange is
+    if not spec.geoms:
+        let_weigh_nothing(spec)  # until it gets rods
+    for site in [site for site in spec.sites if not site.name]:
+        spec.delete(site)
+    names = {body.name for body in spec.bodies}
+    for i, body in enumerate(spec.bodies):
+        if not body.name and not body.joints:
+            body.name = next(name for n in itertools.count(i) if (name := f"body{n}") not in names)
+            names.add(body.name)
+    return spec
+
+
+def _serial_bodies(path: Path, model: mujoco.MjModel) -> tuple[str, ...]:
+    """The jointed bodies of the one chain, base outward."""
+    jointed = [b for b in range(1, model.nbody) if model.body_jntnum[b] > 0]
+    if not jointed:
+        raise LabError(f"{path}: no joints, so no chain; give a model with hinge or slide joints")
+    for b in jointed:
+        names = [model.joint(int(model.body_jntadr[b]) + i).name or "(unnamed)" for i in range(model.body_jntnum[b])]
+        kinds = {int(model.jnt_type[int(model.body_jntadr[b]) + i]) for i in range(model.body_jntnum[b])}
+        if kinds - {int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)}:
+            raise LabError(f"{path}: joint {names[0]} is a ball or free joint; a chain has hinges and slides only")
+        if len(names) > 1:
+            raise LabError(f"{path}: body {model.body(b).name} has joints {', '.join(names)}; give each its own body")
+        if not model.body(b).name or not names[0].strip("()") or names[0] == "(unnamed)":
+            raise LabError(f"{path}: a jointed body or its joint has no name (body {b}); name both")
+    if model.neq:
+        raise LabError(
+            f"{path}: it has {model.neq} equality constraints (loops or mimic joints); remove "
+            "them, or describe its loops in a mechanism's TOML"
+        )
+    chains = []
+    for tip in jointed:
+        path_up = _ancestors(model, tip)
+        if not any(tip in _ancestors(model, b)[1:] for b in jointed):
+            chains.append([b for b in reversed(path_up) if b in jointed])
+    if len(chains) > 1:
+        listed = "; ".join(", ".join(joint_name(model, model.body(b).name) for b in chain) for chain in chains)
+        raise LabError(f"{path}: {len(chains)} candidate chains ({listed}); keep one")
+    return tuple(model.body(b).name for b in chains[0])
+
+
+def _ancestors(model: mujoco.MjModel, body: int) -> list[int]:
+    """The body, its parent, and so on up to but without the world."""
+    line = []
+    while body != 0:
+        line.append(body)
+        body = int(model.body_parentid[body])
+    return line
+
+
+def _base_body(model: mujoco.MjModel, bodies: tuple[str, ...]) -> str:
+    parent = int(model.body(bodies[0]).parentid[0])
+    return str(model.body(parent).name) if parent else ""
+
+
+def _beyond(model: mujoco.MjModel, body: str) -> list[int]:
+    """The body and all those it carries."""
+    first = model.body(body).id
+    return [b for b in range(model.nbody) if first in _ancestors(model, b)]
+
+
+def _flange_pose(model: mujoco.MjModel, data: mujoco.MjData, bodies: tuple[str, ...]) -> Array:
+    """Of the site ``flange``, else of a body that robot descriptions call so, else of the last jointed one."""
+    beyond = _beyond(model, bodies[-1])
+    for site in range(model.nsite):
+        if model.site(site).name == FLANGE and int(model.site_bodyid[site]) in beyond:
+            return site_pose(model, data, FLANGE)
+    named = {model.body(body).name: body for body in beyond}
+    at = [named[name] for name in ("tool0", FLANGE) if name in named]  # tool0 has z along the last axis
+    return body_pose(data, [*at, model.body(bodies[-1]).id][0])
+
+
+def _own_targets(
+    model: mujoco.MjModel, data: mujoco.MjData, bodies: tuple[str, ...], T_world_last: Array
+) -> dict[str, Array]:
+    """The sites on the last body or beyond it, in the last frame (m)."""
+    beyond = _beyond(model, bodies[-1])
+    T_last_world = se3.inverse(T_world_last)
+    return {
+        model.site(site).name: se3.transform(T_last_world, data.site_xpos[site : site + 1])[0]
+        for site in range(model.nsite)
+        if model.site(site).name not in (FLANGE, TRACKER) and int(model.site_bodyid[site]) in beyond
+    }
+
+
+def calibrated_mjcf(robot: SerialModel, arm: SerialArm, values: Array) -> str:
+    """The identified arm as an MJCF whose sites, in the tracker's frame, are the identified ones to rounding.
+
+    Shells are left out, so that the file stands alone; masses and collision shapes are kept.
+    MuJoCo writes six digits, so every number that kinematics uses is written here, in full.
+    """
+    spec = _without_shells(robot)
+    taken = [name for name in (FLANGE, TRACKER) if name in arm.targets]  # a measured point may be called so
+    placed = replace(arm, targets=tuple(f"{name} as measured" if name in taken else name for name in arm.targets))
+    for target in placed.targets:
+        if target not in robot.tool:
+            spec.body(robot.carrier).add_site(name=target)
+    model = compiled(robot.path, spec)
+    robot.place_bodies(model, placed, values)
+    robot.place_tracker(model, robot.T_world_frame0 @ se3.inverse(arm.T_tracker_frame0(values)))
+    root = ET.fromstring(spec.to_xml())
+    write_in_full(root, model)
+    names = {name: free_name(name, arm.targets) for name in taken}
+    names |= dict(zip(placed.targets, arm.targets, strict=True))
+    for site in root.iter("site"):
+        if (name := site.get("name")) in names:
+            site.set("name", names[name])
+    ET.indent(root)
+    return ET.tostring(root, encoding="unicode") + "\n"
+
+
+MJCF: DescriptionFormat[SerialArm, SerialModel] = DescriptionFormat(
+    "calibrated.xml", lambda identified: calibrated_mjcf(identified.model, identified.arm, identified.values)
+)
+
+
+def _without_shells(robot: SerialModel) -> mujoco.MjSpec:
+    """A copy without meshes; a body whose mass came from one keeps it."""
+    spec = robot.spec.copy()
+    for geom in [geom for geom in spec.geoms if geom.type == mujoco.mjtGeom.mjGEOM_MESH]:
+        body, built = geom.parent, robot.model.body(geom.parent.name)
+        if built.mass[0] > 0 and not body.explicitinertial:
+            body.explicitinertial, body.mass = True, built.mass[0]
+            body.ipos, body.iquat, body.inertia = built.ipos, built.iquat, built.inertia
+        spec.delete(geom)
+    for mesh in list(spec.meshes):
+        spec.delete(mesh)
+    return spec
+
+
+def write_in_full(root: ET.Element, model: mujoco.MjModel) -> None:
+    """Replace what MuJoCo rounded: places of bodies, joints and sites."""
+    world = root.find("worldbody")
+    assert world is not None
+    for element in world.iter("body"):
+        body = model.body(element.get("name", ""))
+        set_vectors(element, pos=body.pos, quat=body.quat)
+        for joint_element in element.findall("joint"):
+            joint = model.joint(joint_element.get("name", ""))
+            set_vectors(joint_element, pos=joint.pos, axis=joint.axis)
+    for element in world.iter("site"):
+        site = model.site(element.get("name", ""))
+        set_vectors(element, pos=site.pos, quat=site.quat)
+
+
+def set_vectors(element: ET.Element, **vectors: Array) -> None:
+    """Give an element attributes in full, for whatever they stand in place of."""
+    for stale in ("euler", "axisangle", "xyaxes", "zaxis", "fromto"):
+        element.attrib.pop(stale, None)
+    for name, vector in vectors.items():
+        element.set(name, " ".join(repr(float(value)) for value in vector))
+
+
+def _source(model: SerialModel) -> str:
+    """The text of the URDF that the model was read from; "" where it was none."""
+    return read_text(model.path, TEXT_BYTES) if model.path.is_file() and is_urdf(model.path) else ""
+
+
+def _origins(identified: IdentifiedRobot[SerialArm, SerialModel]) -> dict[str, Array]:
+    """Poses ``(4, 4)`` (m) of the joints' frames in their parents', with the identified axes.
+
+    A joint's frame is its nominal one, turned by the smallest rotation that aligns its axis and shifted across it. The
+    last one goes along with the frame on the last joint's axis, as all formats have it; what the last frame moves
+    beyond that axis is the tool's, which is not in the file.
+    """
+    model = identified.model
+    moved, last = list(model.moved_bodies(identified.arm, identified.values)), model.model.body(model.bodies[-1]).id
+    moved[last] = model.T_world_frame0 @ _moved_with_axis(identified) @ body_pose(at_zero(model.model), last)
+    found = {}
+    for name in model.bodies:
+        body = model.model.body(name).id
+        parent = int(model.model.body_parentid[body])
+        found[joint_name(model.model, name)] = se3.inverse(moved[parent]) @ moved[body]
+    return found
+
+
+def _moved_with_axis(identified: IdentifiedRobot[SerialArm, SerialModel]) -> Array:
+    """From the world to frame 0 after the frame on the last joint's axis has moved to its identified place, (4, 4)."""
+    model, arm = identified.model, identified.arm
+    identified_at, nominal_at = (last_axis_frame(arm, values) for values in (identified.values, arm.nominal()))
+    return identified_at @ se3.inverse(model.T_world_frame0 @ nominal_at)
+
+
+def _urdf(identified: IdentifiedRobot[SerialArm, SerialModel]) -> str:
+    text = _source(identified.model)
+    return with_origins(text, _origins(identified)) if text else identified_urdf(identified)
+
+
+def _xacro(identified: IdentifiedRobot[SerialArm, SerialModel]) -> str:
+    """The origins as properties of xacro; "" where the URDF was not made from one."""
+    return xacro_properties(_origins(identified)) if is_from_xacro(_source(identified.model)) else ""
+
+
+URDF: DescriptionFormat[SerialArm, SerialModel] = DescriptionFormat("calibrated.urdf", _urdf)
+XACRO: DescriptionFormat[SerialArm, SerialModel] = DescriptionFormat("calibrated_origins.xacro", _xacro)
+
+
+def loads_of(robot: SerialModel) -> Loads:
+    """What turns with each joint of the nominal model: its body and all that is welded to it, later joints' aside."""
+    model, chain = robot.model, robot.chain
+    data = at_zero(model)
+    mass, moment = np.zeros(chain.size), np.zeros((chain.size, 3))
+    for link, bodies in enumerate(bodies_of_links(robot)):
+        for body in bodies:
+            mass[link] += model.body_mass[body]
+            moment[link] += model.body_mass[body] * data.xipos[body]
+    centre = moment / np.maximum(mass, 1e-300)[:, None]
+    arm, zero = SerialArm(chain), np.zeros((1, chain.size))
+    links = [arm.frame(zero, arm.nominal(), size)[0] for size in range(1, chain.size + 1)]
+    placed = [
+        se3.transform(se3.inverse(robot.T_world_frame0 @ T_frame0_link), centre[i : i + 1])[0]
+        if mass[i]
+        else np.zeros(3)
+        for i, T_frame0_link in enumerate(links)
+    ]
+    gravity = robot.T_world_frame0[:3, :3].T @ model.opt.gravity
+    paths = {} if robot.links is None else robot.links.paths
+    return Loads(chain, mass, np.array(placed), gravity, link_paths=paths)
+
+
+def link_inertias(robot: SerialModel) -> Array:
+    """Phi ``(J, 10)`` of what turns with each joint (as ``rigid_body.LOAD``), in Khalil's frames (``khalil_chain``)."""
+    model, chain = robot.model, khalil_chain(robot.chain)
+    data, arm, zero = at_zero(model), SerialArm(chain), np.zeros((1, chain.size))
+    found = np.zeros((chain.size, 10))
+    for link, bodies in enumerate(bodies_of_links(robot)):
+        T_world_link = robot.T_world_frame0 @ arm.frame(zero, arm.nominal(), link + 1)[0]
+        for body in bodies:
+            T_world_centre = se3.pose(data.ximat[body].reshape(3, 3), data.xipos[body])
+            about_centre = load_of(float(model.body_mass[body]), np.zeros(3), np.diag(model.body_inertia[body]))
+            found[link] += load_in_frame(se3.inverse(T_world_link) @ T_world_centre) @ about_centre
+    return found
+
+
+def bodies_of_links(robot: SerialModel) -> list[list[int]]:
+    """Of each joint the bodies that turn with it and with no later one: its own first, then what is welded to that."""
+    model = robot.model
+    jointed = [int(model.body(name).id) for name in robot.bodies]
+    found: list[list[int]] = [[] for _ in jointed]
+    for body in range(1, model.nbody):
+        carrier = body
+        while carrier and carrier not in jointed:
+            carrier = int(model.body_parentid[carrier])
+        if carrier:
+            found[jointed.index(carrier)].append(body)
+    return found
