@@ -8,7 +8,7 @@ from helpers.robots import ROOT
 from shared import run_script
 
 SCRIPTS = [path for path in sorted((ROOT / "scripts").glob("*.py")) if "__main__" in path.read_text(encoding="utf-8")]
-NO_STUDIES = {"build_closed_models", "build_irb120_shells", "reference_set", "structure"}
+NO_STUDIES = {"build_closed_models", "build_irb120_shells", "build_kernels", "reference_set", "structure"}
 
 
 @pytest.mark.thorough
