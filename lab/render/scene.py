@@ -2,10 +2,8 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 
 from lab.calibration.identify import Ellipsoids
@@ -24,17 +22,14 @@ __all__ = [
     "Legs",
     "MagnifiedEllipsoids",
     "drawn_rows",
-    "halved",
     "legs_legend",
     "magnification",
     "magnified",
-    "mesh_of",
     "moved",
     "placement_picture",
     "reach_of",
     "skeleton",
     "world_legs",
-    "write_stl",
 ]
 
 
@@ -126,28 +121,6 @@ def legs_legend(legs: Legs) -> Text:
     parts = [words for kind, words in kinds.items() if kind in legs.measured]
     joined = [part for words in parts for part in ("; ", *words)][1:]
     return ("lines of the robot, ", *joined) if joined else ""
-
-
-def mesh_of(vertices: Array, triangles: NDArray[np.int_]) -> trimesh.Trimesh:
-    """A mesh of vertices ``(k, 3)`` m and triangles ``(f, 3)``, with those that have no area left out."""
-    mesh = trimesh.Trimesh(vertices, triangles, process=False)
-    if len(triangles):
-        mesh.update_faces(mesh.nondegenerate_faces())
-        mesh.merge_vertices()
-    return mesh
-
-
-def halved(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
-    """What of a mesh is behind its x-z plane (y at least 0), so that one looks into it; flat ones stay whole."""
-    if not len(mesh.faces) or mesh.bounds[0, 1] >= 0:
-        return mesh
-    cut: trimesh.Trimesh = trimesh.intersections.slice_mesh_plane(mesh, (0.0, 1.0, 0.0), (0.0, 0.0, 0.0))  # type: ignore[no-untyped-call]
-    return cut
-
-
-def write_stl(path: Path, mesh: trimesh.Trimesh) -> None:
-    """Write a mesh as binary STL, in metres."""
-    path.write_bytes(trimesh.exchange.stl.export_stl(mesh))
 
 
 _SIZE = (3.0, 3.0)  # inches

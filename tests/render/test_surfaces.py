@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from lab.render.scene import halved, mesh_of, write_stl
+from lab.render.surfaces import halved, mesh_of, write_stl
 
 
 def test_a_ball_is_cut_open_and_written(tmp_path) -> None:

@@ -14,8 +14,9 @@ from lab.extensions.robotics.workspace.measured import RobotWorkspace
 from lab.extensions.robotics.workspace.result import WorkspaceResult
 from lab.render.markdown import to_markdown
 from lab.render.recording import SUMMARY, draw_shells, layout, main_view, markdown, recording_to
-from lab.render.scene import halved, moved, world_legs
+from lab.render.scene import moved, world_legs
 from lab.render.style import RGB_CURRENT, RGB_LEG, RGB_MAPPING, RGB_PATH, RGB_ROD
+from lab.render.surfaces import halved
 from lab.simulation.meshes import arm_shells, body_poses
 
 if TYPE_CHECKING:

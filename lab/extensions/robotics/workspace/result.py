@@ -86,7 +86,7 @@ class WorkspaceResult(Result):
         """
         from lab.commands.run_folder import write_config, write_json
         from lab.extensions.robotics.workspace.recording import record_workspaces
-        from lab.render.scene import mesh_of, write_stl
+        from lab.render.surfaces import mesh_of, write_stl
 
         write_config(folder, "workspace", self.options, self.sha256)
         write_json(folder / "result.json", self.to_dict())
