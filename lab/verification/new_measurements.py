@@ -178,7 +178,7 @@ def _beyond_range(
 
 
 def _widened(observations: Observations, lacking_m: float) -> Observations:
-    """The same with as much more noise."""
+    """Return the observations with their noise increased by the model discrepancy."""
     if lacking_m == 0:
         return observations
     if observations.whiten.ndim == 2:
