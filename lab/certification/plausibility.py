@@ -31,12 +31,12 @@ _YEAR = 365.25  # days
 
 @dataclass(frozen=True)
 class CampaignFacts:
-    """What a run itself shows of what a certificate's details state.
+    """Facts of a run that a certificate's details are checked against.
 
     Attributes:
         robot: the name of the robot's model.
         instrument: the preset by whose noise the run was weighted; "" where it is none.
-        measured_on: the day of the measurements by the run's option, "" where it has none.
+        measured_on: the date of the measurements by the run's option, "" where it has none.
         repeatability_mm: RP as measured; None where no pose was repeated.
     """
 
