@@ -1,8 +1,8 @@
-"""What a calibration found out about an arm: its parameters with their covariance, and what it predicts with them.
+"""Estimate of an arm by a calibration: its parameters with their covariance, and predictions from them.
 
-An estimate holds on another day: effects of the measurement session are left out of its arm. Predicted points are off
+An estimate holds in other sessions: its arm leaves out the measurement session's effects. Predicted points are off
 by the errors of the identified parameters, J C J' with the derivatives J and the covariance C, by those of a load, by
-what the model lacks within the measured range and beyond it, and by what differs from one visit of a pose to the next.
+the model discrepancy within the measured range and beyond it, and by what differs from one visit of a pose to the next.
 """
 
 from collections.abc import Mapping, Sequence
@@ -88,7 +88,7 @@ class EstimatedParameter:
 
     @property
     def identified(self) -> bool:
-        """Whether it was identified."""
+        """Check whether the parameter was identified."""
         return self.status == "identified"
 
     @property
@@ -98,7 +98,7 @@ class EstimatedParameter:
 
 
 class NominalArm(Protocol):
-    """What an estimate needs of a robot: its joints, its masses, and its geometry with measured targets."""
+    """Robot as an estimate needs it: its joints, its masses, and its geometry with measured targets."""
 
     @property
     def chain(self) -> JointSpec:
@@ -140,7 +140,7 @@ class Discrepancy(NamedTuple):
 
 @dataclass(frozen=True)
 class IdentifiedSubset:
-    """Some of the identified parameters, with the covariance that the residuals allow.
+    """Subset of the identified parameters, with their covariance by the residuals.
 
     Attributes:
         names: of the parameters ``(f,)``.
@@ -310,7 +310,7 @@ class Estimate:
 
     @cached_property
     def _lasting(self) -> tuple[int, ...]:
-        """Which of ``identified`` are parameters of the arm."""
+        """Indices in ``identified`` of the parameters of the arm."""
         return tuple(i for i, name in enumerate(self.identified) if name in self.arm.names)
 
     @property

@@ -101,10 +101,10 @@ class ResidualSizes:
 
 @dataclass(frozen=True)
 class Extrapolation:
-    """What the model may lack where nothing was measured, as ``result.json`` holds it; its keys.
+    """Model discrepancy beyond the measured positions, by the keys of ``result.json``.
 
     Attributes:
-        growth_mrad, unsure_mrad: None in a run that knows neither.
+        growth_mrad, unsure_mrad: None in a run without them.
     """
 
     growth_mrad: float | None = None
@@ -118,7 +118,7 @@ class Extrapolation:
 
 @dataclass(frozen=True)
 class _ActingPrior:
-    """In how many directions tolerances of manufacture took part in a fit."""
+    """Number of directions in which a prior of manufacturing tolerances took part in a fit."""
 
     acts_in: int
 

@@ -99,11 +99,11 @@ def tail_of(found: Identification, rows: Measurements, noise: Noise) -> float:
 
 
 class Fits(Protocol):
-    """One model's fit of any rows, by the noise that it is given."""
+    """Fits of one model to any rows, with given noise."""
 
     @property
     def noise(self) -> Noise:
-        """Of the instrument."""
+        """Noise of the instrument."""
 
     @property
     def encoders(self) -> Encoders | None:
@@ -160,7 +160,7 @@ def noise_of(fits: Fits, rows: Measurements) -> NoiseSearch:
 
 
 def _counted(whole: Identification, rows: Measurements, encoders: Encoders | None) -> ErrorModel | None:
-    """What whole counts of the encoders make, where that is known and not little."""
+    """Return the error model of the encoders' rounding to whole counts; None where unknown or small."""
     observation = observation_of(whole.model)
     if encoders is None or not only_positions(observation):
         return None

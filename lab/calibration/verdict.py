@@ -59,7 +59,7 @@ Standing = Literal["holds", "does not matter", "doubtful", "bad", "not judged"]
 
 @dataclass(frozen=True)
 class Answer:
-    """One of the three answers: whether it holds, and the checks that its sentence is made from."""
+    """An answer of a verdict, of three: whether it holds, and the checks behind its sentence."""
 
     standing: Standing
     checks: tuple[Check, ...]
@@ -67,7 +67,7 @@ class Answer:
 
 @dataclass(frozen=True)
 class Verdict:
-    """One word for a calibration, the three answers that it comes from, and the reasons where it is not good.
+    """Verdict on a calibration: one word, the three answers behind it, and the reasons where it is not good.
 
     Attributes:
         reasons: the failed checks that make it less than good, the heaviest first.
@@ -162,7 +162,7 @@ def _makes(check: Check) -> Word:
 
 
 def _weight(check: Check, residuals: float) -> float:
-    """How many times a figure is what it may be at most; infinite of what cannot be of this arm, and of findings."""
+    """Return the ratio of a figure to its limit; infinite for results impossible for this arm, and for findings."""
     if _group(check) == "lack_of_fit":
         return max(residuals, 1.0) if np.isfinite(residuals) else 1.0
     return check.statistic if np.isfinite(check.statistic) else np.inf

@@ -44,7 +44,7 @@ class InstrumentNoise:
 
     @property
     def is_rigid(self) -> bool:
-        """Whether the distances are as constant as noise lets them be; else they do not say what the noise is."""
+        """Check whether the distances are constant within noise; otherwise they do not determine the noise."""
         return self.moving_p >= UNSOLICITED_WARNING
 
     @property

@@ -190,7 +190,7 @@ def _by_holdout(linear: LinearizedFit, held: LinearizedFit) -> Check | None:
 
 
 def _by_joints(model: Model, observed: Observations, fit: Fit, extra_residuals: ExtraResiduals | None) -> Check | None:
-    """Whether a fit's residuals vary with the joints; of very many poses some are looked at, evenly spaced."""
+    """Test whether a fit's residuals vary with the joints; of very many poses, a subset, evenly spaced."""
     some = evenly(len(observed.inputs), _MOST_POSES)
     looked_at = observed if some is None else observed.take(some)
     linear = linearized(model, looked_at, fit.least_squares, fit.free, extra_residuals)
