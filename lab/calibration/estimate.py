@@ -93,7 +93,7 @@ class EstimatedParameter:
 
     @property
     def half_width_95(self) -> float:
-        """Half of the 95 % interval; NaN where that is not known."""
+        """Half of the 95 % interval; NaN where unknown."""
         return float("nan") if self.interval_95 is None else (self.interval_95[1] - self.interval_95[0]) / 2
 
 
@@ -106,7 +106,7 @@ class NominalArm(Protocol):
 
     @property
     def loads(self) -> Loads | None:
-        """Its masses; None where they are not known."""
+        """Masses of the links; None where unknown."""
 
     def arm(self, targets: tuple[str, ...]) -> RigidArm:
         """The arm as equations, with these targets."""
@@ -186,7 +186,7 @@ class PredictedPoints:
 
     @property
     def unmodelled(self) -> Array:
-        """Covariances by what the model lacks, within the measured range and beyond."""
+        """Covariances by model discrepancy, within the measured range and beyond."""
         return np.asarray(self.extrapolation + self.discrepancy)
 
     @property
@@ -214,7 +214,7 @@ class _Parameters(dict[str, EstimatedParameter]):
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """An identified arm, as far as it holds on another day.
+    """An identified arm, as far as it holds in other sessions.
 
     Attributes:
         rigid: the geometry of the arm, with the measured targets.
@@ -583,6 +583,6 @@ def estimate_of(
 
 
 def on_another_day(shared: ErrorModel, estimate: Estimate) -> ErrorModel:
-    """Return errors as they are on another day, when nobody knows where a drift or a step left the base."""
+    """Return errors as they are in another session, when nobody knows where a drift or a step left the base."""
     values = dict(zip(estimate.arm.names, estimate.values.tolist(), strict=True))
     return replace(shared, clock=None, moves=(), values=values)

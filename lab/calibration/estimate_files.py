@@ -73,7 +73,7 @@ class ResidualSizes:
     bound_factor: float = 1.0
 
     def __post_init__(self) -> None:
-        """Refuse what lacks a component, or has a variance below zero, with a LabError."""
+        """Refuse a set without some component, or with a variance below zero, with a LabError."""
         for name in ("variances", "upper_quartiles"):
             sizes = getattr(self, name)
             if missing := [each for each in self.components if each not in sizes]:
@@ -92,7 +92,7 @@ class ResidualSizes:
 
     @property
     def errors(self) -> Array:
-        """``(c, c)`` covariance of the variances; of an older run as its upper quartiles say, fully correlated."""
+        """Covariance ``(c, c)`` of the variances; of an older run from its upper quartiles, fully correlated."""
         if self.variance_errors is not None:
             return np.array(self.variance_errors)
         apart = [self.upper_quartiles.get(c, 0.0) - self.variances.get(c, 0.0) for c in COMPONENTS]
@@ -388,7 +388,7 @@ def read_residual(
 
 
 def measured_range_to_dict(measured: MeasuredRange | None, chain: JointSpec) -> dict[str, Any] | None:
-    """Return limits, width of the edges (deg, mm of a slide) and slope by joint; None where nothing is known."""
+    """Return limits, width of the edges (deg, mm of a slide) and slope by joint; None where unknown."""
     if measured is None:
         return None
     found = {}
@@ -438,7 +438,7 @@ def write_cover(path: Path, cover: PoseCover, chain: JointSpec) -> None:
 
 
 def read_cover(folder: Path, chain: JointSpec) -> PoseCover | None:
-    """Read the poses that a run fitted; None of a run that keeps none.
+    """Read the poses that a run fitted; None of a run that stores none.
 
     Raises:
         LabError: the file does not hold what a run writes.

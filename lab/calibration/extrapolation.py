@@ -74,13 +74,13 @@ class PoseCover:
 
     @classmethod
     def of(cls, joints: Array, turning: NDArray[np.bool_]) -> "PoseCover":
-        """Cover what measured positions ``(n, joints)`` reach: repeats left out, of very many some, evenly spaced."""
+        """Build the cover of measured positions ``(n, joints)``: distinct ones, of many a subset, evenly spaced."""
         distinct = joints[distinct_poses(joints, turning)[0]]
         some = evenly(len(distinct), _MOST)
         return cls(distinct if some is None else distinct[some], turning)
 
     def beyond(self, joints: Array) -> Array:
-        """``(n,)`` how far positions ``(n, joints)`` are beyond what is covered, in units of how far that reaches."""
+        """Return distances ``(n,)`` of positions ``(n, joints)`` beyond the covered ones, in units of their reach."""
         if len(self.poses) <= _NEAREST:
             return np.zeros(len(joints))
         tree, reach = self._tree
@@ -366,11 +366,11 @@ class MeasuredRange:
         return np.asarray(self._away(joints) > 0)
 
     def _away(self, joints: Array) -> Array:
-        """``(n,)`` how far positions are beyond what is covered; zero where that is not known."""
+        """Return the distance ``(n,)`` of positions beyond the covered ones; zero where unknown."""
         return np.zeros(len(joints)) if self.cover is None else self.cover.beyond(joints)
 
     def unknown(self, model: Model, inputs: Array, values: Array) -> Array:
-        """``(n, k, d, joints)`` one standard deviation of what each joint's unknown error makes of observations.
+        """Return standard deviations ``(n, k, d, joints)`` of observations by each joint's unknown error.
 
         Args:
             inputs: ``(n, joints + conditions)`` the poses.
@@ -383,7 +383,7 @@ class MeasuredRange:
         return np.asarray(by_joint_positions(model, inputs, values, size) * off[:, None, None, :])
 
     def _off(self, joints: Array) -> Array:
-        """``(n, joints)`` one standard deviation of what joints are off (rad, m of a slide) at some positions."""
+        """Return standard deviations ``(n, joints)`` of joint errors (rad, m of a slide) at some positions."""
         beyond, away = self.beyond(joints), self._away(joints)[:, None]
         sloped = self.slope * np.minimum(beyond * np.sqrt(1 + beyond / self.edge), _MOST_extrapolation)
         share = np.maximum(np.clip(beyond / self.edge, 0.0, 1.0).max(axis=1, keepdims=True), away > 0)
@@ -419,7 +419,7 @@ def measured_range(
 def _of_regions(
     found: Identification, model: Model, observed: Observations, turning: NDArray[np.bool_]
 ) -> tuple[float, float]:
-    """Estimate joint errors beyond the covered positions, for each unit of distance, and the share of effects (rad)."""
+    """Estimate joint errors per unit of distance beyond the covered positions, and the effects' size (rad)."""
     joints = observed.inputs[:, : len(turning)]
     rows = _linear_rows(found, model, observed, turning)
     growth = _growth_beyond_cover(rows, joints, turning)
@@ -559,7 +559,7 @@ def model_covariances(
 def _prediction_covariances(
     found: Identification, measured: MeasuredRange | None, inputs: Array, left: ResidualSpread
 ) -> Array:
-    """Covariances ``(n, k, 3, 3)`` (m^2) of measured less predicted points: the model's, with what the fit left."""
+    """Return covariances ``(n, k, 3, 3)`` (m^2) of measured less predicted points: the model's and the residuals'."""
     return np.asarray(model_covariances(found, measured, inputs, left) + left.total_m**2 * np.eye(3))
 
 

@@ -176,7 +176,7 @@ class Fitted:
 
     @property
     def process(self) -> JointProcess | None:
-        """The joints' offsets that no group explains; None where they were not asked for."""
+        """Joint offsets that no group explains; None where they were not requested."""
         found = self.identification.process
         return found.process if isinstance(found, PredictedBy) else None
 
@@ -213,7 +213,7 @@ class Fitted:
 
     @cached_property
     def instrument(self) -> InstrumentNoise | None:
-        """The instrument's noise as distances between targets say it; None where they say nothing."""
+        """Instrument noise estimated from distances between targets; None where these do not determine it."""
         if not only_positions(observation_of(self.identification.model)):
             return None
         return instrument_noise(self.rows.points)

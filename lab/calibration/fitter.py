@@ -59,7 +59,7 @@ class NominalRobot(Protocol):
 
     @property
     def loads(self) -> Loads | None:
-        """Masses of the links; None where they are not known."""
+        """Masses of the links; None where unknown."""
 
     @property
     def stations(self) -> tuple[str, ...]:
@@ -147,10 +147,10 @@ class Fitter:
     _last_outliers: _LastResult = field(default_factory=_LastResult, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Refuse what no identification of these measurements has.
+        """Refuse options that do not apply to any identification of these measurements.
 
         Raises:
-            LabError: the group ``residual`` is asked of something else than measured points of a serial arm.
+            LabError: the group ``residual`` is requested for something else than measured points of a serial arm.
         """
         if not self.options.residual:
             return
@@ -206,7 +206,7 @@ class Fitter:
         return self.options.tolerance
 
     def modelled(self, groups: Sequence[str], held: Sequence[str]) -> tuple[Model, IdentifyOptions]:
-        """The arm with these groups less the parameters held, and what is asked of its identification."""
+        """Return the arm with these groups less the parameters held, and the options of its identification."""
         model = self.model_with(groups)
         request = self.request if self.options.geometric else self.request.of(model.names)
         return model, replace(request, fix=(*request.fix, *held))
@@ -253,10 +253,10 @@ class Fitter:
         return self._with_own_noise(again, rows)
 
     def _doubted_by_time(self, selection: Selection) -> tuple[str, ...]:
-        """The groups that ``auto`` chose for what follows time, as errors that wander do, too.
+        """Return the groups that ``auto`` chose for errors over time, which autocorrelated errors explain, too.
 
-        Beside such a group the errors wander less, and it is then believed too readily: it has to stand beside the
-        wandering that is found without it.
+        Beside such a group errors look less autocorrelated, and it is accepted too easily: it has to pass beside the
+        autocorrelation that is found without it.
         """
         if not self.options.search:
             return ()
@@ -355,7 +355,7 @@ class Fitter:
         return with_residual(found, clean, process) if self.options.residual else found
 
     def _selected(self, rows: Measurements) -> Selection | None:
-        """The groups that the rows call for, or that are asked for; None for geometry alone."""
+        """Return the groups that the rows call for, or that are requested; None for geometry alone."""
         if self.options.geometric:
             return None
         groups, task = (
@@ -377,7 +377,7 @@ class Fitter:
         return other if kept[1] > kept[0] else selection
 
     def _chosen(self, found: Identification, rows: Measurements) -> Selection:
-        """The groups that some rows call for; of poses, weighed as geometry and then the groups balance them.
+        """Return the groups that some rows call for; of poses, weighted as geometry and then the groups balance them.
 
         Of very many, as many as bound the memory, evenly: each is held with the columns of all groups and waves.
         """
@@ -398,7 +398,7 @@ class Fitter:
         return tuple(dict.fromkeys(each for name in groups for each in (play if name == "backlash" else (name,))))
 
     def unanswerable(self, group: str) -> str:
-        """Describe what the rows to be judged by lack for a group; empty if nothing."""
+        """Describe the data for a group that are missing in the rows to be judged by; empty if none."""
         for rows, without in self.judged_by:
             if group not in without:
                 with suppress(LabError):  # a group that cannot be built says so elsewhere

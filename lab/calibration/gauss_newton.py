@@ -144,7 +144,7 @@ class Observations:
         return self if some is None else self.take(some)
 
     def joined(self, other: "Observations") -> "Observations":
-        """These poses, then others that are weighed by the same noise."""
+        """Append other poses that are weighted by the same noise."""
         pairs = ((self.inputs, other.inputs), (self.points, other.points), (self.whiten, other.whiten))
         inputs, points, whiten = (np.concatenate(pair) for pair in pairs)
         correlation = None
@@ -354,7 +354,7 @@ class _Problem:
         return np.concatenate([*parts, *more])
 
     def _parts(self, values: Array) -> Iterator[tuple[Array, Array]]:
-        """Residual and derivatives of each block, then of what else is known."""
+        """Yield residual and derivatives of each block, then of the extra residuals."""
         for each in self.observed.blocks():
             points, derivative = self.model.observe(each.inputs, values)
             yield each.apply(each.points - points), each.apply(derivative[..., self.index])

@@ -178,18 +178,18 @@ class Identification:
 
     @property
     def weak(self) -> tuple[str, ...]:
-        """Names of the fitted parameters that are known no better than to a millimetre or milliradian."""
+        """Names of the fitted parameters that are uncertain by more than a millimetre or milliradian."""
         names = (self.model.names[i] for i in self.fit.free)
         return tuple(name for name, std in zip(names, self.std, strict=True) if std > WEAK)
 
     @property
     def unobservable(self) -> tuple[int, ...]:
-        """Identifiable parameters that these poses do not tell apart, held at nominal."""
+        """Identifiable parameters that these poses do not determine, held at nominal."""
         return tuple(i for i in self.base_set.kept if i not in self.fit.free)
 
 
 def fit_base_and_tool(observation: Observation, observed: Observations, nominal: Array) -> Array:
-    """Nominal links with what is placed fitted: what *before* is, and where *after* starts."""
+    """Nominal links with base and targets fitted: the arm *before*, and the start of *after*."""
     model, placing = observation.model, columns_of(observation.model, observation.placed)
     constraints = weighted_constraints(observation, observed)
     start = observation.initial_guess(observed.thinned(_FIRST_POSES), nominal)
@@ -370,7 +370,7 @@ class _MAPProblem:
         return best
 
     def _weight(self, sigma: float) -> float:
-        """Return the sigma by which a prior is weighted: where it is known, more if the residuals are."""
+        """Return the sigma by which a prior is weighted: where given, more if the residuals are."""
         return max(sigma, 1.0) if self.known and np.isfinite(sigma) else 1.0 if self.known else max(sigma, _LEAST_SIGMA)
 
     def _fitted(self, acting: ActingPrior, weight: float, columns: Sequence[int], start: Array) -> Fit:
@@ -439,7 +439,7 @@ def _all_at_once(
 def _residual_sigma(
     observation: Observation, observed: Observations, solution: Fit, residuals: Array, by_prior: float = 0.0
 ) -> tuple[int, float]:
-    """Residual degrees of freedom, and the sigma that least squares' residuals say; NaN where nothing is left over.
+    """Return the residual degrees of freedom, and sigma by the least-squares residuals; NaN if none are left over.
 
     Args:
         by_prior: degrees of freedom of the parameters that a prior determines in the place of the measurements.
@@ -455,7 +455,7 @@ def _residual_sigma(
 def _identifiable(
     model: Model, observed: Observations, aligned: Array, structure: BaseSet, known: Array
 ) -> tuple[int, ...]:
-    """Those of the base set that the measured poses tell apart, at the nominal links."""
+    """Return the parameters of the base set that are identifiable from the measured poses, at the nominal links."""
     kept, at = set(structure.kept), model.rank_point(aligned)
     order = [i for i in model.column_priority() if i in kept]
     few = observed.thinned(_FIRST_POSES)
@@ -595,7 +595,7 @@ _ANYWHERE = 1e3  # standard deviation of what has no nominal value, m or rad
 
 
 def most_likely_parameters(identification: Identification, nominal: Array, tolerance: Tolerance) -> Array:
-    """Parameters ``(p,)`` of least prior-weighted norm that predict what the identified ones do.
+    """Return the parameters ``(p,)`` of least prior-weighted norm with the predictions of the identified ones.
 
     They are x = x0 + S B' w, with S the prior's covariance and B the directions in which the nominal
     predictions change (``prior.alias_matrix``): w is found by Gauss-Newton on the predictions themselves,

@@ -150,7 +150,7 @@ def _is_of_the_instrument(found: Identification, observations: Observations) -> 
 
 
 def _uneven(numbers: float) -> float:
-    """The ratio of two variances, of twice as many and as many numbers, that chance hardly makes."""
+    """Return the critical ratio of two variances, of twice as many and as many numbers."""
     return float(
         max(
             f_isf(UNSOLICITED_WARNING / 2, 2 * numbers, numbers),

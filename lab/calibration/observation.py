@@ -62,7 +62,7 @@ class Observation(Protocol):
         """Nominal parameters ``(p,)`` from those of the arm, which are the first of ``values``."""
 
     def initial_guess(self, observed: Observations, values: Array) -> Array:
-        """``values`` ``(p,)`` with what is ``placed`` near enough for Gauss-Newton, from no idea of it."""
+        """Return ``values`` ``(p,)`` with ``placed`` groups near enough for Gauss-Newton, without initial values."""
 
     def extra_residuals(self, values: Array) -> tuple[Array, Array]:
         """Return prior information: residuals ``(r,)`` in m, and derivatives ``(r, p)`` of their model.

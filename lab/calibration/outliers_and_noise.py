@@ -62,7 +62,7 @@ def off_among_fitted(
 
 
 def _sigma_without(found: Outliers, observations: Observations) -> float:
-    """The sigma that the residuals of all poses say that are not off."""
+    """Return sigma by the residuals of all poses that are no outliers."""
     inside = np.ones(len(observations.inputs), dtype=np.bool_)
     inside[found.rows] = False
     dof = int(observations.seen[inside].sum()) * observations.points.shape[2] - found.fit.rank

@@ -136,7 +136,7 @@ class Directions:
     values: Array
 
     def weak(self, scale: float) -> NDArray[np.bool_]:
-        """``(m,)`` which are measured hardly better than a prior of this scale knows them."""
+        """Check ``(m,)`` which parameters are measured hardly better than a prior of this scale determines them."""
         return np.asarray(self.stds > WEAK * scale)
 
     def left_by_prior(self, scale: float) -> float:
@@ -218,7 +218,7 @@ def prior_of(
 
 
 def alias_matrix(structure: BaseSet, count: int) -> Array:
-    """B ``(kept, p)``: what errors of all parameters look like in the kept ones, ``z = B x``."""
+    """Return B ``(kept, p)``, the effect of all parameters' errors on the kept ones, ``z = B x``."""
     wide = np.zeros((len(structure.kept), count))
     wide[:, list(structure.kept)] = np.eye(len(structure.kept))
     wide[:, list(structure.fixed)] = structure.alias

@@ -54,7 +54,7 @@ def residual_spread(
     lack_of_fit: bool = False,
     independent_m: float | None = None,
 ) -> ResidualSpread:
-    """Estimate what a fit leaves of the measured positions.
+    """Estimate the spread of the residuals of measured positions.
 
     Args:
         found: the fit.
@@ -188,7 +188,7 @@ class _Parts:
 
     @property
     def is_shared(self) -> bool:
-        """Tell whether configurations differ by more than their readings do (F test)."""
+        """Test whether configurations differ by more than their readings do (F test)."""
         if not self.dof_within or not self.within > 0:
             return self.dof_within > 0
         squares = self.of_means * self.dof_between / self.within

@@ -141,7 +141,7 @@ class TruthComparison:
 
 
 def errors_at(identification: Identification, inputs: Array, points: Array) -> Errors:
-    """Errors of the nominal and the estimated model where the targets are known.
+    """Return the errors of the nominal and the estimated model where the targets are given.
 
     Args:
         identification: of points.

@@ -181,7 +181,7 @@ def _one(checks: Sequence[Check], name: str) -> Check:
 
 
 def _accuracy(checks: Sequence[Check]) -> tuple[Answer, list[Check]]:
-    """Are the errors at poses that were not fitted as small as was asked, or as small as they can be?"""
+    """Check whether the errors at poses that were not fitted are as small as requested, or as they can be."""
     failed, validation = _failed(checks, "accuracy"), _one(checks, "accuracy.validation")
     if validation.outcome != "passed":
         return Answer("not judged", (validation,)), [each for each in failed if each is validation]
@@ -190,7 +190,7 @@ def _accuracy(checks: Sequence[Check]) -> tuple[Answer, list[Check]]:
 
 
 def _fit(checks: Sequence[Check]) -> tuple[Answer, list[Check]]:
-    """Are the residuals what the noise explains, and is that noise what instruments and arms have?"""
+    """Check whether the noise explains the residuals, and is plausible for instruments and arms."""
     answer, reasons = _goodness(checks)
     found = _failed(checks, "finding")
     if not found or _one(checks, "fit.residuals").outcome == "passed":
@@ -201,7 +201,7 @@ def _fit(checks: Sequence[Check]) -> tuple[Answer, list[Check]]:
 
 
 def _goodness(checks: Sequence[Check]) -> tuple[Answer, list[Check]]:
-    """Are the residuals what the noise explains?"""
+    """Check whether the noise explains the residuals."""
     tested, residuals = [each for each in checks if _group(each) == "lack_of_fit"], _one(checks, "fit.residuals")
     if not tested:
         return Answer("holds", (replace(residuals, outcome="not tested"),)), []
@@ -223,7 +223,7 @@ def _below_gate(checks: Sequence[Check]) -> bool:
 
 
 def _determination(checks: Sequence[Check], gate_m: float | None) -> tuple[Answer, list[Check]]:
-    """Decide whether the arm is known over its region, and is the one of the nominal model."""
+    """Decide whether the arm is determined over its region, and is the one of the nominal model."""
     error, far = _one(checks, "determination.error"), _failed(checks, "links")
     if other := [each for each in far if each.name == "links.other_robot"]:
         return Answer("bad", (other[0],)), other
@@ -398,7 +398,7 @@ class _Calibration:
         return []
 
     def _floor_m(self) -> float:
-        """The root mean square error (m) that noise and the covariance alone would make; NaN where it is not known."""
+        """Return the root mean square error (m) by noise and the covariance alone; NaN where unknown."""
         found, predicted = self.identification, self.workspace.rms_m
         if self.validation.judged_by == "fresh":
             return predicted if np.isfinite(predicted) else 0.0
@@ -434,7 +434,7 @@ class _Calibration:
         return Check("fit.residuals", "passed" if found.residual_sigma_m < _FLOOR_M else "noted", times)
 
     def _determination(self) -> list[Check]:
-        """Check whether the arm is known over its region, and is the one of the nominal model."""
+        """Check whether the arm is determined over its region, and is the one of the nominal model."""
         region = self.region
         data = {
             "region": region,

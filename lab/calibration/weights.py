@@ -40,7 +40,7 @@ class Noise:
 
 
 def weighed(observation: Observation, data: Measurements, noise: Noise) -> tuple[Observations, bool]:
-    """The points with their weights, and whether these stand on a known sigma.
+    """Return the points with their weights, and whether these are from a given sigma.
 
     Raises:
         LabError: only some rows have a sigma of their own, or the instrument measures nothing that is observed.
@@ -139,7 +139,7 @@ def error_shapes(
 def correlated(
     model: Model, observed: Observations, data: Measurements, shared: ErrorModel, *, known: bool
 ) -> Observations:
-    """The measurements, weighed by the instrument, with the errors that they share.
+    """Return the measurements, weighted by the instrument, with the errors that they share.
 
     Args:
         model: that predicts ``observed``; parameters that ``shared`` does not know are zero.

@@ -56,7 +56,7 @@ _SHARE = 0.95
 
 @dataclass(frozen=True)
 class WorkspacePrediction:
-    """Predicted position errors (m) over random poses of the workspace; NaN where they are not known.
+    """Predicted position errors (m) over random poses of the workspace; NaN where unknown.
 
     Attributes:
         rms_m: root mean square, by the parameters' covariance.
@@ -79,7 +79,7 @@ class WorkspacePrediction:
 
 @dataclass(frozen=True)
 class RegionPrediction:
-    """Predicted position errors (m) over the poses of a region; NaN where they are not known.
+    """Predicted position errors (m) over the poses of a region; NaN where unknown.
 
     Attributes:
         kind: the region's.

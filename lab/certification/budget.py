@@ -593,7 +593,7 @@ def unseen_move_of(propagation: Propagation, sigma_m: float) -> InputQuantity:
 
 
 def temperature_of(propagation: Propagation, foot: Array, kelvin: Uncertain, expansion_per_k: float) -> InputQuantity:
-    """The robot's temperature: all lengths grow with it about the robot's foot ``(3,)`` m."""
+    """Temperature of the robot: all lengths grow with it about the robot's base ``(3,)`` m."""
     columns = expansion_per_k * (propagation.positions - foot)[..., None]
     source = f"stated, expansion {1e6 * expansion_per_k:g} ppm/K"
     return InputQuantity("temperature", "temperature of the robot", source, "K", 1.0, kelvin, columns)

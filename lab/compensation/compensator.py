@@ -95,7 +95,7 @@ class Attempts:
         return np.where(self.arrived, beyond, 1e3 + np.abs(self.errors).max(axis=1))
 
     def take_better(self, rows: NDArray[np.int_], other: "Attempts", chain: JointSpec) -> None:
-        """Put what another way found for some rows in the place of what is worse, and say what was wrong with that."""
+        """Replace worse results by those of another method for some rows, and report what was wrong with them."""
         better = other.cost < self.cost[rows]
         for i in rows[better].tolist():
             self.passed_over[i] = self.passed_over[i] or self.refusals[i] or self._not_within_limits(i, chain)
@@ -322,7 +322,7 @@ class Compensator:
         return np.linalg.norm(missing[:, :3], axis=1), np.linalg.norm(missing[:, 3:], axis=1)
 
     def _near_singular(self, wanted: PoseTarget, ways: Solutions) -> NDArray[np.bool_]:
-        """``(n, k)``: where any rotation will do, the ways that are too near to a singularity."""
+        """Check ``(n, k)``, where any rotation will do, which IK solutions are too near to a singularity."""
         near, rows = np.zeros(ways.gap_m.shape, dtype=np.bool_), np.flatnonzero(~wanted.turned)
         joints = ways.joints[rows]
         distance, _ = self.nominal.arm.singular_distance(
@@ -332,7 +332,7 @@ class Compensator:
         return near
 
     def _tried(self, wanted: PoseTarget, conditions: Array, start: Array, branch: NDArray[np.int_]) -> Attempts:
-        """Newton's method from one way of the nominal model, aimed a few times at what the arm misses there."""
+        """Run Newton's method from one IK solution of the nominal model, aimed a few times at the arm's error there."""
         chain = self.nominal.arm.chain
         joints, aimings = start.copy(), np.zeros(len(wanted), dtype=np.int_)
         going = np.arange(len(wanted))
@@ -399,7 +399,7 @@ class Compensator:
         return joints
 
     def _aimed(self, wanted: PoseTarget, joints: Array, conditions: Array) -> PoseTarget:
-        """X_C = X_R - dX: where to aim the nominal model, by what the arm misses at these joint positions."""
+        """Return the aim of the nominal model X_C = X_R - dX, by the arm's error at these joint positions."""
         real, drawn = self._tool(joints, conditions)[0], self.nominal.tool(joints)[0]
         positions = wanted.positions - (real[:, :3, 3] - drawn[:, :3, 3])
         return PoseTarget(positions, drawn[:, :3, :3] @ real[:, :3, :3].swapaxes(1, 2) @ wanted.rotations)
@@ -424,7 +424,7 @@ def _no_texts(count: int) -> Texts:
 
 
 def _settled(missing: Array) -> NDArray[np.bool_]:
-    """``(n,)``: whether what is missing ``(n, 6)`` is nothing."""
+    """Check ``(n,)`` whether errors ``(n, 6)`` are negligible."""
     place, turn = np.linalg.norm(missing[:, :3], axis=1), np.linalg.norm(missing[:, 3:], axis=1)
     return np.asarray((place < _SETTLED_M) & (turn < _SETTLED_RAD))
 

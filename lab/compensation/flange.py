@@ -1,4 +1,4 @@
-"""The flange's face in the last frame of a calibrated arm, from what is known of it.
+"""Pose of the flange's face in the last frame of a calibrated arm, from the given information.
 
 Measured points of the tool say where they are relative to the last joint's axis. Where the face is relative to that
 axis (along it, about it, beside it, tilted) only two things say: the nominal last link, within the tolerances of
@@ -108,7 +108,7 @@ def _is_elsewhere(whole: Array, rows: Array, off: Array) -> bool:
 
 
 def _least(covariance: Array) -> float:
-    """The variance along the axis that is known best."""
+    """Return the variance along the most certain axis."""
     return float(np.linalg.eigvalsh(covariance)[0])
 
 

@@ -113,7 +113,7 @@ class _Pooled:
 
 
 class Series:
-    """Calibrations of one robot in the order of their days."""
+    """Calibrations of one robot in the order of their dates."""
 
     def __init__(self, estimates: Sequence[IdentifiedSubset], days: Sequence[float], directions: Directions) -> None:
         """Start from calibrations that identified the same parameters; ``directions`` of these are tested."""

@@ -241,7 +241,7 @@ class RefitSolution:
 
 @dataclass(frozen=True)
 class VerificationProblem:
-    """New measurements, weighted by the instrument's noise, against what a run predicts.
+    """New measurements, weighted by the instrument's noise, against a run's prediction.
 
     Attributes:
         progress: takes how many poses were worked out of how many, each time that all are gone through.

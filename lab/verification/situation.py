@@ -30,7 +30,7 @@ _MOST_POSES = 200
 def situation(
     prediction: CalibrationPrediction, observed: Observations, values: Array, promised_m: float, refit: Sequence[str]
 ) -> Check | None:
-    """Return the check that names what the errors come from; None where they are small, or nothing explains them.
+    """Return the check that names the cause of large errors; None where they are small, or nothing explains them.
 
     Args:
         values: ``(p,)`` the arm's, with what was fitted anew.

@@ -122,7 +122,7 @@ def _of_targets(arm: Arm) -> list[ChangeHypothesis]:
 
 
 def of_joints(arm: Arm) -> list[ChangeHypothesis]:
-    """The zero of each joint: it stands further than its reading says."""
+    """Return the zero offset of each joint: its position exceeds its reading."""
     chain, found = arm.rigid.chain, []
     directions = arm.rigid.joint_derivatives(np.eye(len(arm.names)))  # (p, joints)
     for k, slides in enumerate(chain.prismatic):
@@ -245,7 +245,7 @@ class Verified:
 
     @property
     def p(self) -> float:
-        """The chance of what speaks as much against the arm, if nothing has changed."""
+        """Chance of as much evidence against the arm, if nothing has changed."""
         return self.test.p
 
 
@@ -256,10 +256,10 @@ def verify(
     poses: Sequence[str] = (),
     progress: Progress = no_progress,
 ) -> Verified:
-    """Test new measurements against what a run predicted; where they contradict it, say what has moved.
+    """Test new measurements against a run's prediction; where it rejects, find what has moved.
 
     Args:
-        observed: weighted by a known sigma, or by the one that the run estimated.
+        observed: weighted by a given sigma, or by the one that the run estimated.
         refit: ``base``, ``tool`` or both: fitted anew, so that they cannot be what has moved.
         poses: what each is called; by their numbers where not given.
         progress: takes how many poses were worked out of how many, each time that all are gone through.
@@ -390,7 +390,7 @@ def _bad_reading(problem: VerificationProblem, fit: RefitSolution, poses: Sequen
 def _without_reading(
     prediction: CalibrationPrediction, fit: RefitSolution, dropped: tuple[float, int], rows: tuple[Array, Array]
 ) -> ChangeTest:
-    """The test of all numbers but those of one pose: what these lower, where the parameters are freed too.
+    """Test all numbers but those of one pose: what these lower, where the parameters are freed too.
 
     Args:
         dropped: by how much r' S^-1 r is less without them, and how many they are.
@@ -440,7 +440,7 @@ def _judged(
     left: ChangeTest,
     alike: int,
 ) -> Hypothesis:
-    """A hypothesis of ``told`` numbers, and the test of what it leaves; ``what`` is its kind, change and ``of``."""
+    """Return a hypothesis of ``told`` parameters with its test; ``what`` is its kind, change and ``of``."""
     prediction, numbers = problem.prediction, problem.numbers
     bic = prediction.deviance(left.square, numbers) + told * np.log(numbers) + 2 * np.log(alike)
     return Hypothesis(*what, size, told, left.square, left.p, float(bic), not left.changed)

@@ -68,7 +68,7 @@ def noise_in_another_unit(noise_mm: float | None, rows: Measurements, found: Ide
 def noise_beyond(
     noise_mm: float | None, rows: Measurements, known_m: float, whose: str, times: float = ANOTHER_DAY
 ) -> list[Check]:
-    """Refuse a noise that is far more than what is known of the robot and its instrument.
+    """Refuse a noise that is far more than plausible for the robot and its instrument.
 
     Args:
         noise_mm: the option; None where it was not given, and the rows say it.
@@ -135,7 +135,7 @@ def in_other_numbers_or_poses(robot: NominalRobot, rows: Measurements) -> list[C
 
 
 def doubted(word: Verdict, said: Sequence[Check]) -> Verdict:
-    """The verdict where the noise or the scale cannot be what was given: it is not good."""
+    """Return the verdict where the given noise or scale is impossible: it is not good."""
     if not said:
         return word
     doubtful = "doubtful" if word.word == "good" else word.word

@@ -27,7 +27,7 @@ _FLAT = 1e-3  # of targets in a line or in one place: the smallest singular valu
 
 @dataclass(frozen=True)
 class InstrumentNoise:
-    """Noise of one coordinate, as distances between targets say it.
+    """Noise of one coordinate, estimated from distances between targets.
 
     Attributes:
         sigma_m: estimated.
@@ -63,7 +63,7 @@ class InstrumentNoise:
 
 
 def instrument_noise(points: Array) -> InstrumentNoise | None:
-    """The noise that distances between targets say; None of fewer than three targets or ten whole poses.
+    """Estimate the noise from distances between targets; None of fewer than three targets or ten whole poses.
 
     Args:
         points: ``(n, k, 3)`` m, in the order in which they were measured, NaN where not seen.

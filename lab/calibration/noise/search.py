@@ -144,7 +144,7 @@ def _moves(estimate: Estimate, data: Measurements, times: Array) -> tuple[Move, 
 
 
 def in_stretches(data: Measurements) -> Measurements:
-    """Rows that tell of the noise as well as more do: all, or of over 4,000 eight stretches of consecutive ones."""
+    """Select rows that suffice to estimate the noise: all, or of over 4,000 eight stretches of consecutive ones."""
     if len(data) <= _MOST_POSES:
         return data
     length = _MOST_POSES // _STRETCHES

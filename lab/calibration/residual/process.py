@@ -244,7 +244,7 @@ _AWAY = (5e-3, 15e-3)  # m and rad: one standard deviation of how far a link is 
 
 @dataclass(frozen=True)
 class JointProcess:
-    """The offsets of an arm's joints, as measurements say them.
+    """Offsets of an arm's joints, estimated from measurements.
 
     Attributes:
         inputs: ``(s, joints + conditions)`` the poses that say it.

@@ -71,7 +71,7 @@ def alternatives(
 
 
 def _misfit(found: Identification) -> float:
-    """Twice the negative log likelihood, but for what is the same of all models of the same measurements."""
+    """Return twice the negative log likelihood, but for the terms common to all models of the same measurements."""
     squares, rows = 2 * found.fit.cost_trace[-1], found.dof + len(found.fit.free)
     return float(squares if found.sigma_known else rows * np.log(max(squares, 1e-300)))
 

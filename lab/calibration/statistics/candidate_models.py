@@ -446,7 +446,7 @@ class FullModel:
         return self._indices(found, found.fit.free)
 
     def added(self, table: NestedModels, found: Identification, group: str) -> tuple[tuple[int, ...], tuple[int, ...]]:
-        """Parameters of a group that say what an identified model does not, and those of them to be fitted.
+        """Return the parameters of a group that add to an identified model, and those of them to be fitted.
 
         Left out are those that these poses do not tell apart, and, the least known first, those whose standard
         deviation would be larger than such an effect: fitted all the same, they run off to where the model is not
@@ -463,7 +463,7 @@ class FullModel:
         return new, tuple(shown)
 
     def least_known(self, table: NestedModels, found: Identification) -> int | None:
-        """The parameter of a group that an identified model knows too badly for any use; None where it has none."""
+        """Return the parameter of a group that is too uncertain in an identified model; None if there is none."""
         fitted = self.fitted(found)
         effects = {i for group in self.groups.values() for i in group}
         unsure = np.where([i in effects for i in fitted], table.std(fitted) / self._useful[list(fitted)], 0.0)
@@ -481,7 +481,7 @@ class FullModel:
 
     @staticmethod
     def _new(triangle: Array, known: Sequence[int], wanted: Sequence[int]) -> tuple[int, ...]:
-        """Those of the wanted columns that the known ones and those before them do not span."""
+        """Return the wanted columns that the given ones and those before them do not span."""
         kept = independent_columns(triangle, [*known, *wanted])
         return tuple(i for i in wanted if i in kept)
 
@@ -748,7 +748,7 @@ class TermSearch:
         self.residual = self.residual - more @ (more.T @ self.residual)
 
     def _scores(self) -> Array:
-        """``(clusters, p)`` what each cluster contributes to the products of the columns, less their fitted part."""
+        """Return the contribution ``(clusters, p)`` of each cluster to the columns' products, less the fitted part."""
         errors = jackknifed(self.residual, self.basis)[:, None]
         raw, fitted = (cluster_sums(rows * errors, self.starts) for rows in (self.columns, self.basis))
         return np.asarray(raw - fitted @ self._shared)

@@ -173,7 +173,7 @@ def follow(
     *,
     seed: int = 0,
 ) -> Selection:
-    """Identify with the groups that are asked for, and say of each, in their order, what it buys.
+    """Identify with the requested groups, and report the gain of each, in their order.
 
     What speaks against a group is said in ``infeasibility_reason``, and does not keep it out.
 
@@ -227,7 +227,7 @@ class _Growth:
         self.found = self.alone
 
     def grow(self) -> None:
-        """Add one candidate after another, and drop what is superfluous then."""
+        """Add one candidate after another, and drop those that become superfluous."""
         large = self.large()
         table = self.around(large)
         self.rows.setdefault(_GEOMETRY, _geometry(table.score(large.fitted(self.found))))
@@ -306,7 +306,7 @@ class _Growth:
             self.grow()
 
     def _hold_what_became_useless(self) -> None:
-        """Hold, the worst first, what was known well when it was taken and is not beside all that came after it."""
+        """Hold, the worst first, parameters that were well determined when taken and no longer are."""
         while True:
             large = self.large()
             if (worst := large.least_known(self.around(large), self.found)) is None:

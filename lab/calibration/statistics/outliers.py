@@ -215,7 +215,7 @@ def _test(
 
 
 def _settle(linear: LinearizedFit, inside: Mask, test: _Test) -> tuple[Mask, NDArray[np.int_]]:
-    """The poses that are believed, from a first guess, and those that fail but are needed.
+    """Return the poses that are accepted, from a first guess, and those that fail but are needed.
 
     All outside that pass come back; only when none does, the worst inside that fails leaves. It ends where
     neither happens (Hadi & Simonoff 1993 go forward alike), and where the worst cannot be done without: every
