@@ -45,13 +45,13 @@ RANK_TOLERANCE = 1e-10  # of the normal equations of unit columns
 
 
 class BatchObservation(Protocol):
-    """What was measured in b campaigns, with the arms that predict it from parameters ``(b, p)``."""
+    """Observations of b campaigns, with the arms that predict them from parameters ``(b, p)``."""
 
     def __len__(self) -> int:
-        """How many campaigns there are."""
+        """Return the number of campaigns."""
 
     def take(self, rows: NDArray[np.int_]) -> Self:
-        """Some of the campaigns, also more than once."""
+        """Select campaigns, also more than once."""
 
     def residual(self, values: Array) -> Array:
         """Whitened residual ``(b, r)``, measured less predicted."""
@@ -71,12 +71,12 @@ class BatchObservation(Protocol):
 
 @dataclass(frozen=True)
 class BatchFits:
-    """Where the fits ended.
+    """Results of a batch of fits.
 
     Attributes:
         values: ``(b, p)`` the parameters.
         converged: ``(b,)``.
-        steps: ``(b,)`` how many were taken.
+        steps: ``(b,)`` number of steps.
         information: ``(b, f, f)`` J' J of the free parameters, whitened as the observation is.
     """
 
@@ -168,14 +168,14 @@ def _chord(block: BatchObservation, values: Array, free: list[int], max_steps: i
 
 @dataclass(frozen=True)
 class PointBatch:
-    """What was measured in b campaigns at the same n poses, each turned onto the nominal model.
+    """Points measured in b campaigns at the same n poses, each aligned with the nominal model.
 
     Attributes:
         arm: arms of one nominal model, which predict the k targets.
         joints: joint positions ``(n, joints)``.
         points: ``(b, k, 3, n)`` m, in the nominal model's frame 0.
-        Ts_instrument_nominal: ``(b, 4, 4)``, how they were turned: the nominal model's frame 0 in the instrument's.
-        whiten: ``(b, k, 3, 3, n)`` 1/m, of the points as they are turned; None where all coordinates weigh alike.
+        Ts_instrument_nominal: ``(b, 4, 4)``, their alignment: the nominal model's frame 0 in the instrument's.
+        whiten: ``(b, k, 3, 3, n)`` 1/m, of the aligned points; None where all coordinates have the same weight.
     """
 
     arm: Stacked
@@ -189,11 +189,11 @@ class PointBatch:
 
     @cached_property
     def metre(self) -> float:
-        """What a metre of a coordinate weighs."""
+        """Weight of one metre of a coordinate."""
         return 1.0 if self.whiten is None else float(np.sqrt((self.whiten**2).sum() / self.points.size))
 
     def take(self, rows: NDArray[np.int_]) -> "PointBatch":
-        """Some of the campaigns."""
+        """Select campaigns."""
         whiten = None if self.whiten is None else self.whiten[rows]
         return replace(
             self, points=self.points[rows], Ts_instrument_nominal=self.Ts_instrument_nominal[rows], whiten=whiten
@@ -214,7 +214,7 @@ class PointBatch:
         return columns.reshape(len(values), len(free), -1), residual.reshape(len(values), -1)
 
     def settled(self, step: Array, squares: Array, tolerance: float) -> NDArray[np.bool_]:
-        """Whether a pose's predicted points move by less than the tolerance (m, root mean square)."""
+        """Check whether a pose's predicted points move by less than the tolerance (m, root mean square)."""
         return np.asarray(np.sqrt(squares / self.joints.shape[0]) < tolerance * self.metre)
 
     def _whitened(self, residual: Array) -> Array:
@@ -280,7 +280,7 @@ def _base_at_rest(nominal: Array) -> Array:
 
 @dataclass(frozen=True)
 class MeasuredPoses:
-    """What was measured in some campaigns.
+    """Poses measured in some campaigns.
 
     Attributes:
         joints: joint positions ``(b, n, joints)``.
@@ -296,7 +296,7 @@ class MeasuredPoses:
         return len(self.points)
 
     def take(self, rows: NDArray[np.int_]) -> "MeasuredPoses":
-        """Some of the campaigns."""
+        """Select campaigns."""
         return MeasuredPoses(self.joints[rows], self.points[rows], self.rotations[rows])
 
 
@@ -325,7 +325,7 @@ class StackedPoseArm:
         return np.concatenate([self.arm.nominal(), np.zeros(3)])
 
     def columns(self, names: Sequence[str]) -> list[int]:
-        """Where parameters stand, by name."""
+        """Return the indices of parameters by name."""
         return [self.names.index(name) for name in names]
 
     def poses(self, joints: Array, values: Array) -> tuple[Array, Array]:
@@ -360,7 +360,7 @@ class StackedPoseArm:
         return point[:3].transpose(1, 2, 0), rotation, moves.transpose(2, 3, 1, 0), turns.transpose(2, 3, 1, 0)
 
     def _walk(self, joints: Array, values: Array) -> tuple[list[Motion], Array, Array]:
-        """All motions but the target's rotation, the target ``(5, b, n)``, and its rotations ``(b, n, 3, 3)``."""
+        """Return all motions but the target's rotation, the target ``(5, b, n)``, its rotations ``(b, n, 3, 3)``."""
         motions, points, frame = StackedArm(self.arm).walk(joints, values[:, :-3], 5)
         first = len(self.arm.names) - 3
         motions += [Motion(column, axis, None) for column, axis in enumerate(frame, start=first)]
@@ -388,7 +388,7 @@ class PoseBatch:
         return len(self.measured)
 
     def take(self, rows: NDArray[np.int_]) -> "PoseBatch":
-        """Some of the campaigns."""
+        """Select campaigns."""
         return replace(self, measured=self.measured.take(rows))
 
     def residual(self, values: Array) -> Array:
@@ -409,7 +409,7 @@ class PoseBatch:
         return columns, self._residual(points, rotations)
 
     def settled(self, step: Array, squares: Array, tolerance: float) -> NDArray[np.bool_]:
-        """Whether no parameter moves by more than the tolerance (m or rad)."""
+        """Check whether no parameter moves by more than the tolerance (m or rad)."""
         return np.asarray(np.abs(step).max(axis=1) < tolerance)
 
     def _rotation_errors(self, rotations: Array) -> Array:

@@ -1,8 +1,8 @@
-"""What a calibration found out about an arm: its parameters with their covariance, and what it predicts with them.
+"""Estimate of an arm by a calibration: its parameters with their covariance, and predictions from them.
 
-An estimate holds on another day: effects of the measurement session are left out of its arm. Predicted points are off
+An estimate holds in other sessions: its arm leaves out the measurement session's effects. Predicted points are off
 by the errors of the identified parameters, J C J' with the derivatives J and the covariance C, by those of a load, by
-what the model lacks within the measured range and beyond it, and by what differs from one visit of a pose to the next.
+the model discrepancy within the measured range and beyond it, and by what differs from one visit of a pose to the next.
 """
 
 from collections.abc import Mapping, Sequence
@@ -88,17 +88,17 @@ class EstimatedParameter:
 
     @property
     def identified(self) -> bool:
-        """Whether it was identified."""
+        """Check whether the parameter was identified."""
         return self.status == "identified"
 
     @property
     def half_width_95(self) -> float:
-        """Half of the 95 % interval; NaN where that is not known."""
+        """Half of the 95 % interval; NaN where unknown."""
         return float("nan") if self.interval_95 is None else (self.interval_95[1] - self.interval_95[0]) / 2
 
 
 class NominalArm(Protocol):
-    """What an estimate needs of a robot: its joints, its masses, and its geometry with measured targets."""
+    """Robot as an estimate needs it: its joints, its masses, and its geometry with measured targets."""
 
     @property
     def chain(self) -> JointSpec:
@@ -106,7 +106,7 @@ class NominalArm(Protocol):
 
     @property
     def loads(self) -> Loads | None:
-        """Its masses; None where they are not known."""
+        """Masses of the links; None where unknown."""
 
     def arm(self, targets: tuple[str, ...]) -> RigidArm:
         """The arm as equations, with these targets."""
@@ -140,7 +140,7 @@ class Discrepancy(NamedTuple):
 
 @dataclass(frozen=True)
 class IdentifiedSubset:
-    """Some of the identified parameters, with the covariance that the residuals allow.
+    """Subset of the identified parameters, with their covariance by the residuals.
 
     Attributes:
         names: of the parameters ``(f,)``.
@@ -186,7 +186,7 @@ class PredictedPoints:
 
     @property
     def unmodelled(self) -> Array:
-        """Covariances by what the model lacks, within the measured range and beyond."""
+        """Covariances by model discrepancy, within the measured range and beyond."""
         return np.asarray(self.extrapolation + self.discrepancy)
 
     @property
@@ -214,7 +214,7 @@ class _Parameters(dict[str, EstimatedParameter]):
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """An identified arm, as far as it holds on another day.
+    """An identified arm, as far as it holds in other sessions.
 
     Attributes:
         rigid: the geometry of the arm, with the measured targets.
@@ -310,7 +310,7 @@ class Estimate:
 
     @cached_property
     def _lasting(self) -> tuple[int, ...]:
-        """Which of ``identified`` are parameters of the arm."""
+        """Indices in ``identified`` of the parameters of the arm."""
         return tuple(i for i, name in enumerate(self.identified) if name in self.arm.names)
 
     @property
@@ -583,6 +583,6 @@ def estimate_of(
 
 
 def on_another_day(shared: ErrorModel, estimate: Estimate) -> ErrorModel:
-    """Return errors as they are on another day, when nobody knows where a drift or a step left the base."""
+    """Return errors as they are in another session, when nobody knows where a drift or a step left the base."""
     values = dict(zip(estimate.arm.names, estimate.values.tolist(), strict=True))
     return replace(shared, clock=None, moves=(), values=values)

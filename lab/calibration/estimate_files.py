@@ -73,7 +73,7 @@ class ResidualSizes:
     bound_factor: float = 1.0
 
     def __post_init__(self) -> None:
-        """Refuse what lacks a component, or has a variance below zero, with a LabError."""
+        """Refuse a set without some component, or with a variance below zero, with a LabError."""
         for name in ("variances", "upper_quartiles"):
             sizes = getattr(self, name)
             if missing := [each for each in self.components if each not in sizes]:
@@ -92,7 +92,7 @@ class ResidualSizes:
 
     @property
     def errors(self) -> Array:
-        """``(c, c)`` covariance of the variances; of an older run as its upper quartiles say, fully correlated."""
+        """Covariance ``(c, c)`` of the variances; of an older run from its upper quartiles, fully correlated."""
         if self.variance_errors is not None:
             return np.array(self.variance_errors)
         apart = [self.upper_quartiles.get(c, 0.0) - self.variances.get(c, 0.0) for c in COMPONENTS]
@@ -101,10 +101,10 @@ class ResidualSizes:
 
 @dataclass(frozen=True)
 class Extrapolation:
-    """What the model may lack where nothing was measured, as ``result.json`` holds it; its keys.
+    """Model discrepancy beyond the measured positions, by the keys of ``result.json``.
 
     Attributes:
-        growth_mrad, unsure_mrad: None in a run that knows neither.
+        growth_mrad, unsure_mrad: None in a run without them.
     """
 
     growth_mrad: float | None = None
@@ -118,7 +118,7 @@ class Extrapolation:
 
 @dataclass(frozen=True)
 class _ActingPrior:
-    """In how many directions tolerances of manufacture took part in a fit."""
+    """Number of directions in which a prior of manufacturing tolerances took part in a fit."""
 
     acts_in: int
 
@@ -388,7 +388,7 @@ def read_residual(
 
 
 def measured_range_to_dict(measured: MeasuredRange | None, chain: JointSpec) -> dict[str, Any] | None:
-    """Return limits, width of the edges (deg, mm of a slide) and slope by joint; None where nothing is known."""
+    """Return limits, width of the edges (deg, mm of a slide) and slope by joint; None where unknown."""
     if measured is None:
         return None
     found = {}
@@ -438,7 +438,7 @@ def write_cover(path: Path, cover: PoseCover, chain: JointSpec) -> None:
 
 
 def read_cover(folder: Path, chain: JointSpec) -> PoseCover | None:
-    """Read the poses that a run fitted; None of a run that keeps none.
+    """Read the poses that a run fitted; None of a run that stores none.
 
     Raises:
         LabError: the file does not hold what a run writes.

@@ -1,15 +1,15 @@
-"""What a calibration says of poses beyond the joint positions that were measured.
+"""Prediction error at poses beyond the measured joint positions.
 
 The covariance of the parameters holds if the model does, and a model that follows every measurement may be wrong
-where none was made: a wave that is none, a spring that is not linear. How wrong, the edges of the measured range say.
-Let joint j be off beyond an edge by a slope times how far beyond it stands. Beside the fit, each outer tenth of a
+where none was made: a spurious wave, a nonlinear spring. The edges of the measured range show how wrong.
+Let joint j be off beyond an edge by a slope times the distance beyond it. Beside the fit, each outer tenth of a
 joint's measured positions gives one estimate of such a slope, as if the rest of that joint's range were all that was
-measured. Their variance beyond what noise makes of them (Paule & Mandel 1982) is that of the slope beyond the true
+measured. Their variance in excess of the noise (Paule & Mandel 1982) is that of the slope beyond the true
 edges, unless a joint's own two say more. Farther out than that tenth is wide a slope changes itself: its integral grows
 as d^1.5, as a random walk's does; and what joints do is bounded, so that no more than one radian of it counts.
 
-What is missing within the range, regions that are left out say (``left_out_regions``). Where the model fails there, its
-effects are believed where they were measured alone: elsewhere what geometry without them lacks is what may be lacking,
+Cross-validation by region shows what is missing within the range (``left_out_regions``). Where the model fails there,
+its effects are trusted only where they were measured: elsewhere the model discrepancy is that of geometry without them,
 and what they explain counts as unknown, beyond an end as much of it as an outer tenth's width.
 """
 
@@ -74,13 +74,13 @@ class PoseCover:
 
     @classmethod
     def of(cls, joints: Array, turning: NDArray[np.bool_]) -> "PoseCover":
-        """Cover what measured positions ``(n, joints)`` reach: repeats left out, of very many some, evenly spaced."""
+        """Build the cover of measured positions ``(n, joints)``: distinct ones, of many a subset, evenly spaced."""
         distinct = joints[distinct_poses(joints, turning)[0]]
         some = evenly(len(distinct), _MOST)
         return cls(distinct if some is None else distinct[some], turning)
 
     def beyond(self, joints: Array) -> Array:
-        """``(n,)`` how far positions ``(n, joints)`` are beyond what is covered, in units of how far that reaches."""
+        """Return distances ``(n,)`` of positions ``(n, joints)`` beyond the covered ones, in units of their reach."""
         if len(self.poses) <= _NEAREST:
             return np.zeros(len(joints))
         tree, reach = self._tree
@@ -187,7 +187,7 @@ class LinearRows:
 
     @property
     def variance(self) -> float:
-        """Of a number that the fit leaves."""
+        """Residual variance of a coordinate."""
         dof = int(self.numbers.sum()) - self.columns.shape[2]
         return float((self.residual**2).sum()) / dof if dof > 0 else 0.0
 
@@ -223,9 +223,9 @@ class _LeftOut:
 
 
 def _growth_beyond_cover(rows: LinearRows, joints: Array, turning: NDArray[np.bool_]) -> float:
-    """One standard deviation (rad) by which joints are off, for each unit of distance beyond what is covered.
+    """Estimate the standard deviation (rad) of joint errors for each unit of distance beyond the covered positions.
 
-    Zero where noise and the parameters' covariance explain what is missed in regions that are left out.
+    Zero where noise and the parameters' covariance explain the errors in regions that are left out.
 
     Args:
         joints: ``(n, joints)`` the positions of the poses.
@@ -244,7 +244,7 @@ def _growth_beyond_cover(rows: LinearRows, joints: Array, turning: NDArray[np.bo
 
 
 def _left_out(rows: LinearRows, joints: Array, turning: NDArray[np.bool_], out: NDArray[np.bool_]) -> _LeftOut | None:
-    """What the other poses say of those of a region that they do not cover; None where they cover them all."""
+    """Predict the uncovered poses of a region from the other poses; None where these cover them all."""
     away = PoseCover.of(joints[~out], turning).beyond(joints[out])
     far = np.flatnonzero(out)[away > 0]
     size = rows.columns.shape[2]
@@ -353,7 +353,7 @@ class MeasuredRange:
 
     @property
     def is_worse_beyond(self) -> bool:
-        """Whether the model is known to be worse than its covariance where nothing was measured."""
+        """Check whether prediction errors beyond the measured positions exceed the covariance."""
         return bool(self.slope.any()) or self.growth > 0
 
     def beyond(self, joints: Array) -> Array:
@@ -366,11 +366,11 @@ class MeasuredRange:
         return np.asarray(self._away(joints) > 0)
 
     def _away(self, joints: Array) -> Array:
-        """``(n,)`` how far positions are beyond what is covered; zero where that is not known."""
+        """Return the distance ``(n,)`` of positions beyond the covered ones; zero where unknown."""
         return np.zeros(len(joints)) if self.cover is None else self.cover.beyond(joints)
 
     def unknown(self, model: Model, inputs: Array, values: Array) -> Array:
-        """``(n, k, d, joints)`` one standard deviation of what each joint's unknown error makes of observations.
+        """Return standard deviations ``(n, k, d, joints)`` of observations by each joint's unknown error.
 
         Args:
             inputs: ``(n, joints + conditions)`` the poses.
@@ -383,7 +383,7 @@ class MeasuredRange:
         return np.asarray(by_joint_positions(model, inputs, values, size) * off[:, None, None, :])
 
     def _off(self, joints: Array) -> Array:
-        """``(n, joints)`` one standard deviation of what joints are off (rad, m of a slide) at some positions."""
+        """Return standard deviations ``(n, joints)`` of joint errors (rad, m of a slide) at some positions."""
         beyond, away = self.beyond(joints), self._away(joints)[:, None]
         sloped = self.slope * np.minimum(beyond * np.sqrt(1 + beyond / self.edge), _MOST_extrapolation)
         share = np.maximum(np.clip(beyond / self.edge, 0.0, 1.0).max(axis=1, keepdims=True), away > 0)
@@ -419,7 +419,7 @@ def measured_range(
 def _of_regions(
     found: Identification, model: Model, observed: Observations, turning: NDArray[np.bool_]
 ) -> tuple[float, float]:
-    """What joints are off beyond what is covered, for each unit of distance, and of what effects explain (rad)."""
+    """Estimate joint errors per unit of distance beyond the covered positions, and the effects' size (rad)."""
     joints = observed.inputs[:, : len(turning)]
     rows = _linear_rows(found, model, observed, turning)
     growth = _growth_beyond_cover(rows, joints, turning)
@@ -450,7 +450,7 @@ def _linear_rows(found: Identification, model: Model, observed: Observations, tu
 
 
 def _slopes(found: Identification, model: Model, observed: Observations, joints: Array) -> Array:
-    """Each joint's standard deviation of slopes beyond; zeros where noise alone explains those at the edges."""
+    """Estimate each joint's standard deviation of slopes beyond the edges; zeros where noise explains them."""
     edges, nothing = _edges(joints), np.zeros(joints.shape[1])
     predicted, jacobian = model.observe(observed.inputs, found.values)
     known, slopes = found.extra_residuals(found.values)
@@ -494,7 +494,7 @@ def _edges(joints: Array) -> list[tuple[int, Array]]:
 
 
 def _is_enough(joints: Array) -> bool:
-    """Whether so many poses, repeats aside, say something of a slope."""
+    """Check whether the poses, repeats aside, suffice to estimate a slope."""
     few = evenly(len(joints), _FEW_POSES)
     joints = joints if few is None else joints[few]
     return (
@@ -559,7 +559,7 @@ def model_covariances(
 def _prediction_covariances(
     found: Identification, measured: MeasuredRange | None, inputs: Array, left: ResidualSpread
 ) -> Array:
-    """Covariances ``(n, k, 3, 3)`` (m^2) of measured less predicted points: the model's, with what the fit left."""
+    """Return covariances ``(n, k, 3, 3)`` (m^2) of measured less predicted points: the model's and the residuals'."""
     return np.asarray(model_covariances(found, measured, inputs, left) + left.total_m**2 * np.eye(3))
 
 

@@ -165,7 +165,7 @@ class Fitted:
 
     @property
     def left_out(self) -> bool:
-        """Whether outliers were left out of the fit."""
+        """Check whether outliers were left out of the fit."""
         return self.fitter.options.robust
 
     def with_fit(self, found: Identification, rows: Measurements) -> "Fitted":
@@ -176,13 +176,13 @@ class Fitted:
 
     @property
     def process(self) -> JointProcess | None:
-        """The joints' offsets that no group explains; None where they were not asked for."""
+        """Joint offsets that no group explains; None where they were not requested."""
         found = self.identification.process
         return found.process if isinstance(found, PredictedBy) else None
 
     @cached_property
     def residual_spread(self) -> ResidualSpread:
-        """What the fit leaves of the measured positions, with configurations as clusters."""
+        """Spread of the residuals of the measured positions, with configurations as clusters."""
         shared, lacks = self.noise.shared, self.adequacy.outcome == "failed"
         independent_m = None if shared is None else shared.independent_m
         labels = configurations(self.rows.joints)
@@ -190,12 +190,12 @@ class Fitted:
 
     @cached_property
     def remaining(self) -> RemainingError | None:
-        """What the remaining error is made of; None where no points were observed, or nothing is left over."""
+        """Sources of the remaining error; None where no points were observed, or no residuals are left."""
         return _remaining(self)
 
     @cached_property
     def gain(self) -> ExpectedGain | None:
-        """What the group residual would gain, where residuals of neighbouring joint positions are alike."""
+        """Expected gain of the group residual; None unless residuals of neighbouring joint positions are correlated."""
         if self.remaining is None or self.remaining.over_joints is None or not self.remaining.over_joints.is_shown:
             return None
         is_serial = isinstance(self.identification.model, SerialArm | ArmWithEffects)
@@ -203,7 +203,7 @@ class Fitted:
 
     @cached_property
     def explained(self) -> dict[str, ExplainedError]:
-        """What each group of the model explains; nothing where no points were observed, or beside a process."""
+        """Error explained by each group of the model; empty where no points were observed, or beside a process."""
         found = self.identification
         if not only_positions(observation_of(found.model)) or found.process is not None:
             return {}
@@ -213,7 +213,7 @@ class Fitted:
 
     @cached_property
     def instrument(self) -> InstrumentNoise | None:
-        """The instrument's noise as distances between targets say it; None where they say nothing."""
+        """Instrument noise estimated from distances between targets; None where these do not determine it."""
         if not only_positions(observation_of(self.identification.model)):
             return None
         return instrument_noise(self.rows.points)
@@ -246,7 +246,7 @@ def _remaining(report: Fitted) -> RemainingError | None:
 
 
 def named_poses(rows: Measurements, found: Outliers | HeldOut, *, held_out: bool = False) -> tuple[Named, ...]:
-    """What the test found, by the rows' own names."""
+    """Return the poses that the outlier test found, by the rows' own names."""
     lines = [rows.lines[i] if rows.lines else None for i in found.rows]
     parts = zip(found.rows, lines, found.sizes_m, found.p_values, strict=True)
     return tuple(Named(rows.ids[i], line, float(size), float(p), held_out) for i, line, size, p in parts)

@@ -59,7 +59,7 @@ class NominalRobot(Protocol):
 
     @property
     def loads(self) -> Loads | None:
-        """Masses of the links; None where they are not known."""
+        """Masses of the links; None where unknown."""
 
     @property
     def stations(self) -> tuple[str, ...]:
@@ -101,7 +101,7 @@ class FitOptions:
 
     @property
     def geometric(self) -> bool:
-        """Whether the model is geometry alone."""
+        """Check whether the model is geometry alone."""
         return not (self.search or self.groups)
 
 
@@ -123,13 +123,13 @@ class _LastResult:
 
 @dataclass(frozen=True)
 class Fitter:
-    """How measurements of one arm are fitted.
+    """Fitter of the measurements of one arm.
 
     Attributes:
         targets: of the arm: those of ``kind`` in ``data``.
         data: all measurements, as the file holds them.
         kind: of observation, with its options.
-        judged_by: further rows that the model must be able to answer, with the groups that it does without there.
+        judged_by: further rows that the model must predict, with the groups that are left out there.
         estimator: of the parameters of one model: ``identify``, or another of the same arguments and result.
     """
 
@@ -147,10 +147,10 @@ class Fitter:
     _last_outliers: _LastResult = field(default_factory=_LastResult, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Refuse what no identification of these measurements has.
+        """Refuse options that do not apply to any identification of these measurements.
 
         Raises:
-            LabError: the group ``residual`` is asked of something else than measured points of a serial arm.
+            LabError: the group ``residual`` is requested for something else than measured points of a serial arm.
         """
         if not self.options.residual:
             return
@@ -171,7 +171,7 @@ class Fitter:
 
     @cached_property
     def course(self) -> SessionInfo:
-        """Of the measurements that are to be fitted."""
+        """Session metadata of the measurements to be fitted."""
         rows = self.data.only("calibrate")
         rows = rows.take(np.flatnonzero(self.kind.rows(rows)))
         time_s = rows.conditions.get("time_s", np.zeros(1))
@@ -182,7 +182,7 @@ class Fitter:
         return SessionInfo(sessions, started, timed="time_s" in rows.conditions, stations=stations)
 
     def observed(self) -> Measurements:
-        """What is observed of the measurements."""
+        """Return the observed quantities of the measurements."""
         arm = self.robot.arm(self.targets)
         return self.kind.observation(arm, self.data, arm.nominal(self.robot.tool))[1]
 
@@ -194,7 +194,7 @@ class Fitter:
 
     @property
     def request(self) -> IdentifyOptions:
-        """What is asked of the identification."""
+        """Options of the identification."""
         chosen = self.options
         automatic = chosen.prior == "auto"  # what the joints' offsets explain is fitted to parameters without a prior
         tolerance = self.tolerance if chosen.prior == "on" or (automatic and not chosen.residual) else None
@@ -202,11 +202,11 @@ class Fitter:
 
     @property
     def tolerance(self) -> Tolerance:
-        """Of manufacture."""
+        """Manufacturing tolerance."""
         return self.options.tolerance
 
     def modelled(self, groups: Sequence[str], held: Sequence[str]) -> tuple[Model, IdentifyOptions]:
-        """The arm with these groups less the parameters held, and what is asked of its identification."""
+        """Return the arm with these groups less the parameters held, and the options of its identification."""
         model = self.model_with(groups)
         request = self.request if self.options.geometric else self.request.of(model.names)
         return model, replace(request, fix=(*request.fix, *held))
@@ -214,10 +214,10 @@ class Fitter:
     def identified(
         self, rows: Measurements, groups: Sequence[str], held: Sequence[str] = ()
     ) -> tuple[Identification, Measurements, Outliers | None]:
-        """One identification of the arm with these groups, the rows that it comes from, and what was left out.
+        """Identify the arm with these groups; return also the fitted rows and the outliers that were left out.
 
         Args:
-            held: parameters of the groups that the selection found these poses not to show.
+            held: parameters of the groups that the selection found not to be observable in these poses.
         """
         found, clean, outliers = self.identified_with(rows, groups, held), rows, None
         model, request = self.modelled(groups, held)
@@ -230,7 +230,7 @@ class Fitter:
         return found, clean, outliers
 
     def identified_with(self, rows: Measurements, groups: Sequence[str], held: Sequence[str]) -> Identification:
-        """One identification of the arm with these groups from all these rows."""
+        """Identify the arm with these groups from all these rows."""
 
         def make() -> Identification:
             model, request = self.modelled(groups, held)
@@ -253,10 +253,10 @@ class Fitter:
         return self._with_own_noise(again, rows)
 
     def _doubted_by_time(self, selection: Selection) -> tuple[str, ...]:
-        """The groups that ``auto`` chose for what follows time, as errors that wander do, too.
+        """Return the groups that ``auto`` chose for errors over time, which autocorrelated errors explain, too.
 
-        Beside such a group the errors wander less, and it is then believed too readily: it has to stand beside the
-        wandering that is found without it.
+        Beside such a group errors look less autocorrelated, and it is accepted too easily: it has to pass beside the
+        autocorrelation that is found without it.
         """
         if not self.options.search:
             return ()
@@ -270,7 +270,7 @@ class Fitter:
         return self.knowing(search.shared), selection, search
 
     def _balanced(self, rows: Measurements) -> tuple["Fitter", Selection | None, NoiseSearch]:
-        """The same, where no group is doubted."""
+        """Alternate selection and noise search until both settle, where no group is doubted."""
         fitter, selection = self, self._selected(rows)
         for _ in range(_BALANCINGS):
             model = _OneModel.of(self, selection)
@@ -346,7 +346,7 @@ class Fitter:
     def predicting(
         self, rows: Measurements, groups: Sequence[str], held: Sequence[str], process: JointProcess | None = None
     ) -> Identification:
-        """One identification, outliers left out if asked for, with what no group explains where that is asked for.
+        """Identify the arm, without outliers on request, and add the residual process on request.
 
         Args:
             process: of all rows, whose variances are taken.
@@ -355,7 +355,7 @@ class Fitter:
         return with_residual(found, clean, process) if self.options.residual else found
 
     def _selected(self, rows: Measurements) -> Selection | None:
-        """The groups that the rows call for, or that are asked for; None for geometry alone."""
+        """Return the groups that the rows call for, or that are requested; None for geometry alone."""
         if self.options.geometric:
             return None
         groups, task = (
@@ -377,7 +377,7 @@ class Fitter:
         return other if kept[1] > kept[0] else selection
 
     def _chosen(self, found: Identification, rows: Measurements) -> Selection:
-        """The groups that some rows call for; of poses, weighed as geometry and then the groups balance them.
+        """Return the groups that some rows call for; of poses, weighted as geometry and then the groups balance them.
 
         Of very many, as many as bound the memory, evenly: each is held with the columns of all groups and waves.
         """
@@ -398,7 +398,7 @@ class Fitter:
         return tuple(dict.fromkeys(each for name in groups for each in (play if name == "backlash" else (name,))))
 
     def unanswerable(self, group: str) -> str:
-        """What is missing for a group in the rows that are to be judged by; empty if nothing is."""
+        """Describe the data for a group that are missing in the rows to be judged by; empty if none."""
         for rows, without in self.judged_by:
             if group not in without:
                 with suppress(LabError):  # a group that cannot be built says so elsewhere
@@ -416,7 +416,7 @@ class Fitter:
 
     @property
     def noise_shape(self) -> NoiseDistribution:
-        """Of the assumed noise; what was estimated beside an instrument's bounded one has tails."""
+        """Distribution of the assumed noise; heavy-tailed where it was estimated beside an instrument's bounded one."""
         shared, device = self.noise.shared, self.noise.instrument if self.noise.sigma_m is None else None
         uniform = device is not None and device.kind == "uniform" and (shared is None or shared.is_known)
         return NoiseDistribution("uniform", self.noise.readings) if uniform else NoiseDistribution()
@@ -438,7 +438,7 @@ class Fitter:
 
 @dataclass(frozen=True)
 class _OneModel:
-    """How one model of a fitter fits any rows."""
+    """A model of a fitter, fitted to any rows."""
 
     fitter: Fitter = field(compare=False)
     groups: tuple[str, ...]
@@ -446,17 +446,17 @@ class _OneModel:
 
     @staticmethod
     def of(fitter: Fitter, selection: Selection | None) -> "_OneModel":
-        """That a selection ended with; geometry alone without one."""
+        """Build the model that a selection ended with; geometry alone without one."""
         return _OneModel(fitter, *((selection.chosen, selection.held) if selection else ((), ())))
 
     @property
     def noise(self) -> Noise:
-        """Of the instrument."""
+        """Noise of the instrument."""
         return self.fitter.noise
 
     @property
     def encoders(self) -> Encoders | None:
-        """Of the robot's table."""
+        """Encoders of the robot's table."""
         return self.fitter.robot.chain.encoders
 
     def fitted(self, rows: Measurements, shared: ErrorModel | None) -> Identification:

@@ -120,13 +120,13 @@ class Observations:
         return np.asarray(metres.reshape(rows.shape))
 
     def take(self, rows: NDArray[np.int_]) -> "Observations":
-        """Some of the poses."""
+        """Select poses."""
         correlation = None if self.correlation is None else self.correlation.take(rows)
         return Observations(self.inputs[rows], self.points[rows], self.whiten[rows], correlation)
 
     @property
     def in_one_block(self) -> bool:
-        """Whether all derivatives are held at once: there are few, or errors go from one pose to the others."""
+        """Check whether all derivatives fit in one block: there are few, or errors are correlated between poses."""
         return self.points.size <= _BLOCK or (self.correlation is not None and self.correlation.between_poses)
 
     def blocks(self) -> Iterator["Observations"]:
@@ -144,7 +144,7 @@ class Observations:
         return self if some is None else self.take(some)
 
     def joined(self, other: "Observations") -> "Observations":
-        """These poses, then others that are weighed by the same noise."""
+        """Append other poses that are weighted by the same noise."""
         pairs = ((self.inputs, other.inputs), (self.points, other.points), (self.whiten, other.whiten))
         inputs, points, whiten = (np.concatenate(pair) for pair in pairs)
         correlation = None
@@ -154,17 +154,17 @@ class Observations:
 
     @property
     def alike(self) -> "Observations":
-        """The same numbers, all of weight one (1/m, 1/rad) and independent, whatever measured them."""
+        """The observations with independent errors, all of weight one (1/m, 1/rad)."""
         return Observations(self.inputs, self.points, np.ones(self.points.shape[:2]))
 
     def pose_by_pose(self) -> "Observations":
-        """The same variances within each pose, as if the errors of different poses had nothing in common."""
+        """Return the observations with the same variances within each pose, and independent poses."""
         return self if self.correlation is None else replace(self, correlation=self.correlation.of_single_poses())
 
 
 @dataclass(frozen=True)
 class Estimator:
-    """What an estimate says that is not the least squares of all rows.
+    """Estimate other than the least squares of all rows.
 
     Attributes:
         covariance: ``(f, f)`` of the free parameters where whitened noise has variance one.
@@ -177,7 +177,7 @@ class Estimator:
 
 @dataclass(frozen=True)
 class Fit:
-    """Where Gauss-Newton ended.
+    """Result of a Gauss-Newton fit.
 
     Attributes:
         values: all parameters ``(p,)``.
@@ -198,12 +198,12 @@ class Fit:
 
     @property
     def least_squares(self) -> Array:
-        """All parameters ``(p,)`` by least squares of all rows, from whose residuals noise and lack of fit are told."""
+        """Parameters ``(p,)`` by least squares of all rows, whose residuals serve to test noise and lack of fit."""
         return self.values if self.other is None else self.other.least_squares
 
     @cached_property
     def singular_values(self) -> Array:
-        """Of ``triangle``, descending."""
+        """Singular values of ``triangle``, descending."""
         return np.asarray(np.linalg.svd(self.triangle, compute_uv=False), dtype=float)
 
     @property
@@ -224,7 +224,7 @@ class Fit:
 
     @property
     def ill_conditioned(self) -> bool:
-        """Whether these poses hardly tell the parameters apart: a condition above 1000."""
+        """Check whether the parameters are weakly observable in these poses: a condition above 1000."""
         return condition_bound(self.triangle) > _ILL_CONDITIONED and self.condition > _ILL_CONDITIONED
 
     def unit_covariance(self) -> Array:
@@ -297,7 +297,7 @@ def fit(
 
 
 def _near(problem: "_Problem", start: Array, tolerance_m: float) -> Array:
-    """Where a fit begins: of more poses than a block where some of them end, which is near where all do."""
+    """Return a start of the fit: for more poses than a block, the fit of a subset, which is near that of all."""
     few = problem.observed.thinned(_FIRST_POSES)
     if few is problem.observed:
         return start.copy()
@@ -340,7 +340,7 @@ class _State:
 
 @dataclass(frozen=True)
 class _Problem:
-    """What is fitted, worked out block by block: derivatives of more poses than a block are never held."""
+    """The problem that is fitted, block by block: derivatives of more poses than a block are never held."""
 
     model: Model
     observed: Observations
@@ -354,7 +354,7 @@ class _Problem:
         return np.concatenate([*parts, *more])
 
     def _parts(self, values: Array) -> Iterator[tuple[Array, Array]]:
-        """Residual and derivatives of each block, then of what else is known."""
+        """Yield residual and derivatives of each block, then of the extra residuals."""
         for each in self.observed.blocks():
             points, derivative = self.model.observe(each.inputs, values)
             yield each.apply(each.points - points), each.apply(derivative[..., self.index])
@@ -400,7 +400,7 @@ class _Problem:
 
 
 def _damped(problem: _Problem, here: _State, damping: float) -> tuple[_State | None, float]:
-    """Where a damped step lowers the cost, and the damping to begin with next time; None if none does.
+    """Find a damped step that lowers the cost, with the next damping to begin with; None if none does.
 
     Levenberg and Marquardt's steps v, each bent by half of a = -(J'J + d)^-1 J'f_vv, with f_vv the prediction's
     curvature along v (geodesic acceleration: Transtrum, Machta & Sethna 2011): a valley that is narrow and

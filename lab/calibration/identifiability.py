@@ -1,4 +1,4 @@
-"""What can be identified: condition numbers, weakly observable directions, aliases, and how many poses it takes."""
+"""Identifiability: condition numbers, weakly observable directions, aliases, and the number of poses required."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -103,7 +103,7 @@ def condition_of(model: Model, values: Array, inputs: Array) -> float:
 
 
 def aliases(model: Model, structure: BaseSet, jacobian_scale: Array | None = None) -> tuple[Alias, ...]:
-    """What each fixed parameter is aliased with.
+    """Return the parameters that each fixed parameter is aliased with.
 
     A coefficient is dropped where its effect is rounding beside the others' of the same parameter.
 
@@ -139,7 +139,7 @@ def poses_needed(model: Model, values: Array, structure: BaseSet | None = None) 
 
 
 def enough_poses(jacobian: Array, measured: Array | None = None) -> int:
-    """How many of the poses, from the first, identify every parameter; all if even these do not.
+    """Return how many of the poses, from the first, identify every parameter; all if even these do not.
 
     Args:
         jacobian: ``(m, r, p)`` of the poses.

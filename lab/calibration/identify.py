@@ -70,14 +70,14 @@ PLAUSIBLE_SPREAD = (0.5, 2.0)  # of the measured points, to those of the nominal
 
 @dataclass(frozen=True)
 class IdentifyOptions:
-    """What is asked of an identification beyond the usual.
+    """Options of an identification.
 
     Attributes:
         fix, free: names or patterns of parameters to hold at nominal, or to keep though usually fixed.
         tolerance: of manufacture, as a prior (MAP); None for none.
-        automatic: whether that prior acts only where the measurements say little, at a scale that they tell.
-        solve: another way to fit the free parameters than all at once (``sequential``); None for that.
-        near: where to start from, by parameters' names; the others start at nominal, base and tool from no idea.
+        automatic: whether that prior acts only along weakly observable directions, at an estimated scale.
+        solve: another method to fit the free parameters than all at once (``sequential``); None for that.
+        near: initial values, by parameters' names; the others start at nominal, base and tool without initial values.
     """
 
     fix: tuple[str, ...] = ()
@@ -88,7 +88,7 @@ class IdentifyOptions:
     near: Mapping[str, float] = field(default_factory=dict)
 
     def of(self, names: Sequence[str]) -> "IdentifyOptions":
-        """The same without patterns that mean none of these parameters: they are of other groups' models."""
+        """Drop patterns that match none of these parameters: they are of other groups' models."""
         fix, free = (
             tuple(pattern for pattern in patterns if any(fnmatchcase(name, pattern) for name in names))
             for patterns in (self.fix, self.free)
@@ -108,20 +108,20 @@ class PredictedCovariance(Protocol):
 
 @dataclass(frozen=True)
 class Identification:
-    """What one set of measurements says of an arm.
+    """Identification of an arm from one set of measurements.
 
     Attributes:
         nominal_aligned: ``(p,)`` the nominal links, with base and targets fitted to the same measurements, all of the
             same weight: the errors of nominal links are no instrument's noise.
         values: the identified parameters ``(p,)`` in the order of ``model.names``.
-        base_set: which parameters the arm's structure lets one tell apart.
-        fit: of the parameters that these poses tell apart; ``fit.free`` are their indices.
+        base_set: which parameters are identifiable by the arm's structure.
+        fit: of the parameters identifiable from these poses; ``fit.free`` are their indices.
         sigma_m: noise of a coordinate, given (a root mean square) or estimated; NaN if unknown.
         sigma_known: whether it was given.
-        residual_sigma_m: noise of a coordinate that the residuals say; NaN where nothing is left over.
+        residual_sigma_m: noise of a coordinate, estimated from the residuals; NaN where nothing is left over.
         dof: residual degrees of freedom.
         covariance: ``(f, f)`` of the free parameters; NaN where sigma is unknown.
-        extra_residuals: what was known beside the measurements, weighted as they are: constraints, a prior.
+        extra_residuals: information beside the measurements, weighted as they are: constraints, a prior.
         dof_each: ``(f,)`` of each parameter's interval, where the covariance is not that of one sigma alone.
         process: covariances of predicted points, where what the parameters do not explain is predicted too.
         prior: the prior that takes part in the fit; None where none does.
@@ -150,7 +150,7 @@ class Identification:
 
     @property
     def status(self) -> Status:
-        """Whether Gauss-Newton converged."""
+        """Convergence status of Gauss-Newton."""
         return self.fit.status
 
     @property
@@ -173,23 +173,23 @@ class Identification:
 
     @property
     def plausible(self) -> bool:
-        """Whether the measured points spread as the nominal model's do."""
+        """Check whether the measured points spread as the nominal model's do."""
         return PLAUSIBLE_SPREAD[0] <= self.spread <= PLAUSIBLE_SPREAD[1]
 
     @property
     def weak(self) -> tuple[str, ...]:
-        """Names of the fitted parameters that are known no better than to a millimetre or milliradian."""
+        """Names of the fitted parameters that are uncertain by more than a millimetre or milliradian."""
         names = (self.model.names[i] for i in self.fit.free)
         return tuple(name for name, std in zip(names, self.std, strict=True) if std > WEAK)
 
     @property
     def unobservable(self) -> tuple[int, ...]:
-        """Identifiable parameters that these poses do not tell apart, held at nominal."""
+        """Identifiable parameters that these poses do not determine, held at nominal."""
         return tuple(i for i in self.base_set.kept if i not in self.fit.free)
 
 
 def fit_base_and_tool(observation: Observation, observed: Observations, nominal: Array) -> Array:
-    """Nominal links with what is placed fitted: what *before* is, and where *after* starts."""
+    """Nominal links with base and targets fitted: the arm *before*, and the start of *after*."""
     model, placing = observation.model, columns_of(observation.model, observation.placed)
     constraints = weighted_constraints(observation, observed)
     start = observation.initial_guess(observed.thinned(_FIRST_POSES), nominal)
@@ -303,7 +303,7 @@ class _MAPProblem:
     known: bool
 
     def with_whole(self, prior: Prior, dof: int, sigma: float) -> _MAPFit:
-        """With a prior in all directions, as wide as the tolerances are given."""
+        """Fit with a prior in all directions, as wide as the given tolerances."""
         if not (self.known or np.isfinite(sigma)):
             raise LabError("--prior: the measurements leave no residuals to say what the noise is; give --noise-mm")
         model, weight = self.observation.model, 1.0 if self.known else sigma
@@ -316,7 +316,7 @@ class _MAPProblem:
         return _MAPFit(acting, solution, dof, sigma, weight)
 
     def automatically(self, prior: Prior, plain: Fit, dof: int, sigma: float) -> _MAPFit | None:
-        """With the prior where the measurements say little; None where they say enough.
+        """Fit with the prior along weakly observable directions; None where there are none.
 
         Directions, sigma and scale are taken at the fit that they lead to, and so found in a few rounds.
 
@@ -370,7 +370,7 @@ class _MAPProblem:
         return best
 
     def _weight(self, sigma: float) -> float:
-        """Return the sigma by which a prior is weighted: where it is known, more if the residuals are."""
+        """Return the sigma by which a prior is weighted: where given, more if the residuals are."""
         return max(sigma, 1.0) if self.known and np.isfinite(sigma) else 1.0 if self.known else max(sigma, _LEAST_SIGMA)
 
     def _fitted(self, acting: ActingPrior, weight: float, columns: Sequence[int], start: Array) -> Fit:
@@ -395,7 +395,7 @@ class _MAPProblem:
 def _start(
     model: Model, aligned: Array, nominal: Array, structure: BaseSet, free: Sequence[int], near: Mapping[str, float]
 ) -> Array:
-    """Where the fit starts: what is fixed is so at its nominal value."""
+    """Return the start of the fit, with fixed parameters at their nominal values."""
     start = aligned.copy()
     start[list(structure.fixed)] = nominal[list(structure.fixed)]
     start[list(free)] = [near.get(model.names[i], start[i]) for i in free]
@@ -439,7 +439,7 @@ def _all_at_once(
 def _residual_sigma(
     observation: Observation, observed: Observations, solution: Fit, residuals: Array, by_prior: float = 0.0
 ) -> tuple[int, float]:
-    """Residual degrees of freedom, and the sigma that least squares' residuals say; NaN where nothing is left over.
+    """Return the residual degrees of freedom, and sigma by the least-squares residuals; NaN if none are left over.
 
     Args:
         by_prior: degrees of freedom of the parameters that a prior determines in the place of the measurements.
@@ -455,7 +455,7 @@ def _residual_sigma(
 def _identifiable(
     model: Model, observed: Observations, aligned: Array, structure: BaseSet, known: Array
 ) -> tuple[int, ...]:
-    """Those of the base set that the measured poses tell apart, at the nominal links."""
+    """Return the parameters of the base set that are identifiable from the measured poses, at the nominal links."""
     kept, at = set(structure.kept), model.rank_point(aligned)
     order = [i for i in model.column_priority() if i in kept]
     few = observed.thinned(_FIRST_POSES)
@@ -469,14 +469,14 @@ def _identifiable(
 
 
 def _canonical(model: Model, solution: Fit) -> Fit:
-    """The same solution with rotation vectors of frames of at most half a turn each, and the covariance of that."""
+    """Limit the rotation vectors of frames to at most half a turn each, and transform their covariance."""
     for turning in frame_rotations(model.parameters):
         solution = _with_shortest_turn(solution, turning)
     return solution
 
 
 def _with_shortest_turn(solution: Fit, turning: list[int]) -> Fit:
-    """With one rotation vector, at these indices, of at most half a turn.
+    """Limit one rotation vector, at these indices, to at most half a turn.
 
     Two vectors r and s of one rotation change it alike where J_l(r) dr = J_l(s) ds.
     """
@@ -595,7 +595,7 @@ _ANYWHERE = 1e3  # standard deviation of what has no nominal value, m or rad
 
 
 def most_likely_parameters(identification: Identification, nominal: Array, tolerance: Tolerance) -> Array:
-    """Parameters ``(p,)`` of least prior-weighted norm that predict what the identified ones do.
+    """Return the parameters ``(p,)`` of least prior-weighted norm with the predictions of the identified ones.
 
     They are x = x0 + S B' w, with S the prior's covariance and B the directions in which the nominal
     predictions change (``prior.alias_matrix``): w is found by Gauss-Newton on the predictions themselves,

@@ -47,7 +47,7 @@ def initial_guess(
 
 
 def _of_one_station(model: Model, observed: Observations, values: Array, groups: Sequence[str]) -> Array:
-    """With one station, or with the rows of one that are taken for the first's."""
+    """Guess base and tool with one station, or with one station's rows treated as the first's."""
     base, tool = list(columns_of(model, ("base",))), list(columns_of(model, ("tool",)))
     placed, offsets = values.copy(), values[tool].reshape(-1, 3)  # (k, 3)
     placed[base] = 0.0
@@ -77,7 +77,7 @@ def _of_stations(
     groups: Sequence[str],
     further: Mapping[str, tuple[int, ...]],
 ) -> Array:
-    """With several stations: each places the base in its own frame, with the tool that the one of most points finds."""
+    """Guess with several stations: each gives the base in its own frame, with the tool from the one of most points."""
     first = observed.inputs.shape[1] - len(model.conditions)
     columns = [first + model.conditions.index(condition) for condition in further]
     within = observed.inputs[:, columns] > 0
@@ -150,7 +150,7 @@ def _direct_rotation(columns: Array, origins: Array, measured: Array) -> Array:
 def _with_the_rest(
     starts: Array, columns: Array, origins: Array, measured: Array, known: Array, groups: Sequence[str]
 ) -> tuple[Array, Array, Array]:
-    """Of the base's rotations ``(s, 3, 3)`` the one that leaves least, the base's position, and the targets ``(3 k,)``.
+    """Return the best of the base's rotations ``(s, 3, 3)``, the base's position, and the targets ``(3 k,)``.
 
     Seen from the base, a measured point less the flange's origin is the base's position and the target turned by the
     flange, whatever the base's rotation is: one factorization for all rotations.

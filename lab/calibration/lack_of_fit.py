@@ -38,7 +38,7 @@ def _beside_shared_errors(
     shared: ErrorModel,
     instrument: tuple[Observations, NoiseDistribution] | None = None,
 ) -> Check:
-    """Whether residuals vary with the joints, beside errors that are drawn anew at each pose.
+    """Test whether residuals vary with the joints, beside errors that are independent between poses.
 
     Where the instrument's noise was given, residuals above it are lack of fit, even where shared errors would explain
     them: without repeats nothing shows that these are not what the model lacks.
@@ -63,7 +63,7 @@ def _beside_shared_errors(
 
 
 def _by_distances(found: Identification, observations: Observations, rows: Measurements) -> Check | None:
-    """Whether residuals are more than the instrument's noise, where that is estimated from a tool's rigid distances.
+    """Test residuals against the instrument's noise, estimated from a tool's rigid distances.
 
     None where there are none, or where the noise is not the same in all directions: then distances, which lie across
     the line of sight as often as not, do not say what it is.
@@ -130,7 +130,7 @@ def _clusters(found: Identification, observations: Observations) -> NDArray[np.i
 
 
 def _is_of_the_instrument(found: Identification, observations: Observations) -> bool:
-    """Whether the residuals of targets against their pose's mean are uneven across and along the line of sight."""
+    """Test whether residuals of targets about their pose's mean differ across and along the line of sight."""
     mask = seen_mask(observations.points)
     several = mask.sum(axis=1) > 1
     if not several.any():
@@ -150,7 +150,7 @@ def _is_of_the_instrument(found: Identification, observations: Observations) -> 
 
 
 def _uneven(numbers: float) -> float:
-    """The ratio of two variances, of twice as many and as many numbers, that chance hardly makes."""
+    """Return the critical ratio of two variances, of twice as many and as many numbers."""
     return float(
         max(
             f_isf(UNSOLICITED_WARNING / 2, 2 * numbers, numbers),
@@ -162,7 +162,7 @@ def _uneven(numbers: float) -> float:
 def adequacy_of(
     found: Identification, rows: Measurements, held: Measurements | None, noise: Noise, shape: NoiseDistribution
 ) -> Check:
-    """Whether a model fits its rows, by the best test that there is something for.
+    """Test whether a model fits its rows, by the best test that the data allow.
 
     Args:
         held: poses that were not fitted; None, or without rows, where there are none to test by.

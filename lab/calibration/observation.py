@@ -34,7 +34,7 @@ ROTATION_PARAMETERS = placed_parameters("tool", "tool", ("rx", "ry", "rz"))  # o
 
 @runtime_checkable
 class Observation(Protocol):
-    """What identification needs to know of what is observed, beside its model.
+    """Observation of an arm: the information that identification needs beside its model.
 
     An arm that is measured by points in an instrument's frame needs none of its own (``observation_of``).
     """
@@ -53,7 +53,7 @@ class Observation(Protocol):
 
     @property
     def positions(self) -> int:
-        """How many of the observed quantities, from the first, are positions in the instrument's frame."""
+        """Number of observed quantities, from the first, that are positions in the instrument's frame."""
 
     def within(self, data: Measurements) -> Self:
         """The observation with the parameters that these measurements depend on."""
@@ -62,12 +62,12 @@ class Observation(Protocol):
         """Nominal parameters ``(p,)`` from those of the arm, which are the first of ``values``."""
 
     def initial_guess(self, observed: Observations, values: Array) -> Array:
-        """``values`` ``(p,)`` with what is ``placed`` near enough for Gauss-Newton, from no idea of it."""
+        """Return ``values`` ``(p,)`` with ``placed`` groups near enough for Gauss-Newton, without initial values."""
 
     def extra_residuals(self, values: Array) -> tuple[Array, Array]:
-        """What is known beside the measurements: residuals ``(r,)`` in m, and derivatives ``(r, p)`` of their model.
+        """Return prior information: residuals ``(r,)`` in m, and derivatives ``(r, p)`` of their model.
 
-        They weigh as positions do, so what is known better is to be multiplied by how much.
+        They have the weight of positions; scale up more accurate information accordingly.
         """
 
     def errors(self, data: Measurements, values: Array) -> Array:
@@ -86,7 +86,7 @@ class FixtureObservation(Observation, Protocol):
 
     @property
     def contact(self) -> bool:
-        """Whether the arm touches the fixtures, whose contacts show its shape and not its size."""
+        """Check whether the arm touches the fixtures, whose contacts determine its shape and not its size."""
 
     @property
     def scale_link(self) -> int:
@@ -111,7 +111,7 @@ class Points:
 
     @property
     def positions(self) -> int:
-        """All of them."""
+        """Number of targets: all of them are positions."""
         return len(self.model.targets)
 
     def within(self, data: Measurements) -> Self:
@@ -127,7 +127,7 @@ class Points:
         return initial_guess(self.model, observed, values)
 
     def extra_residuals(self, values: Array) -> tuple[Array, Array]:
-        """None: nothing else is known."""
+        """Return no extra residuals."""
         return no_extra_residuals(self.model)
 
     def errors(self, data: Measurements, values: Array) -> Array:
@@ -136,16 +136,16 @@ class Points:
         return np.asarray(np.linalg.norm(residuals, axis=2))
 
     def cv_groups(self, data: Measurements) -> None:
-        """None: repeats of a configuration are held out together."""
+        """Return no groups: repeats of a configuration are held out together."""
 
 
 def placed_in_instrument_frame(model: Model) -> tuple[str, ...]:
-    """What has no nominal value where positions in the instrument's frame are observed."""
+    """Return the groups without nominal values where positions in the instrument's frame are observed."""
     return ("base", "tool", *((GROUP,) if further_stations(model.parameters) else ()))
 
 
 def no_extra_residuals(model: Model) -> tuple[Array, Array]:
-    """No residuals ``(0,)``, and no derivatives ``(0, p)``."""
+    """Return no residuals ``(0,)``, and no derivatives ``(0, p)``."""
     return np.empty(0), np.empty((0, len(model.names)))
 
 
@@ -155,5 +155,5 @@ def observation_of(model: Model) -> Observation:
 
 
 def only_positions(observation: Observation) -> bool:
-    """Whether everything that is observed is a position in the instrument's frame."""
+    """Check whether everything that is observed is a position in the instrument's frame."""
     return observation.positions == len(observation.units)

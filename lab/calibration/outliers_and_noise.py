@@ -62,7 +62,7 @@ def off_among_fitted(
 
 
 def _sigma_without(found: Outliers, observations: Observations) -> float:
-    """The sigma that the residuals of all poses say that are not off."""
+    """Return sigma by the residuals of all poses that are no outliers."""
     inside = np.ones(len(observations.inputs), dtype=np.bool_)
     inside[found.rows] = False
     dof = int(observations.seen[inside].sum()) * observations.points.shape[2] - found.fit.rank
@@ -99,11 +99,11 @@ def tail_of(found: Identification, rows: Measurements, noise: Noise) -> float:
 
 
 class Fits(Protocol):
-    """One model's fit of any rows, by the noise that it is given."""
+    """Fits of one model to any rows, with given noise."""
 
     @property
     def noise(self) -> Noise:
-        """Of the instrument."""
+        """Noise of the instrument."""
 
     @property
     def encoders(self) -> Encoders | None:
@@ -160,7 +160,7 @@ def noise_of(fits: Fits, rows: Measurements) -> NoiseSearch:
 
 
 def _counted(whole: Identification, rows: Measurements, encoders: Encoders | None) -> ErrorModel | None:
-    """What whole counts of the encoders make, where that is known and not little."""
+    """Return the error model of the encoders' rounding to whole counts; None where unknown or small."""
     observation = observation_of(whole.model)
     if encoders is None or not only_positions(observation):
         return None

@@ -170,7 +170,7 @@ def start(robot: NominalRobot, data: Measurements, options: PipelineOptions) -> 
 
 
 def _hold_poses_out(state: Fitted) -> Fitted:
-    """Hold out a share of the rows, where that is asked for.
+    """Hold out a share of the rows on request.
 
     Needs: ``given``. Adds: ``held``.
     """
@@ -195,7 +195,7 @@ def _select_model(state: Fitted) -> Fitted:
 
 
 def fit(state: Fitted) -> Fitted:
-    """Fit the parameters, without outliers where that is asked for.
+    """Fit the parameters, without outliers on request.
 
     Needs: ``groups``, ``unshown``. Adds: ``rows``, ``weighted``, ``observations``, ``identification``,
     ``outlier_search``.
@@ -218,7 +218,7 @@ def find_outliers(state: Fitted) -> Fitted:
 
 
 def _check_lack_of_fit(state: Fitted) -> Fitted:
-    """Test lack of fit, by the best test that there is something for.
+    """Test lack of fit, by the best test that the data allow.
 
     Needs: ``weighted``; a robust fit leaves the ``outliers`` out of the rows held out. Adds: ``adequacy``.
     """
@@ -291,7 +291,7 @@ def _check_fit(state: Fitted) -> Fitted:
 
 
 def _measure_range(state: Fitted) -> Fitted:
-    """Measure the range of the joint positions, and what the model may lack beyond it.
+    """Measure the range of the joint positions, and estimate the model discrepancy beyond it.
 
     Needs: ``weighted``. Adds: ``measured``.
     """
@@ -301,7 +301,7 @@ def _measure_range(state: Fitted) -> Fitted:
 
 
 def _fit_residual(state: Fitted) -> Fitted:
-    """Fit what no group explains as offsets of the joints, where that is asked for: a process with its own noise.
+    """Fit residual joint offsets on request: a process with its own noise.
 
     Needs: ``weighted``. Changes: ``identification``, ``adequacy``, ``noise``, ``tail_dof``, ``fitter``.
     """
@@ -324,7 +324,7 @@ def _fit_residual(state: Fitted) -> Fitted:
 
 
 def _check_noise(state: Fitted) -> Fitted:
-    """Test whether something changed during the campaign, and whether effects that the model lacks explain errors.
+    """Test for a change during the campaign, and for effects that the model does not have.
 
     Needs: ``weighted``, ``adequacy``, ``noise``. Adds: ``findings``.
     """
@@ -344,7 +344,7 @@ def _check_noise(state: Fitted) -> Fitted:
 
 
 def _missing(beside: Selection) -> Check:
-    """Return the finding of effects that a model lacks.
+    """Return the finding of effects missing in a model.
 
     Args:
         beside: the selection that found them.

@@ -1,4 +1,4 @@
-"""What manufacture says of the parameters before anything is measured, and the arm it makes most likely.
+"""Prior of the parameters from manufacturing tolerances, and the most likely arm (MAP).
 
 Tolerances of manufacture are a normal prior of *all* parameters. Of the base set it is the prior of
 what those are: an error of a fixed parameter goes into them, so theirs are wider, and correlated.
@@ -40,7 +40,7 @@ _NO_SLOPE = 1e-12  # of the largest singular value: below, there is none
 
 @dataclass(frozen=True)
 class Tolerance:
-    """One standard deviation of manufacture, of lengths and of angles of the links."""
+    """Manufacturing tolerance: one standard deviation of lengths and of angles of the links."""
 
     length_m: float = TOLERANCE_M
     angle_rad: float = TOLERANCE_RAD
@@ -71,7 +71,7 @@ class Prior:
         return bool(np.trace(self.whiten @ covariance @ self.whiten.T) < WEAK**2)
 
     def surprise(self, values: Array) -> Array:
-        """How far each parameter of ``of`` is from its nominal value ``(m,)``, in its own standard deviations."""
+        """Return the deviation of each parameter of ``of`` from nominal ``(m,)``, in its own standard deviations."""
         covariance = np.linalg.inv(self.whiten.T @ self.whiten)
         off: Array = (values - self.mean)[list(self.of)] / np.sqrt(np.diag(covariance))
         return off
@@ -136,7 +136,7 @@ class Directions:
     values: Array
 
     def weak(self, scale: float) -> NDArray[np.bool_]:
-        """``(m,)`` which are measured hardly better than a prior of this scale knows them."""
+        """Check ``(m,)`` which parameters are measured hardly better than a prior of this scale determines them."""
         return np.asarray(self.stds > WEAK * scale)
 
     def left_by_prior(self, scale: float) -> float:
@@ -189,7 +189,7 @@ def _unit(columns: Array) -> Array:
 
 
 def standard_deviations(model: Model, tolerance: Tolerance) -> Array:
-    """One standard deviation ``(p,)`` of each parameter: tolerances of links, sizes of effects, else infinite."""
+    """Return the standard deviations ``(p,)``: tolerances of links, sizes of effects, else infinite."""
     links = {True: tolerance.angle_rad, False: tolerance.length_m}
     return np.array([links[each.is_angle] if each.is_link else each.scale for each in model.parameters])
 
@@ -218,7 +218,7 @@ def prior_of(
 
 
 def alias_matrix(structure: BaseSet, count: int) -> Array:
-    """B ``(kept, p)``: what errors of all parameters look like in the kept ones, ``z = B x``."""
+    """Return B ``(kept, p)``, the effect of all parameters' errors on the kept ones, ``z = B x``."""
     wide = np.zeros((len(structure.kept), count))
     wide[:, list(structure.kept)] = np.eye(len(structure.kept))
     wide[:, list(structure.fixed)] = structure.alias

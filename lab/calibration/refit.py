@@ -89,14 +89,14 @@ def _too_few(where: str, reference: Measurements, refit: Sequence[str], rank: in
 
 
 def _is_determined(found: Fit, count: int, reference: Measurements, *, linear: bool) -> bool:
-    """Whether a fit found all of so many parameters; a tool alone needs no equation more than it has coordinates."""
+    """Decide whether a fit determined all parameters; a tool alone needs no more equations than coordinates."""
     equations = 3 * int(reference.seen.sum())
     enough = equations >= count if linear else equations > count
     return found.rank == count and found.status == "converged" and enough
 
 
 def dependent_columns(columns: Array, tolerance: float) -> tuple[int, ...]:
-    """Which columns ``(N, h)`` those before them explain, but for a share of their length."""
+    """Return the columns ``(N, h)`` that earlier ones explain, up to a share of their length."""
     unit, scale = unit_columns(columns)
     basis = np.zeros((len(columns), 0))
     found = []
@@ -112,7 +112,7 @@ def dependent_columns(columns: Array, tolerance: float) -> tuple[int, ...]:
 
 
 def _unfelt(slopes: Array, there: Array, kept: Sequence[int], held: Sequence[int], felt: float) -> bool:
-    """Whether predictions hardly change where a held parameter is another and the others make up for it."""
+    """Check whether predictions hardly change with a held parameter when the others are refitted."""
     if not held:
         return True
     known = ~np.isnan(there).any(axis=1)

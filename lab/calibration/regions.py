@@ -47,7 +47,7 @@ class TaskRegion(Protocol):
 
     @property
     def kind(self) -> RegionKind:
-        """How it is given: where poses were measured, within the joints' limits, a box, or targets."""
+        """Kind of the region: measured poses, joint limits, a box, or targets."""
 
     def points(self, T_instrument_frame0: Array, joint_names: Sequence[str], prismatic: Sequence[bool]) -> Array:
         """Return points ``(n, 3)`` m of a box or of targets, in the frame of the measurements; none of another kind."""

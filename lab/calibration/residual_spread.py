@@ -1,6 +1,6 @@
-"""What a fit leaves of the measured positions, with configurations as clusters.
+"""Spread of the residuals of measured positions, with configurations as clusters.
 
-Readings of one configuration share what the model lacks there. With N configurations that leave m residuals each, the
+Readings of one configuration share the model discrepancy there. With N configurations that leave m residuals each, the
 variance of their means, B = sum of squares of the means / (3 N - f), is that of the lack of fit and a share 1 / m of
 the noise of a reading; W, the variance within configurations, is the noise. One reading at a new configuration is off
 by B + (1 - 1 / m) W. The parameters' covariance stands on the variance of a single reading as if all were independent:
@@ -32,10 +32,10 @@ _RIDGE = 1e-9  # of unit columns
 
 @dataclass(frozen=True)
 class ResidualSpread:
-    """What a fit leaves of the measured positions.
+    """Spread of the residuals of measured positions.
 
     Attributes:
-        total_m: one standard deviation of a coordinate, of one reading at a new configuration; NaN where not known.
+        total_m: one standard deviation of a coordinate, of one reading at a new configuration; NaN where unknown.
         of_arm_m: the part of it that is not the instrument's: all of it where no noise is given.
         widened: how many times the parameters' covariance is larger by configurations than by readings, one at least.
         dof: degrees of freedom of these variances; None where the noise is given, and explains the residuals.
@@ -54,7 +54,7 @@ def residual_spread(
     lack_of_fit: bool = False,
     independent_m: float | None = None,
 ) -> ResidualSpread:
-    """Estimate what a fit leaves of the measured positions.
+    """Estimate the spread of the residuals of measured positions.
 
     Args:
         found: the fit.
@@ -188,7 +188,7 @@ class _Parts:
 
     @property
     def is_shared(self) -> bool:
-        """Tell whether configurations differ by more than their readings do (F test)."""
+        """Test whether configurations differ by more than their readings do (F test)."""
         if not self.dof_within or not self.within > 0:
             return self.dof_within > 0
         squares = self.of_means * self.dof_between / self.within

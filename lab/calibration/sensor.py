@@ -42,14 +42,14 @@ class SensorWords:
 
 @dataclass(frozen=True)
 class Sensor(ABC):
-    """One kind of measurement of an arm, with the options that it was given.
+    """A sensor: one kind of measurement of an arm, with its options.
 
     What most sensors have in common is here: every parameter is fitted at once, the targets are those of the file, and
     the readings determine neither sessions nor weights.
 
     Attributes:
         name: as ``--observe`` takes it.
-        words: its words for a report.
+        words: its descriptions for a report.
         columns: the columns that it reads of a measurement file.
         in_instrument_frame: whether positions in the instrument's frame are observed: only then does a run give the
             pose of the base, and the noise of a measured point.

@@ -32,7 +32,7 @@ ROUNDING = 1e-9  # a change below that no longer shrinks is rounding
 
 @dataclass(frozen=True)
 class Split:
-    """What the orientations identify, and what is left to the positions.
+    """Split of the parameters into those identified by orientations and those left to the positions.
 
     Attributes:
         angles: indices of the parameters that orientations identify.

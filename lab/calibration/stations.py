@@ -47,7 +47,7 @@ def in_first_frame(model: Model, values: Array, inputs: Array, points: Array) ->
 
 
 def few_points_of_a_station(model: Model, data: Measurements) -> str:
-    """Which station of several measured fewer points than its place needs, in words; "" where none did."""
+    """Describe the station that measured too few points for its pose; "" if none."""
     further = [name.removeprefix(STATION) for name in further_stations(model.parameters)]
     if not further:
         return ""

@@ -1,4 +1,4 @@
-"""How good a calibration is: errors on validation poses, which were not fitted, and against a truth.
+"""Validation of a calibration: errors on validation poses, which were not fitted, and against a truth.
 
 *Before* is the nominal model with base and targets fitted to the same measurements as *after*, the estimated one.
 """
@@ -81,7 +81,7 @@ class Errors:
 
 @dataclass(frozen=True)
 class Validation:
-    """What a calibration was validated on.
+    """Validation of a calibration.
 
     Attributes:
         judged_by: None where it was not.
@@ -102,7 +102,7 @@ class Validation:
     robust: Errors | None = None
 
     def naming(self, outliers: Sequence[str]) -> "Validation":
-        """With the share of the poses that are outliers, by their ids, and the errors of the others beside all."""
+        """Add the share of the poses that are outliers, by their ids, and the errors of the others."""
         if self.errors is None or self.rows is None:
             return self
         off = set(outliers)
@@ -125,7 +125,7 @@ class Validation:
 
 @dataclass(frozen=True)
 class TruthComparison:
-    """How far the estimates are from a virtual arm's truth, in the canonical gauge.
+    """Errors of the estimates against a virtual arm's truth, in the canonical gauge.
 
     Attributes:
         error: ``(f,)`` estimate less truth (m, rad); the base's rotation as log(R_truth' R_estimate).
@@ -141,7 +141,7 @@ class TruthComparison:
 
 
 def errors_at(identification: Identification, inputs: Array, points: Array) -> Errors:
-    """Errors of the nominal and the estimated model where the targets are known.
+    """Return the errors of the nominal and the estimated model where the targets are given.
 
     Args:
         identification: of points.

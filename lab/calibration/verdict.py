@@ -59,7 +59,7 @@ Standing = Literal["holds", "does not matter", "doubtful", "bad", "not judged"]
 
 @dataclass(frozen=True)
 class Answer:
-    """One of the three answers: whether it holds, and the checks that its sentence is made from."""
+    """An answer of a verdict, of three: whether it holds, and the checks behind its sentence."""
 
     standing: Standing
     checks: tuple[Check, ...]
@@ -67,7 +67,7 @@ class Answer:
 
 @dataclass(frozen=True)
 class Verdict:
-    """One word for a calibration, the three answers that it comes from, and the reasons where it is not good.
+    """Verdict on a calibration: one word, the three answers behind it, and the reasons where it is not good.
 
     Attributes:
         reasons: the failed checks that make it less than good, the heaviest first.
@@ -162,7 +162,7 @@ def _makes(check: Check) -> Word:
 
 
 def _weight(check: Check, residuals: float) -> float:
-    """How many times a figure is what it may be at most; infinite of what cannot be of this arm, and of findings."""
+    """Return the ratio of a figure to its limit; infinite for results impossible for this arm, and for findings."""
     if _group(check) == "lack_of_fit":
         return max(residuals, 1.0) if np.isfinite(residuals) else 1.0
     return check.statistic if np.isfinite(check.statistic) else np.inf
@@ -181,7 +181,7 @@ def _one(checks: Sequence[Check], name: str) -> Check:
 
 
 def _accuracy(checks: Sequence[Check]) -> tuple[Answer, list[Check]]:
-    """Are the errors at poses that were not fitted as small as was asked, or as small as they can be?"""
+    """Check whether the errors at poses that were not fitted are as small as requested, or as they can be."""
     failed, validation = _failed(checks, "accuracy"), _one(checks, "accuracy.validation")
     if validation.outcome != "passed":
         return Answer("not judged", (validation,)), [each for each in failed if each is validation]
@@ -190,7 +190,7 @@ def _accuracy(checks: Sequence[Check]) -> tuple[Answer, list[Check]]:
 
 
 def _fit(checks: Sequence[Check]) -> tuple[Answer, list[Check]]:
-    """Are the residuals what the noise explains, and is that noise what instruments and arms have?"""
+    """Check whether the noise explains the residuals, and is plausible for instruments and arms."""
     answer, reasons = _goodness(checks)
     found = _failed(checks, "finding")
     if not found or _one(checks, "fit.residuals").outcome == "passed":
@@ -201,7 +201,7 @@ def _fit(checks: Sequence[Check]) -> tuple[Answer, list[Check]]:
 
 
 def _goodness(checks: Sequence[Check]) -> tuple[Answer, list[Check]]:
-    """Are the residuals what the noise explains?"""
+    """Check whether the noise explains the residuals."""
     tested, residuals = [each for each in checks if _group(each) == "lack_of_fit"], _one(checks, "fit.residuals")
     if not tested:
         return Answer("holds", (replace(residuals, outcome="not tested"),)), []
@@ -223,7 +223,7 @@ def _below_gate(checks: Sequence[Check]) -> bool:
 
 
 def _determination(checks: Sequence[Check], gate_m: float | None) -> tuple[Answer, list[Check]]:
-    """Decide whether the arm is known over its region, and is the one of the nominal model."""
+    """Decide whether the arm is determined over its region, and is the one of the nominal model."""
     error, far = _one(checks, "determination.error"), _failed(checks, "links")
     if other := [each for each in far if each.name == "links.other_robot"]:
         return Answer("bad", (other[0],)), other
@@ -398,7 +398,7 @@ class _Calibration:
         return []
 
     def _floor_m(self) -> float:
-        """The root mean square error (m) that noise and the covariance alone would make; NaN where it is not known."""
+        """Return the root mean square error (m) by noise and the covariance alone; NaN where unknown."""
         found, predicted = self.identification, self.workspace.rms_m
         if self.validation.judged_by == "fresh":
             return predicted if np.isfinite(predicted) else 0.0
@@ -434,7 +434,7 @@ class _Calibration:
         return Check("fit.residuals", "passed" if found.residual_sigma_m < _FLOOR_M else "noted", times)
 
     def _determination(self) -> list[Check]:
-        """Check whether the arm is known over its region, and is the one of the nominal model."""
+        """Check whether the arm is determined over its region, and is the one of the nominal model."""
         region = self.region
         data = {
             "region": region,

@@ -1,4 +1,4 @@
-"""How measurements are weighed: by an instrument's noise, a given sigma, a row's own, or all alike."""
+"""Weights of measurements: by an instrument's noise, a given sigma, a row's own, or all equal."""
 
 from dataclasses import dataclass, replace
 
@@ -22,9 +22,9 @@ __all__ = ["Noise", "correlated", "error_shapes", "joined", "root_mean_square_si
 
 @dataclass(frozen=True)
 class Noise:
-    """What the identifier assumes of the noise: an instrument's, a given sigma, or nothing.
+    """Assumed noise of an identification: an instrument's, a given sigma, or none.
 
-    A row's own ``sigma_m`` goes before both. With nothing, all measurements weigh the same and
+    A row's own ``sigma_m`` goes before both. With neither, all measurements have the same weight and
     sigma is estimated from the residuals. ``shared`` are errors beside the instrument's.
     """
 
@@ -35,12 +35,12 @@ class Noise:
 
     @property
     def independent(self) -> "Noise":
-        """The same without shared errors that were estimated from residuals."""
+        """The noise without shared errors that were estimated from residuals."""
         return self if self.shared is None or self.shared.is_known else replace(self, shared=None)
 
 
 def weighed(observation: Observation, data: Measurements, noise: Noise) -> tuple[Observations, bool]:
-    """The points with their weights, and whether these stand on a known sigma.
+    """Return the points with their weights, and whether these are from a given sigma.
 
     Raises:
         LabError: only some rows have a sigma of their own, or the instrument measures nothing that is observed.
@@ -99,7 +99,7 @@ def root_mean_square_sigma(observed: Observations, positions: int) -> float:
 
 
 def weighted_constraints(observation: Observation, observed: Observations) -> ExtraResiduals:
-    """What is known beside the measurements, weighed as these are."""
+    """Return the prior information of an observation, weighted as its measurements are."""
     weight = observed.typical_weight
 
     def rows(values: Array) -> tuple[Array, Array]:
@@ -110,7 +110,7 @@ def weighted_constraints(observation: Observation, observed: Observations) -> Ex
 
 
 def joined(first: ExtraResiduals, second: ExtraResiduals) -> ExtraResiduals:
-    """Two sources of extra residuals as one."""
+    """Join two sources of extra residuals."""
 
     def rows(values: Array) -> tuple[Array, Array]:
         (a, da), (b, db) = first(values), second(values)
@@ -122,7 +122,7 @@ def joined(first: ExtraResiduals, second: ExtraResiduals) -> ExtraResiduals:
 def error_shapes(
     model: Model, observed: Observations, values: Array, joints: int, times: Array, clock: Clock | None
 ) -> ErrorShapes:
-    """What joints, a shift of the base and a drift do to the observed numbers, whitened as these are weighed."""
+    """Return the effects of joints, a shift of the base and a drift on the observed numbers, whitened like these."""
     n, k, d = observed.points.shape
     mask = observed.seen[..., None, None]
     slopes = by_joint_positions(model, observed.inputs, values, joints)
@@ -139,7 +139,7 @@ def error_shapes(
 def correlated(
     model: Model, observed: Observations, data: Measurements, shared: ErrorModel, *, known: bool
 ) -> Observations:
-    """The measurements, weighed by the instrument, with the errors that they share.
+    """Return the measurements, weighted by the instrument, with the errors that they share.
 
     Args:
         model: that predicts ``observed``; parameters that ``shared`` does not know are zero.

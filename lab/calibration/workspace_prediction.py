@@ -56,7 +56,7 @@ _SHARE = 0.95
 
 @dataclass(frozen=True)
 class WorkspacePrediction:
-    """Predicted position errors (m) over random poses of the workspace; NaN where they are not known.
+    """Predicted position errors (m) over random poses of the workspace; NaN where unknown.
 
     Attributes:
         rms_m: root mean square, by the parameters' covariance.
@@ -79,7 +79,7 @@ class WorkspacePrediction:
 
 @dataclass(frozen=True)
 class RegionPrediction:
-    """Predicted position errors (m) over the poses of a region; NaN where they are not known.
+    """Predicted position errors (m) over the poses of a region; NaN where unknown.
 
     Attributes:
         kind: the region's.
@@ -132,15 +132,15 @@ class PredictedErrors:
 
 @dataclass(frozen=True)
 class Distance:
-    """How far a link's parameter is estimated from its nominal value.
+    """Distance of a link's parameter from its nominal value.
 
     Attributes:
         name: of the parameter.
         size: the distance (m, or rad and then half a turn at most).
-        sure: as much of it as is left when two standard deviations are taken off.
+        sure: the distance less two standard deviations.
         tolerances: ``size`` in the standard deviations that the tolerances of all links give this parameter.
         sure_tolerances: ``sure`` in these.
-        felt_m: root mean square error (m) of the measured points if it were nominal and the others made up for it.
+        felt_m: root mean square error (m) of the measured points if it were nominal and the others refitted.
         is_angle: whether it is in rad.
     """
 
@@ -379,7 +379,7 @@ def _felt_per_unit(identification: Identification) -> Array:
 
 
 def _spread_of_kept(model: Model, structure: BaseSet, tolerance: Tolerance) -> Array:
-    """One standard deviation ``(kept,)`` of what the tolerances of all parameters make of those that are identified."""
+    """Return the standard deviation ``(kept,)`` of the identified parameters by the tolerances of all."""
     sigma = standard_deviations(model, tolerance)
     drawn = np.isfinite(sigma)
     wide = alias_matrix(structure, len(model.names))[:, drawn] * sigma[drawn]

@@ -66,7 +66,7 @@ _DIGITS = 2  # of an expanded uncertainty (JCGM 100:2008, 7.2.6)
 
 @dataclass(frozen=True)
 class InputQuantity:
-    """What a position depends on that is known within an uncertainty.
+    """An input quantity of the position uncertainty, with its standard uncertainty.
 
     Attributes:
         group: misalignment, reflector, temperature, repeatability, model, stability or parameters.
@@ -102,7 +102,7 @@ class InputQuantity:
 
 @dataclass(frozen=True)
 class BudgetLine:
-    """One line of a budget.
+    """A line of an uncertainty budget.
 
     Attributes:
         contribution_m: what the quantity contributes to the standard uncertainty (root mean square over the
@@ -165,12 +165,12 @@ class Budget:
 
     @property
     def agrees(self) -> bool:
-        """Whether what was drawn confirms what was propagated, as far as so many draws can tell."""
+        """Check whether the Monte Carlo draws agree with the propagated value, within the draws' own error."""
         return abs(self.drawn_m - self.propagated_m) <= self.tolerance_m + 2 * self.drawn_std_m
 
     @property
     def is_linear(self) -> bool:
-        """Whether the full kinematics leave the digits that are given as they are."""
+        """Check whether the full kinematics agree with the linear ones to the digits given."""
         return abs(self.kinematics.full_m - self.kinematics.linear_m) <= self.tolerance_m
 
     @property
@@ -190,7 +190,7 @@ class Budget:
 
 @dataclass(frozen=True)
 class Propagated:
-    """What the law of propagation says of a measurand.
+    """Result of the law of propagation of uncertainty for a measurand.
 
     Attributes:
         quantities: those that contribute.
@@ -277,7 +277,7 @@ def _of_distances(quantities: Sequence[InputQuantity], positions: Array, rng: np
 
 
 def _partners(count: int, rng: np.random.Generator) -> NDArray[np.int_]:
-    """Of each position another one."""
+    """Return another position for each position."""
     return (np.arange(count) + rng.integers(1, count, count)) % count
 
 
@@ -389,7 +389,7 @@ class Propagation:
         free: Sequence[int],
         prior_covariance: Array | None = None,
     ) -> "Propagation":
-        """Of a fit, at the parameters ``(p,)`` that it found.
+        """Build the propagation of a fit, at the fitted parameters ``(p,)``.
 
         Args:
             free: which of them were identified.
@@ -446,7 +446,7 @@ Placement = Literal["in the noise", "in the residuals", "beside"]
 
 @dataclass(frozen=True)
 class KnownSpread:
-    """How far positions scatter by chance, per axis, and where that comes from.
+    """Random scatter of positions, per axis, and its source.
 
     Attributes:
         sigma_m: standard deviation of one coordinate.
@@ -461,23 +461,23 @@ class KnownSpread:
 
     @property
     def uncertainty(self) -> Uncertain:
-        """As a quantity of a budget."""
+        """Scatter as an uncertainty with its degrees of freedom."""
         return Uncertain(self.sigma_m, freedom=max(self.freedom, _LEAST_FREEDOM))
 
 
 @dataclass(frozen=True)
 class RandomErrors:
-    """What is by chance: in the measurements that were fitted, and in the robot.
+    """Random errors of the fitted measurements and of the robot.
 
     Attributes:
         covariance: ``(f, f)`` of the identified parameters, by all random errors of the measurements.
         noise: of one coordinate of them.
         placement: whether how the reflector is placed is in the noise that was given, in the residuals that it was
             estimated from, or in neither.
-        repeatability: of the robot; None where nothing is known of it.
+        repeatability: of the robot; None where it is unknown.
         scatter_counted: whether what that does to the measurements is in ``covariance``.
-        model: what the model lacks beside; None where nothing was found.
-        in_time: what positions have that comes and goes over the poses, by the run's noise model; None likewise.
+        model: model discrepancy beside these; None where nothing was found.
+        in_time: autocorrelated errors of positions over the poses, by the run's noise model; None likewise.
     """
 
     covariance: Array
@@ -490,7 +490,7 @@ class RandomErrors:
 
     @property
     def known(self) -> bool:
-        """Whether nothing that was estimated from the residuals is taken for chance."""
+        """Check that no random error was estimated from the residuals."""
         estimated = self.repeatability is not None and self.repeatability.of_residuals
         return self.model is None and self.in_time is None and not estimated
 
@@ -514,12 +514,12 @@ class FrameMotion:
 def quantities_of(
     propagation: Propagation, errors: TrackerErrors, source: str, chance: RandomErrors
 ) -> tuple[InputQuantity, ...]:
-    """All of them but the robot's temperature.
+    """Return all input quantities but the robot's temperature.
 
     Args:
         errors: systematic errors of the instrument.
         source: who states them.
-        chance: what is random.
+        chance: random errors.
     """
     placed = [] if chance.placement == "in the residuals" else list(_placements(propagation, errors, source))
     systematic = [_systematic(propagation, errors, source, term) for term in errors.lasting]
@@ -562,7 +562,7 @@ def motion_of(propagation: Propagation, motion: FrameMotion) -> InputQuantity:
 
 
 def lack_of_fit_of(propagation: Propagation, sigma_m: float, freedom: float, source: str) -> InputQuantity:
-    """What validation shows beyond the rest of the budget."""
+    """Return the excess of the validation errors over the rest of the budget, as an input quantity."""
     each = np.broadcast_to(np.eye(3), (len(propagation.positions), 3, 3))
     known = Uncertain(sigma_m, freedom=max(freedom, _LEAST_FREEDOM))
     detail = "errors on validation poses that the budget does not explain"
@@ -593,7 +593,7 @@ def unseen_move_of(propagation: Propagation, sigma_m: float) -> InputQuantity:
 
 
 def temperature_of(propagation: Propagation, foot: Array, kelvin: Uncertain, expansion_per_k: float) -> InputQuantity:
-    """The robot's temperature: all lengths grow with it about the robot's foot ``(3,)`` m."""
+    """Temperature of the robot: all lengths grow with it about the robot's base ``(3,)`` m."""
     columns = expansion_per_k * (propagation.positions - foot)[..., None]
     source = f"stated, expansion {1e6 * expansion_per_k:g} ppm/K"
     return InputQuantity("temperature", "temperature of the robot", source, "K", 1.0, kelvin, columns)
@@ -607,7 +607,7 @@ def _systematic(propagation: Propagation, errors: TrackerErrors, source: str, te
 
 
 def _placements(propagation: Propagation, errors: TrackerErrors, source: str) -> Iterator[tuple[InputQuantity, Array]]:
-    """What nest and range are off by anew in each pose, with the covariance of the parameters that it makes."""
+    """Yield the per-pose errors of nest and range, each with the covariance of the parameters that it causes."""
     for term in errors.placement:
         quantity = errors.quantity(term)
         group = "misalignment" if term.name == "lock_on" else "reflector"

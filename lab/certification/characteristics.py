@@ -1,4 +1,4 @@
-"""Characteristics of ISO 9283:1998, as far as the measurements of a calibration tell them.
+"""Characteristics of ISO 9283:1998, as far as the measurements of a calibration determine them.
 
 A position is commanded through the calibrated model: what the controller would have to be told to attain it. Accuracy
 and repeatability are those of the positions alone, of each pose and target.
@@ -54,7 +54,7 @@ class Accuracy:
 
     @classmethod
     def of(cls, lengths: Array) -> "Accuracy":
-        """Of lengths, NaN left out."""
+        """Return mean and maximum of lengths, NaN left out."""
         return cls(float(np.nanmean(lengths)), float(np.nanmax(lengths)))
 
 
@@ -127,7 +127,7 @@ def repeats_of(errors: Array, labels: NDArray[np.int_], places: Array) -> Repeat
 
 
 def _visits(errors: Array, labels: NDArray[np.int_]) -> Iterator[tuple[NDArray[np.int_], Array]]:
-    """Of each pose and target: the rows where it was measured, and the errors ``(m, 3)`` there."""
+    """Yield, for each pose and target, the rows where it was measured, and the errors ``(m, 3)`` there."""
     for label in np.unique(labels):
         rows = np.flatnonzero(labels == label)
         for off in np.moveaxis(errors[rows], 1, 0):
@@ -176,10 +176,10 @@ _WORDS = {
 
 @dataclass(frozen=True)
 class Conformity:
-    """Whether a value conforms to a tolerance.
+    """Statement of conformity of a value to a tolerance.
 
     Attributes:
-        value_m: what was found.
+        value_m: the measured value.
         tolerance_m: the largest that is allowed.
         expanded_m: expanded uncertainty of the value.
     """

@@ -77,7 +77,7 @@ class LackOfFit:
 
 
 def lack_of_fit(found: ValidationErrors) -> LackOfFit:
-    """Test whether a budget explains what validation shows, and estimate what it lacks.
+    """Test whether a budget explains the validation errors, and estimate the excess.
 
     Returns:
         The comparison; ``sigma_m`` is above zero where the mean square, or the largest errors, are more than chance

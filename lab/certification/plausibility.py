@@ -31,12 +31,12 @@ _YEAR = 365.25  # days
 
 @dataclass(frozen=True)
 class CampaignFacts:
-    """What a run itself shows of what a certificate's details state.
+    """Facts of a run that a certificate's details are checked against.
 
     Attributes:
         robot: the name of the robot's model.
         instrument: the preset by whose noise the run was weighted; "" where it is none.
-        measured_on: the day of the measurements by the run's option, "" where it has none.
+        measured_on: the date of the measurements by the run's option, "" where it has none.
         repeatability_mm: RP as measured; None where no pose was repeated.
     """
 
@@ -63,7 +63,7 @@ def implausibilities(details: CertificateDetails, facts: CampaignFacts) -> tuple
 
 
 def _of_dates(details: CertificateDetails, facts: CampaignFacts) -> Iterator[Check]:
-    """Order the days of calibration, measurement and issue."""
+    """Check the order of the dates of calibration, measurement and issue."""
     stated, issued = _day(details.certificate.measured_on or facts.measured_on), _day(details.certificate.date)
     if details.certificate.measured_on and facts.measured_on and facts.measured_on != details.certificate.measured_on:
         days = {"stated": details.certificate.measured_on, "of_run": facts.measured_on}
@@ -80,7 +80,7 @@ def _of_dates(details: CertificateDetails, facts: CampaignFacts) -> Iterator[Che
 def _of_certificate(
     name: str, checked: date | None, until: date | None, measured: date | None, issued: date | None
 ) -> Iterator[Check]:
-    """Check the certificate of an instrument or a reflector: it has to hold on the day of the measurements."""
+    """Check the certificate of an instrument or a reflector: it has to hold on the date of the measurements."""
     where, end = f"{name}.certificate_date", f"{name}.valid_until"
     dates: dict[str, Any] = {"gauge": name, "checked": checked, "until": until, "issued": issued}
     if checked and until and until < checked:

@@ -95,7 +95,7 @@ class Attempts:
         return np.where(self.arrived, beyond, 1e3 + np.abs(self.errors).max(axis=1))
 
     def take_better(self, rows: NDArray[np.int_], other: "Attempts", chain: JointSpec) -> None:
-        """Put what another way found for some rows in the place of what is worse, and say what was wrong with that."""
+        """Replace worse results by those of another method for some rows, and report what was wrong with them."""
         better = other.cost < self.cost[rows]
         for i in rows[better].tolist():
             self.passed_over[i] = self.passed_over[i] or self.refusals[i] or self._not_within_limits(i, chain)
@@ -103,12 +103,12 @@ class Attempts:
             getattr(self, name)[rows[better]] = getattr(other, name)[better]
 
     def _not_within_limits(self, i: int, chain: JointSpec) -> str:
-        """That the solution is beyond a limit, or that none was found from there."""
+        """Describe the solution as beyond a limit, or as not found."""
         beyond = int(self.excess[i].argmax())
         return _beyond_limit(chain, self.joints[i], beyond) if self.arrived[i] else "no solution was found near it"
 
     def reason(self, i: int, chain: JointSpec, singular: tuple[float, int], scheme_disagreement_m: float) -> str:
-        """Why a target is not reached; empty if it is.
+        """Return the reason why a target is not reached; empty if it is.
 
         Args:
             singular: how far it is from a singularity (rad, m of a slide), and the joint that leads there.
@@ -178,13 +178,13 @@ class Compensation:
 
 @dataclass(frozen=True)
 class Compensator:
-    """What is known of the arm, and what its controller computes with.
+    """Compensator of an identified arm for a controller that computes with the nominal model.
 
     Attributes:
         nominal: nominal links, base and tool: the controller's.
         arm, values: as identified, with its effects.
-        refusals: why the arm may not stand somewhere; None where nothing is known of what it could touch.
-        bound: why no other solution is tried where reference joint positions are given, for people.
+        refusals: why a configuration is refused; None without given obstacles.
+        bound: message on why no other IK solution is tried where reference joint positions are given.
         progress: takes how many targets are corrected of how many, as the work goes on.
         keep: how the targets that are corrected are kept.
 
@@ -238,7 +238,7 @@ class Compensator:
         return Compensation(**whole)
 
     def _piece(self, positions: Array, rotations: Array, conditions: Array, reference: Array, before: Array) -> Columns:
-        """Some targets as arrays by their names, and the joint positions ``before`` the next ones."""
+        """Return a piece of the targets as arrays by name, and the joint positions ``before`` the next ones."""
         some, last = self._corrected(PoseTarget(positions, rotations), conditions, reference, before)
         columns = {each.name: getattr(some, each.name) for each in fields(Compensation)}
         texts = {name: np.array(value, dtype=np.str_) for name, value in columns.items() if isinstance(value, tuple)}
@@ -247,7 +247,7 @@ class Compensator:
     def _corrected(
         self, wanted: PoseTarget, conditions: Array, reference: Array, before: Array
     ) -> tuple[Compensation, Array]:
-        """Some targets, and the nominal joint positions ``(joints,)`` preferred for the last of them.
+        """Compensate some targets; also return the nominal joint positions ``(joints,)`` preferred for the last.
 
         Args:
             before: those for the target before the first.
@@ -311,18 +311,18 @@ class Compensator:
         return found, starts[-1, 0] if len(starts) else before
 
     def _on_surface(self, wanted: PoseTarget, joints: Array, conditions: Array) -> PoseTarget:
-        """Where fewer than three joints bring the tool, as near as they can; a target of other arms as it is."""
+        """Project targets of arms with fewer than three joints onto the reachable set; return others unchanged."""
         if joints.shape[1] >= PLACES:
             return wanted
         return PoseTarget(self._tool(joints, conditions)[0][:, :3, 3], wanted.rotations)
 
     def _left_out(self, asked: PoseTarget, joints: Array, conditions: Array) -> tuple[Array, Array]:
-        """How far ``(n,)`` m the place is missed, and the rotation (rad)."""
+        """Return the position error ``(n,)`` (m) and the rotation error (rad)."""
         missing = asked.errors(self._tool(joints, conditions)[0])
         return np.linalg.norm(missing[:, :3], axis=1), np.linalg.norm(missing[:, 3:], axis=1)
 
     def _near_singular(self, wanted: PoseTarget, ways: Solutions) -> NDArray[np.bool_]:
-        """``(n, k)``: where any rotation will do, the ways that are too near to a singularity."""
+        """Check ``(n, k)``, where any rotation will do, which IK solutions are too near to a singularity."""
         near, rows = np.zeros(ways.gap_m.shape, dtype=np.bool_), np.flatnonzero(~wanted.turned)
         joints = ways.joints[rows]
         distance, _ = self.nominal.arm.singular_distance(
@@ -332,7 +332,7 @@ class Compensator:
         return near
 
     def _tried(self, wanted: PoseTarget, conditions: Array, start: Array, branch: NDArray[np.int_]) -> Attempts:
-        """Newton's method from one way of the nominal model, aimed a few times at what the arm misses there."""
+        """Run Newton's method from one IK solution of the nominal model, aimed a few times at the arm's error there."""
         chain = self.nominal.arm.chain
         joints, aimings = start.copy(), np.zeros(len(wanted), dtype=np.int_)
         going = np.arange(len(wanted))
@@ -374,8 +374,8 @@ class Compensator:
         return aimed, self._iterated(wanted, conditions, start, moved)
 
     def _as_poses(self, wanted: PoseTarget, joints: Array, conditions: Array) -> PoseTarget:
-        """Where any rotation will do, or that which is wanted may not, the one that scheme (a) ends with: a controller
-        is to be told one.
+        """Give targets without a wanted or reachable rotation the one that scheme (a) ends with, as a controller
+        needs one.
         """
         Ts, kept = self._tool(joints, conditions)[0], wanted.turned & (joints.shape[1] >= FREEDOMS)
         return PoseTarget(wanted.positions, np.where(kept[:, None, None], wanted.rotations, Ts[:, :3, :3]))
@@ -399,7 +399,7 @@ class Compensator:
         return joints
 
     def _aimed(self, wanted: PoseTarget, joints: Array, conditions: Array) -> PoseTarget:
-        """X_C = X_R - dX: where to aim the nominal model, by what the arm misses at these joint positions."""
+        """Return the aim of the nominal model X_C = X_R - dX, by the arm's error at these joint positions."""
         real, drawn = self._tool(joints, conditions)[0], self.nominal.tool(joints)[0]
         positions = wanted.positions - (real[:, :3, 3] - drawn[:, :3, 3])
         return PoseTarget(positions, drawn[:, :3, :3] @ real[:, :3, :3].swapaxes(1, 2) @ wanted.rotations)
@@ -424,7 +424,7 @@ def _no_texts(count: int) -> Texts:
 
 
 def _settled(missing: Array) -> NDArray[np.bool_]:
-    """``(n,)``: whether what is missing ``(n, 6)`` is nothing."""
+    """Check ``(n,)`` whether errors ``(n, 6)`` are negligible."""
     place, turn = np.linalg.norm(missing[:, :3], axis=1), np.linalg.norm(missing[:, 3:], axis=1)
     return np.asarray((place < _SETTLED_M) & (turn < _SETTLED_RAD))
 
@@ -437,7 +437,7 @@ def _spread(part: Array, rows: NDArray[np.int_], shape: tuple[int, ...]) -> Arra
 
 
 def _beyond_limit(chain: JointSpec, joints: Array, joint: int) -> str:
-    """Where a joint would be, and its limit, for a person."""
+    """Describe a joint's position and its limit."""
     at = joints[joint]
     limit = chain.upper[joint] if at > chain.upper[joint] else chain.lower[joint]
     factor, unit = (1e3, " mm") if chain.prismatic[joint] else (180 / np.pi, "°")

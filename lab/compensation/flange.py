@@ -1,4 +1,4 @@
-"""The flange's face in the last frame of a calibrated arm, from what is known of it.
+"""Pose of the flange's face in the last frame of a calibrated arm, from the given information.
 
 Measured points of the tool say where they are relative to the last joint's axis. Where the face is relative to that
 axis (along it, about it, beside it, tilted) only two things say: the nominal last link, within the tolerances of
@@ -31,16 +31,16 @@ _KNOWN = 0.5  # of its tolerance: a rotation known better than that is identifie
 
 @dataclass(frozen=True)
 class Flange:
-    """Where the flange is in the last frame of the calibrated arm, and how well that is known.
+    """Pose of the flange in the last frame of the calibrated arm, with its covariance.
 
     Attributes:
         T_last_flange: ``(4, 4)`` m.
-        gain: ``(6, 3 k)`` how the estimated motion (m, rad) follows the k measured points.
+        gain: ``(6, 3 k)`` derivative of the estimated motion (m, rad) by the k measured points.
         covariance: ``(6, 6)`` of the motion's errors that are not those of the measured points.
         dof: degrees of freedom of the covariance's size.
-        believed: whether the stated places take part.
-        turned: whether they tell how the flange is turned.
-        off_m: ``(k,)`` distance of each measured point from its stated place in the nominal flange.
+        believed: whether the stated positions take part.
+        turned: whether they determine the flange's rotation.
+        off_m: ``(k,)`` distance of each measured point from its stated position in the nominal flange.
     """
 
     T_last_flange: Array
@@ -108,7 +108,7 @@ def _is_elsewhere(whole: Array, rows: Array, off: Array) -> bool:
 
 
 def _least(covariance: Array) -> float:
-    """The variance along the axis that is known best."""
+    """Return the variance along the most certain axis."""
     return float(np.linalg.eigvalsh(covariance)[0])
 
 

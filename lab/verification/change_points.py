@@ -1,4 +1,4 @@
-"""What has changed in a series of calibrations, and since when: a sequential test that keeps its level over a year.
+"""Sequential change-point test on a series of calibrations, which keeps its level over a year.
 
 The calibrations of a series are independent. Where nothing changes, their estimates x_j scatter about one value with
 their covariances C_j. After each new calibration every change point t is tried: the weighted means before and after it
@@ -90,7 +90,7 @@ def levels(days: Sequence[float]) -> tuple[float, ...]:
 
 
 def _level(count: int) -> float:
-    """Of the test of this number in its year."""
+    """Return the level of the k-th test of a year (k = ``count``)."""
     return TREND_YEAR / (count * (count + 1))
 
 
@@ -113,10 +113,10 @@ class _Pooled:
 
 
 class Series:
-    """Calibrations of one robot in the order of their days."""
+    """Calibrations of one robot in the order of their dates."""
 
     def __init__(self, estimates: Sequence[IdentifiedSubset], days: Sequence[float], directions: Directions) -> None:
-        """Of calibrations that identified the same parameters; ``directions`` of these."""
+        """Start from calibrations that identified the same parameters; ``directions`` of these are tested."""
         self._estimates, self._days = estimates, days
         first = estimates[0]
         assert all(each.names == first.names for each in estimates)
@@ -138,7 +138,7 @@ class Series:
         return Series(self._estimates[:count], self._days[:count], self.directions)
 
     def change_points(self) -> tuple[ChangePoint, ...]:
-        """Every change, in order; each is described by all calibrations between its neighbours."""
+        """Return every change, in order; each is estimated from all calibrations between its neighbours."""
         alarms: list[tuple[int, int, float]] = []
         start = 0
         for last in range(1, len(self._levels)):
@@ -194,7 +194,7 @@ class Series:
         return scores
 
     def _described(self, first: int, alarm: tuple[int, int, float], end: int) -> ChangePoint:
-        """What changed after calibration ``after``, by all calibrations from ``first`` to ``end``."""
+        """Estimate the change after calibration ``after`` from all calibrations from ``first`` to ``end``."""
         after, found_at, p = alarm
         before, later = self._pooled(first, after), self._pooled(after + 1, end)
         information, d = _of_difference(before.information, later.information), later.mean - before.mean
@@ -235,10 +235,10 @@ def _of_difference(before: Array, after: Array) -> Array:
 
 @dataclass(frozen=True)
 class PartTest:
-    """One part of r' S^-1 r.
+    """A part of the test statistic r' S^-1 r.
 
     Attributes:
-        square: how large it is.
+        square: its size.
         numbers: its degrees of freedom.
         p: the chance of a larger one, if nothing has changed; 1 where it has no degrees of freedom.
     """
@@ -250,7 +250,7 @@ class PartTest:
 
 @dataclass(frozen=True)
 class ChangeTest:
-    """Whether an arm has changed, by both parts.
+    """Test for a change of the arm, by both parts of the statistic.
 
     Attributes:
         along: the part that the identified parameters span.
@@ -262,12 +262,12 @@ class ChangeTest:
 
     @property
     def square(self) -> float:
-        """What is left of r' S^-1 r."""
+        """Total statistic r' S^-1 r."""
         return self.along.square + self.rest.square
 
     @property
     def tests(self) -> int:
-        """How many parts have degrees of freedom."""
+        """Number of parts that have degrees of freedom."""
         return sum(part.numbers > 0 for part in (self.along, self.rest))
 
     @property
@@ -278,40 +278,40 @@ class ChangeTest:
 
     @property
     def changed(self) -> bool:
-        """Whether the test rejects at its level."""
+        """Check whether the test rejects at its level."""
         return self.p < VERIFICATION
 
     @property
     def level(self) -> float:
-        """Of each part."""
+        """Level of each part."""
         return VERIFICATION if self.tests < 2 else float(-np.expm1(np.log1p(-VERIFICATION) / 2))
 
 
 def freed(fit: RefitSolution, free: tuple[int, ...]) -> RefitSolution:
-    """The same with every identified parameter fitted, where it was made; ``square`` stays that of ``fit``."""
+    """Refit every identified parameter too, linearized at ``fit``; ``square`` stays that of ``fit``."""
     directions = np.concatenate([fit.directions, np.eye(len(fit.values))[:, list(free)]], axis=1)
     model = LinearModel.of(fit.there.white(fit.there.jacobian @ directions), FULL_RANK)
     return replace(fit, model=model, directions=directions)
 
 
 def change_test(prediction: CalibrationPrediction, fit: RefitSolution) -> ChangeTest:
-    """Of what is left where ``fit`` was made."""
+    """Test for a change by the statistic that remains at ``fit``."""
     return split_test(prediction, (fit.square, fit.dof), explained(fit, freed(fit, prediction.free)))
 
 
 def explained(fit: RefitSolution, opened: RefitSolution) -> tuple[float, int]:
-    """How much less r' S^-1 r is where the parameters are ``freed``, and by how many numbers."""
+    """Return the fall of r' S^-1 r when the parameters are ``freed``, and its degrees of freedom."""
     residual = fit.there.white(fit.there.residual)
     pulls = (float((each.model.coordinates(residual) ** 2).sum()) for each in (opened, fit))
     return next(pulls) - next(pulls), opened.rank - fit.rank
 
 
 def split_test(prediction: CalibrationPrediction, left: tuple[float, int], along: tuple[float, int]) -> ChangeTest:
-    """Of squares with their degrees of freedom.
+    """Return the change test of two statistics with their degrees of freedom.
 
     Args:
-        left: of all numbers.
-        along: of these, what the identified parameters would explain.
+        left: statistic of all coordinates.
+        along: the part of it that the identified parameters would explain.
     """
     square, numbers = max(along[0], 0.0), along[1]
     others = left[1] - numbers

@@ -1,7 +1,7 @@
-"""Whether two calibrations of one robot found the same links, and which parameters moved in between.
+"""Test whether two calibrations of one robot differ, and which parameters moved in between.
 
 Two campaigns are independent, so the difference of their estimates has the sum of their covariances: d' (C1 + C2)^-1 d
-is chi squared where the noise of both is known, else F (Seber & Lee 2003, section 4.3). Parameters are named by Holm's
+is chi squared where the noise of both is given, else F (Seber & Lee 2003, section 4.3). Parameters are named by Holm's
 procedure (1979), so that of an unchanged robot one is named in at most 1 % of the comparisons.
 """
 
@@ -37,7 +37,7 @@ class Difference:
 
     @property
     def changed(self) -> bool:
-        """Whether the test of all parameters says that something has changed, at a level of 1 %."""
+        """Check whether the test of all parameters rejects at a level of 1 %."""
         return self.p < VERIFICATION
 
 
@@ -61,7 +61,7 @@ def difference_of(first: IdentifiedSubset, second: IdentifiedSubset) -> Differen
 
 
 def _holm(p_values: Array) -> list[int]:
-    """Which hypotheses Holm's procedure rejects, the smallest p first."""
+    """Return the hypotheses that Holm's procedure rejects, the smallest p first."""
     order = np.argsort(p_values, kind="stable")
     rejected = []
     for rank, i in enumerate(order.tolist()):

@@ -145,7 +145,7 @@ def _matched(q: int, first: float, second: float) -> tuple[float, int]:
 
 
 def _beside_process(observations: Observations, by: PredictedBy, targets: tuple[str, ...]) -> Observations:
-    """The measurements with the errors of what a process predicts, of all poses together."""
+    """Return the measurements with the errors of a process's predictions, of all poses together."""
     n, k, _ = observations.points.shape
     which = [by.model.targets.index(target) for target in targets]
     whole = by.covariance(observations.inputs).reshape(n, -1, 3, n, len(by.model.targets), 3)[:, which][..., which, :]
@@ -162,7 +162,7 @@ def _beside_process(observations: Observations, by: PredictedBy, targets: tuple[
 def _beyond_range(
     observations: Observations, prediction: CalibrationPrediction, measured: MeasuredRange | None
 ) -> Observations:
-    """The measurements with what the run's model may lack beyond the joint positions that it was fitted to."""
+    """Return the measurements with the model discrepancy beyond the joint positions that the run fitted."""
     if measured is None or not measured.is_worse_beyond:
         return observations
     n, k, d = observations.points.shape
@@ -178,7 +178,7 @@ def _beyond_range(
 
 
 def _widened(observations: Observations, lacking_m: float) -> Observations:
-    """The same with as much more noise."""
+    """Return the observations with their noise increased by the model discrepancy."""
     if lacking_m == 0:
         return observations
     if observations.whiten.ndim == 2:

@@ -1,4 +1,4 @@
-"""What a run predicts of new measurements, and the generalized least squares that hold them against it.
+"""Prediction of new measurements from a run, and the generalized least squares that compare the two.
 
 Measured less predicted is r = e + J d, with e the instrument's noise and d the error of the identified parameters,
 whose covariance is C: without any change r has the covariance S = noise + J C J', and r' S^-1 r is chi squared
@@ -105,15 +105,15 @@ FULL_RANK = 1e-8  # of the largest singular value of unit columns
 
 @dataclass(frozen=True)
 class CalibrationPrediction:
-    """What a run says of an arm.
+    """Prediction of an arm's points from a run.
 
     Attributes:
         values: ``(p,)`` of ``arm``.
         free: indices of those that were identified.
         covariance: ``(f, f)`` of these.
-        dof: with how many degrees of freedom its sigma was estimated; None where it was known.
-        strange: targets of the arm of which the run says nothing.
-        tail_dof: degrees of freedom of Student's t that the noise is like; None if Gaussian.
+        dof: with how many degrees of freedom its sigma was estimated; None where it was given.
+        strange: targets of the arm that the run did not have.
+        tail_dof: degrees of freedom of the noise's Student's t; None if Gaussian.
     """
 
     arm: Arm
@@ -144,7 +144,7 @@ class CalibrationPrediction:
         return (self.dof + numbers) * float(np.log1p(square / self.dof))
 
     def noticeable(self, numbers: int, level: float = VERIFICATION) -> float:
-        """How large a change of r, as r' S^-1 r, a test of so many numbers notices in 95 of 100 files."""
+        """Return the change of r' S^-1 r that a test with ``numbers`` degrees of freedom has power 95 % to detect."""
 
         def missed(shift: float) -> float:
             if self.dof is None:
@@ -187,12 +187,12 @@ class WhitenedSystem:
 
 @dataclass(frozen=True)
 class RefitSolution:
-    """Where r' S^-1 r is least.
+    """Minimum of r' S^-1 r over the fitted parameters.
 
     Attributes:
         values: ``(p,)``.
         square: r' S^-1 r there.
-        numbers: how many were measured.
+        numbers: number of measured coordinates.
         model: of the fitted columns ``(m, h)`` times S^-1/2.
         directions: ``(p, h)`` how the h fitted numbers change the parameters.
         there: the problem at ``values``.
@@ -207,7 +207,7 @@ class RefitSolution:
 
     @property
     def rank(self) -> int:
-        """How many numbers the measurements determine."""
+        """Number of fitted parameters that the measurements determine."""
         return self.model.rank
 
     @property
@@ -235,13 +235,13 @@ class RefitSolution:
         return np.concatenate([gained, self.back - gained @ shared], axis=1)
 
     def beyond(self, directions: Array) -> Array:
-        """What directions ``(p, h)`` change, without what is fitted anyhow: whitened columns ``(m, h)``."""
+        """Return the whitened derivatives ``(m, h)`` along ``(p, h)``, orthogonal to the fitted columns."""
         return self.model.residual(self.there.white(self.there.jacobian @ directions))
 
 
 @dataclass(frozen=True)
 class VerificationProblem:
-    """New measurements, weighted by the instrument's noise, against what a run predicts.
+    """New measurements, weighted by the instrument's noise, against a run's prediction.
 
     Attributes:
         progress: takes how many poses were worked out of how many, each time that all are gone through.
@@ -253,11 +253,11 @@ class VerificationProblem:
 
     @property
     def numbers(self) -> int:
-        """How many were measured."""
+        """Number of measured coordinates."""
         return 3 * int(seen_mask(self.observed.points).sum())
 
     def parts(self, values: Array) -> Iterator[tuple[Observations, Array, Array]]:
-        """Some of the poses at a time: their measurements, and whitened residuals and derivatives of these.
+        """Yield blocks of poses: their measurements, with whitened residuals and derivatives.
 
         Raises:
             LabError: the arm cannot be in one of the poses: its loops do not close.
@@ -297,7 +297,7 @@ class VerificationProblem:
     def placed(
         self, start: Array, directions: Array, groups: Sequence[str], at_start: WhitenedSystem | None = None
     ) -> RefitSolution:
-        """The same for base or tool, which may be anywhere: from ``start``, or from where the points alone put them."""
+        """Fit base or tool anew, from ``start`` or, as they may be anywhere, from the points alone."""
         near = self.fitted(start, directions, at_start)
         some = self.observed.thinned(_PLACED_BY)
         enough = int(seen_mask(some.points).sum()) >= 3

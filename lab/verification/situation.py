@@ -1,4 +1,4 @@
-"""What large errors of a verification come from: a setup or tool that is another one, another arm, another unit.
+"""Find the cause of large errors in a verification: another setup or tool, another arm, another unit.
 
 The errors of a calibrated arm are a small part of a millimetre. Errors of many millimetres are mostly no change of the
 arm: base, tool or both were set up anew, the file is of another arm, or its numbers are in another unit or frame. Each
@@ -30,7 +30,7 @@ _MOST_POSES = 200
 def situation(
     prediction: CalibrationPrediction, observed: Observations, values: Array, promised_m: float, refit: Sequence[str]
 ) -> Check | None:
-    """Return the check that names what the errors come from; None where they are small, or nothing explains them.
+    """Return the check that names the cause of large errors; None where they are small, or nothing explains them.
 
     Args:
         values: ``(p,)`` the arm's, with what was fitted anew.

@@ -1,7 +1,7 @@
-"""Whether a calibrated arm is still good, from a few new measurements, and what has moved where it is not.
+"""Verify a calibrated arm with a few new measurements, and find what moved if the test rejects.
 
-The test holds measured less predicted against what the run predicted (``prediction``), along the parameters and beyond
-them (``change_test``). Where it rejects, whatever may have moved alone is fitted by generalized least squares, and
+The test compares measured less predicted with its predicted covariance (``prediction``), along the parameters and
+beyond them (``change_test``). Where it rejects, each movement alone is fitted by generalized least squares, and
 compared by Schwarz's criterion (1978).
 """
 
@@ -46,7 +46,7 @@ Kind = Literal["base", "tool", "joint", "reading"]
 
 @dataclass(frozen=True)
 class Displacement:
-    """How far something has moved, each with its standard deviation; NaN where that does not apply or is not told."""
+    """Size of a movement, each with its standard deviation; NaN where that does not apply or is not observable."""
 
     shift_m: float = float("nan")
     shift_std_m: float = float("nan")
@@ -56,15 +56,15 @@ class Displacement:
 
 @dataclass(frozen=True)
 class ChangeHypothesis:
-    """One way in which an arm may have changed.
+    """Hypothesis of one change of an arm.
 
     Attributes:
         change: what it is, by the name of its phrase: ``base_shift``, ``base``, ``tool``, ``targets``, ``target`` or
             ``joint``.
         of: the target's name, or the joint's number and name.
         directions: ``(p, h)`` how its h numbers change the parameters.
-        turns: how many of these, the last ones, are rotations (rad); the others are lengths (m).
-        alike: how many movements like it are tried.
+        turns: number of these, the last ones, that are rotations (rad); the others are lengths (m).
+        alike: number of movements of its kind that are tried.
     """
 
     kind: Kind
@@ -76,7 +76,7 @@ class ChangeHypothesis:
 
 
 def _movements(arm: Arm, values: Array, without: Sequence[str]) -> list[ChangeHypothesis]:
-    """All that is tried: of base, tool and joints, without the kinds that are fitted anew anyhow.
+    """Return all movements of base, tool and joints to try, without the kinds that are fitted anew anyhow.
 
     Args:
         without: ``base``, ``tool``, or both.
@@ -101,7 +101,7 @@ def _of_base(arm: Arm) -> list[ChangeHypothesis]:
 
 
 def _of_tool(arm: Arm, values: Array) -> list[ChangeHypothesis]:
-    """Each target moved alone; of several, the tool moved as one (by little: v + w x t), or each by its own."""
+    """Return each target moved alone; of several, also the tool as one (by little: v + w x t), or each by its own."""
     one, count, found = refitted(arm, ("tool",)), len(arm.targets), _of_targets(arm)
     if count > 1:
         places = values[list(columns_of(arm, ("tool",)))].reshape(-1, 3)
@@ -113,7 +113,7 @@ def _of_tool(arm: Arm, values: Array) -> list[ChangeHypothesis]:
 
 
 def _of_targets(arm: Arm) -> list[ChangeHypothesis]:
-    """Each target moved alone."""
+    """Return the movements of each target alone."""
     one, count = refitted(arm, ("tool",)), len(arm.targets)
     return [
         ChangeHypothesis("tool", "target", (target,), one[:, 3 * k : 3 * k + 3], alike=count)
@@ -122,7 +122,7 @@ def _of_targets(arm: Arm) -> list[ChangeHypothesis]:
 
 
 def of_joints(arm: Arm) -> list[ChangeHypothesis]:
-    """The zero of each joint: it stands further than its reading says."""
+    """Return the zero offset of each joint: its position exceeds its reading."""
     chain, found = arm.rigid.chain, []
     directions = arm.rigid.joint_derivatives(np.eye(len(arm.names)))  # (p, joints)
     for k, slides in enumerate(chain.prismatic):
@@ -133,7 +133,7 @@ def of_joints(arm: Arm) -> list[ChangeHypothesis]:
 
 
 def extent(arm: Arm, movement: ChangeHypothesis, before: Array, after: Array, covariance: Array) -> Displacement:
-    """How far a movement went.
+    """Return the size of a movement.
 
     Args:
         before, after: all parameters ``(p,)``.
@@ -175,12 +175,12 @@ _STRUCTURE_POSES = 50
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """One thing that may have changed, fitted to the measurements.
+    """A possible change of the arm, fitted to the measurements.
 
     Attributes:
         change: what it is, by the name of its phrase.
         of: the target's name, the joint's number and name, or the pose's name.
-        parameters: how many numbers the measurements tell of it.
+        parameters: number of its parameters that the measurements determine.
         chi2: what it leaves of r' S^-1 r.
         p: the chance of leaving more, if it is right.
         bic: Schwarz's criterion, with twice the logarithm of how many of its kind were tried.
@@ -206,20 +206,20 @@ class Hypothesis:
 
 @dataclass(frozen=True)
 class Verified:
-    """Whether a calibrated arm is still good.
+    """Result of a verification.
 
     Attributes:
         statistic: r' S^-1 r, without what was fitted anew.
         p_of_all: the chance of a larger one, if nothing has changed.
         numbers: its degrees of freedom.
-        sigma_freedom: those with which sigma was estimated; None where it was known.
+        sigma_freedom: those with which sigma was estimated; None where it was given.
         test: the parts of the statistic and their p.
         values: ``(p,)`` of the arm as the run has them, with what was fitted anew.
         errors: ``(n, k)`` lengths of measured less predicted (m), NaN where not observed.
-        promised_m: the root mean square length that the run makes one expect here.
+        promised_m: predicted root mean square length of the errors here.
         hypotheses: the best first; none where the arm is good.
         moved: the kinds among which the measurements cannot choose; none where the arm is good, or nothing explains.
-        refit: how far went what was fitted anew, by its name.
+        refit: displacement of what was fitted anew, by its name.
         undetermined: parameters of it that these poses do not determine, and that stay as the run has them.
         situation: what large errors come from where that is no change of the arm; None if nothing of the kind.
         check: of the whole, with all that its sentence needs.
@@ -245,7 +245,7 @@ class Verified:
 
     @property
     def p(self) -> float:
-        """The chance of what speaks as much against the arm, if nothing has changed."""
+        """Chance of as much evidence against the arm, if nothing has changed."""
         return self.test.p
 
 
@@ -256,10 +256,10 @@ def verify(
     poses: Sequence[str] = (),
     progress: Progress = no_progress,
 ) -> Verified:
-    """Test new measurements against what a run predicted; where they contradict it, say what has moved.
+    """Test new measurements against a run's prediction; where it rejects, find what has moved.
 
     Args:
-        observed: weighted by a known sigma, or by the one that the run estimated.
+        observed: weighted by a given sigma, or by the one that the run estimated.
         refit: ``base``, ``tool`` or both: fitted anew, so that they cannot be what has moved.
         poses: what each is called; by their numbers where not given.
         progress: takes how many poses were worked out of how many, each time that all are gone through.
@@ -321,7 +321,7 @@ def verify(
 
 
 def _structural_rank(prediction: CalibrationPrediction, directions: Array) -> int:
-    """How many numbers of ``directions`` ``(p, h)`` enough poses could tell."""
+    """Return the number of ``directions`` ``(p, h)`` that enough poses would determine."""
     inputs = prediction.arm.structure_joints(_STRUCTURE_POSES, rng_for(0, "structure"))
     _, jacobian = prediction.arm.observe(inputs, prediction.values)
     columns = jacobian.reshape(-1, len(directions)) @ directions
@@ -331,7 +331,7 @@ def _structural_rank(prediction: CalibrationPrediction, directions: Array) -> in
 def _hypotheses(
     problem: VerificationProblem, fit: RefitSolution, refit: Sequence[str], poses: Sequence[str]
 ) -> list[Hypothesis]:
-    """All that may have changed alone, the best first."""
+    """Fit every single change; the best first."""
     tried = _movements(problem.prediction.arm, fit.values, refit)
     found = [each for movement in tried if (each := _tried(problem, fit, refit, movement)) is not None]
     return sorted([*found, *_bad_reading(problem, fit, poses)], key=lambda each: each.bic)
@@ -340,7 +340,7 @@ def _hypotheses(
 def _tried(
     problem: VerificationProblem, fit: RefitSolution, refit: Sequence[str], movement: ChangeHypothesis
 ) -> Hypothesis | None:
-    """One movement, beside what is fitted anew; None where the measurements say nothing more of it."""
+    """Fit one movement beside what is fitted anew; None where the measurements do not determine it."""
     arm = problem.prediction.arm
     directions = np.concatenate([refitted(arm, refit), movement.directions], axis=1)
     anywhere = movement.kind == "base" and movement.turns > 0
@@ -390,7 +390,7 @@ def _bad_reading(problem: VerificationProblem, fit: RefitSolution, poses: Sequen
 def _without_reading(
     prediction: CalibrationPrediction, fit: RefitSolution, dropped: tuple[float, int], rows: tuple[Array, Array]
 ) -> ChangeTest:
-    """The test of all numbers but those of one pose: what these lower, where the parameters are freed too.
+    """Test all numbers but those of one pose: what these lower, where the parameters are freed too.
 
     Args:
         dropped: by how much r' S^-1 r is less without them, and how many they are.
@@ -411,7 +411,7 @@ def _without_reading(
 def _numbered(
     parts: Iterator[tuple[Observations, Array, Array]],
 ) -> Iterator[tuple[int, tuple[Observations, Array, Array]]]:
-    """Each part with the number of its first pose."""
+    """Yield each part with the number of its first pose."""
     first = 0
     for part in parts:
         yield first, part
@@ -419,14 +419,14 @@ def _numbered(
 
 
 def _rows_of(mask: NDArray[np.bool_], pose: int) -> NDArray[np.int_]:
-    """Which of the numbers that were observed are of one pose; ``mask`` ``(n, ...)`` says which of all were."""
+    """Return the rows of one pose among the observed coordinates; ``mask`` ``(n, ...)`` marks the observed ones."""
     of_pose = np.zeros(mask.shape, dtype=np.bool_)
     of_pose[pose] = mask[pose]
     return np.flatnonzero(of_pose[mask])
 
 
 def _metres_of(block: Observations, rows: NDArray[np.int_]) -> Array:
-    """What some numbers ``(m, m)`` of a block are in metres."""
+    """Return some coordinates ``(m, m)`` of a block in metres."""
     units = np.zeros((3 * int(seen_mask(block.points).sum()), len(rows)))
     units[rows] = np.eye(len(rows))
     return block.in_metres(units)[rows]
@@ -440,14 +440,14 @@ def _judged(
     left: ChangeTest,
     alike: int,
 ) -> Hypothesis:
-    """A hypothesis of ``told`` numbers, and the test of what it leaves; ``what`` is its kind, change and ``of``."""
+    """Return a hypothesis of ``told`` parameters with its test; ``what`` is its kind, change and ``of``."""
     prediction, numbers = problem.prediction, problem.numbers
     bic = prediction.deviance(left.square, numbers) + told * np.log(numbers) + 2 * np.log(alike)
     return Hypothesis(*what, size, told, left.square, left.p, float(bic), not left.changed)
 
 
 def _not_told_apart(found: Sequence[Hypothesis], numbers: int) -> list[Hypothesis]:
-    """What explains the measurements as well as the best that does: of each kind the best, of joints all.
+    """Return the hypotheses equivalent to the best one: the best of each kind, all of joints.
 
     A larger hypothesis does not pay for being larger: a base that turned about the first axis is as simple a thing
     as that axis' zero, and looks the same.
@@ -479,7 +479,7 @@ def _likeliest_parameter(prediction: CalibrationPrediction, fit: RefitSolution) 
 def _placed_anew(
     prediction: CalibrationPrediction, fit: RefitSolution, refit: Sequence[str]
 ) -> tuple[tuple[str, Displacement], ...]:
-    """How far base and targets have moved that were fitted anew; a target that the run did not have is left out."""
+    """Return the displacements of base and targets that were fitted anew, without targets that the run did not have."""
     arm, tried = prediction.arm, []
     if "base" in refit:
         tried.append(("base", _of_base(arm)[1]))
@@ -496,9 +496,9 @@ def _placed_anew(
 def _would_notice(
     prediction: CalibrationPrediction, fit: RefitSolution, test: ChangeTest, refit: Sequence[str]
 ) -> tuple[tuple[str, float], ...]:
-    """How far the base, a target or a joint's zero would have to be off, in the worst direction, to be noticed.
+    """Return the smallest detectable movement of base, target or a joint's zero, in the worst direction.
 
-    By the part of the test that notices it first.
+    The part of the test that detects it first counts.
     """
     arm = prediction.arm
     tried = [] if "base" in refit else [("base", _of_base(arm)[0])]

@@ -183,7 +183,7 @@ def check_extrapolated(what: str, ids: Sequence[str], count: int) -> list[Check]
 def check_validation_poses(
     found: Identification, measured: MeasuredRange | None, rows: Measurements | None
 ) -> list[Check]:
-    """Count the validation poses where nothing was measured, and where the model knows less."""
+    """Count the validation poses where nothing was measured, and where the prediction is less certain."""
     if measured is None or rows is None or not (measured.is_worse_beyond or found.process is not None):
         return []
     lone = np.flatnonzero(measured.uncovered(rows.joints))
@@ -210,7 +210,7 @@ def check_workspace(judged: Verdict) -> list[Check]:
 
 
 def check_residual(found: Identification) -> list[Check]:
-    """Test whether the joints have offsets that no group explains, and note by how many poses these are known."""
+    """Test whether the joints have offsets that no group explains, and note how many poses determine these."""
     assert isinstance(found.process, PredictedBy)
     process, checks = found.process.process, list[Check]()
     if process.p >= MODEL_GROUPS:

@@ -68,7 +68,7 @@ def noise_in_another_unit(noise_mm: float | None, rows: Measurements, found: Ide
 def noise_beyond(
     noise_mm: float | None, rows: Measurements, known_m: float, whose: str, times: float = ANOTHER_DAY
 ) -> list[Check]:
-    """Refuse a noise that is far more than what is known of the robot and its instrument.
+    """Refuse a noise that is far more than plausible for the robot and its instrument.
 
     Args:
         noise_mm: the option; None where it was not given, and the rows say it.
@@ -101,7 +101,7 @@ def noise_beyond(
 
 
 def points_in_another_scale(found: Identification) -> list[Check]:
-    """Where all long links are longer, or shorter, by about one share: no arm is made so, but points are written so."""
+    """Detect a wrong scale of the points: all long links longer, or shorter, by about one share, as no arm is made."""
     names, free = found.model.names, [i for i in found.fit.free if LENGTH.fullmatch(found.model.names[i])]
     long = [i for i in free if abs(found.nominal_aligned[i]) >= _LONG_M]
     if len(long) < _LEAST_LENGTHS:
@@ -117,11 +117,11 @@ def points_in_another_scale(found: Identification) -> list[Check]:
 
 
 def in_other_numbers_or_poses(robot: NominalRobot, rows: Measurements) -> list[Check]:
-    """Why points are far from the nominal arm wherever its base and tool are; mostly nothing.
+    """Find why points are far from the nominal arm for any base and tool; mostly empty.
 
     Args:
-        robot: whose they are to be.
-        rows: of points that one instrument measured from one place.
+        robot: the nominal robot of the measurements.
+        rows: points that one instrument measured from one station.
     """
     rows = thinned(rows.take(np.flatnonzero(rows.seen.any(axis=1))), MOST_ROWS)
     arm, slides = robot.arm(rows.targets), robot.chain.prismatic
@@ -135,7 +135,7 @@ def in_other_numbers_or_poses(robot: NominalRobot, rows: Measurements) -> list[C
 
 
 def doubted(word: Verdict, said: Sequence[Check]) -> Verdict:
-    """The verdict where the noise or the scale cannot be what was given: it is not good."""
+    """Return the verdict where the given noise or scale is impossible: it is not good."""
     if not said:
         return word
     doubtful = "doubtful" if word.word == "good" else word.word
@@ -174,7 +174,7 @@ def _identified(fitter: Fitter, rows: Measurements) -> Identification | None:
 
 
 def _explains(found: Identification, given: Identification | None, tolerance: Tolerance) -> bool:
-    """Whether one fit is of the nominal robot, and the other, of the rows as they are given, is not."""
+    """Decide whether one fit is of the nominal robot and the other, of the rows as given, is not."""
     if found.status != "converged" or not found.plausible or _tolerances(found, tolerance) > _NEAR:
         return False
     if given is None or given.status != "converged" or not given.plausible:
@@ -186,5 +186,5 @@ def _explains(found: Identification, given: Identification | None, tolerance: To
 
 
 def _tolerances(found: Identification, tolerance: Tolerance) -> float:
-    """How many tolerances the link that is farthest from its nominal value is from it."""
+    """Return the largest distance of a link from its nominal value, in tolerances."""
     return max((each.tolerances for each in distances_from_nominal(found, tolerance)), default=0.0)

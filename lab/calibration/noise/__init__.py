@@ -1,1 +1,1 @@
-"""What the errors of measurements are made of: an instrument, joints that scatter, time, and heavy tails."""
+"""Error models of measurements: an instrument, joint scatter, drift in time, and heavy tails."""

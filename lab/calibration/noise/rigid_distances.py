@@ -27,7 +27,7 @@ _FLAT = 1e-3  # of targets in a line or in one place: the smallest singular valu
 
 @dataclass(frozen=True)
 class InstrumentNoise:
-    """Noise of one coordinate, as distances between targets say it.
+    """Noise of one coordinate, estimated from distances between targets.
 
     Attributes:
         sigma_m: estimated.
@@ -44,7 +44,7 @@ class InstrumentNoise:
 
     @property
     def is_rigid(self) -> bool:
-        """Whether the distances are as constant as noise lets them be; else they do not say what the noise is."""
+        """Check whether the distances are constant within noise; otherwise they do not determine the noise."""
         return self.moving_p >= UNSOLICITED_WARNING
 
     @property
@@ -63,7 +63,7 @@ class InstrumentNoise:
 
 
 def instrument_noise(points: Array) -> InstrumentNoise | None:
-    """The noise that distances between targets say; None of fewer than three targets or ten whole poses.
+    """Estimate the noise from distances between targets; None of fewer than three targets or ten whole poses.
 
     Args:
         points: ``(n, k, 3)`` m, in the order in which they were measured, NaN where not seen.

@@ -1,4 +1,4 @@
-"""Which errors the numbers of a fit share, and what that does to the fit's covariance."""
+"""Search for correlated measurement errors, and their effect on the fit's covariance."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -71,7 +71,7 @@ class NoiseSearch:
 
     @property
     def component_errors(self) -> ComponentErrors | None:
-        """How well the variances of what errors share are known; None where none were estimated."""
+        """Errors of the variance components; None where none were estimated."""
         return None if self._small_sample is None else self._small_sample.components
 
     @cached_property
@@ -144,7 +144,7 @@ def _moves(estimate: Estimate, data: Measurements, times: Array) -> tuple[Move, 
 
 
 def in_stretches(data: Measurements) -> Measurements:
-    """Rows that tell of the noise as well as more do: all, or of over 4,000 eight stretches of consecutive ones."""
+    """Select rows that suffice to estimate the noise: all, or of over 4,000 eight stretches of consecutive ones."""
     if len(data) <= _MOST_POSES:
         return data
     length = _MOST_POSES // _STRETCHES
@@ -153,7 +153,7 @@ def in_stretches(data: Measurements) -> Measurements:
 
 
 def _varies_with_joints(linear: LinearizedFit, estimate: Estimate, data: Measurements) -> bool:
-    """Whether what is left beside the components comes back where the joints do: then it was not drawn anew."""
+    """Test whether residuals beside the components repeat with joint position: then they were not drawn anew."""
     shapes = estimate.problem.shapes
     correlation = correlation_of(shapes, estimate.components)
     white = correlation.white(estimate.problem.rows)
@@ -166,7 +166,7 @@ def _varies_with_joints(linear: LinearizedFit, estimate: Estimate, data: Measure
 
 
 def _padded(shapes: ErrorShapes, blocks: int) -> ErrorShapes:
-    """The same with blocks of what else is known, which shares no errors."""
+    """Pad the shapes with blocks of prior information, which shares no errors."""
     more = blocks - len(shapes.times)
     if not more:
         return shapes
@@ -179,7 +179,7 @@ def _padded(shapes: ErrorShapes, blocks: int) -> ErrorShapes:
 def counted(
     model: Model, data: Measurements, values: Array, encoders: Encoders, sigma_m: float, dof: int | None = None
 ) -> ErrorModel | None:
-    """What whole counts of known encoders make of the numbers of a pose, where that is not little beside the noise.
+    """Return the error model of known encoders' rounding to whole counts; None where it is small beside the noise.
 
     Errors in variables: a count is off by half of one at most, uniformly, and through the derivatives by the joints
     all numbers of a pose share that.

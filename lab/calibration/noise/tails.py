@@ -1,4 +1,4 @@
-"""How heavy the tails of noise are, told by the residuals that are no outliers whatever they are.
+"""Tail weight of the noise: degrees of freedom of Student's t, from the central residuals.
 
 Student's t with n degrees of freedom stands for noise whose variance changes by chance (Lange, Little & Taylor 1989).
 Its shape is fitted to the residuals within several times their median alone, by the likelihood of what lies within: bad

@@ -1,1 +1,1 @@
-"""What no effect explains: a Gaussian process of the joints' positions, with its uncertainty."""
+"""Residual process: a Gaussian process of the joint positions, with its uncertainty."""

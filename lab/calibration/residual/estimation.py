@@ -1,4 +1,4 @@
-"""How large the processes of the joints' offsets are, and what they make of an identification.
+"""Estimate the variances of the joint offsets' processes, and identify the arm beside them.
 
 The variances are those of the largest restricted likelihood (Patterson & Thompson 1971), found by a fixed point that
 never lowers it (Zhou, Hu, Zhou & Lange 2019), in steps that are extrapolated (Varadhan & Roland 2008). A variance at
@@ -136,7 +136,7 @@ _LEAST_GAIN = 0.1  # of the error: less is not worth a group that names no cause
 
 @dataclass(frozen=True)
 class _Rows:
-    """Some poses of an identification.
+    """Selected poses of an identification.
 
     Attributes:
         kernels: of the arm's joints.
@@ -156,7 +156,7 @@ class _Rows:
 
     @classmethod
     def of(cls, found: Identification, data: Measurements) -> "_Rows":
-        """Of some rows, at the identified parameters."""
+        """Build from some rows, at the identified parameters."""
         model = found.model
         assert isinstance(model, SerialArm | ArmWithEffects)
         turning = ~np.array(model.rigid.chain.prismatic, dtype=np.bool_)
@@ -168,13 +168,13 @@ class _Rows:
         return cls(JointKernels(turning), inputs[:, :size], slopes, columns, residual, data.seen)
 
     def take(self, rows: NDArray[np.int_]) -> "_Rows":
-        """Some of the poses."""
+        """Select poses."""
         some = self.joints[rows], self.slopes[rows], self.columns[rows], self.residual[rows]
         return _Rows(self.kernels, *some, self.seen[rows])
 
     @cached_property
     def reduction(self) -> Reduction:
-        """To the numbers that the joints' offsets move."""
+        """Reduction to the coordinates that the joints' offsets move."""
         return Reduction.of(self.joints, self.slopes, self.seen)
 
     def reduced(self) -> "_Numbers":
@@ -225,11 +225,11 @@ class _Numbers:
 
 @dataclass(frozen=True)
 class ExpectedGain:
-    """What the group residual would make of the error at poses that are left out, each in its turn.
+    """Expected effect of the group residual on the error at poses that are left out one at a time.
 
     Attributes:
         before_m, after_m: mean errors of points, without and with it.
-        poses: how many were left out.
+        poses: number of poses left out.
     """
 
     before_m: float
@@ -247,14 +247,14 @@ class ExpectedGain:
 
 
 def expected_gain(found: Identification, data: Measurements) -> ExpectedGain | None:
-    """What the group residual would gain, without fitting it: all its parts by one ratio to the noise.
+    """Estimate the gain of the group residual without fitting it: all its parts by one ratio to the noise.
 
     The residuals of a pose left out are (P_ii)^-1 (P r)_i, with P that of the restricted likelihood (Cook & Weisberg
     1982). Repeats of a configuration are left out together.
 
     Args:
         found: of points of a serial arm.
-        data: the rows that it comes from; of many some tell, evenly spaced.
+        data: the rows that it comes from; of many, a subset, evenly spaced.
 
     Returns:
         None where too few numbers are left, or where it would gain less than a tenth.
@@ -475,7 +475,7 @@ class _Projector:
 
     @classmethod
     def of(cls, numbers: _Numbers, sizes: Array) -> "_Projector":
-        """By variances of the first components."""
+        """Build from the variances of the first components."""
         triangle = np.linalg.cholesky(sum(size * kind for size, kind in zip(sizes, numbers.kinds, strict=False)))
         inverse = scipy.linalg.lapack.dpotri(triangle, lower=1)[0]
         inverse = np.tril(inverse) + np.tril(inverse, -1).T

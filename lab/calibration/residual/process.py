@@ -116,7 +116,7 @@ class PoseNumbers:
 
     @classmethod
     def whole(cls, joints: Array, slopes: Array) -> "PoseNumbers":
-        """All numbers of poses: positions ``(n, joints)``, derivatives ``(n, d, joints)``."""
+        """Build from all coordinates of poses: positions ``(n, joints)``, derivatives ``(n, d, joints)``."""
         n, d, size = slopes.shape
         return cls(joints, np.repeat(np.arange(n), d), slopes.reshape(n * d, size))
 
@@ -148,7 +148,7 @@ class Reduction:
 
     @classmethod
     def of(cls, joints: Array, slopes: Array, seen: NDArray[np.bool_]) -> "Reduction":
-        """Of poses.
+        """Build the reduction of poses.
 
         Args:
             joints: ``(n, joints)``.
@@ -244,7 +244,7 @@ _AWAY = (5e-3, 15e-3)  # m and rad: one standard deviation of how far a link is 
 
 @dataclass(frozen=True)
 class JointProcess:
-    """The offsets of an arm's joints, as measurements say them.
+    """Offsets of an arm's joints, estimated from measurements.
 
     Attributes:
         inputs: ``(s, joints + conditions)`` the poses that say it.
@@ -268,7 +268,7 @@ class JointProcess:
 
     @property
     def kernels(self) -> JointKernels:
-        """Of its joints."""
+        """Kernels of the arm's joints."""
         return JointKernels(self.turning)
 
     @property
@@ -278,16 +278,16 @@ class JointProcess:
 
     @property
     def noise_m(self) -> float:
-        """One standard deviation of what is neither the joints' offsets nor their scatter, of one coordinate."""
+        """Standard deviation of a coordinate's noise, without the joints' offsets and their scatter."""
         return float(np.sqrt(self.variances[0]))
 
     @property
     def scatter_rad(self) -> float:
-        """One standard deviation of what a joint is off by at one pose and not at the next one like it."""
+        """Standard deviation of a joint's error that is independent between poses, even similar ones."""
         return float(np.sqrt(self.variances[1]))
 
     def offsets(self, joints: Array) -> Array:
-        """How far the joints are off ``(n, joints)`` (rad, m of a slide) at positions ``(n, joints)``."""
+        """Return the joints' offsets ``(n, joints)`` (rad, m of a slide) at positions ``(n, joints)``."""
         there = self.inputs[:, : len(self.turning)]
         found = np.zeros(joints.shape)
         for first in range(0, len(joints), _BLOCK_process):
@@ -311,7 +311,7 @@ class JointProcess:
         return Effect(GROUP, (SHARE,), moved, plain=self._plain)
 
     def _plain(self, values: Array) -> list[dict[str, Any]]:
-        """The same offsets as a term of ``formats.plain_arm``."""
+        """Return the offsets as a term of ``formats.plain_arm``."""
         lengths = {kind: [(size, value) for size, value in pairs if value > 0] for kind, pairs in self._lengths.items()}
         poses = self.inputs[:, : len(self.turning)]
         return [
@@ -481,7 +481,7 @@ class Support:
     def of(
         cls, reduction: Reduction, kernels: JointKernels, variances: Array, columns: Array, near: Array
     ) -> "Support":
-        """Of poses.
+        """Build the support from poses.
 
         Args:
             variances: ``(c,)`` of ``kernels.COMPONENTS``.

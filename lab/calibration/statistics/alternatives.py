@@ -46,7 +46,7 @@ class Alternative:
 
     @property
     def can_be_told(self) -> bool:
-        """Whether a measurement at that pose would tell."""
+        """Check whether a measurement at that pose would distinguish the two models."""
         return self.differ_m > 3 * self.sigma_m
 
 
@@ -71,13 +71,13 @@ def alternatives(
 
 
 def _misfit(found: Identification) -> float:
-    """Twice the negative log likelihood, but for what is the same of all models of the same measurements."""
+    """Return twice the negative log likelihood, but for the terms common to all models of the same measurements."""
     squares, rows = 2 * found.fit.cost_trace[-1], found.dof + len(found.fit.free)
     return float(squares if found.sigma_known else rows * np.log(max(squares, 1e-300)))
 
 
 def _compared(chosen: str, other: str, rise: float, found: Identification, swapped: Identification) -> Alternative:
-    """Where the two arms differ most."""
+    """Compare two models at the pose where their points differ most."""
     model = found.model
     inputs = at_first_station(model.conditions, model.structure_joints(_POSES, rng_for(0, "structure")))
     size = inputs.shape[1] - len(found.model.conditions)

@@ -1,4 +1,4 @@
-"""One set of measurements, and every model that groups of parameters make for it: what can be tried at all."""
+"""Candidate models of one set of measurements: every model that groups of parameters make."""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -50,10 +50,10 @@ Labels = NDArray[np.int_]
 
 @dataclass(frozen=True)
 class Score:
-    """How a nested model does.
+    """Score of a nested model.
 
     Attributes:
-        parameters: how many it fits.
+        parameters: number of fitted parameters.
         squares: its sum of squared whitened residuals.
         errors: ``(m,)`` lengths (m) of held-out errors, one per observed thing.
         bic: Bayes' information criterion (Schwarz 1978), lower is better.
@@ -270,7 +270,7 @@ def largest_useful_std(parameters: Sequence[Parameter], joints: Array) -> Array:
 
 
 def _is_slow(wave: Parameter, turns: Array) -> bool:
-    """Whether less than half of a parameter's wave lies in the measured range, ``(joints,)`` turns."""
+    """Check whether less than half of a parameter's wave lies in the measured range, ``(joints,)`` turns."""
     turning = wave.joint if wave.turning is None else wave.turning
     return bool(wave.wave and turning is not None and wave.wave * turns[turning] < _SUPPORTED)
 
@@ -283,7 +283,7 @@ NominalOf = Callable[[Model], Array]
 
 @dataclass(frozen=True)
 class SelectionTask:
-    """What is to be identified, whatever the model.
+    """Identification task of a model selection, common to all models.
 
     Attributes:
         model_with: the arm with groups of effects, by name; a LabError where a group cannot be built.
@@ -299,7 +299,7 @@ class SelectionTask:
     def identified(
         self, groups: Sequence[str], held: Sequence[str] = (), near: Identification | None = None
     ) -> Identification:
-        """With these groups less the parameters held; requests that are of other groups' are left out.
+        """Identify with these groups less the parameters held; requests for other groups are left out.
 
         Args:
             near: a neighbouring model's, to start from.
@@ -311,7 +311,7 @@ class SelectionTask:
         return identify(model, self.data, self.nominal_of(model), self.noise, held_too)
 
     def refusal(self, group: str) -> LabError | None:
-        """Why a group cannot be tried; None if it can."""
+        """Return the reason why a group cannot be tried; None if it can."""
         try:
             self.data.inputs(observation_of(self.model_with([group])).model.conditions)
         except LabError as error:
@@ -379,7 +379,7 @@ class FullModel:
 
     @classmethod
     def of(cls, task: SelectionTask, groups: Sequence[str], alone: Identification, seed: int) -> "FullModel":
-        """With the base and the tool of geometry alone."""
+        """Build the full model, linearized with the base and the tool of geometry alone."""
         made = task.model_with(groups)
         observation = observation_of(made).within(task.data)
         model, start = observation.model, observation.nominal(task.nominal_of(made))
@@ -423,7 +423,7 @@ class FullModel:
         return int(sizes.sum() - sizes.max())
 
     def around(self, found: Identification) -> NestedModels:
-        """All nested models near an identified one."""
+        """Return all nested models near an identified one."""
         values = _filled(self.start, self.observation.model, found.model, found.values)
         effects = [i for group in self.groups.values() for i in group]
         columns = sorted({*self.fitted(found), *effects})
@@ -442,11 +442,11 @@ class FullModel:
         )
 
     def fitted(self, found: Identification) -> tuple[int, ...]:
-        """What an identification fitted, as indices of this model."""
+        """Return the parameters that an identification fitted, as indices of this model."""
         return self._indices(found, found.fit.free)
 
     def added(self, table: NestedModels, found: Identification, group: str) -> tuple[tuple[int, ...], tuple[int, ...]]:
-        """Parameters of a group that say what an identified model does not, and those of them to be fitted.
+        """Return the parameters of a group that add to an identified model, and those of them to be fitted.
 
         Left out are those that these poses do not tell apart, and, the least known first, those whose standard
         deviation would be larger than such an effect: fitted all the same, they run off to where the model is not
@@ -463,7 +463,7 @@ class FullModel:
         return new, tuple(shown)
 
     def least_known(self, table: NestedModels, found: Identification) -> int | None:
-        """The parameter of a group that an identified model knows too badly for any use; None where it has none."""
+        """Return the parameter of a group that is too uncertain in an identified model; None if there is none."""
         fitted = self.fitted(found)
         effects = {i for group in self.groups.values() for i in group}
         unsure = np.where([i in effects for i in fitted], table.std(fitted) / self._useful[list(fitted)], 0.0)
@@ -481,7 +481,7 @@ class FullModel:
 
     @staticmethod
     def _new(triangle: Array, known: Sequence[int], wanted: Sequence[int]) -> tuple[int, ...]:
-        """Those of the wanted columns that the known ones and those before them do not span."""
+        """Return the wanted columns that the given ones and those before them do not span."""
         kept = independent_columns(triangle, [*known, *wanted])
         return tuple(i for i in wanted if i in kept)
 
@@ -495,7 +495,7 @@ def _known(
     alone: Identification,
     sigma: float,
 ) -> ExtraResiduals:
-    """What is known beside the measurements: of the observation, and the whole model's prior if one is requested.
+    """Return the prior information: of the observation, and the whole model's prior if one is requested.
 
     An automatic prior is that of geometry alone.
     """
@@ -509,7 +509,7 @@ def _known(
 
 
 def _triangle(jacobian: Array, extra_residuals: Array) -> Array:
-    """As few rows with the same inner products."""
+    """Reduce rows to as few with the same inner products."""
     return np.asarray(np.linalg.qr(np.concatenate([jacobian, extra_residuals]), mode="r"))
 
 
@@ -541,7 +541,7 @@ class FoundTerm:
 
 @dataclass(frozen=True)
 class TermTable:
-    """What each group does to the joints, or to the far ends of links, at some poses.
+    """Effects of each group on the joints, or on the far ends of links, at some poses.
 
     Attributes:
         names: of the groups, g of them.
@@ -562,7 +562,7 @@ class TermTable:
 
     @classmethod
     def of(cls, effects: Mapping[str, Effect], data: Measurements) -> "TermTable":
-        """Of effects that are linear in their parameters, each of which moves one joint or displaces one link's end."""
+        """Build from effects that are linear in their parameters, each of which moves one joint or one link's end."""
         size = data.joints.shape[1]
         functions, motion, owner = [], [], []
         for i, effect in enumerate(effects.values()):
@@ -703,7 +703,7 @@ class TermSearch:
         return tuple(self._taken(rng, most, among, level))
 
     def _taken(self, rng: np.random.Generator, most: int, among: NDArray[np.bool_], level: float) -> list[FoundTerm]:
-        """What is significant at a level among some of the groups."""
+        """Take the terms that are significant at a level among some of the groups."""
         taken: list[FoundTerm] = []
         while len(taken) < most:
             gram, scores = self._gram(), self._scores()
@@ -748,7 +748,7 @@ class TermSearch:
         self.residual = self.residual - more @ (more.T @ self.residual)
 
     def _scores(self) -> Array:
-        """``(clusters, p)`` what each cluster contributes to the products of the columns, less their fitted part."""
+        """Return the contribution ``(clusters, p)`` of each cluster to the columns' products, less the fitted part."""
         errors = jackknifed(self.residual, self.basis)[:, None]
         raw, fitted = (cluster_sums(rows * errors, self.starts) for rows in (self.columns, self.basis))
         return np.asarray(raw - fitted @ self._shared)
@@ -758,7 +758,7 @@ class TermSearch:
         return self._squares - _products_of_pairs(self._shared, self._pairs)
 
     def _useful(self, gram: Array) -> NDArray[np.bool_]:
-        """Which groups say what the fitted columns do not, well enough to be of any use."""
+        """Check which groups are sufficiently independent of the fitted columns, and estimable."""
         free = (gram[[0, 2]] > _LEFT * np.maximum(self._squares[[0, 2]], 1e-300)).all(axis=0)
         apart = 1 - gram[1] ** 2 / np.maximum(gram[0] * gram[2], 1e-300)
         share = np.where(self._single, 1.0, np.maximum(apart, 0.0))
@@ -770,7 +770,7 @@ class TermSearch:
     def _threshold(
         self, scores: Array, gram: Array, useful: NDArray[np.bool_], rng: np.random.Generator, level: float
     ) -> float:
-        """What the largest fall of the squares exceeds by chance as often as the level says."""
+        """Return the critical value of the largest fall of the squares at a level, by sign flips."""
         if not useful.any():
             return np.inf
         flips = rng.integers(0, 2, (_FLIPS, len(scores))).astype(np.float32) * 2 - 1  # rounding is no matter here

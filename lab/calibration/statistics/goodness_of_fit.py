@@ -62,7 +62,7 @@ def goodness_of_fit(
     held: Observations | None = None,
     extra_residuals: ExtraResiduals | None = None,
 ) -> Check:
-    """The best test that there is something for: a known sigma, then repeats, then poses held out.
+    """Test by the best means that the data allow: a given sigma, then repeats, then poses held out.
 
     It tests the model, with the residuals that least squares leaves, also where the estimate is another.
 
@@ -102,7 +102,7 @@ def goodness_beside_shared_errors(linear: LinearizedFit, slopes: Array, joints: 
 
 
 def _by_noise(linear: LinearizedFit, shape: NoiseDistribution) -> Check:
-    """Chi squared of the whitened residuals, of which noise of a known sigma explains one each.
+    """Test chi squared of the whitened residuals, of which noise of a given sigma explains one each.
 
     Noise that is not Gaussian has another variance of r'r: with M = I - H and excess kurtosis k it is
     2 nu + k sum M_ii^2 (Seber & Lee 2003, theorem 1.6); chi squared is scaled to have it.
@@ -153,7 +153,7 @@ def _lack_of_fit(name: str, statistic: float, p: float, dof: tuple[int, int]) ->
 
 
 def _by_signs(by_holdout: Check | None, by_joints: Check | None) -> Check:
-    """Combine the tests of held-out errors and of the joints' positions, where the noise is not known (Bonferroni).
+    """Combine the tests of held-out errors and of the joints' positions, without a given noise (Bonferroni).
 
     Errors at held-out poses hardly grow where the same small part of the joints' ranges was fitted; there the second
     test sees what the first one does not. Alone it shows a lack of fit that is sure, never that there is none.
@@ -171,7 +171,7 @@ def _by_signs(by_holdout: Check | None, by_joints: Check | None) -> Check:
 
 
 def _by_holdout(linear: LinearizedFit, held: LinearizedFit) -> Check | None:
-    """F of held-out errors against what the fit says they are: sigma^2 (I + J C J') (Chow 1960).
+    """Test held-out errors by F against their predicted covariance sigma^2 (I + J C J') (Chow 1960).
 
     e' (I + J C J')^-1 e is how much the sum of squares of all poses rises above that of those fitted.
     """
@@ -190,7 +190,7 @@ def _by_holdout(linear: LinearizedFit, held: LinearizedFit) -> Check | None:
 
 
 def _by_joints(model: Model, observed: Observations, fit: Fit, extra_residuals: ExtraResiduals | None) -> Check | None:
-    """Whether a fit's residuals vary with the joints; of very many poses some are looked at, evenly spaced."""
+    """Test whether a fit's residuals vary with the joints; of very many poses, a subset, evenly spaced."""
     some = evenly(len(observed.inputs), _MOST_POSES)
     looked_at = observed if some is None else observed.take(some)
     linear = linearized(model, looked_at, fit.least_squares, fit.free, extra_residuals)
@@ -262,7 +262,7 @@ def isotropy(model: Model, observed: Observations, fit: Fit) -> Check:
 
 @dataclass(frozen=True)
 class Sandwich:
-    """A covariance that does not believe the weights.
+    """Return a covariance that is robust against wrong weights.
 
     Attributes:
         covariance: ``(f, f)`` of the free parameters (m, rad).

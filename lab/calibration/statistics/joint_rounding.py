@@ -1,4 +1,4 @@
-"""How observations depend on the joint positions: derivatives, and what rounding alone makes of them."""
+"""Derivatives of observations by the joint positions, and the effect of rounding these."""
 
 from dataclasses import dataclass
 
@@ -26,7 +26,7 @@ class Rounding:
 
 
 def rounding(model: Model, data: Measurements, values: Array, things: int | None = None) -> Rounding | None:
-    """What the rounding of the joint positions alone makes; None where they do not look rounded.
+    """Return the effect of rounded joint positions; None where they do not look rounded.
 
     An error within half a step is uniform, of variance step^2 / 12 for each joint on its own; through the
     derivatives by the joint positions it is the observation's: rms^2 = mean over rows of step^2 / 12 tr(J J').

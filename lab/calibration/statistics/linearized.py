@@ -212,7 +212,7 @@ class SubsetFit:
         return left
 
     def residuals(self, errors: Array) -> Array:
-        """What least squares inside leaves of errors ``(..., n, m)``, outside too."""
+        """Return the residuals of errors ``(..., n, m)`` after least squares on the poses inside, outside too."""
         fitted = np.where(self.inside[:, None], errors, 0.0).reshape(*errors.shape[:-2], -1)
         rows = self.linear.jacobian.reshape(fitted.shape[-1], -1)
         step = (fitted @ rows) @ self.directions @ self.directions.T
@@ -230,14 +230,14 @@ class SubsetFit:
     def p_values(
         self, distance: Array, total: Array, known: bool, floor: float = 0.0, poses: NDArray[np.int_] | None = None
     ) -> Array:
-        """Each pose's p-value ``(..., n)`` were the noise Gaussian and it alone tested.
+        """Return each pose's p-value ``(..., n)`` as if it alone were tested, under Gaussian noise.
 
-        Chi squared with a known sigma; else F of the externally studentized distance, with sigma estimated from
+        Chi squared with a given sigma; else F of the externally studentized distance, with sigma estimated from
         the poses inside without it.
 
         Args:
             distance, total: of ``squares``.
-            floor: the least sigma that is believed.
+            floor: the smallest sigma that is accepted.
             poses: which ones ``distance`` is of, in its shape; all in their order where not given.
         """
         inside, count = (every if poses is None else every[poses] for every in (self.inside, self.count))
@@ -371,7 +371,7 @@ class ClusteredRows:
 
     @classmethod
     def of(cls, rows: Array, labels: NDArray[np.int_], numbers: int) -> "ClusteredRows":
-        """Of rows, the first of which are of observed things of so many numbers each; each other row is alone.
+        """Build from rows, the first of which are of observed things of so many numbers each; each other row is alone.
 
         Args:
             labels: of the things, from 0 on.

@@ -1,7 +1,7 @@
-"""Which effects an arm has: the smallest adequate model, found by adding one group of parameters after another.
+"""Model selection: the smallest adequate set of effects, found by adding one group of parameters after another.
 
 A group is taken if it passes three criteria. The first is a test at 1 % with Bonferroni's correction for the number of
-groups: F, chi squared where sigma is known, and, where poses have repeats or several targets, a test by configurations
+groups: F, chi squared where sigma is given, and, where poses have repeats or several targets, a test by configurations
 (``clustered_rows``). The second is BIC. The third is the error at held-out configurations, which has to fall by more
 than its standard error: residuals of real arms are correlated and heavy-tailed, and the first two alone accept nearly
 everything. Where the configurations are too few for a test by them, the held-out gain has to be significant instead.
@@ -54,11 +54,11 @@ _BIC_FALL = 10.0  # what is very strong evidence (Kass & Raftery 1995, section 3
 
 @dataclass(frozen=True)
 class GroupTrial:
-    """What one group of parameters is worth.
+    """Trial of one group of parameters.
 
     Attributes:
         name: of the group; ``geometry`` for the arm without any.
-        parameters: how many it adds to those fitted.
+        parameters: number of parameters that it adds.
         holdout_m: mean length of the error at held-out poses with it and what was taken before it; NaN if not tried.
         f_p: the chance of as large a fall in squares if it were not there (``NestedModels.p_value``), no Bonferroni's
             factor in it; NaN if not tried.
@@ -68,7 +68,7 @@ class GroupTrial:
         chosen: whether it is in the final model; the others are tried beside that.
         infeasibility_reason: why it is not; empty where it is.
         incomplete_data: whether that is because a column that it needs has gaps.
-        held: its parameters that are not fitted, as these poses do not show them, or not to any use.
+        held: its parameters that are not fitted, as they are not or only weakly observable in these poses.
     """
 
     name: str
@@ -173,7 +173,7 @@ def follow(
     *,
     seed: int = 0,
 ) -> Selection:
-    """Identify with the groups that are asked for, and say of each, in their order, what it buys.
+    """Identify with the requested groups, and report the gain of each, in their order.
 
     What speaks against a group is said in ``infeasibility_reason``, and does not keep it out.
 
@@ -227,7 +227,7 @@ class _Growth:
         self.found = self.alone
 
     def grow(self) -> None:
-        """Add one candidate after another, and drop what is superfluous then."""
+        """Add one candidate after another, and drop those that become superfluous."""
         large = self.large()
         table = self.around(large)
         self.rows.setdefault(_GEOMETRY, _geometry(table.score(large.fitted(self.found))))
@@ -261,7 +261,7 @@ class _Growth:
         return True
 
     def around(self, large: FullModel) -> NestedModels:
-        """All models nested in a large one, near what is found; kept until that changes."""
+        """Return all models nested in a large one, near the current one; cached until that changes."""
         if self._around is None or self._around[0] is not large or self._around[1] is not self.found:
             self._around = large, self.found, large.around(self.found)
         return self._around[2]
@@ -306,7 +306,7 @@ class _Growth:
             self.grow()
 
     def _hold_what_became_useless(self) -> None:
-        """Hold, the worst first, what was known well when it was taken and is not beside all that came after it."""
+        """Hold, the worst first, parameters that were well determined when taken and no longer are."""
         while True:
             large = self.large()
             if (worst := large.least_known(self.around(large), self.found)) is None:
@@ -320,7 +320,7 @@ class _Growth:
                 return
 
     def _found_terms(self, table: TermTable, only: Sequence[str] | None, level: float) -> tuple[FoundTerm, ...]:
-        """What a search around the arm as it is identified finds."""
+        """Search for terms beside the identified arm."""
         if self._search is None or self._search[0] is not self.found:
             self._search = self.found, self._search_at(table)
         room = self.large().least_rows / ROWS_PER_PARAMETER - len(self.found.fit.free)
@@ -378,7 +378,7 @@ def _next(
 
 
 def _trial(large: FullModel, table: NestedModels, found: Identification, name: str, small: Score) -> GroupTrial:
-    """What a group would add to an identified model, whose score is ``small``."""
+    """Try a group beside an identified model, whose score is ``small``."""
     new, shown = large.added(table, found, name)
     fitted = large.fitted(found)
     if not shown:
@@ -404,7 +404,7 @@ def _trial(large: FullModel, table: NestedModels, found: Identification, name: s
 
 
 def objection(small: Score, big: Score, gain: HeldOutGain, p: float) -> str:
-    """What speaks against an extension, with ``p`` of the tests of all groups together; empty if nothing does."""
+    """Return the objection to an extension, with ``p`` of the tests of all groups together; empty if none."""
     if p >= MODEL_GROUPS:
         return _NOT_SIGNIFICANT
     if big.bic > small.bic - _BIC_FALL:

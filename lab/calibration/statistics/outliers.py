@@ -40,17 +40,17 @@ _SETTLED = 0.01  # sigma: a robust step below ends its iteration
 
 @dataclass(frozen=True)
 class Outliers:
-    """Which poses are off, and least squares on the others.
+    """Outliers among the poses, and least squares on the others.
 
     Attributes:
-        rows: of the poses that are off, the largest first.
-        sizes_m: ``(o,)`` distance of the pose's farthest target from where the other poses say it is.
+        rows: of the outliers, the largest first.
+        sizes_m: ``(o,)`` distance of the pose's farthest target from its prediction by the other poses.
         p_values: ``(o,)`` of the whole campaign: the chance that noise alone makes any pose stand out as far.
         fit: least squares on all other poses.
         weights: ``(n,)`` Tukey's, where the search started; 1 is a pose like the others, 0 one far out.
         sigma_known: whether the given sigma was the test's measure. It is not where most residuals are beyond it.
-        level: the chance of a campaign to name anything where there is nothing but noise.
-        needed: rows that fail the test, but without which the others do not tell the parameters apart. They are fitted,
+        level: the chance that a campaign of noise alone has an outlier.
+        needed: rows that fail the test, but without which the others do not identify the parameters. They are fitted,
             and the search ended there: the others cannot be judged beside them.
     """
 
@@ -132,12 +132,12 @@ def off_held_out(
     things: int | None = None,
     tail_dof: float = np.inf,
 ) -> HeldOut:
-    """Which poses that were not fitted are no predictions of those that were: F or chi squared, Bonferroni over them.
+    """Test poses held out against the prediction from the fitted ones: F or chi squared, with Bonferroni.
 
     Args:
         observed: the fitted poses, then those held out.
         fitted: how many of them were.
-        known: whether the weights stand on a known sigma; where most residuals are beyond it, it is estimated.
+        known: whether the weights are from a given sigma; where most residuals are beyond it, it is estimated.
         level, extra_residuals, things: as for ``find_outliers``.
         tail_dof: of Student's t, where the noise has such tails.
     """
@@ -163,9 +163,9 @@ def leave_out(observed: Observations, rows: NDArray[np.int_]) -> Observations:
 
 
 def would_matter(model: Model, observed: Observations, fitted: Array, without: Array) -> float:
-    """How far (m, root mean square over the observed points) the prediction moves from one vector ``(p,)`` to another.
+    """Return the change (m, root mean square over the observed points) of the prediction between two ``(p,)``.
 
-    Of a plain fit and one without its outliers it says what leaving them out would change.
+    For a plain fit and one without its outliers it is the effect of leaving them out.
     """
     moved = model.points(observed.inputs, fitted) - model.points(observed.inputs, without)
     return float(np.sqrt((moved[observed.seen] ** 2).sum(axis=-1).mean()))
@@ -173,12 +173,12 @@ def would_matter(model: Model, observed: Observations, fitted: Array, without: A
 
 @dataclass(frozen=True)
 class _Test:
-    """Of single poses, at the level of a campaign.
+    """Outlier test of single poses, at the level of a campaign.
 
     Attributes:
-        critical: a pose is off where its own p-value is at most this.
+        critical: a pose is an outlier where its own p-value is at most this.
         reference: ``(b,)`` smallest p-values of campaigns of nothing but noise; empty if Gaussian.
-        poses: how many are tested.
+        poses: number of tested poses.
         floor: least sigma, whitened.
     """
 
@@ -215,7 +215,7 @@ def _test(
 
 
 def _settle(linear: LinearizedFit, inside: Mask, test: _Test) -> tuple[Mask, NDArray[np.int_]]:
-    """The poses that are believed, from a first guess, and those that fail but are needed.
+    """Return the poses that are accepted, from a first guess, and those that fail but are needed.
 
     All outside that pass come back; only when none does, the worst inside that fails leaves. It ends where
     neither happens (Hadi & Simonoff 1993 go forward alike), and where the worst cannot be done without: every

@@ -1,7 +1,7 @@
-"""What the remaining error is made of: the instrument, errors that poses share, and what nobody has explained.
+"""Sources of the remaining error: the instrument, errors that poses share, and an unexplained rest.
 
-The mean square of the residuals is what the instrument makes of it (given, or read off rigid distances), what the noise
-model found beside it, and a rest. A rest that is alike at neighbouring joint positions is the arm's, one that is alike
+The mean square of the residuals is the instrument's part (given, or estimated from rigid distances), that of the noise
+model beside it, and a rest. A rest that is correlated at neighbouring joint positions is the arm's, one correlated
 from pose to pose is time's: the mean product of neighbours' residuals over their mean square, against permutations.
 """
 
@@ -32,7 +32,7 @@ _SMALL = 0.1  # of the mean square: a rest that needs no explanation
 
 @dataclass(frozen=True)
 class Likeness:
-    """How alike the residuals of neighbours are.
+    """Correlation of the residuals of neighbours.
 
     Attributes:
         correlation: one where they are equal, zero where they have nothing in common.
@@ -44,7 +44,7 @@ class Likeness:
 
     @property
     def is_shown(self) -> bool:
-        """Whether it is more than chance makes (1 %)."""
+        """Check whether the correlation is significant (1 %)."""
         return self.correlation > 0 and self.p <= MODEL_GROUPS
 
 
@@ -74,12 +74,12 @@ class RemainingError:
 
     @property
     def is_explained(self) -> bool:
-        """Whether nearly all of it is the instrument's and what poses share."""
+        """Check whether the instrument and shared errors explain nearly all of the remaining error."""
         return bool(np.isfinite(self.instrument_m) and self.rest_m**2 <= _SMALL * self.total_m**2)
 
     @property
     def words(self) -> str:
-        """How much is whose, for a person."""
+        """Describe the shares of the remaining error."""
         said = [f"What remains is {1e3 * self.total_m:.2g} mm per axis (root mean square)"]
         if np.isfinite(self.instrument_m):
             said.append(f"the instrument makes {1e3 * self.instrument_m:.2g} mm of it")
@@ -97,7 +97,7 @@ class RemainingError:
 
     @property
     def measure_next(self) -> str:
-        """What to measure next, for a person."""
+        """Advise on the next measurements."""
         if self.over_time is not None and self.over_time.is_shown and not self.shared_m:
             return "measure a reference pose again and again, and write down time_s: the residuals follow the time"
         if self.over_joints is not None and self.over_joints.is_shown:
@@ -175,7 +175,7 @@ def _neighbours(joints: Array) -> NDArray[np.int_]:
 
 
 def _thinned(pairs: NDArray[np.int_]) -> NDArray[np.int_]:
-    """Of more pairs than say anything new some, evenly spaced."""
+    """Thin out the pairs, evenly spaced, to as many as are informative."""
     some = evenly(len(pairs), _MOST_PAIRS)
     return pairs if some is None else pairs[some]
 
@@ -207,12 +207,12 @@ _MOST_POSES = 4_000  # by which it is told
 
 @dataclass(frozen=True)
 class ExplainedError:
-    """Of one group, root mean squares of a coordinate over the measured poses.
+    """Error explained by one group, root mean squares of a coordinate over the measured poses.
 
     Attributes:
         group: its name.
         size_m: by how much the predictions would be off without it, all else fitted anew.
-        share: of the mean square that geometry alone would leave; shares of groups that can say the same do not add up.
+        share: of the mean square that geometry alone would leave; shares of groups that are confounded do not add up.
     """
 
     group: str
@@ -223,7 +223,7 @@ class ExplainedError:
 def explained_errors(
     model: Model, data: Measurements, values: Array, free: Sequence[int], groups: Mapping[str, Sequence[str]]
 ) -> tuple[ExplainedError, ...]:
-    """What each group explains, in the order given; nothing where there are no groups.
+    """Return the error that each group explains, in the order given; empty without groups.
 
     Args:
         model: of measured points, fitted to ``data``.
@@ -251,7 +251,7 @@ def explained_errors(
 
 
 def _left_by(columns: Array, vector: Array) -> Array:
-    """What is orthogonal to the columns."""
+    """Return the part of a vector that is orthogonal to the columns."""
     basis, sizes, _ = np.linalg.svd(unit_columns(columns)[0], full_matrices=False)
     basis = basis[:, sizes > _SPANNED * sizes.max(initial=0.0)]
     return np.asarray(vector - basis @ (basis.T @ vector))
