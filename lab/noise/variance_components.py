@@ -108,7 +108,7 @@ class RestrictedProblem:
         return replace(self, shapes=replace(self.shapes, changes=tuple(changes)))
 
     def likeliest_change(self, components: Components) -> Found | None:
-        """Find the likeliest further change point of the base, beside lasting terms but without an autoregressive shift."""
+        """Find the likeliest further move of the base, beside lasting terms but without an autoregressive shift."""
         rows, shift, lasting, weight = self._white(components)
         fitted = np.concatenate([rows[..., :-1], lasting, rows[..., -1:]], axis=2)
         return likeliest_change(fitted * weight, shift * weight, self.shapes.times)

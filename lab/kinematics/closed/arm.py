@@ -307,7 +307,7 @@ class ClosedArm:
 
 
 def _answers(closed: Closed, motions: Array) -> Array:
-    """Map motions ``(z, ..., n)`` by the passive values to motions ``(closures, ..., n)`` by unit gaps of the closures."""
+    """Map motions ``(z, ..., n)`` by passive values to motions ``(closures, ..., n)`` by the closures' gaps."""
     inverse = closed.inverse.transpose(2, 1, 0)  # (closures, z, n)
     answer = np.zeros_like(motions)
     for i, row in enumerate(inverse):

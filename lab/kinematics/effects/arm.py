@@ -123,7 +123,7 @@ class ArmWithEffects:
         return self._moved(inputs, values)["joints"][0]
 
     def torsors(self, inputs: Array, values: Array) -> Torsors:
-        """Return displacements of the links' ends (``serial.walk.Torsors``) at settings ``(n, joints + conditions)``."""
+        """Return the torsors of the links' ends (``serial.walk.Torsors``) at settings ``(n, joints + conditions)``."""
         return self._by_link(self._moved(inputs, values)["links"][0]) if self.links else {}
 
     def column_priority(self) -> tuple[int, ...]:
