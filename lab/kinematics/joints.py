@@ -149,5 +149,5 @@ class JointSpec:
         )
 
     def excess(self, joints: Array) -> Array:
-        """Return the distance of joint positions ``(..., n)`` beyond their limits (rad or m), zero within the limits."""
+        """Return the distance of joint positions ``(..., n)`` beyond their limits (rad or m), zero within them."""
         return np.maximum(np.maximum(self.lower - joints, joints - self.upper), 0.0)

@@ -50,7 +50,7 @@ class Model(Protocol):
         """The observations alone."""
 
     def column_priority(self) -> tuple[int, ...]:
-        """All parameters in the order in which they are retained if they are identifiable."""
+        """Parameter indices in the order in which they are retained if they are identifiable."""
 
     def rank_point(self, values: Array) -> Array:
         """``values`` where the rank is decided: exactly as the drawing means them."""

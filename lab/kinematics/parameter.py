@@ -130,7 +130,7 @@ def indices_of_groups(parameters: Iterable[Parameter], groups: Sequence[str]) ->
 
 
 def frame_rotations(parameters: Sequence[Parameter]) -> tuple[list[int], ...]:
-    """Return the indices of frames' rotation vectors (rx, ry, rz): the base's, and those of an instrument's stations."""
+    """Return the indices of rotation vectors (rx, ry, rz) of frames: the base's, and those of instrument stations."""
     owners = dict.fromkeys(each.owner for each in parameters if each.group in ("base", "stations"))
     return tuple([i for i, each in enumerate(parameters) if each.owner == owner and each.is_angle] for owner in owners)
 

@@ -190,7 +190,7 @@ class NominalInverse:
         return found
 
     def _nearest_ends(self, wanted: PoseTarget, starts: Array) -> Solutions:
-        """Return the best results of Newton's method from starts ``(n, some, joints)``: for each target the nearest ones."""
+        """Return the results of Newton's method from starts ``(n, some, joints)`` that miss each target least."""
         each = wanted.take(np.repeat(np.arange(len(wanted)), starts.shape[1]))
         flat = starts.reshape(-1, starts.shape[2])
         ended = reach(self.arm, self.values, each, flat, np.empty((len(each), 0)), self.target)

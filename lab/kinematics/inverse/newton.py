@@ -176,7 +176,7 @@ def within_reach(jacobian: Array, errors: Array, turned: NDArray[np.bool_]) -> A
 
 
 def _turning(jacobian: Array, inverse: Array) -> Array:
-    """Return the tool's rotation by joints ``(n, 3, joints)`` at fixed position, by the inverse of the position's rows."""
+    """Return the tool's rotation ``(n, 3, joints)`` by joint moves at fixed position; ``inverse`` is of its rows."""
     left: Array = jacobian[:, 3:] @ (np.eye(jacobian.shape[2]) - inverse @ jacobian[:, :3])
     return left
 

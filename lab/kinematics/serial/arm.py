@@ -248,7 +248,7 @@ class SerialArm:
         return np.stack(corners, axis=1)
 
     def column_priority(self) -> tuple[int, ...]:
-        """All columns in the order of preference that gives the canonical gauge (``gauge``)."""
+        """Column indices in the order of preference that gives the canonical gauge (``gauge``)."""
         return self._column_priority
 
     @cached_property
