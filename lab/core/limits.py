@@ -232,11 +232,11 @@ class Range:
         return f"{self.least:,.10g} to {self.most:,.10g} {self.unit}".replace("-", "−").strip()
 
     def __contains__(self, value: float) -> bool:
-        """Whether a number is one of them; one that is not finite never is."""
+        """Decide whether a number is in the range; one that is not finite never is."""
         return self.least <= value <= self.most
 
     def outside(self, values: Array) -> NDArray[np.bool_]:
-        """Which numbers ``(...)`` are none of them; NaN is a cell that is empty, and passes."""
+        """Flag the numbers ``(...)`` outside the range; NaN, an empty cell, passes."""
         return np.asarray((values < self.least) | (values > self.most))
 
     def __call__(self, where: object, value: float) -> None:

@@ -61,7 +61,7 @@ class LinearModel:
 
     @classmethod
     def of(cls, columns: Array, tolerance: float, *, scaled: bool = False) -> "LinearModel":
-        """Of columns ``(n, p)``.
+        """Decompose columns ``(n, p)``.
 
         Args:
             tolerance: of the largest singular value, below which one is zero.
@@ -82,7 +82,7 @@ class LinearModel:
 
     @property
     def rank(self) -> int:
-        """How many numbers the rows determine."""
+        """Rank of the columns."""
         return int(self.basis.shape[1])
 
     @property
@@ -92,7 +92,7 @@ class LinearModel:
 
     @property
     def full_rank(self) -> bool:
-        """Whether the rows determine every parameter."""
+        """True if the rows determine every parameter."""
         return self.rank == len(self.back)
 
     @property
@@ -117,7 +117,7 @@ class LinearModel:
         return solution
 
     def residual(self, rows: Array) -> Array:
-        """What the fit leaves of rows ``(n, ...)``."""
+        """Return the residuals of rows ``(n, ...)``."""
         left: Array = rows - self.basis @ self.coordinates(rows)
         return left
 
@@ -127,7 +127,7 @@ def _rank(sizes: Array, tolerance: float) -> int:
 
 
 def _identifiable(directions: Array) -> NDArray[np.bool_]:
-    """Which unit vectors lie in the span of orthonormal rows ``(rank, p)``."""
+    """Decide which unit vectors lie in the span of orthonormal rows ``(rank, p)``."""
     return np.asarray((directions**2).sum(axis=0) > 1 - WHOLE)
 
 
@@ -152,7 +152,7 @@ def pseudo_inverse(upper: Array, tolerance: float) -> Array:
 
 
 def condition_bound(upper: Array) -> float:
-    """What the condition of a triangle ``(f, f)`` is at most, by Frobenius norms; infinite where it is singular."""
+    """Return an upper bound, by Frobenius norms, of a triangle's ``(f, f)`` condition number; infinite if singular."""
     return _inverse(upper)[1]
 
 

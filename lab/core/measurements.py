@@ -1,4 +1,4 @@
-"""What an instrument measured: joint positions with the positions of targets."""
+"""Measurements of an instrument: joint positions with the positions of targets."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -132,7 +132,7 @@ class Measurements:
 
     @property
     def stations(self) -> tuple[str, ...]:
-        """From which station of the instrument each row was measured, "" where the file does not say."""
+        """Station of the instrument from which each row was measured, "" where the file gives none."""
         return self.other.get("station", ("",) * len(self))
 
     def take(self, rows: Sequence[int] | NDArray[np.int_]) -> "Measurements":
@@ -163,7 +163,7 @@ class Measurements:
         return Visits(np.linspace(0.0, 1.0, len(self)), last_moves(self.joints, self.sessions))
 
     def where(self, row: int) -> str:
-        """Where a row stands, as an error says it: its line in the file, else its id."""
+        """Return a row's location for an error message: its line in the file, else its id."""
         return f"line {self.lines[row]}" if self.lines else f"row {self.ids[row]}"
 
     def inputs(self, conditions: Sequence[str]) -> Array:
@@ -199,7 +199,7 @@ class Measurements:
 
 
 def asked(conditions: Mapping[str, Array], name: str, rows: int, where: Callable[[int], str]) -> Array:
-    """One condition of so many rows, as a model asks for it; where nothing is said of a payload there is none.
+    """Return the column of a condition that a model requires; without a payload column it is zero.
 
     Args:
         where: what an error calls a row.
@@ -261,7 +261,7 @@ LEAST_ROWS = 5  # of fewer the fit says what they lack
 
 
 def copied_rows(numbers: Array) -> list[tuple[int, int]]:
-    """Which rows of numbers ``(n, c)`` are copies, each with the first row that is alike."""
+    """Find the rows of numbers ``(n, c)`` that are copies, each with the first equal row."""
     size = numbers.itemsize * numbers.shape[1]
     alike = np.ascontiguousarray(numbers).view(np.dtype((np.void, size))).ravel()
     _, first, group = np.unique(alike, return_index=True, return_inverse=True)
@@ -270,7 +270,7 @@ def copied_rows(numbers: Array) -> list[tuple[int, int]]:
 
 
 def said_of_copies(source: object, count: int, row: str, same: str) -> str:
-    """What copies are, for a warning or a refusal.
+    """Describe copied rows, for a warning or an error.
 
     Args:
         count: how many there are.

@@ -25,7 +25,7 @@ small that they are the last ones. What is said of rows that do not go on is not
 
 @dataclass(frozen=True)
 class NewtonResult:
-    """Where the iteration ended.
+    """Result of the iteration.
 
     Attributes:
         values: ``(n, x)`` the unknowns; NaN where a step was.

@@ -1,4 +1,4 @@
-"""What three angles a, b, c about x, y, z mean as a rotation R.
+"""Conventions for three angles a, b, c about x, y, z, and their rotation R.
 
 ``intrinsic-xyz``: R = Rx(a) Ry(b) Rz(c). ``fixed-xyz``: R = Rz(c) Ry(b) Rx(a). ``rotation-vector``: R = exp(a, b, c).
 """

@@ -83,66 +83,66 @@ _LIMITS = {"rectangular": np.sqrt(3.0), "triangular": np.sqrt(6.0), "arcsine": n
 
 
 def normal_sf(x: ArrayLike) -> Array:
-    """Of the standard normal distribution."""
+    """Survival function of the standard normal distribution."""
     return np.asarray(scipy.special.ndtr(-np.asarray(x, dtype=np.float64)))
 
 
 def normal_ppf(p: ArrayLike) -> Array:
-    """Of the standard normal distribution."""
+    """Quantile of the standard normal distribution."""
     return np.asarray(scipy.special.ndtri(p))
 
 
 def t_sf(x: ArrayLike, dof: ArrayLike) -> Array:
-    """Of Student's t."""
+    """Survival function of Student's t."""
     return np.asarray(scipy.special.stdtr(dof, -np.asarray(x, dtype=np.float64)))
 
 
 def t_ppf(p: ArrayLike, dof: ArrayLike) -> Array:
-    """Of Student's t."""
+    """Quantile of Student's t."""
     return np.asarray(scipy.special.stdtrit(dof, p))
 
 
 def t_isf(p: ArrayLike, dof: ArrayLike) -> Array:
-    """Of Student's t."""
+    """Upper quantile of Student's t."""
     return -t_ppf(p, dof)
 
 
 def chi2_sf(x: ArrayLike, dof: ArrayLike) -> Array:
-    """Of chi squared; all of it lies above zero."""
+    """Survival function of chi squared, one below zero."""
     return np.asarray(scipy.special.chdtrc(dof, np.maximum(x, 0.0)))
 
 
 def chi2_isf(p: ArrayLike, dof: ArrayLike) -> Array:
-    """Of chi squared."""
+    """Upper quantile of chi squared."""
     return np.asarray(scipy.special.chdtri(dof, p))
 
 
 def chi2_ppf(p: ArrayLike, dof: ArrayLike) -> Array:
-    """Of chi squared."""
+    """Quantile of chi squared."""
     return np.asarray(2 * scipy.special.gammaincinv(np.asarray(dof) / 2, p))
 
 
 def f_sf(x: ArrayLike, first: ArrayLike, second: ArrayLike) -> Array:
-    """Of F with degrees of freedom of numerator and denominator; all of it lies above zero."""
+    """Survival function of F with degrees of freedom of numerator and denominator; one below zero."""
     return np.asarray(scipy.special.fdtrc(first, second, np.maximum(x, 0.0)))
 
 
 def f_cdf(x: ArrayLike, first: ArrayLike, second: ArrayLike) -> Array:
-    """Of F."""
+    """Distribution function of F."""
     return np.asarray(scipy.special.fdtr(first, second, np.maximum(x, 0.0)))
 
 
 def f_isf(p: ArrayLike, first: ArrayLike, second: ArrayLike) -> Array:
-    """Of F: one over F with the degrees of freedom exchanged has the other tail."""
+    """Upper quantile of F: one over F with the degrees of freedom exchanged has the other tail."""
     return np.asarray(1 / scipy.special.fdtri(second, first, p))
 
 
 def beta_ppf(p: ArrayLike, first: ArrayLike, second: ArrayLike) -> Array:
-    """Of the beta distribution."""
+    """Quantile of the beta distribution."""
     return np.asarray(scipy.special.betaincinv(first, second, p))
 
 
 def binomial_cdf(count: ArrayLike, trials: ArrayLike, chance: ArrayLike) -> Array:
-    """Of so many successes, from -1 on, among so many trials."""
+    """Probability of at most so many successes, from -1 on, among so many trials."""
     below = np.floor(np.asarray(count, dtype=np.float64))
     return np.asarray(np.where(below < 0, 0.0, scipy.special.bdtr(np.maximum(below, 0), trials, chance)))

@@ -1,4 +1,4 @@
-"""Who is told how much of some work is done: a bar on a terminal, or nobody."""
+"""Progress callbacks: a bar on a terminal, or none."""
 
 from collections.abc import Callable
 

@@ -144,7 +144,7 @@ def rotation_from_roll_pitch_yaw(angles: Array) -> Array:
 
 
 def direction_cosines(rotation: Array) -> Array:
-    """Of the turned x axis and of the turned y axis, six of which three are independent.
+    """Return direction cosines of the turned x and y axes: six numbers, three of them independent.
 
     ``(..., 3, 3)`` in, ``(..., 6)`` out; the z axis is across both.
     """

@@ -112,7 +112,7 @@ def place_of_draft(path: Path) -> Path | None:
 
 
 def is_being_written(place: Path, but: Path | None = None) -> bool:
-    """Whether a process is writing this folder.
+    """Decide whether a process is writing this folder.
 
     Args:
         but: a draft that does not count.
@@ -241,7 +241,7 @@ def _locked(folder: Path) -> Iterator[bool]:
 
 
 def resolved(path: Path) -> Path:
-    """Where a path leads, absolute.
+    """Return the absolute path with links resolved.
 
     Raises:
         OSError: it is a loop of links, or the working folder is gone.
@@ -253,7 +253,7 @@ def resolved(path: Path) -> Path:
 
 
 def _umask() -> int:
-    """Of this process: ``mkdtemp`` makes folders that only their owner may read."""
+    """Return the umask of this process: ``mkdtemp`` makes folders that only their owner may read."""
     mask = os.umask(0)
     os.umask(mask)
     return mask
@@ -273,7 +273,7 @@ def at_once(stage: str, of: Sequence[NDArray[Any]], work: Callable[[], Columns])
 
 
 def of_one(keep: Keep, *names: str) -> Keep:
-    """The same, for pieces that follow from something with names, too: of several robots each has its own."""
+    """Return a ``Keep`` whose pieces also depend on names: each of several robots has its own pieces."""
 
     def kept(stage: str, of: Sequence[NDArray[Any]], work: Callable[[], Columns]) -> Columns:
         return keep(stage, [np.array(names), *of], work)
@@ -282,7 +282,7 @@ def of_one(keep: Keep, *names: str) -> Keep:
 
 
 class Pieces:
-    """What one run has done so far, in a folder that is made with the first piece.
+    """Finished pieces of one run, in a folder that is made with the first piece.
 
     Called with a stage's name, the arrays from which a piece follows and the work that makes it, it returns the piece:
     as it was kept, if it was made of the same arrays, else made now. The same arrays have to give the same piece.
@@ -338,7 +338,7 @@ def keeping(keep: Keep) -> Iterator[None]:
 
 
 def current_keep() -> Keep:
-    """How the work that is running keeps its pieces; nothing is kept where nobody asked for it."""
+    """Return the ``Keep`` of the running work; by default nothing is kept."""
     return _CURRENT.get()
 
 
@@ -383,7 +383,7 @@ def left_of(path: Path) -> str:
 
 
 def read_checked(path: Path) -> bytes | None:
-    """What was written with its checksum; None if it is not there, or not as it was written."""
+    """Return the content of a file with a checksum; None if the file is missing or altered."""
     try:
         content = path.read_bytes()
         said = path.with_suffix(_SUM).read_bytes()
@@ -397,7 +397,7 @@ def _sum_line(content: bytes, path: Path) -> str:
 
 
 def _digest(arrays: Sequence[NDArray[Any]]) -> str:
-    """Of types, shapes and numbers."""
+    """Return a digest of types, shapes and numbers."""
     digest = hashlib.sha256()
     for array in arrays:
         digest.update(f"{array.dtype.str}{array.shape};".encode())

@@ -22,7 +22,7 @@ WEIGHTS = np.array([1.0, 1.0, 1.0, ROTATION_M, ROTATION_M, ROTATION_M])
 
 @dataclass(frozen=True)
 class Rates:
-    """What joints do for some twists.
+    """Joint rates for some twists.
 
     Attributes:
         joints: ``(n, joints)`` the shortest rates that come nearest to the twist, rad/s or m/s.
@@ -63,7 +63,7 @@ def rates(jacobian: Array, twists: Array, least_m: float = SINGULAR_M) -> Rates:
 
 
 def _last_rows(rows: Array, first: NDArray[np.int_]) -> Array:
-    """Of rows ``(n, k, k)`` those from ``first`` ``(n,)`` on, the first of their largest parts positive; then zeros."""
+    """Select rows ``first`` ``(n,)`` and later of ``(n, k, k)``, the first largest part positive; zeros follow."""
     size = np.abs(rows)
     largest = (size > (1 - 1e-9) * size.max(axis=2, keepdims=True)).argmax(axis=2)[:, :, None]
     signed = rows * np.sign(np.take_along_axis(rows, largest, axis=2))
@@ -72,7 +72,7 @@ def _last_rows(rows: Array, first: NDArray[np.int_]) -> Array:
 
 
 def pseudo_inverse(matrix: Array, damping: Array | float = 0.0, least: float = SINGULAR_M) -> Array:
-    """Of matrices ``(n, r, c)``, without singular values up to ``least``; V s / (s^2 + damping^2) U' where damped.
+    """Invert ``(n, r, c)`` without singular values up to ``least``: V s / (s^2 + damping^2) U' where damped.
 
     Args:
         damping: ``(n,)``, in the singular values' unit.
@@ -100,7 +100,7 @@ def _clipped_inverse(jacobian: Array) -> Array:
 
 
 def _inverse(jacobian: Array) -> Array:
-    """That of six joints by elimination, a fifth of the time, where it is far from singular."""
+    """Invert the Jacobian of six joints by elimination (a fifth of the time) where it is far from singular."""
     if jacobian.shape[2] > 6:
         return _clipped_inverse(jacobian)
     regular = np.linalg.det(jacobian) != 0
@@ -132,7 +132,7 @@ def _where_singular(jacobian: Array, gradient: Array) -> None:
 
 
 def singular_distance(jacobian: Array) -> tuple[Array, NDArray[np.int_]]:
-    """How far (rad, m of a slide) the joints are from where the arm is singular, to first order.
+    """Return the first-order distance (rad, m of a slide) of the joints from a singularity.
 
     The manipulability w is zero there: by its gradient that is w / |dw/dq| away. The gradient is w tr(J+ dJ/dq_k),
     and of a serial arm's columns (v_i, o_i) dv_i/dq_k = o_k x v_i for k <= i, else o_i x v_k; do_i/dq_k = o_k x o_i

@@ -197,7 +197,7 @@ def independent_columns(jacobian: Array, order: Sequence[int]) -> tuple[int, ...
 
 
 def preferred_columns(chain: Chain, parameters: Sequence[Parameter]) -> tuple[int, ...]:
-    """All columns of a serial arm in the order of preference that gives the canonical gauge.
+    """Return all columns of a serial arm in the order of preference that gives the canonical gauge.
 
     First the base, which carries the first link; then each link outward without what its
     neighbours carry (Hayati's beta instead of d between parallel axes; neither d nor, in a

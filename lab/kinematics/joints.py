@@ -1,4 +1,4 @@
-"""What a robot's joint positions mean: names, kinds, directions, limits; of a serial chain or one with loops."""
+"""Joint specifications of serial chains and mechanisms with loops: names, kinds, directions, limits."""
 
 from dataclasses import dataclass
 
@@ -107,7 +107,7 @@ class JointSpec:
 
     @property
     def has_loops(self) -> bool:
-        """Whether it is a mechanism with loops, not a chain."""
+        """True for a mechanism with loops."""
         return False
 
     @property
@@ -128,11 +128,11 @@ class JointSpec:
         return np.ones(len(joints), dtype=bool)
 
     def infeasibility_reason(self, joints: Array) -> str:
-        """Why it cannot stand at joint positions ``(n,)``, in words; empty if it can."""
+        """Describe why joint positions ``(n,)`` are infeasible; empty if they are feasible."""
         return ""
 
     def beyond_limits(self, joints: Array, slack: float | Array) -> NDArray[np.bool_]:
-        """Which joint positions ``(m, n)`` are beyond the limits by more than ``slack``, ``(n,)`` or one, rad or m."""
+        """Flag joint positions ``(m, n)`` beyond the limits by more than ``slack``, ``(n,)`` or one, rad or m."""
         beyond: NDArray[np.bool_] = (joints < self.lower - slack) | (joints > self.upper + slack)
         return beyond
 
@@ -142,12 +142,12 @@ class JointSpec:
         return said.replace("-", "−")
 
     def said_beyond(self, joint: int, reading: float) -> str:
-        """That a joint (from 0) stands beyond its limits, in words."""
+        """Describe a joint (from 0) that is beyond its limits."""
         low, high = (self.shown(joint, limit[joint]) for limit in (self.lower, self.upper))
         return (
             f"joint {self.joint_names[joint]} is at {self.shown(joint, reading)}, beyond its limits of {low} to {high}"
         )
 
     def excess(self, joints: Array) -> Array:
-        """How far each of the joint positions ``(..., n)`` is beyond its limit (rad or m), zero within the limits."""
+        """Return the distance of joint positions ``(..., n)`` beyond their limits (rad or m), zero within them."""
         return np.maximum(np.maximum(self.lower - joints, joints - self.upper), 0.0)

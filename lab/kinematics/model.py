@@ -26,7 +26,7 @@ class Model(Protocol):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """What is known of each of the parameters, in the order of every ``values``."""
+        """Specifications of the parameters, in the order of every ``values``."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -38,7 +38,7 @@ class Model(Protocol):
 
     @property
     def conditions(self) -> tuple[str, ...]:
-        """What it asks of a pose beside the readings: columns of ``Measurements.conditions``, after the joints."""
+        """Conditions that the model requires: columns of ``Measurements.conditions``, after the joints."""
 
     def observe(self, inputs: Array, values: Array) -> tuple[Array, Array]:
         """Observations ``(n, k, d)`` at settings ``(n, joints + conditions)``; derivatives ``(n, k, d, p)``.
@@ -50,7 +50,7 @@ class Model(Protocol):
         """The observations alone."""
 
     def column_priority(self) -> tuple[int, ...]:
-        """All parameters in the order in which they are kept if they can be told apart."""
+        """Parameter indices in the order in which they are retained if they are identifiable."""
 
     def rank_point(self, values: Array) -> Array:
         """``values`` where the rank is decided: exactly as the drawing means them."""
@@ -87,13 +87,13 @@ class RigidArm(Model, Protocol):
         """Pose ``(4, 4)`` of the base's frame in the tracker's: what the base's parameters say."""
 
     def joint_derivatives(self, jacobian: Array) -> Array:
-        """Of derivatives ``(..., parameters)`` those with respect to the readings, ``(..., joints)``."""
+        """Return the columns of derivatives ``(..., parameters)`` for the readings, ``(..., joints)``."""
 
     def tool(self, joints: Array, values: Array, target: int = 0) -> tuple[Array, Array]:
         """Poses ``(n, 4, 4)`` of a target, and its geometric Jacobian by the readings ``(n, 6, joints)``."""
 
     def singular_distance(self, joints: Array, values: Array, target: int = 0) -> tuple[Array, NDArray[np.int_]]:
-        """How far (rad, m of a slide) readings ``(n, joints)`` are from where the robot is singular, to first order.
+        """Return the first-order distance (rad, m of a slide) of readings ``(n, joints)`` from a singularity.
 
         Returns:
             ``(n,)`` the distances, and the joint (from 0) that would have to move most.

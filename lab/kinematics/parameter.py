@@ -1,4 +1,4 @@
-"""One number of a model: what it is called, what it belongs to, its unit, its typical size, and where it starts."""
+"""Parameters of a model: name, owner, unit, typical size, and nominal value."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -105,12 +105,12 @@ class Parameter:
 
     @property
     def is_link(self) -> bool:
-        """Whether the nominal model dimensions it: a link's, a frame's, a rod's."""
+        """True if the nominal model dimensions it: for a parameter of a link, a frame or a rod."""
         return self.group == "link"
 
     @property
     def is_angle(self) -> bool:
-        """Whether it is in rad."""
+        """True if the unit is rad."""
         return self.unit == "rad"
 
 
@@ -125,12 +125,12 @@ def targets_of(parameters: Iterable[Parameter]) -> tuple[str, ...]:
 
 
 def indices_of_groups(parameters: Iterable[Parameter], groups: Sequence[str]) -> tuple[int, ...]:
-    """Where the parameters of some groups stand, ascending."""
+    """Return the indices of the parameters of some groups, ascending."""
     return tuple(i for i, parameter in enumerate(parameters) if parameter.group in groups)
 
 
 def frame_rotations(parameters: Sequence[Parameter]) -> tuple[list[int], ...]:
-    """Where the rotation vectors (rx, ry, rz) of frames stand: the base's, and those of an instrument's stations."""
+    """Return the indices of rotation vectors (rx, ry, rz) of frames: the base's, and those of instrument stations."""
     owners = dict.fromkeys(each.owner for each in parameters if each.group in ("base", "stations"))
     return tuple([i for i, each in enumerate(parameters) if each.owner == owner and each.is_angle] for owner in owners)
 
@@ -207,7 +207,7 @@ def section_parameter(group: str, link: int, symbol: str) -> Parameter:
 
 
 def is_reserved_owner(name: str) -> bool:
-    """Whether a person may not call a frame or a rod so, because other parameters are named after it."""
+    """Decide whether a name is not allowed for a frame or a rod, because other parameters are named after it."""
     return name in _OWNERS or name.removeprefix("joint").isdigit()
 
 

@@ -1,4 +1,4 @@
-"""How far a robot's tool gets: from the first axis, and along the axes of its base."""
+"""Reach of a robot's tool: from the first axis, and along the axes of its base."""
 
 from collections.abc import Callable, Sequence
 

@@ -1,4 +1,4 @@
-"""Where the base moved at once, by a scan over the rows: change points.
+"""Change points: sudden moves of the base, found by a scan over the rows.
 
 After a change the base stands elsewhere, by one shift for all rows that follow. For every row at which that may have
 happened, within a session, the three coefficients are tested at once, beside the parameters and what else lasts: an F
@@ -66,7 +66,7 @@ class Found:
 
 
 def before_and_after(times: Array, changes: Sequence[ChangePoint]) -> Array:
-    """What a shift of one does to rows ``(n, changes)``: its part of the rows before a change, the rest after."""
+    """Return the regressors ``(n, changes)`` of unit shifts: minus the share before a change, the rest after it."""
     time, share = np.array([(each.time, each.share) for each in changes]).reshape(-1, 2).T
     return np.asarray((times[:, None] >= time) - share)
 
@@ -80,7 +80,7 @@ def rows_around(times: Array, time: float) -> tuple[int, int]:
 
 
 def session_of(times: Array) -> NDArray[np.int_]:
-    """Which session each row belongs to, from 0: nothing is set up anew within one."""
+    """Return the session index of each row, from 0: nothing is set up anew within one."""
     return np.round(times / APART).astype(np.int_)
 
 
@@ -137,7 +137,7 @@ def _after(products: Array, starts: NDArray[np.int_]) -> Array:
 
 
 def _gains(sums: Array, squares: Array) -> tuple[Array, float]:
-    """What each candidate takes off the sum of squares ``(c,)``, and that sum beside what is fitted."""
+    """Return each candidate's reduction of the sum of squares ``(c,)``, and that sum beside what is fitted."""
     size, axes = len(squares) - 1, sums.shape[1]
     scale = 1 / np.sqrt(np.maximum(np.diag(squares)[:size], 1e-300))
     root = np.linalg.cholesky(scale[:, None] * squares[:size, :size] * scale + _ROUNDING * np.eye(size))

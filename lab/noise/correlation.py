@@ -40,11 +40,11 @@ class Correlation:
     times: Array
 
     def take(self, rows: NDArray[np.int_]) -> "Correlation":
-        """Of some of the poses."""
+        """Return the correlation of some of the poses."""
         return Correlation(self.scatter[rows], self.shift[rows], self.carry, self.trend[rows], self.times[rows])
 
     def joined(self, other: "Correlation") -> "Correlation":
-        """Of these poses and then others, by the same errors."""
+        """Return the joint correlation of these poses followed by others, with the same errors."""
         mine, others = ((each.scatter, each.shift, each.trend, each.times) for each in (self, other))
         scatter, shift, trend, times = (np.concatenate(pair) for pair in zip(mine, others, strict=True))
         return Correlation(scatter, shift, self.carry, trend, times)
@@ -55,7 +55,7 @@ class Correlation:
         return np.asarray(sum((part**2).sum(axis=2) for part in (self.scatter, self.shift, self.trend)))
 
     def of_single_poses(self) -> "Correlation":
-        """The same variances within each pose, without correlation between poses."""
+        """Return the same variances within each pose, without correlation between poses."""
         shared = np.concatenate([self.scatter, self.shift, self.trend], axis=2)
         nothing = np.zeros((*shared.shape[:2], 0))
         return Correlation(shared, nothing, 0.0, nothing, self.times)
@@ -91,7 +91,7 @@ class Correlation:
 
     @property
     def between_poses(self) -> bool:
-        """Whether errors go from one pose to others."""
+        """True if errors are correlated between poses."""
         return self._states > 0
 
     @property
@@ -133,7 +133,7 @@ class Correlation:
         return factors, gains, through
 
     def _walk(self, columns: int) -> Iterator[tuple[int, Array]]:
-        """Each pose in the order of time, with the predicted state ``(s + q, columns)``, which the caller updates."""
+        """Yield each pose in order of time, with the predicted state ``(s + q, columns)``, which the caller updates."""
         state, through = np.zeros((self._states, columns)), self._filter[2]
         for t in self._order.tolist():
             state *= through[t][:, None]

@@ -38,7 +38,7 @@ class Clock:
 
     @staticmethod
     def of(data: Measurements) -> "Clock":
-        """Of measured rows; sessions are laid side by side."""
+        """Return the clock of measured rows; sessions are laid side by side."""
         seconds, origin, spacing = data.conditions.get("time_s", np.full(len(data), np.nan)), 0.0, None
         if np.isfinite(seconds).all() and (gaps := np.diff(np.sort(seconds))).size and np.median(gaps) > 0:
             origin, spacing = float(seconds.min()), float(np.median(gaps))
@@ -93,7 +93,7 @@ class ErrorModel:
 
     @property
     def is_known(self) -> bool:
-        """Whether nothing was estimated from residuals: only whole counts of the encoders beside the instrument."""
+        """True if nothing was estimated from residuals: only encoder counts add to the instrument's noise."""
         return self.counts_rad is not None and not self.terms
 
     @property
@@ -153,7 +153,7 @@ class ErrorModel:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """Each of the errors for a person."""
+        """Describe each of the errors."""
         said = ["joint positions are whole counts of the encoders"] if self.counts_rad is not None else []
         beside = ErrorSizes(self.carry, self.moves)
         return (*said, *(text for term in self.terms for text in term.words(self.size(term.name), beside)))

@@ -88,7 +88,7 @@ class Move:
 
 @dataclass(frozen=True)
 class ErrorSizes:
-    """What a term's words may need of the noise model beside its own size.
+    """Sizes of the noise model that a term's description may need beside its own.
 
     Attributes:
         carry: the correlation of the autoregressive term from one pose to the next.
@@ -100,7 +100,7 @@ class ErrorSizes:
 
 
 class ErrorTerm(ABC):
-    """One kind of error.
+    """An error term of the noise model.
 
     Attributes:
         name: of its variance, in ``Components`` and in the errors of these.

@@ -1,4 +1,4 @@
-"""What an instrument's noise is: drawn by the virtual tracker, weighed by the identifier.
+"""Noise models of instruments: drawn by the virtual tracker, used as weights by the identifier.
 
 Both rooms read it here, so that a virtual campaign and its weights agree by construction.
 Positions are in the instrument's own frame: the origin is its head, z is up.
@@ -47,7 +47,7 @@ AIR_INDEX_PER_K = air_index(20.5) - air_index(19.5)  # at 20 degrees and 1013.25
 
 @dataclass(frozen=True)
 class ErrorTerm:
-    """What a systematic error is called.
+    """A systematic error of a tracker.
 
     Attributes:
         name: of the attribute of ``TrackerErrors``.
@@ -64,13 +64,13 @@ class ErrorTerm:
 
     @property
     def key(self) -> str:
-        """What it is called in a file: its name with its unit."""
+        """Key in a file: the name with the unit."""
         return f"{self.name}_{self.unit.replace('µ', 'u').replace('/', '_per_').lower()}"
 
 
 @dataclass(frozen=True)
 class TrackerErrors:
-    """How well the systematic errors of a tracker are known; a term that is not given is zero.
+    """Uncertainties of a tracker's systematic errors; a term that is not given is zero.
 
     Attributes:
         transit_offset: of the transit axis from the standing axis, m, towards where the beam goes.
@@ -111,12 +111,12 @@ class TrackerErrors:
     two_face: bool = False
 
     def quantity(self, term: ErrorTerm) -> Uncertain:
-        """How well one of them is known."""
+        """Return the uncertainty of a term."""
         found: Uncertain = getattr(self, term.name)
         return found
 
     def displacements(self, term: ErrorTerm, points: Array) -> Array:
-        """How far a unit of a term displaces what is measured of points ``(..., 3)`` m: ``(..., 3, components)``.
+        """Return the displacement of measured points ``(..., 3)`` m by a unit of a term: ``(..., 3, components)``.
 
         A term of ``PLACEMENT`` has none: it is another error in each pose.
         """
@@ -224,7 +224,7 @@ def _directions(azimuth: Array, elevation: Array) -> tuple[Array, Array, Array]:
 
 
 def _displaced(name: str, reach: Array, azimuth: Array, elevation: Array) -> Array:
-    """How far a unit of a term displaces a measured point, at its mechanical angles: ``(..., 3, components)``.
+    """Return a point's displacement by a unit of a term, at its mechanical angles: ``(..., 3, components)``.
 
     An azimuth error h is R cos(E) h sideways: a transit tilt's tan(E), a collimation's 1 / cos(E) and a beam's
     1 / (R cos(E)) are finite displacements, also straight up.
@@ -235,7 +235,7 @@ def _displaced(name: str, reach: Array, azimuth: Array, elevation: Array) -> Arr
 
 
 def _components(name: str, reach: Array, azimuth: Array, elevation: Array) -> Array:
-    """The same along the beam, sideways and upwards: ``(..., 3, components)``."""
+    """Return this displacement along the beam, sideways and upwards: ``(..., 3, components)``."""
     ce, se, zero, one = np.cos(elevation), np.sin(elevation), np.zeros_like(reach), np.ones_like(reach)
     index, level = AIR_INDEX_PER_K, reach * np.cos(elevation)
     parts = {
@@ -275,7 +275,7 @@ _ISOTROPIC = ("exact", "uniform", "gaussian")  # kinds whose readings scatter al
 
 @dataclass(frozen=True)
 class FieldOfView:
-    """Where an instrument can see a target; everywhere, if nothing is given.
+    """Field of view of an instrument; unlimited if nothing is given.
 
     Attributes:
         nearest_m, farthest_m: range from the head.
@@ -422,7 +422,7 @@ class LineCameras(PoseInstrument):
 
 
 def is_isotropic(device: Instrument) -> bool:
-    """Whether its noise is the same along all axes, wherever a point is."""
+    """Decide whether the noise is the same along all axes, wherever a point is."""
     return device.kind in _ISOTROPIC and all(term.name == "nest" for term in device.errors.placement)
 
 

@@ -22,7 +22,7 @@ _CORRELATIONS = 3.0  # how many independent correlations are as good as tried
 
 
 class JointScatter(ErrorTerm):
-    """Each joint stops elsewhere at each pose, by the same standard deviation in rad (m of a slide)."""
+    """Independent joint errors at each pose, of the same standard deviation in rad (m of a slide)."""
 
     name: ClassVar[str] = "scatter"
     kind: ClassVar[str] = "scatter"

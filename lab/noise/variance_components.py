@@ -69,7 +69,7 @@ _LEAST_CURVATURE = 0.05  # of a log-likelihood by the logarithm of a variance: b
 
 @dataclass(frozen=True)
 class Likelihood:
-    """What some components give.
+    """Restricted likelihood of some variance components.
 
     Attributes:
         deviance: minus twice the restricted log-likelihood, up to a constant, with the weak prior of a slow shift.
@@ -104,11 +104,11 @@ class RestrictedProblem:
         return self.numbers - int(self.rows.shape[2]) + 1
 
     def changed_at(self, changes: Sequence[ChangePoint]) -> "RestrictedProblem":
-        """The same with the base moved there at once."""
+        """Return the problem with sudden moves of the base at these change points."""
         return replace(self, shapes=replace(self.shapes, changes=tuple(changes)))
 
     def likeliest_change(self, components: Components) -> Found | None:
-        """Where the base moved at once, if it did so once more; beside what lasts, but not beside a wandering shift."""
+        """Find the likeliest further move of the base, beside lasting terms but without an autoregressive shift."""
         rows, shift, lasting, weight = self._white(components)
         fitted = np.concatenate([rows[..., :-1], lasting, rows[..., -1:]], axis=2)
         return likeliest_change(fitted * weight, shift * weight, self.shapes.times)
@@ -139,7 +139,7 @@ class RestrictedProblem:
         return Likelihood(float(deviance), scale, information)
 
     def at(self, components: Components, scale: float) -> Likelihood:
-        """The same with the instrument's variance s as it is given."""
+        """Return the restricted likelihood for a given instrument variance s."""
         information, left, determinant = self._solved(components)
         deviance = determinant + self.dof * np.log(scale) + left / scale - _slowness(components)
         return Likelihood(float(deviance), scale, information)
@@ -190,7 +190,7 @@ class RestrictedProblem:
         )
 
     def _wandering(self, white: Array, shift: Array, components: Components) -> tuple[Array, float]:
-        """What a first-order autoregressive shift takes off the products, and adds to log|V| (Woodbury's identity)."""
+        """Return an autoregressive (AR(1)) shift's reduction of the products, and its share of log|V| (Woodbury)."""
         order = np.argsort(self.shapes.times, kind="stable")
         white, shift = white[order], shift[order]
         carry = components.carry ** np.diff(self.shapes.times[order])
@@ -242,7 +242,7 @@ def _gram(rows: Array) -> Array:
 
 @dataclass(frozen=True)
 class Estimate:
-    """Where the restricted likelihood of some kinds of components is largest.
+    """Maximum of the restricted likelihood for some kinds of components.
 
     Attributes:
         kinds: which ones are in it.
@@ -395,7 +395,7 @@ def best_components(problem: RestrictedProblem, kinds: tuple[str, ...], hopeless
 
 @dataclass(frozen=True)
 class ComponentErrors:
-    """How well estimated variance components are known, and what hangs on them.
+    """Errors of estimated variance components, and the parameters' sensitivity to them.
 
     Attributes:
         names: ``(c,)`` of the terms, and ``scale`` for the instrument's variance; as logarithms, ``carry`` as that
@@ -417,13 +417,13 @@ class ComponentErrors:
         }
 
     def without(self, name: str) -> "ComponentErrors":
-        """The same where one of the variances is known after all."""
+        """Return the errors with one of the variances fixed."""
         kept = [i for i, each in enumerate(self.names) if each != name]
         names = tuple(self.names[i] for i in kept)
         return ComponentErrors(names, self.covariance[np.ix_(kept, kept)], self.slopes[kept])
 
     def of(self, parameters: Sequence[int]) -> "ComponentErrors":
-        """The same of some of the parameters."""
+        """Return the errors for some of the parameters."""
         return replace(self, slopes=self.slopes[:, list(parameters)])
 
 

@@ -61,7 +61,7 @@ class ClosedArm:
         return np.concatenate([self.chain.nominal_values, np.ravel(points)])
 
     def tool_positions(self, values: Array) -> dict[str, Array]:
-        """Where the targets are on the platform ``(3,)`` m, by name."""
+        """Return the target positions on the platform ``(3,)`` m, by name."""
         return dict(zip(self.targets, values[len(self.chain.names) :].reshape(-1, 3), strict=True))
 
     def T_tracker_frame0(self, values: Array) -> Array:
@@ -89,7 +89,7 @@ class ClosedArm:
         return out.transpose(2, 1, 0), jacobian.transpose(3, 2, 1, 0)
 
     def joint_derivatives(self, jacobian: Array) -> Array:
-        """Of derivatives ``(..., parameters)`` those with respect to the joint positions, ``(..., joints)``."""
+        """Return the columns of derivatives ``(..., parameters)`` for the joint positions, ``(..., joints)``."""
         offsets = [self.names.index(self.chain.offset_of(joint)) for joint in range(self.chain.size)]
         moved: Array = jacobian[..., offsets] * self.chain.sign
         return moved
@@ -140,7 +140,7 @@ class ClosedArm:
         return np.stack(places).transpose(2, 0, 1)
 
     def singular_distance(self, joints: Array, values: Array, target: int = 0) -> tuple[Array, NDArray[np.int_]]:
-        """From the nearer of a serial and a parallel singularity, to first order; zero where the loops do not close.
+        """Return the first-order distance to the nearer serial or parallel singularity; zero if the loops do not close.
 
         There the target's Jacobian, and here the closures' derivatives by the passive values, lose a singular value:
         the product of all, over the length of its gradient by the joint positions (differences), is the way to there.
@@ -171,11 +171,11 @@ class ClosedArm:
 
     @property
     def groups(self) -> tuple[str, ...]:
-        """It has no effects."""
+        """Return no groups: the arm has no effects."""
         return ()
 
     def dh_chain(self, values: Array) -> None:
-        """It has loops, so it is no chain."""
+        """Return None: a mechanism with loops is no serial chain."""
 
     def skeleton(self, joints: Array, values: Array) -> Skeleton:
         """Lines along the legs, in the frame that the base's parameters are given in."""
@@ -193,7 +193,7 @@ class ClosedArm:
         return Skeleton(lines, lines, frames, origins, rods, tuple(measured))
 
     def _hinges(self, joints: Array, values: Array) -> list[Array | None]:
-        """Of each rod that stands for a parallelogram the axis ``(n, 3)`` that its two sides lie along, else None.
+        """Return for each parallelogram rod the axis ``(n, 3)`` along which its two sides lie, else None.
 
         A platform that nothing lets turn, although each of its rods has ball ends, hangs on parallelograms, whose
         short sides are parallel to the axes of the arms (Clavel's Delta).
@@ -257,7 +257,7 @@ class ClosedArm:
                 jacobian[len(self.chain.names) + 3 * k + axis, :, k] = vector[:3]
 
     def _twists(self, closed: Closed, point: Array) -> Array:
-        """How the joint positions move a point ``(5, n)`` of the platform, and turn it, ``(n, 6, joints)``."""
+        """Return the Jacobian ``(n, 6, joints)`` of a point ``(5, n)`` of the platform."""
         configuration, tree = closed.configuration, self.chain.tree
         count = configuration.passive.shape[1]
 
@@ -307,7 +307,7 @@ class ClosedArm:
 
 
 def _answers(closed: Closed, motions: Array) -> Array:
-    """What moves by ``(z, ..., n)`` with the passive values answers to closures that open: ``(closures, ..., n)``."""
+    """Map motions ``(z, ..., n)`` by passive values to motions ``(closures, ..., n)`` by the closures' gaps."""
     inverse = closed.inverse.transpose(2, 1, 0)  # (closures, z, n)
     answer = np.zeros_like(motions)
     for i, row in enumerate(inverse):

@@ -41,7 +41,7 @@ BASE = -1  # the frame that the tree stands on
 
 @dataclass(frozen=True)
 class Step:
-    """One elementary motion: a slide along, or a turn about, an axis of the frame as the steps before have left it.
+    """An elementary motion: a slide along, or a turn about, an axis of the frame as the previous steps have left it.
 
     Attributes:
         value: its constant (m, rad); of a passive step, where it stands in the nominal position.
@@ -57,7 +57,7 @@ class Step:
 
     @property
     def is_turn(self) -> bool:
-        """Whether it turns."""
+        """True for a rotation."""
         return len(self.kind) == 2
 
     @property
@@ -92,7 +92,7 @@ class Rod:
 
 @dataclass(frozen=True)
 class Pin:
-    """Two frames whose origins meet, along some of the base's axes (0, 1, 2): of a planar mechanism along two."""
+    """A joint at which two frames' origins meet along some base axes (0, 1, 2): two in a planar mechanism."""
 
     name: str
     ends: tuple[int, int]
@@ -100,7 +100,7 @@ class Pin:
 
 
 class Opening(NamedTuple):
-    """That a step (its frame, and where in the path) moves an end of a closure, the first (sign +1) or the second."""
+    """A step (its frame, and its index in the path) that moves the first (sign +1) or second end of a closure."""
 
     step: tuple[int, int]
     end: int
@@ -131,12 +131,12 @@ class Tree:
 
     @cached_property
     def column(self) -> dict[tuple[int, int], int]:
-        """Which passive value a frame's step is."""
+        """Index of the passive value of each passive step."""
         return {step: i for i, step in enumerate(self.passive)}
 
     @property
     def equations(self) -> int:
-        """How many numbers the closures make zero."""
+        """Number of closure equations."""
         return len(self.rods) + sum(len(pin.axes) for pin in self.pins)
 
     @cached_property
@@ -163,12 +163,12 @@ class Tree:
 
     @cached_property
     def loose(self) -> tuple[bool, ...]:
-        """Of each frame, whether passive values move it."""
+        """Flags for the frames that passive values move."""
         return tuple(any(self.step(f, s).passive for f, s in self.ancestry(frame)) for frame in range(len(self.frames)))
 
     @cached_property
     def openings(self) -> tuple[tuple[Opening, ...], ...]:
-        """What opens each closure: rods as they come, then the pins' axes.
+        """The steps that open each closure: rods in order, then the pins' axes.
 
         What moves both ends of a closure alike does not open it.
         """
@@ -239,7 +239,7 @@ class Configuration:
         return found
 
     def move(self, passive: Array) -> None:
-        """To other passive values ``(z, n)``."""
+        """Set the passive values ``(z, n)``."""
         self.passive = passive
         for frame, loose in enumerate(self.tree.loose):
             if loose:
@@ -270,14 +270,14 @@ class Configuration:
         self.frames[frame], self.steps[frame] = ((x, y, z), origin), steps
 
     def lengths(self) -> list[Array]:
-        """Of the rods, ``(n,)`` or one number each (m)."""
+        """Return the lengths of the rods, ``(n,)`` or one number each (m)."""
         return [
             self.dimensions.lengths[i] + (0.0 if rod.joint is None else self.joint_values[rod.joint])
             for i, rod in enumerate(self.tree.rods)
         ]
 
     def closures(self) -> tuple[list[Array], list[Array]]:
-        """How far each closure is from closed (m), and the direction ``(5, n)`` in which its first end opens it.
+        """Return the gap of each closure (m) and the direction ``(5, n)`` in which its first end opens it.
 
         Of a rod from b to a it is (|a - b|^2 - l^2) / 2 l, whose direction is (a - b) / l: unlike a distance
         it is of second order in the frames' places, and smooth where the ends meet.
@@ -301,14 +301,14 @@ class Configuration:
         return a - b
 
     def slope(self, step: tuple[int, int], point: Array, direction: Array) -> Array:
-        """How a step moves a point ``(5, n)`` that it carries, along a direction ``(5, n)``."""
+        """Return the speed along a direction ``(5, n)`` of a point ``(5, n)`` that a step carries."""
         axis, origin = self.steps[step[0]][step[1]]
         if origin is None:
             return _dot(axis, direction)
         return _dot(axis, crossed(point - origin, direction))
 
     def motion(self, step: tuple[int, int], points: Array) -> Array:
-        """How a step moves points ``(5, k, n)`` that it carries, ``(3, k, n)``."""
+        """Return the derivative ``(3, k, n)`` of points ``(5, k, n)`` that a step carries."""
         axis, origin = self.steps[step[0]][step[1]]
         return axis[:3, None] if origin is None else crossed(axis[:, None], points - origin[:, None])
 
@@ -324,7 +324,7 @@ class Configuration:
 
 
 def _dot(u: Array, v: Array) -> Array:
-    """Of vectors ``(3 or 5, n)``, ``(n,)``."""
+    """Return the dot products ``(n,)`` of vectors ``(3 or 5, n)``."""
     product: Array = u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
     return product
 
@@ -358,7 +358,7 @@ class SolvedPoses:
     sense: float
 
     def take(self, rows: NDArray[np.int_]) -> "SolvedPoses":
-        """Some of them."""
+        """Return the poses of some rows."""
         return SolvedPoses(self.joints[rows], self.passive[:, rows], self.sense)
 
 
@@ -392,7 +392,7 @@ class Assembly:
             return self.closed(configuration, known.sense)
 
     def nearest(self, joints: Array, passive: Array) -> tuple[Array, Array]:
-        """Of one pose ``(joints,)``: the passive values ``(z,)`` near these that open the closures least, and by what.
+        """Find passive values ``(z,)`` near these that minimize the gaps of one pose ``(joints,)``; and the gaps.
 
         Of use where they cannot be closed, or to close them for the first time; the gaps ``(closures,)`` are in m.
         """
@@ -452,7 +452,7 @@ class Assembly:
         return passive
 
     def closed(self, configuration: Configuration, sense: float) -> "Closed":
-        """What a configuration is, if its passive values are those of closed loops in the mode of such a sense."""
+        """Evaluate a configuration; its condition is inf unless the loops close in the assembly mode of this sense."""
         with np.errstate(all="ignore"):  # of what is not closed
             directions = configuration.closures()[1]
             matrix = configuration.by_passive(directions)

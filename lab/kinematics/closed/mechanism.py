@@ -47,7 +47,7 @@ def _refuse_unsound(joints: JointSpec, tree: Tree) -> None:
 
 
 def _refuse_misnamed(joints: JointSpec, tree: Tree) -> None:
-    """Each joint moves one thing."""
+    """Refuse joints that do not move exactly one step or rod each."""
     movers = [step.joint for frame in tree.frames for step in frame.path] + [rod.joint for rod in tree.rods]
     for i, name in enumerate(joints.joint_names):
         if movers.count(i) != 1:
@@ -135,7 +135,7 @@ class Mechanism(JointSpec):
         return np.array([*np.zeros(6), *steps, *(tree.rods[i].length_m for i in tree.lengths)])
 
     def dimensions(self, values: Array) -> Dimensions:
-        """What parameters ``(p,)`` in the order of ``names``, or more that follow, say of the mechanism's numbers."""
+        """Return the dimensions from parameters ``(p,)`` in the order of ``names``; further ones are ignored."""
         tree, first = self.tree, 6 + len(self.tree.constants)
         kind = values.dtype
         steps = [np.array([step.value for step in frame.path], dtype=kind) for frame in tree.frames]
@@ -147,7 +147,7 @@ class Mechanism(JointSpec):
 
     @property
     def has_loops(self) -> bool:
-        """It has."""
+        """Always true."""
         return True
 
     @property
@@ -209,7 +209,7 @@ class Mechanism(JointSpec):
 
     @cached_property
     def _home_condition(self) -> float:
-        """Of the closures in the nominal position."""
+        """Condition number of the closures in the nominal position."""
         return float(self.assembled(self.home[None], self.nominal_values).condition[0])
 
     @cached_property
@@ -237,7 +237,7 @@ class Mechanism(JointSpec):
         )
 
     def infeasibility_reason(self, joints: Array) -> str:
-        """Why the nominal model's loops do not close at joint positions ``(joints,)``, in words; empty if they do."""
+        """Describe why the nominal model's loops do not close at joint positions ``(joints,)``; empty if they do."""
         found = self.assembled(joints[None], self.nominal_values)
         if found.fits[0]:
             return ""
@@ -250,7 +250,7 @@ class Mechanism(JointSpec):
         return "beyond a parallel singularity: its loops close there only in another assembly mode"
 
     def _said_open(self, joints: Array, gaps: Array) -> str:
-        """Which closures stay open at joint positions ``(joints,)``, and by how much, if these are their gaps."""
+        """Describe the closures that stay open at joint positions ``(joints,)``, and by how much, from their gaps."""
         configuration = Configuration.of(
             self.tree, self.dimensions(self.nominal_values), joints[None], self._nominal_passive[:, None]
         )
@@ -292,7 +292,7 @@ class Mechanism(JointSpec):
 
     @cached_property
     def _stations(self) -> tuple[SolvedPoses, Any]:
-        """Where the nominal model's passive values are known: home, and what can be reached from there, place by place.
+        """Nominal poses with solved passive values, continued from home pose by pose; and their search tree.
 
         Raises:
             LabError: the loops do not close at home, or are singular there.

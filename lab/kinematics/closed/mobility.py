@@ -1,4 +1,4 @@
-"""How many freedoms a mechanism has by count."""
+"""Mobility of a mechanism: its number of degrees of freedom by count."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -54,7 +54,7 @@ class BodyCount:
 
     @property
     def mobility(self) -> int:
-        """By Gruebler's count."""
+        """Mobility by Gruebler's count."""
         return mobility(self.bodies + 1, self.freedoms, self.planar, self.internal)
 
 
@@ -85,7 +85,7 @@ def body_count(tree: Tree) -> BodyCount:
 
 
 def _is_planar(tree: Tree) -> bool:
-    """Whether all motions are in the plane of x and y, by the axes of their steps."""
+    """Decide by the axes of the steps whether all motions lie in the plane of x and y."""
     if any(2 in pin.axes for pin in tree.pins):
         return False
     for frame in tree.frames:
@@ -102,7 +102,7 @@ SINGULAR = 1e-3  # a distance below which a pose is at a singularity
 
 @dataclass(frozen=True)
 class Nearest:
-    """How near the drawn mode comes to a kind of singularity, within the limits.
+    """The pose of the nominal assembly mode that is nearest to a kind of singularity, within the limits.
 
     Attributes:
         distance: 0 at one, 1 at best (``Distances``).
@@ -120,7 +120,7 @@ class Nearest:
 
 @dataclass(frozen=True)
 class ClosedFormShape:
-    """What the closed form of a mechanism says of it, in the drawn mode.
+    """Results of a mechanism's closed form, in the nominal assembly mode.
 
     Attributes:
         name: what people call the mechanism.
@@ -145,7 +145,7 @@ _NONE = 1e-9  # of the largest singular value
 
 @dataclass(frozen=True)
 class Mobility:
-    """Of an arm.
+    """Mobility of an arm.
 
     Attributes:
         index: how many joints it has.
@@ -169,12 +169,12 @@ class Mobility:
 
     @property
     def planar(self) -> bool:
-        """Whether the last frame stays in a plane and turns about its normal alone."""
+        """True if the last frame stays in a plane and turns about its normal alone."""
         return len(self.still) == 2 and len(self.held) == 1 and bool(np.abs(self.still @ self.held[0]).max() < _NONE)
 
 
 def mobility_of(chain: Chain) -> Mobility:
-    """What a nominal arm's joints can do with its last frame."""
+    """Compute the mobility of a nominal arm's last frame."""
     arm = SerialArm(chain)
     joints = rng_for(0, "structure").uniform(-1.5, 1.5, (_POSES, chain.size))
     J = arm.tool(joints, arm.nominal())[1]

@@ -29,7 +29,7 @@ _LOADS = 18  # force, moment, pull at the near end, how the pull changes by x, y
 
 @dataclass(frozen=True)
 class Beam:
-    """One link, in its own axes.
+    """A link as a beam, in its own axes.
 
     The link's axes: the origin is the near end, on the axis of the joint that moves the link; z is that axis. A
     segment's axes: x from its near to its far end, z across that in the plane of x and of the link's z, y completes
@@ -62,7 +62,7 @@ class Beam:
 
     @property
     def beside_m(self) -> Array:
-        """How far ``(3,)`` m the mass lies beside the line, alike all along."""
+        """Offset ``(3,)`` m of the mass from the line, uniform along it."""
         middles = (self.path[1:] + self.path[:-1]) / 2
         beside: Array = self.centre_m - self._lengths @ middles / self.length_m
         return beside
@@ -79,7 +79,7 @@ class Beam:
 
     @cached_property
     def by_loads(self) -> Array:
-        """What each load does: ``(18, 4, 6)``, the torsor by unit loads (``loads_on``) and unit ``COMPLIANCES``."""
+        """Torsors ``(18, 4, 6)`` under unit loads (``loads_on``) with unit ``COMPLIANCES``."""
         return self._displacements(np.eye(_LOADS))
 
     def torsor(self, loads: Array, compliances: Array) -> Array:
@@ -92,7 +92,7 @@ class Beam:
         return np.asarray(np.linalg.norm(np.diff(self.path, axis=0), axis=1))
 
     def _segments(self) -> Iterator[tuple[Array, Array, Array]]:
-        """From the far end inward: near and far end ``(3,)``, and the axes as rows ``(3, 3)``."""
+        """Yield the segments from the far end inward: near and far end ``(3,)``, and the axes as rows ``(3, 3)``."""
         for near, far in zip(self.path[-2::-1], self.path[:0:-1], strict=True):
             x = (far - near) / np.linalg.norm(far - near)
             y = np.cross([0.0, 0.0, 1.0], x)

@@ -20,7 +20,7 @@ _POSES = 200
 
 @dataclass(frozen=True)
 class LinkFrames:
-    """Where the links of an arm are at n poses, in frame 0.
+    """Poses of an arm's links at n poses, in frame 0.
 
     Attributes:
         axes, anchors: ``(n, joints, 3)``, of each joint; a hinge's anchor is where its link begins.
@@ -41,7 +41,7 @@ class LinkFrames:
 
 @dataclass(frozen=True)
 class Equilibrium:
-    """Where joints that give way come to rest.
+    """Equilibrium of compliant joints.
 
     Attributes:
         offset: ``(n, joints)`` how far they have given way, rad or m.
@@ -136,7 +136,7 @@ class Loads:
         return tuple(int(j) for j in np.flatnonzero(size > np.maximum(BEARS * largest, _LEAST_FORCE)))
 
     def frames(self, joints: Array) -> LinkFrames:
-        """Where the links are at joint positions ``(n, joints)``."""
+        """Return the link frames at joint positions ``(n, joints)``."""
         count, kind = len(joints), np.result_type(joints, float)
         turned = tuple(np.broadcast_to(row, (count, 3)).astype(kind) for row in np.eye(3))  # the axes of the frame
         position = np.zeros((count, 3), dtype=kind)

@@ -1,4 +1,4 @@
-"""What a rigid load at the hand asks of the hand and of the joints: linear in its ten inertial parameters.
+"""Wrench and joint torques of a rigid load at the hand: linear in its ten inertial parameters.
 
 The parameters phi, in the order of ``LOAD``: mass (kg), first moment mass times centre of mass (kg m), and the
 inertia about the flange's origin (kg m^2), all in the axes of the last frame, which is the flange's. ``Ixy`` is the
@@ -51,7 +51,7 @@ LOAD = ("mass", "mcx", "mcy", "mcz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 
 @dataclass(frozen=True)
 class HandMotion:
-    """How the last frame moves against frame 0; the vectors are expressed in the last frame.
+    """Motion of the last frame relative to frame 0; the vectors are expressed in the last frame.
 
     Attributes:
         rotation: ``(n, 3, 3)`` of the last frame in frame 0.
@@ -170,7 +170,7 @@ def pseudo_inertia(phi: Array) -> Array:
 
 
 def is_physical(phi: Array) -> bool:
-    """Whether a body can have these parameters: its pseudo-inertia, scaled to a unit diagonal, is positive definite."""
+    """Decide whether a body can have these parameters: its pseudo-inertia with unit diagonal is positive definite."""
     matrix = pseudo_inertia(phi)
     diagonal = np.diag(matrix)
     if not (diagonal > 0).all():
@@ -267,7 +267,7 @@ _COUPLED = 1e-12  # of a row of C: what is beside its one joint
 
 
 def khalil_chain(chain: Chain) -> Chain:
-    """The same joints with frames on their axes (Craig's convention): where the links' parameters are expressed.
+    """Return the joints with frames on their axes (Craig's convention), in which the links' parameters are expressed.
 
     A distal table's links begin with their joint's motion, Rz Tz, and end with Tx Rx Ry; here the latter begin the
     next one. What the last link of a distal table has behind its joint is left out (``flange_in_last_link``).
@@ -353,7 +353,7 @@ class ArmDynamics:
         return (*names, *(f"off{j}" for j in numbers if self.offsets))
 
     def units(self, names: Sequence[str]) -> tuple[str, ...]:
-        """Of parameters, in SI."""
+        """Return the SI units of parameters."""
         return tuple(self._unit(name) for name in names)
 
     def _unit(self, name: str) -> str:
@@ -386,7 +386,7 @@ class ArmDynamics:
         return np.linalg.inv(self.couplings.T) @ torques if self.coupled else torques
 
     def link_regressor(self, joints: Array, speeds: Array, accelerations: Array) -> Array:
-        """What the links alone ask of the joints, ``(n, J, 10 J)``: each as a load at the end of the chain up to it."""
+        """Return the links' regressor ``(n, J, 10 J)``: each link as a load at the end of its part of the chain."""
         size = self.chain.size
         regressor = np.zeros((len(joints), size, len(INERTIAL) * size))
         for j in range(1, size + 1):

@@ -1,1 +1,1 @@
-"""What is not geometry: compliance, gears, backlash, drift."""
+"""Non-geometric effects: compliance, gears, backlash, drift."""

@@ -119,11 +119,11 @@ class ArmWithEffects:
         return Ts, jacobian
 
     def standing(self, inputs: Array, values: Array) -> Array:
-        """Where the joints stand ``(n, joints)`` (rad or m) at settings ``(n, joints + conditions)``."""
+        """Return the true joint positions ``(n, joints)`` (rad or m) at settings ``(n, joints + conditions)``."""
         return self._moved(inputs, values)["joints"][0]
 
     def torsors(self, inputs: Array, values: Array) -> Torsors:
-        """How far the links' ends are displaced (``serial.walk.Torsors``) at settings ``(n, joints + conditions)``."""
+        """Return the torsors of the links' ends (``serial.walk.Torsors``) at settings ``(n, joints + conditions)``."""
         return self._by_link(self._moved(inputs, values)["links"][0]) if self.links else {}
 
     def column_priority(self) -> tuple[int, ...]:
@@ -143,7 +143,7 @@ class ArmWithEffects:
 
     @property
     def _moving_frames(self) -> tuple[Literal["frame", "station"], ...]:
-        """What moves the frame of the points, in this order."""
+        """The kinds of effects that move the frame of the points, in this order."""
         moving = {effect.moves for effect in self.effects}
         return tuple(what for what in _FRAMES if what in moving)
 

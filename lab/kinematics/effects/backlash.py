@@ -105,7 +105,7 @@ _PLAY = TermFamily("backlash", "", _of_one_joint, lambda _: (), lambda joint, _:
 
 @dataclass(frozen=True)
 class Play(SimulatedEffect, MovesJoints):
-    """Of one arm.
+    """Backlash of one arm.
 
     Attributes:
         backlash_rad: ``(n,)`` full widths, m of a slide.
@@ -147,7 +147,7 @@ class Backlash(VirtualEffect):
     terms: ClassVar[tuple[TermFamily, ...]] = (_PLAY,)
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
-        """Each joint's between half the mean and one and a half of it."""
+        """Draw each joint's backlash between half and one and a half times the mean."""
         return Play(levers(arm.chain) * (self.backlash_mrad / 1e3) * rngs[0].uniform(0.5, 1.5, arm.chain.size))
 
 
@@ -158,7 +158,7 @@ def hysteresis(chain: JointSpec) -> Effect:
 
 @dataclass(frozen=True)
 class JointHysteresis(SimulatedEffect, MovesJoints):
-    """Of one arm.
+    """Hysteresis of one arm.
 
     Attributes:
         hysteresis_rad: ``(n,)`` full widths, m of a slide.
@@ -202,14 +202,14 @@ class Hysteresis(VirtualEffect):
     )
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
-        """Each joint's between half the mean and one and a half of it."""
+        """Draw each joint's hysteresis between half and one and a half times the mean."""
         widths = (self.hysteresis_mrad / 1e3) * rngs[0].uniform(0.5, 1.5, arm.chain.size)
         return JointHysteresis(levers(arm.chain) * widths)
 
 
 @dataclass(frozen=True)
 class ReadingLag(SimulatedEffect, ChangesJointPositions):
-    """Of one arm.
+    """Lag of one arm's joint readings.
 
     Attributes:
         lag: share of the last move that a joint position still lacks when it is read, in [0, 1).
@@ -249,5 +249,5 @@ class Lag(VirtualEffect):
             raise LabError(f"--lag {self.lag:g}: give a share from 0 to below 1")
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
-        """As it is given."""
+        """Return the lag as given."""
         return ReadingLag(self.lag)

@@ -93,7 +93,7 @@ def _fitted(group: str, arm: ArmFacts) -> Effect:
 
 @dataclass(frozen=True)
 class ElasticLinks(SimulatedEffect):
-    """Of one arm; ``simulation.elastic`` finds how it settles.
+    """Elastic links of one arm; ``simulation.elastic`` finds the equilibrium.
 
     Attributes:
         compliances: ``(n, 4)`` of each link, as ``dynamics.beam.COMPLIANCES``: 1/EI about y and z and 1/GJ in
@@ -165,7 +165,7 @@ class Bending(VirtualEffect):
 
 
 def _of_each(flag: str, given: tuple[float, ...], arm: ArmFacts) -> Array:
-    """One number a link ``(n,)``.
+    """Return one number per link ``(n,)``.
 
     Raises:
         LabError: there are more or fewer than links, or nothing loads the arm.

@@ -51,7 +51,7 @@ _DOWN = np.array([0.0, 0.0, -1.0])  # in frame 0, where a file does not say
 
 
 def _of_one_link(arm: ArmFacts, joint: int, link: int) -> Effect:
-    """How far a joint, from 0, gives way (rad) to a link's weight, from 1: along x of its frame, and along y."""
+    """Return the deflection (rad) of a joint, from 0, under a link's weight, from 1: along x and y of its frame."""
     name, chain = GRAVITY.name(joint, link), arm.chain
     if not isinstance(chain, Chain) or (joint, link) not in _searched(arm):
         raise LabError(f"--model {name}: give a joint that turns and a link that it carries, of a robot without loops")
@@ -81,7 +81,7 @@ def _unit_torques(chain: Chain, joints: Array, down: Array, joint: int, link: in
 
 
 def _searched(arm: ArmFacts) -> list[tuple[int, int]]:
-    """Every hinge with its own link and all beyond that turn."""
+    """List every hinge with its own link and all revolute links beyond."""
     if not isinstance(arm.chain, Chain):
         return []
     turning = turning_joints(arm.chain)
@@ -178,7 +178,7 @@ def compliances(chain: JointSpec, stiffness: Mapping[int, float]) -> Array:
 
 @dataclass(frozen=True)
 class JointSprings(SimulatedEffect):
-    """Of one arm; ``simulation.elastic`` finds how it settles.
+    """Compliant joints of one arm; ``simulation.elastic`` finds the equilibrium.
 
     Attributes:
         compliance_rad_per_nm: ``(n,)``; a joint gives way by this times the weight's torque about it.
@@ -230,7 +230,7 @@ class Compliance(VirtualEffect):
             positive("--stiffness-nm-per-rad", self.stiffness_nm_per_rad)
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
-        """The same stiffness for every joint that bears the arm's weight.
+        """Return the same stiffness for every joint that bears the arm's weight.
 
         Raises:
             LabError: the arm has no masses.
@@ -279,7 +279,7 @@ def _fitted_hardening(arm: ArmFacts) -> Effect:
 
 @dataclass(frozen=True)
 class HardeningSprings(SimulatedEffect):
-    """Of one arm; ``simulation.elastic`` finds how it settles.
+    """Hardening joint springs of one arm; ``simulation.elastic`` finds the equilibrium.
 
     Attributes:
         cubic_rad_per_nm3: ``(n,)``, by which a joint gives way for the cube of its torque; below zero it hardens.
@@ -313,7 +313,7 @@ class Hardening(VirtualEffect):
     )
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
-        """The same for every joint that bears the arm's weight.
+        """Return the same hardening for every joint that bears the arm's weight.
 
         Raises:
             LabError: the arm has no masses.
@@ -354,7 +354,7 @@ def compensator(chain: JointSpec) -> Effect:
 
 @dataclass(frozen=True)
 class CompensatorSpring(SimulatedEffect, MovesJoints):
-    """Of one arm; a spring that is stretched at all angles, and pulls in neither direction where joint 2 is at zero.
+    """Gravity compensator of one arm: a spring stretched at all angles, without torque where joint 2 is at zero.
 
     Attributes:
         gives_rad: how far joint 2 would give way to k a b, the torque of a spring without free length at 90 degrees.
@@ -364,7 +364,7 @@ class CompensatorSpring(SimulatedEffect, MovesJoints):
 
     @classmethod
     def none(cls, joints: int) -> Self:
-        """No spring."""
+        """Return no spring."""
         return cls(0.0)
 
     def joint_offsets(self, joints: Array, conditions: PoseConditions) -> Array:
@@ -400,7 +400,7 @@ class Compensator(VirtualEffect):
     )
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
-        """As it is given."""
+        """Return the compensator as given."""
         if self.compensator_mrad:
             _refuse_without(arm.chain, "--compensator-mrad")
         return CompensatorSpring(self.compensator_mrad / 1e3 / (1 - _PRELOAD))

@@ -53,7 +53,7 @@ def coupling(group: str, pairs: Sequence[tuple[int, int]]) -> Effect:
 
 
 def _neighbours(arm: ArmFacts) -> list[tuple[int, int]]:
-    """Every hinge with its inner neighbour, and the last one also with the one before."""
+    """List every hinge with its inner neighbour, and the last one also with the one before."""
     last = arm.chain.size - 1
     pairs = [*((i, i - 1) for i in range(1, arm.chain.size)), *([(last, last - 2)] if last >= 2 else [])]
     return [pair for pair in pairs if set(pair) <= set(turning_joints(arm.chain))]
@@ -81,7 +81,7 @@ COUPLED = TermFamily(
 
 @dataclass(frozen=True)
 class JointCoupling(SimulatedEffect, MovesJoints):
-    """Of one arm.
+    """Joint coupling of one arm.
 
     Attributes:
         coupling: ``(n, n)``; joint i moves by coupling[i, j] where joint j's position says 1. Zero diagonal.
@@ -99,7 +99,7 @@ class JointCoupling(SimulatedEffect, MovesJoints):
         return cls(np.zeros((joints, joints)))
 
     def joint_offsets(self, joints: Array, conditions: PoseConditions) -> Array:
-        """In proportion to the other joints' positions."""
+        """Return offsets in proportion to the other joints' positions."""
         offsets: Array = joints @ self.coupling.T
         return offsets
 
@@ -134,7 +134,7 @@ class Coupling(VirtualEffect):
 
 @dataclass(frozen=True)
 class FullJointCoupling(JointCoupling):
-    """Of one arm: any hinge follows any other, beside what couples the wrist."""
+    """Full joint coupling of one arm: any hinge follows any other, beside the wrist coupling."""
 
 
 @dataclass(frozen=True)
@@ -167,7 +167,7 @@ def gear(chain: JointSpec) -> Effect:
 
 @dataclass(frozen=True)
 class GearErrors(SimulatedEffect, MovesJoints):
-    """Of one arm.
+    """Gear ratio errors of one arm.
 
     Attributes:
         gear: ``(n,)``; the joint moves by 1 + gear where its measured position says 1.
@@ -181,7 +181,7 @@ class GearErrors(SimulatedEffect, MovesJoints):
         return cls(np.zeros(joints))
 
     def joint_offsets(self, joints: Array, conditions: PoseConditions) -> Array:
-        """In proportion to the joint's position."""
+        """Return offsets in proportion to the joint's position."""
         offsets: Array = self.gear * joints
         return offsets
 

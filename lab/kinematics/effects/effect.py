@@ -1,4 +1,4 @@
-"""What an effect is: a fitted group of parameters, its simulated counterpart, and the options that ask for that.
+"""Effects: a fitted group of parameters, its simulated counterpart, and the options that select it.
 
 A module of this folder describes one effect, or a small family: the fitted function with its derivative, what it does
 to a virtual arm, how large that is drawn, and the options of ``lab calibrate`` that say so. ``registry`` lists them.
@@ -123,7 +123,7 @@ def structure_values(name: str, count: int, rng: np.random.Generator) -> Array:
 
 @dataclass(frozen=True)
 class PoseConditions:
-    """What is set at m poses of an arm.
+    """Conditions at m poses of an arm.
 
     Attributes:
         columns: ``(m,)`` each, by name; where one is missing there is no payload, no approach, no time, no bump, and
@@ -141,17 +141,17 @@ class PoseConditions:
                 raise LabError(f"condition {name}: give one finite number for each of {self.poses} poses")
 
     def column(self, name: str) -> Array:
-        """One of them ``(m,)``; what is usual where it is missing."""
+        """Return one condition ``(m,)``; its default if it is missing."""
         return self.columns.get(name, absent(name, self.poses))
 
     @property
     def warmer(self) -> Array:
-        """How much warmer than where lengths are stated it is ``(m,)``, K."""
+        """Temperature above the reference temperature of lengths ``(m,)``, K."""
         return self.column(TEMPERATURE) - REFERENCE_C
 
     @property
     def approach(self) -> Array:
-        """Each joint's direction of approach ``(m, n)``."""
+        """Direction of approach of each joint ``(m, n)``."""
         return np.stack([self.column(approach_of(name)) for name in self.joint_names], axis=1)
 
 
@@ -164,7 +164,7 @@ LEVER_M = 0.3  # a slide's sizes are those of a hinge at this distance: rad time
 
 @dataclass(frozen=True)
 class SessionInfo:
-    """How a campaign went.
+    """Session metadata of a campaign.
 
     Attributes:
         sessions: in their order.
@@ -184,7 +184,7 @@ NO_SESSIONS = SessionInfo()
 
 @dataclass(frozen=True)
 class ArmFacts:
-    """What an effect may know of the arm that it is of.
+    """Facts about the arm that are given to an effect.
 
     Attributes:
         chain: the nominal joints.
@@ -278,7 +278,7 @@ class TermFamily:
     owner: Literal["joint", "link"] = "joint"
 
     def name(self, joint: int, number: int = 0) -> str:
-        """Of the group of a joint or link, from 0, and a number."""
+        """Return the name of the group of a joint or link, from 0, and a number."""
         return f"{self.owner}{joint + 1}.{self.symbol}{number or ''}"
 
 
@@ -293,7 +293,7 @@ class SimulatedEffect(ABC):
     @classmethod
     @abstractmethod
     def none(cls, joints: int) -> Self:
-        """None of it, on an arm of so many joints."""
+        """Return the effect at zero, on an arm of so many joints."""
 
     def conditions(self, joint_names: tuple[str, ...]) -> tuple[str, ...]:
         """Names of the conditions that matter to it."""
@@ -312,7 +312,7 @@ class SimulatedEffect(ABC):
 
 
 class MovesJoints(ABC):
-    """It puts the joints elsewhere than their measured positions say, alike at every visit."""
+    """An effect that offsets the joints from their measured positions, equally at every visit."""
 
     addition_order: ClassVar[int] = 0  # lower ones are added first, so that sums keep their rounding
 
@@ -322,7 +322,7 @@ class MovesJoints(ABC):
 
 
 class MovesArm(ABC):
-    """It moves the arm's points in the world."""
+    """An effect that moves the arm's points in the world."""
 
     @abstractmethod
     def moved(self, points: Array, foot: Array, conditions: PoseConditions) -> Array:
@@ -330,7 +330,7 @@ class MovesArm(ABC):
 
 
 class MovesTracker(ABC):
-    """It moves the tracker."""
+    """An effect that moves the tracker."""
 
     @abstractmethod
     def seen_after(self, points: Array, conditions: PoseConditions) -> Array:
@@ -363,18 +363,18 @@ class TrackerMotion(SimulatedEffect, MovesTracker):
         return cls(np.concatenate([size * _random_direction(rng) for size, rng in zip(sizes, rngs, strict=True)]))
 
     def conditions(self, joint_names: tuple[str, ...]) -> tuple[str, ...]:
-        """What its share depends on, where it moves."""
+        """Return the condition on which its share depends, if the tracker moves."""
         return (self.condition,) if self.motion.any() else ()
 
     def seen_after(self, points: Array, conditions: PoseConditions) -> Array:
-        """In the frame of the tracker where it is at each pose."""
+        """Return the points in the tracker's frame at each pose."""
         if not self.motion.any():
             return points
         return _in_moved_frame(points, self.motion * (conditions.column(self.condition) / self.whole)[:, None])
 
 
 class ChangesJointPositions(ABC):
-    """It makes the measured joint positions differ from those where the arm is."""
+    """An effect that makes the measured joint positions differ from the true ones."""
 
     @abstractmethod
     def shown(self, joints: Array) -> Array:
@@ -382,12 +382,12 @@ class ChangesJointPositions(ABC):
 
 
 class ScattersJoints(ABC):
-    """It puts the joints elsewhere at each visit, by chance."""
+    """An effect that scatters the joints at each visit, at random."""
 
     @property
     @abstractmethod
     def is_on(self) -> bool:
-        """Whether it does anything."""
+        """True if it has an effect."""
 
     @abstractmethod
     def scatter(self, poses: int, rng: np.random.Generator) -> Array:
@@ -395,29 +395,29 @@ class ScattersJoints(ABC):
 
 
 class DisplacesReadings(ABC):
-    """It displaces some of the measured points, by chance."""
+    """An effect that displaces some of the measured points, at random."""
 
     @property
     @abstractmethod
     def is_on(self) -> bool:
-        """Whether it does anything."""
+        """True if it has an effect."""
 
     @abstractmethod
     def displacements(self, poses: int, rng: np.random.Generator) -> tuple[Array, NDArray[np.bool_]]:
-        """What is added to all points of a pose, ``(poses, 3)`` m, and which poses are displaced, ``(poses,)``."""
+        """Draw the displacement of all points of a pose, ``(poses, 3)`` m, and flag displaced poses ``(poses,)``."""
 
 
 class ShapesNoise(ABC):
-    """It gives the instrument's noise another distribution."""
+    """An effect that gives the instrument's noise another distribution."""
 
     @property
     @abstractmethod
     def is_on(self) -> bool:
-        """Whether it does anything."""
+        """True if it has an effect."""
 
     @property
     def is_of_a_tracker(self) -> bool:
-        """Whether it moves the tracker, which not every kind of measurement has."""
+        """True if it moves the tracker, which not every kind of measurement has."""
         return False
 
     @abstractmethod

@@ -84,7 +84,7 @@ _HARMONIC = TermFamily(
 
 @dataclass(frozen=True)
 class Runout(SimulatedEffect, MovesJoints):
-    """Of one arm.
+    """Harmonic joint errors of one arm.
 
     Attributes:
         harmonics_rad: ``(n, 4)``: coefficients of sin q, cos q, sin 2q, cos 2q of the joint's own position q. Zero for
@@ -140,7 +140,7 @@ class Harmonics(VirtualEffect):
     terms: ClassVar[tuple[TermFamily, ...]] = (_HARMONIC,)
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
-        """The same amplitude for every hinge; the phases are drawn, those of each order from their own stream."""
+        """Draw phases, each order from its own stream; the amplitude is the same for every hinge."""
         sizes, hinge = (self.harmonic_mrad / 1e3, self.harmonic2_mrad / 1e3), ~np.array(arm.chain.prismatic)
         phases = [rng.uniform(0.0, 2 * np.pi, arm.chain.size) for rng in rngs]
         waves = [
@@ -208,7 +208,7 @@ def _waves(position: Array) -> Array:
 
 
 def _plain_waves(turning: int) -> list[tuple[str, int, int]]:
-    """The same as signals of ``formats.plain_arm``."""
+    """Return the waves as signals of ``formats.plain_arm``."""
     return [(function, 1, turning) for function in ("sin", "cos")]
 
 
@@ -265,7 +265,7 @@ CROSS_FAMILIES = (
 
 @dataclass(frozen=True)
 class CrossRunout(SimulatedEffect, MovesJoints):
-    """Of one arm.
+    """Cross-joint harmonics of one arm.
 
     Attributes:
         cross_rad: ``(n, n, 2)``: coefficients (rad, m of a slide) of sine and cosine of joint j's position in joint
@@ -309,7 +309,7 @@ class CrossHarmonics(VirtualEffect):
     terms: ClassVar[tuple[TermFamily, ...]] = CROSS_FAMILIES
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
-        """The same amplitude for every joint; which other one moves it, and the phase, are drawn."""
+        """Draw the driving joint and the phase; the amplitude is the same for every joint."""
         size = arm.chain.size
         partner, phase = rngs[0].random(size), rngs[0].uniform(0.0, 2 * np.pi, size)
         amplitude, cross = levers(arm.chain) * self.cross_harmonic_mrad / 1e3, np.zeros((size, size, 2))
@@ -325,7 +325,7 @@ _ORDERS = (3, 60)  # least and largest: those of one and two are runout
 
 @dataclass(frozen=True)
 class GearWaves(SimulatedEffect, MovesJoints):
-    """Of one arm.
+    """Gear ripple of one arm.
 
     Attributes:
         waves: ``(n, 3)``: how often a turn of its own position each joint is off, and the coefficients (rad) of sine
@@ -369,7 +369,7 @@ class Ripple(VirtualEffect):
     draws: ClassVar[int] = 1
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
-        """The same amplitude for every hinge; phases are drawn, and orders where no gear ratio names them."""
+        """Draw phases, and orders without a given gear ratio; the amplitude is the same for every hinge."""
         size = arm.chain.size
         order = rngs[0].integers(_ORDERS[0], _ORDERS[1] + 1, size)
         if (ratio := arm.chain.gear_ratio) is not None:

@@ -36,7 +36,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class VisitScatter(SimulatedEffect, ScattersJoints):
-    """Of one arm.
+    """Repeatability of one arm's joints.
 
     Attributes:
         repeatability_rad: ``(n,)`` standard deviation of where a joint stops from one visit to the next, m of a slide.
@@ -54,7 +54,7 @@ class VisitScatter(SimulatedEffect, ScattersJoints):
 
     @property
     def is_on(self) -> bool:
-        """Whether any joint scatters."""
+        """True if any joint scatters."""
         return bool(self.repeatability_rad.any())
 
     def scatter(self, poses: int, rng: np.random.Generator) -> Array:
@@ -77,7 +77,7 @@ class Repeatability(VirtualEffect):
 
 @dataclass(frozen=True)
 class EncoderCounts(SimulatedEffect, ChangesJointPositions):
-    """Of one arm.
+    """Encoder resolution of one arm.
 
     Attributes:
         encoders: those of its table; None for ideal ones.
@@ -91,7 +91,7 @@ class EncoderCounts(SimulatedEffect, ChangesJointPositions):
         return cls(None)
 
     def shown(self, joints: Array) -> Array:
-        """In whole counts."""
+        """Return the joint positions rounded to whole counts."""
         return joints if self.encoders is None else self.encoders.rounded(joints)
 
 
@@ -100,7 +100,7 @@ class EncoderRounding(VirtualEffect):
     """Encoders of a virtual arm: a robot's table says them, no option."""
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
-        """As the table has them."""
+        """Return the encoders of the nominal model."""
         return None if arm.chain.encoders is None else EncoderCounts(arm.chain.encoders)
 
 
@@ -109,7 +109,7 @@ _LEAST_DOF = 2.0  # of Student's t: there its variance ends
 
 @dataclass(frozen=True)
 class ShapedNoise(SimulatedEffect, ShapesNoise):
-    """Of one instrument, whose variance it leaves as it is.
+    """Noise distribution of one instrument, with its variance unchanged.
 
     Attributes:
         correlation: of each number's noise from one pose to the next: an autoregressive process of the first order.
@@ -136,12 +136,12 @@ class ShapedNoise(SimulatedEffect, ShapesNoise):
 
     @property
     def is_on(self) -> bool:
-        """Whether it changes the noise."""
+        """True if it changes the noise."""
         return self.correlation > 0 or bool(np.isfinite(self.tail_dof)) or self.is_of_a_tracker
 
     @property
     def is_of_a_tracker(self) -> bool:
-        """Whether it moves the tracker, which not every kind of measurement has."""
+        """True if it moves the tracker, which not every kind of measurement has."""
         return self.moved_m > 0
 
     def shaped(self, noise: Array, rng: np.random.Generator) -> Array:
@@ -190,13 +190,13 @@ class InstrumentNoise(VirtualEffect):
             raise LabError(f"--step-after {self.step_after}: give --step-mm, too: how far the base moves there")
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
-        """As it is given."""
+        """Return the noise distribution as given."""
         return ShapedNoise(self.noise_correlation, self.noise_tail_dof or np.inf, self.step_mm / 1e3, self.step_after)
 
 
 @dataclass(frozen=True)
 class Displaced(SimulatedEffect, DisplacesReadings):
-    """Of one campaign.
+    """Outliers of one campaign.
 
     Attributes:
         bad_share: how likely a pose's reading is bad.
@@ -219,7 +219,7 @@ class Displaced(SimulatedEffect, DisplacesReadings):
 
     @property
     def is_on(self) -> bool:
-        """Whether any reading may be bad."""
+        """True if outliers can occur."""
         return self.bad_share > 0
 
     def displacements(self, poses: int, rng: np.random.Generator) -> tuple[Array, NDArray[np.bool_]]:
@@ -255,5 +255,5 @@ class BadReadings(VirtualEffect):
             raise LabError("--bad-mm says how large bad readings are; give --bad-share too")
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
-        """As it is given; each campaign draws which are bad."""
+        """Return the outliers' share and range as given; each campaign draws its outliers."""
         return Displaced(self.bad_share, (self.bad_mm[0] / 1e3, self.bad_mm[1] / 1e3))

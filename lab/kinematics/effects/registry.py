@@ -1,4 +1,4 @@
-"""All effects, one line each: what ``--model`` can fit, and the options of a virtual arm.
+"""Registry of all effects, one line each: the groups of ``--model`` and the options of a virtual arm.
 
 The order is that of the options, of the groups and of the random substreams: a new effect goes to the end, so that
 what is drawn for the others stays as it is.
@@ -106,7 +106,7 @@ CAMPAIGN_SPECIFIC = tuple(group.name for group in _FITTED.values() if group.of_o
 
 
 def fitted_groups() -> tuple[FittedGroup, ...]:
-    """What ``--model`` can name."""
+    """Return the groups that ``--model`` accepts."""
     return tuple(_FITTED.values())
 
 
@@ -148,7 +148,7 @@ def expected_terms(facts: ArmFacts) -> tuple[str, ...]:
 
 
 def said_of_term(name: str) -> str:
-    """What a group of a single joint or link says of the arm; empty of any other group."""
+    """Describe a group of a single joint or link; empty for any other group."""
     if (term := _term(name)) is None:
         return ""
     family, joint, number = term

@@ -50,7 +50,7 @@ def sessions(names: Sequence[str]) -> Effect:
 
 
 def _frame_each(sign: float) -> Offsets:
-    """What moves the frame of each setup but the first, by six parameters of its own.
+    """Return the frame motion of each setup but the first, by six parameters of its own.
 
     Args:
         sign: 1 where they are how the points move, -1 where they are how the frame moves.
@@ -77,7 +77,7 @@ def _fitted(arm: ArmFacts) -> Effect:
 
 @dataclass(frozen=True)
 class TrackerBump(TrackerMotion):
-    """Of one campaign: the motion is that of all at once in its middle."""
+    """Tracker bump of one campaign: the motion happens at once in its middle."""
 
     condition: ClassVar[str] = BUMPED
 
@@ -112,7 +112,7 @@ _OWNER = "station."
 
 
 def stations(names: Sequence[str]) -> tuple[Effect, ...]:
-    """Where every station but the first stands, in the first one's frame: its head's position, its rotation vector.
+    """Return the poses of all stations but the first, in the first one's frame: head position and rotation vector.
 
     None where there is one station alone. Nothing is known of them beforehand: they are placed like the base
     (``initial_guess``).
@@ -151,7 +151,7 @@ def station_parameters(Ts_world_station: Array) -> Array:
 
 @dataclass(frozen=True)
 class StationPoses(SimulatedEffect, MovesTracker):
-    """Where a virtual instrument stands when it is not at its first station.
+    """Poses of a virtual instrument's further stations.
 
     Attributes:
         Ts_first_station: poses ``(4, 4)`` (m) of the other stations in the first one's frame, by name.
@@ -161,11 +161,11 @@ class StationPoses(SimulatedEffect, MovesTracker):
 
     @classmethod
     def none(cls, joints: int) -> Self:
-        """One station alone."""
+        """Return a single station."""
         return cls({})
 
     def conditions(self, joint_names: tuple[str, ...]) -> tuple[str, ...]:
-        """Which poses are measured from each of them."""
+        """Return the conditions that flag the poses measured from each further station."""
         return tuple(STATION + name for name in self.Ts_first_station)
 
     def true_parameters(self) -> dict[str, float]:
@@ -177,7 +177,7 @@ class StationPoses(SimulatedEffect, MovesTracker):
         return truth
 
     def seen_after(self, points: Array, conditions: PoseConditions) -> Array:
-        """In the frame of the station from which each pose is measured."""
+        """Return the points in the frame of the station from which each pose is measured."""
         for name, T in self.Ts_first_station.items():
             here = conditions.column(STATION + name) > 0
             points = np.where(here[:, None, None], se3.transform(se3.inverse(T), points), points)
@@ -186,7 +186,7 @@ class StationPoses(SimulatedEffect, MovesTracker):
 
 @dataclass(frozen=True)
 class Payloads(VirtualEffect):
-    """What hangs at the flange."""
+    """Payloads at the flange."""
 
     payload_kg: tuple[float, ...] = (0.0,)
     """Payloads at the flange, one of which each pose has."""
@@ -201,13 +201,13 @@ class Payloads(VirtualEffect):
             raise LabError("--payload-kg: give at least one payload, e.g. 0,3")
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
-        """No effect by itself."""
+        """Return no effect."""
         return None
 
 
 @dataclass(frozen=True)
 class Duration(VirtualEffect):
-    """How long the poses take."""
+    """Duration of the poses."""
 
     hours: float | None = None
     """How long the campaign takes: an hour, if drift or growth need to know."""
@@ -218,5 +218,5 @@ class Duration(VirtualEffect):
             positive("--hours", self.hours)
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
-        """No effect by itself."""
+        """Return no effect."""
         return None

@@ -82,7 +82,7 @@ def thermal_zeros(chain: JointSpec) -> Effect:
 
 @dataclass(frozen=True)
 class ThermalExpansion(SimulatedEffect, MovesArm):
-    """Of one arm.
+    """Thermal expansion of one arm.
 
     Attributes:
         expansion_per_k: by which all its lengths grow about its foot for a degree, relative.
@@ -117,7 +117,7 @@ class ThermalExpansion(SimulatedEffect, MovesArm):
 
 @dataclass(frozen=True)
 class ThermalZeros(SimulatedEffect, MovesJoints):
-    """Of one arm.
+    """Thermal zero offsets of one arm.
 
     Attributes:
         zeros_rad_per_k: ``(n,)`` by which each joint's zero shifts for a degree; m/K of a slide.
@@ -135,7 +135,7 @@ class ThermalZeros(SimulatedEffect, MovesJoints):
         return (TEMPERATURE,) if self.zeros_rad_per_k.any() else ()
 
     def joint_offsets(self, joints: Array, conditions: PoseConditions) -> Array:
-        """In proportion to how much warmer than 20 degrees it is."""
+        """Return offsets in proportion to the temperature above 20 degrees."""
         return np.asarray(conditions.warmer[:, None] * self.zeros_rad_per_k)
 
     def true_parameters(self) -> dict[str, float]:
@@ -155,7 +155,7 @@ class Temperature(VirtualEffect):
     )
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
-        """As it is given."""
+        """Return the expansion as given."""
         return ThermalExpansion(self.expansion_ppm_per_k / 1e6)
 
 
@@ -179,7 +179,7 @@ class ZerosByTemperature(VirtualEffect):
 
 @dataclass(frozen=True)
 class ThermalGrowth(SimulatedEffect, MovesArm):
-    """Of one arm.
+    """Thermal growth of one arm.
 
     Attributes:
         growth_per_h: how much all lengths of the arm grow about its foot in an hour, relative.
@@ -221,7 +221,7 @@ class Growth(VirtualEffect):
     """How fast the arm grows with its temperature."""
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
-        """As it is given."""
+        """Return the growth as given."""
         return ThermalGrowth(self.growth_ppm_per_h / 1e6)
 
 
@@ -252,7 +252,7 @@ def _fitted(arm: ArmFacts) -> Effect:
 
 @dataclass(frozen=True)
 class TrackerDrift(TrackerMotion):
-    """Of one campaign: the motion is that of an hour, steady."""
+    """Tracker drift of one campaign: the motion per hour, at a constant rate."""
 
     condition: ClassVar[str] = TIME
     whole: ClassVar[float] = HOUR_S

@@ -1,4 +1,4 @@
-"""All inverse-kinematics solutions of the nominal model: in closed form where there is one, else by search."""
+"""Inverse kinematics of the nominal model: all solutions in closed form where one exists, else by search."""
 
 from dataclasses import dataclass, field
 
@@ -29,7 +29,7 @@ _FOLLOWED = 3.0  # Newton's steps: near its fold, where it is a parabola, a way 
 
 @dataclass(frozen=True)
 class NominalInverse:
-    """What a controller computes with: nominal links, and a base and a tool.
+    """Inverse kinematics of a controller: nominal links, and a base and a tool.
 
     Attributes:
         values: ``(p,)`` of the arm.
@@ -47,7 +47,7 @@ class NominalInverse:
         object.__setattr__(self, "closed_form", form)
 
     def ways(self, wanted: PoseTarget, reference: Array) -> Solutions:
-        """Some ways to reach each ``(n, k, joints)``, all of the closed form where there is one.
+        """Return IK solutions ``(n, k, joints)`` of each target, all of them if a closed form exists.
 
         A target with fewer ways than others has the rest at joint positions zero, with an infinite gap.
 
@@ -190,7 +190,7 @@ class NominalInverse:
         return found
 
     def _nearest_ends(self, wanted: PoseTarget, starts: Array) -> Solutions:
-        """Where Newton's method ends from starts ``(n, some, joints)``: of each target those that miss it least."""
+        """Return the results of Newton's method from starts ``(n, some, joints)`` that miss each target least."""
         each = wanted.take(np.repeat(np.arange(len(wanted)), starts.shape[1]))
         flat = starts.reshape(-1, starts.shape[2])
         ended = reach(self.arm, self.values, each, flat, np.empty((len(each), 0)), self.target)

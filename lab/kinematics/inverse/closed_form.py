@@ -70,7 +70,7 @@ class Term:
 
     @property
     def size(self) -> float:
-        """Of the coefficient."""
+        """Magnitude of the coefficient."""
         return abs(self.coefficient)
 
 
@@ -93,7 +93,7 @@ class Factor:
 
     @property
     def text(self) -> str:
-        """As one writes it, like ``0.302 cos q3 + 0.07 sin q3``."""
+        """Formula, like ``0.302 cos q3 + 0.07 sin q3``."""
         text = ""
         for term in self.terms:
             sign = ("" if term.coefficient > 0 else "-") if not text else (" + " if term.coefficient > 0 else " - ")
@@ -116,7 +116,7 @@ class Determinant:
 
     @property
     def text(self) -> str:
-        """As one writes it, like ``-0.27 (0.302 cos q3 + 0.07 sin q3) sin q5``."""
+        """Formula, like ``-0.27 (0.302 cos q3 + 0.07 sin q3) sin q5``."""
         factors = [f"({factor.text})" if len(factor.terms) > 1 else factor.text for factor in self.factors]
         words = [part for part in (" * ".join(number(length) for length in self.lengths), *factors) if part]
         return ("-" if self.sign < 0 else "") + " ".join(words)
@@ -182,30 +182,30 @@ class ClosedForm(Protocol):
 
     @property
     def branches(self) -> int:
-        """How many solutions a pose has, some of which may be out of reach or the same."""
+        """Number of solutions of a pose, some of which may be out of reach or equal."""
 
     @property
     def by_point(self) -> bool:
-        """Whether the place of a point alone is met: the rotation is not asked for, and may be missed."""
+        """True if only the position of a point is solved for: the rotation is ignored, and may be missed."""
 
     @property
     def exact_only(self) -> bool:
-        """Whether poses that the arm cannot take are not answered by the nearest: their solutions are candidates."""
+        """True if unreachable poses do not get the nearest solution: their solutions are candidates."""
 
     @property
     def numbered(self) -> bool:
-        """Whether a branch keeps its number as the pose moves: not where the branches are roots in no lasting order."""
+        """True if a branch keeps its number as the pose moves: false where branches are roots in no lasting order."""
 
     @property
     def determinant(self) -> Determinant:
-        """That of the Jacobian, in the factors that are zero at the arm's singularities."""
+        """Determinant of the Jacobian, in the factors that are zero at the arm's singularities."""
 
     @property
     def moved(self) -> str:
-        """What motions the determinant is of, in words; all six of six joints."""
+        """Description of the motions that the determinant covers; all six for six joints."""
 
     def solve(self, Ts_frame0_last: Array, reference: Array | float = 0.0) -> Solutions:
-        """All solutions for poses ``(n, 4, 4)`` of the last frame in frame 0.
+        """Return all solutions for poses ``(n, 4, 4)`` of the last frame in frame 0.
 
         Args:
             reference: joint positions ``(n, joints)`` that a free joint takes.
@@ -247,7 +247,7 @@ class Axes:
 
     @property
     def size(self) -> int:
-        """How many joints there are."""
+        """Number of joints."""
         return len(self.names)
 
     @property
@@ -296,11 +296,11 @@ class Axes:
         return np.stack(columns, axis=1)
 
     def parallel(self, i: int, j: int) -> bool:
-        """Whether two axes are."""
+        """Decide whether two axes are parallel."""
         return bool(np.linalg.norm(np.cross(self.directions[i], self.directions[j])) <= EXACT)
 
     def square(self, i: int, j: int) -> bool:
-        """Whether two axes are at right angles."""
+        """Decide whether two axes are at right angles."""
         return bool(abs(self.directions[i] @ self.directions[j]) <= EXACT)
 
 

@@ -1,4 +1,4 @@
-"""From poses of the tool to joint positions, for any robot, whatever effects it has: damped Newton steps.
+"""Inverse kinematics of any robot with any effects, from poses of the tool, by damped Newton steps.
 
 Where the tool is only to be somewhere, not turned in some way, and where the arm has more joints than it needs,
 every step is the shortest one that does what is asked. Arms with fewer than six joints cannot turn the tool anyhow:
@@ -35,7 +35,7 @@ LEAST_DAMPING, LARGEST_DAMPING = 1e-6, 1e3  # beside singular values in m
 
 @dataclass(frozen=True)
 class PoseTarget:
-    """Where a target of the tool is wanted, in the tracker's frame.
+    """Wanted pose of a target of the tool, in the tracker's frame.
 
     Attributes:
         places: ``(n, 3)`` m.
@@ -58,11 +58,11 @@ class PoseTarget:
         return np.asarray(np.isfinite(self.rotations).all(axis=(1, 2)))
 
     def take(self, rows: NDArray[np.int_]) -> "PoseTarget":
-        """Some of them."""
+        """Return the targets of some rows."""
         return PoseTarget(self.positions[rows], self.rotations[rows])
 
     def errors(self, Ts: Array) -> Array:
-        """What is missing ``(n, 6)`` from poses ``(n, 4, 4)``: m, and the rotation vector log(R_wanted R') (rad)."""
+        """Return the errors ``(n, 6)`` of poses ``(n, 4, 4)``: m, and the rotation vector log(R_wanted R') (rad)."""
         out = np.zeros((len(self), 6))
         out[:, :3] = self.positions - Ts[:, :3, 3]
         turned = self.turned
@@ -72,7 +72,7 @@ class PoseTarget:
 
 @dataclass(frozen=True)
 class IKResult:
-    """Where Newton's method ended.
+    """Result of Newton's method.
 
     Attributes:
         joints: ``(n, joints)`` joint positions.
@@ -110,7 +110,7 @@ def reach(arm: "Arm", values: Array, wanted: PoseTarget, start: Array, condition
         return IKResult(found, missing, missing, taken)
 
     def at(rows: NDArray[np.int_], joints: Array) -> tuple[Array, Array]:
-        """What is missing ``(m, 6)``, and the Jacobian ``(m, 6, joints)``."""
+        """Return the pose errors ``(m, 6)`` and the Jacobian ``(m, 6, joints)``."""
         Ts, jacobian = tool_at(arm, np.concatenate([joints, conditions[rows]], axis=1), values, target)
         return wanted.take(rows).errors(Ts), jacobian
 
@@ -160,9 +160,9 @@ def pose_landmarks(positions: Array, rotations: Array, turned: bool) -> Array:
 
 
 def within_reach(jacobian: Array, errors: Array, turned: NDArray[np.bool_]) -> Array:
-    """What of errors ``(n, 6)`` the joints could make up for: with six and more all; else the place, and of the
-    rotation what joints that leave the place can turn. Where that is zero no small move brings the rotation nearer.
-    One or two joints move the place on a line or a surface: the rest of its error is left out (Benmisra 2007, 3.37).
+    """Return the part of errors ``(n, 6)`` that the joints can correct: with six joints or more all; else the position,
+    and the rotation by joint moves that keep the position. Where that is zero no small move reduces the rotation error.
+    One or two joints move the position on a line or a surface; the rest of its error is dropped (Benmisra 2007, 3.37).
     """
     if jacobian.shape[2] < PLACES:
         sides = np.linalg.svd(jacobian[:, :3], full_matrices=False)[0]
@@ -176,7 +176,7 @@ def within_reach(jacobian: Array, errors: Array, turned: NDArray[np.bool_]) -> A
 
 
 def _turning(jacobian: Array, inverse: Array) -> Array:
-    """How joints turn the tool ``(n, 3, joints)`` while its place stays, by the inverse of the place's rows."""
+    """Return the tool's rotation ``(n, 3, joints)`` by joint moves at fixed position; ``inverse`` is of its rows."""
     left: Array = jacobian[:, 3:] @ (np.eye(jacobian.shape[2]) - inverse @ jacobian[:, :3])
     return left
 

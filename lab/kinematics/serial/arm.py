@@ -137,7 +137,7 @@ class SerialArm:
         return code.by_joints(joints, values, self._joint_slots)
 
     def joint_derivatives(self, jacobian: Array) -> Array:
-        """Of derivatives ``(..., parameters)`` those with respect to the joint positions, ``(..., joints)``."""
+        """Return the columns of derivatives ``(..., parameters)`` for the joint positions, ``(..., joints)``."""
         moved: Array = jacobian[..., self._joint_columns] * self.chain.sign
         return moved
 
@@ -215,7 +215,7 @@ class SerialArm:
 
     @property
     def groups(self) -> tuple[str, ...]:
-        """It has no effects."""
+        """Return no groups: the arm has no effects."""
         return ()
 
     def dh_chain(self, values: Array) -> Chain:
@@ -248,7 +248,7 @@ class SerialArm:
         return np.stack(corners, axis=1)
 
     def column_priority(self) -> tuple[int, ...]:
-        """All columns in the order of preference that gives the canonical gauge (``gauge``)."""
+        """Column indices in the order of preference that gives the canonical gauge (``gauge``)."""
         return self._column_priority
 
     @cached_property
@@ -269,7 +269,7 @@ class SerialArm:
 
     @cached_property
     def _parallel_columns(self) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
-        """Where the alpha and the beta of nominally parallel axes stand."""
+        """Return the columns of the alpha and the beta of nominally parallel axes."""
         of_parallel = np.array(self.chain.parallel)[self.table_rows]
         turns, skews = (6 + np.flatnonzero(of_parallel & (self.table_columns == column)) for column in (3, 4))
         return turns, skews
@@ -301,7 +301,7 @@ class SerialArm:
     def _walk(
         self, joints: Array, values: Array, torsors: Torsors = RIGID
     ) -> tuple[list[Motion], tuple[Array, Array, Array], Array]:
-        """All elementary motions, then the last frame's axes and origin, each ``(5, n)``."""
+        """Return all elementary motions, then the last frame's axes and origin, each ``(5, n)``."""
         base, table, _ = self.split(values)
         frame = [padded(column) for column in exp(base[3:]).T]
         origin = padded(base[:3])
@@ -360,7 +360,7 @@ def _poses(frame: Sequence[Array], origin: Array, count: int) -> Array:
 
 
 class Stacked(Protocol):
-    """What fits of many campaigns need of arms of one nominal model."""
+    """A stack of arms of one nominal model, for fits of many campaigns."""
 
     @property
     def arm(self) -> RigidArm:
@@ -431,7 +431,7 @@ class StackedArm:
         return points[:3].transpose(2, 1, 0, 3), jacobian
 
     def walk(self, joints: Array, values: Array, rows: int) -> tuple[list[Motion], Array, tuple[Array, Array, Array]]:
-        """All motions, the targets ``(rows, k, b, n)``, and the last frame's axes ``(rows, b, n)``: x y z (x y).
+        """Return all motions, targets ``(rows, k, b, n)``, and the last frame's axes ``(rows, b, n)``: x y z (x y).
 
         Args:
             joints: joint positions ``(n, joints)`` of all arms, or ``(b, n, joints)`` of each.

@@ -1,4 +1,4 @@
-"""From an arm's joint axes to its Denavit-Hartenberg parameters.
+"""Denavit-Hartenberg parameters from an arm's joint axes.
 
 The axes at zero joint positions, with the targets, say all there is to know of a rigid serial arm.
 ``chain_from_axes`` draws the table of a nominal arm; ``parameters_from_axes`` finds the one

@@ -59,13 +59,13 @@ class Chain(JointSpec):
         )  # fmt: skip
 
     def joins_parallel_axes(self, i: int) -> bool:
-        """Whether axes i and i + 1 (0-based joints) are parallel on the nominal model."""
+        """Decide whether axes i and i + 1 (0-based joints) are parallel on the nominal model."""
         link = i if self.convention == "distal" else i + 1
         return i + 1 < self.size and self.parallel[link]
 
 
 def parallel_links(convention: Convention, alpha: Array) -> tuple[bool, ...]:
-    """Which links join nominally parallel (or antiparallel) axes, from alpha ``(n,)``.
+    """Decide which links join nominally parallel (or antiparallel) axes, from alpha ``(n,)``.
 
     A distal chain's last link and a Craig chain's first one join no two joints.
     """

@@ -23,7 +23,7 @@ RIGID: Torsors = MappingProxyType({})
 
 @dataclass(frozen=True)
 class Motion:
-    """One elementary motion: column ``column`` of the parameters turns about or slides along ``axis``.
+    """An elementary motion: column ``column`` of the parameters turns about or slides along ``axis``.
 
     ``axis`` and ``origin`` are ``(5, n)`` (or ``(5, 1)`` before the first joint) in the tracker's
     frame; ``origin`` is None for a slide. ``joint`` is set where a joint's position moves along.

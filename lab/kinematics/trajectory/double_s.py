@@ -1,4 +1,4 @@
-"""How fast joints can move where their jerk is limited, too: speeds change in double S shapes.
+"""Jerk-limited joint motion with double S speed profiles.
 
 The mean speed of a change of speed is that of its ends (``changes``). What is here holds between any speeds, with no
 acceleration at the ends. For one joint and for several that stop together the durations agree with those of Berscheid &
@@ -28,7 +28,7 @@ _ROUNDS, _GRID, _DECADES, _HALVINGS = 5, 49, 16.0, 48  # of the search for commo
 
 @dataclass(frozen=True)
 class Profile:
-    """How one joint moves in m phases.
+    """Motion of one joint in m phases.
 
     Attributes:
         durations: ``(m,)`` s.
@@ -129,7 +129,7 @@ def quickest_smooth_ramps(
 
 @dataclass(frozen=True)
 class SmoothAxis:
-    """What one joint is to do: change its speed, cruise, and change it again.
+    """Motion of one joint: change its speed, cruise, and change it again.
 
     In T seconds it comes as far as Dmin(T) to Dmax(T), and anywhere between: the limits allow any mixture of the two
     moves. Dmax rises with T, after it has fallen where both speeds are negative: while no limit but that of jerk is
@@ -176,7 +176,7 @@ class SmoothAxis:
         return [(share, self._profile(seconds)), (1 - share, turned)]
 
     def _ramps(self, cruise: float) -> float:
-        """How long it takes to come to a speed and from there to the last one."""
+        """Return the duration of the changes from the start speed to a cruise speed and from there to the end speed."""
         return sum(
             change_seconds(cruise - end, self.acceleration, self.jerk) for end in (self.start_speed, self.end_speed)
         )
@@ -243,7 +243,7 @@ class SmoothAxis:
 
 
 def _root(function: Callable[[float], float], low: float, high: float) -> float:
-    """Where a function that rises or falls between two durations is zero."""
+    """Find the root of a function that is monotonic between two durations."""
     return float(scipy.optimize.brentq(function, low, high, xtol=1e-14 * high, rtol=1e-14))
 
 

@@ -1,4 +1,4 @@
-"""How fast joints can move: phases of constant acceleration, between speeds that need not be zero.
+"""Joint motion in phases of constant acceleration, between speeds that need not be zero.
 
 Lengths are in rad or m, times in s. The equations were worked out here; for one joint they agree with those of
 Berscheid & Kroeger (2021, ruckig) without a limit of jerk, for several at rest with Khalil & Dombre (2002, chapter 13).
@@ -44,7 +44,7 @@ TINY = 1e-300  # in place of a zero divisor under a zero
 
 
 def change_seconds(change: float, acceleration: float, jerk: float) -> float:
-    """How long a change of speed takes at least, without acceleration at its ends."""
+    """Return the shortest duration of a change of speed, without acceleration at its ends."""
     size = abs(change)
     if size * jerk >= acceleration**2 or math.isinf(jerk):
         return size / acceleration + acceleration / jerk if size else 0.0
@@ -52,7 +52,7 @@ def change_seconds(change: float, acceleration: float, jerk: float) -> float:
 
 
 def rounding_seconds(ramp: Array | float, jerks: Array | float) -> Array:
-    """How long the jerk lasts in changes of speed that take ``ramp`` s in all.
+    """Return the duration of the jerk in changes of speed that take ``ramp`` s in all.
 
     Args:
         ramp: ``(m,)``.
@@ -73,7 +73,7 @@ def shortest_changes(pulls: Array, jerks: Array) -> Array:
 
 
 def slowing(pulls: Array, jerks: Array, longest: Array) -> Array:
-    """By which factor k changes of speed have to be slowed down, so that d / k takes no more than k times ``longest``.
+    """Return the factor k that slows down changes of speed so that d / k takes at most k times ``longest``.
 
     All ``(m,)``; 1 where they need not be.
     """
@@ -91,7 +91,7 @@ Span = tuple[float, float]
 
 @dataclass(frozen=True)
 class Axis:
-    """What one joint is to do: speed up or slow down, cruise, and speed up or slow down again.
+    """Motion of one joint: speed up or slow down, cruise, and speed up or slow down again.
 
     With U and L the larger and the smaller one of its two end speeds, any duration T splits into (U - L) / a, which
     the change of speed takes, and c, which is to spare.
@@ -115,7 +115,7 @@ class Axis:
 
     @property
     def rest(self) -> float:
-        """What is left of the move when the speed has changed without a detour."""
+        """Remaining distance of the move after a change of speed without a detour."""
         return self.moved - 0.5 * (self.start_speed + self.end_speed) * self.ramp
 
     def mirrored(self) -> "Axis":
@@ -188,13 +188,13 @@ def possible_spans(axes: Sequence[_OfDurations]) -> list[Span]:
 
 
 def _end(spans: Sequence[Span], seconds: float) -> float:
-    """Where the span ends that a duration is in; -1 where it is in none."""
+    """Return the end of the span that contains a duration; -1 if none does."""
     slack = SLACK * seconds
     return next((high for low, high in spans if low - slack <= seconds <= high + slack), -1.0)
 
 
 def lasts(spans: Sequence[Span], seconds: float) -> bool:
-    """Whether a duration is a possible one."""
+    """Decide whether a duration is possible."""
     return _end(spans, seconds) >= 0
 
 
@@ -238,7 +238,7 @@ def rest_to_rest(moved: Array, speed: Array, acceleration: Array) -> tuple[Array
 
 
 def rest_to_rest_seconds(moved: Array, speed: Array, acceleration: Array) -> Array:
-    """How long the quickest moves from rest to rest take whose phases the joints have in common, ``(...,)`` s.
+    """Return the durations ``(...,)`` s of the fastest moves from rest to rest whose phases the joints share.
 
     Args:
         moved: ``(..., n)`` how far each joint moves, rad or m.
@@ -304,7 +304,7 @@ def _roots(a: Array, b: Array, c: Array) -> Array:
 def stretches_and_blends(
     moved: Array, allowed: Array | float, speed: Array, acceleration: Array, jerk: Array | None = None
 ) -> tuple[Array, Array]:
-    """How to pass near via points from rest to rest: stretches of constant velocity V, joined by parabolic blends.
+    """Plan a move near via points from rest to rest: stretches of constant velocity V, joined by parabolic blends.
 
     A blend that takes tau misses its via point by |dV| tau / 8, so that it takes 8 error / |dV| (Khalil & Dombre
     2002, chapter 13), of the joint for which that is least; and no more than what lets it have half of the stretches
@@ -341,17 +341,17 @@ def stretches_and_blends(
 
 
 def _slower(changes: Array, longest: Array, acceleration: Array, jerk: Array) -> Array:
-    """How many times slower blends ``(m,)`` have to be: k times slower a change is dV / k, and has room for k tau."""
+    """Return the factors k that slow down blends ``(m,)``: the change is then dV / k, and has room for k tau."""
     return slowing(*_hardest(changes, acceleration, jerk), longest)
 
 
 def _hardest(changes: Array, acceleration: Array, jerk: Array) -> tuple[Array, Array]:
-    """Of blends ``(m, n)`` the largest |dV| / a and |dV| / j, ``(m,)`` each."""
+    """Return the largest |dV| / a and |dV| / j of blends ``(m, n)``, ``(m,)`` each."""
     return (np.abs(changes) / acceleration).max(axis=1), (np.abs(changes) / jerk).max(axis=1)
 
 
 def _blends(moved: Array, lasting: Array, allowed: Array | float) -> tuple[Array, Array]:
-    """Of m blends dV ``(m, n)``, and their longest durations ``(m,)``; those at the ends miss nothing."""
+    """Return m blends dV ``(m, n)`` and their longest durations ``(m,)``; those at the ends miss nothing."""
     velocities = moved / lasting[:, None]
     still = np.zeros_like(velocities[:1])
     changes = np.diff(np.vstack([still, velocities, still]), axis=0)
@@ -366,7 +366,7 @@ EXACT = 1e-9  # rad or m, or per s: by how much a joint position may pass its li
 
 @dataclass(frozen=True)
 class Trajectory:
-    """How n joints move in m phases of constant jerk.
+    """Trajectory of n joints in m phases of constant jerk.
 
     Attributes:
         durations: ``(m,)`` s.
@@ -404,7 +404,7 @@ class Trajectory:
 
     @property
     def seconds(self) -> float:
-        """How long it takes."""
+        """Total duration."""
         return float(self.knots[0][-1])
 
     @property
@@ -483,7 +483,7 @@ def _at_zero(speeds: Array, accelerations: Array, jerks: Array, durations: Array
 
 
 def joined(parts: Sequence[Trajectory]) -> Trajectory:
-    """One trajectory after the other.
+    """Join trajectories in sequence.
 
     Raises:
         LabError: one begins elsewhere than the one before it ends, or at another speed.

@@ -213,13 +213,13 @@ def _in_phases(chain: JointSpec, durations: Array, ramps: Array, start: Array, s
 
 
 def _axes(chain: JointSpec, points: Array, speeds: Array) -> list[Axis]:
-    """What each joint is to do between two points."""
+    """Return each joint's motion between two points."""
     rows = np.stack([points[1] - points[0], *speeds, chain.speed, chain.acceleration], axis=1)
     return [Axis(*row) for row in rows.tolist()]
 
 
 def _smooth_axes(chain: JointSpec, points: Array, speeds: Array) -> list[SmoothAxis]:
-    """What each joint is to do between two points, with its largest jerk, infinite where there is none."""
+    """Return each joint's motion between two points, with its largest jerk, infinite where there is none."""
     jerk = np.full(chain.size, np.inf) if chain.jerk is None else chain.jerk
     rows = np.stack([points[1] - points[0], *speeds, chain.speed, chain.acceleration, jerk], axis=1)
     return [SmoothAxis(*row) for row in rows.tolist()]
@@ -263,5 +263,5 @@ def _checked(chain: JointSpec, points: Sequence[Array] | Array, speeds: Sequence
 
 
 def _where(i: int, count: int) -> str:
-    """What a person calls a point."""
+    """Return the description of a point."""
     return {0: "the start", count - 1: "the end"}.get(i, f"via point {i}")
