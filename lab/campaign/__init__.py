@@ -1,1 +1,1 @@
-"""What one campaign is made of, for commands and studies: options, robot, virtual robot, poses to choose from."""
+"""Parts of one campaign, for commands and studies: options, robot, virtual robot, candidate poses."""

@@ -23,13 +23,13 @@ _FILES = (".toml", ".xml", ".urdf")  # what describes a robot, an instrument or 
 
 @dataclass(frozen=True)
 class RunConfig:
-    """What ``config.json`` of a run holds.
+    """Content of ``config.json`` of a run.
 
     Attributes:
-        schema: zero for a run of a version without.
+        schema: zero for a run of a version without a schema.
         options: those of the command, as plain values.
-        inputs_sha256: by the path of each input, as it was given, its checksum.
-        inputs: by the same, where its copy is in the run's folder.
+        inputs_sha256: checksum of each input, by its path as given.
+        inputs: path of each input's copy in the run's folder, by the same key.
     """
 
     options: Mapping[str, Any]

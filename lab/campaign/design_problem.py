@@ -1,4 +1,4 @@
-"""What a measuring day is planned for: the arm before the nominal tracker, candidates, sensitivities."""
+"""Design problem of a measurement session: the nominal arm and tracker, candidates, sensitivities."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -56,15 +56,15 @@ HUBS = 20  # candidates tried as poses to pass through on the way to others
 
 @dataclass(frozen=True)
 class ReachabilityGraph:
-    """Where the arm may be, and go.
+    """Collision-free poses of the arm and the paths between them.
 
-    Inputs are joint positions, with further columns that say how a pose is measured, where there are such.
+    Inputs are joint positions, with further columns, if any, on how a pose is measured.
 
     Attributes:
         hubs: ``(h, joints)``, home (zero joint positions, or what is nearest and touches nothing) and poses with a
-            free way to it.
+            free path to it.
         free: whether the joint path between two poses is free of collisions.
-        reachable: whether a free way leads from a hub to inputs ``(n, joints + further)``.
+        reachable: whether a free path leads from a hub to inputs ``(n, joints + further)``.
         feasible: whether they are feasible as well.
     """
 
@@ -374,7 +374,7 @@ def _noisy(name: str) -> Instrument:
 def _home(
     options: DesignOptions, chain: JointSpec, model: RobotModel, candidates: Array
 ) -> tuple[Array, tuple[str, ...]]:
-    """What is asked for; else the robot's home, or a pose near it if the arm touches itself there."""
+    """Return the requested home; else the robot's home, or a near pose if the arm collides with itself there."""
     if options.home:
         return _asked_home(options.home, chain, model), ()
     home = free_home(model, candidates)
@@ -438,7 +438,7 @@ def best_design(options: DesignOptions, problem: PoseProblem, count: int, progre
 
 
 def _begun(problem: PoseProblem, count: int, rng: np.random.Generator) -> Design:
-    """One start, exchanged and moved uphill once: kept with the state in which it leaves the generator."""
+    """Compute one start, exchanged and moved uphill once: stored with the state in which it leaves the generator."""
 
     def work() -> Columns:
         design = _uphill(problem, exchanged(problem, count, rng), 1)

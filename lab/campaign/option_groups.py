@@ -73,7 +73,7 @@ class Fitting:
 
     @property
     def residual(self) -> bool:
-        """Whether what no group explains is to be predicted as offsets of the joints."""
+        """Whether the model predicts the residual that no group explains, as offsets of the joints."""
         return "residual" in self.model.split("+")
 
     @property

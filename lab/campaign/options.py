@@ -1,4 +1,4 @@
-"""What can be asked of a virtual campaign and of a design: options that commands and studies share."""
+"""Options of a virtual campaign and of a design, shared by commands and studies."""
 
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -185,7 +185,7 @@ class DesignOptions:
 
     @property
     def clearances(self) -> Clearances:
-        """What the plan keeps free."""
+        """Clearances that the plan keeps."""
         return Clearances(self.clearance_mm / 1e3, self.self_clearance_mm / 1e3)
 
     def refuse_nonsense(self) -> None:

@@ -69,7 +69,7 @@ _DESCRIPTION = "mechanism.toml"
 
 
 def models_folder() -> Path:
-    """Where the robots live: in the installed package, or beside it in a checkout."""
+    """Return the folder of the robots: in the installed package, or beside it in a checkout."""
     installed = Path(__file__).resolve().parents[1] / "models"
     return installed if installed.is_dir() else installed.parent.parent / "models"
 
@@ -103,12 +103,12 @@ def description_of(robot: str) -> Path:
 
 
 def is_own(path: Path) -> bool:
-    """Whether a file is of one of the lab's own robots."""
+    """Decide whether a file belongs to one of the lab's own robots."""
     return path.parent.parent == models_folder()
 
 
 def sha256_of(path: Path) -> str:
-    """Of a model's folder of the lab without its README, else of the file alone."""
+    """Compute the SHA-256 of an own model's folder without its README, or of any other model's file."""
     digest = hashlib.sha256()
     own = is_own(path)
     files = sorted(p for p in path.parent.rglob("*") if p.suffix in (".xml", ".stl", ".toml")) if own else [path]
@@ -130,13 +130,13 @@ CLOSED_FORMATS: tuple[DescriptionFormat[ClosedArm, ClosedModel], ...] = (CLOSED_
 
 @dataclass(frozen=True)
 class Robot(ABC):
-    """What the lab knows of a robot before anything is measured; its kind answers by its methods.
+    """A robot before any measurement; subclasses answer by their methods.
 
     Attributes:
         model: its MuJoCo model; of a robot given as a table, one that is built from it.
         sha256: of the files that it was read from.
-        warnings: what a user should be told of them.
-        loads: its masses, for what gravity does; None where the file gives none.
+        warnings: for the user, on these files.
+        loads: its masses, for gravity effects; None where the file gives none.
         source: the name or path that it was loaded by.
         cell: that it stands in; None where it is alone with what its model has.
     """
@@ -418,7 +418,7 @@ def _loaded(robot: str) -> Robot:
 
 @cache
 def _own(path: Path, sha256: str) -> Robot:
-    """One of the lab's own robots, once a process as long as its folder stays as it is: nothing changes a robot."""
+    """Read one of the lab's own robots, once a process as long as its folder does not change: robots are immutable."""
     return _read(path, sha256)
 
 

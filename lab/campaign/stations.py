@@ -1,4 +1,4 @@
-"""Which station of the instrument measures which poses, by the names that the cell and the plan give them."""
+"""Assignment of poses to the instrument's stations, by the names in the cell and the plan."""
 
 from pathlib import Path
 

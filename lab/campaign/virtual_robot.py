@@ -130,7 +130,7 @@ def _seeing(robot: Robot, options: VirtualCampaign, joints: Array) -> NDArray[np
 
 
 def _station_columns(robot: Robot, options: VirtualCampaign, stations: NDArray[np.int_]) -> dict[str, Array]:
-    """What is set at poses that these stations measure, from 0; nothing where no instrument's frame is observed."""
+    """Return the conditions of poses measured from these stations, from 0; empty if no instrument frame is observed."""
     if not sensor_named(options.observe).in_instrument_frame:
         return {}
     refuse_idle_stations(robot.model, stations, STATION_POINTS)
@@ -138,7 +138,7 @@ def _station_columns(robot: Robot, options: VirtualCampaign, stations: NDArray[n
 
 
 def asked_conditions(robot: Robot, options: VirtualCampaign) -> tuple[str, ...]:
-    """What is to be written down at each pose: what the model may ask for, and what options set."""
+    """Return the conditions to record at each pose: those that the model may request and those that options set."""
     groups = GROUPS if options.fitting.parametric == "auto" else options.fitting.groups
     asked: dict[str, None] = {}
     for group in groups:
@@ -154,14 +154,14 @@ def asked_conditions(robot: Robot, options: VirtualCampaign) -> tuple[str, ...]:
 def drawn_conditions(
     real: TrueRobot, options: VirtualCampaign, poses: int, rng: np.random.Generator, asked: Sequence[str]
 ) -> dict[str, Array]:
-    """What is set at each of so many poses of a campaign."""
+    """Draw the conditions of each of so many poses of a campaign."""
     hours = _USUAL_HOURS if options.effects.hours is None else options.effects.hours
     chain, loads = real.robot.chain, options.effects.payload_kg
     return random_conditions(chain, real.effects, poses, rng, loads, hours * HOUR_S, asked)
 
 
 def fresh_poses(real: TrueRobot, options: VirtualCampaign, asked: Sequence[str]) -> Measurements:
-    """Where the real arm's targets are at poses that were never measured, with conditions of their own."""
+    """Simulate the real arm's targets at poses that were never measured, with conditions of their own."""
     rng = rng_for(options.seed, "fresh")
     poses = random_poses(real.robot, FRESH_POSES, rng)
     conditions = drawn_conditions(real, options, len(poses), rng, asked)

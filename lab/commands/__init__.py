@@ -1,1 +1,1 @@
-"""One folder a command."""
+"""Commands of the lab, one folder each."""

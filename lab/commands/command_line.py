@@ -57,7 +57,7 @@ def _one_line_errors(program: str, flags: Sequence[str], alone: Sequence[str] = 
 
 
 def _line(event: Any, flags: Sequence[str], alone: Sequence[str]) -> str:
-    """What is wrong; "" of an event that is not known here."""
+    """Describe the error of a parsing event; "" for an unknown event."""
     if isinstance(event, events.UnrecognizedArgs):
         return _unknown(event.tokens, flags, alone)
     if isinstance(event, events.MissingArgs):
@@ -108,10 +108,10 @@ _OVERWRITE = Annotated[Flag, tyro.conf.arg(help="Replace an earlier run in that 
 
 @dataclass(frozen=True)
 class Arguments:
-    """What was asked for.
+    """Parsed arguments of a command.
 
     Attributes:
-        options: of the command's own class.
+        options: an instance of the command's own class.
         out: the run's folder; None for the default one.
         overwrite: whether an earlier run in that folder is replaced.
         json: whether to print the result as JSON.
@@ -202,7 +202,7 @@ def _split(argument: str) -> tuple[str, ...]:
 
 
 def _names(kind: Any) -> Iterator[str]:
-    """Of all options, those of groups among them."""
+    """Yield the names of all options, including those in groups."""
     hints = get_type_hints(kind)
     for each in fields(kind):
         yield from _names(hints[each.name]) if is_dataclass(hints[each.name]) else (each.name,)
@@ -228,7 +228,7 @@ def _numbers() -> tyro.constructors.ConstructorRegistry:
 
 
 def _one_of(kinds: Sequence[Any]) -> "tyro.constructors.PrimitiveConstructorSpec[Any] | None":
-    """Of words that may be left out; None where the parts of a type are others."""
+    """Return the parser of an optional choice of words; None for any other type."""
     words = [each for each in kinds if get_origin(each) is Literal]
     if len(words) != 1 or len(kinds) != 2 or NoneType not in kinds:
         return None
@@ -333,7 +333,7 @@ def _refuse_twice(call: str, kind: type[Any], called: Mapping[str, str], given: 
 
 
 def _options(kind: Any) -> Iterator[tuple[str, tuple[str, "Field[Any]", Any]]]:
-    """Each option by its name: the group's name, "" where it is in none, its field and its type."""
+    """Yield each option by name: its group's name ("" if it is in none), its field and its type."""
     hints = get_type_hints(kind)
     for one in fields(kind):
         if is_dataclass(hints[one.name]):

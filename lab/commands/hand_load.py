@@ -21,7 +21,7 @@ __all__ = ["HandLoad", "carrying", "read_hand_load"]
 
 @dataclass(frozen=True)
 class HandLoad:
-    """What hangs at the flange, by its weight.
+    """A load at the flange, with mass and centre of mass.
 
     Attributes:
         centre_m: ``(3,)``, its centre of mass in the last frame.
@@ -61,7 +61,7 @@ class HandLoad:
 
 @dataclass(frozen=True)
 class _SavedLoad:
-    """What ``load.json`` holds; its keys. None is what was not identified."""
+    """Content of ``load.json``; its keys. None marks a value that was not identified."""
 
     mass_kg: float | None
     com_m: tuple[float | None, ...]
@@ -87,13 +87,13 @@ def carrying(robot: Robot, folder: Path | None, *, accept_edited: bool = False) 
 
 
 def read_hand_load(folder: Path, *, accept_edited: bool = False) -> HandLoad:
-    """What a run of ``lab payload`` found.
+    """Read the load that ``lab payload`` identified.
 
     Args:
         accept_edited: whether the file may have been changed since the run was written.
 
     Raises:
-        LabError: it is no such run, or mass or centre of mass were not identified.
+        LabError: the folder is no such run, or mass or centre of mass were not identified.
     """
     path = folder / LOAD_FILE
     try:

@@ -16,7 +16,7 @@ __all__ = ["WorldFrames", "read_measurements", "world_frames", "write_measuremen
 
 
 class WorldFrames(NamedTuple):
-    """Where measuring and computing take place in the world of a MuJoCo model.
+    """Frames of the instrument and of the robot's base in the world of a MuJoCo model.
 
     Attributes:
         T_world_instrument: pose ``(4, 4)`` (m) of the frame in which points are measured.
@@ -83,10 +83,10 @@ def write_measurements(path: str | Path, measurements: Measurements, robot: str 
 
 
 def world_frames(of: str | Path | Robot | MeasuringDay) -> WorldFrames:
-    """Where the instrument and the robot's base are in the world of the MuJoCo model.
+    """Return the frames of the instrument and of the robot's base in the world of the MuJoCo model.
 
     Args:
-        of: a virtual measuring day, whose instrument stands where it stood then; or a robot (a name, a path, or a
+        of: a simulated measurement session, with its instrument's pose then; or a robot (a name, a path, or a
             loaded one), whose instrument is the nominal one that designs are made for.
 
     Example:

@@ -1,4 +1,4 @@
-"""What surrounds a command that runs as a program: its streams, its interruption, and the log of a defect."""
+"""Process environment of a command: its streams, its interruption, and the log of internal errors."""
 
 import codecs
 import io
@@ -59,7 +59,7 @@ def plain_streams() -> None:
 
 
 def _nowhere(number: int) -> int:
-    """That file number, at which nothing was open, leading nowhere."""
+    """Open the null device as this unused file descriptor."""
     opened = os.open(os.devnull, os.O_RDWR)
     if opened != number:
         os.dup2(opened, number)
@@ -68,7 +68,7 @@ def _nowhere(number: int) -> int:
 
 
 def say(words: str) -> None:
-    """One line on standard error: what would break a line or steer a terminal is escaped, the middle of more is cut."""
+    """Print one line on standard error: control characters are escaped, the middle of a long line is cut."""
     line = " ".join(words.split())
     line = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
     if len(line) > _LONGEST_LINE:
@@ -105,7 +105,7 @@ def _flush() -> None:
 
 
 def _closed_output(error: BaseException) -> bool:
-    """Whether an error is that of an output that was closed, or came of one: rich then ends the program."""
+    """Decide whether an error is, or came of, a closed output: rich then ends the program."""
     return isinstance(error, BrokenPipeError) or isinstance(error.__context__, BrokenPipeError)
 
 
@@ -119,7 +119,7 @@ def drop_output() -> None:
 
 
 def was_interrupted(error: BaseException | None) -> bool:
-    """Whether an error is an interruption, or came of one: some libraries turn it into an error of their own."""
+    """Decide whether an error is, or came of, an interruption: some libraries convert it to an error of their own."""
     seen = set[int]()  # an error may be its own cause
     while error is not None and id(error) not in seen:
         if isinstance(error, KeyboardInterrupt):

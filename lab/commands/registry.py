@@ -48,12 +48,12 @@ class Command:
         return kind
 
     def load_run(self) -> "Callable[[Any], Result]":
-        """What runs it, with the libraries that it needs."""
+        """Import and return the function that runs the command, with the libraries that it needs."""
         run: Callable[[Any], Result] = _load(self.run)
         return run
 
     def folder_name(self, options: Any) -> str:
-        """How the folder of a run with these options is called by default."""
+        """Return the default name of the folder of a run with these options."""
         names = [name for _, name, _, _ in Formatter().parse(self.folder) if name]
         given = {name: getattr(options, name) for name in names}
         stems = {name: "simulated" if value is None else Path(str(value)).stem for name, value in given.items()}

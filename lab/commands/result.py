@@ -1,4 +1,4 @@
-"""What every result of the interface can do: tell itself as values, as a document, as a table, and save itself."""
+"""Base class of all results: export as values, document and table, and saving."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
@@ -40,10 +40,10 @@ __all__ = [
 
 
 class Result(ABC):
-    """What a call of the interface gives back.
+    """Result of a call of the interface.
 
     A subclass is ``@dataclass(frozen=True, repr=False, eq=False)``: it holds arrays, which neither print shortly nor
-    compare to one truth value. It says what is abstract here, overrides nothing else, and imports what is slow
+    compare to one truth value. It implements what is abstract here, overrides nothing else, and imports what is slow
     (rendering, drawing, writing) inside its methods. ``warnings`` and ``options`` may be
     fields or properties.
     """
@@ -53,25 +53,25 @@ class Result(ABC):
         @property
         @abstractmethod
         def warnings(self) -> tuple[str, ...]:
-            """What a reader should be told, a sentence each."""
+            """Warnings for the reader, a sentence each."""
 
         @property
         @abstractmethod
         def options(self) -> Any:
-            """What was asked: the options of the command."""
+            """Options of the command."""
 
     @property
     @abstractmethod
     def exit_code(self) -> int:
-        """What the command returns: 0 where the answer is good, 1 where it is bad, 3 where a good one is required."""
+        """Exit code of the command: 0 if the answer is good, 1 if it is bad, 3 where a good one is required."""
 
     @abstractmethod
     def to_dict(self) -> dict[str, Any]:
-        """What ``--json`` prints and ``result.json`` holds: plain values, lengths in mm; None where not finite."""
+        """Return the values of ``--json`` and ``result.json``: plain values, lengths in mm; None where not finite."""
 
     @abstractmethod
     def document(self) -> "Document":
-        """What a person reads: the one document that terminal, page and recording show."""
+        """Build the one document that terminal, page and recording show."""
 
     @abstractmethod
     def columns(self) -> Mapping[str, Sequence[Any] | Array]:
@@ -86,7 +86,7 @@ class Result(ABC):
         """Write every file of the run into a folder that is there and empty; ``save`` makes it."""
 
     def summary(self) -> str:
-        """What the command prints, as plain text."""
+        """Return the printed output of the command, as plain text."""
         from lab.render.terminal import to_text
 
         return "\n".join(line.rstrip() for line in to_text(self.document()).splitlines()).strip()
@@ -209,12 +209,12 @@ def tidy(value: float) -> float:
 
 
 def printed(value: float) -> str:
-    """As numbers of a nominal model are printed: whole numbers without a point, a true minus sign."""
+    """Format a number of a nominal model: whole numbers without a point, a true minus sign."""
     return f"{value:.6g}".replace("-", "−")
 
 
 def coefficient(parameter: Parameter, other: Parameter, value: float) -> str:
-    """What an error of one parameter looks like in another, in the units that a person reads."""
+    """Format the effect of one parameter's error on another, in display units."""
     (per, unit, _), (factor, into, _) = display_unit(parameter), display_unit(other)
     number = f"{value * factor / per:+.4g}".replace("-", "−")
     return f"{other.name} ({number})" if unit == into else f"{other.name} ({number} {into} per {unit})"

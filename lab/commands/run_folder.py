@@ -175,7 +175,7 @@ def _copied(folder: Path, files: list[tuple[Path, Path]], taken: dict[Path, Path
 
 
 def _same(file: Path, other: Path | None) -> bool:
-    """Whether a copy of a file can stand where one of another file stands already, if any."""
+    """Decide whether a copy of a file may replace another file, if there is one."""
     if other is None or file.resolve() == other.resolve():
         return True
     return file.is_file() and other.is_file() and file_digest(file) == file_digest(other)
@@ -259,7 +259,7 @@ def run_folder(out: Path, inputs: Sequence[Path] = (), *, overwrite: bool = Fals
 
 @contextmanager
 def _known_by_name(draft: Path) -> Iterator[None]:
-    """Of a file in the draft that cannot be written only the cause goes on: nobody has heard of the draft."""
+    """Raise only the cause if a file in the draft cannot be written: the user does not know the draft's path."""
     try:
         yield
     except LabError as error:
@@ -269,7 +269,7 @@ def _known_by_name(draft: Path) -> Iterator[None]:
 
 
 def _place(out: Path) -> Path:
-    """Where a run is to be: a folder of its own."""
+    """Return the path of a run: a folder of its own."""
     try:
         place, here = resolved(out), Path.cwd()
     except OSError as error:
@@ -282,7 +282,7 @@ def _place(out: Path) -> Path:
 
 
 def _leads_to(path: Path) -> Path:
-    """Where an input is; where it cannot be read, which its reader tells, as it is given."""
+    """Resolve the path of an input; an unreadable one stays as given, for its reader to report."""
     try:
         return resolved(path)
     except OSError:
@@ -304,7 +304,7 @@ def _refuse_other_files(out: Path) -> None:
 
 
 def _is_of_run(path: Path, known: set[str]) -> bool:
-    """Whether a file or folder may be one of a run."""
+    """Decide whether a file or folder may be one of a run."""
     if path.is_symlink():
         return False
     return path.is_dir() if path.name == INPUTS else path.name in known and path.is_file()
@@ -337,7 +337,7 @@ def config(
     options: "DataclassInstance",
     model_sha256: str,
 ) -> dict[str, Any]:
-    """Every option, and what else the numbers depend on: the content of the files, versions of libraries and schema."""
+    """Return all options, and what else the numbers depend on: file contents, versions of libraries and schema."""
     return {
         "schema": SCHEMA,
         "command": command,
@@ -377,7 +377,7 @@ def _input_hashes(options: "DataclassInstance") -> Iterator[tuple[str, str]]:
 
 @cache
 def versions() -> dict[str, str]:
-    """Of everything that numbers depend on."""
+    """Return the versions of all software that the numbers depend on."""
     libraries = {name: metadata.version(name) for name in _LIBRARIES}
     return libraries | {"python": platform.python_version(), "virtual-calibration-lab": __version__}
 
@@ -390,7 +390,7 @@ def write_json(path: Path, content: Any) -> None:
 
 
 def _indented(value: Any, level: int) -> Iterator[str]:
-    """What ``json.dumps`` with an indent of one writes: that goes item by item in Python, in five times as long.
+    """Yield the text of ``json.dumps`` with an indent of one, five times as fast as its item-by-item Python loop.
 
     A mapping or a list of single values is written at once, with line ends between its items.
     """
@@ -456,7 +456,7 @@ def refuse_edits(folder: Path) -> None:
 
 
 def is_older(folder: Path) -> bool:
-    """Whether a lab without versions of the schema made this run."""
+    """Decide whether a lab without versions of the schema made this run."""
     return read_config(folder).schema == 0
 
 
@@ -502,7 +502,7 @@ def unfinished(command: str, options: Any, out: Path | None, *, resume: bool) ->
 
 
 def _beside(out: Path) -> Path:
-    """Where pieces are kept."""
+    """Return the folder in which finished pieces are stored."""
     try:
         place = resolved(out)
     except OSError as error:
@@ -511,7 +511,7 @@ def _beside(out: Path) -> Path:
 
 
 def _work(command: str, options: Any) -> dict[str, Any]:
-    """What pieces depend on: options, the content of the files that they name, and versions; as JSON has it."""
+    """Return what pieces depend on: options, content of the files that they name, and versions; JSON types."""
     asked = {name: value for name, value in asdict(options).items() if name not in _NO_PART}
     own = getattr(options, "out", None)
     files = {str(path): _content(path) for path in input_files(options) if path != own}
@@ -577,9 +577,9 @@ class Stops:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What each one is called: its pose's or target's id, ``home`` at the ends, or ``via`` and a number.
+        """Names of the waypoints: the pose's or target's id, ``home`` at the ends, or ``via`` and a number.
 
-        Between two stations it is ``home_between`` and a number.
+        Between two stations the name is ``home_between`` and a number.
         """
         last, names, via, between = len(self.which) - 1, list[str](), 0, 0
         for i, pose in enumerate(self.which.tolist()):
@@ -593,7 +593,7 @@ class Stops:
 
     @property
     def purposes(self) -> tuple[str, ...]:
-        """What each one is for."""
+        """Purposes of the waypoints."""
         return tuple(self.purpose if pose >= 0 else VIA for pose in self.which)
 
     def columns(self, chain: JointSpec) -> Mapping[str, Sequence[Any] | Array]:
@@ -627,7 +627,7 @@ _SHOWN = ("robot", "instrument", "seed")  # also where they are at their default
 
 
 def command_line(name: str, options: "DataclassInstance") -> str:
-    """What to type for these options: those that are not at their defaults."""
+    """Write the command line for these options, without those at their defaults."""
     given, words, flags = dict(_asked(options)), ["lab", name], []
     for option in positional(type(options)):
         value, told = getattr(options, option), given.pop(option, "")

@@ -1,7 +1,7 @@
-"""What a study's campaigns say: means, paired comparisons and ranks, each with its uncertainty.
+"""Analysis of a study's campaigns: means, paired comparisons and ranks, each with its uncertainty.
 
-Robots are drawn; the draws of one robot share it, and so are no independent campaigns. What is uncertain is therefore
-resampled by robots, each with all its draws (Davison & Hinkley 1997, section 3.8: resampling within them as well
+Robots are drawn; the draws of one robot share it, and so are no independent campaigns. Statistics are therefore
+resampled by robots, each with all its draws (Davison & Hinkley 1997, section 3.8: resampling within them too
 would count the noise twice; Field & Welsh 2007). That asks for noise that is independent from robot to robot. What all
 campaigns of a cell share, its poses and the validation poses, is given: no interval says what other poses would do.
 
@@ -169,10 +169,10 @@ class CampaignArray:
     def of(
         cls, columns: Mapping[str, NDArray[Any]], cells: Sequence[Cell], seed: int = 0, resamples: int = RESAMPLES
     ) -> "CampaignArray":
-        """From the columns ``cell``, ``robot``, ``draw``, ``converged`` and metrics.
+        """Arrange the columns ``cell``, ``robot``, ``draw``, ``converged`` and metrics as an array.
 
         Raises:
-            LabError: a column is missing, a cell is unknown, or a campaign is there twice.
+            LabError: a column is missing, a cell is unknown, or a campaign is duplicated.
         """
         if missing := [name for name in KEYS if name not in columns]:
             raise LabError(f"campaigns: column '{missing[0]}' is missing; there are {', '.join(columns) or 'none'}")
@@ -203,7 +203,7 @@ class CampaignArray:
         return self._arranged(np.where(good, given, np.nan), np.nan)
 
     def present(self) -> NDArray[np.bool_]:
-        """Whether there is a campaign ``(cells, robots, draws)``."""
+        """Return which campaigns ``(cells, robots, draws)`` exist."""
         return self._arranged(np.ones(len(self.place)), 0.0).astype(bool)
 
     def not_converged(self) -> NDArray[np.int_]:
@@ -248,16 +248,16 @@ class Mean:
 
 @dataclass(frozen=True)
 class Pair:
-    """Two cells over the same robots and the same noise.
+    """A pair of cells over the same robots and the same noise.
 
     Attributes:
         first, second: the cells' numbers.
         effect, lower, upper: exp of the mean log-ratio of second to first, or the mean of second less first, and the
-            95 % interval of this pair alone; NaN where it cannot be said.
-        p: of no effect.
-        p_holm: the same, corrected for all pairs of the comparison (Holm 1979).
+            95 % interval of this pair alone; NaN where it is not estimable.
+        p: p-value of no effect.
+        p_holm: this p-value, corrected for all pairs of the comparison (Holm 1979).
         used: campaigns that both have, converged in both.
-        left_out: that both have, and did not.
+        left_out: campaigns that both have, not converged in one or both.
     """
 
     first: int
@@ -272,16 +272,16 @@ class Pair:
 
     @property
     def told(self) -> bool:
-        """Whether the two can be told apart, among all pairs of the comparison."""
+        """Whether the pair differs significantly, corrected for all pairs of the comparison."""
         return self.p_holm <= STUDY_COMPARISON
 
 
 @dataclass(frozen=True)
 class Rank:
-    """Where a cell stands among those that it is compared with; 1 has the least of the metric.
+    """Rank of a cell among those that it is compared with; 1 has the least of the metric.
 
     Attributes:
-        rank: as seen; ties share the better one.
+        rank: as observed; ties share the better one.
         lowest, highest: the 95 % set of ranks, jointly for all cells of the comparison: no better than those that
             surely beat it leave, no worse than those that it surely beats (Mogstad, Romano, Shaikh & Wilhelm 2024).
             Quantiles of resampled ranks would not cover where cells are equal (Hall & Miller 2009).
@@ -297,7 +297,7 @@ class Rank:
 
 @dataclass(frozen=True)
 class Comparison:
-    """All pairs of a group's cells by one metric, and the ranks that follow from them.
+    """Comparison of all pairs of a group's cells by one metric, with the ranks that follow.
 
     Attributes:
         pairs: in the order of the group's cells.
@@ -318,7 +318,7 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Analysis:
-    """All that is said of a study."""
+    """Results of a study's analysis."""
 
     cells: tuple[Cell, ...]
     means: tuple[Mean, ...]
@@ -326,7 +326,7 @@ class Analysis:
 
 
 def means(campaigns: CampaignArray, metric: str) -> tuple[Mean, ...]:
-    """Of every cell."""
+    """Compute the mean of every cell."""
     values, failed = campaigns.values(metric), campaigns.not_converged()
     by_robot = _over_draws(values)
     found = resampled(by_robot.T, campaigns.weights, STUDY_COMPARISON)
@@ -349,7 +349,7 @@ def means(campaigns: CampaignArray, metric: str) -> tuple[Mean, ...]:
 
 
 def compared(campaigns: CampaignArray, group: CellGroup, metric: str, kind: Kind = "ratio") -> Comparison:
-    """All pairs of a group's cells, and the ranks that follow.
+    """Compare all pairs of a group's cells, and rank the cells.
 
     A campaign counts in a pair where it converged in both cells (and, for a ratio, the metric is positive in both).
     """

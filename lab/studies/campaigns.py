@@ -132,7 +132,7 @@ def _designed(asked: DesignOptions) -> Array:
 
 
 def run_task(study: Study, task: Task, joints: Array) -> Columns:
-    """All campaigns of a task, a row each, as the columns of ``COLUMNS``.
+    """Run all campaigns of a task, a row each, with the columns of ``COLUMNS``.
 
     Args:
         joints: the cell's poses.
@@ -149,13 +149,13 @@ def run_task(study: Study, task: Task, joints: Array) -> Columns:
 
 @dataclass(frozen=True)
 class _Fitted:
-    """What is identified in a cell.
+    """Parameters identified in a cell.
 
     Attributes:
         nominal: parameters ``(p,)`` of the nominal model before the nominal tracker.
-        free: those that are identified.
+        free: the identified ones.
         placed: whether the base is, so that the points may be turned.
-        device: with its noise as the cell has it.
+        device: the instrument, with the noise of the cell.
     """
 
     robot: Robot
@@ -232,7 +232,7 @@ def _conditions(real: TrueRobot, asked: VirtualCampaign, joints: Array, purpose:
 
 
 def _measured(real: TrueRobot, device: Instrument, asked: VirtualCampaign, joints: Array, draws: int) -> Array:
-    """What the tracker reads in each draw, ``(draws, n, k, 3)`` m; what is the same in all is worked out once."""
+    """Simulate the tracker's readings of each draw, ``(draws, n, k, 3)`` m; what draws share is computed once."""
     effects = real.effects
     conditions = _conditions(real, asked, joints, "conditions")
     noises = [rng_for(asked.seed, "noise", draw) for draw in range(draws)]
@@ -265,10 +265,10 @@ def _turned(fitted: _Fitted, real: TrueRobot, joints: Array, measured: Array) ->
 def _judged(
     fitted: _Fitted, real: TrueRobot, found: BatchFits, campaigns: PointBatch, fresh: Array, exact: Array
 ) -> Columns:
-    """What came out of the campaigns with one robot.
+    """Evaluate the campaigns with one robot.
 
     Args:
-        exact: ``(m, k, 3)`` m, where its targets are at the validation poses.
+        exact: ``(m, k, 3)`` m, its true targets at the validation poses.
     """
     Ts = campaigns.Ts_instrument_nominal
     errors = _errors(fitted, fresh, found.values, in_nominal_frame(exact, Ts))
@@ -333,14 +333,14 @@ _LIBRARIES = ("mujoco", "numpy", "scipy", "pyarrow")
 
 
 def origin_of(robot: str) -> dict[str, Any]:
-    """What a study's numbers depend on beside its options: the robot's files, and versions."""
+    """Return what a study's numbers depend on beside its options: the robot's files, and versions."""
     versions = {name: metadata.version(name) for name in _LIBRARIES}
     versions |= {"python": platform.python_version(), "virtual-calibration-lab": __version__}
     return {"model_sha256": load_robot(robot).sha256, "versions": versions}
 
 
 def difference(there: dict[str, Any], here: dict[str, Any]) -> str | None:
-    """What of two origins is not the same, in words; None if all is."""
+    """Describe the difference between two origins; None if they are equal."""
     files = there["model_sha256"] == here["model_sha256"]
     return other_version(there["versions"], here["versions"]) or (None if files else "other files of the robot")
 

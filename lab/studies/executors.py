@@ -1,4 +1,4 @@
-"""Who does the work of a study: processes of this machine, or a cluster; and how pieces of work are handed out."""
+"""Executors of a study, local processes or a cluster, and the distribution of tasks to them."""
 
 import asyncio
 import logging
@@ -94,7 +94,7 @@ class _Processes(SpawnContext):
 
 
 def _prepare() -> None:
-    """In a new process: one BLAS thread, no interruption but by the parent, and no life after it."""
+    """Prepare a new process: one BLAS thread, interrupted only by the parent, ended with it."""
     os.environ.update(dict.fromkeys(_THREADS, "1"))  # before numpy is imported
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # where the signal could not be blocked before
     threading.Thread(target=_end_with_parent, daemon=True).start()
@@ -163,7 +163,7 @@ def _client(address: str) -> "Client":
 def run_jobs(
     executor: Executor, jobs: Iterable[tuple[Key, Callable[[], Result]]], in_flight: int = _IN_FLIGHT
 ) -> Generator[tuple[Key, Result], None, None]:
-    """What each job returns, with its key, as they finish; no more than ``in_flight`` are handed out at a time.
+    """Yield each job's key and result as jobs finish, with at most ``in_flight`` submitted at a time.
 
     Raises:
         StoppedError: the workers were lost.

@@ -1,4 +1,4 @@
-"""What a study asks: a grid of factors, times robots, times draws of the noise; and how it is cut into tasks."""
+"""Grid of a study: factors, times robots, times draws of the noise; and its division into tasks."""
 
 import itertools
 from collections.abc import Mapping
@@ -22,13 +22,13 @@ CAMPAIGNS_A_TASK = 2000  # about half a second's
 
 @dataclass(frozen=True)
 class Cell:
-    """One combination of the factors.
+    """A combination of the factors.
 
     Attributes:
-        criterion: by which the poses were chosen; ``random`` for poses that were not.
+        criterion: by which the poses were chosen; ``random`` for random poses.
         scaling: of the criterion; O1 and random poses are the same in each.
-        poses: how many.
-        noise: by what the instrument's is multiplied; the poses are chosen as if it were one.
+        poses: their number.
+        noise: factor of the instrument's noise; the poses are chosen as if it were one.
         parameters, effects: names of sets that the study defines.
     """
 
@@ -49,7 +49,7 @@ FACTORS = tuple(each.name for each in fields(Cell))
 
 @dataclass(frozen=True)
 class Task:
-    """Some robots of one cell, solved in one go: as much as is worth sending to a worker.
+    """A task for a worker: some robots of one cell, solved together.
 
     Attributes:
         cell: its number.
@@ -62,7 +62,7 @@ class Task:
 
     @property
     def name(self) -> str:
-        """What its file is called."""
+        """Name of the task's file."""
         return f"cell{self.cell:04d}-robots{self.first:05d}-{self.last:05d}"
 
 
@@ -137,7 +137,7 @@ class Study:
 
     @property
     def cells(self) -> tuple[Cell, ...]:
-        """All combinations, in the order of the factors; each that is the same as another once."""
+        """Combinations in the order of the factors, without duplicates."""
         usual = asdict(Cell())
         values = [self.factors.get(name, (usual[name],)) for name in FACTORS]
         found = (Cell(*combination) for combination in itertools.product(*values))
@@ -154,7 +154,7 @@ class Study:
 
     @property
     def campaigns(self) -> int:
-        """How many there are."""
+        """Number of campaigns."""
         return len(self.cells) * self.robots * self.draws
 
 

@@ -44,7 +44,7 @@ class StudyDone:
 
     @property
     def summary(self) -> dict[str, Any]:
-        """What ``--json`` prints."""
+        """Summary that ``--json`` prints."""
         return {
             "folder": str(self.folder),
             "campaigns": self.study.campaigns,
@@ -109,7 +109,7 @@ def _posed(store: Store, executor: Executor, progress: Progress, work: Callable[
 def _solved(
     store: Store, executor: Executor, progress: Progress, work: Callable[..., dict[str, Array]], poses: dict[int, Array]
 ) -> int:
-    """How many campaigns were worked out and kept: those that were not there yet."""
+    """Compute and store the missing campaigns; return their number."""
     study = store.study
     left = [task for task in study.tasks if not store.has(task)]
     at_first = there = study.campaigns - sum(store.campaigns_of(task) for task in left)
@@ -124,7 +124,7 @@ def _solved(
 
 
 def _work(origin: dict[str, Any], robot: str, function: Callable[..., Any], *arguments: Any) -> Any:
-    """What a worker does: call a function, with one BLAS thread, if it would give what it gives elsewhere."""
+    """Call a function in a worker, with one BLAS thread, if its results would equal those of other machines."""
     what = difference(_origin_here(robot), origin)
     if what is not None:
         raise StoppedError(f"a worker has {what}; mend that, then --resume goes on")
@@ -134,7 +134,7 @@ def _work(origin: dict[str, Any], robot: str, function: Callable[..., Any], *arg
 
 @lru_cache
 def _origin_here(robot: str) -> dict[str, Any]:
-    """Of this process, worked out once."""
+    """Return the origin of this process, computed once."""
     return origin_of(robot)
 
 

@@ -47,7 +47,7 @@ _REALS = [field.name for field in SCHEMA if field.type == pa.float64()]
 
 @dataclass(frozen=True)
 class _Begun:
-    """What ``config.json`` of a study holds; its keys."""
+    """Content of ``config.json`` of a study; its keys."""
 
     options: Mapping[str, Any]
     model_sha256: str
@@ -56,10 +56,10 @@ class _Begun:
 
 @dataclass(frozen=True)
 class Store:
-    """What of a study is on the disk.
+    """Files of a study on the disk.
 
     Attributes:
-        columns: names of the joints with their unit, of the files of poses.
+        columns: names of the joints with their units, in the files of poses.
     """
 
     folder: Path
@@ -68,11 +68,11 @@ class Store:
 
     @cached_property
     def cells(self) -> tuple[Cell, ...]:
-        """Of the study, worked out once."""
+        """Cells of the study, computed once."""
         return self.study.cells
 
     def campaigns_of(self, task: Task) -> int:
-        """How many a task has."""
+        """Return the number of campaigns of a task."""
         return (task.last - task.first) * self.study.draws
 
     def read_poses(self, cell: int) -> Array | None:
@@ -97,7 +97,7 @@ class Store:
             keep_checked(path, content)
 
     def has(self, task: Task) -> bool:
-        """Whether all campaigns of a task are there, and undamaged."""
+        """Decide whether all campaigns of a task are stored, and undamaged."""
         try:
             return len(_read(self._campaigns(task))) == self.campaigns_of(task)
         except (OSError, pa.ArrowException):
@@ -123,10 +123,10 @@ class Store:
             write_whole(path, buffer.getvalue())
 
     def read(self) -> pa.Table:
-        """All campaigns, in the order of the tasks.
+        """Read all campaigns, in the order of the tasks.
 
         Raises:
-            LabError: some are not there, or damaged.
+            LabError: some are missing or damaged.
         """
         return pa.concat_tables([self._whole(task) for task in self.study.tasks])
 
@@ -221,7 +221,7 @@ def read_store(folder: Path) -> Store:
 
 
 def read_campaigns(folder: Path) -> pa.Table:
-    """All campaigns of a study, a row each: cell by cell, robot by robot, draw by draw.
+    """Read all campaigns of a study, a row each: cell by cell, robot by robot, draw by draw.
 
     Raises:
         LabError: the folder holds no study, or one that is not finished.
@@ -245,7 +245,7 @@ def _told(path: Path) -> Iterator[None]:
 
 
 def _described(study: Study) -> dict[str, dict[str, Any]]:
-    """What goes into the folder's JSON files, by their names."""
+    """Return the content of the folder's JSON files, by their names."""
     columns = {field.name: {"type": str(field.type), "meaning": COLUMNS[field.name]} for field in SCHEMA}
     cells = [{"number": number, "factors": asdict(cell)} for number, cell in enumerate(study.cells)]
     tasks = [{"file": f"{_CAMPAIGNS}/{task.name}.parquet", **asdict(task)} for task in study.tasks]
@@ -273,7 +273,7 @@ def _read(path: Path) -> pa.Table:
 
 
 def _digest(table: pa.Table) -> str:
-    """Of the numbers of a file of campaigns."""
+    """Compute the digest of the numbers of a campaign file."""
     digest = hashlib.sha256()
     for column in table.columns:
         digest.update(column.to_numpy().tobytes())
@@ -285,6 +285,6 @@ def _json(values: dict[str, Any]) -> bytes:
 
 
 def _plain(values: dict[str, Any]) -> dict[str, Any]:
-    """As JSON has it: a tuple is a list."""
+    """Convert values to JSON types: a tuple becomes a list."""
     plain: dict[str, Any] = json.loads(_json(values))
     return plain

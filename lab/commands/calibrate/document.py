@@ -1,4 +1,4 @@
-"""What a person reads of a calibration: on the terminal, on the page and beside the recording."""
+"""Documents and tables of a calibration for the terminal, the page and the recording."""
 
 from collections.abc import Sequence
 
@@ -140,13 +140,13 @@ def _lead(result: CalibrationResult, words: SensorWords) -> str:
 
 
 def _judged_error(result: CalibrationResult, words: SensorWords) -> str:
-    """What the validation's errors are: a virtual arm that fixtures placed is judged by its positions."""
+    """Name the validation's errors; a virtual arm placed by fixtures is validated by positions."""
     judged_by_points = result.validation.judged_by == "fresh" and not result.kind.in_instrument_frame
     return "position error, the base placed anew," if judged_by_points else words.error
 
 
 def _validated_on(result: CalibrationResult) -> str:
-    """What the validation counted: how many errors, and where."""
+    """Describe the validation set: the number of errors and their source."""
     assert result.after is not None and result.validation.judged_by is not None
     return _VALIDATED[result.validation.judged_by].format(count=f"{result.after.count:,}")
 
@@ -267,7 +267,7 @@ def _noise(result: CalibrationResult) -> str:
 
 
 def _truth(result: CalibrationResult) -> str:
-    """How the estimates compare with a virtual robot's truth."""
+    """Compare the estimates with the true parameters of a virtual robot, in a sentence."""
     comparison = result.comparison
     if comparison is None or not np.isfinite(comparison.z).all():
         return ""
@@ -302,7 +302,7 @@ def _model_selection(result: CalibrationResult) -> Table:
 
 
 def _explained(found: ExplainedError | None) -> tuple[str, str]:
-    """How far predictions would be off without a group, and its share of what geometry alone leaves."""
+    """Format the prediction error without a group (mm) and its share of the error of geometry alone (%)."""
     return ("", "") if found is None else (short(1e3 * found.size_m), f"{100 * found.share:.2g}")
 
 
@@ -348,7 +348,7 @@ def _parameters(result: CalibrationResult, words: SensorWords) -> Section:
 
 
 def parameters_table(result: CalibrationResult) -> Table:
-    """Every parameter with its 95 % interval, or why it has none."""
+    """Tabulate all parameters with their 95 % intervals, or the reason for having none."""
     rows, parameters = result.parameters, result.identification.model.parameters
     kinds = tuple("" if row.identified and not row.weakly_observable else "quiet" for row in rows)
     columns = ("parameter", "correction", "95 % interval", "unit", "estimated", "nominal", "status")
@@ -379,7 +379,7 @@ def _status(row: EstimatedParameter) -> str:
 
 
 def _identifiability(result: CalibrationResult) -> tuple[Block, ...]:
-    """What the robot's structure and these poses allow to be identified."""
+    """Report which parameters robot structure and measured poses leave unidentifiable or weakly observable."""
     found = result.identification
     directions, pairs = result.weak_directions, correlated_pairs(found)
     parameters = {each.name: each for each in found.model.parameters}

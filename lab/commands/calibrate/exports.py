@@ -18,7 +18,7 @@ _CHECKED, _SAME_M = 3, 1e-9  # poses at which a module is compared with the lab'
 
 
 def comment_of_lacking(groups: Sequence[str], off_m: float | None, where: str, *, module: bool) -> str:
-    """What a file of geometry alone says of itself; "" where it has all that was identified.
+    """Write the comment of a geometry-only file on the effects it lacks; "" if it holds all identified effects.
 
     Args:
         module: whether ``calibrated.py`` has the arm.
@@ -71,7 +71,7 @@ class ArmExport:
         return text, None
 
     def to_dict(self, reason: str | None) -> dict[str, Any]:
-        """What ``result.json`` says of ``calibrated.py``: effects that it has and lacks, and why it refuses."""
+        """Return the entry for ``calibrated.py`` in ``result.json``: effects it has and lacks, and why it refuses."""
         whole = ["geometric", *self.estimate.groups]
         has, lacks = ([], whole) if reason else (whole, [])
         conditions = list(self.estimate.arm.conditions)

@@ -186,7 +186,7 @@ def main_picture(result: CalibrationResult) -> Picture:
 
 
 def error_histograms(result: CalibrationResult, error: str) -> tuple[Picture, ...]:
-    """How the errors are spread before and after calibration; nothing without a validation."""
+    """Draw histograms of the errors before and after calibration; none without a validation."""
     errors = result.validation.errors
     if errors is None or not np.isfinite(errors.after).any():
         return ()
@@ -198,12 +198,12 @@ def error_histograms(result: CalibrationResult, error: str) -> tuple[Picture, ..
 
 
 def has_correction(parameter: Parameter, row: EstimatedParameter) -> bool:
-    """Whether the nominal model says what the parameter would be: base, tool and fixtures are only placed."""
+    """Decide whether the parameter has a nominal value; base, tool and fixtures are only placed."""
     return row.identified and bool(np.isfinite(parameter.scale))
 
 
 def correction_pictures(result: CalibrationResult) -> tuple[Picture, ...]:
-    """By how much parameters differ from their nominal values, with 95 % intervals, a picture for each unit."""
+    """Draw the corrections of nominal parameter values with 95 % intervals, a picture for each unit."""
     by_unit: dict[str, list[EstimatedParameter]] = {"mm": []}
     units = dict[str, DisplayUnit]()
     for parameter, row in zip(result.identification.model.parameters, result.parameters, strict=True):
@@ -438,7 +438,7 @@ def _rank_correlation(at: Array, sizes: Array) -> float:
 
 
 def _ranks(values: Array) -> Array:
-    """Which of the values, in ascending order, each is; equal ones share the mean of theirs."""
+    """Return the rank of each value in ascending order; ties share their mean rank."""
     _, which, count = np.unique(values, return_inverse=True, return_counts=True)
     return np.asarray((np.cumsum(count) - (count - 1) / 2)[which])
 
@@ -593,7 +593,7 @@ def residual_figures(result: CalibrationResult) -> tuple[Block, ...]:
 
 
 def selection_figure(result: CalibrationResult) -> Figure:
-    """What each group of the model is worth."""
+    """Draw the hold-out error that each parameter group removes."""
     caption = (
         "The hold-out error of the geometry alone, and by how much each group that was taken lowers it, from top to "
         "bottom."
@@ -602,7 +602,7 @@ def selection_figure(result: CalibrationResult) -> Figure:
 
 
 def correlation_figure(result: CalibrationResult) -> Figure:
-    """Which parameters these poses hardly tell apart."""
+    """Draw the correlations of the identified parameters at these poses."""
     caption = (
         "Correlations of the identified parameters, a block for each link: blue, they rise together; vermilion, one "
         "falls as the other rises. Dark cells off the diagonal are parameters that these poses hardly tell apart."
@@ -611,7 +611,7 @@ def correlation_figure(result: CalibrationResult) -> Figure:
 
 
 def singular_value_figure(values: Array) -> Figure:
-    """Which directions the measurements observe well."""
+    """Draw the singular values: how well the measurements observe each direction."""
     caption = (
         "Singular values of the Jacobian (whitened rows, unit columns) of the identified parameters: a direction far "
         "below the others is one of which the measurements say little."

@@ -73,14 +73,14 @@ class NamedOutlier:
 
 @dataclass(frozen=True)
 class RunVerdict:
-    """How a run was judged; keys of its ``result.json``.
+    """Verdict of a run and the numbers behind it; keys of its ``result.json``.
 
     Attributes:
-        after_mm, before_mm: errors after and before; None where nothing was there to validate on.
-        judged_by: on what; None without validation.
+        after_mm, before_mm: errors after and before; None without a validation.
+        judged_by: the validation set; None without validation.
         outliers: poses that the test of outliers names.
         outliers_left_out: whether these were not fitted.
-        noise_model: errors that the measurements share, as the run found them; None where there are none.
+        noise_model: correlated errors of the measurements that the run estimated; None where there are none.
     """
 
     verdict: str
@@ -99,7 +99,7 @@ class RunVerdict:
 
     @property
     def usable(self) -> bool:
-        """Whether others may build on the run: it is good, or doubtful for reasons that they are told."""
+        """Decide whether others may build on the run: it is good, or doubtful for reported reasons."""
         return self.verdict in ("good", "doubtful")
 
     @property
@@ -190,7 +190,7 @@ class CalibrationRun:
 
     @property
     def named_warnings(self) -> tuple[str, ...]:
-        """The same, each with the run's folder: for who checks several runs."""
+        """Warnings of the run, each with the run's folder, for commands that check several runs."""
         return (*self._named(self.robot.warnings), *self.edits, *self._named((*self._older, *self._doubts)))
 
     def _named(self, said: Sequence[str]) -> list[str]:
@@ -204,7 +204,7 @@ class CalibrationRun:
 
     @property
     def _doubts(self) -> list[str]:
-        """Why the predicted error of the run may be too small."""
+        """Reasons why the predicted error of the run may be too small."""
         result, said = self.result, []
         if result.verdict != "good":
             why = f" ({'; '.join(result.reasons) or result.reason})" if result.reason else ""

@@ -1,4 +1,4 @@
-"""What can be asked of a calibration from measurements; of a virtual one, ``lab.campaign.options`` says."""
+"""Options of a calibration from measurements; ``lab.campaign.options`` has those of a virtual one."""
 
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -79,12 +79,12 @@ def summary_text(outcome: CalibrationResult, shown: Scene) -> str:
 
 
 def parameters_text(outcome: CalibrationResult) -> str:
-    """Every parameter, as Markdown."""
+    """Write the table of parameters as Markdown."""
     return to_markdown(Document("Parameters", (parameters_table(outcome),)))
 
 
 def _legend(outcome: CalibrationResult, shown: Scene) -> Section:
-    """What the colours mean and by how much each is magnified."""
+    """Explain the colours of the recording and their magnifications."""
     known = outcome.identification.sigma_known
     unit = "their effects in standard deviations" if known else "all points have the same weight"
     before, after = format_magnification(shown.factor_before), format_magnification(shown.factor_after)
@@ -150,7 +150,7 @@ def _errors() -> rrb.TimeSeriesView:
 
 
 def _identity(outcome: CalibrationResult) -> str:
-    """The same for the same content, so that the same campaign gives the same recording."""
+    """Compute a recording identifier from the content, so that the same campaign gives the same recording."""
     digest = hashlib.sha256(outcome.robot.sha256.encode())
     for array in (outcome.fitted.joints, outcome.fitted.points, outcome.identification.values):
         digest.update(np.ascontiguousarray(array).tobytes())

@@ -1,4 +1,4 @@
-"""What ``lab calibrate`` and ``lab identify`` end with: the identified parameters, and how well they predict."""
+"""Result of ``lab calibrate`` and ``lab identify``: the identified parameters and their prediction error."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -78,7 +78,7 @@ class JointStiffness:
 
 @dataclass(frozen=True)
 class CorrelatedPair:
-    """Two parameters whose errors are strongly correlated."""
+    """A pair of parameters whose errors are strongly correlated."""
 
     names: tuple[str, str]
     correlation: float
@@ -210,7 +210,7 @@ class CalibrationResult(Result):
 
     @property
     def parameters(self) -> tuple[EstimatedParameter, ...]:
-        """Every parameter: nominal, estimated, how sure."""
+        """Rows of the parameters: nominal value, estimate, uncertainty."""
         return self.estimate.rows
 
     @cached_property
@@ -230,12 +230,12 @@ class CalibrationResult(Result):
 
     @property
     def groups(self) -> tuple[GroupTrial, ...]:
-        """What each group of parameters is worth; none where geometry alone was asked for."""
+        """Trials of the parameter groups; none if only geometry was requested."""
         return () if self.fit.selection is None else self.fit.selection.groups
 
     @property
     def stiffnesses(self) -> tuple[JointStiffness, ...]:
-        """Of the joints whose compliance was identified."""
+        """Stiffnesses of the joints whose compliance was identified."""
         return stiffnesses(self.identification, self.robot.chain)
 
     def rigid(self, values: Array) -> tuple[RigidArm, Array]:
@@ -244,7 +244,7 @@ class CalibrationResult(Result):
         return arm, values[: len(arm.names)]
 
     def to_dict(self) -> dict[str, Any]:
-        """What ``result.json`` holds and ``--json`` prints. Lengths in mm."""
+        """Return the values that ``result.json`` holds and ``--json`` prints. Lengths in mm."""
         identification, after, robust = self.identification, self.after, errors_without_outliers(self)
         from lab.commands.run_folder import SCHEMA
 
@@ -324,7 +324,7 @@ class CalibrationResult(Result):
 
     @cached_property
     def _off_m(self) -> float | None:
-        """How far geometry alone is off (m, root mean square) at the fitted poses; None where there is nothing else."""
+        """Error of geometry alone (m, root mean square) at the fitted poses; None if no other effect is modelled."""
         return self.estimate.geometry_error(self._export.inputs)
 
     @cached_property
@@ -339,7 +339,7 @@ class CalibrationResult(Result):
 
     @property
     def _exports(self) -> dict[str, Any]:
-        """What ``result.json`` says of the files that hold the arm."""
+        """Entries in ``result.json`` for the files that hold the calibrated arm."""
         found, off = self._export, self._off_m
         alone = {"has": ["geometric"], "lacks": [*self.estimate.groups, *self.estimate.left_out]}
         of_geometry = {**alone, "off_mm": None if off is None else number(1e3 * off)}
@@ -347,7 +347,7 @@ class CalibrationResult(Result):
 
     @property
     def _prior(self) -> dict[str, Any]:
-        """What ``result.json`` says of the tolerances as a prior: directions, of so many, that it acts in."""
+        """Entry in ``result.json`` for the tolerances as a prior: the number of directions in which it acts."""
         mode, acting = self.options.fitting.prior, self.identification.prior
         if acting is None:
             return {"mode": mode, "acts_in": 0}
@@ -375,7 +375,7 @@ class CalibrationResult(Result):
         }
 
     def document(self) -> "Document":
-        """What a person reads."""
+        """Build the document for the terminal, the page and the recording."""
         from lab.commands.calibrate.document import document_of
 
         return document_of(self)
@@ -418,7 +418,7 @@ _ADEQUATE: dict[Outcome, bool | None] = {"passed": True, "failed": False, "not t
 
 
 def _answer_to_dict(answer: Answer) -> dict[str, Any]:
-    """One of the three answers of the verdict."""
+    """Return plain values of one of the verdict's three answers."""
     return {"standing": answer.standing, "words": in_one_line(answer.checks)}
 
 
@@ -443,7 +443,7 @@ def _prediction_to_dict(found: Check | None) -> dict[str, Any] | None:
 
 
 def outliers_found(result: CalibrationResult) -> int:
-    """How many of the simulated outliers the test of outliers names."""
+    """Count the simulated outliers that the outlier test names."""
     return len(result.bad & {pose.id for pose in result.fit.outliers})
 
 
@@ -465,7 +465,7 @@ def _instrument_to_dict(found: InstrumentNoise | None) -> dict[str, Any] | None:
 
 
 def _remaining_to_dict(found: RemainingError | None, gain: ExpectedGain | None) -> dict[str, Any] | None:
-    """What the remaining error of a coordinate is made of, in mm."""
+    """Return the components of a coordinate's remaining error, in mm."""
     if found is None:
         return None
     sizes = {"total_mm": found.total_m, "instrument_mm": found.instrument_m, "shared_mm": found.shared_m}
@@ -510,7 +510,7 @@ def _bounds_to_dict(found: ValidationBounds | None) -> dict[str, Any] | None:
 
 
 def _truth_to_dict(result: CalibrationResult, comparison: TruthComparison) -> dict[str, Any]:
-    """How the estimates compare with a virtual robot's truth."""
+    """Return the comparison of the estimates with a virtual robot's true parameters."""
     return {
         "max_abs_z": number(np.abs(comparison.z).max()),
         "nees_per_parameter": number(comparison.nees_per_parameter),

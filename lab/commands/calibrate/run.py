@@ -61,13 +61,13 @@ __all__ = [
 
 @dataclass(frozen=True, repr=False, eq=False)
 class MeasuringDay:
-    """What a virtual measuring day gives.
+    """A simulated measurement session.
 
     Attributes:
-        robot: the nominal model, which is all that an identification may know.
+        robot: the nominal model, the only input of an identification.
         measurements: points (m) in the instrument's frame, and joint positions (rad or m) as the controller has them.
-        true_robot: what was measured: a robot that differs from its nominal model, and where the instrument stood.
-        outliers: ids of the rows whose reading is bad.
+        true_robot: what was measured: a robot that differs from its nominal model, and the instrument's pose.
+        outliers: ids of the rows with an outlier.
     """
 
     options: VirtualCampaign
@@ -234,7 +234,7 @@ def checked(what: str | Path, data: Measurements, robot: Robot, *, points: bool 
 
 
 def _slides(robot: str) -> tuple[bool, ...] | None:
-    """Which joints of a robot slide; None where it is no longer there to say so."""
+    """Return which joints of a robot are prismatic; None if the robot can no longer be loaded."""
     try:
         return load_robot(robot).chain.prismatic
     except LabError:
@@ -438,7 +438,7 @@ def _judging(options: VirtualCampaign | MeasuredCampaign) -> Judging:
 
 
 def _impossible(what: str, data: Measurements) -> list[Check]:
-    """That the real robot cannot take poses that its nominal model can; a jump to another assembly mode is not one."""
+    """Report poses that the nominal model reaches and the real robot does not; assembly-mode jumps do not count."""
     if not (lost := np.flatnonzero(~data.seen.any(axis=1))).size:
         return []
     where = {"what": what, "lost": len(lost), "count": len(data), "first": data.ids[lost[0]]}

@@ -1,4 +1,4 @@
-"""What a recording shows of a campaign, as arrays in the model's world: magnified so that a person can see it."""
+"""Arrays of a campaign for its recording, in the model's world, magnified to be visible."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -200,7 +200,7 @@ def _bodies(
 def _uncertainty(
     identification: Identification, inputs: Array, centers: Array, T_world_instrument: Array, reach_m: float
 ) -> MagnifiedEllipsoids | None:
-    """What the covariance leaves in position; None where it is unknown, or nothing but rounding."""
+    """Compute the ellipsoids of the position covariance; None where it is unknown, or only rounding."""
     covariance = position_covariance(identification, inputs)
     if not np.isfinite(covariance).all():
         return None

@@ -54,15 +54,15 @@ _UNCERTIFIED = {
 
 @dataclass(frozen=True)
 class FittedRows:
-    """What a run was fitted to, and what it kept to validate on.
+    """Rows that a run was fitted to, and rows that it held out for validation.
 
     Attributes:
-        rows: that were fitted.
-        judged: rows of the same file that were not fitted; None where there are none.
-        observed: the fitted rows, weighed as the run weighed them.
-        sigma_m: the noise by which they are weighed, of one coordinate.
-        instrument: whose noise that is; None where it was given as a number, or estimated.
-        validated: rows of the validation file that the run kept; None where there was none.
+        rows: the fitted rows.
+        judged: rows of the same file that were held out; None where there are none.
+        observed: the fitted rows, weighted as in the run.
+        sigma_m: noise of one coordinate, by which they are weighted.
+        instrument: the source of that noise; None where it was given as a number, or estimated.
+        validated: rows of the validation file that the run used; None where there was none.
     """
 
     rows: Measurements
@@ -74,7 +74,7 @@ class FittedRows:
 
     @property
     def sets(self) -> dict[str, Measurements]:
-        """All rows in which a pose may be repeated, by what they were used for."""
+        """Rows in which a pose may be repeated, by their use."""
         found = {"fitted rows": self.rows, "rows held out": self.judged, "validation file": self.validated}
         return {name: rows for name, rows in found.items() if rows is not None}
 
@@ -131,7 +131,7 @@ def _split(calibrated: CalibrationRun) -> tuple[Measurements, Measurements | Non
 
 
 def _noise(calibrated: CalibrationRun, device: Instrument | None) -> Noise:
-    """As the run weighed its rows."""
+    """Return the noise by which the run weighted its rows."""
     shared = calibrated.estimate.shared
     if (given := calibrated.options.noise_mm) is not None:
         return Noise(sigma_m=given / 1e3, shared=shared)
@@ -256,9 +256,9 @@ def _of_quantities(shown: Sequence[InputQuantity], slopes: Array, instrument_m: 
 def _by_folds(
     calibrated: CalibrationRun, fitted: FittedRows, shown: Sequence[InputQuantity], instrument_m: float
 ) -> tuple[int, Array, Array]:
-    """The same of cross-validation: poses, own and shared.
+    """Predict errors by cross-validation: number of poses, own and shared errors.
 
-    A fold's points are predicted without it. With the leverage H of its numbers among all that were fitted, the error
+    A fold's points are predicted without it. With the leverage H of its values among all fitted ones, the error
     of prediction and the noise have the covariance (I - H)^-1 together, in units of the noise.
     """
     rows = fitted.rows
@@ -312,12 +312,12 @@ def random_errors(
     stated_mm: float | None,
     found: Repeats | None,
 ) -> RandomErrors:
-    """Of a run.
+    """Collect the random errors of a run.
 
     Args:
-        device: the instrument; None where it is not known.
+        device: the instrument; None if unknown.
         stated_mm: the robot's repeatability (RP), as its data sheet states it.
-        found: what repeated poses say of it; None where none was repeated.
+        found: repeatability estimated from repeated poses; None where none was repeated.
     """
     result, estimate = calibrated.result, calibrated.estimate
     instrument_m = instrument_noise_m(calibrated, fitted, device)
@@ -387,10 +387,10 @@ def _device_sigma(device: Instrument | None, fitted: FittedRows) -> float:
 def _repeatability(
     fitted: FittedRows, instrument_m: float, stated_mm: float | None, found: Repeats | None, *, of_residuals: bool
 ) -> KnownSpread | None:
-    """By the noise model of the run, by repeated poses, or as it is stated; None where nothing is known.
+    """Return the repeatability by the run's noise model, by repeated poses, or as stated; None if there is none.
 
     Args:
-        of_residuals: whether the run estimated the scatter of the joints; else their encoders' counts make it.
+        of_residuals: whether the run estimated the joint scatter; else it is that of the encoder counts.
     """
     shared = fitted.observed.correlation
     if shared is not None and shared.scatter.size:
@@ -405,7 +405,7 @@ def _repeatability(
 
 
 def _scatter_m(fitted: FittedRows) -> float:
-    """What the scatter of the joints makes of a measured coordinate, root mean square, m.
+    """Compute the root mean square (m) of the joint scatter in a measured coordinate.
 
     It is kept in units of the noise, which differ along the beam and across it.
     """

@@ -1,4 +1,4 @@
-"""What can be asked of ``lab certify``."""
+"""Options of ``lab certify``."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -55,11 +55,11 @@ __all__ = ["Certificate", "RobotFound", "Unseen", "not_measured"]
 
 @dataclass(frozen=True)
 class RobotFound:
-    """What the measured points say of the robot.
+    """Accuracy and repeatability of the robot at the measured points.
 
     Attributes:
         before, after: pose accuracy, commanded through the nominal and the calibrated model; ``after`` is None where
-            the parameters were identified from all rows, whose errors are no accuracy.
+            the parameters were identified from all rows, whose residuals are no accuracy.
         distances_before, distances_after: errors of distances (m), measured less commanded; ``after`` empty likewise.
         repeats: of all rows, fitted or not; None where no pose was repeated.
         repeated_in: which rows have repeats.
@@ -80,11 +80,11 @@ class RobotFound:
 
 @dataclass(frozen=True)
 class Unseen:
-    """What neither the measurements nor the instrument's statements show, and how they would.
+    """An effect that neither the measurements nor the instrument's specification covers, with its remedy.
 
     Attributes:
         limit: its largest size in ``unit``.
-        remedy: what to do, so that it is seen.
+        remedy: what to do to make it observable.
     """
 
     quantity: InputQuantity
@@ -151,7 +151,7 @@ class Certificate(Result):
         return before, after
 
     def to_dict(self) -> dict[str, Any]:
-        """What ``--json`` prints: lengths in mm, other quantities in the units that they name."""
+        """Return the values that ``--json`` prints: lengths in mm, other quantities in the units that they name."""
         from lab.commands.run_folder import SCHEMA
 
         result = self.calibrated.result
@@ -183,7 +183,7 @@ class Certificate(Result):
         }
 
     def document(self) -> "Document":
-        """What a person reads, prints and signs."""
+        """Build the certificate for printing and signing."""
         return _certificate_document(self)
 
     def columns(self) -> Mapping[str, Sequence[Any]]:
@@ -275,7 +275,7 @@ def _unseen_to_dict(found: Unseen) -> dict[str, Any]:
 
 
 def _statistics_to_dict(found: Mapping[str, float] | None) -> dict[str, float | int] | None:
-    """As the run has them, the count a whole number."""
+    """Return the statistics as the run has them, with the count as an integer."""
     return None if found is None else {name: int(v) if name == "count" else v for name, v in found.items()}
 
 
@@ -363,7 +363,7 @@ _METHOD = (
 
 
 def _certificate_document(result: Certificate) -> Document:
-    """Who measured what, the results with their uncertainty, the statement, the budgets, ISO 9283, the signature."""
+    """Build the certificate: session, results with uncertainty, statement, budgets, ISO 9283, signature."""
     robot, run = result.calibrated.robot, result.calibrated.result
     name = result.details.certificate.number
     badge = _VERDICTS.get(run.verdict, Badge(run.verdict))
@@ -392,7 +392,7 @@ def _certificate_document(result: Certificate) -> Document:
 
 
 def _contributions_picture(budget: Budget) -> Picture:
-    """What each quantity contributes to the standard uncertainty."""
+    """Draw the contribution of each quantity to the standard uncertainty."""
     lines = sorted(budget.lines, key=lambda line: line.contribution_m)
     sizes = 1e6 * np.array([line.contribution_m for line in lines])
 
@@ -521,7 +521,7 @@ def _validated(result: Certificate) -> tuple[Block, ...]:
 
 
 def _unseen(result: Certificate) -> tuple[Block, ...]:
-    """What nothing in the run shows, how large U would be with it, and what would show it."""
+    """Tabulate the effects that nothing in the run covers, U including them, and the remedies."""
     rows: tuple[Row, ...] = tuple((each.words, each.remedy) for each in result.unseen)
     digits = [short(1e3 * each) for each in result.with_unseen_m]
     words = (
@@ -570,7 +570,7 @@ def _budget(budget: Budget) -> tuple[Block, ...]:
 
 
 def _of_kinematics(budget: Budget) -> str:
-    """Whether the linear map of the parameters suffices."""
+    """Report whether the linear map of the parameters suffices."""
     found, digits = budget.kinematics, digits_of(1e3 * budget.tolerance_m, _MOST_DIGITS)
     full, linear = (fixed(1e3 * each, digits) for each in (found.full_m, found.linear_m))
     return (

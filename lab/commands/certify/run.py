@@ -145,9 +145,9 @@ def _propagation(calibrated: CalibrationRun, fitted: FittedRows) -> Propagation:
 
 
 def _found(calibrated: CalibrationRun, fitted: FittedRows) -> RobotFound:
-    """What the measured points say of the robot, commanded through the calibrated and the nominal model.
+    """Evaluate the robot at the measured points, commanded through the calibrated and the nominal model.
 
-    Accuracy is that of rows that were not fitted; where all were, only the nominal model has one.
+    Accuracy is that of held-out rows; if all rows were fitted, only the nominal model has one.
     """
     arm, rows = calibrated.estimate.arm, fitted.rows if fitted.judged is None else fitted.judged
     columns = [rows.targets.index(name) for name in arm.targets]
@@ -230,7 +230,7 @@ def _unseen(
     chance: RandomErrors,
     found: Repeats | None,
 ) -> Iterator[Unseen]:
-    """What neither the measurements nor the instrument's statements show, with its largest size."""
+    """Yield the effects that neither measurements nor instrument specification covers, with their largest size."""
     if details.scale is None and (device is None or not device.errors.range_scale.standard):
         quantity = scale_of(propagation, Uncertain.within(LARGEST_SCALE_ERROR), "shown by nothing")
         remedy = "measure a scale bar, or state range_scale_ppm of the tracker or scale_ppm of [instrument]"
@@ -253,7 +253,7 @@ def _with_unseen(
 
 
 def _facts(calibrated: CalibrationRun, source: str, robot: RobotFound) -> CampaignFacts:
-    """What the run says of the robot, the instrument and the day."""
+    """Collect the certificate's facts on robot, instrument and measurement session."""
     measured_mm = None if robot.repeats is None else 1e3 * robot.repeats.repeatability.mean_m
     instrument = source if source in INSTRUMENTS else ""
     return CampaignFacts(calibrated.robot.name, instrument, calibrated.options.date or "", measured_mm)
@@ -277,7 +277,7 @@ def _warnings(
     robot: RobotFound,
     validation: LackOfFit | None,
 ) -> Iterator[str]:
-    """What a reader should be told: of the run, and what the budget does not have."""
+    """Yield the warnings: those of the run, and effects that the budget lacks."""
     if validation is not None and validation.sigma_m:
         yield (
             f"validation shows {1e3 * validation.observed_rms_m:.2g} mm (rms) where the rest of the budget predicts "

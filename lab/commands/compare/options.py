@@ -1,4 +1,4 @@
-"""What can be asked of ``lab compare``."""
+"""Options of ``lab compare``."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What a comparison of calibrations found: typed, and as plain values."""
+"""Result of a comparison of calibrations: typed, and as plain values."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -44,10 +44,10 @@ __all__ = ["ComparisonResult"]
 
 @dataclass(frozen=True, repr=False, eq=False)
 class ComparisonResult(Result):
-    """How later calibrations of a robot differ from the first.
+    """Differences between later calibrations of a robot and the first.
 
     Attributes:
-        options: what was asked.
+        options: of the command.
         runs: the calibrations, the first one the reference.
         differences: of each later run from the first.
         serial: the serial number of the arm; None where no run states it.
@@ -69,7 +69,7 @@ class ComparisonResult(Result):
         return 1 if any(each.changed for each in self.differences) else 0
 
     def to_dict(self) -> dict[str, Any]:
-        """What ``--json`` prints: differences in SI units."""
+        """Return the values that ``--json`` prints: differences in SI units."""
         first, *later = self.runs
         return {
             "robot": first.robot.name,
@@ -95,7 +95,7 @@ class ComparisonResult(Result):
         }
 
     def document(self) -> "Document":
-        """What a person reads: whether anything has moved, what, and every difference with its interval."""
+        """Build the comparison document: the answer, and all differences with their intervals."""
         return _comparison_document(self)
 
     def columns(self) -> Mapping[str, Sequence[Any]]:
@@ -125,7 +125,7 @@ _FEWEST_DIGITS = 6
 
 
 def _comparison_document(result: ComparisonResult) -> Document:
-    """Whether anything has moved, what, every difference with its interval, and a picture of the last."""
+    """Build the comparison document: the answer, all differences with intervals, and a picture of the last."""
     changed = any(each.changed for each in result.differences)
     word = "the links have moved" if changed else "no change of the links detected"
     rate = f"(an unchanged arm fails this test in {100 * VERIFICATION:g} % of all cases)"
@@ -170,7 +170,7 @@ def _differences_picture(result: ComparisonResult) -> Picture:
 
 
 def _words(result: ComparisonResult, difference: Difference) -> str:
-    """What has moved, in a sentence."""
+    """Describe in a sentence what has moved."""
     p = f"p = {difference.p:.2g}" if difference.p > 0 else "p < 1e-300"
     if not difference.changed:
         return f"The links are those of the first run, as far as the two can tell ({p})."

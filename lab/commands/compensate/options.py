@@ -1,4 +1,4 @@
-"""What can be asked of ``lab compensate``."""
+"""Options of ``lab compensate``."""
 
 from dataclasses import dataclass
 from pathlib import Path

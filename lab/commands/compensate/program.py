@@ -81,7 +81,7 @@ class CorrectedProgram:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What a reader should be told."""
+        """Warnings for the reader."""
         said = [f"line {line}: {words}" for line, words in self.ways]
         rounding = np.array([self.rounding_mm or 0.0, self.rounding_deg or 0.0])
         if (rounding > _COARSE).any():
@@ -250,10 +250,10 @@ class OpenProgram:
 
 
 def _outside_of(options: CompensateOptions) -> Outside:
-    """What is given beside the text.
+    """Read the values that the options give beside the program's text.
 
     Raises:
-        LabError: it cannot be read, or has not as many numbers as it takes.
+        LabError: a value cannot be read, or has the wrong number of numbers.
     """
     frames: dict[str, tuple[float, ...] | str] = {}
     for given in filter(None, (each.strip() for each in options.frames.split(";"))):
@@ -319,7 +319,7 @@ def open_program(options: CompensateOptions, run: CalibrationRun) -> OpenProgram
 
 
 def _names(targets: Sequence[TargetText], rows: NDArray[np.int_]) -> tuple[str, ...]:
-    """What the targets are called, each once."""
+    """Return a unique name for each target."""
     names, counts = dict[str, None](), Counter[str]()
     for i in rows.tolist():
         name = targets[i].name
@@ -335,7 +335,7 @@ def _T_instrument_frame0(nominal: NominalInverse) -> Array:
 
 
 def _T_instrument_last(nominal: NominalInverse, read: ProgramText, target: TargetText) -> Array:
-    """Where the controller's arm has its last frame ``(4, 4)`` m at a target, in the instrument's frame."""
+    """Compute the pose ``(4, 4)`` m of the nominal last frame at a target, in the instrument's frame."""
     if target.spelling is None:
         return np.asarray(nominal.tool(target.joints[None])[0][0])
     T_tool, T_base = frames_of(read, target.tool, target.base)
@@ -357,7 +357,7 @@ def _apart(T_a: Array, T_b: Array) -> Array:
 
 
 def _lost_in_rounding(target: TargetText, correction: Array, lost: Array) -> str:
-    """Why a target stays whose correction its digits would lose; mm and degrees."""
+    """Explain why a target stays whose correction would be lost in its digits; mm and degrees."""
     digits = "whole pulses" if target.whole else "the digits of its language"
     more = "" if target.whole else "; --digits writes more, where the controller reads them"
     return (
@@ -389,7 +389,7 @@ class UsedTool:
     distance_m: float = 0.0
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain values: mm."""
+        """Return plain values, in mm."""
         near = {"point": self.point, "distance_mm": 1e3 * self.distance_m} if self.point else None
         return {
             "name": self.name,
@@ -400,7 +400,7 @@ class UsedTool:
 
     @property
     def words(self) -> str:
-        """Which tool was used for how many targets, and by how much a measured point disagrees with it."""
+        """Description of the tool, its number of targets, and its distance from a measured point."""
         place = ", ".join(short(1e3 * each) for each in self.position_m)
         if not self.name:
             return f"{_targets(self.targets)} by joint positions: the flange is brought where the nominal arm has it"
@@ -413,7 +413,7 @@ class UsedTool:
 
     @property
     def disagrees(self) -> bool:
-        """Whether it is apparently a measured point, which is elsewhere."""
+        """Whether the tool is apparently a measured point that is elsewhere."""
         return bool(self.point) and self.distance_m > _AGREES_M
 
 
@@ -437,7 +437,7 @@ def used_tools(result: "CompensationResult") -> tuple[UsedTool, ...]:
 
 
 def flange_words(result: "CompensationResult") -> str:
-    """That the flange's orientation is unknown, why, and what that makes at the tools; "" where it is known."""
+    """Explain why the flange's orientation is unknown and the resulting tool error; "" where it is identified."""
     reference, expected = result.reference, result.expected
     if reference is None or expected is None or reference.flange.turned or not len(result.reached):
         return ""
@@ -449,7 +449,7 @@ def flange_words(result: "CompensationResult") -> str:
 
 
 def stated_words(reference: "ProgramReference") -> str:
-    """How far the measured points are from their stated places in the flange, and what was made of that."""
+    """Describe how far the measured points are from their stated positions in the flange, and the consequence."""
     off = [short(1e3 * each) for each in reference.flange.off_m.tolist()]
     if not reference.stated:
         return "No place of a measured point in the flange is stated."
@@ -463,7 +463,7 @@ def stated_words(reference: "ProgramReference") -> str:
 
 
 def _why(reference: "ProgramReference") -> str:
-    """Why the measured points do not show how the flange is turned."""
+    """Explain why the measured points do not determine the flange's orientation."""
     measured = reference.measured_targets
     if not reference.flange.believed and reference.run.options.observe == "pose":
         return ", since the measured pose of the tool is not the one that is stated"
@@ -480,7 +480,7 @@ def _why(reference: "ProgramReference") -> str:
 
 
 def flange_values(reference: "ProgramReference") -> Mapping[str, Any]:
-    """What ``result.json`` holds of the flange."""
+    """Return the values that ``result.json`` holds of the flange."""
     flange = reference.flange
     return {
         "orientation_known": flange.turned,

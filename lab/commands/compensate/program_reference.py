@@ -1,7 +1,7 @@
-"""What a program's numbers are relative to: the base of the calibrated arm, its flange, and the tools of the text.
+"""References of a program's numbers: the calibrated arm's base, its flange, and the tools of the text.
 
-A target of a program says where the tool, which the text places in the flange, shall be in the base. So base and flange
-are those of the calibrated arm, as well as they are known: the base relative to the first joint's axis and zero by the
+A target of a program is the pose of the tool, which the text places in the flange, in the base. So base and flange
+are those of the calibrated arm, as far as identified: the base relative to the first joint's axis and zero by the
 nominal first link, the flange as ``lab.compensation.flange`` finds it. The controller's arm has the nominal links, and
 base and flange where the nominal model has them.
 """
@@ -458,13 +458,13 @@ def ways_touched(
     progress: Progress = no_progress,
     keep: Keep = at_once,
 ) -> tuple[tuple[int, str], ...]:
-    """What the arm touches on the moves from target to target in the order of the text, by line.
+    """Find the collisions on the moves from target to target in the order of the text, by line.
 
     Args:
-        joints: ``(t, 6)`` rad at each target of the text, corrected or as it stays; NaN where they are not known.
+        joints: ``(t, 6)`` rad at each target of the text, corrected or as it stays; NaN where they are unknown.
         names: of the targets.
-        progress: told how many ways were looked at.
-        keep: how what was found on them is kept.
+        progress: receives the number of checked paths.
+        keep: stores the collisions found on them.
     """
     free, pairs, found = path_check(model), list(pairwise(moves)), list[tuple[int, str]]()
 
@@ -489,7 +489,7 @@ def ways_touched(
 
 
 def _of_joints(model: RobotModel, free: FreePath, start: Array, end: Array) -> str:
-    """What is touched on a straight line of all joints; "" if nothing is."""
+    """Describe the collision on a straight line of all joints; "" if there is none."""
     if free(start, end):
         return ""
     looks = start + np.linspace(0, 1, _LOOKED_AGAIN)[:, None] * (end - start)
@@ -497,7 +497,7 @@ def _of_joints(model: RobotModel, free: FreePath, start: Array, end: Array) -> s
 
 
 def _on_line(model: RobotModel, nominal: NominalInverse, start: Array, end: Array) -> str:
-    """What is touched while the tool moves on a straight line; "" if nothing is."""
+    """Describe the collision while the tool moves on a straight line; "" if there is none."""
     looks = _line_of_tool(nominal, start, end)
     even = np.abs(np.diff(looks, axis=0)).max() <= _JUMP_RAD and np.abs(looks[-1] - end).max() <= _JUMP_RAD
     if not even:

@@ -75,7 +75,7 @@ class NearSingular:
     slides: bool
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain values: degrees, or mm of a slide."""
+        """Return plain values: degrees, or mm of a prismatic joint."""
         unit, scale = ("mm", 1e3) if self.slides else ("deg", 180 / np.pi)
         return {"id": self.id, "joint": self.joint, f"distance_{unit}": scale * self.distance}
 
@@ -100,21 +100,21 @@ def _near_singular(found: Compensation, chain: JointSpec, ids: Sequence[str]) ->
 
 @dataclass(frozen=True, repr=False, eq=False)
 class CompensationResult(Result):
-    """What became of a list of targets.
+    """Compensation result of a list of targets.
 
     Attributes:
-        options: what was asked.
+        options: of the command.
         run: the run that calibrated the arm.
         targets: those of the file.
         wanted: the targets, with the rotations of the last frame, in the frame in which the arm was measured.
         found: the corrected targets.
         arm_inputs: ``(n, joints + conditions)`` of the arm at its corrected joint positions.
-        without_effects_m: how far geometry alone is off there (root mean square), which is all that an exported
+        without_effects_m: error of geometry alone there (root mean square), which is all that an exported
             arm holds; None where there is nothing else.
-        stops: the targets that are reached, in their order; where it was checked, home before and after them and what
+        stops: waypoints: the reached targets, in their order; where it was checked, home before and after them and what
             is passed on the way.
-        checked: whether stops and the ways between them were checked for collisions.
-        notes: what a reader should be told of the inputs.
+        checked: whether waypoints and the paths between them were checked for collisions.
+        notes: warnings on the inputs.
         program: the program that the targets are of; None where they are of a file of targets.
         reference: of a program, the base, flange and tools that its numbers are relative to.
         points: ``(n,)`` of a program, which target of the arm is aimed at each; of a file of targets it is one alone.
@@ -144,7 +144,7 @@ class CompensationResult(Result):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What a reader should be told."""
+        """Warnings for the reader."""
         gate_mm, (mean_mm, _) = self.run.options.gate_mm, self.mean_and_max_mm(self._model_m)
         far: tuple[str, ...] = ()
         if gate_mm is not None and mean_mm is not None and mean_mm > gate_mm:
@@ -156,7 +156,7 @@ class CompensationResult(Result):
 
     @property
     def _beyond(self) -> tuple[str, ...]:
-        """That targets are where the run measured nothing."""
+        """Warnings on targets outside the measured range of the run."""
         sizes, ids = self.beyond_m[self.reached], [self.targets.ids[i] for i in np.flatnonzero(self.extrapolated)]
         said = list(phrases(check_extrapolated("targets", ids, len(sizes))))
         if count := int((sizes > 0).sum()):
@@ -174,19 +174,19 @@ class CompensationResult(Result):
 
     @property
     def _extrapolated_share(self) -> float:
-        """Of the targets that are reached."""
+        """Share of extrapolated targets among those that are reached."""
         return float(self.extrapolated.sum()) / max(len(self.reached), 1)
 
     @property
     def _no_program(self) -> str | None:
-        """Why there is no program for the controller; None where there is one."""
+        """Reason for having no program for the controller; None where there is one."""
         if self.program is not None:
             return None
         return refusal(self.run.robot.chain, self.options.controller, len(self.targets))
 
     @property
     def _unchecked(self) -> tuple[str, ...]:
-        """What was not checked for collisions, or only by assumed shapes."""
+        """Warnings on moves not checked for collisions, or checked by assumed shapes only."""
         model = self.run.robot.model
         if self.checked:
             return ("collisions were checked with links drawn as rods",) if model.shapes_assumed else ()
@@ -200,7 +200,7 @@ class CompensationResult(Result):
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Why the corrected targets are not to be trusted blindly."""
+        """Reasons to check the corrected targets before use."""
         of_run, run = self.run.result, list(filter(None, [flange_words(self)]))
         if of_run.verdict != "good":
             run += [f"the run is {of_run.verdict}: {reason}" for reason in of_run.reasons or (of_run.reason,)]
@@ -228,9 +228,9 @@ class CompensationResult(Result):
 
     @cached_property
     def better_left(self) -> dict[int, str]:
-        """Of a program, the rows of targets that the correction is expected to move away from the truth, and why.
+        """Rows of a program's targets expected to be better uncorrected, and why.
 
-        Uncorrected, a target is off by what tolerances make of an arm that was never calibrated; base and flange add
+        An uncorrected target has the error of an arm that was never calibrated, by its tolerances; base and flange add
         the same to both.
         """
         assert self.reference is not None
@@ -298,13 +298,13 @@ class CompensationResult(Result):
         return (float(finite.mean()), float(finite.max())) if len(finite) else (None, None)
 
     def to_dict(self) -> dict[str, Any]:
-        """What ``--json`` prints and ``result.json`` holds: lengths in mm."""
+        """Return the values that ``--json`` prints and ``result.json`` holds: lengths in mm."""
         values = self._values
         return {**values, "stops": list(values["stops"])}
 
     @property
     def _values(self) -> dict[str, Any]:
-        """The same, but for the stops, which are given one after the other: a list of a million takes 1 GB."""
+        """Values of the result with lazy waypoints, given one by one: a list of a million takes 1 GB."""
         chain = self.run.robot.chain
         return {
             "run": str(self.run.folder),
@@ -339,7 +339,7 @@ class CompensationResult(Result):
 
     @property
     def _program_values(self) -> dict[str, Any]:
-        """What ``result.json`` holds of the program."""
+        """Values that ``result.json`` holds of the program."""
         program, expected, reference = self.program, self.expected, self.reference
         assert program is not None and expected is not None and reference is not None
         lines = [program.targets[row].line for row in program.rows]
@@ -372,7 +372,7 @@ class CompensationResult(Result):
         }
 
     def document(self) -> "Document":
-        """What a person reads: what became of the targets, how far each was moved, which are not reached."""
+        """Build the document: the compensated targets, their corrections, and targets not reached."""
         return _compensation_document(self)
 
     def columns(self) -> Mapping[str, Sequence[Any] | Array]:
@@ -464,7 +464,7 @@ class CompensationResult(Result):
 
     @cached_property
     def expected(self) -> ProgramErrors | None:
-        """Of a program, the errors to expect in the robot's base and of the targets relative to each other."""
+        """Expected errors of a program's targets in the robot's base and relative to each other."""
         if self.reference is None or self.points is None:
             return None
         dof = self.run.estimate.discrepancy().dof
@@ -496,7 +496,7 @@ class CompensationResult(Result):
 
 
 def _of_points(values: Array, points: NDArray[np.int_]) -> Array:
-    """Of values ``(n, k, …)`` of an arm's targets those of one in each pose, ``(n, …)``."""
+    """Select from values ``(n, k, …)`` of an arm's targets the one of each pose, ``(n, …)``."""
     return np.asarray(values[np.arange(len(values)), points])
 
 
@@ -542,7 +542,7 @@ def _compensation_document(result: CompensationResult) -> Document:
 
 
 def _corrections_picture(result: CompensationResult) -> Picture:
-    """How far the targets are moved, and the error to expect, as histograms."""
+    """Draw histograms of the corrections and of the expected errors."""
     moved, expected = (_finite(result, lengths) for lengths in (result.correction_m, result.predicted_m))
     spreads = [Spread(moved, BEFORE, ("moved by: mean", float(moved.mean())), HATCH_BEFORE, MARK_BEFORE)]
     if len(expected):
@@ -608,7 +608,7 @@ def _other_solutions(result: CompensationResult) -> Table:
 
 
 def _moves(result: CompensationResult) -> tuple[Block, ...]:
-    """What was checked for collisions, and on what the arm passes."""
+    """Report which moves were checked for collisions, and the poses passed on the way."""
     if not result.checked or not len(result.reached):
         return ()
     if result.program is not None:
@@ -629,7 +629,7 @@ def _moves(result: CompensationResult) -> tuple[Block, ...]:
 
 
 def _program(result: CompensationResult) -> tuple[Section, ...]:
-    """What became of the program that the targets are of."""
+    """Report the result for the program that contains the targets."""
     if (program := result.program) is None:
         return ()
     text = (

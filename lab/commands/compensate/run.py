@@ -211,7 +211,7 @@ def _corrected(
 
 
 def _left_out(run: CalibrationRun, targets: Targets, found: Compensation) -> list[str]:
-    """What so few joints cannot do at these targets."""
+    """Describe rotations and positions of the targets that an arm with so few joints cannot reach."""
     size, said = run.robot.chain.size, []
     if found.unturned_rad.max() > _UNTURNED_RAD:
         worst = int(found.unturned_rad.argmax())
@@ -228,7 +228,7 @@ def _left_out(run: CalibrationRun, targets: Targets, found: Compensation) -> lis
 
 
 def _access(options: CompensateOptions, run: CalibrationRun) -> ReachabilityGraph | None:
-    """Where the arm may go without touching anything; None where that is not asked, or its shapes are not known."""
+    """Build the graph of collision-free poses and paths; None if not requested, or shapes are unknown."""
     model = run.robot.model
     if not _is_checked(options, run):
         return None
@@ -313,7 +313,7 @@ def write_files(folder: Path, result: CompensationResult) -> None:
 
 
 def _moves(result: CompensationResult) -> TargetMoves:
-    """What a controller's program is made from, with the base and tool that suit the controller's links."""
+    """Return the moves of a controller's program, with the base and tool for the controller's nominal links."""
     run, nominal_inverse = result.run, result.run.estimate.nominal_inverse(result.target)
     T_instrument_frame0 = nominal_inverse.arm.T_tracker_frame0(nominal_inverse.values)
     T_last_tool, stops = se3.pose(run.estimate.R_last_tool, nominal_inverse.tools[result.target]), result.stops
@@ -333,12 +333,12 @@ def _cartesian_columns(result: CompensationResult, rows: NDArray[np.int_]) -> di
 
 
 def _conditions_files(result: CompensationResult, rows: NDArray[np.int_]) -> dict[str, Any]:
-    """What was set at targets."""
+    """Return the conditions of the targets in these rows."""
     return {name: column[rows] for name, column in result.targets.conditions.items()}
 
 
 def _stop_conditions(result: CompensationResult) -> dict[str, list[Any]]:
-    """What was set at the targets among the stops; empty where a stop is none."""
+    """Return the conditions of the targets among the waypoints; empty where a waypoint is no target."""
     rows, which = np.flatnonzero(result.found.converged), result.stops.which
     return {
         name: [column[rows[pose]] if pose >= 0 else "" for pose in which.tolist()]

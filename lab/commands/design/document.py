@@ -1,4 +1,4 @@
-"""What a person reads of a plan: the predicted error, the tour, and how good the choice of poses is."""
+"""Document of a plan: the predicted error, the tour, and the quality of the pose selection."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -165,7 +165,7 @@ def plan_scene(plan: DesignResult) -> PlanScene:
 
 
 def _shapes(plan: DesignResult) -> tuple[Array, Array]:
-    """Two factors F ``(s, 3, p)`` at every stop, of the squares F F' of the mapping and the uncertainty ellipsoids.
+    """Compute factors F ``(s, 3, p)`` at every waypoint, of the squares F F' of mapping and uncertainty ellipsoids.
 
     The parameters of the mapping are scaled so that over all measured poses each moves the
     whitened points alike; the uncertainty is J C J', the inverse of the information being C.
@@ -320,9 +320,9 @@ def _targets(axes: Axes, shown: PlanScene, plane: tuple[int, int]) -> None:
 
 
 def _at_edge(head: Array, half: float, plane: tuple[int, int]) -> tuple[Array, str]:
-    """Where a tracker at ``(3,)`` mm from the middle is drawn on a plane ``(2,)``, and its words.
+    """Return the drawn position of a tracker at ``(3,)`` mm from the middle on a plane ``(2,)``, and its label.
 
-    One that is beyond the picture is drawn at its edge.
+    A tracker beyond the picture is drawn at its edge.
     """
     seen = head[list(plane)]
     beyond = float(np.abs(seen).max()) / (_EDGE * half)
@@ -332,7 +332,7 @@ def _at_edge(head: Array, half: float, plane: tuple[int, int]) -> tuple[Array, s
 
 
 def _joints(axes: Axes, chain: JointSpec, joints: Array) -> None:
-    """Every joint position in its joint's range, the limits written at its ends."""
+    """Draw every joint position in its joint's range, with the limits at the ends."""
     share = (joints - chain.lower) / (chain.upper - chain.lower)
     rows = np.arange(chain.size)[::-1]
     axes.hlines(rows, 0, 1, color=GRID, linewidth=9)
@@ -408,7 +408,7 @@ def design_document(result: DesignResult) -> Document:
 
 
 def _chosen(values: dict[str, Any]) -> str:
-    """What was chosen, for what."""
+    """Describe the selected poses and the criterion."""
     already = f", added to {values['measured_already']} measured already" if values["measured_already"] else ""
     return (
         f"{values['poses']} poses{already}, targets {', '.join(values['targets'])}, {values['instrument']}: "
@@ -441,7 +441,7 @@ def _steps(values: dict[str, Any]) -> Table:
 
 
 def _tour(result: DesignResult) -> str:
-    """How long the day is."""
+    """Describe the duration of the measurement session."""
     tour = result.tour
     via = f", {result.tour.via} of them by way of poses that are only passed" if result.tour.via else ""
     chain, controller = result.problem.robot.chain, result.options.controller
@@ -454,7 +454,7 @@ def _tour(result: DesignResult) -> str:
 
 
 def _checked(result: DesignResult) -> str:
-    """What was checked for collisions."""
+    """Describe what was checked for collisions."""
     if result.options.no_check:
         return "Nothing was checked for collisions."
     options = result.options
@@ -467,7 +467,7 @@ def _checked(result: DesignResult) -> str:
 
 
 def _candidates(values: dict[str, Any]) -> str:
-    """How many poses were examined, and why the others cannot be measured."""
+    """Report how many poses were examined, and why the others cannot be measured."""
     found, lost = values["candidates"], values["candidates"]["rejected"]
     singular = f"{lost['singularity']:,} near a parallel singularity, " if lost["singularity"] else ""
     return (
@@ -477,7 +477,7 @@ def _candidates(values: dict[str, Any]) -> str:
 
 
 def _reflector(values: dict[str, Any]) -> tuple[Block, ...]:
-    """How near the stops come to the largest angle that the reflectors take."""
+    """Report how near the waypoints come to the largest angle that the reflectors take."""
     found = values["reflector"]
     if found is None:
         return ()
@@ -491,7 +491,7 @@ def _reflector(values: dict[str, Any]) -> tuple[Block, ...]:
 
 
 def _stations(values: dict[str, Any]) -> tuple[Block, ...]:
-    """Which of several stations measures how many poses."""
+    """Tabulate the number of poses that each station measures."""
     stations = values["stations"]
     if not stations:
         return ()
@@ -520,7 +520,7 @@ def _files(result: DesignResult) -> tuple[Block, ...]:
 
 
 def _certificate(values: dict[str, Any]) -> str:
-    """How far from the best possible."""
+    """Report the certified D-efficiency and the gap of its bound."""
     return (
         f"The certified D-efficiency is {values['d_efficiency']:.3f}, against {values['pool']['what']} "
         f"(gap of the bound {100 * values['bound_gap']:.2f} %)."
@@ -546,7 +546,7 @@ def _value(index: dict[str, Any]) -> str:
 
 
 def check_document(result: PlanCheckResult) -> Document:
-    """Whether the plan can be run, what is wrong with it, and how long the day takes."""
+    """Build the document of a plan check: the answer, the faults, and the session's duration."""
     count = len(result.faults)
     cell = f" in {result.options.cell}" if result.options.cell else ""
     badge = Badge("the plan can be run", "good") if not count else Badge("the plan cannot be run", "bad")

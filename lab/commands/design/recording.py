@@ -79,7 +79,7 @@ def _seconds(times: Array) -> rr.TimeColumn:
 
 
 def _identity(plan: DesignResult) -> str:
-    """The same for the same content, so that the same plan gives the same recording."""
+    """Compute a recording identifier from the content, so that the same plan gives the same recording."""
     digest = hashlib.sha256(plan.problem.robot.sha256.encode())
     digest.update(repr(plan.options).encode())
     for array in (plan.tour.stops, plan.prediction.rms, plan.problem.values):
@@ -88,7 +88,7 @@ def _identity(plan: DesignResult) -> str:
 
 
 def _targets(recording: rr.RecordingStream, at: Times, shown: PlanScene) -> None:
-    """All targets, numbered and coloured in order; the way between them; the one where the arm is."""
+    """Log all targets, numbered and coloured in order, the path between them, and the current one."""
     points = shown.points[shown.measured]  # (n, k, 3)
     n, k = points.shape[:2]
     share = np.repeat(np.linspace(0, 1, n), k)[:, None]

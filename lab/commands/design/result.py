@@ -64,18 +64,18 @@ class MeasuringDayLength:
 
     @classmethod
     def of(cls, tour: Tour) -> Self:
-        """That of a tour."""
+        """Return the measurement session of a tour."""
         poses = len(tour.order)
         return cls(poses, tour.seconds, int((tour.measured >= 0).sum()) - poses)
 
     @property
     def references(self) -> int:
-        """How often the reference pose is measured: first, after every tenth pose, and last; or as the plan has it."""
+        """Number of reference measurements: first, after every tenth pose, and last; or as planned."""
         return 1 + (self.again or 1 + (self.poses - 1) // REFERENCE_EVERY)
 
     @property
     def seconds(self) -> float:
-        """All of it: warm-up, moves, waiting; ways to the reference pose are taken to last as long as others."""
+        """Total duration: warm-up, moves, waiting; paths to the reference pose last as long as others."""
         moving = _WARM_UP_S + self.moving_s + PAUSE_S * (self.poses + self.again)
         if self.again:
             return moving
@@ -93,7 +93,7 @@ class MeasuringDayLength:
 
     @property
     def words(self) -> str:
-        """What the day needs, in sentences."""
+        """Description of the measurement session's needs, in sentences."""
         reference = (
             "The plan measures its reference pose again (--reference-every)."
             if self.again
@@ -110,7 +110,7 @@ class MeasuringDayLength:
 
 
 def visit_ids(tour: Tour, pose_ids: Sequence[str]) -> tuple[str, ...]:
-    """What each measured stop of a tour is called: its pose's id, and which time it is where it is measured again.
+    """Name each measured waypoint of a tour: its pose's id, with the number of the visit if it is repeated.
 
     Args:
         tour: of the poses.
@@ -131,7 +131,7 @@ _VARIANCE = "mm², of the position on test poses, whatever the units of the para
 
 @dataclass(frozen=True)
 class DesignStep:
-    """One point of the curve against the number of poses: predicted error and O1 of a design of so many."""
+    """A point of the curve against the number of poses: predicted error and O1 of a design of that size."""
 
     poses: int
     prediction: PredictedAccuracy
@@ -189,7 +189,7 @@ class DesignResult(Result):
 
     @property
     def _pool_in_words(self) -> str:
-        """What the certificate is for."""
+        """Description of the set of poses that the certificate refers to."""
         candidates = len(self.problem.candidates.joints)
         moved = len(self.certificate.weights) - candidates
         words = f"any {len(self.joints)} of {candidates} feasible candidates"
@@ -205,7 +205,7 @@ class DesignResult(Result):
 
     @cached_property
     def _reflector(self) -> dict[str, float | int] | None:
-        """How near the stops come to the largest angle that the reflectors take; None where they take any."""
+        """Closeness of the waypoints to the reflectors' acceptance angle; None if they take any angle."""
         robot, targets = self.problem.robot.model, self.options.targets
         acceptance = view_of(robot, named_instrument(self.options.instrument)).acceptance_rad
         if acceptance >= np.pi:
@@ -220,14 +220,14 @@ class DesignResult(Result):
 
     @property
     def stops(self) -> Stops:
-        """Every stop of the tour: home, poses to measure, what is only passed, and home."""
+        """Waypoints of the tour: home, poses to measure, via poses, and home."""
         which = np.where(self.tour.measured >= 0, np.cumsum(self.tour.measured >= 0) - 1, -1)
         ids = visit_ids(self.tour, self.pose_ids)
         return Stops(self.tour.stops, which, ids, "measure", stations=self._stations_of_stops)
 
     @property
     def _parts(self) -> tuple[tuple[str, slice], ...]:
-        """Each station's part of the tour's stops, from home to home, by its name; of one alone all, without a name."""
+        """Named slices of the tour's waypoints by station, from home to home; unnamed for a single station."""
         names, ends = self.problem.robot.model.stations or ("",), [0, *self.tour.breaks, len(self.tour.stops) - 1]
         measuring = [names[i] for i in dict.fromkeys(self.stations.tolist())]
         return tuple((name, slice(a, b + 1)) for name, (a, b) in zip(measuring, pairwise(ends), strict=True))
@@ -242,7 +242,7 @@ class DesignResult(Result):
 
     @property
     def table(self) -> Measurements:
-        """Every stop in the order of the tour, with nothing measured yet; what is only passed is not for use."""
+        """Table of all waypoints in tour order, with nothing measured yet; via poses are not for use."""
         names, stops, n = self.problem.robot.chain.joint_names, self.stops, len(self.tour.stops)
         points = np.full((n, len(self.options.targets), 3), np.nan)
         data = measured(names, stops.joints, self.options.targets, points)
@@ -253,7 +253,7 @@ class DesignResult(Result):
 
     @property
     def _scaled_indices(self) -> dict[str, dict[str, Any]]:
-        """Each index with its scaling; G and I are the worst and the mean predicted variance."""
+        """Design indices with their scaling; G and I are the worst and the mean predicted variance."""
         scaling, variance = self.problem.scaling.describe(), (1e3 * self.prediction.rms) ** 2
         found = {name: (getattr(self.indices, name), scaling) for name in _NUMBERED}
         found |= {"g": (variance.max(), _VARIANCE), "i": (variance.mean(), _VARIANCE)}
@@ -261,13 +261,13 @@ class DesignResult(Result):
 
     @cached_property
     def scene(self) -> "PlanScene":
-        """What pictures and the recording show."""
+        """Scene that pictures and recording show."""
         from lab.commands.design.document import plan_scene
 
         return plan_scene(self)
 
     def to_dict(self) -> dict[str, Any]:
-        """What ``--json`` prints and ``result.json`` holds: lengths in mm."""
+        """Return the values that ``--json`` prints and ``result.json`` holds: lengths in mm."""
         options, candidates, tour, model = self.options, self.problem.candidates, self.tour, self.problem.robot.model
         return {
             "robot": self.problem.robot.name,
@@ -306,13 +306,13 @@ class DesignResult(Result):
         }
 
     def document(self) -> "Document":
-        """What a person reads: predicted errors, the tour, and how good the choice is."""
+        """Build the document: predicted errors, the tour, and the quality of the design."""
         from lab.commands.design.document import design_document
 
         return design_document(self)
 
     def columns(self) -> Mapping[str, Sequence[Any] | Array]:
-        """Every stop of the tour: ``id``, ``stop`` (measure, via), and joint positions in ``_deg`` or ``_mm``."""
+        """Return waypoint columns: ``id``, ``stop`` (measure, via), and joint positions in ``_deg`` or ``_mm``."""
         return self.stops.columns(self.problem.robot.chain)
 
     def plot(self) -> "Figure":
@@ -370,13 +370,13 @@ class Fault:
 
 @dataclass(frozen=True, repr=False, eq=False)
 class PlanCheckResult(Result):
-    """Whether a plan can be run in a cell.
+    """Result of checking whether a plan can be run in a cell.
 
     Attributes:
-        options: what was asked.
+        options: of the command.
         stops: the plan's rows, in order.
-        faults: what is wrong with it; none where it can be run.
-        day: how long it takes.
+        faults: reasons why it cannot be run; empty where it can.
+        day: duration of the measurement session.
     """
 
     options: DesignOptions
@@ -392,7 +392,7 @@ class PlanCheckResult(Result):
         return 1 if self.faults else 0
 
     def to_dict(self) -> dict[str, Any]:
-        """What ``--json`` prints."""
+        """Return the values that ``--json`` prints."""
         return {
             "robot": self.robot.name,
             "plan": str(self.options.check),
@@ -405,7 +405,7 @@ class PlanCheckResult(Result):
         }
 
     def document(self) -> "Document":
-        """What a person reads: whether the plan can be run, what is wrong with it, how long it takes."""
+        """Build the document: whether the plan can be run, its faults, and its duration."""
         from lab.commands.design.document import check_document
 
         return check_document(self)

@@ -105,11 +105,11 @@ _FOLLOW = 0.8  # of the placed points that follow the nominal arm at the right o
 
 @dataclass(frozen=True)
 class ClockOffset:
-    """By how much the tracker's clock is ahead of the controller's.
+    """Offset of the tracker's clock ahead of the controller's.
 
     Attributes:
         seconds: at the first point.
-        drift_ppm: by how many millionths the tracker's clock is faster.
+        drift_ppm: excess rate of the tracker's clock, in millionths.
     """
 
     seconds: float = 0.0
@@ -129,13 +129,13 @@ class ClockOffset:
 
 @dataclass(frozen=True, eq=False)
 class PlacedPoints:
-    """What an offset does to points.
+    """Assignment of points to windows by a clock offset.
 
     Attributes:
         where: ``(n,)`` the window of each point, -1 where none.
         distances_m: ``(n,)`` of the points from the nominal arm, infinite where not placed; None where too few
             distinct poses are met to compare.
-        tolerance_m: within which they follow the arm.
+        tolerance_m: largest distance at which a point counts as following the arm.
     """
 
     offset: ClockOffset
@@ -145,7 +145,7 @@ class PlacedPoints:
 
     @cached_property
     def placed(self) -> int:
-        """How many points fall into a window."""
+        """Number of points that fall into a window."""
         return int((self.where >= 0).sum())
 
     @cached_property
@@ -175,7 +175,7 @@ class PlacedPoints:
 
     @property
     def words(self) -> str:
-        """How many points are placed, and how well the nominal arm follows them."""
+        """Description of how many points are placed, and how well the nominal arm follows them."""
         said = f"{self.placed} of {len(self.where)}"
         if self.rms_m is None:
             return said
@@ -225,7 +225,7 @@ class ClockComparison:
             some.judge_by_times(here, found, given=given)
 
     def proposal(self) -> str:
-        """Which offset places the points, in words."""
+        """Describe the clock offset that places the points."""
         some = self._some
         best, alike = some.best_of(some.candidates(ClockOffset()))
         if best is None:
@@ -259,7 +259,7 @@ class ClockComparison:
 
     @cached_property
     def _some(self) -> "ClockComparison":
-        """The same with as many points as are enough: blocks of the first, the middle and the last ones."""
+        """Comparison reduced to enough points: blocks of the first, the middle and the last ones."""
         timed = np.argsort(self.at, kind="stable")[: int(np.isfinite(self.at).sum())]
         most = max(_LEAST_POINTS, _PAIRS // len(self.starts))
         if len(timed) > most:
@@ -390,7 +390,7 @@ class ClockComparison:
 
 
 def _is_rival(each: PlacedPoints, best: PlacedPoints, *, by_arm: bool) -> bool:
-    """Whether an offset that places points in other windows than the best explains about as many."""
+    """Decide whether an offset with other windows than the best explains about as many points."""
     apart = each.conflicts(best)
     if not apart.any():
         return False

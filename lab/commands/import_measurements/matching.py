@@ -1,4 +1,4 @@
-"""Which pose of a controller's file each point of a tracker's file belongs to: by name, in order, or by time."""
+"""Matching of a tracker's points to a controller's poses: by name, in order, or by time."""
 
 import re
 from collections.abc import Callable, Container, Sequence
@@ -124,13 +124,13 @@ class Timeline:
 
 @dataclass(frozen=True)
 class Matching:
-    """How points found their poses.
+    """Assignment of points to poses.
 
     Attributes:
-        by: what was compared.
+        by: the criterion that was compared.
         poses: in the order of the controller's file.
         left_out: points and poses without the other.
-        said: how it was done, in sentences.
+        said: description of the method, in sentences.
         timeline: of points that found their poses by time.
     """
 

@@ -1,4 +1,4 @@
-"""What can be asked of ``lab import``."""
+"""Options of ``lab import``."""
 
 from dataclasses import dataclass
 from pathlib import Path

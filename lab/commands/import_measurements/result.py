@@ -1,4 +1,4 @@
-"""What a merge of two files gave: typed, and as plain values."""
+"""Result of a merge of two files: typed, and as plain values."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -58,16 +58,16 @@ class ImportResult(Result):
 
     @property
     def left_out(self) -> tuple[LeftOut, ...]:
-        """Everything of the two files that is not in the measurements, with the reason."""
+        """Entries of the two files that are not in the measurements, with the reason."""
         return (*self.points.left_out, *self.log.left_out, *self.matching.left_out)
 
     @property
     def left_out_counts(self) -> dict[str, int]:
-        """How many things were left out for each reason."""
+        """Number of entries left out for each reason."""
         return dict(Counter(each.why for each in self.left_out))
 
     def to_dict(self) -> dict[str, Any]:
-        """What ``--json`` prints."""
+        """Return the values that ``--json`` prints."""
         data = self.measurements
         sigma = data.sigma_m[np.isfinite(data.sigma_m)]
         return {
@@ -103,7 +103,7 @@ class ImportResult(Result):
         }
 
     def document(self) -> "Document":
-        """What a person reads: how many poses, which columns were taken for what, and what was left out."""
+        """Build the document: the number of poses, the use of each column, and what was left out."""
         return _import_document(self)
 
     def columns(self) -> Mapping[str, Sequence[Any]]:

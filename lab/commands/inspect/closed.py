@@ -35,15 +35,15 @@ _RANK = 1e-9  # of the largest singular value
 
 @dataclass(frozen=True)
 class ClosedShape:
-    """Of a drawing, in the drawn mode.
+    """Structure of a closed-loop nominal model, in the nominal assembly mode.
 
     Attributes:
         mobility: joints and passive values less the closures' equations.
-        freedoms: joints and passive values less the rank of what they do to the closures at home.
-        closed_form: what its closed form says, if it has one.
-        share: of readings within the limits those at which the loops close.
+        freedoms: joints and passive values less the rank of the closures' Jacobian at home.
+        closed_form: parameters of its closed form, if it has one.
+        share: of joint positions within the limits, those at which the loops close.
         extents: ``(3, 2)`` least and largest coordinates (m) of the platform's origin in the base.
-        conditions: of the closures by the passive values: the least, the middle and the largest.
+        conditions: of the closures' Jacobian by the passive values: least, median and largest.
     """
 
     mobility: int
@@ -86,12 +86,12 @@ def _extents(mechanism: Mechanism, joints: Array, places: Array, others: Sequenc
 
 
 def _places(mechanism: Mechanism, joints: Array, passive: Array) -> Array:
-    """Of the platform's origin in the base ``(n, 3)`` m."""
+    """Compute the platform's origin in the base ``(n, 3)`` m."""
     return platform_poses(mechanism, joints, passive)[:, :3, 3]
 
 
 def _rank(configuration: Configuration) -> int:
-    """Of the closures' derivatives by all that moves, in a configuration of one pose."""
+    """Compute the rank of the closures' Jacobian by all moving parts, at a single pose."""
     tree, directions = configuration.tree, configuration.closures()[1]
     rows = np.zeros((tree.equations, len(tree.passive) + len(configuration.joint_values)))
     for i, opening in enumerate(tree.openings):
@@ -316,7 +316,7 @@ def _singularity(values: Mapping[str, Any], each: dict[str, Any]) -> str:
 
 
 def _dimensions(form: dict[str, Any]) -> str:
-    """Of a closed form, in words."""
+    """Describe the dimensions of a closed form."""
     if "span_mm" in form:
         return f"anchors {printed(form['span_mm'])} mm apart"
     if "anchors_mm" in form:

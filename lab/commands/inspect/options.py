@@ -1,4 +1,4 @@
-"""What can be asked of ``lab inspect``."""
+"""Options of ``lab inspect``."""
 
 from dataclasses import dataclass
 from pathlib import Path

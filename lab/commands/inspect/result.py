@@ -1,4 +1,4 @@
-"""What a robot is, and what of it can be identified: as plain values."""
+"""Result of inspecting a robot: its description and its identifiable parameters, as plain values."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -48,7 +48,7 @@ class Inspection(Result):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What a reader should be told of the robot."""
+        """Warnings on the robot."""
         return self.robot.warnings
 
     @property
@@ -57,11 +57,11 @@ class Inspection(Result):
         return 0
 
     def to_dict(self) -> dict[str, Any]:
-        """What ``--json`` prints: millimetres and degrees; aliases in SI units; None where not finite."""
+        """Return the values for ``--json``: millimetres and degrees; aliases in SI units; None where not finite."""
         return dict(self.values)
 
     def document(self) -> "Document":
-        """What a person reads: the nominal model, its shape, and what can be identified."""
+        """Build the document: the nominal model, its shape, and its identifiable parameters."""
         return _inspection_document(self)
 
     def columns(self) -> Mapping[str, Sequence[Any]]:

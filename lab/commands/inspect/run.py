@@ -1,4 +1,4 @@
-"""What a robot is, and what of it can be identified."""
+"""Inspection of a robot: its description, and its identifiable parameters."""
 
 from functools import singledispatch
 from pathlib import Path

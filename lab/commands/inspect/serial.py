@@ -28,11 +28,11 @@ _LEAST = 1e-6  # of a joint's part in a combination
 
 @dataclass(frozen=True)
 class Singularity:
-    """One way in which an arm is singular.
+    """A singularity of a serial arm.
 
     Attributes:
-        factor: what of the determinant is zero there.
-        joints: ``(n,)`` readings of an example; None where there is none within the limits.
+        factor: the factor of the determinant that is zero there.
+        joints: ``(n,)`` positions of an example; None where there is none within the limits.
         free: ``(k, n)`` combinations of the joints that move nothing in the example, the largest part 1.
     """
 
@@ -43,13 +43,13 @@ class Singularity:
 
 @dataclass(frozen=True)
 class SerialShape:
-    """Of a drawing.
+    """Structure of a serial nominal model.
 
     Attributes:
-        reach_m: how far the last frame's origin gets from axis 1, within the limits; from frame 0 where joint 1 slides.
-        ways: how many readings lead to a pose; None where no closed form is known.
-        determinant: of the Jacobian, in words; "" where no closed form is known.
-        moved: what motions the determinant is of, in words.
+        reach_m: largest distance of the last frame from axis 1, within the limits; from frame 0 where joint 1 slides.
+        ways: number of IK solutions of a pose; None where no closed form is implemented.
+        determinant: of the Jacobian, in words; "" where no closed form is implemented.
+        moved: the motions that the determinant refers to, in words.
     """
 
     reach_m: float

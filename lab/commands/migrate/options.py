@@ -1,4 +1,4 @@
-"""What can be asked of ``lab migrate``."""
+"""Options of ``lab migrate``."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -44,7 +44,7 @@ class MigrationResult(Result):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What a migration cannot know."""
+        """Warnings on facts that a migration cannot recover."""
         if any(each.given and each.given[0].startswith("schema") for each in self.runs):
             return ("nothing tells whether an older run without checksums was edited; its numbers stay as they were",)
         return ()
@@ -55,14 +55,14 @@ class MigrationResult(Result):
         return 0
 
     def to_dict(self) -> dict[str, Any]:
-        """What ``--json`` prints."""
+        """Return the values that ``--json`` prints."""
         return {
             "runs": [{"run": str(each.folder), "given": list(each.given)} for each in self.runs],
             "warnings": list(self.warnings),
         }
 
     def document(self) -> "Document":
-        """What a person reads: each run, and what it was given."""
+        """Build the document: each run, and what the migration added."""
         from lab.render.document import Document, Table
 
         rows = tuple((str(each.folder), ", ".join(each.given) or "nothing: it is as today's runs are")

@@ -1,4 +1,4 @@
-"""What can be asked of ``lab predict``."""
+"""Options of ``lab predict``."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -53,18 +53,18 @@ _PAIRS = ((0, 0, "xx"), (0, 1, "xy"), (0, 2, "xz"), (1, 1, "yy"), (1, 2, "yz"), 
 
 @dataclass(frozen=True, repr=False, eq=False)
 class PredictionResult(Result):
-    """Where the points of a calibrated arm are at joint positions.
+    """Predicted points of a calibrated arm at given joint positions.
 
     Attributes:
-        options: what was asked.
+        options: of the command.
         run: the run that calibrated the arm.
-        rows: the joint positions, with what was set there.
+        rows: the joint positions, with their conditions.
         inputs: ``(n, joints + conditions)`` of the arm.
         predicted: the measured points in the frame in which the arm was measured, with covariances.
         R_instrument_last: rotations ``(n, 3, 3)`` of the last frame there.
-        without_effects_m: how far geometry alone is off at these poses (root mean square); None where there is nothing
+        without_effects_m: error of geometry alone at these poses (root mean square); None where there is nothing
             else.
-        notes: what a reader should be told of the inputs.
+        notes: warnings on the inputs.
     """
 
     options: PredictOptions
@@ -88,7 +88,7 @@ class PredictionResult(Result):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What a reader should be told."""
+        """Warnings for the reader."""
         ids = [self.rows.ids[i] for i in np.flatnonzero(self.extrapolated)]
         lost = np.flatnonzero(~np.isfinite(self.points).all(axis=(1, 2)))
         said = []
@@ -140,7 +140,7 @@ class PredictionResult(Result):
         return self.run.estimate.model
 
     def to_dict(self) -> dict[str, Any]:
-        """What ``--json`` prints and ``result.json`` holds: lengths in mm."""
+        """Return the values that ``--json`` prints and ``result.json`` holds: lengths in mm."""
         T, off = self.T_instrument_base, self.without_effects_m
         return {
             "run": str(self.run.folder),
@@ -163,7 +163,7 @@ class PredictionResult(Result):
         }
 
     def _predictions(self) -> list[dict[str, Any]]:
-        """What is predicted of each pose."""
+        """Predicted values of each pose."""
         points, base = plain_numbers(1e3 * self.points), plain_numbers(1e3 * self.points_in_base)
         covariances = plain_numbers(1e6 * self.predicted.covariance)
         radii = {name: plain_numbers(1e3 * lengths) for name, lengths in self.radii_95.items()}
@@ -188,11 +188,11 @@ class PredictionResult(Result):
 
     @property
     def _both_rotations(self) -> tuple[Array, Array]:
-        """Of the tool, in the frame of the measurements and in the base."""
+        """Rotations of the tool, in the frame of the measurements and in the base."""
         return self.rotations, np.asarray(self.T_instrument_base[:3, :3].T @ self.rotations)
 
     def document(self) -> "Document":
-        """What a person reads: how sure the points are, and every prediction."""
+        """Build the document: the uncertainty of the points, and all predictions."""
         return _prediction_document(self)
 
     def columns(self) -> Mapping[str, Sequence[Any] | Array]:

@@ -60,7 +60,7 @@ class LeftOut:
 
 @dataclass(frozen=True)
 class _Summary:
-    """What matters here of ``result.json`` of a calibration or a verification; its keys."""
+    """Summary of ``result.json`` of a calibration or a verification; its keys."""
 
     robot: str
     serial: str | None = None
@@ -221,7 +221,7 @@ class ArmStatus:
 
     @property
     def state(self) -> str:
-        """One of ``STATES``."""
+        """State of the arm, one of ``STATES``."""
         if not any(each.calibrates for each in self.checks):
             return "never calibrated"
         if self.latest is None or self.latest.verdict == "not judged":

@@ -1,4 +1,4 @@
-"""What can be asked of ``lab status``."""
+"""Options of ``lab status``."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -84,7 +84,7 @@ class StatusResult(Result):
         return sha256("".join(models).encode()).hexdigest()
 
     def to_dict(self) -> dict[str, Any]:
-        """What ``--json`` prints and ``result.json`` holds: days as YYYY-MM-DD, errors in mm."""
+        """Return the values that ``--json`` prints and ``result.json`` holds: days as YYYY-MM-DD, errors in mm."""
         return {
             "folder": str(self.options.folder),
             "on": self.on.isoformat(),
@@ -95,7 +95,7 @@ class StatusResult(Result):
         }
 
     def document(self) -> "Document":
-        """What a person reads: every arm in a row, the checks over time, what changed, what was left out."""
+        """Build the document: all arms in a table, the checks over time, the changes, the runs left out."""
         return _status_document(self)
 
     def columns(self) -> Mapping[str, Sequence[Any]]:
@@ -307,7 +307,7 @@ def _explained(result: StatusResult) -> str:
 
 
 def _changes(arm: ArmStatus) -> Text:
-    """What changed between the calibrations of an arm, in the words of its trend."""
+    """Describe the changes between the calibrations of an arm, as in its trend."""
     if arm.trend is None:
         return ""
     if not arm.trend.changes:

@@ -122,7 +122,7 @@ def _line_name(cell: Cell, line: str | None) -> str:
 
 
 def _positions(levels: Sequence[Any]) -> dict[Any, float]:
-    """Where a factor's levels are on the axis, 0 to 1: numbers by their logarithm, names side by side."""
+    """Return the axis positions of a factor's levels, 0 to 1: numbers by their logarithm, names side by side."""
     levels = sorted(dict.fromkeys(levels), key=lambda level: level == ANY)
     if _named(levels):
         return {level: k / max(1, len(levels) - 1) for k, level in enumerate(levels)}
@@ -131,12 +131,12 @@ def _positions(levels: Sequence[Any]) -> dict[Any, float]:
 
 
 def _named(levels: Iterable[Any]) -> bool:
-    """Whether levels are names, between which there is nothing."""
+    """Decide whether levels are names, and so categorical."""
     return any(isinstance(level, str) for level in levels)
 
 
 def _line(axes: Axes, mine: Sequence[tuple[float, Mean]], number: int, lines: int, *, label: str, joined: bool) -> None:
-    """One level's means, moved a little aside so that intervals do not hide each other."""
+    """Draw the means of one level, offset a little so that intervals do not hide each other."""
     colour, mark, dash = SERIES[number % len(SERIES)]
     ordered = sorted(mine, key=lambda each: each[0])
     x = np.array([place for place, _ in ordered]) + _APART * (number - (lines - 1) / 2)
@@ -157,7 +157,7 @@ def _line(axes: Axes, mine: Sequence[tuple[float, Mean]], number: int, lines: in
 
 
 def _pairs_figure(comparisons: Sequence[Comparison], cells: Sequence[Cell]) -> Figure:
-    """How much more than the best each cell has, with 95 % intervals, a panel a group: a forest plot."""
+    """Draw a forest plot of the excess of each cell over the best, with 95 % intervals, a panel a group."""
     free, kind = comparisons[0].group.free, comparisons[0].kind
     most = max((pair.effect for each in comparisons for pair in _behind(each) if isfinite(pair.effect)), default=1.0)
 
@@ -247,7 +247,7 @@ def _panels(
     sharex: bool = False,
     sharey: bool = False,
 ) -> Figure:
-    """One panel each of what is shown, of a size in inches, side by side and below each other."""
+    """Draw each item in a panel of a size in inches, side by side and below each other."""
     across = min(len(shown), _MOST_ACROSS)
     down = ceil(len(shown) / across)
     with matplotlib.rc_context(FIGURE_STYLE):

@@ -53,7 +53,7 @@ def factor_words(factor: str) -> str:
 
 
 def circumstances(shared: Mapping[str, Any]) -> str:
-    """What a group's cells share, e.g. "10 poses, scaling whitened"; empty if nothing else varies."""
+    """Describe levels shared by a group's cells, e.g. "10 poses, scaling whitened"; empty if nothing else varies."""
     shown = [(name, level) for name, level in shared.items() if level != ANY]
     return ", ".join(f"{_NAMED.get(name, '')}{level}{_UNITS.get(name, '')}" for name, level in shown)
 
@@ -69,9 +69,9 @@ def varying(cells: Sequence[Cell]) -> tuple[str, ...]:
 
 
 def effect_words(pair: Pair, kind: Kind) -> str:
-    """How much more the second cell of a pair has, e.g. "4.1 % (3.7 to 4.6)".
+    """Format the excess of a pair's second cell over the first, e.g. "4.1 % (3.7 to 4.6)".
 
-    A ratio from 2 on, or one of which little more than its size is known, is told as "2.1 times (2.0 to 2.2)".
+    A ratio from 2 on, or one with a wide interval, is printed as "2.1 times (2.0 to 2.2)".
     """
     ends = (pair.effect, pair.lower, pair.upper)
     if not isfinite(pair.effect):
@@ -109,6 +109,6 @@ def rank_words(rank: Rank) -> str:
 
 
 def behind_words(comparison: Comparison, rank: Rank) -> str:
-    """By how much a cell is worse than the first of its comparison; nothing of the first."""
+    """Format the excess of a cell over the first of its comparison; empty for the first."""
     first = comparison.ranks[0].cell
     return "" if rank.cell == first else effect_words(comparison.against(first, rank.cell), comparison.kind)

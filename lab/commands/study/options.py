@@ -1,4 +1,4 @@
-"""What can be asked of ``lab study``."""
+"""Options of ``lab study``."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What a study found: typed, and as the files of its folder."""
+"""Result of a study: typed, and as the files of its folder."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -69,7 +69,7 @@ class StudyResult(Result):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """None: what did not converge is in the analysis."""
+        """Warnings of a study, always empty: what did not converge is in the analysis."""
         return ()
 
     @property
@@ -79,17 +79,17 @@ class StudyResult(Result):
 
     @cached_property
     def pictures(self) -> "dict[str, Picture]":
-        """All figures, by the names of their files."""
+        """Figures of the study, by the names of their files."""
         from lab.commands.study.figures import study_pictures
 
         return {name: made for metric in METRICS for name, made in study_pictures(self.analysis, metric).items()}
 
     def to_dict(self) -> dict[str, Any]:
-        """What ``--json`` prints."""
+        """Return the values that ``--json`` prints."""
         return self.done.summary
 
     def document(self) -> "Document":
-        """What a person reads: the answers, means, ranks and figures."""
+        """Build the document: the answers, means, ranks and figures."""
         return _study_document(self)
 
     def columns(self) -> Mapping[str, Sequence[Any]]:
@@ -119,7 +119,7 @@ class StudyResult(Result):
 
 
 def _study_document(result: StudyResult) -> Document:
-    """What was simulated, the answers, means, ranks, figures, and how to do it again."""
+    """Build the document of a study: setup, answers, means, ranks, figures, and how to repeat it."""
     done, study = result.done, result.done.study
     speed = f" in {done.seconds:,.0f} s" if done.computed else ""
     return Document(
@@ -169,7 +169,7 @@ def analysis_sections(analysis: Analysis, metrics: Sequence[str]) -> tuple[Secti
 
 
 def _means(analysis: Analysis, metrics: Sequence[str]) -> Table:
-    """Every cell's means, with 95 % intervals over the robots; the first metric alone where there is little room."""
+    """Tabulate all cells' means with 95 % intervals over the robots; only the first metric if space is short."""
     names = varying(analysis.cells)
     of = {(mean.cell, mean.metric): mean for mean in analysis.means}
     more = [metric for metric in (*metrics[1:], "nees", "before_mm") if (0, metric) in of]
@@ -243,13 +243,13 @@ def _plain(value: Any) -> str:
 
 
 def sentences(analysis: Analysis, metric: str) -> list[str]:
-    """One for each comparison by a metric, and one for simulated calibrations that did not converge."""
+    """Return a sentence for each comparison by a metric, and one for simulated calibrations that did not converge."""
     found = [comparison_sentence(each, analysis.cells) for each in analysis.comparisons if each.metric == metric]
     return [*found, *_failures([mean for mean in analysis.means if mean.metric == metric], analysis.cells)]
 
 
 def comparison_sentence(comparison: Comparison, cells: Sequence[Cell]) -> str:
-    """Which cell of a group is best, by how much, and which do not differ significantly."""
+    """Describe which cell of a group is best, by how much, and which do not differ significantly."""
     group = comparison.group
     names = {i: level_words(cells[i], group.free) for i in group.cells}
     where = circumstances(group.shared)

@@ -66,7 +66,7 @@ def _run(options: StudyOptions, known: Study) -> StudyResult:
 
 
 def _analysis(done: StudyDone) -> Analysis:
-    """What the simulated calibrations of a study say."""
+    """Analyse the simulated calibrations of a study."""
     campaigns = read_campaigns(done.folder)
     columns = {name: campaigns[name].to_numpy() for name in campaigns.column_names}
     return analysed(columns, done.study.cells, done.study.seed)

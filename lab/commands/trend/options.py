@@ -1,4 +1,4 @@
-"""What can be asked of ``lab trend``."""
+"""Options of ``lab trend``."""
 
 from dataclasses import dataclass
 from pathlib import Path

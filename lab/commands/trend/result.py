@@ -1,4 +1,4 @@
-"""What the history of a robot's calibrations shows: typed, and as plain values."""
+"""Result of the history of a robot's calibrations: typed, and as plain values."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -60,12 +60,12 @@ class DatedRun:
 
 @dataclass(frozen=True)
 class DetectableChange:
-    """How far a joint's zero has to move for one more calibration to find it in 95 of 100 (rad; m of a slide).
+    """Smallest shift of a joint's zero that one more calibration detects in 95 of 100 (rad; m if prismatic).
 
     Attributes:
         joint: counted from one.
         slides: whether it is prismatic.
-        links_alone: where only the links are compared (and what else is kept); infinite where that does not show it.
+        links_alone: where only the links are compared (and what else is retained); infinite if unobservable.
         all_kept: where neither base nor tool was set up anew.
     """
 
@@ -76,7 +76,7 @@ class DetectableChange:
 
     @property
     def unit(self) -> str:
-        """In which a person reads it."""
+        """Display unit of the change."""
         return "mm" if self.slides else "mrad"
 
 
@@ -104,7 +104,7 @@ class TrendResult(Result):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What was left out, and those of the runs."""
+        """Warnings on runs that were left out, and those of the runs."""
         said = [words for each in self.runs for words in each.run.named_warnings]
         return tuple(dict.fromkeys([*self.left_out, *said]))
 
@@ -128,12 +128,12 @@ class TrendResult(Result):
 
     @property
     def half_widths(self) -> Array:
-        """Of the parameters' 95 % intervals ``(n, f)``."""
+        """Half-widths of the parameters' 95 % intervals ``(n, f)``."""
         halves = [half_width_95(each.dof or np.inf) * np.sqrt(np.diag(each.covariance)) for each in self.estimates]
         return np.array(halves)
 
     def to_dict(self) -> dict[str, Any]:
-        """What ``--json`` prints: parameters in SI units, errors in mm."""
+        """Return the values that ``--json`` prints: parameters in SI units, errors in mm."""
         shifts, halves = self.shifts, self.half_widths
         return {
             "robot": self.runs[0].run.robot.name,
@@ -182,7 +182,7 @@ class TrendResult(Result):
         }
 
     def document(self) -> "Document":
-        """What a person reads: whether and when anything changed, what, and how the parameters went."""
+        """Build the document: whether and when anything changed, what, and the parameters over time."""
         return _trend_document(self)
 
     def columns(self) -> Mapping[str, Sequence[Any]]:
@@ -237,7 +237,7 @@ def errors_picture(result: TrendResult) -> tuple[Picture, ...]:
 
 
 def _parameters_picture(result: TrendResult) -> Picture:
-    """Every parameter in every calibration: how far it is from the first, in halves of the difference's interval."""
+    """Draw the shift of each parameter from the first calibration, in half-widths of the difference's interval."""
     names, halves = result.estimates[0].names, result.half_widths
     sizes = result.shifts / np.sqrt(halves**2 + halves[0] ** 2)
 
@@ -265,7 +265,7 @@ def _parameters_picture(result: TrendResult) -> Picture:
 
 
 def _moved_pictures(result: TrendResult) -> tuple[Picture, ...]:
-    """Each parameter that changed, over time with its intervals; at most six."""
+    """Draw each parameter that changed, over time with its intervals; at most six."""
     names = dict.fromkeys(name for change in result.changes for name in change.named)
     own = [name for name in names if name in result.estimates[0].names][:_MOST]
     return tuple(_over_time(result, name, f"moved-{i + 1}") for i, name in enumerate(own))
@@ -315,7 +315,7 @@ _LEVEL = f"(an unchanged robot raises an alarm in at most {100 * TREND_YEAR:g} %
 
 
 def _trend_document(result: TrendResult) -> Document:
-    """Whether and when anything changed, what, errors and parameters over time, and what would be found."""
+    """Build the trend document: changes and their dates, errors and parameters over time, detectable changes."""
     first, last = result.runs[0], result.runs[-1]
     count = len(result.changes)
     word = counted(count, "change") if count else "no change"
@@ -346,7 +346,7 @@ def _when(result: TrendResult) -> str:
 
 
 def _first_document(result: TrendResult, name: str) -> Document:
-    """One calibration: nothing can have changed, but the next one can be judged."""
+    """Build the document of a single calibration: no change is testable yet, but the next one can be compared."""
     only = result.runs[0]
     return Document(
         f"{name}: one run, no trend yet",
@@ -361,7 +361,7 @@ def _first_document(result: TrendResult, name: str) -> Document:
 
 
 def change_words(result: TrendResult, change: ChangePoint) -> str:
-    """What changed, between which days, and by how much."""
+    """Describe a change: what changed, between which days, and by how much."""
     before, after, found = (result.runs[i] for i in (change.after, change.after + 1, change.found_at))
     when = f"Between {before.date} ({before.run.folder.name}) and {after.date} ({after.run.folder.name})"
     p = f"p = {change.p:.2g}" if change.p > 0 else "p < 1e-300"

@@ -113,7 +113,7 @@ def content_of(folder: Path) -> str:
 
 
 def _joint_zeros(estimate: Estimate) -> Array:
-    """What the identified parameters ``(f, joints)`` do when a joint's zero moves by one; NaN where they cannot."""
+    """Compute the change of the identified parameters ``(f, joints)`` per unit of joint zero; NaN if impossible."""
     arm, at = estimate.arm, list(estimate.free)
     inputs = arm.structure_joints(STRUCTURE_POSES, rng_for(0, "structure"))
     jacobian = arm.observe(inputs, arm.rank_point(estimate.nominal))[1].reshape(-1, len(arm.names))
@@ -126,7 +126,7 @@ def _joint_zeros(estimate: Estimate) -> Array:
 
 
 def _directions(names: tuple[str, ...], zeros: Array) -> Directions:
-    """Each parameter alone; and each joint's zero where that is no parameter's and can be seen."""
+    """Return the tested directions: each parameter, and each observable joint zero that is no single parameter."""
     one = np.eye(len(names))
     other = [i for i in range(zeros.shape[1]) if np.count_nonzero(zeros[:, i]) > 1 and np.isfinite(zeros[:, i]).all()]
     words = tuple(f"zero of joint {i + 1}" for i in other)

@@ -1,4 +1,4 @@
-"""What can be asked of ``lab verify``."""
+"""Options of ``lab verify``."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What a verification found: typed, and as plain values for its JSON files."""
+"""Result of a verification: typed, and as plain values for its JSON files."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -48,10 +48,10 @@ __all__ = ["VerificationResult", "errors_picture"]
 
 @dataclass(frozen=True, repr=False, eq=False)
 class VerificationResult(Result):
-    """Whether a calibrated arm is within its predicted error, and what may have changed where it is not.
+    """Result of testing whether a calibrated arm is within its predicted error, with possible changes if not.
 
     Attributes:
-        options: what was asked.
+        options: of the command.
         calibrated: the run that calibrated the arm.
         measurements: the rows that were used.
         verified: the test, and the hypotheses that it tried.
@@ -99,7 +99,7 @@ class VerificationResult(Result):
         return tuple((name, self._unit(name), 1e3 * size) for name, size in self.verified.would_notice)
 
     def to_dict(self) -> dict[str, Any]:
-        """What ``--json`` prints and ``result.json`` holds: lengths in mm, angles in mrad."""
+        """Return the values that ``--json`` prints and ``result.json`` holds: lengths in mm, angles in mrad."""
         found = self.verified
         return {
             "run": str(self.calibrated.folder),
@@ -135,7 +135,7 @@ class VerificationResult(Result):
         }
 
     def document(self) -> "Document":
-        """What a person reads: the test, the errors, what may have changed, what would have been detected."""
+        """Build the document: the test, the errors, possible changes, and detectable changes."""
         return _verification_document(self)
 
     def columns(self) -> Mapping[str, Sequence[Any]]:
@@ -171,7 +171,7 @@ class VerificationResult(Result):
 
 
 def _situation(each: Check | None) -> dict[str, Any] | None:
-    """What large errors come from; None where they are small, or come from nothing of the kind."""
+    """Return the cause of large errors; None where they are small, or no such cause was found."""
     if each is None:
         return None
     kind, data = each.name.removeprefix("situation.").replace("_", " "), each.data
@@ -193,7 +193,7 @@ def _hypothesis(each: Hypothesis) -> dict[str, Any]:
 
 
 def _displacement(moved: Displacement) -> dict[str, float | None]:
-    """How far something moved; None where that does not apply or cannot be identified."""
+    """Return the size of a displacement; None where it does not apply or cannot be identified."""
     return {
         "shift_mm": number(1e3 * moved.shift_m),
         "shift_std_mm": number(1e3 * moved.shift_std_m),
@@ -279,7 +279,7 @@ def _chance(p: float) -> str:
 
 
 def _advice(result: VerificationResult) -> tuple[Block, ...]:
-    """What to do where one thing alone has changed, and the first sentence does not say so."""
+    """Advise what to do if a single part has changed and the first sentence does not state it."""
     moved = () if result.verified.situation is not None else result.verified.moved
     return (Paragraph(sentence(_ADVICE[moved[0]]), shown_in=PAGE | TERMINAL),) if len(moved) == 1 else ()
 
@@ -299,7 +299,7 @@ def _refitted(result: VerificationResult) -> Table:
 
 
 def _detectable(result: VerificationResult) -> Table:
-    """What the test would have detected, with its unit."""
+    """Tabulate the changes that the test would have detected, with their units."""
     rows = tuple((name, short(size), unit) for name, unit, size in result.detectable if size < float("inf"))
     caption = "In 95 of 100 such files the test would detect it if one of these were off by"
     return Table(("", "by", "unit"), rows, caption)

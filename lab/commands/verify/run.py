@@ -214,7 +214,7 @@ def _refuse_implausible(prediction: CalibrationPrediction, observations: Observa
 
 
 def _noise(calibrated: CalibrationRun, options: VerifyOptions) -> Noise:
-    """Of the new measurements: as given, else as the run took it, else as it found it."""
+    """Return the noise of the new measurements: given, else assumed by the run, else estimated by the run."""
     shared = calibrated.estimate.shared
     given = None if shared is None else replace(shared, independent_share=1.0)
     if options.noise_mm is not None:
@@ -260,7 +260,7 @@ def _numbers(rows: Measurements) -> Array:
 
 
 def _warnings(calibrated: CalibrationRun, read: Measurements, rows: Measurements, verified: Verified) -> list[str]:
-    """What a reader should be told."""
+    """Collect the warnings for the reader."""
     chain, said = calibrated.robot.chain, [*calibrated.warnings, *read.warnings]
     if blank := len(read.only("calibrate", "reference", "test")) - len(rows):
         said.append(f"{blank} rows have no measured point and are left out")
@@ -287,7 +287,7 @@ def _warnings(calibrated: CalibrationRun, read: Measurements, rows: Measurements
 
 
 def _repeat_where_measured(lone: int, count: int, verified: Verified) -> list[str]:
-    """What to do where a change is found by poses most of which are extrapolated."""
+    """Advise what to do if a change is found mostly by extrapolated poses."""
     if verified.good or lone <= MOST_UNCOVERED * count:
         return []
     return [
