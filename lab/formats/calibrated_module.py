@@ -162,7 +162,7 @@ def loaded(text: str) -> ModuleType:
 
 
 def largest_difference(text: str, arm: Arm, values: Array, inputs: Array) -> float:
-    """How far (m), at most, the module's points are from the arm's at ``inputs`` ``(n, joints + conditions)``."""
+    """Return the largest distance (m) of the module from the arm at ``inputs`` ``(n, joints + conditions)``."""
     module, size = loaded(text), arm.rigid.chain.size
     largest = 0.0
     for row, points in zip(inputs.tolist(), arm.points(inputs, values), strict=True):

@@ -39,7 +39,7 @@ _UNITS = {"mm": 1e-3, "m": 1.0}
 
 @dataclass(frozen=True, kw_only=True)
 class Place:
-    """Where something stands."""
+    """Position and rotation of an object."""
 
     position_mm: Triple = (0.0, 0.0, 0.0)
     rotation_deg: Triple = (0.0, 0.0, 0.0)
@@ -126,7 +126,7 @@ class ToolPoint:
 
 @dataclass(frozen=True, kw_only=True)
 class Station(Place):
-    """One of the places from which the instrument measures, and its name."""
+    """Station of the instrument, with its name."""
 
     name: str
 
@@ -137,7 +137,7 @@ class Station(Place):
 
 @dataclass(frozen=True, kw_only=True)
 class Reflector:
-    """What the instrument measures on the tool: its kind, or the largest angle off its axis that it takes."""
+    """Reflector on the tool: its kind, or the largest incidence angle that it accepts."""
 
     kind: Literal["corner cube", "cat's eye", "other"] = "corner cube"
     acceptance_deg: float | None = None
@@ -219,11 +219,11 @@ class Cell:
 
     @property
     def instrument_places(self) -> tuple[Place, ...]:
-        """Where the instrument stands: at its stations, or at one place without a name; none where nothing is said."""
+        """Return the instrument's poses: its stations, or one pose without a name; empty if the cell gives none."""
         return self.station or (() if self.instrument is None else (self.instrument,))
 
     def clearance_m(self, obstacle: Obstacle) -> float | None:
-        """What the arm keeps from an obstacle; None where neither it nor the cell states it."""
+        """Return the clearance (m) to keep from an obstacle; None if neither it nor the cell states one."""
         stated = self.clearance_mm if obstacle.clearance_mm is None else obstacle.clearance_mm
         return None if stated is None else stated / 1e3
 

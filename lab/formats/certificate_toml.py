@@ -1,4 +1,4 @@
-"""What a certificate says beside its numbers, in TOML: who measured what, when and where, with which instrument."""
+"""Details of a certificate beside its numbers, in TOML: who measured what, when and where, with which instrument."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
@@ -20,7 +20,7 @@ _DATES = ("date", "measured_on", "certificate_date", "valid_until")
 
 @dataclass(frozen=True, kw_only=True)
 class _Certificate:
-    """Of the certificate itself: ``date`` is that of issue; the measurements may be of an earlier day."""
+    """Certificate's own data: ``date`` is the date of issue; the measurements may be older."""
 
     number: str = ""
     date: str = ""
@@ -34,7 +34,7 @@ class _Certificate:
 
 @dataclass(frozen=True, kw_only=True)
 class _Robot:
-    """Of the robot; its repeatability is RP of ISO 9283, as its data sheet states it."""
+    """Robot on the certificate; its repeatability is RP of ISO 9283, from its data sheet."""
 
     maker: str = ""
     model: str = ""
@@ -49,7 +49,7 @@ class _Robot:
 
 @dataclass(frozen=True, kw_only=True)
 class _Reflector:
-    """Of a reflector, and of the certificate of its own calibration."""
+    """Reflector, with the certificate of its own calibration."""
 
     maker: str = ""
     model: str = ""
@@ -61,7 +61,7 @@ class _Reflector:
 
 @dataclass(frozen=True, kw_only=True)
 class _Instrument(_Reflector):
-    """Of an instrument: also the temperatures in which it works, and the uncertainty of its scale."""
+    """Instrument, with its range of operating temperatures and the uncertainty of its scale."""
 
     scale_ppm: StatedUncertainty | None = None
     lowest_c: float = LOWEST_C
@@ -76,7 +76,7 @@ class _Instrument(_Reflector):
 
 @dataclass(frozen=True, kw_only=True)
 class _Environment:
-    """Of the room; the robot's temperature is known within ``robot_temperature_k``."""
+    """Room conditions; ``robot_temperature_k`` is the uncertainty of the robot's temperature."""
 
     temperature_c: float | None = None
     robot_temperature_k: StatedUncertainty | None = None
@@ -115,7 +115,7 @@ _NEEDED = {
 
 @dataclass(frozen=True)
 class CertificateDetails:
-    """What a certificate says beside its numbers; what is not given is empty, or None."""
+    """Details of a certificate beside its numbers; a detail not given is empty, or None."""
 
     certificate: _Certificate = _Certificate()
     robot: _Robot = _Robot()
@@ -139,13 +139,13 @@ class CertificateDetails:
 
     @property
     def missing(self) -> tuple[str, ...]:
-        """What a traceable result needs and is not given, as ``section.name``."""
+        """Return the details that a traceable result requires and that are not given, as ``section.name``."""
         given = self.to_dict()
         return tuple(f"{part}.{name}" for part, names in _NEEDED.items() for name in names if name not in given[part])
 
     @property
     def robot_temperature(self) -> tuple[Uncertain, float] | None:
-        """How well the robot's temperature is known (K), and its expansion (1/K); None where it is not stated."""
+        """Return the uncertainty of the robot's temperature (K), and its expansion (1/K); None if not stated."""
         known, expansion = self.environment.robot_temperature_k, self.environment.expansion_ppm_per_k
         return None if known is None or expansion is None else (known.quantity(1.0), expansion / 1e6)
 
@@ -156,7 +156,7 @@ class CertificateDetails:
         return None if stated is None else stated.quantity(1e6)
 
     def to_dict(self) -> dict[str, dict[str, Any]]:
-        """All that is given, by section."""
+        """Return all given details, by section."""
         return {
             section.name: {
                 each.name: value for each in fields(part) if _is_given(value := getattr(part, each.name), each.default)
@@ -200,5 +200,5 @@ def _check_texts(where: str, values: Mapping[str, Any]) -> None:
 
 
 def _is_given(value: object, default: object) -> bool:
-    """Whether a text or a number is stated; uncertainties are lines of the budget."""
+    """Decide whether a text or a number is given; stated uncertainties do not count: they are lines of the budget."""
     return value != default and not isinstance(value, StatedUncertainty)

@@ -66,7 +66,7 @@ def _cells(column: str, values: Sequence[Any] | Array) -> list[str]:
 
 
 class CsvTable:
-    """One file: its header, its rows of texts, and the line of each as an editor counts it (the header is 1).
+    """A CSV file: its header, its rows of texts, and the line number of each as in an editor (the header is 1).
 
     Cells are separated by commas, or by semicolons, and then numbers may have decimal commas.
 

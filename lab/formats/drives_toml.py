@@ -1,4 +1,4 @@
-"""How an arm's drives turn its joints: gear ratios with their signs, couplings, drive gains, encoders; as TOML.
+"""Description of an arm's drives in TOML: gear ratios with their signs, couplings, drive gains, encoders.
 
 The sections stand in a file of their own, or in a robot's table.
 """

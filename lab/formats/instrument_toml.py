@@ -21,12 +21,12 @@ _NAME = re.compile(r"[\w .()/-]{1,60}")
 
 @dataclass(frozen=True, kw_only=True)
 class StatedUncertainty:
-    """How well a quantity is known, as a file states it, in the quantity's unit.
+    """Uncertainty of a quantity as a file states it, in the quantity's unit.
 
     Attributes:
         standard: standard uncertainty; or
         limit: half the width of the interval in which it lies.
-        distribution: normal for a standard uncertainty, rectangular for a limit, unless said otherwise.
+        distribution: by default normal for a standard uncertainty, rectangular for a limit.
         freedom: degrees of freedom of a standard uncertainty.
     """
 
@@ -44,10 +44,10 @@ class StatedUncertainty:
         self.quantity(1.0)  # what contradicts itself is told here
 
     def quantity(self, factor: float) -> Uncertain:
-        """In SI units, ``factor`` of the file's unit being one of them.
+        """Return the uncertainty in SI units, of which ``factor`` of the file's unit make one.
 
         Raises:
-            LabError: limits and distribution, or distribution and freedom, contradict each other.
+            LabError: limits and distribution, or distribution and degrees of freedom, contradict each other.
         """
         freedom = np.inf if self.freedom is None else self.freedom
         if self.standard is not None:
@@ -60,7 +60,7 @@ class StatedUncertainty:
 
 @dataclass(frozen=True, kw_only=True)
 class _Noise:
-    """Of one reading, one standard deviation: along the beam and across it, and how much it grows by metre."""
+    """Noise of one reading (one standard deviation) along the beam and across it, and its growth per metre."""
 
     radial_um: float
     transverse_um: float
@@ -77,7 +77,7 @@ class _Noise:
 
 @dataclass(frozen=True, kw_only=True)
 class _View:
-    """Where it sees a target."""
+    """Field of view of the instrument."""
 
     nearest_m: float = 0.0
     farthest_m: float = 1e3

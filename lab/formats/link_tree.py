@@ -21,7 +21,7 @@ __all__ = ["Link", "free_name", "last_axis_frame", "link_tree"]
 
 @dataclass(frozen=True)
 class Link:
-    """One link of the tree.
+    """A link of the tree.
 
     Attributes:
         parent: the name of the link that carries it; None of the root, the frame of the measurements.
@@ -59,7 +59,7 @@ class LinkTree:
 
     @property
     def links(self) -> tuple[Link, ...]:
-        """All of them, the root first."""
+        """Links of the tree, the root first."""
         return (self.instrument, self.base, *self.moving, self.flange, *self.targets)
 
 
@@ -104,7 +104,7 @@ def free_name(name: str, taken: Collection[str]) -> str:
 
 
 def _parts(convention: Convention, row: Array) -> tuple[Array, Array, Array]:
-    """What of a row ``(5,)`` comes before the joint, Rz(theta) Tz(d), and what comes after it; ``(4, 4)`` each."""
+    """Split a row ``(5,)`` into the transforms ``(4, 4)`` before the joint, Rz(theta) Tz(d), and after it."""
     theta, d, a, alpha, beta = row
     across = _turn(0, alpha) @ _turn(1, beta)
     link = se3.pose(across, np.array([a, 0.0, 0.0]))  # Rx and Tx commute

@@ -99,7 +99,7 @@ class LooseTable:
 
     @property
     def width(self) -> int:
-        """How many columns it has."""
+        """Number of columns."""
         return len(self.rows[0])
 
     def texts(self, column: int) -> tuple[str, ...]:
@@ -107,12 +107,12 @@ class LooseTable:
         return tuple(row[column] for row in self.rows)
 
     def name(self, column: int) -> str:
-        """What an error calls a column."""
+        """Return the name of a column in error messages."""
         named = self.headings[column].text if self.headings is not None else ""
         return named or f"number {column + 1}"
 
     def is_blank(self, column: int) -> bool:
-        """Whether a column has no content."""
+        """Decide whether a column is empty."""
         return not any(self.texts(column))
 
     def numbers(self, column: int, *, empty: bool = True) -> Array:
@@ -147,7 +147,7 @@ class LooseTable:
         return f"{self.path}: line {self.lines[row]}, column {self.name(column)}"
 
     def is_numeric(self, column: int) -> bool:
-        """Whether a column holds numbers alone, and at least one."""
+        """Decide whether a column holds only numbers, and at least one."""
         cells = [cell for cell in self.texts(column) if cell]
         return bool(cells) and all(_NUMBER.fullmatch(cell) for cell in cells)
 
@@ -235,7 +235,7 @@ def _lines(path: Path) -> list[str]:
 
 
 def _separator(path: Path, lines: Sequence[str], least: int) -> tuple[str, int]:
-    """By what the cells are separated, and how many a row has: as most rows of numbers do."""
+    """Return the separator of the cells and the number of cells per row, as in most rows of numbers."""
     best: tuple[int, str, int] | None = None
     shown = [text for text in lines if text.strip() and not _COMMENT.match(text)]
     step = max(1, len(shown) // _SAMPLE)
@@ -262,7 +262,7 @@ def _cells(text: str, separator: str) -> list[str]:
 
 
 def _count(cells: Sequence[str], separator: str) -> int:
-    """How many cells are numbers; with a decimal comma only where commas do not separate."""
+    """Count the cells that are numbers; a decimal comma counts only if commas do not separate."""
     return sum(bool(_NUMBER.fullmatch(cell)) and not (separator == "," and "," in cell) for cell in cells)
 
 
@@ -351,7 +351,7 @@ class JointColumns:
 
 @dataclass(frozen=True)
 class ColumnMap:
-    """What columns mean, in both files."""
+    """Meaning of the columns, in both files."""
 
     points: PointColumns = field(default_factory=PointColumns)
     joints: JointColumns = field(default_factory=JointColumns)

@@ -34,14 +34,14 @@ _BLOCK = 10_000  # rows that are written at a time
 
 @dataclass(frozen=True)
 class ObservedColumns:
-    """Which of a file's columns are what is observed, beside those that every file may have.
+    """Columns of a file that hold observations, beside those that every file may have.
 
     Attributes:
         positions: whether points are observed, and a file without them is refused; ignored with a warning otherwise.
         orientations: whether orientations are observed; ignored with a warning otherwise.
         numbers: columns of numbers that are read as conditions of a row, NaN where empty.
-        texts: columns of texts that are kept as they are.
-        observed: the kind of observation, as a warning of ignored columns says it; "" for points.
+        texts: columns of texts that are retained unchanged.
+        observed: the kind of observation, as named in a warning of ignored columns; "" for points.
     """
 
     positions: bool = True

@@ -44,7 +44,7 @@ _RESERVED = ("world", "tracker", "floor")  # names that the virtual robot's mode
 
 @dataclass(frozen=True)
 class MechanismFile:
-    """What a description holds; ``base``, ``tool`` and ``height_m`` as in a table (``RobotTable``)."""
+    """Content of a mechanism description; ``base``, ``tool`` and ``height_m`` as in a table (``RobotTable``)."""
 
     mechanism: Mechanism
     base: Array | None

@@ -91,7 +91,7 @@ class NoiseModel:
 
 
 def component_errors_from_dict(content: NoiseModel | None) -> ComponentErrors | None:
-    """How well the variances of a noise model are known, that ``noise_model_to_dict`` made; None where it is not said.
+    """Return the uncertainty of a noise model's variances, made by ``noise_model_to_dict``; None if not given.
 
     Args:
         content: the noise model; None where there is none.

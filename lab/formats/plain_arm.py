@@ -153,7 +153,7 @@ def _displaced(frame: Any, at: list[float], end: list[float], torsor: list[float
 def _effects(
     model: dict[str, Any], joints: list[float], given: dict[str, float]
 ) -> tuple[list[float], dict[int, list[float]], float]:
-    """What all effects say: offsets of the joints, displacements of links' far ends by link, and growth."""
+    """Sum all effects: offsets of the joints, displacements of links' far ends by link, and growth."""
     offsets, growth = [0.0] * len(joints), 0.0
     ends: dict[int, list[float]] = {}
     for term in model["terms"]:
@@ -196,7 +196,7 @@ def _signal(model: dict[str, Any], of: list[Any], joints: list[float], given: di
 
 
 def _nominal_frames(model: dict[str, Any], joints: list[float]) -> dict[str, Any]:
-    """Where the nominal links are, in frame 0: axes and anchors of joints, axes of links, their masses' centres."""
+    """Compute the nominal links in frame 0: axes and anchors of joints, axes of links, centres of mass."""
     loads, distal = model["loads"], model["convention"] == "distal"
     frame, at = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], [0.0, 0.0, 0.0]
     found: dict[str, Any] = {"axes": [], "anchors": [], "frames": [], "centres": []}
@@ -243,7 +243,7 @@ def _torques(model: dict[str, Any], joints: list[float], payload_kg: float) -> t
 
 
 def _sag(model: dict[str, Any], joints: list[float], term: dict[str, Any], given: dict[str, float]) -> list[float]:
-    """Where joints that give way come to rest: offset = compliance times torque there, by Newton's method."""
+    """Solve the equilibrium of compliant joints: offset = compliance times torque there, by Newton's method."""
     soft, n = term["springs"], len(joints)
     payload = given.get("payload_kg", 0.0) + term["payload_kg"]
     offset = [0.0] * n

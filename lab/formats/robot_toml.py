@@ -103,7 +103,7 @@ class Section:
         return np.nan if found is None else found
 
     def flag(self, key: str) -> bool:
-        """Whether something is so; false where it is not said.
+        """Return a boolean; false if the key is absent.
 
         Raises:
             LabError: it is neither true nor false.
@@ -120,7 +120,7 @@ class Section:
 
 
 class JointSection(Section):
-    """One ``[[joint]]``."""
+    """Section ``[[joint]]``."""
 
     def __init__(self, path: Path, index: int, content: Any) -> None:
         super().__init__(f"{path}, joint {index + 1}", content)
@@ -171,7 +171,7 @@ class JointSection(Section):
 
 
 def is_mechanism(path: Path) -> bool:
-    """Whether a TOML file describes a mechanism, not a table."""
+    """Decide whether a TOML file describes a mechanism rather than a table."""
     return "frame" in read_toml(path)
 
 
@@ -285,7 +285,7 @@ def described_links(path: Path) -> tuple[str, Any] | None:
 
 
 def links_of(path: Path, sections: Any, size: int) -> LinkSections:
-    """What ``[[link]]`` sections say of an arm with so many links.
+    """Read the ``[[link]]`` sections of an arm with so many links.
 
     Raises:
         LabError: a link is unknown or named twice, or its section is missing, doubled or impossible.
@@ -378,15 +378,15 @@ _TOP_KEYS = {
 
 @dataclass(frozen=True)
 class RobotTable:
-    """What a table file holds.
+    """Content of a robot's table file.
 
     Attributes:
         base: ``(6,)`` of an identified arm, as ``base.x y z rx ry rz``; None of a nominal robot.
         tool: targets (m, in the last frame).
         height_m: of frame 0 above the floor that the arm stands on; None where there is none.
         mass_kg: ``(n,)`` of the links that the joints move; NaN where unknown.
-        torque: ``(n,)`` largest ones of the joints, Nm or N; NaN where unknown.
-        warnings: what a user should be told.
+        torque: ``(n,)`` torque limits of the joints, Nm or N; NaN where unknown.
+        warnings: warnings for the user.
         T_world_frame0: pose ``(4, 4)`` (m) of frame 0 in the world, where the file gives Khalil's Z; else it follows
             from the height.
         links: its elastic links; None where the file has none.

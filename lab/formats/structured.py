@@ -62,7 +62,7 @@ def read_bytes(path: Path, most: Limit, mend: str = "check the path") -> bytes:
 
 
 def _without_waiting(path: str, flags: int) -> int:
-    """Some files of the system call themselves regular and keep a reader waiting for what may never come."""
+    """Open a file without blocking: some system files claim to be regular and keep a reader waiting forever."""
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
@@ -268,7 +268,7 @@ def _is_mapping(kind: Any) -> bool:
 
 
 def _mapping_hook(kind: Any, converter: "Converter") -> Any:
-    """Of a mapping from names to values of one type."""
+    """Return the structuring hook of a mapping from names to values of one type."""
     from cattrs import AttributeValidationNote, BaseValidationError
 
     part = get_args(kind)[1]
@@ -308,7 +308,7 @@ def _dataclass_hook(kind: Any, converter: "Converter") -> Any:
 
 
 def _first(error: BaseException, path: tuple[str, ...]) -> str:
-    """What is wrong with the first value that is, and where among nested groups it stands."""
+    """Describe the first invalid value, and its place among nested groups."""
     from cattrs import AttributeValidationNote, BaseValidationError, ForbiddenExtraKeysError
 
     notes = [note for note in getattr(error, "__notes__", ()) if isinstance(note, AttributeValidationNote)]
@@ -354,5 +354,5 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def is_number(value: Any) -> bool:
-    """Whether a value is a number that a robot's description may hold."""
+    """Decide whether a value is a number that a robot's description may hold."""
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) in NUMBER_SIZE

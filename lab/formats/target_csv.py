@@ -49,7 +49,7 @@ class Targets:
         return len(self.positions)
 
     def take(self, rows: NDArray[np.int_]) -> "Targets":
-        """Some of them."""
+        """Return the targets of the given rows."""
         return replace(
             self,
             ids=tuple(self.ids[i] for i in rows),
@@ -166,7 +166,7 @@ class JointRows:
 
 
 def holds_targets(path: Path, most: Limit = ROWS) -> bool:
-    """Whether a file gives positions of a point (columns that end in ``x_mm`` or ``x_m``), not joint positions alone.
+    """Decide whether a file gives positions of a point (columns ending in ``x_mm`` or ``x_m``), not joints alone.
 
     A plan has such columns, too, to be filled in: as long as they are empty, it is a file of joint positions.
 

@@ -93,7 +93,7 @@ def _read_times(cells: Sequence[str], where: Callable[[int], str], dates: str) -
 
 
 def _order(given: Sequence[tuple[int, str]], where: Callable[[int], str]) -> str:
-    """Whether dates that begin with no year begin with the day or the month."""
+    """Decide whether dates that do not begin with the year begin with the day or the month."""
     parts = [(match, i) for i, cell in given if (match := _DATE.search(cell)) and len(match[1]) < 4]
     if not parts:
         return "ymd"
@@ -392,5 +392,5 @@ def _cell(table: LooseTable, column: int | None, row: int) -> str:
 
 
 def _counts(values: Array) -> bool:
-    """Whether numbers count rows: whole and rising."""
+    """Decide whether numbers count rows: whole and rising."""
     return bool(np.isfinite(values).all() and (values == values.round()).all() and (np.diff(values) > 0).all())

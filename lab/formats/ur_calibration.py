@@ -82,7 +82,7 @@ class _UrFrames:
 
 
 def read_corrections(path: Path) -> Array:
-    """What a controller's ``calibration.conf`` adds to the nominal table: ``(6, 4)`` of theta, d, a, alpha (rad, m).
+    """Read a controller's ``calibration.conf``: corrections ``(6, 4)`` to the nominal theta, d, a, alpha (rad, m).
 
     Raises:
         LabError: it cannot be read, or its lists are not six finite numbers each of a size that they can have.
@@ -222,7 +222,7 @@ def _axis_frames(arm: SerialArm, values: Array) -> list[Array]:
 
 
 def _placed(frames: tuple[Array, ...]) -> tuple[Array, ...] | None:
-    """The same frames placed along and about their axes as ``ur_description`` does; None where shoulders are apart."""
+    """Place frames along and about their axes as ``ur_description`` does; return None if the shoulders are apart."""
     z = [T[:3, 2] for T in frames]
     points = [T[:3, 3] for T in frames]
     shoulder = _foot(points[0], z[0], points[1], z[1])

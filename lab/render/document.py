@@ -1,4 +1,4 @@
-"""What a person reads of a result, as plain data: paragraphs, tables, figures, without any markup.
+"""Document for a reader of a result, as plain data: paragraphs, tables, figures, without any markup.
 
 A command builds one ``Document``; ``terminal``, ``page`` and ``markdown`` render it. A block says in which of these it
 is shown. Blocks that have nothing to show (no text, no rows, no pictures) are left out, as are sections of only such.
@@ -117,7 +117,7 @@ class Block:
     shown_in: Media = field(default=EVERYWHERE, kw_only=True)
 
     def _reduced(self, medium: Medium) -> "Iterable[Block]":
-        """What of the block a medium shows; none where there is nothing to show."""
+        """Return the parts of the block that a medium shows; none if there is nothing to show."""
         raise NotImplementedError
 
 
@@ -135,7 +135,7 @@ class Paragraph(Block):
 
 @dataclass(frozen=True)
 class Command(Block):
-    """What was typed."""
+    """Command as the user typed it."""
 
     kind: ClassVar[str] = "command"
     text: str
@@ -165,7 +165,7 @@ class Warnings(Block):
 
     @property
     def title(self) -> str:
-        """How many there are."""
+        """Title with the number of warnings."""
         return counted(len(self.texts), "warning")
 
     def _reduced(self, medium: Medium) -> Iterable[Block]:
@@ -214,12 +214,12 @@ class Table(Block):
 
     @property
     def headings(self) -> tuple[str, ...]:
-        """Of the columns."""
+        """Headings of the columns."""
         return tuple(each if isinstance(each, str) else each.heading for each in self.columns)
 
     @property
     def numeric(self) -> tuple[bool, ...]:
-        """Of each column, whether it holds numbers and nothing else."""
+        """Flags of the columns that hold only numbers."""
         cells = [[plain(row[i]) for row in self.rows] for i in range(len(self.columns))]
         return tuple(any(column) and all(map(_NUMBER.fullmatch, column)) for column in cells)
 
@@ -288,14 +288,14 @@ class Section(Block):
 
 @dataclass(frozen=True)
 class Document:
-    """What a person reads of a result: a title in one line, and the blocks under it."""
+    """Document for a reader of a result: a title in one line, and the blocks under it."""
 
     title: str
     blocks: tuple[Block, ...]
 
     @property
     def pictures(self) -> tuple[Picture, ...]:
-        """All of them, in order."""
+        """Pictures of the document, in order."""
         return tuple(_pictures(self.blocks))
 
 
@@ -333,7 +333,7 @@ def fixed(value: float, digits: int, *, signed: bool = False) -> str:
 
 
 def digits_of(half_width: float, most: int) -> int:
-    """How many digits after the point a value is shown with: two of the half-width of its interval, ``most`` at most.
+    """Return the number of decimals of a value: two digits of its interval's half-width, ``most`` at most.
 
     A half-width that is zero or not finite leaves ``most``.
     """
@@ -394,7 +394,7 @@ _JOINT_ANGLE: Final = DisplayUnit(1e3, "mrad", 4)  # of an effect, which is smal
 
 
 def display_unit(parameter: Parameter) -> DisplayUnit:
-    """In what a person reads this parameter."""
+    """Return the unit in which a parameter is displayed."""
     if parameter.is_angle and (parameter.joint is not None or parameter.wave):
         return _JOINT_ANGLE
     return _UNITS[parameter.unit]

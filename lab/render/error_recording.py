@@ -1,4 +1,4 @@
-"""What an arm misses points by, pose by pose, as a rerun recording: arrows of one magnification, and one view closer.
+"""Recording (rerun) of an arm's position errors, pose by pose: arrows of one magnification, and one view closer.
 
 What moves is on the timelines ``pose`` and ``time``, as in ``poses_in_time``.
 """
@@ -130,7 +130,7 @@ def record_errors(path: Path, robot: str, identity: str, scene: ErrorScene, docu
 
 
 def _draw_points(recording: rr.RecordingStream, scene: ErrorScene, points: Array, reach: float) -> None:
-    """All points, those of the pose that is shown larger, and where the close view looks."""
+    """Draw all points, those of the enlarged pose, and the target of the close view."""
     there, at = np.asarray(np.isfinite(points).all(axis=2)), pose_times(scene.numbers)
     recording.log(
         "world/targets/all", rr.Points3D(points[there], colors=RGB_MEASURED, radii=0.004 * reach), static=True
@@ -207,7 +207,7 @@ def _mean_lengths(vectors: Array) -> Array:
 
 
 def _legend(scene: ErrorScene, factor: float, sphere: float) -> Section:
-    """What the colours mean and by how much each is magnified."""
+    """Return the legend: the meaning of the colours, and the magnification of each."""
     arrows = format_magnification(factor)
     lines: list[Text] = [(Strong("yellow"), f": {scene.points_words}")]
     lines += [(Strong(each.colour_name), f": {each.words}, {arrows}") for each in scene.errors]

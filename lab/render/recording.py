@@ -193,7 +193,7 @@ def draw_beams(recording: rr.RecordingStream, at: Times, head: Array, points: Ar
 def draw_ellipsoid(
     recording: rr.RecordingStream, name: str, at: Times, drawn: MagnifiedEllipsoids, colour: Colour
 ) -> None:
-    """One ellipsoid a row, with its half-axes and its magnification."""
+    """Draw an ellipsoid per row, with its half-axes and its magnification."""
     shape = rr.Ellipsoids3D.columns(half_sizes=drawn.half_sizes, centers=drawn.centers, quaternions=_xyzw(drawn.axes))
     recording.send_columns(f"world/ellipsoid/{name}/shape", at, shape)
     style = rr.Ellipsoids3D.from_fields(colors=colour, fill_mode="TransparentFillMajorWireframe", line_radii=0.0008)
@@ -232,7 +232,7 @@ _HALF_FIELD, _ASPECT = 0.5, 1.4  # what is to fit in a view: less than the viewe
 
 
 def layout(left: rrb.Container, right: rrb.Container, timeline: str) -> rrb.Blueprint:
-    """Two columns and nothing else, paused at the start of a timeline."""
+    """Lay out two columns and nothing else, paused at the start of a timeline."""
     return rrb.Blueprint(
         rrb.Horizontal(left, right, column_shares=[3, 2]),
         rrb.TimePanel(timeline=timeline, play_state="paused", state="collapsed", fps=_POSES_PER_SECOND),
@@ -255,7 +255,7 @@ def main_view(name: str, controls: rrb.EyeControls3D) -> rrb.Spatial3DView:
 
 
 def magnified_view(name: str, origins: Array, reach_m: float) -> rrb.Spatial3DView:
-    """What is magnified, without the arm's shells, from the side; ``origins`` ``(m, f, 3)`` are the frames'."""
+    """Return the side view of the magnified parts, without shells; frame ``origins`` ``(m, f, 3)``."""
     middle = origins.mean(axis=(0, 1))
     controls = rrb.EyeControls3D(
         kind=rrb.Eye3DKind.Orbital,
@@ -328,14 +328,14 @@ def eye(origins: Array, points: Array, reach_m: float, head: Array) -> rrb.EyeCo
 
 
 def eye_on_arm(origins: Array, points: Array, reach_m: float) -> rrb.EyeControls3D:
-    """From in front and from the side, of an arm that nothing measures; arguments as those of ``eye``."""
+    """Return a view from the front and the side of an arm without an instrument; arguments as those of ``eye``."""
     shells = origins.reshape(-1, 3)[:, None] + _SHELL * reach_m * np.array([[0, 0, 1], [0, 0, -1], [1, -1, 0]])
     behind = origins[0, 0] + FAR * reach_m * np.array([0.2, 1.0, 0.0])  # no instrument: a direction alone
     return eye(origins, np.concatenate([points, shells.reshape(-1, 3)]), reach_m, behind)
 
 
 def _framed(points: Array, forward: Array) -> tuple[Array, float]:
-    """Where to look, and from how far back along ``forward``, so that all ``points`` ``(n, 3)`` are in view."""
+    """Return the look-at point and the distance along ``forward`` at which all ``points`` ``(n, 3)`` are in view."""
     right = np.cross(forward, (0.0, 0.0, 1.0))
     right /= np.linalg.norm(right)
     up = np.cross(right, forward)
@@ -356,7 +356,7 @@ def _floor() -> rrb.archetypes.LineGrid3D:
 
 
 def backdrop() -> Any:
-    """What every 3D view stands before."""
+    """Return the background of every 3D view."""
     return rrb.Background(kind=rrb.BackgroundKind.SolidColor, color=RGB_BACKDROP)
 
 
@@ -374,7 +374,7 @@ def pose_times(numbers: NDArray[np.int_], poses: str = "pose") -> Times:
 
 
 def moves_between(arm: RigidArm, numbers: NDArray[np.int_], joints: Array) -> tuple[Array, Array]:
-    """Where the arm is on its way: all joints start and stop together, by a law of degree five without jerks.
+    """Interpolate the arm's moves: all joints start and stop together, by a jerk-free law of degree five.
 
     Args:
         numbers: ``(m,)`` of the poses, rising.

@@ -1,4 +1,4 @@
-"""What every recording's scene needs, as arrays in the world: which poses are drawn, legs, magnified ellipsoids."""
+"""Scene data of every recording, as arrays in the world: which poses are drawn, legs, magnified ellipsoids."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -35,7 +35,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Legs:
-    """What of a mechanism is no body: its rods, and legs whose length is a joint position.
+    """Lines of a mechanism that belong to no body: its rods, and legs whose length is a joint position.
 
     Attributes:
         ends: ``(n, legs, 2, 3)`` m, the base's side first; a serial arm has none.
@@ -73,7 +73,7 @@ class MagnifiedEllipsoids:
 
 
 def drawn_rows(count: int) -> NDArray[np.int_]:
-    """All rows, or ``MOST_POSES`` of them evenly spaced from the first to the last."""
+    """Return all rows, or ``MOST_POSES`` of them evenly spaced from the first to the last."""
     if count <= MOST_POSES:
         return np.arange(count)
     return np.round(np.linspace(0, count - 1, MOST_POSES)).astype(np.int_)
@@ -107,13 +107,13 @@ def world_legs(T_world_frame0: Array, arm: RigidArm, values: Array, joints: Arra
 
 
 def reach_of(T_world_frame0: Array, points: Array, between: Legs) -> float:
-    """How far (m) points ``(…, 3)`` and legs' ends, in the world, get from frame 0."""
+    """Return the largest distance (m) of points ``(…, 3)`` and legs' ends, in the world, from frame 0."""
     every = np.concatenate([points.reshape(-1, 3), between.ends.reshape(-1, 3)])
     return float(np.linalg.norm(every - T_world_frame0[:3, 3], axis=1).max())
 
 
 def legs_legend(legs: Legs) -> Text:
-    """What the lines of a mechanism are; no words for an arm without legs."""
+    """Return the legend of a mechanism's lines; empty for an arm without legs."""
     kinds = {
         True: (Strong("orange"), ": legs whose length is a joint position"),
         False: (Strong("grey"), ": rods"),
@@ -129,7 +129,7 @@ _TURNED, _RAISED = np.deg2rad(30.0), np.deg2rad(25.0)  # from where it is seen
 
 
 def placement_picture(which: int, title: str, lines: Sequence[Array], frames: Array) -> Picture:
-    """One placement, to the scale of all.
+    """Draw a placement, at the scale common to all.
 
     Args:
         which: of the placements it is, from 0.

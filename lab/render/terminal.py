@@ -173,7 +173,7 @@ def status(work: str) -> Iterator[Stage]:
 
 
 def time_left(seconds: float, done: int, of: int) -> str:
-    """How long the rest will take if it goes on as it went until now, for a person; empty where it is too early to say.
+    """Return the remaining time at the present rate, for the user; empty if it is too early to estimate.
 
     Args:
         seconds: that the parts that are done took.

@@ -128,7 +128,7 @@ def _rest(mechanism: Mechanism) -> Configuration:
 
 
 def _bodies(mechanism: Mechanism, dimensions: Dimensions, passive: Array) -> list[_Body]:
-    """All bodies, each after the one that it stands on, at passive values ``(z,)`` at rest."""
+    """Return all bodies, each after its carrier, at passive values ``(z,)`` at rest."""
     tree, bodies, driven = mechanism.tree, [], {BASE_BODY: 0}
     for f, frame in enumerate(tree.frames):
         on = BASE_BODY if frame.on == BASE else tree.frames[frame.on].name
@@ -243,7 +243,7 @@ def _add_stretch(
     driven: int,
     kind: mujoco.mjtGeom = mujoco.mjtGeom.mjGEOM_CAPSULE,
 ) -> None:
-    """What is seen, and weighs, but touches nothing."""
+    """Add a stretch that is visible and has mass, but touches nothing."""
     if np.linalg.norm(end - start) > _SHORT_M:
         body.add_geom(
             type=kind,
@@ -264,9 +264,9 @@ _ADDS_ROWS = mujoco.mjtDisableBit.mjDSBL_LIMIT | mujoco.mjtDisableBit.mjDSBL_FRI
 def closed_qpos(
     model: mujoco.MjModel, mechanism: Mechanism, values: Array, joints: Array, passive: Array
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Where a model of ``closed_spec`` stands at joint positions ``(n, joints)``, from passive values ``(z, n)``.
+    """Solve the configurations of a ``closed_spec`` model at joints ``(n, joints)``, from passive values ``(z, n)``.
 
-    Meant is the assembly mode of the start. Newton's method keeps to it where no turn changes by
+    The assembly mode is that of the start. Newton's method keeps to it where no turn changes by
     more than ``_FAR_RAD``, later corrections are at most a quarter of the first (Deuflhard 2004, section 5.1; as in
     ``assembly``), and the determinant of the closures' derivatives keeps its sign. Where it may not, the gaps of the
     start are closed little by little, by steps in which it does; a way that ends is a jump.
@@ -305,7 +305,7 @@ class _Loops:
 
     @cached_property
     def data(self) -> mujoco.MjData:
-        """What is worked on."""
+        """MuJoCo data of the model, reused for all rows."""
         return mujoco.MjData(self.model)
 
     @cached_property
@@ -317,13 +317,13 @@ class _Loops:
 
     @cached_property
     def passive(self) -> NDArray[np.int_]:
-        """Where in ``qpos``, and in ``qvel``, the passive values are: hinges and slides have one number in each."""
+        """Indices of the passive values in ``qpos``, and in ``qvel``: hinges and slides have one number in each."""
         names = [self.mechanism.tree.name_of(f, s) for f, s in self.mechanism.tree.passive]
         return np.array([int(self.model.joint(name).qposadr[0]) for name in names], dtype=int)
 
     @cached_property
     def rotational(self) -> NDArray[np.bool_]:
-        """Which passive values are angles."""
+        """Mask of the passive values that are angles."""
         tree = self.mechanism.tree
         return np.array([tree.step(f, s).is_turn for f, s in tree.passive])
 
@@ -352,7 +352,7 @@ class _Loops:
 
     @cached_property
     def entries(self) -> NDArray[np.int_]:
-        """Where in ``efc_J`` the derivatives by the passive values are, ``(z, z)``."""
+        """Indices in ``efc_J`` of the derivatives by the passive values, ``(z, z)``."""
         return np.asarray(self.rows[:, None] * self.model.nv + self.passive)
 
     def settled(self, row: Array, start: Array) -> Array | None:
@@ -407,7 +407,7 @@ class _Loops:
         return None
 
     def _closures(self, passive: Array) -> tuple[Array, Array]:
-        """How far the loops are open ``(z,)`` (m), and the derivatives ``(z, z)`` by the passive values."""
+        """Compute the gaps of the loops ``(z,)`` (m), and their derivatives ``(z, z)`` by the passive values."""
         self.data.qpos[self.passive] = passive
         mujoco.mj_kinematics(self.model, self.data)
         mujoco.mj_comPos(self.model, self.data)

@@ -170,7 +170,7 @@ def seeing_station(
 def _noise_and_angle(
     robot: RobotModel, targets: Sequence[str], instrument: Instrument, joints: Array
 ) -> tuple[Array, Array]:
-    """From each station ``(n, s)``: variance of the targets (m^2; one where there is no noise), and angle (rad)."""
+    """Return per station ``(n, s)`` the targets' variance (m^2; one without noise), and the incidence angle (rad)."""
     sites, Ts_world_station = [robot.model.site(name).id for name in targets], robot.Ts_world_station
     points = np.stack([stand.site_xpos[sites] for stand in standing(robot, joints)])
     noise = np.ones((len(joints), len(Ts_world_station)))
@@ -243,7 +243,7 @@ def incidence(
 
 
 def view_of(robot: RobotModel, instrument: Instrument) -> FieldOfView:
-    """Where an instrument sees the robot's reflectors: what these take, where a cell says it, else what it takes."""
+    """Return the view of the robot's reflectors: their acceptance if a cell gives it, else the instrument's."""
     if robot.acceptance_rad is None:
         return instrument.field_of_view
     return replace(instrument.field_of_view, acceptance_rad=robot.acceptance_rad)

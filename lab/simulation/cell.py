@@ -191,7 +191,7 @@ _NARROW_DEG = 4 * np.pi  # a joint's range that would be two turns in radians
 
 
 def implausible(robot: RobotModel, cell: Cell) -> tuple[str, ...]:
-    """What of a cell may be wrong, in words.
+    """Describe the doubtful entries of a cell.
 
     Args:
         robot: the model in this cell.
@@ -373,7 +373,7 @@ def _of_joints(cell: Cell) -> Iterator[str]:
 
 
 def _depth(model: mujoco.MjModel, data: mujoco.MjData, geom: int, point: Array) -> float:
-    """How deep (m) a point is in a shape, along the axes of the world; 0 outside it, and of planes.
+    """Return the depth (m) of a point in a shape, along the axes of the world; 0 outside it, and of planes.
 
     From inside a convex shape a ray leaves it in every direction; from outside, of two opposite ones one misses it.
     """

@@ -48,7 +48,7 @@ class ClosedModel(RobotModel):
         )
 
     def travel_per_joint(self) -> Array:
-        """How far a joint moves a target (m per m or rad), the most of many random poses."""
+        """Return the largest motion of a target per joint (m per m or rad), over many random poses."""
         arm = ClosedArm(self.chain, tuple(self.tool))
         joints = arm.structure_joints(_LOOKS, rng_for(0, "structure"))
         moved = arm.joint_derivatives(arm.observe(joints, arm.nominal(self.tool))[1])

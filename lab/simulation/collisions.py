@@ -71,7 +71,7 @@ def at_contacts(model: mujoco.MjModel, qpos: Array, data: mujoco.MjData | None =
 
 
 def collision_flags(robot: RobotModel, joints: Array, data: mujoco.MjData | None = None) -> Iterator[bool]:
-    """Whether the nominal arm touches itself or its surroundings, one row of joint positions ``(n, joints)`` at a time.
+    """Yield for each row of joint positions ``(n, joints)`` whether the nominal arm touches itself or its surroundings.
 
     A mechanism whose loops do not close there counts as touching.
     """
@@ -87,7 +87,7 @@ def collides(robot: RobotModel, joints: Array) -> NDArray[np.bool_]:
 
 
 def collisions_in_words(robot: RobotModel, joints: Array) -> tuple[str, ...]:
-    """What the nominal arm touches, or comes too near to, at each of the joint positions ``(n, joints)``.
+    """Describe the nominal arm's contacts, or violated clearances, at each of the joint positions ``(n, joints)``.
 
     Returns:
         One text for each row, of its deepest contact: "upper_arm is 12 mm deep in table"; "" where it touches nothing.
@@ -112,7 +112,7 @@ def _deepest(data: mujoco.MjData, robot: RobotModel) -> str:
 
 
 def colliding_pairs(robot: RobotModel, joints: Array) -> dict[tuple[str, str], int]:
-    """What touches what, or comes too near to it, at how many of the joint positions ``(n, joints)``; most often first.
+    """Count the rows of ``(n, joints)`` at which each pair of shapes touches or is too near; most frequent first.
 
     Of each pair of names, the first one moves.
     """
@@ -124,14 +124,14 @@ def colliding_pairs(robot: RobotModel, joints: Array) -> dict[tuple[str, str], i
 
 
 def most_frequent(robot: RobotModel, joints: Array) -> str:
-    """What touches what in the most of the joint positions ``(n, joints)``, in words; a few pairs at most."""
+    """Describe the most frequent contacts over the joint positions ``(n, joints)``; a few pairs at most."""
     pairs = list(colliding_pairs(robot, joints).items())[:_NAMED_PAIRS]
     touches = "is too near to" if keeps_clearances(robot.model) else "touches"
     return ", ".join(f"{one} {touches} {other} in {count}" for (one, other), count in pairs) or "nothing touches"
 
 
 def keeps_clearances(model: mujoco.MjModel) -> bool:
-    """Whether some shapes of a model meet before they touch."""
+    """Decide whether some shapes of a model have a clearance: contact before they touch."""
     return bool(model.geom_margin.any() or model.pair_margin.any())
 
 
@@ -147,7 +147,7 @@ def _pair(model: mujoco.MjModel, geoms: NDArray[np.int_]) -> tuple[str, str]:
 
 
 def _name(model: mujoco.MjModel, geom: int) -> str:
-    """What a person calls a shape: the body that it belongs to, or its own name where it stands in the world."""
+    """Return the name of a shape for the user: its body's, or its own where it is fixed in the world."""
     body = int(model.geom_bodyid[geom])
     return str(model.body(body).name if body else model.geom(geom).name) or f"shape {geom} of the surroundings"
 

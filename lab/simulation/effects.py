@@ -1,4 +1,4 @@
-"""What makes a real arm stand elsewhere than its geometry and its joint positions say, as one value.
+"""Effects that displace a real arm from its geometric model at its joint positions, as one value.
 
 ``TrueRobot.points`` composes what is the same at every visit, ``track`` adds what is not. Each effect is described in
 ``kinematics.effects``; how an arm gives way under its load, in ``elastic``.
@@ -68,11 +68,11 @@ class Effects:
 
     @classmethod
     def none(cls, joints: int) -> "Effects":
-        """No effect at all on an arm of so many joints."""
+        """Return no effects, for an arm of so many joints."""
         return cls(joints, ())
 
     def part(self, kind: type[Part]) -> Part:
-        """One of the effects; none of it where the arm has no such."""
+        """Return one of the effects; a null effect if the arm has none of this kind."""
         return next((part for part in self.parts if isinstance(part, kind)), kind.none(self.joints))
 
     def having(self, *parts: SimulatedEffect) -> "Effects":
@@ -82,14 +82,14 @@ class Effects:
 
     @property
     def is_elastic(self) -> bool:
-        """Whether the arm gives way under its load."""
+        """Decide whether the arm deflects under its load."""
         springs, links = self.part(JointSprings), self.part(ElasticLinks)
         hard = self.part(HardeningSprings).cubic_rad_per_nm3
         return bool(springs.compliance_rad_per_nm.any() or links.compliances.any() or hard.any())
 
     @property
     def varies(self) -> bool:
-        """Whether two visits to the same poses differ, noise aside."""
+        """Decide whether two visits to the same poses differ, noise aside."""
         return any(
             part.is_on for part in self.parts if isinstance(part, ScattersJoints | DisplacesReadings | ShapesNoise)
         )
@@ -106,7 +106,7 @@ class Effects:
             part.refuse_unfit(chain)
 
     def driven(self, joints: Array, conditions: PoseConditions) -> Array:
-        """Where the motors put the joints without a load: ``(m, n)`` from measured joint positions ``(m, n)``."""
+        """Return the joint positions ``(m, n)`` driven without a load, from measured ones ``(m, n)``."""
         moving = sorted((part for part in self.parts if isinstance(part, MovesJoints)), key=lambda p: p.addition_order)
         off: Array = np.zeros(joints.shape)
         for part in moving:
@@ -135,7 +135,7 @@ class Effects:
         return joints
 
     def scatter(self, poses: int, rng: np.random.Generator) -> Array:
-        """How far the joints are off by chance, ``(poses, n)``."""
+        """Draw the random errors of the joints, ``(poses, n)``."""
         parts = [part for part in self.parts if isinstance(part, ScattersJoints)]
         total: Array = np.zeros((poses, self.joints))
         for part, own in zip(parts, _streams(rng, len(parts)), strict=True):
@@ -150,7 +150,7 @@ class Effects:
         return noise
 
     def displacements(self, poses: int, rng: np.random.Generator) -> tuple[Array, NDArray[np.bool_]]:
-        """What bad readings add to all points of a pose, ``(poses, 3)`` m, and which poses are bad, ``(poses,)``."""
+        """Draw outlier displacements of all points of a pose, ``(poses, 3)`` m, and the outlier mask ``(poses,)``."""
         parts = [part for part in self.parts if isinstance(part, DisplacesReadings)]
         total: Array = np.zeros((poses, 3))
         bad = np.zeros(poses, dtype=bool)
@@ -192,7 +192,7 @@ def random_conditions(
     duration_s: float = 0.0,
     asked: Sequence[str] = (),
 ) -> dict[str, Array]:
-    """What is set at each pose of a campaign, ``(poses,)`` a column: what matters to the effects or is asked for.
+    """Draw the conditions of a campaign's poses, ``(poses,)`` a column: those that affect the arm or are requested.
 
     A payload is one of ``payload_kg``, each as likely; a joint is approached from either side, as likely; the poses
     are evenly spaced in time, the last at ``duration_s``; meanwhile the arm warms up by 10 K, exponentially, in three
@@ -212,7 +212,7 @@ def random_conditions(
 
 
 def true_parameters(effects: Effects) -> dict[str, float]:
-    """What an identifier should find, by its parameters' names; joints count from 1.
+    """Return the true values of identifiable parameters, by their names; joints count from 1.
 
     Shares of several effects in one parameter add up. ``drift.*`` is how what is measured moves in an hour,
     ``p' = exp(w t) (p + v t)``: the tracker's motion reversed. What an effect obscures is not in.

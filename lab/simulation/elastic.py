@@ -1,4 +1,4 @@
-"""How an arm gives way under its loads: joints like springs, links like beams.
+"""Deflection of an arm under its loads: joints like springs, links like beams.
 
 A joint driven to q stands at ``q' = q - c tau(q')``, with its compliance c and MuJoCo's torque tau that holds the arm
 at q' (``mj_rne``; in motion the torque that moves it). The far end of an elastic link is displaced by its torsor
@@ -41,7 +41,7 @@ AT_REST = JointMotion()
 
 @dataclass(frozen=True)
 class Stand:
-    """How an arm stands at each of m poses.
+    """Deflected configuration of an arm at each of m poses.
 
     Attributes:
         joints: ``(m, n)``, rad or m.
@@ -95,7 +95,7 @@ class FlexibleArm:
         motion: JointMotion = AT_REST,
         cubic: Array | float = 0.0,
     ) -> Stand:
-        """Where the arm stands under its weight and a payload, and in motion under their inertia.
+        """Solve the arm's equilibrium under its weight and a payload, and in motion under their inertia.
 
         A fixed point, not Newton's method: the loads that the bent arm bears are worked out anew by MuJoCo, without
         derivatives.
@@ -105,7 +105,7 @@ class FlexibleArm:
             compliance: ``(n,)`` rad/Nm (m/N for a slide), of the joints.
             payload_kg: ``(m,)``.
             motion: of the joints as they are driven.
-            cubic: ``(n,)`` rad/(Nm)^3 (m/N^3), by which the joints give way for the cube of their torque.
+            cubic: ``(n,)`` rad/(Nm)^3 (m/N^3), the joints' compliance to the cube of their torque.
 
         Raises:
             LabError: no equilibrium is found, as the arm is too soft.
@@ -309,7 +309,7 @@ class _Payload:
         return cls(line, place, mass, centre, model.body_subtreemass[line].copy())
 
     def position(self, data: mujoco.MjData) -> Array:
-        """Where it hangs in the world, ``(3,)`` m."""
+        """Return the position of the payload in the world, ``(3,)`` m."""
         place: Array = se3.transform(body_pose(data, self.line[0]), self.place[None])[0]
         return place
 
@@ -486,7 +486,7 @@ class BeamChain:
         return last, T_body_last
 
     def _link_in_body(self, link: int) -> Array:
-        """How a link's axes are turned in its body, ``(3, 3)``."""
+        """Return the rotation of a link's axes in its body, ``(3, 3)``."""
         robot = self._robot
         placed = loads_of(robot).frames(np.zeros((1, robot.chain.size)))
         world = body_pose(at_zero(robot.model), int(robot.model.body(robot.bodies[link]).id))[:3, :3]
@@ -494,7 +494,7 @@ class BeamChain:
         return turned
 
     def _near_in_body(self, link: int) -> Array:
-        """Where a link begins in its body, ``(3,)`` m."""
+        """Return the position of a link's beginning in its body, ``(3,)`` m."""
         robot, found = self._robot, link_loads(loads_of(self._robot))
         placed = found.loads.frames(np.zeros((1, robot.chain.size)))
         far = placed.end[0] if link == robot.chain.size - 1 else placed.anchors[0, link + 1]

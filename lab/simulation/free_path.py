@@ -45,7 +45,7 @@ def path_check(robot: RobotModel) -> Callable[[Array, Array], bool]:
 
 
 def path_step(robot: RobotModel) -> float:
-    """How far (m) a point of the arm moves at most between two places of a path that are checked."""
+    """Return the largest motion (m) of a point of the arm between two checked configurations of a path."""
     return _STEP_M if robot.travel_is_bounded else _ESTIMATED_STEP_M
 
 
@@ -56,7 +56,7 @@ class _PlaceByPlace:
         self.robot, self.data, self.reach = robot, mujoco.MjData(robot.model), robot.travel_per_joint()
 
     def __call__(self, start: Array, end: Array) -> bool:
-        """Whether nothing is touched from one to the other of two joint positions ``(joints,)``."""
+        """Decide whether the path between two joint positions ``(joints,)`` is free of contact."""
         steps = max(1, int(np.ceil(np.abs(end - start) @ self.reach / path_step(self.robot))))
         qpos = self.robot.qpos(start + np.linspace(0.0, 1.0, steps + 1)[:, None] * (end - start))
         if np.isnan(qpos).any():
@@ -87,7 +87,7 @@ class _Serial:
         self.relative = (carried[:, None] ^ carried).astype(float)  # 1 where a joint moves two bodies apart
 
     def __call__(self, start: Array, end: Array) -> bool:
-        """Whether nothing is touched from one to the other of two joint positions ``(joints,)``."""
+        """Decide whether the path between two joint positions ``(joints,)`` is free of contact."""
         travel = np.abs(end - start) * self.reach
         total, ends = float(travel.sum()), self.robot.qpos(np.stack([start, end]))
         if any(data.ncon for data in at_contacts(self.model, ends, self.data)):
@@ -108,7 +108,7 @@ class _Serial:
         return True
 
     def _clear_share(self, qpos: Array, travel: Array, total: float) -> float:
-        """What share of the path on either side of coordinates ``(nq,)`` is clear; below zero if these are not.
+        """Return the share of the path on either side of ``(nq,)`` that is clear; negative if ``(nq,)`` is not.
 
         Args:
             travel: ``(joints,)`` how far (m) a point moves at most by each joint on all of the path; ``total`` by all.
@@ -142,7 +142,7 @@ _INVISIBLE = (0.0, 0.0, 0.0, 0.0)  # no ray meets a shape that is transparent
 
 @dataclass(frozen=True)
 class Clearances:
-    """What a plan keeps free.
+    """Clearances of a plan.
 
     Attributes:
         surroundings_m: between the arm and what stands around it, where its cell states nothing else.
@@ -304,7 +304,7 @@ class _Shapes:
         ]
 
     def _may_meet(self, one: int, other: int) -> bool:
-        """Whether they move against each other, are solid to each other, and are not excluded from contact."""
+        """Decide whether two shapes move relative to each other, are both solid, and are not excluded from contact."""
         model, bodies = self.model, [int(self.model.geom_bodyid[each]) for each in (one, other)]
         solid = (
             model.geom_contype[one] & model.geom_conaffinity[other]

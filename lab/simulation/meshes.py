@@ -1,4 +1,4 @@
-"""What a robot looks like: its shells as triangles, and where its bodies stand at each pose."""
+"""Visual shells of a robot as triangles, and the poses of its bodies at each configuration."""
 
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
@@ -53,7 +53,7 @@ Surface = tuple[Array, NDArray[np.int_], Array]  # vertices (v, 3) m, faces (f, 
 
 @dataclass(frozen=True)
 class Shell:
-    """All that is visible of one body, in the body's frame.
+    """Visible surface of one body, in the body's frame.
 
     Attributes:
         vertices: ``(v, 3)`` m.
@@ -228,14 +228,14 @@ def _box(half: Array) -> Surface:
 
 
 def _cylinder(radius: float, half: float) -> Surface:
-    """Two lids and a wall."""
+    """Return the surface of a cylinder: two lids and a wall."""
     profile = np.array([[0.0, -half], [radius, -half], [radius, half], [0.0, half]])
     outward = np.array([[0.0, -1.0], [1.0, 0.0], [0.0, 1.0]])
     return _revolved(np.stack([profile[:-1], profile[1:]], axis=1), np.stack([outward, outward], axis=1))
 
 
 def _capsule(radius: float, half: float) -> Surface:
-    """Two half spheres and a wall; a sphere where ``half`` is zero."""
+    """Return the surface of a capsule: two half spheres and a wall; a sphere where ``half`` is zero."""
     angle = np.linspace(-np.pi / 2, np.pi / 2, _SECTIONS // 2 + 1)
     outward = np.column_stack([np.cos(angle), np.sin(angle)])
     outward = np.insert(outward, len(outward) // 2, outward[len(outward) // 2], axis=0)  # the wall's two edges
@@ -285,7 +285,7 @@ class Rod:
 
 
 def reach_of(chain: Chain) -> float:
-    """How far (m) the last frame gets from frame 0, in random poses within the limits."""
+    """Return the largest distance (m) of the last frame from frame 0, in random poses within the limits."""
     arm = SerialArm(chain)
     joints = chain.random_joints(_POSES, rng_for(0, "structure"))
     return float(np.linalg.norm(arm.flange(joints, arm.nominal())[:, :3, 3], axis=1).max())
@@ -349,7 +349,7 @@ def _stroke(lower: float, upper: float) -> float:
 
 
 def _short_of(flange: Array, start: Array, end: Array, radius: float) -> Array:
-    """Where a rod's axis ends, so that its round end just reaches the flange."""
+    """Return the end of a rod's axis at which its round end just reaches the flange."""
     along = end - start
     length = float(np.linalg.norm(along))
     meets = np.linalg.norm(end - flange) < _SHORT_M and length > 2 * radius

@@ -97,7 +97,7 @@ class RobotModel(ABC):
 
     @property
     def assumed(self) -> str:
-        """What of the arm is the lab's own, in words; "" where nothing is."""
+        """Description of the parts of the arm that the lab assumed; "" if none."""
         said = ["its links are drawn as rods"] if self.shapes_assumed else []
         return " and ".join([*said, "weigh what rods would"] if self.masses_assumed else said)
 
@@ -169,7 +169,7 @@ def flange_body(model: mujoco.MjModel, bodies: Sequence[str]) -> str:
 
 
 def station_suffixed(name: str, station: str) -> str:
-    """What a body or site of the instrument's stand is called at a station that is not the first."""
+    """Return the name of a body or site of the instrument's stand at a station that is not the first."""
     return f"{name} {station}"
 
 
@@ -285,7 +285,7 @@ class SerialModel(RobotModel):
         return coordinates(self.model, self.chain.joint_names, joints)
 
     def travel_per_joint(self) -> Array:
-        """From the balls about each body's origin, around it and all that it carries."""
+        """Bound the travel by the balls about each body's origin, around it and all that it carries."""
         model = self.model
         touching = (model.geom_contype | model.geom_conaffinity) != 0
         joints = [model.joint(name) for name in self.chain.joint_names]

@@ -119,7 +119,7 @@ def _folders(path: Path, element: ET.Element) -> set[Path]:
 
 
 def _elements(path: Path) -> Iterator[tuple[ET.Element, int]]:
-    """Every element with its depth, those of included files too."""
+    """Yield every element with its depth, including those of included files."""
     waiting, read = [path], set[Path]()
     while waiting:
         file = waiting.pop()
@@ -159,7 +159,7 @@ def _refuse_numbers(path: Path, element: ET.Element) -> None:
 
 
 def _product(element: ET.Element, names: Sequence[str]) -> int:
-    """Of all numbers in some attributes; what is no number, MuJoCo tells."""
+    """Return the product of all numbers in some attributes; MuJoCo reports texts that are no numbers."""
     words = [word for name in names for word in element.get(name, "1").split()]
     try:
         return prod(max(1, int(float(word))) for word in words)
@@ -420,7 +420,7 @@ def _beyond(model: mujoco.MjModel, body: str) -> list[int]:
 
 
 def _flange_pose(model: mujoco.MjModel, data: mujoco.MjData, bodies: tuple[str, ...]) -> Array:
-    """Of the site ``flange``, else of a body that robot descriptions call so, else of the last jointed one."""
+    """Return the pose of the site ``flange``, else of a body with a usual flange name, else of the last jointed one."""
     beyond = _beyond(model, bodies[-1])
     for site in range(model.nsite):
         if model.site(site).name == FLANGE and int(model.site_bodyid[site]) in beyond:
@@ -535,7 +535,7 @@ def _origins(identified: IdentifiedRobot[SerialArm, SerialModel]) -> dict[str, A
 
 
 def _moved_with_axis(identified: IdentifiedRobot[SerialArm, SerialModel]) -> Array:
-    """From the world to frame 0 after the frame on the last joint's axis has moved to its identified place, (4, 4)."""
+    """Return the transform (4, 4) from the world to frame 0, the last joint's axis frame at its identified pose."""
     model, arm = identified.model, identified.arm
     identified_at, nominal_at = (last_axis_frame(arm, values) for values in (identified.values, arm.nominal()))
     return identified_at @ se3.inverse(model.T_world_frame0 @ nominal_at)
@@ -556,7 +556,7 @@ XACRO: DescriptionFormat[SerialArm, SerialModel] = DescriptionFormat("calibrated
 
 
 def loads_of(robot: SerialModel) -> Loads:
-    """What turns with each joint of the nominal model: its body and all that is welded to it, later joints' aside."""
+    """Return the nominal loads of each joint: its body and all that is welded to it, later joints' aside."""
     model, chain = robot.model, robot.chain
     data = at_zero(model)
     mass, moment = np.zeros(chain.size), np.zeros((chain.size, 3))
@@ -593,7 +593,7 @@ def link_inertias(robot: SerialModel) -> Array:
 
 
 def bodies_of_links(robot: SerialModel) -> list[list[int]]:
-    """Of each joint the bodies that turn with it and with no later one: its own first, then what is welded to that."""
+    """List the bodies that turn with each joint and with no later one: its own first, then those welded to it."""
     model = robot.model
     jointed = [int(model.body(name).id) for name in robot.bodies]
     found: list[list[int]] = [[] for _ in jointed]

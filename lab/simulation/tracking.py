@@ -65,7 +65,7 @@ def track(
     readings: int = 1,
     conditions: Mapping[str, Array] = NOTHING_SET,
 ) -> Measurements:
-    """What the tracker reads where these joint positions settle: ``measure_with_outlier_mask`` without the mask."""
+    """Simulate tracker readings at settled joint positions: ``measure_with_outlier_mask`` without the mask."""
     return measure_with_outlier_mask(real, joints, targets, instrument, rng, readings, conditions)[0]
 
 
@@ -78,19 +78,19 @@ def measure_with_outlier_mask(
     readings: int = 1,
     conditions: Mapping[str, Array] = NOTHING_SET,
 ) -> tuple[Measurements, NDArray[np.bool_]]:
-    """What the tracker reads where these joint positions settle, each point the mean of some readings.
+    """Simulate tracker readings at settled joint positions, each point the mean of some readings.
 
     Args:
         real: the arm as it truly is, before its tracker.
         joints: ``(m, n)`` rad or m.
         targets: of the tool.
         instrument: whose noise and systematic errors the points have.
-        rng: of the noise, the scatter, the bad readings and the systematic errors.
+        rng: of the noise, the scatter, the outliers and the systematic errors.
         readings: how many each point is the mean of.
         conditions: what is set at each pose, ``(m,)`` each.
 
     Returns:
-        The measurements, points in the tracker's frame, and ``(m,)`` which poses' readings are bad, for the
+        The measurements, points in the tracker's frame, and ``(m,)`` which poses' readings are outliers, for the
         assessment alone.
     """
     return scattered_points(real, joints, targets, instrument, rng, readings, conditions)[:2]
@@ -105,9 +105,9 @@ def scattered_points(
     readings: int,
     conditions: Mapping[str, Array],
 ) -> tuple[Measurements, NDArray[np.bool_], Array]:
-    """What ``measure_with_outlier_mask`` reads, and how far the joints stood off by chance there, ``(m, n)``.
+    """Return the readings of ``measure_with_outlier_mask``, and the random joint errors ``(m, n)``.
 
-    Scatter and bad readings are drawn from children of ``rng`` each: the instrument's noise is the same without.
+    Scatter and outliers are drawn from children of ``rng`` each: the instrument's noise is the same without.
     """
     effects, (scattering, failing, shaping, misaligned) = real.effects, rng.spawn(_STREAMS)
     scatter = effects.scatter(len(joints), scattering)

@@ -43,13 +43,13 @@ Real = TypeVar("Real", bound="TrueRobot")
 
 @dataclass(frozen=True)
 class GeometryErrors:
-    """How far the geometry of a virtual robot is off, as standard deviations of normal draws per axis.
+    """Geometric errors of a virtual robot, as standard deviations of normal draws per axis.
 
     Attributes:
         position_sigma_m: of the bodies' positions, or of the lengths among a mechanism's dimensions.
         rotation_sigma_rad: of the bodies' orientations, or of the angles among a mechanism's dimensions.
         joint_offset_sigma: of the joints' offsets, rad or m.
-        table_alone: whether only the entries of the Denavit-Hartenberg table are off.
+        table_alone: whether only the entries of the Denavit-Hartenberg table are in error.
     """
 
     position_sigma_m: float
@@ -60,7 +60,7 @@ class GeometryErrors:
 
 @dataclass(frozen=True)
 class Perturbation:
-    """How far the bodies are off.
+    """Geometric errors of the bodies.
 
     Attributes:
         bodies: which ones.
@@ -93,7 +93,7 @@ def random_perturbation(
     rng: np.random.Generator,
     offset_sigma: float = 0.0,
 ) -> Perturbation:
-    """Every body off by normal draws of these standard deviations per axis, then every joint (rad or m)."""
+    """Draw normal errors of every body with these standard deviations per axis, then of every joint (rad or m)."""
     bodies = perturbed_bodies(robot)
     draws = rng.standard_normal((len(bodies), 6))
     offset = offset_sigma * rng.standard_normal(robot.chain.size)

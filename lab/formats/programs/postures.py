@@ -1,4 +1,4 @@
-"""What a controller's position data say of an arm beside its tool's pose: on which side its wrist and its elbow are.
+"""Posture of an arm in a controller's position data: on which side its wrist and its elbow are.
 
 The wrist's centre is where axis 5 comes nearest to axis 4. In front means on the side of axis 1 on which it is at zero
 joint positions; the upper elbow is the one that is above the line from axis 2 to the wrist while that is in front.
@@ -62,7 +62,7 @@ class ArmShape:
         return np.asarray(side * (np.cross(self.directions[0], self.forward) @ across) >= 0)
 
     def _moved(self, point: Array, joints: Array, first: int, last: int) -> Array:
-        """Where joints from ``first`` up to before ``last`` take a point ``(3,)`` m of zero, ``(n, 3)``."""
+        """Return the point ``(3,)`` m given at zero after joints ``first`` up to before ``last`` move, ``(n, 3)``."""
         found = np.broadcast_to(point, (len(joints), 3))
         for i in reversed(range(first, last)):
             turns = se3.exp((self.chain.sign[i] * joints[:, i])[:, None] * self.directions[i])

@@ -1,6 +1,6 @@
-"""How controllers write poses and joint positions as numbers: units, and what angles mean.
+"""Notation of poses and joint positions in controllers' programs: units, and the meaning of angles.
 
-A rotation has many names: a quaternion and its negative, three angles and others half a turn away, a rotation vector
+A rotation has many forms: a quaternion and its negative, three angles and others half a turn away, a rotation vector
 and others a whole turn away, and at gimbal lock any share of two angles. Written is the one that is nearest to the
 numbers that a text has already.
 """
@@ -54,7 +54,7 @@ _TURN, _HALF = 360.0, 180.0
 
 @dataclass(frozen=True)
 class PoseSpelling:
-    """How a controller writes a pose: three coordinates and three or four numbers of a rotation.
+    """Notation of a pose in a controller: three coordinates and three or four numbers of a rotation.
 
     Attributes:
         per_m: of the unit of length.
@@ -166,12 +166,12 @@ class Number(NamedTuple):
 
     @property
     def value(self) -> float:
-        """What it says."""
+        """Value of the number."""
         return float(self.text)
 
     @property
     def digits(self) -> int:
-        """How many places behind the point it has, an exponent included."""
+        """Number of decimal places, with the exponent counted."""
         mantissa, _, exponent = self.text.lower().partition("e")
         _, _, places = mantissa.partition(".")
         if not float(self.text):
@@ -180,7 +180,7 @@ class Number(NamedTuple):
 
 
 def values_of(numbers: Sequence[Number]) -> Array:
-    """What they say.
+    """Return the values of numbers.
 
     Raises:
         LabError: one is so large that it is no number of a position.
@@ -223,7 +223,7 @@ def line_of(text: str, offset: int) -> int:
 
 @lru_cache(maxsize=4)
 def _ends_of_lines(text: str) -> list[int]:
-    """Where lines end: the character behind each end."""
+    """Return the ends of lines: the index of the character behind each end."""
     return [found.end() for found in re.finditer(r"\r\n|\n|\r", text)]
 
 
@@ -296,7 +296,7 @@ class TargetText:
 
     @property
     def values(self) -> Array:
-        """What its numbers say."""
+        """Values of the target's numbers."""
         return values_of(self.numbers)
 
     @property
@@ -334,13 +334,13 @@ class Uncorrected:
 
 @dataclass(frozen=True)
 class ProgramText:
-    """What was read of a program.
+    """Content of a program as read.
 
     Attributes:
         targets: in the order of the text.
         moves: in the order of the text, whatever the program's loops and branches do.
         frames: poses ``(4, 4)`` (m) by name, of tools in the flange and of bases in the controller's base frame.
-        uncorrected: lines that move the arm, or say where it is to be, and stay as they are.
+        uncorrected: lines that move the arm, or set its position, and stay as they are.
         computed: the lines of frames, by name, that get their values only while the program runs.
     """
 
@@ -353,11 +353,11 @@ class ProgramText:
 
 @dataclass(frozen=True)
 class Outside:
-    """What a text does not hold: from the controller's memory, as somebody gave it.
+    """Values that a program's text lacks: from the controller's memory, given by the user.
 
     Attributes:
         frames: numbers by name, as the controller shows them; or another frame's name.
-        pulses_per_deg: of the six joints' motors; empty where they are not known.
+        pulses_per_deg: of the six joints' motors; empty if not given.
     """
 
     frames: Mapping[str, tuple[float, ...] | str] = field(default_factory=dict)
@@ -441,7 +441,7 @@ class ProgramReader:
         PROGRAM_FRAMES("the program", self.frames)
 
     def _read(self) -> ProgramText:
-        """What was read.
+        """Return the content of the program as read.
 
         Raises:
             LabError: the program has too many moves.

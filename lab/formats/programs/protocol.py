@@ -1,4 +1,4 @@
-"""What a controller's language has to offer, and what a program in it is made from."""
+"""Protocol of a controller's language, and the parts from which a program in it is made."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -114,23 +114,23 @@ class Language(Protocol):
 
     @property
     def name(self) -> str:
-        """What its users call it; in lower case the key of ``result.json``."""
+        """Name of the language among its users; in lower case the key of ``result.json``."""
 
     @property
     def suffix(self) -> str:
-        """What the names of its files end in, with the dot."""
+        """File name suffix of its programs, with the dot."""
 
     @property
     def reads(self) -> tuple[str, ...]:
-        """What the names of files end in, in small letters, that hold its targets."""
+        """File name suffixes, in lower case, of files that hold its targets."""
 
     @property
     def spelling(self) -> PoseSpelling:
-        """How it writes poses."""
+        """Notation of poses."""
 
     @property
     def most_digits(self) -> tuple[int, int]:
-        """How many places behind the point its controllers read of a length, and of an angle or a rotation."""
+        """Number of decimal places that its controllers read of a length, and of an angle or a rotation."""
 
     @property
     def makers(self) -> tuple[str, ...]:
@@ -138,10 +138,10 @@ class Language(Protocol):
 
     @property
     def speed(self) -> str:
-        """How fast its programs move, as the language says it."""
+        """Speed of its programs, in the language's own notation."""
 
     def refusal(self, joints: JointSpec) -> str | None:
-        """Why a robot with these joints cannot be moved by a program in it, in words; None where it can."""
+        """Return the reason why a program in it cannot move a robot with these joints; None if it can."""
 
     def measuring_tour(self, tour: MeasuringTour) -> bytes:
         """The file of a program that goes through the poses to measure and waits ``PAUSE_S`` at each."""

@@ -73,7 +73,7 @@ def language_of_maker(name: str) -> Language | None:
 
 
 def refusal(joints: JointSpec, controller: str | None, targets: int = 0) -> str | None:
-    """Why there is no program to so many targets, in words; None where there is one."""
+    """Return the reason why no program can be written to so many targets; None if one can."""
     if targets > PROGRAM_TARGETS.most:
         return f"no program is written: {targets:,} targets, and one has at most {PROGRAM_TARGETS.shown}"
     language = language_of(joints, controller)
@@ -129,7 +129,7 @@ def _plan_file(language: Language, station: str) -> str:
 
 
 def is_program_file(name: str) -> bool:
-    """Whether a program's file can have this name in a run's folder."""
+    """Decide whether a program's file in a run's folder can have this name."""
     return name in program_file_names() or (
         name.startswith(f"{PLAN}_") and any(name.endswith(language.suffix) for language in languages())
     )

@@ -1,4 +1,4 @@
-"""One set of axes with what is drawn in it, as SVG. It takes the calls of ``Axes``, with matplotlib's defaults."""
+"""Chart of one set of axes, as SVG. It takes the calls of ``Axes``, with matplotlib's defaults."""
 
 import io
 import re
@@ -205,7 +205,7 @@ _FIRST = "#1f77b4"  # where no colour is given
 
 
 class Chart(Sheet):
-    """One set of axes; ``svg`` says it as SVG."""
+    """Chart of one set of axes; ``svg`` returns it as SVG."""
 
     def plot(
         self, x: ArrayLike, y: ArrayLike, fmt: str = "", *, color: str = _FIRST, linewidth: float = 1.5,
@@ -391,7 +391,7 @@ class Chart(Sheet):
         self.words.append(draw)
 
     def legend(self, **options: Any) -> None:
-        """What the labelled marks mean; the options of ``Legend``."""
+        """Show a legend of the labelled marks; the options are those of ``Legend``."""
         self.shown_legend = Legend(**options)
 
     def set(self, **values: Any) -> None:
@@ -425,27 +425,27 @@ class Chart(Sheet):
             self._set_ticks(self.y, ticks, labels, 0.0)
 
     def tick_params(self, *, axis: str = "both", length: float = 3.5) -> None:
-        """How long ticks are, points."""
+        """Set the length of ticks, points."""
         for each in self._axes(axis):
             each.tick_length = length
 
     def locator_params(self, *, nbins: int, axis: str = "both") -> None:
-        """How many steps there are between ticks, at most."""
+        """Set the largest number of steps between ticks."""
         for each in self._axes(axis):
             each.most = nbins
 
     def grid(self, *, visible: bool, axis: str = "both") -> None:
-        """Whether lines run through the ticks."""
+        """Set whether lines run through the ticks."""
         for each in self._axes(axis):
             each.grid = visible
 
     def margins(self, *, x: float | None = None, y: float | None = None) -> None:
-        """How far axes reach beyond what is drawn, as a share of it."""
+        """Set the margins of axes beyond what is drawn, as a share of it."""
         for axis, share in ((self.x, x), (self.y, y)):
             axis.margin = axis.margin if share is None else share
 
     def set_aspect(self, aspect: Literal["equal"], *, adjustable: Literal["box", "datalim"] = "box") -> None:
-        """One scale for both axes: the axes become narrower, or their limits wider."""
+        """Set one scale for both axes: the axes become narrower, or their limits wider."""
         self.equal = adjustable
 
     def axis(self, which: Literal["off"]) -> None:

@@ -113,7 +113,7 @@ def dashes(style: Any, width: float) -> str:
 
 
 def line(x: Array, y: Array) -> str:
-    """What a path says of a line through points ``(n,)``; it is parted where one of them is not finite."""
+    """Return the path data of a line through points ``(n,)``, interrupted where one of them is not finite."""
     known = np.isfinite(x) & np.isfinite(y)
     starts = known & ~np.concatenate([[False], known[:-1]])
     x, y = np.clip(x[known], -_FARTHEST, _FARTHEST), np.clip(y[known], -_FARTHEST, _FARTHEST)
@@ -133,13 +133,13 @@ def path(
 
 
 def rectangle(x: tuple[float, float], y: tuple[float, float]) -> str:
-    """What a path says of the rectangle between two corners."""
+    """Return the path data of the rectangle between two corners."""
     (left, right), (top, bottom) = sorted(x), sorted(y)
     return f"M{left:.2f} {top:.2f}H{right:.2f}V{bottom:.2f}H{left:.2f}z"
 
 
 def _shape(mark: str, size: float) -> str:
-    """What follows each place in a path of marks; nothing for a disc, which is the end of a thick line."""
+    """Return the path data of a mark after its position; empty for a disc, which is the end of a thick line."""
     h, n = size / 2, shown_number
     if mark == "s":
         return f"m{n(-h)} {n(-h)}h{n(size)}v{n(size)}h{n(-size)}z"
@@ -285,7 +285,7 @@ _ACROSS, _UP = {"left": 0.0, "center": 0.5, "right": 1.0}, {"upper": 0.0, "cente
 
 @dataclass
 class ChartAxis:
-    """One axis: its limits, where they are given, what was drawn along it, and how it is labelled."""
+    """Axis of a chart: its limits, where they are given, what was drawn along it, and how it is labelled."""
 
     limits: tuple[float, float] | None = None
     logarithmic: bool = False
@@ -322,10 +322,10 @@ class ChartAxis:
         return (float(np.exp(low)), float(np.exp(high))) if self.logarithmic else (low, high)
 
     def found_ticks(self, scale: Scale, per_step: float) -> tuple[Array, list[str]]:
-        """Where ticks are, values, and their words.
+        """Return the values of the ticks, and their labels.
 
         Args:
-            per_step: points that a step needs for its words.
+            per_step: points that a step needs for its label.
         """
         low, high = sorted((scale.low, scale.high))
         if self.ticks is None:
@@ -404,7 +404,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Legend:
-    """What the labelled marks mean, in columns; places and sizes as matplotlib has them."""
+    """Legend of the labelled marks, in columns; places and sizes as matplotlib has them."""
 
     loc: str = "best"
     ncols: int = 1
@@ -503,7 +503,7 @@ class Axes(Protocol):
         """Words at a point, or an arrow."""
 
     def legend(self, *args: Any, **keywords: Any) -> Any:
-        """What the labelled marks mean."""
+        """Show a legend of the labelled marks."""
 
     def set(self, **keywords: Any) -> Any:
         """Limits, ticks, scales, titles."""
@@ -515,19 +515,19 @@ class Axes(Protocol):
         """Ticks and their words along y."""
 
     def tick_params(self, *args: Any, **keywords: Any) -> Any:
-        """How ticks look."""
+        """Set the appearance of ticks."""
 
     def locator_params(self, *args: Any, **keywords: Any) -> Any:
-        """How many ticks there are at most."""
+        """Set the largest number of ticks."""
 
     def grid(self, *args: Any, **keywords: Any) -> Any:
-        """Whether lines run through the ticks."""
+        """Set whether lines run through the ticks."""
 
     def margins(self, *args: Any, **keywords: Any) -> Any:
-        """How far axes reach beyond what is drawn."""
+        """Set the margins of axes beyond what is drawn."""
 
     def set_aspect(self, *args: Any, **keywords: Any) -> Any:
-        """One scale for both axes."""
+        """Set one scale for both axes."""
 
     def axis(self, *args: Any, **keywords: Any) -> Any:
         """Hides the axes."""

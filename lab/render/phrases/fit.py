@@ -28,7 +28,7 @@ def model_name(groups: Sequence[str]) -> str:
 
 
 def standing(group: GroupTrial) -> str:
-    """Whether a group is in the model, what it says of the robot, and what speaks against it."""
+    """Describe whether a group is in the model, its meaning for the robot, and any objection to it."""
     said = said_of_term(group.name)
     chosen = (f"chosen: {said}" if said else "chosen") if group.chosen else ""
     return ", but ".join(part for part in (chosen, group.infeasibility_reason) if part)
