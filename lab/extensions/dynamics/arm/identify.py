@@ -89,7 +89,7 @@ class DynamicModel:
 
 @dataclass(frozen=True)
 class ThinnedRun:
-    """One run of a recording, filtered and decimated.
+    """A run of a recording, filtered and decimated.
 
     Attributes:
         loaded: whether it carried the load.
