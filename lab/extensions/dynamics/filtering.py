@@ -1,4 +1,4 @@
-"""From a run's samples to few, nearly independent ones, and from its positions to speeds and accelerations.
+"""Filter and decimate a run to nearly independent samples, and differentiate its positions twice.
 
 Torques and every column of the regressor pass one and the same linear filter, of zero phase: a root of a raised
 cosine (roll-off one), of which one output is kept every half period of its band. Its autocorrelation is zero at
@@ -31,11 +31,11 @@ Filter = Callable[[Array], Array]
 
 @dataclass(frozen=True)
 class Band:
-    """How a run of evenly timed samples is thinned.
+    """Decimation filter of a run of evenly timed samples.
 
     Attributes:
         step_s: of the file.
-        every: how many samples there are to one that is kept.
+        every: number of samples for each one retained.
     """
 
     step_s: float

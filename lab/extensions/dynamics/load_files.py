@@ -105,7 +105,7 @@ class PayloadSamples:
         return self.take(np.flatnonzero(self.loaded == loaded))
 
     def take(self, rows: NDArray[np.int_]) -> "PayloadSamples":
-        """Some rows."""
+        """Select some rows."""
         return replace(
             self,
             time_s=None if self.time_s is None else self.time_s[rows],
@@ -119,7 +119,7 @@ class PayloadSamples:
 
 @dataclass(frozen=True)
 class Mounting:
-    """How the arm and the wrist sensor are set up.
+    """Mounting of the arm and the wrist sensor.
 
     Attributes:
         gravity: ``(3,)`` m/s^2 in frame 0.
@@ -463,7 +463,7 @@ def write_mounting(path: Path, mounting: Mounting) -> None:
 
 @dataclass(frozen=True)
 class _BaseSection:
-    """How the robot's base stands."""
+    """Section with the orientation of the robot's base."""
 
     tilt_x_deg: float = 0.0
     tilt_y_deg: float = 0.0
@@ -472,7 +472,7 @@ class _BaseSection:
 
 @dataclass(frozen=True)
 class _SensorSection:
-    """How a wrist sensor stands in the last frame."""
+    """Section with the orientation of a wrist sensor in the last frame."""
 
     sign: float | None = None
     rotation_vector_deg: tuple[float, ...] = (0.0, 0.0, 0.0)

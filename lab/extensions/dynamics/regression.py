@@ -22,7 +22,7 @@ _ROUNDS, _SETTLED = 20, 1e-6
 
 @dataclass(frozen=True)
 class ChannelSolution:
-    """What least squares found of rows in channels.
+    """Least-squares solution of rows in channels.
 
     Attributes:
         names: of the parameters, p of them.
@@ -31,7 +31,7 @@ class ChannelSolution:
         covariances: ``(g, p, p)``, as the noise of each group of channels makes it; zero where not identifiable.
         dof: ``(g,)`` of each group's noise; infinite where sigma was given.
         sigma: ``(d,)`` noise of a row in each channel, in its unit.
-        measured: ``(n, d)`` what was to be explained.
+        measured: ``(n, d)`` the measurements.
         residual: ``(n, d)`` measured less fitted, by sigma.
         rounding: whether some channel's noise is too small to be noise.
     """
@@ -58,7 +58,7 @@ class ChannelSolution:
 
     @property
     def sigma_known(self) -> bool:
-        """Whether sigma was given."""
+        """Sigma was given, not estimated."""
         return bool(np.isinf(self.dof).all())
 
     def half_widths(self, slopes: Array) -> Array:
@@ -162,11 +162,11 @@ _NEW = 1e-6  # of a suspect's column: what the fit's own columns must leave of i
 
 @dataclass(frozen=True)
 class BiasCandidate:
-    """What a residual may follow.
+    """A systematic effect that the residuals may follow.
 
     Attributes:
         columns: ``(n, d, k)`` beside those fitted.
-        words: what it is, and how it is cured.
+        words: the effect and its remedy.
     """
 
     columns: Array
@@ -188,17 +188,17 @@ class Series:
 
     @property
     def slow(self) -> int:
-        """How many of a cosine transform's coefficients are slow."""
+        """Number of low-frequency coefficients of a cosine transform."""
         return round((self.last - self.first) * min(_SLOW_HZ / self.band_hz, _MOST_SLOW))
 
 
 @dataclass(frozen=True)
 class ResidualVerdict:
-    """Whether the residuals are what noise explains.
+    """Verdict on whether noise explains the residuals.
 
     Attributes:
         adequate: None where there are too few numbers to tell.
-        p: the chance of residuals like these if they are noise; NaN if not told.
+        p: p-value of the residuals under noise alone; NaN if not computed.
         words: a sentence with its figures.
     """
 
@@ -210,7 +210,7 @@ class ResidualVerdict:
 def verdict(
     solution: ChannelSolution, suspects: Sequence[BiasCandidate], series: Sequence[Series] = ()
 ) -> ResidualVerdict:
-    """All tests that there are numbers for; rows that are in no series are poses, or anything in no order."""
+    """Run all applicable lack-of-fit tests; rows in no series are poses, or anything without order."""
     outcomes = [(_added(solution, _slow(suspect.columns, series)), suspect.words) for suspect in suspects]
     outcomes.append((_slowness(solution, series), "something slow without a name, as the load's own torques are slow"))
     if solution.sigma_known:

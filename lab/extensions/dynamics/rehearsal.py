@@ -72,7 +72,7 @@ class MeasuringBench:
 
     @property
     def mounting(self) -> Mounting:
-        """As the arm is thought to stand; the sensor reads what the load does to the hand."""
+        """Assumed mounting of the arm; the sensor reads the load's wrench on the hand."""
         return Mounting(drawn_mounting(self._model).gravity, -1.0)
 
     @cached_property
@@ -94,7 +94,7 @@ class MeasuringBench:
         return np.asarray(_SPARE * np.max(needed, axis=0))
 
     def errors(self) -> RunErrors:
-        """What the arm and its sensors do wrong."""
+        """Return the errors of the simulated arm and its sensors."""
         options, largest = self.options, self.largest_torques
         coulomb = options.friction_percent / 100 * largest
         tilt = np.deg2rad(options.base_tilt_deg or (0.0, 0.0))
@@ -154,14 +154,14 @@ class MeasuringBench:
         raise LabError(f"none of {_TRIES} random paths keeps free of contacts: give the robot more room")
 
     def driven(self, path: FourierPath, run: int) -> PayloadSamples:
-        """What is read along a path, with the load if there is one, and without it; torques alone."""
+        """Simulate samples along a path, with the load if there is one, and without it; torques alone."""
         bench = LoadBench(self._model, self.load, self.mounting, self.errors(), self.couplings)
         rng = rng_for(self.options.seed, "noise", run)
         records = bench.moving(path.at, self.options.seconds, self.options.rate_hz, rng)
         return replace(records, wrench=None)
 
     def at_rest(self) -> PayloadSamples:
-        """What a wrist sensor reads in D-optimal static poses, with the load and without it."""
+        """Simulate wrist-sensor readings in D-optimal static poses, with the load and without it."""
         arm = self.robot.serial_arm(("p1",))
         values, gravity = arm.nominal(self.robot.tool), self.mounting.gravity
 

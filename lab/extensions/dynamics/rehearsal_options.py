@@ -1,4 +1,4 @@
-"""What of a measuring day can be asked for, where it is rehearsed in MuJoCo."""
+"""Options of a measurement session simulated in MuJoCo."""
 
 from dataclasses import dataclass
 

@@ -30,7 +30,7 @@ _ROUNDING = 1e-12  # of an inertia
 
 @dataclass(frozen=True)
 class RigidLoad:
-    """What hangs at the hand; its frame is the arm's last one.
+    """A rigid load at the hand; its frame is the arm's last one.
 
     Attributes:
         mass_kg: above zero.
@@ -192,7 +192,7 @@ _SPARE = 8  # samples around a run on which the spline of its shift stands
 
 @dataclass(frozen=True)
 class RunErrors:
-    """What is not perfect; all zero is. Where ``(J,)`` is said, one number serves for all joints.
+    """Errors of a simulated run; all zero is ideal. Where ``(J,)`` is given, one number serves for all joints.
 
     Attributes:
         encoder_rad: standard deviation of a joint encoder, rad (m), ``(J,)``.
@@ -202,7 +202,7 @@ class RunErrors:
         viscous_nm_s: viscous friction, Nm s/rad (N s/m), ``(J,)``.
         load_friction: mu: friction grows by this share of the torque that the joint carries.
         stiction: the share of Coulomb friction, of either sign, that a joint at rest may still carry.
-        lag_s: how late the torques are.
+        lag_s: delay of the torques.
         motor_inertia_kgm2: of what turns at each motor, as its joint feels it, ``(J,)``.
         motor_coulomb_nm, motor_viscous_nm_s: friction at the motors, as their joints feel it, ``(J,)``.
         torque_offset_nm: steady errors of the torques, ``(J,)``; of either sign.
@@ -211,8 +211,8 @@ class RunErrors:
         force_noise_n, moment_noise_nm: standard deviations of the wrist sensor.
         wrench_offset: ``(6,)`` N and Nm.
         wrench_gain: ``(6,)`` relative errors: 0.01 reads 1 % too much.
-        tilt_rad: ``(2,)``, how far the base leans beyond what the mounting says.
-        turn_rad: ``(3,)``, how far the sensor is turned beyond what the mounting says; a rotation vector.
+        tilt_rad: ``(2,)``, tilt of the base beyond the given mounting.
+        turn_rad: ``(3,)``, turn of the sensor beyond the given mounting, a rotation vector.
     """
 
     encoder_rad: Array | float = 0.0
@@ -337,7 +337,7 @@ class LoadBench:
         return dry * directions(speeds) + errors.viscous_nm_s * speeds
 
     def _driven(self, torques: Array, speeds: Array, accelerations: Array) -> Array:
-        """What the drives give ``(n, J)`` for the joints' torques: tau = C' f, and what turns at the motors."""
+        """Compute drive torques ``(n, J)`` for the joints' torques: tau = C' f, and motor inertia and friction."""
         errors, couplings = self._errors, self._couplings
         turned, rates = speeds @ couplings.T, accelerations @ couplings.T
         given = np.linalg.solve(couplings.T, (torques + self._friction(torques, speeds)).T).T
@@ -355,7 +355,7 @@ class LoadBench:
         return filtered
 
     def _read(self, joints: Array, torques: Array, wrench: Array, loaded: bool, chance: "_Chance") -> PayloadSamples:
-        """What encoders, drives and sensor show of one run; ``wrench`` is the hand's on the load, in the last frame."""
+        """Simulate the sensor readings of a run; ``wrench`` is the hand's on the load, in the last frame."""
         errors = self._errors
         turned = (wrench.reshape(-1, 2, 3) @ self._T_last_sensor).reshape(-1, 6)  # rows: R' f
         noise = np.repeat([errors.force_noise_n, errors.moment_noise_nm], 3) * chance.wrench.standard_normal(
@@ -380,7 +380,7 @@ class LoadBench:
         )
 
     def _load_torque(self, joints: Array, speeds: Array, accelerations: Array) -> Array:
-        """What the load alone asks of the joints, ``(n, J)``."""
+        """Compute the joint torques due to the load alone, ``(n, J)``."""
         with_load, without = (self._arms[loaded].torques(joints, speeds, accelerations) for loaded in (True, False))
         difference: Array = with_load - without
         return difference

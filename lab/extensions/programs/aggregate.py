@@ -66,7 +66,7 @@ def numbers_in(value: Value, count: int) -> tuple[Number, ...] | None:
 
 
 def arguments(text: str, start: int, end: int) -> list[tuple[int, str]]:
-    """What is between two characters, parted at the commas that are in no brackets: where each begins, and its text."""
+    """Split the text between two characters at top-level commas: the start of each part, and its text."""
     parts, depth, begun = list[tuple[int, str]](), 0, start
     for found in _BRACKET_OR_COMMA.finditer(text, start, end):
         if found[0] in "[({":
@@ -81,7 +81,7 @@ def arguments(text: str, start: int, end: int) -> list[tuple[int, str]]:
 
 
 def closing(text: str, start: int) -> int | None:
-    """Where the bracket closes that is open at a character; None where it does not.
+    """Return the position of the bracket that closes one open at a character; None if there is none.
 
     Raises:
         LabError: brackets nest too deeply in it.

@@ -95,7 +95,7 @@ class _Reader(ProgramReader):
         return self._read()
 
     def _pseudo(self, key: str, value: str) -> None:
-        """What holds for the positions that follow."""
+        """Read a pseudo instruction that applies to the positions that follow."""
         if key in ("PULSE", "RECTAN"):
             self.state["form"] = key
         elif key == "POSTYPE":

@@ -134,7 +134,7 @@ class _Reader(ProgramReader):
             self.base = name
 
     def _in_line(self, what: str, at: int) -> str:
-        """What a tool or base is called that gets its value in a line."""
+        """Return the name of the tool or base to which a line assigns a value."""
         line = line_of(self.text, at)
         name = f"${what.upper()}@{line}"
         self.computed[name] = line
@@ -348,7 +348,7 @@ def _move(step: Step, via: str) -> list[str]:
 
 
 def _place(step: Step) -> str:
-    """Where the tool is at a stop."""
+    """Format the tool's pose at a waypoint."""
     assert step.T is not None
     return _frame(step.T)
 

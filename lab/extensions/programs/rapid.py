@@ -141,7 +141,7 @@ class _Reader(ProgramReader):
         return head.startswith("[") or bool(_CALL.match(head)) or self._named(head) is not None
 
     def _named(self, head: str) -> _Declared | None:
-        """What is declared by the name with which an argument begins."""
+        """Return the declaration of the name with which an argument begins."""
         name = _NAME.match(head)
         return self.declared.get(name[0].lower()) if name else None
 
@@ -224,7 +224,7 @@ def _read_rapid(text: str, outside: Outside) -> ProgramText:
 
 
 def _assigned(code: str) -> Iterator["re.Match[str]"]:
-    """Where names get a value; each is looked for between its := and what is before it."""
+    """Find assignments to names; each is matched between its := and the text before it."""
     last, at = 0, code.find(":=")
     while at >= 0:
         if found := _ASSIGNED.search(code, max(code.rfind(";", last, at), last), at + 2):
@@ -318,7 +318,7 @@ class Rapid:
     speed = _SPEED
 
     def refusal(self, joints: JointSpec) -> str | None:
-        """None for six revolute joints; else the reason."""
+        """Return None for six revolute joints; else the reason for the refusal."""
         if joints.size == _AXES and not any(joints.prismatic):
             return None
         kinds = "".join("P" if slides else "R" for slides in joints.prismatic)
@@ -411,7 +411,7 @@ class Rapid:
 
 
 def _checked(checked: bool) -> str:
-    """What was checked, as a comment."""
+    """Return a comment that states the checks made."""
     if not checked:
         return "  ! NOT CHECKED FOR COLLISIONS: run it slowly first, in manual mode."
     return "  ! Checked free of collisions in the lab's model only: run it slowly first, in manual mode."

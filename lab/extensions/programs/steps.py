@@ -21,11 +21,11 @@ _AXES = 6
 
 @dataclass(frozen=True)
 class Pace:
-    """How fast a planned move is.
+    """Duration and speed of a planned move.
 
     Attributes:
-        seconds: what it takes.
-        per_cent: 1 to 100, the largest speed of a joint, of that it can have.
+        seconds: duration.
+        per_cent: 1 to 100, the largest joint speed, relative to its limit.
         mm_s: the largest speed of the tool; 0 of joint moves.
     """
 
@@ -94,7 +94,7 @@ class SixAxisLanguage:
     most_digits: tuple[int, int] = ANY_DIGITS
 
     def refusal(self, joints: JointSpec) -> str | None:
-        """None for six revolute joints; else why there is no program in this language."""
+        """Return None for six revolute joints; else the reason why there is no program in this language."""
         if joints.size == _AXES and not any(joints.prismatic):
             return None
         kinds = "".join("P" if slides else "R" for slides in joints.prismatic)
@@ -102,7 +102,7 @@ class SixAxisLanguage:
 
 
 def tour_notes(tour: MeasuringTour) -> list[str]:
-    """What a measuring tour is, and whether it was checked, for comments."""
+    """Return comments that describe a measuring tour and whether it was checked."""
     station = f", from station {ascii_words(tour.station)}" if tour.station else ""
     return [
         f"{len(tour.ids)} poses to measure, ids as in plan.csv, of {ascii_words(tour.robot)}{station}.",
@@ -111,10 +111,10 @@ def tour_notes(tour: MeasuringTour) -> list[str]:
 
 
 def move_notes(moves: TargetMoves, positions: str = "joints") -> list[str]:
-    """What moves to corrected targets are, and whether they were checked, for comments.
+    """Return comments that describe moves to corrected targets and whether they were checked.
 
     Args:
-        positions: what the language calls joint positions.
+        positions: the language's term for joint positions.
     """
     return [
         f"{len(moves.ids)} corrected targets of {ascii_words(moves.robot)}. The correction is in the {positions}.",
@@ -123,7 +123,7 @@ def move_notes(moves: TargetMoves, positions: str = "joints") -> list[str]:
 
 
 def path_notes(moves: PathMoves) -> list[str]:
-    """What a trajectory is, and whether it was checked, for comments."""
+    """Return comments that describe a trajectory and whether it was checked."""
     took = f"{float(np.nansum(moves.seconds)):.3f} s planned"
     return [
         f"A path of {ascii_words(moves.robot)} through {len(moves.ids)} points, {took} from its first point.",
@@ -133,7 +133,7 @@ def path_notes(moves: PathMoves) -> list[str]:
 
 
 def checked_words(checked: bool) -> str:
-    """Whether stops and the ways between them were checked, for a comment."""
+    """Return a comment on whether waypoints and the paths between them were checked."""
     return _CHECKED if checked else _UNCHECKED
 
 

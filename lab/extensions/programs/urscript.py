@@ -72,7 +72,7 @@ class _Literal:
 
 @dataclass
 class _Named:
-    """What a name may stand for, or the one literal of a line, and the moves to it."""
+    """Values that a name may have, or the one literal of a line, and the moves to it."""
 
     name: str
     literals: list[_Literal] = field(default_factory=list)
@@ -111,7 +111,7 @@ class _Reader(ProgramReader):
         return self._targets()
 
     def _closing(self, at: int) -> int:
-        """Where a call's bracket closes that is open at a character."""
+        """Return the position of the bracket that closes a call open at a character."""
         end = closing(self.code, at)
         if end is None:
             raise LabError(f"line {line_of(self.text, at)}: a bracket is not closed; mend the text")

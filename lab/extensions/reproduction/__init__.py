@@ -1,1 +1,1 @@
-"""What four sources print, computed again: their tables, figures and worked examples, item by item."""
+"""Reproduce the tables, figures and worked examples of four published sources, item by item."""

@@ -73,7 +73,7 @@ class _Reader:
         return total
 
     def error(self) -> LabError:
-        """What is wrong with the text, where reading stopped."""
+        """Return the syntax error at the position where parsing stopped."""
         known = ", ".join((*self.variables, "c1, s1, c12 … of joints"))
         rest = self.plain[self.at :] or "its end"
         return LabError(f"formula '{self.text}': cannot be read from '{rest}' on; its letters are {known}")
@@ -161,15 +161,15 @@ _MINUS = "−"
 
 @dataclass(frozen=True)
 class Answer:
-    """One printed value.
+    """A printed value with the one computed here.
 
     Attributes:
-        name: what it is, unique in its item.
+        name: of the value, unique in its item.
         printed: as the source prints it; "" where it leaves it to the reader.
-        ours: what is computed here.
+        ours: the value computed here.
         unit: of both.
         difference: between them, in words; "" where nothing is printed.
-        agrees: whether the printed value is ours; None where nothing is printed.
+        agrees: whether the printed value equals ours; None where nothing is printed.
         erratum: why the printed value is wrong; "" where it is right.
         check: whether an answer that a reader gives is right; a LabError where it cannot be read.
         asked: whether an exercise asks for it.

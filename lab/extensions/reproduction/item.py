@@ -84,14 +84,14 @@ class Computed:
 
 @dataclass(frozen=True)
 class Mark:
-    """What a reader gave for an answer.
+    """A reader's answer with its mark.
 
     Attributes:
         label: of the answer in the file.
-        given: what stands there; "" where it is left blank.
-        state: what came of it.
+        given: the text there; "" where it is left blank.
+        state: result of the marking.
         note: why it cannot be read; "" where it can.
-        answer: what is asked.
+        answer: the answer of the item.
     """
 
     label: str

@@ -75,7 +75,7 @@ def matrix_formulas(
     right: Mapping[str, str] | None = None,
     errata: Mapping[str, str] | None = None,
 ) -> tuple[Answer, ...]:
-    """Each entry of a matrix as a formula.
+    """Compare each entry of a matrix as a formula.
 
     Args:
         printed: rows divided by ``;``, entries by ``|``; "" where the source leaves the matrix to the reader.
@@ -96,7 +96,7 @@ def matrix_formulas(
 
 
 def matrix_numbers(name: str, printed: str, exact: Array, units: Sequence[str] = ()) -> tuple[Answer, ...]:
-    """Each entry of a printed matrix of numbers; ``units`` are those of its columns."""
+    """Compare each entry of a printed matrix of numbers; ``units`` are those of its columns."""
     return tuple(
         number(f"{name}({i + 1},{j + 1})", text, float(exact[i, j]), units[j] if units else "")
         for i, row in enumerate(_entries(printed))
@@ -109,7 +109,7 @@ def _entries(printed: str) -> list[list[str]]:
 
 
 def _lengths(unit: float) -> Array:
-    """What turns a pose in metres into one in another unit."""
+    """Return the scaling of a pose in metres to another unit of length."""
     scale = np.ones((4, 4))
     scale[:3, 3] = unit
     return scale

@@ -1,4 +1,4 @@
-"""What can be asked of ``lab reproduce``."""
+"""Options of ``lab reproduce``."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +14,7 @@ __all__ = ["ReproduceOptions"]
 
 @dataclass(frozen=True)
 class ReproduceOptions:
-    """Which source, and whether its answers are shown, asked, or marked."""
+    """Options: the source, and whether its answers are shown, asked, or marked."""
 
     source: tyro.conf.Positional[SourceName]
     """thesis: Mahdadi and Bouafia 2020; elastic: Benmisra 2007; course: Mallem 2011; staubli: the RX 130 and TX 40."""

@@ -40,10 +40,10 @@ __all__ = ["ReproductionResult", "reproduce"]
 
 @dataclass(frozen=True, repr=False, eq=False)
 class ReproductionResult(Result):
-    """Every item of a source, with what it prints and what comes out here.
+    """Items of a source, as printed and as computed here.
 
     Attributes:
-        options: what was asked.
+        options: of the command.
         source: the text.
         computed: its items, in order.
         marks: of a filled-in exercise; None where none is marked.
@@ -56,7 +56,7 @@ class ReproductionResult(Result):
 
     @property
     def answers(self) -> tuple[Answer, ...]:
-        """Of all items."""
+        """Answers of all items."""
         return tuple(answer for each in self.computed for answer in each.answers)
 
     @property
@@ -82,7 +82,7 @@ class ReproductionResult(Result):
         return 1 if self.wrong else 0
 
     def to_dict(self) -> dict[str, Any]:
-        """What ``--json`` prints: each item with its answers, those of an exercise without ours."""
+        """Return the output of ``--json``: each item with its answers, those of an exercise without ours."""
         counts = {"answers": len(self.answers), "agree": sum(answer.agrees is True for answer in self.answers),
                   "errata": sum(bool(answer.erratum) for answer in self.answers)}  # fmt: skip
         found: dict[str, Any] = {
@@ -117,7 +117,7 @@ class ReproductionResult(Result):
         }  # fmt: skip
 
     def document(self) -> "Document":
-        """What a person reads: an overview, then every item; of an exercise its questions or its marks."""
+        """Return the report: an overview, then every item; of an exercise its questions or its marks."""
         return _reproduction_document(self)
 
     def columns(self) -> Mapping[str, Sequence[Any]]:
@@ -262,7 +262,7 @@ def _figure(item: Item) -> tuple[Block, ...]:
 
 
 def _marks(marks: tuple[Mark, ...]) -> tuple[Block, ...]:
-    """Every answer that was given, and what it should have been."""
+    """List every answer given, and the correct one."""
     if not marks:
         return ()
     badges = {"right": Badge("right", "good"), "wrong": Badge("wrong", "bad"), "blank": Badge("blank", "open")}

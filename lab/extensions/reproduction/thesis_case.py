@@ -87,7 +87,7 @@ class Case:
     mm: Array
 
     def parameter(self, name: str) -> Parameter:
-        """What is known of a parameter of this name."""
+        """Return the parameter of this name."""
         return self.arm.parameters[self.arm.names.index(name)]
 
     def truth(self, hidden: Mapping[str, float] = HIDDEN) -> Array:
@@ -158,7 +158,7 @@ class _Search:
         return exchange(self.candidates, _sensitivity(self.candidates), poses, self.goal, self.rng, starts=1)
 
     def ascended(self, design: Design, rounds: int = 4) -> Design:
-        """All angles moved uphill."""
+        """Return the design after a local ascent in all angles."""
         return ascend(design, _sensitivity, self.goal, _anywhere, *self.bounds, rounds=rounds)
 
 
@@ -175,7 +175,7 @@ def _anywhere(joints: Array) -> NDArray[np.bool_]:
 
 
 def aliasing() -> dict[str, dict[str, float]]:
-    """What of the 19 each dropped parameter looks like: mm or rad of theirs for one mm or rad of its own."""
+    """Express each dropped parameter in the 19 retained: mm or rad of theirs for one mm or rad of its own."""
     case = thesis_case()
     joints = case.arm.chain.random_joints(200, rng_for(0, "structure"))
     names = (*OFF, *DROPPED)
@@ -254,7 +254,7 @@ class Reproduced:
         return {name: np.quantile(rows_of_table(off)[row], (0.025, 0.5, 0.975)) for name, off in self.off.items()}
 
     def chances(self) -> dict[str, float]:
-        """In which share of the draws a criterion has the least RMS; those with the same poses share it."""
+        """Share of the draws in which a criterion has the least RMS; those with the same poses share it."""
         rms = np.array([rows_of_table(off)["RMS"] for off in self.off.values()])
         least = np.isclose(rms, rms.min(axis=0), rtol=1e-9, atol=0)
         return dict(zip(self.off, (least / least.sum(axis=0)).mean(axis=1).tolist(), strict=True))

@@ -44,7 +44,7 @@ class BaseParameters:
 
     @property
     def size(self) -> int:
-        """How many base parameters there are."""
+        """Number of base parameters."""
         return len(self.kept)
 
     @property
@@ -58,7 +58,7 @@ class BaseParameters:
 
     @property
     def inertial(self) -> int:
-        """How many of them are of links and motors, not of friction and offsets."""
+        """Number of base parameters of links and motors, without friction and offsets."""
         return sum(self.names[i][0] not in "Fo" for i in self.kept.tolist())
 
     @property
@@ -128,7 +128,7 @@ class Term:
         return sum(factor * float(np.prod([letters[each] for each in word])) for word, factor in self.coefficient)
 
     def words(self) -> str:
-        """As it stands in a formula, with its sign before it."""
+        """Return the term as text with a leading sign, for use in a formula."""
         if len(self.coefficient) == 1 and not self.coefficient[0][0] and abs(self.coefficient[0][1]) == 1:
             sign = "−" if self.coefficient[0][1] < 0 else "+"
             return " ".join(f"{sign} {name}" for name in self.names)
@@ -221,7 +221,7 @@ def _positive_first(monomial: tuple[tuple[str, ...], float]) -> bool:
 
 
 def _monomial(letters: tuple[str, ...], factor: float) -> str:
-    """With its sign before it."""
+    """Return the monomial as text with a leading sign."""
     number = "" if letters and abs(abs(factor) - 1) < _NOTHING else _number(abs(factor))
     return " ".join(("−" if factor < 0 else "+", *filter(None, (number, _product(letters)))))
 

@@ -53,10 +53,10 @@ _BETWEEN = 8  # kept rows between two parts of a run, so that no filter reaches 
 
 @dataclass(frozen=True)
 class DynamicModel:
-    """What is fitted.
+    """A robot's inverse dynamic model with its base parameters.
 
     Attributes:
-        chain: as the robot's table has it; a load is about its last frame, the flange.
+        chain: of the robot's table; a load is given in its last frame, the flange.
         arm: the inverse dynamic model.
         base: its base parameters.
     """
@@ -89,11 +89,11 @@ class DynamicModel:
 
 @dataclass(frozen=True)
 class ThinnedRun:
-    """One run.
+    """A run of a recording, filtered and decimated.
 
     Attributes:
         loaded: whether it carried the load.
-        band: how it was thinned.
+        band: of the decimation filter.
         columns: ``(3, k, J, 10 + b)``, those of ``DynamicModel`` with their first two derivatives in time.
         torques: ``(n, J)`` as recorded, at the rows of ``motion``.
         speeds: ``(n, J)``.
@@ -143,7 +143,7 @@ class ThinnedRun:
 
 
 def thinned_run(model: DynamicModel, samples: PayloadSamples, loaded: bool, band_hz: float = BAND_HZ) -> ThinnedRun:
-    """One of the runs of a file.
+    """Filter and decimate one run of a recording.
 
     Raises:
         LabError: there are no torques or times, nothing moves, or the run is too short.
@@ -225,13 +225,13 @@ def _diagonal(values: Array) -> Array:
 
 @dataclass(frozen=True)
 class Prediction:
-    """How well torques that were not fitted are predicted.
+    """Prediction of torques that were not fitted, with its errors.
 
     Attributes:
         of: which torques.
-        rows: how many independent rows there are.
-        relative: ``(J,)`` what is left of each drive's torque, of its root mean square.
-        noise_ratio: ``(J,)`` root mean square of what is left, by the noise of the fit.
+        rows: number of independent rows.
+        relative: ``(J,)`` residual of each drive's torque, relative to its root mean square.
+        noise_ratio: ``(J,)`` root mean square of the residual, relative to the noise of the fit.
         total_relative, total_noise_ratio: the same of all drives together.
         measured, predicted: ``(n, J)``.
     """
@@ -246,7 +246,7 @@ class Prediction:
 
     @property
     def rows(self) -> int:
-        """How many independent rows there are."""
+        """Number of independent rows."""
         return len(self.measured)
 
 
@@ -300,7 +300,7 @@ class DynamicsEstimate:
 
     @property
     def relative_error(self) -> float:
-        """What is left of the fitted torques, of their root mean square."""
+        """Residual of the fitted torques, relative to their root mean square."""
         return float(np.sqrt((self.residual**2).sum() / (self.measured**2).sum()))
 
 
@@ -432,7 +432,7 @@ def _design(run: ThinnedRun, with_load: bool, order: int) -> Array:
 
 
 def _measured(runs: Sequence[ThinnedRun], known_load: Array | None, late_s: float) -> Array:
-    """What the columns are to explain: the torques less those of a load that is known."""
+    """Return the torques to be explained: those measured, less those of a given load."""
     parts = []
     for run in runs:
         torques = run.measured(late_s)
@@ -519,7 +519,7 @@ class PhysicalFit:
 
     @property
     def physical(self) -> bool:
-        """Whether what was found is what an arm can have."""
+        """Decide whether the identified parameters are physically consistent."""
         return self.distance < _SAME
 
 

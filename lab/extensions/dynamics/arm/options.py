@@ -1,4 +1,4 @@
-"""What can be asked of ``lab dynamics``."""
+"""Options of ``lab dynamics``."""
 
 from dataclasses import dataclass, field
 from pathlib import Path

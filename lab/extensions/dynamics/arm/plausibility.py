@@ -1,7 +1,7 @@
-"""Whether an arm's dynamics can be what they were identified as: its weight, what its torques follow, what it carries.
+"""Check whether identified arm dynamics are plausible: weight, torques and load.
 
-Least squares explains whatever it is given: torques in another unit give links of tons whose residuals are noise. What
-gravity asks of the arm is compared with what its nominal masses ask, which a wrong unit changes by a thousand and
+Least squares fits any data: torques in another unit give links of tons whose residuals are noise. The gravity
+torques identified are compared with those of the nominal masses, which a wrong unit changes by a thousand and
 another arm of its kind by a few times.
 """
 
@@ -30,12 +30,12 @@ _SHOWS = 1e-6  # Nm or N: less gravity is none
 def implausible_dynamics(
     found: DynamicsEstimate, model: DynamicModel, arm: ArmSize, nominal: Array | None, nearest: PhysicalFit | None
 ) -> tuple[Implausibility, ...]:
-    """What of an arm's parameters and of its load cannot be.
+    """Return the reasons why identified parameters of an arm or of its load are implausible.
 
     Args:
         arm: what bounds the load.
-        nominal: ``(b,)`` base parameters by the links' nominal masses; None where these are not known.
-        nearest: the nearest parameters that an arm can have; None where not every base parameter was identified.
+        nominal: ``(b,)`` base parameters by the links' nominal masses; None where these are not given.
+        nearest: the nearest physically consistent parameters; None where not every base parameter was identified.
     """
     with np.errstate(all="ignore"):  # what cannot be may overflow
         said = [
@@ -64,7 +64,7 @@ def _of_fit(found: DynamicsEstimate) -> Iterator[str]:
 
 
 def _of_weight(found: DynamicsEstimate, model: DynamicModel, nominal: Array | None) -> Iterator[str]:
-    """What gravity asks, as identified and by the nominal masses; not where it asks next to nothing."""
+    """Compare the identified gravity torques with those of the nominal masses, unless these are negligible."""
     if nominal is None:
         return
     seen, expected = (

@@ -50,7 +50,7 @@ def _identity(result: DynamicsResult, joints: Array) -> str:
 
 
 def _torques(recording: rr.RecordingStream, result: DynamicsResult) -> None:
-    """Each drive's torque in the first run, as thinned: measured and explained."""
+    """Draw each drive's torque in the first run, decimated: measured and fitted."""
     found = result.estimate
     assert found is not None
     later = np.flatnonzero(np.diff(found.time_s) <= 0)

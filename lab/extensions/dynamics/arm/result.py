@@ -59,10 +59,10 @@ STATES = 200  # over which the conditioning is looked at
 
 @dataclass(frozen=True)
 class RehearsedDay:
-    """What was read on a virtual measuring day, and what is true there.
+    """A simulated measurement session with its true parameters.
 
     Attributes:
-        other: along another path.
+        other: samples along another path.
         truth: ``(b,)`` base parameters.
         load: ``(10,)`` phi of the load at the flange; None without one.
     """
@@ -103,7 +103,7 @@ class DynamicsResult(Result):
 
     @cached_property
     def formulas(self) -> tuple[Formula, ...]:
-        """What each base parameter is made of."""
+        """Formulas of the base parameters in the parameters grouped into them."""
         return regrouping_formulas(self.arm, self.base, rng_for(0, "structure", 1))
 
     @cached_property
@@ -130,7 +130,7 @@ class DynamicsResult(Result):
         return 1 if self.implausible or (self.estimate and self.estimate.verdict.adequate is False) else 0
 
     def to_dict(self) -> dict[str, Any]:
-        """What ``--json`` prints, SI units: base parameters with their formulas, values and intervals."""
+        """Return the output of ``--json``, SI units: base parameters with their formulas, values and intervals."""
         base = self.base
         described = {
             "robot": self.robot.name,
@@ -149,7 +149,7 @@ class DynamicsResult(Result):
         return described | measured | bodies | true | {"warnings": list(self.warnings)}
 
     def document(self) -> "Document":
-        """What a person reads: the base parameters, and what is grouped into each."""
+        """Return the report: the base parameters, and the parameters grouped into each."""
         return _dynamics_document(self)
 
     def columns(self) -> Mapping[str, Sequence[Any]]:
@@ -281,7 +281,7 @@ _FIT = {True: Badge("no lack of fit", "good"), False: Badge("lack of fit", "bad"
 
 
 def _identified(result: DynamicsResult, found: DynamicsEstimate) -> tuple[Section, ...]:
-    """What was identified, how it predicts, the load beside it, and the torques."""
+    """Report the identified parameters, their prediction, the load and the torques."""
     caption = "Measured torques, and what the parameters make of them."
     return (
         Section("Identified parameters", (_values(result, found), Paragraph(_noise(result, found)))),
@@ -329,7 +329,7 @@ def _noise(result: DynamicsResult, found: DynamicsEstimate) -> str:
 
 
 def _physical(result: DynamicsResult) -> str:
-    """Whether links, motors and joints can have these parameters."""
+    """Report whether the parameters are physically consistent for links, motors and joints."""
     fit = result.physical
     if fit is None:
         return ""
@@ -381,7 +381,7 @@ def _with_width_document(value: float, half_width: float) -> str:
 
 
 def _torque_pictures(result: DynamicsResult) -> tuple[Picture, ...]:
-    """Each drive: its torque as measured, and as the parameters explain it."""
+    """Plot each drive's torque as measured and as fitted."""
     found = result.estimate
     assert found is not None
     every = max(1, len(found.measured) // MOST_DRAWN)

@@ -90,7 +90,7 @@ def _identified(options: DynamicsOptions, robot: Robot) -> DynamicsResult:
 
 
 def _drives(options: DynamicsOptions, robot: Robot) -> Drives | None:
-    """How the drives turn the joints: by ``--drives``, or by the robot's own table; None where neither says it."""
+    """Return the drive coupling by ``--drives`` or by the robot's table; None where neither gives it."""
     size, path = robot.serial_model.chain.size, robot.model.path
     if options.drives is not None:
         return read_drives(options.drives, size)
@@ -161,7 +161,7 @@ def _read(robot: Robot, file: Path, drives: Drives | None) -> PayloadSamples:
 
 
 def _warnings(estimate: DynamicsEstimate, strange: Sequence[Implausibility]) -> list[str]:
-    """What a reader of the estimate should be told."""
+    """Return the warnings for an estimate."""
     warnings = [f"not plausible: {each.words}" for each in strange]
     if estimate.verdict.adequate is False:
         warnings.append(estimate.verdict.words)

@@ -23,7 +23,7 @@ __all__ = ["LoadEstimate", "Nuisance", "estimate_of", "excitation_advice"]
 
 @dataclass(frozen=True)
 class Nuisance:
-    """What had to be estimated along.
+    """A nuisance parameter, estimated together with the payload.
 
     Attributes:
         name: ``offset.fx``, ``friction.q1`` (of the torque), ``delay``, ``tilt.x``, ``turn.z`` and so on.
@@ -93,7 +93,7 @@ class LoadEstimate:
 
     @property
     def mass_half_width_kg(self) -> float:
-        """Of its mass."""
+        """Half width of the mass's 95 % interval, kg."""
         return float(self.half_width[0])
 
     @property
@@ -119,7 +119,7 @@ class LoadEstimate:
 
     @cached_property
     def physical(self) -> bool | None:
-        """Whether its pseudo-inertia is positive definite; without an inertia, whether the mass is positive."""
+        """Physical consistency: the pseudo-inertia is positive definite, or without an inertia the mass is positive."""
         if not np.isfinite(self.phi[0]):
             return None
         if not np.isfinite(self.phi).all():
@@ -128,7 +128,7 @@ class LoadEstimate:
 
     @property
     def adequate(self) -> bool | None:
-        """Whether the residuals are what noise explains; None where there are too few to tell."""
+        """Adequacy of the fit: noise explains the residuals; None where there are too few to test."""
         return self.verdict.adequate
 
 

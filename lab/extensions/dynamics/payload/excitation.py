@@ -100,7 +100,7 @@ class FourierPath:
 
 @dataclass(frozen=True)
 class Box:
-    """Where a path may be: within ``half`` of ``middle``, ``(3, J)`` of readings, speeds and accelerations."""
+    """Bounds of a path: within ``half`` of ``middle``, ``(3, J)`` of joint positions, speeds and accelerations."""
 
     middle: Array
     half: Array
@@ -121,7 +121,7 @@ class Box:
 
 @dataclass(frozen=True)
 class Limits:
-    """What the joints may do, ``(J,)`` each in rad or m; infinite where there is no limit of a torque (Nm, N)."""
+    """Limits of the joints, ``(J,)`` each in rad or m; infinite where a torque (Nm, N) has no limit."""
 
     lower: Array
     upper: Array
@@ -189,7 +189,7 @@ _GAIN = 1e-3  # of the score: with less to win, an ascent is over
 
 @dataclass
 class _Walls:
-    """What was found to be forbidden: at times ``rows`` ``(c,)``, states with normal . state above ``bound``."""
+    """Linear constraints: at times ``rows`` ``(c,)``, states with normal . state above ``bound`` are forbidden."""
 
     rows: NDArray[np.int_] = field(default_factory=lambda: np.empty(0, dtype=np.int_))
     normals: Array = field(default_factory=lambda: np.empty((0, 3, 0)))  # (c, 3, J), states in units of the box
@@ -202,7 +202,7 @@ class _Walls:
 
 
 class PathSearch:
-    """One question: a whitened regressor, a criterion, a box, and what else is allowed."""
+    """An optimal excitation problem: a whitened regressor, a criterion, bounds and further constraints."""
 
     def __init__(
         self,
@@ -237,7 +237,7 @@ class PathSearch:
         return float(self._goal.score(information(rows)))
 
     def is_allowed(self, coefficients: Array) -> bool:
-        """Whether the path touches nothing and keeps to the torques, looked at coarsely first."""
+        """Decide whether the path is free of collisions and within torque limits, on a coarse grid first."""
         states = self.states(coefficients)
         return all(self._may(states[part]).all() for part in (slice(None, None, 25), slice(None)))
 
@@ -282,7 +282,7 @@ class PathSearch:
         walls.add(rows, normals, (normals * (start + near * way) / self.box.half).sum(axis=(1, 2)) - _BEFORE)
 
     def _proposed(self, path: Array, walls: _Walls) -> Array:
-        """Where a quasi-Newton ascent takes a path, held by walls alone."""
+        """Return the path that a quasi-Newton ascent leads to, with the linear constraints alone."""
 
         def downhill(flat: Array) -> tuple[float, Array]:
             coefficients = self._scale * flat.reshape(path.shape)
@@ -318,7 +318,7 @@ class PathSearch:
         return float(self._goal.score(total)), np.einsum("kns,kjn->sj", self._coarse, by_state)
 
     def _climbed(self, coefficients: Array, walls: _Walls) -> tuple[float, Array]:
-        """How far a path is up the walls, and the derivatives by the coefficients."""
+        """Return the penalty of a path for its constraint violations, with its gradient by the coefficients."""
         half = self.box.half[:, None]
         beyond = (self._coarse @ coefficients - self.box.middle[:, None]) / half  # (3, n, J)
         over = np.sign(beyond) * np.maximum(np.abs(beyond) - _NEAR, 0.0)
@@ -345,7 +345,7 @@ _UNSHOWN = 1e-12  # least eigenvalue of the information of unit columns, of the 
 
 @dataclass(frozen=True)
 class PredictedUncertainty:
-    """How well parameters will be known.
+    """Predicted uncertainty of parameters.
 
     Attributes:
         covariance: ``(p, p)`` of the parameters, in the regressor's units and order.
@@ -364,10 +364,10 @@ class PredictedUncertainty:
 
     @classmethod
     def of(cls, information: Array) -> "PredictedUncertainty":
-        """From an information matrix ``(p, p)``.
+        """Compute the uncertainty from an information matrix ``(p, p)``.
 
         Raises:
-            LabError: not every parameter is shown.
+            LabError: not every parameter is observable.
         """
         size = np.sqrt(np.maximum(np.diag(information), 1e-300))
         scaled = information / np.outer(size, size)
@@ -397,7 +397,7 @@ class PoseDesign:
 def predicted(
     path: FourierPath, regressor: Regressor, sigma: Array, seconds: float = SECONDS, rate_hz: float = RATE_HZ
 ) -> PredictedUncertainty:
-    """What a path will show of the parameters.
+    """Predict the uncertainty of the parameters that a path identifies.
 
     Args:
         sigma: ``(r,)``, standard deviation of a sample's rows.

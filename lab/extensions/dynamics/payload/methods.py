@@ -93,7 +93,7 @@ def from_sag(
 
 
 def _sag(arm: SerialArm, values: Array, soft: CompliantArm, joints: Array, phi: Array) -> tuple[Array, Array]:
-    """How far the joints give way ``(n, J)``, and the derivatives by phi ``(n, J, 10)``: Newton's method.
+    """Solve for joint deflections ``(n, J)`` and their derivatives by phi ``(n, J, 10)``, by Newton's method.
 
     The load's mass and first moment are added to the last link's, which they move with.
     """
@@ -207,7 +207,7 @@ class PairedRuns:
     apart: Array
 
     def seen(self, late_s: float) -> Array:
-        """What the load adds to the torques ``(k, J)``, if these are so much later than the positions."""
+        """Return the load's torques ``(k, J)``, if torques lag the positions by this time."""
         return self.common.recorded(self.torque, late_s) - self.own
 
     def rubbing(self, phi: Array) -> Array:
@@ -269,7 +269,7 @@ def _refuse_apart(arm: SerialArm, difference: Array, own: Dynamics | None) -> No
 
 
 def diagonal(values: Array) -> Array:
-    """Of ``(n, J)`` a column for each joint, in its own rows only: ``(n, J, J)``."""
+    """Spread ``(n, J)`` to one column for each joint, nonzero in its own rows only: ``(n, J, J)``."""
     return values[:, :, None] * np.eye(values.shape[1])
 
 
@@ -422,12 +422,12 @@ _ROUNDS_from_wrench, _SETTLED_from_wrench = 20, 1e-10  # rad and s
 
 @dataclass(frozen=True)
 class _MountingEstimate:
-    """How arm and sensor stand, as far as it is estimated.
+    """Mounting of arm and sensor, as far as it is estimated.
 
     Attributes:
         gravity: ``(3,)`` m/s^2 in frame 0.
         rotation: ``(3, 3)`` of the sensor's axes in the last frame.
-        tilt: ``(2,)`` rad by which frame 0 is tilted beyond what was told: about its x, made horizontal, and across.
+        tilt: ``(2,)`` rad by which frame 0 is tilted beyond the given tilt: about its x, made horizontal, and across.
         late_s: how much later the wrench is than the positions.
     """
 
@@ -439,13 +439,13 @@ class _MountingEstimate:
 
 @dataclass(frozen=True)
 class _Readings:
-    """What the sensor read and what it was to read, thinned if it was a motion.
+    """Wrist-sensor readings and their regressors, filtered and decimated if the run was a motion.
 
     Attributes:
         raw: ``(n, 6)`` of the loaded run, for the hand on the load.
-        still: ``(m, 6)`` of the unloaded run, thinned: offsets alone.
+        still: ``(m, 6)`` of the unloaded run, decimated: offsets alone.
         at_rest: ``(3, k, 6, 10)`` the regressor without gravity, with its first two derivatives in time.
-        by_gravity: ``(3, k, 6, 10, 3)`` what each component of gravity in frame 0 adds.
+        by_gravity: ``(3, k, 6, 10, 3)`` the contribution of each component of gravity in frame 0.
     """
 
     band: Band | None
@@ -571,13 +571,13 @@ def _loaded(readings: _Readings, standing: _MountingEstimate, order: int = 0) ->
 
 
 def _columns(readings: _Readings, standing: _MountingEstimate) -> Array:
-    """Of the load and the offsets, ``(k + m, 6, 16)``."""
+    """Return the regressor of the load and the offsets, ``(k + m, 6, 16)``."""
     columns = _padded(readings, _loaded(readings, standing))
     return np.concatenate([columns, np.broadcast_to(np.eye(6), (len(columns), 6, 6))], axis=2)
 
 
 def _freed(readings: _Readings, standing: _MountingEstimate, phi: Array) -> dict[str, Array]:
-    """By name, one column ``(k + m, 6, 1)`` of what is fitted by steps, at a load ``phi``.
+    """Return by name one column ``(k + m, 6, 1)`` of each iterated parameter, at a load ``phi``.
 
     Frame 0 tilted by d turns gravity in it by -d, and a sensor turned by d reads w - d x w.
     """
@@ -645,5 +645,5 @@ def _turned(standing: _MountingEstimate, columns: Array) -> Array:
 
 
 def _padded(readings: _Readings, columns: Array) -> Array:
-    """With rows of zeros for the unloaded run, in which nothing hangs from the sensor."""
+    """Append rows of zeros for the unloaded run, in which nothing hangs from the sensor."""
     return np.concatenate([columns, np.zeros((len(readings.still), *columns.shape[1:]))])

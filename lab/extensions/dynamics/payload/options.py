@@ -1,4 +1,4 @@
-"""What can be asked of ``lab payload``."""
+"""Options of ``lab payload``."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,7 +16,7 @@ __all__ = ["PayloadOptions"]
 
 @dataclass(frozen=True)
 class PayloadOptions:
-    """Which payload at the flange to identify, from what."""
+    """Options for identifying a payload at the flange."""
 
     file: tyro.conf.Positional[Path | None] = None
     """Rows of a loaded and an unloaded run, CSV: joints with torques, a sensor's wrench, or tracked points."""

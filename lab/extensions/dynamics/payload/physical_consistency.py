@@ -31,7 +31,7 @@ _BASIS = np.array([pseudo_inertia(unit) for unit in np.eye(10)])  # (10, 4, 4): 
 
 @dataclass(frozen=True)
 class Nearest:
-    """What to come near to: |root (matrix x - target)| is the distance of parameters x in standard deviations."""
+    """A weighted target: |root (matrix x - target)| is the distance of parameters x in standard deviations."""
 
     matrix: Array
     target: Array

@@ -37,7 +37,7 @@ _LEAST_SIZE = 1e-6  # of the largest singular value: less is a function of the o
 
 
 def _likely_shifts(samples: PayloadSamples, upward: Upward, count: int) -> tuple[int, ...]:
-    """How many rows later joint positions may belong to what was measured; the likeliest first, zero not among them."""
+    """Find row shifts by which joint positions may lag the measurements; the likeliest first, without zero."""
     runs = [run for loaded in (True, False) if len(run := samples.run(loaded)) >= 2 * _ROWS_FOR_ONE]
     if not runs:
         return ()
@@ -97,7 +97,7 @@ Fit = Callable[[PayloadSamples], LoadEstimate]
 
 @dataclass(frozen=True)
 class ArmSize:
-    """What bounds the payloads that an arm can have.
+    """Size of an arm, which bounds its plausible payloads.
 
     Attributes:
         reach_m: from the base to the flange, stretched out.
@@ -109,7 +109,7 @@ class ArmSize:
 
     @classmethod
     def of(cls, chain: Chain, loads: Loads | None) -> "ArmSize":
-        """Of an arm by its table and the masses of its links, if these are known."""
+        """Compute the size of an arm from its table and the masses of its links, if given."""
         lengths = np.abs(chain.table[:, [COLUMNS.index("d"), COLUMNS.index("a")]]).sum()
         slides = np.where(chain.prismatic, np.maximum(np.abs(chain.lower), np.abs(chain.upper)), 0.0).sum()
         return cls(float(lengths + slides), np.nan if loads is None else float(loads.mass_kg.sum()))
@@ -117,7 +117,7 @@ class ArmSize:
 
 @dataclass(frozen=True)
 class Implausibility:
-    """Why a payload is not to be believed, with what would make it plausible, if anything was found."""
+    """A reason why a payload is implausible, with a remedy if one was found."""
 
     words: str
 
@@ -200,11 +200,11 @@ def implausibilities(
     fit: Fit | None = None,
     upward: Upward | None = None,
 ) -> tuple[Implausibility, ...]:
-    """What of a payload cannot be, or is better explained by a mistake in the file.
+    """Return the reasons why a payload is implausible, or better explained by a mistake in the file.
 
     Args:
         arm: that carries it.
-        samples: that it was identified from.
+        samples: from which it was identified.
         fit: identifies it from others; a LabError where it cannot.
         upward: the way up in the last frame, for shifts by more than two rows.
     """
@@ -257,7 +257,7 @@ def _of_centre(found: LoadEstimate, arm: ArmSize) -> Iterator[str]:
 
 
 def _left(found: LoadEstimate) -> float:
-    """Which share of what was to be explained is left, about each channel's mean."""
+    """Return the residual share of the measurements' variation about each channel's mean."""
     spread = found.measured - found.measured.mean(axis=0)
     size = float(np.sqrt((spread**2).sum()))
     return float(np.sqrt((found.residual**2).sum())) / size if size else 0.0
@@ -266,7 +266,7 @@ def _left(found: LoadEstimate) -> float:
 def _otherwise(
     found: LoadEstimate, arm: ArmSize, samples: PayloadSamples, fit: Fit, upward: Upward | None
 ) -> Iterator[str]:
-    """What the file would have to mean for a payload that fits far better, and can be."""
+    """Find interpretations of the file for which a payload fits far better and is plausible."""
     here = _left(found)
     for words, other in _readings(samples, upward):
         try:
@@ -282,7 +282,7 @@ def _otherwise(
 
 
 def _readings(samples: PayloadSamples, upward: Upward | None) -> Iterator[tuple[str, PayloadSamples]]:
-    """What a file may have been meant to say."""
+    """Yield alternative interpretations of a file."""
     far = () if upward is None else _likely_shifts(samples, upward, _FAR_SHIFTS)
     for rows in dict.fromkeys((*NEAR_SHIFTS, *far)):
         shifted = _shifted(samples, rows)
@@ -308,7 +308,7 @@ def _readings(samples: PayloadSamples, upward: Upward | None) -> Iterator[tuple[
 
 
 def _shifted(samples: PayloadSamples, rows: int) -> PayloadSamples | None:
-    """With each row's joint positions taken so many rows later, within each run; None where a run is too short."""
+    """Return samples whose joint positions are taken later by some rows in each run; None where a run is too short."""
     parts = []
     for loaded in (True, False):
         run = np.flatnonzero(samples.loaded == loaded)

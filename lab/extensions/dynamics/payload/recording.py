@@ -108,7 +108,7 @@ def _channels(recording: rr.RecordingStream, result: PayloadResult) -> None:
 
 
 def _named(result: PayloadResult, torques: Array | None, wrench: Array | None) -> list[tuple[str, Array]]:
-    """What the load was identified from."""
+    """Return the names and measured values of the channels from which the load was identified."""
     measured = wrench if result.estimate.method.startswith("wrench") else torques
     assert measured is not None
     return [(name, values) for (name, _), values in zip(channels_of(result), measured.T, strict=True)]

@@ -52,7 +52,7 @@ _WILD = 7.0  # standard deviations, which one in 4e11 samples passes
 
 @dataclass(frozen=True)
 class UncertaintyCost:
-    """How far a point that is corrected for a payload is off by the payload's uncertainty.
+    """Position error of a point corrected for a payload, from the payload's uncertainty.
 
     Attributes:
         compliance: ``(joints,)`` rad/Nm (m/N).
@@ -91,7 +91,7 @@ class PayloadResult(Result):
 
     @property
     def _trusted(self) -> bool:
-        """Whether mass and centre of mass are identified and can be, without lack of fit, and no sample is wild."""
+        """Reliability: mass and centre of mass are identified and plausible, without lack of fit or outliers."""
         identified = np.isfinite(self.estimate.phi[:4]).all() and not self.implausible
         return bool(identified and self.estimate.adequate is not False and wild_sample(self.estimate) is None)
 
@@ -102,11 +102,11 @@ class PayloadResult(Result):
 
     @property
     def _load(self) -> HandLoad:
-        """What gravity acts on."""
+        """The payload as a load in gravity."""
         return self.estimate.hand_load
 
     def to_dict(self) -> dict[str, Any]:
-        """What ``--json`` prints and ``result.json`` holds: SI units; None is what was not identified."""
+        """Return the output of ``--json`` and ``result.json``: SI units; None for values not identified."""
         found, samples = self.estimate, self.samples
         return {
             "robot": self.robot.name,
@@ -137,7 +137,7 @@ class PayloadResult(Result):
         } | ({} if self.truth is None else {"true": _true(self.truth)})
 
     def document(self) -> "Document":
-        """What a person reads: the payload with its intervals, goodness of fit, and what is not identifiable."""
+        """Return the report: the payload with its intervals, goodness of fit, and parameters not identifiable."""
         return _payload_document(self)
 
     def columns(self) -> Mapping[str, Sequence[Any]]:
@@ -262,7 +262,7 @@ def parameter_rows(found: LoadEstimate) -> list[tuple[str, float, float, str]]:
 
 
 def true_values(phi: Array) -> dict[str, float]:
-    """What a virtual payload has, by the names of ``parameter_rows`` and in their units."""
+    """Return the true values of a simulated payload, by the names of ``parameter_rows`` and in their units."""
     inertia = inertia_about_centre(phi)
     values = {"mass": float(phi[0])}
     values |= {f"centre of mass, {axis}": float(1e3 * phi[1 + i] / phi[0]) for i, axis in enumerate("xyz")}
@@ -272,7 +272,7 @@ def true_values(phi: Array) -> dict[str, float]:
 
 
 def _channel_pictures(result: PayloadResult) -> tuple[Picture, ...]:
-    """Each channel: what was measured, and what the payload with what was fitted along makes of it."""
+    """Plot each channel as measured and as fitted by the payload with the nuisance parameters."""
     found = result.estimate
     every = max(1, len(found.measured) // MOST_DRAWN)
     measured, left = found.measured[::every], found.residual[::every]
@@ -315,7 +315,7 @@ def _rounded(value: float, half_width: float) -> tuple[str, str]:
 
 
 def _cost(result: PayloadResult) -> str:
-    """What the payload's uncertainty costs; nothing where its weight was not identified."""
+    """Report the position error from the payload's uncertainty; empty where its weight was not identified."""
     if not np.isfinite(result.cost.rms_m):
         return ""
     soft = result.cost.compliance[result.cost.compliance > 0]

@@ -200,7 +200,7 @@ def _refuse(options: PayloadOptions, name: str, given: bool, method: str) -> Non
 
 
 def _by_sag(options: PayloadOptions, run: CalibrationRun) -> PayloadResult:
-    """From tracker positions with and without the load, and the compliances of a calibrated arm."""
+    """Identify the payload from tracker positions with and without it, and the compliances of a calibrated arm."""
     robot, values = run.robot, run.estimate.geometry[1]
     arm = robot.serial_arm(run.estimate.arm.targets)
     assert options.file is not None
@@ -250,7 +250,7 @@ def _paired(options: PayloadOptions, data: Measurements) -> tuple[Array, Array, 
 
 
 def _compliance(robot: Robot, stiffness_nm_per_rad: float) -> Array:
-    """Of the joints that bear the arm's weight (or would, if it had a mass), all alike."""
+    """Return equal compliances of the joints that bear the arm's weight (or would, if it had a mass)."""
     compliance = np.zeros(robot.chain.size)
     bearing = range(robot.chain.size) if robot.loads is None else robot.loads.bearing(rng_for(0, "structure"))
     compliance[[j for j in bearing if not robot.chain.prismatic[j]]] = 1 / stiffness_nm_per_rad
@@ -269,7 +269,7 @@ def _cost(
 
 
 def _warnings(estimate: LoadEstimate, strange: Sequence[Implausibility]) -> list[str]:
-    """What a reader of the estimate should be told."""
+    """Return the warnings for an estimate."""
     warnings = [f"not plausible: {each.words}" for each in strange]
     warnings += [] if (wild := wild_sample(estimate)) is None else [wild]
     if estimate.adequate is False:

@@ -129,7 +129,7 @@ _ARMS = ("versatran", "scemi", "scara", "planar3r")
 
 
 def _rank(robot: str, joints_deg: tuple[float, ...]) -> int:
-    """Of an arm's Jacobian at joint positions."""
+    """Return the rank of an arm's Jacobian at joint positions."""
     chain = load_robot(robot).serial_model.chain
     arm = SerialArm(chain)
     jacobian = arm.tool(np.deg2rad([joints_deg]), arm.nominal())[1]
@@ -207,7 +207,7 @@ _AXIS = (
 
 
 def _cosines() -> tuple[Answer, ...]:
-    """How many of the nine cosines are independent: the rank of their derivatives by the rotation."""
+    """Count the independent ones of the nine direction cosines: the rank of their derivatives by the rotation."""
     R = se3.exp(rng_for(0, "arm").normal(size=3))
     moved = np.stack([(se3.skew(axis) @ R).ravel() for axis in np.eye(3)], axis=1)
     third = float(np.abs(np.cross(R[:, 0], R[:, 1]) - R[:, 2]).max())

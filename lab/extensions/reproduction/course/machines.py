@@ -287,7 +287,7 @@ def _rrr_models() -> tuple[Answer, ...]:
 
 
 def _types() -> tuple[Answer, ...]:
-    """Each type at random coefficients that have a solution: how many roots there are, and what they miss."""
+    """Solve each equation type at random coefficients that have a solution: number of roots, and their residuals."""
     rng = rng_for(0, "arm")
     a, b, c, d, e, f = rng.uniform(0.3, 1.5, (6, 2000))
     t, u, r = rng.uniform(-3, 3, (3, 2000))

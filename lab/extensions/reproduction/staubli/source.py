@@ -97,7 +97,7 @@ def _first_link(row: Array) -> Array:
 
 
 def _between() -> int:
-    """How many parameters of an inner link that is not between parallel axes are determined: of link 4."""
+    """Count the identifiable parameters of an inner link that is not between parallel axes: of link 4."""
     arm, values = _off_axis()
     joints = arm.chain.random_joints(200, rng_for(0, "structure"))
     J = arm.observe(joints, values)[1].reshape(-1, len(values))

@@ -225,7 +225,7 @@ def _performance() -> tuple[Answer, ...]:
 
 
 def _best() -> tuple[Answer, ...]:
-    """Whether the RMS of one draw tells the criteria apart: the least of six, over the draws."""
+    """Test whether the RMS of one draw distinguishes the criteria: the least of six, over the draws."""
     rms = np.array([rows_of_table(_campaigns(criterion)[0])["RMS"] for criterion in CRITERIA[:5]])
     share = np.bincount(rms.argmin(axis=0), minlength=5) / DRAWS
     spread, apart = float(rms.std(axis=1).mean()), max(PRINTED["RMS"]) - min(PRINTED["RMS"])
@@ -337,7 +337,7 @@ CURVE_ITEMS = (
 
 @cache
 def _jacobian_indices() -> Array:
-    """Of 20 random poses ``(20, 3, 19)``, mm and rad."""
+    """Compute the identification Jacobians of 20 random poses ``(20, 3, 19)``, mm and rad."""
     case = thesis_case()
     joints = case.arm.chain.random_joints(20, rng_for(0, "structure"))
     return np.asarray(1e3 * case.arm.observe(joints, case.nominal)[1][:, 0][..., list(case.free)] / case.mm)
@@ -373,7 +373,7 @@ def _indices() -> tuple[Answer, ...]:
 
 
 def _ellipse() -> tuple[Picture, ...]:
-    """What unit errors of two parameters do to one target: an ellipse whose half axes are singular values."""
+    """Plot one target's displacement by unit errors of two parameters, an ellipse by singular values."""
     case = thesis_case()
     columns = [list(OFF).index(name) for name in ("link2.a", "link4.d")]
     J = _jacobian_indices()[0][:, columns]

@@ -51,7 +51,7 @@ class Delta:
 
     @classmethod
     def of_triangles(cls, base_m: float, platform_m: float, arm_m: float, rod_m: float) -> "Delta":
-        """By the sides of Williams' triangles: hips are midway on the base's, rods end at the platform's corners."""
+        """Build a Delta from the sides of Williams' triangles: hips midway on the base's, rods end at the corners."""
         return cls(base_m / np.sqrt(12), platform_m / np.sqrt(3), arm_m, rod_m, AZIMUTHS_RAD)
 
     @property
@@ -105,9 +105,9 @@ class Delta:
         return rods, self.arm_m * (rods * self._tangents(joints)).sum(axis=2)[:, :, None] * np.eye(3)
 
     def distances(self, points: Array, joints: Array) -> Distances:
-        """How far P ``(n, 3)`` reached with joint positions ``(n, 3)`` is from singular.
+        """Compute the distances from singularities of P ``(n, 3)`` reached with joint positions ``(n, 3)``.
 
-        Parallel: all rods are along one plane. Serial: the cosine between a rod and the way its elbow moves is zero
+        Parallel: all rods are along one plane. Serial: the cosine between a rod and its elbow's motion is zero
         where the arm is in line with the rod as seen along the hip's axis. Constraint: the parallelogram of leg i holds
         the platform from turning about rod x hip axis, three of which have to be independent (and none zero).
         """
@@ -116,7 +116,7 @@ class Delta:
         return Distances(independence(s), serial, independence(np.cross(s, self.hip_axes)))
 
     def reachable(self, points: Array, lower: Array | float, upper: Array | float) -> NDArray[np.bool_]:
-        """Which P ``(n, 3)`` all legs reach, elbows outward, with joint positions within limits (rad): ``(n,)``."""
+        """Decide whether all legs reach P ``(n, 3)``, elbows outward, within joint limits (rad): ``(n,)``."""
         joints = self.inverse(points)[:, 0]
         return np.asarray(((joints >= lower) & (joints <= upper)).all(axis=1))
 

@@ -67,7 +67,7 @@ def usable(lengths: Array) -> Array:
 
 
 def _circles_meet(a: Array, b: Array, radius_a: Array, radius_b: Array) -> Array:
-    """Where circles about a and b ``(2,)`` meet, ``(n, 2, 2)``: the point to the left of the way from a to b first.
+    """Intersect circles about a and b ``(2,)``: ``(n, 2, 2)``, the point to the left of the line from a to b first.
 
     Args:
         radius_a, radius_b: ``(n,)`` m.
@@ -88,12 +88,12 @@ def _as_sorted(poses: Array) -> Array:
 
 
 class Distances(NamedTuple):
-    """From what is singular, each ``(n,)``, 0 to 1; NaN out of reach.
+    """Distances from singularities, each ``(n,)``, 0 to 1; NaN out of reach.
 
     Attributes:
         parallel: the smallest singular value of A, its rows brought to unit length. A load of 1 on the
             platform takes forces of up to 1 / parallel in the legs (root of the sum of squares).
-        serial: of the leg that is worst, how well the platform's motion shows in its joint.
+        serial: of the worst leg, the observability of the platform's motion in its joint.
         constraint: as parallel, of the moments that hold the platform upright; 1 in the plane, where none need to.
     """
 
@@ -153,18 +153,18 @@ class TwoLegs:
         return 2 * self._legs(points), -2 * self.inverse(points)[:, :, None] * np.eye(2)
 
     def distances(self, points: Array) -> Distances:
-        """How far points ``(n, 2)`` are from singular. Serial is a leg that is zero, measured as rho / |(rho, L)|."""
+        """Compute singularity distances of points ``(n, 2)``. Serial is a zero leg, measured as rho / |(rho, L)|."""
         lengths = self.inverse(points)
         serial = (lengths / np.hypot(lengths, self.span_m)).min(axis=1)
         return Distances(independence(unit(self._legs(points))), serial, np.ones(len(lengths)))
 
     def reachable(self, points: Array, lower: Array | float, upper: Array | float) -> NDArray[np.bool_]:
-        """Which points ``(n, 2)`` have legs within limits (m), of each or of both: ``(n,)``."""
+        """Decide whether points ``(n, 2)`` have legs within limits (m), of each or of both: ``(n,)``."""
         lengths = self.inverse(points)
         return np.asarray(((lengths >= lower) & (lengths <= upper)).all(axis=1))
 
     def _legs(self, points: Array) -> Array:
-        """From the anchors to P, ``(n, 2, 2)``, a row a leg."""
+        """Return the vectors from the anchors to P, ``(n, 2, 2)``, a row a leg."""
         return np.asarray(np.asarray(points)[:, None, :] - np.array([[0.0, 0.0], [self.span_m, 0.0]]))
 
 
@@ -179,7 +179,7 @@ _DAMPING = 1e-13
 
 
 class Sextic(NamedTuple):
-    """Of n sets of lengths, what has to close. All lengths are divided by the robot's size.
+    """Closure equations of n sets of leg lengths. All lengths are divided by the robot's size.
 
     With q the leg 1, the others are q + v_i, v_i = R b_i - a_i. So q^2 = rho1^2 and q . v_i = c_i =
     (rho_i^2 - rho1^2 - v_i^2) / 2. By the latter q = N / D with N = left(c_2 v_3 - c_3 v_2) and D = v_2 x v_3, hence
@@ -196,7 +196,7 @@ class Sextic(NamedTuple):
     lengths: Array
 
     def modes(self) -> Array:
-        """All q and phi ``(n, 6, 3)`` with these lengths, by rising phi between -pi and pi, then NaN."""
+        """Return all q and phi ``(n, 6, 3)`` with these lengths, by rising phi between -pi and pi, then NaN."""
         angles = self.roots()
         both = np.empty((len(angles), _MODES, 2, 3))
         both[..., :2], both[..., 2] = self.points(angles), angles[..., None]
@@ -246,7 +246,7 @@ class Sextic(NamedTuple):
         return np.stack([foot + rise, foot - rise], axis=2)
 
     def polished(self, starts: Array) -> Array:
-        """Each q and phi ``(n, 3)`` after damped Newton on (leg^2 - rho^2) / 2 = 0; NaN where that is not met."""
+        """Refine each q and phi ``(n, 3)`` by damped Newton on (leg^2 - rho^2) / 2 = 0; NaN where that is not met."""
 
         def legs_at(found: Array) -> tuple[Array, Array, Array]:
             arms = turned(found[:, None, 2], self.platform)
@@ -303,7 +303,7 @@ class ThreeLegs:
         return np.asarray(np.linalg.norm(self._legs(poses)[0], axis=2))
 
     def direct(self, lengths: Array) -> Array:
-        """All poses ``(n, 6, 3)`` with lengths ``(n, 3)``, by rising phi between -pi and pi, then NaN.
+        """Return all poses ``(n, 6, 3)`` with lengths ``(n, 3)``, by rising phi between -pi and pi, then NaN.
 
         Modes that merge are given once. A platform that moves with its legs locked has no modes to list there.
         """
@@ -325,7 +325,7 @@ class ThreeLegs:
         return np.concatenate([u, cross(arms, u)[..., None]], axis=2), np.broadcast_to(-np.eye(3), (len(u), 3, 3))
 
     def distances(self, poses: Array) -> Distances:
-        """How far poses ``(n, 3)`` are from singular, whatever the origin of the platform's frame.
+        """Compute distances of poses ``(n, 3)`` from singularities, independent of the origin of the platform's frame.
 
         The platform turns about the centre of its attachments, and a radian counts as their distance r from it (root
         mean square). Serial is a leg that is zero, measured as rho / |(rho, r)|; it has no direction, so that
@@ -340,7 +340,7 @@ class ThreeLegs:
         return Distances(independence(unit(rows)), serial, np.ones(len(lengths)))
 
     def reachable(self, poses: Array, lower: Array | float, upper: Array | float) -> NDArray[np.bool_]:
-        """Which poses ``(n, 3)`` have legs within limits (m), of each or of all: ``(n,)``."""
+        """Decide whether poses ``(n, 3)`` have legs within limits (m), of each or of all: ``(n,)``."""
         lengths = self.inverse(poses)
         return np.asarray(((lengths >= lower) & (lengths <= upper)).all(axis=1))
 
@@ -374,7 +374,7 @@ class SharedPin:
         return ThreeLegs(self.base, np.array([[0.0, 0.0], [self.bar_m, 0.0], [0.0, 0.0]]))
 
     def direct(self, lengths: Array) -> Array:
-        """All poses ``(n, 4, 3)`` of lengths ``(n, 3)`` m by rising phi, then NaN: none, two or four.
+        """Return all poses ``(n, 4, 3)`` of lengths ``(n, 3)`` m by rising phi, then NaN: none, two or four.
 
         P is where circles 1 and 3 meet. With g = P - A2 and e the bar's direction, leg 2 is g + L e, so that
         g . e = k = (rho2^2 - L^2 - g^2) / 2L. Modes that merge are given twice.
@@ -392,7 +392,7 @@ class SharedPin:
         return _as_sorted(poses.reshape(len(rho1), 4, 3))
 
     def determinant(self, poses: Array) -> Array:
-        """Of ``ThreeLegs.matrices`` det A ``(n,)`` m as a product: -L (u1 x u3)(e x u2), u_i the legs' directions.
+        """Compute det A ``(n,)`` m of ``ThreeLegs.matrices`` as -L (u1 x u3)(e x u2), u_i the legs' directions.
 
         Singular are legs 1 and 3 in line, and leg 2 in line with the bar.
         """

@@ -1,4 +1,4 @@
-"""Whether a mechanism's nominal model is a 2-RPR, a 3-RPR or a Delta, and what its numbers mean to their closed forms.
+"""Recognize a 2-RPR, a 3-RPR or a Delta in a nominal model, with the parameters of its closed forms.
 
 It is read off its frames at passive values of zero: there slides have their directions, and each leg its two ends.
 """
@@ -58,12 +58,12 @@ class ClassicalModel(ABC):
     @property
     @abstractmethod
     def name(self) -> str:
-        """What people call it."""
+        """Common name of the mechanism."""
 
     @property
     @abstractmethod
     def is_planar(self) -> bool:
-        """Whether it moves in a plane."""
+        """The mechanism moves in a plane."""
 
     @property
     @abstractmethod
@@ -85,7 +85,7 @@ class ClassicalModel(ABC):
 
     @abstractmethod
     def distances(self, joints: Array, passive: Array) -> Distances:
-        """From what is singular, at passive values that go with the joint positions."""
+        """Compute the distances from singularities, at passive values that go with the joint positions."""
 
     def side(self, joints: Array, passive: Array) -> Array:
         """``(n,)`` on which side of parallel singularities it is, 1 or -1: the sign of det A; else 0 or NaN."""
@@ -97,7 +97,7 @@ class ClassicalModel(ABC):
         """A ``(n, k, k)`` of A dX + B dq = 0."""
 
     def _of_legs(self, joints: Array) -> Array:
-        """What the closed form takes of the legs' joints, ``(n, legs)``."""
+        """Convert joint positions to the closed form's leg coordinates, ``(n, legs)``."""
         return self.zero + self.sense * joints[:, self.order]
 
     def _of_joints(self, legs: Array) -> Array:
@@ -123,11 +123,11 @@ class ClassicalLegs(ClassicalModel):
     is_planar = True
 
     def inverse_solutions(self, passive: Array) -> Array:
-        """One: the lengths of the legs."""
+        """Return the one solution: the lengths of the legs."""
         return self._of_joints(self.model.inverse(self._pose(passive))[:, None])
 
     def distances(self, joints: Array, passive: Array) -> Distances:
-        """Of the pose alone."""
+        """Compute the distances from singularities, from the pose alone."""
         return self.model.distances(self._pose(passive))
 
     def _parallel_matrix(self, joints: Array, passive: Array) -> Array:
@@ -143,7 +143,7 @@ class ClassicalRpr2(ClassicalLegs):
 
     @property
     def dimensions(self) -> dict[str, Array]:
-        """How far the anchors are apart."""
+        """Distance between the anchors."""
         return {"span_m": np.array(self.model.span_m)}
 
     def modes(self, joints: Array) -> Array:
@@ -196,7 +196,7 @@ class ClassicalDelta(ClassicalModel):
         return np.asarray(self.middle + wrapped(joints - self.middle))
 
     def distances(self, joints: Array, passive: Array) -> Distances:
-        """Of the pose and the arms that go with it."""
+        """Compute the distances from singularities, from the pose and its arm angles."""
         return self.model.distances(self._pose(passive), self._of_legs(joints))
 
     def _parallel_matrix(self, joints: Array, passive: Array) -> Array:
@@ -230,7 +230,7 @@ def classical_model_of(mechanism: Mechanism) -> ClassicalModel | None:
 
 @dataclass(frozen=True)
 class _Leg:
-    """Of a rod: where its end nearer to the base is ``(3,)`` m, and what moves it; and the end on the platform."""
+    """A rod: its end nearer to the base ``(3,)`` m, the motions that move it, and its end on the platform."""
 
     near: Array
     moves: tuple[_Motion, ...]
@@ -253,7 +253,7 @@ def _moves(tree: Tree, step: _Motion) -> bool:
 
 
 def _origin(configuration: Configuration, step: _Motion) -> Array:
-    """Where a turn's axis passes ``(3,)``."""
+    """Return a point ``(3,)`` on a turn's axis."""
     origin = configuration.steps[step[0]][step[1]][1]
     assert origin is not None
     return np.asarray(origin[:3, 0])
@@ -352,11 +352,11 @@ def _ranges(mechanism: Mechanism) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class WorkingMode:
-    """One way of the legs to a pose.
+    """An IK solution of the legs for a pose.
 
     Attributes:
         joints: ``(joints,)`` joint positions, rad or m.
-        ways: of each joint 0 or 1: the first or the second way of its leg; of a leg with one way 0.
+        ways: of each joint 0 or 1: the first or the second branch of its leg; of a leg with one branch 0.
     """
 
     joints: Array
@@ -398,7 +398,7 @@ def passive_values_of(mechanism: Mechanism, T_base_platform: Array) -> tuple[Arr
 
 
 def working_modes(mechanism: Mechanism, course: ClassicalModel, passive: Array) -> list[WorkingMode]:
-    """Every way of the legs to the pose of passive values ``(z,)``; none where a leg does not reach it."""
+    """Return every IK solution for the pose of passive values ``(z,)``; none where a leg does not reach it."""
     ways = course.inverse_solutions(passive[None])[0]  # (w, joints)
     of_legs = [np.flatnonzero(np.isfinite(column)) for column in ways.T]
     choices = [found if j in course.order else found[:1] for j, found in enumerate(of_legs)]

@@ -52,7 +52,7 @@ def closed_form_shape(mechanism: Mechanism, joints: Array, passive: Array) -> Cl
 
 @dataclass(frozen=True)
 class _Search:
-    """By a closed form, from readings ``(n, joints)`` and passive values ``(n, z)`` of some poses in the drawn mode.
+    """Closed-form search, from joints ``(n, joints)`` and passive values ``(n, z)`` of some poses in the nominal mode.
 
     Poses on the other side of parallel singularities are of other modes.
     """
@@ -64,7 +64,7 @@ class _Search:
 
     @cached_property
     def legs(self) -> ByLegs:
-        """What its legs reach."""
+        """Reachability by the legs' closed forms."""
         return ByLegs(self.mechanism, self.course)
 
     def reachable(self) -> float:
@@ -81,11 +81,11 @@ class _Search:
         return float(cell * reached.any(axis=tuple(np.flatnonzero(turns))).sum())
 
     def singularities(self) -> tuple[Nearest, ...]:
-        """Of each kind that the robot has."""
+        """Return the nearest singularity of each kind that the robot has."""
         return tuple(self._nearest(kind) for kind in self.course.singularities)
 
     def _nearest(self, kind: str) -> Nearest:
-        """By walks from the nearest poses, with random steps that shrink; each is taken where it leads nearer."""
+        """Search by random walks from the nearest poses with shrinking steps; a step is taken where it leads nearer."""
         mechanism, rng = self.mechanism, rng_for(0, "structure", Distances._fields.index(kind))
         starts = np.argsort(self._distance(kind, self.joints, self.passive))[:WALKERS]
         joints, passive = self.joints[starts], self.passive[starts]

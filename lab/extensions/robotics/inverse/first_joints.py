@@ -88,7 +88,7 @@ class FirstJoint:
 
 @dataclass(frozen=True)
 class Carried:
-    """What the first three joints do to directions, at their roots.
+    """Rotation of directions by the first three joints, at their roots.
 
     Attributes:
         first: cosine and sine of joint 1 ``(2, n)``.
@@ -123,7 +123,7 @@ class Carrier(Protocol):
 
     @property
     def elbows(self) -> int:
-        """How many roots there are for each of joint 1's two."""
+        """Number of roots for each of joint 1's two."""
 
     def solve(self, position: Array, liked: Array, angles: Array, gap: Array, free: NDArray[np.bool_]) -> Carried:
         """Fill in what brings the wrist's centre to places ``(3, n)`` in frame 0.
@@ -134,7 +134,7 @@ class Carrier(Protocol):
         """
 
     def factors(self, sign: Array) -> tuple[float, list[float], list[Named]]:
-        """Of the determinant of the axes' three columns of the Jacobian at the wrist's centre.
+        """Factor the determinant of the axes' three columns of the Jacobian at the wrist's centre.
 
         Returns:
             Its sign, lengths (m), and factors with their names, for joint positions that have these signs.
@@ -373,12 +373,12 @@ class ThreeJoints:
 
     @property
     def branches(self) -> int:
-        """How many solutions a place has, some of which may be the same or none."""
+        """Number of solutions for a place, some of which may coincide or not exist."""
         return (self.degree if self.axes.prismatic[2] else 2 * self.degree) * self.roots_of_second
 
     @property
     def determinant(self) -> Determinant:
-        """Of the point's Jacobian: in factors for the classical carriers, else as one sum."""
+        """Determinant of the point's Jacobian: in factors for the classical carriers, else as one sum."""
         for kind in (Elbow, Telescope, Lift):
             carrier = kind.of(self.axes, self.start)
             if carrier is not None:
@@ -419,7 +419,7 @@ class ThreeJoints:
 
     @cached_property
     def _numbers(self) -> Array:
-        """What the compiled solution asks of the arm."""
+        """Arm parameters of the compiled solution."""
         (first, second, _), slides = self.axes.directions, self.axes.prismatic
         eliminates, towards, level, slide = np.eye(2), 0.0, np.zeros(3), np.zeros(3)
         regular, plane_2 = True, plane_across(second)
@@ -507,7 +507,7 @@ class ThreeJoints:
         return R
 
     def _jacobian(self, joints: Array) -> Array:
-        """Of the point ``(3, 3, n)``."""
+        """Compute the Jacobian of the point ``(3, 3, n)``."""
         columns, point = list[Array](), self._third(joints[2])
         for joint in (2, 1, 0):
             axis, origin = self.axes.directions[joint], self.axes.origins[joint][:, None]
@@ -524,7 +524,7 @@ class ThreeJoints:
     # The equations
 
     def _second(self, at: Array, wanted: Array) -> tuple[Array, Array]:
-        """What is left of the equations for joint 3, and the positions ``(m, ...)`` of joint 2."""
+        """Return the residual equation for joint 3, and the positions ``(m, ...)`` of joint 2."""
         return self._slide(at, wanted) if self.axes.prismatic[1] else self._hinge(at, wanted)
 
     def _hinge(self, at: Array, wanted: Array) -> tuple[Array, Array]:
@@ -608,12 +608,12 @@ class ThreeJoints:
         return nodes, (np.cos(turns) - 1j * np.sin(turns)) / _NODES
 
     def _coefficients(self, wanted: Array) -> NDArray[np.complex128]:
-        """Of the equation in joint 3, ``(5, n)`` or ``(3, n)``: of powers, or of exp(i k q3) from k = 0 to 2."""
+        """Compute joint 3's equation, ``(5, n)`` or ``(3, n)``: of powers, or of exp(i k q3) from k = 0 to 2."""
         nodes, makes = self._interpolation()
         return np.asarray(makes @ self._left(nodes, wanted))
 
     def _left(self, nodes: Array, wanted: Array) -> Array:
-        """What is left of the equations ``(nodes, n)``."""
+        """Evaluate the residual equation at nodes of joint 3, ``(nodes, n)``."""
         third = np.repeat(nodes[:, None], wanted.shape[1], axis=1)
         return self._second(self._third(third), np.broadcast_to(wanted[:, None], (3, *third.shape)))[0]
 

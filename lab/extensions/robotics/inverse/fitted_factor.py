@@ -40,7 +40,7 @@ def fitted_factor(value: Callable[[Array], Array], prismatic: tuple[bool, ...], 
 
 
 def _terms(found: NDArray[np.complex128], varied: tuple[int, ...], slides: list[bool]) -> Iterator[Term]:
-    """Each pair of a frequency and its negative is a cosine and a sine."""
+    """Combine each pair of a frequency and its negative to a cosine and a sine."""
     least = _NONE * max(1.0, float(np.abs(found).max()))
     for index in itertools.product(range(_NODES), repeat=len(varied)):
         orders = [i if each or 2 * i < _NODES else i - _NODES for i, each in zip(index, slides, strict=True)]

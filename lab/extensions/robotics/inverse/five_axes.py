@@ -91,7 +91,7 @@ class ParallelPair:
         return None
 
     def _regular(self) -> bool:
-        """Whether the parallel axes are apart, the equations say something of joint s, and the centre can be moved."""
+        """Decide whether the parallel axes are apart, the equations determine joint s, and the centre can be moved."""
         apart = np.cross(self._n, self.axes.origins[self.pair[1]] - self.axes.origins[self.pair[0]])
         if np.linalg.norm(apart) <= EXACT or min(self._sizes) <= EXACT:
             return False
@@ -100,7 +100,7 @@ class ParallelPair:
 
     @cached_property
     def _sizes(self) -> tuple[float, float]:
-        """Of the coefficients of det N, and of the equation by its null vector, usually."""
+        """Typical sizes of the coefficients of det N, and of the equation by its null vector."""
         joints = rng_for(0, "structure").uniform(-1.5, 1.5, (5, 40))
         equations = self._equations(self._moved(joints))
         one, two = (
@@ -111,7 +111,7 @@ class ParallelPair:
 
     @property
     def _last(self) -> tuple[int, int]:
-        """Which joints s and t are."""
+        """Indices of joints s and t."""
         return (4, 3) if self.third == 0 else (3, 4)
 
     @property
@@ -128,7 +128,7 @@ class ParallelPair:
 
     @cached_property
     def _coefficients(self) -> Array:
-        """Of N's three equations ``(27, 12)``, by ``_features``: each for (1, cos q4, sin q4) x (1, cos q5, sin q5).
+        """Coefficients of N's equations ``(27, 12)``: of (1, cos q4, sin q4) x (1, cos q5, sin q5) by ``_features``.
 
         A point p from the line of axis 3, through U along u, to that of axis 1, through W along w, seen by link 3 is
         k4 + R4 k5 + R4 R5 v, and w is R4 R5 y. Then u.w, u.p, w.p, p.p and p.(u x w) are bilinear in joints 4 and 5.
@@ -164,14 +164,14 @@ class ParallelPair:
 
     @property
     def _offset(self) -> tuple[float, float]:
-        """How far the middle axis is from the third joint's point, along its axis z and along z x n, by the scale."""
+        """Offset of the middle axis from the third joint's point, along its axis z and along z x n, by the scale."""
         z, root = self.axes.directions[self.third], self.axes.origins[self.third]
         frame = np.stack([z, np.cross(z, self._n), self._n], axis=1)
         along, across, _ = np.linalg.solve(frame, self.axes.origins[1] - root) / self.scale_m
         return float(along), float(across)
 
     def _features(self, moved: Array) -> Array:
-        """What the equations are linear in ``(n, 12)``: 1, y, v, y x v, y.v and v.v, of the hand's displacements."""
+        """Return linear features ``(n, 12)`` of the hand's displacements: 1, y, v, y x v, y.v and v.v."""
         w, root = self.axes.directions[0], self.axes.origins[0]
         back = moved[:, :3, :3].swapaxes(1, 2)
         y, v = back @ w, ((back @ (root - moved[:, :3, 3])[:, :, None])[:, :, 0] - self.axes.origins[4]) / self.scale_m
@@ -184,7 +184,7 @@ class ParallelPair:
         return np.asarray(found if self.third == 0 else found.swapaxes(2, 3))
 
     def _polynomial(self, equations: Array) -> NDArray[np.complex128]:
-        """Of det N ``(3, n)``: of exp(i k s) from k = 0 to 2."""
+        """Return the coefficients of det N ``(3, n)``: of exp(i k s) from k = 0 to 2."""
         N = equations @ _circle(_NODES)  # (n, 3, 3, nodes)
         det = (N[:, 0] * np.cross(N[:, 1], N[:, 2], axis=1)).sum(axis=1)
         return np.asarray(np.fft.fft(det, axis=1)[:, :3].T / _NODES)
@@ -210,7 +210,7 @@ class ParallelPair:
         return np.asarray(Ts @ se3.inverse(self.axes.T_frame0_last))
 
     def _plain(self, moved: Array, liked: Array) -> tuple[NDArray[np.bool_], Array]:
-        """Where ``(n,)`` the equations say both joints 4 and 5, and candidates ``(4, 5, n)``."""
+        """Decide where ``(n,)`` the equations determine joints 4 and 5, and return candidates ``(4, 5, n)``."""
         equations = self._equations(moved)
         found, size = self._found(equations)
         rest, single, _ = self._rest(equations, found, liked[self._last[1]])
@@ -226,7 +226,7 @@ class ParallelPair:
 
     @cached_property
     def _numbers(self) -> Array:
-        """What the compiled candidates ask of the arm."""
+        """Arm parameters of the compiled candidates."""
         axes, n = self.axes, self._n
         equations = self._coefficients.reshape(3, 3, 3, 12)
         parts = (
@@ -337,7 +337,7 @@ class ParallelPair:
         return np.asarray((np.cross(moves[first], moves[second]) * turns[first]).sum(axis=1))
 
     def _shoulder(self, joints: Array) -> Array:
-        """What joint 4 and the third one lift the centre, where together they do not turn about m."""
+        """Return the lift of the centre by joint 4 and the third one, where together they do not turn about m."""
         moves, turns = self._motions(joints)
         n = turns[self.pair[0]]
         m = np.cross(n, turns[4])
@@ -346,7 +346,7 @@ class ParallelPair:
         return np.asarray(third[0] * fourth[1] - fourth[0] * third[1])
 
     def _motions(self, joints: Array) -> tuple[Array, Array]:
-        """How the joints, at positions ``(n, 5)``, move the centre, and turn: ``(5, n, 3)`` each."""
+        """Return how the joints, at positions ``(n, 5)``, move the centre, and turn: ``(5, n, 3)`` each."""
         axes, moved, places, turns = (
             self.axes,
             np.broadcast_to(np.eye(4), (len(joints), 4, 4)),
@@ -383,7 +383,7 @@ def _angles(polynomial: NDArray[np.complex128]) -> Array:
 
 
 def _turning(axis: Array) -> Array:
-    """What of a rotation about an axis is fixed, and what goes with cosine and sine ``(3, 3, 3)``."""
+    """Split a rotation about an axis into its constant, cosine and sine parts ``(3, 3, 3)``."""
     along = np.outer(axis, axis)
     return np.stack([along, np.eye(3) - along, se3.skew(axis)])
 
@@ -475,7 +475,7 @@ class TwoAxisWrist:
 
     @cached_property
     def _numbers(self) -> Array:
-        """What the compiled wrist asks of the arm."""
+        """Arm parameters of the compiled wrist."""
         back, axes = self.axes.T_frame0_last[:3, :3].T, self.axes
         vectors = (self.start, back @ axes.directions[4], back @ self._across, self._across)
         parts = (axes.prismatic[:3], axes.directions, axes.origins[:3], *vectors)
@@ -557,7 +557,7 @@ class TwoAxisWrist:
 
 
 def _with_wrist(free: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """What is free ``(k, 5, n)`` of all joints, of which the last two never are."""
+    """Extend free joints ``(k, 5, n)`` by the last two, which are never free."""
     return np.concatenate([free, np.zeros_like(free[:, :2])], axis=1)
 
 
@@ -576,7 +576,7 @@ _CHUNK = 4096  # poses at a time: what fits the processor's cache
 
 
 class Shape(Protocol):
-    """What five joints are, and the equations that follow from it."""
+    """Kinematic shape of a five-joint arm, with its equations."""
 
     @property
     def axes(self) -> Axes:
@@ -584,11 +584,11 @@ class Shape(Protocol):
 
     @property
     def roots(self) -> int:
-        """How many candidates a pose has."""
+        """Number of candidates for a pose."""
 
     @property
     def repeats(self) -> bool:
-        """Whether a few steps may lead two candidates of any pose to one solution."""
+        """A few Newton steps may lead two candidates of a pose to one solution."""
 
     @property
     def centre(self) -> Array:
@@ -602,10 +602,10 @@ class Shape(Protocol):
         """
 
     def factors(self) -> tuple[list[float], list[Named]]:
-        """Of the determinant, but for its sign: lengths (m), and named factors."""
+        """Factor the determinant, but for its sign: lengths (m), and named factors."""
 
     def moved(self, backwards: bool) -> str:
-        """What motions the determinant is of, for an arm that is held at its base or at its last frame."""
+        """Describe the determinant's motions, for an arm fixed at its base or at its last frame."""
 
     def rows(self, jacobian: Array) -> Array:
         """The square part of a Jacobian ``(6, 5)`` of the centre, whose determinant it is."""
@@ -643,14 +643,14 @@ class FiveAxes:
 
     @property
     def branches(self) -> int:
-        """How many solutions a pose has at most."""
+        """Largest number of solutions for a pose."""
         return self.shape.roots
 
     @property
     def determinant(self) -> Determinant:
-        """Of the place of the shape's centre and of what of the rotation the joints that move it take beside it.
+        """Determinant of the place of the shape's centre and of the rotations its moving joints produce beside it.
 
-        Of an arm held at its last frame the place is that of the centre in that frame.
+        For an arm fixed at its last frame, the place is that of the centre in that frame.
         """
         lengths, factors = self.shape.factors()
         axes = self.shape.axes
@@ -668,7 +668,7 @@ class FiveAxes:
 
     @property
     def moved(self) -> str:
-        """What motions the determinant is of."""
+        """Description of the determinant's motions."""
         return f"{self.shape.moved(self.backwards)}; the other joints turn the rest"
 
     def nearest_rotations(self, Rs_frame0_last: Array) -> Array:
@@ -704,7 +704,7 @@ class FiveAxes:
         return self._best(joints, off, free)
 
     def _missing(self, Ts: Array, joints: Array) -> tuple[Array, Array]:
-        """What is missing ``(m, 6)`` from poses ``(m, 4, 4)``, and the Jacobians ``(m, 6, 5)``."""
+        """Return the residuals ``(m, 6)`` to poses ``(m, 4, 4)``, and the Jacobians ``(m, 6, 5)``."""
         there, jacobian = self.arm.tool(joints, self._values)
         turned = se3.log(Ts[:, :3, :3] @ there[:, :3, :3].swapaxes(1, 2))
         return np.concatenate([Ts[:, :3, 3] - there[:, :3, 3], turned], axis=1), jacobian
@@ -766,7 +766,7 @@ class FiveAxes:
         return Solutions(joints[rows, kept], gap[rows, kept], tilt[rows, kept], free[rows, kept])
 
     def _again(self, joints: Array) -> NDArray[np.bool_]:
-        """Which of candidates ``(n, k, 5)`` are one of those before, but for whole turns."""
+        """Mark candidates ``(n, k, 5)`` that repeat an earlier one, up to whole turns."""
         turns, again = np.where(self.chain.prismatic, 0.0, 2 * np.pi), np.zeros(joints.shape[:2], dtype=np.bool_)
         for i in range(1, joints.shape[1]):
             between = joints[:, :i] - joints[:, i : i + 1]

@@ -70,7 +70,7 @@ class PlanarMiddle:
         yield _candidates_of(self.joints, (0, 4), (1, 2, 3), frame or self._frame(Ts, liked), liked)
 
     def _frame(self, Ts: Array, liked: Array) -> PlanarFrame:
-        """What joints 1 and 5 leave to the planar arm.
+        """Solve joints 1 and 5, and return the planar arm's targets.
 
         Returns:
             ``(5, m, n)``: positions of joints 1 and 5, the turn about w, and the place (m) in the plane; and ``(n,)``
@@ -95,7 +95,7 @@ class PlanarMiddle:
 
     @cached_property
     def _numbers(self) -> Array:
-        """What the compiled frame asks of the arm."""
+        """Arm parameters of the compiled frame."""
         axes, back = self.axes, self.axes.T_frame0_last[:3, :3]
         a5, plane = axes.directions[4], self.column.plane
         parts = (
@@ -106,7 +106,7 @@ class PlanarMiddle:
 
     @property
     def _size(self) -> float:
-        """Of the arm (m)."""
+        """Size of the arm (m)."""
         return max(float(np.abs(self.axes.origins - self.axes.origins[0]).max()), 1e-3)
 
     def _first(self, lever: Array, axis_5: Array, liked: Array) -> tuple[Array, NDArray[np.bool_]]:
@@ -146,7 +146,7 @@ class PlanarMiddle:
 
 
 def _compiled_frame(numbers: Array, roots: int, Ts: Array, liked: Array) -> PlanarFrame | None:
-    """What two joints leave to a planar arm, in machine code; None where there is none."""
+    """Compute the planar arm's targets beyond two joints in machine code; None where there is none."""
     if (code := machine_code()) is None or Ts.dtype != np.float64:
         return None
     found, free = np.empty((5, roots, len(Ts))), np.empty(len(Ts), dtype=np.bool_)
@@ -212,7 +212,7 @@ class PlanarEnd:
         return None if made is None or made._still(hinges[0]) else made
 
     def _still(self, hinge: int) -> bool:
-        """Whether joints 1 and 2 do not both move w or its height, or may turn w along axis 1.
+        """Decide whether joints 1 and 2 do not both move w or its height, or may turn w along axis 1.
 
         Four axes are parallel then, and joint 1 is free, but not anywhere: the search answers for such arms.
         """
@@ -228,7 +228,7 @@ class PlanarEnd:
 
     @property
     def _sum(self) -> bool:
-        """Whether joints 1 and 2 are hinges with parallel axes."""
+        """Joints 1 and 2 are hinges with parallel axes."""
         return not self.axes.prismatic[1] and self.axes.parallel(0, 1)
 
     @property
@@ -238,7 +238,7 @@ class PlanarEnd:
         return np.asarray(np.cross(first, self.axes.origins[1] - self.axes.origins[0] if self._sum else second))
 
     def _turned_part(self, vector: Array) -> tuple[float, float, float]:
-        """Of w, turned by joint 2, the part along a vector: what is fixed, and what goes with cosine and sine."""
+        """Split the part along a vector of w, turned by joint 2, into its constant, cosine and sine terms."""
         w, axis = self.plane[2], self.axes.directions[1]
         along = axis * (axis @ w)
         return float(vector @ along), float(vector @ (w - along)), float(vector @ np.cross(axis, w))
@@ -254,7 +254,7 @@ class PlanarEnd:
         yield _candidates_of(self.joints, (0, 1), (2, 3, 4), frame or self._frame(Ts, liked), liked)
 
     def _frame(self, Ts: Array, liked: Array) -> PlanarFrame:
-        """What joints 1 and 2 leave to the planar arm, as ``PlanarMiddle`` has it; neither is free."""
+        """Solve joints 1 and 2, and return the planar arm's targets as of ``PlanarMiddle``; neither is free."""
         R, place = Ts[:, :3, :3] @ self.axes.T_frame0_last[:3, :3].T, Ts[:, :3, 3].T
         first, second = self._first_two(R @ self.plane[2], place, liked)  # (m, n)
         back, axes = np.broadcast_to(R, (*first.shape, 3, 3)), self.axes
@@ -270,7 +270,7 @@ class PlanarEnd:
 
     @cached_property
     def _numbers(self) -> Array:
-        """What the compiled frame asks of the arm."""
+        """Arm parameters of the compiled frame."""
         axes, kind = self.axes, 4.0 if self.axes.prismatic[1] else 3.0 if self._sum else 2.0
         nothing, back = np.zeros(3), self.plane @ self.axes.T_frame0_last[:3, :3]
         parts = (

@@ -30,11 +30,11 @@ TINY = 1e-13  # m, or of a unit vector: a coefficient below this is none
 
 
 class Roots(NamedTuple):
-    """What solves some equations, never NaN.
+    """Roots of some equations, never NaN.
 
     Attributes:
         values: of each unknown its roots ``(roots, ...)``: rad, up to whole turns, or a length as the equation says.
-        gap: ``(...)`` zero where there are roots; else by how much there are none: what the equations still miss
+        gap: ``(...)`` zero where there are roots; else the residual of the equations
             with the values given, which are those that come nearest.
         free: of each unknown ``(...)``, where any value does as well: it is the reference there.
     """
@@ -110,13 +110,13 @@ def type_10(x: ArrayLike, y: ArrayLike, tiny: float = TINY, reference: ArrayLike
 
 
 def nearer(roots: Array, reference: Array) -> Array:
-    """Of two angles ``(2, ...)`` the one nearer to a reference, whatever the whole turns; the first where both are."""
+    """Choose of two angles ``(2, ...)`` the one nearer to a reference, up to whole turns; the first if equally near."""
     apart = np.cos(roots - reference)
     return np.asarray(np.where(apart[1] > apart[0], roots[1], roots[0]))
 
 
 def unless_tiny(missing: Array, tolerance: Array | float) -> Array:
-    """What is missing, zero where that is within a tolerance."""
+    """Return the residual, zero where it is within a tolerance."""
     return np.asarray(np.where(missing <= tolerance, 0.0, missing))
 
 

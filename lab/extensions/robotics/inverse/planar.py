@@ -59,7 +59,7 @@ class PlanarJoints:
     def of(
         cls, axes: Axes, joints: tuple[int, ...], plane: Array, hand: Array, origin: Array | float = 0.0
     ) -> "PlanarJoints | None":
-        """Some joints of an arm, if they move in a plane (rows e, f, its normal) and bring a point anywhere there.
+        """Select joints of an arm if they move in a plane (rows e, f, its normal) and bring a point anywhere there.
 
         Args:
             hand: the point ``(3,)`` m in frame 0; ``origin`` the plane's.
@@ -104,22 +104,22 @@ class PlanarJoints:
 
     @property
     def _between(self) -> bool:
-        """Whether a hinge stands between two slides."""
+        """A hinge lies between two slides."""
         return len(self._slides) == 2 and self._slides[1] - self._slides[0] == 2
 
     def _after(self, slide: int) -> int:
-        """How many hinges turn a slide."""
+        """Count the hinges that turn a slide."""
         return sum(hinge < slide for hinge in self._hinges)
 
     @property
     def roots(self) -> int:
-        """How many solutions there are."""
+        """Number of solutions."""
         return 1 if len(self._slides) == 2 else 2
 
     # Their positions
 
     def solve(self, place: Complex, turn: Array | None, liked: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """All positions that bring the hand to places ``(...)``, turned by ``turn`` where that is asked for.
+        """Return all positions that bring the hand to places ``(...)``, turned by ``turn`` where that is given.
 
         Args:
             liked: ``(joints, ...)`` what free joints take.
@@ -148,7 +148,7 @@ class PlanarJoints:
         return values * np.reshape(self.turning, (-1, *(1,) * place.ndim)), gap, free
 
     def _no_slide(self, rest: Complex, last: Array, liked: Array, size: Array) -> _Pair:
-        """Two hinges: a triangle."""
+        """Solve two hinges as a triangle."""
         (x, y), hinge = self._lengths, self._hinges[0]
         bent, bent_2 = float(np.angle(x)), float(np.angle(y))
         favourite = liked[hinge] * self.turning[hinge] + bent
@@ -171,7 +171,7 @@ class PlanarJoints:
         return angle - start, seen.real - abs(length) * np.cos(angle), gap, free, np.zeros_like(free)
 
     def _two_slides(self, rest: Complex, last: Array, liked: Array, size: Array) -> _Pair:
-        """Two slides: a parallelogram, of which one side is as it is liked where they are parallel."""
+        """Solve two slides as a parallelogram; one side is chosen freely where they are parallel."""
         first, second = (
             self.ways[i] * np.exp(1j * last) if self._after(i) else np.broadcast_to(self.ways[i], rest.shape)
             for i in self._slides
@@ -186,7 +186,7 @@ class PlanarJoints:
     # Where they are singular
 
     def factors(self, sign: Array) -> tuple[list[float], list[Named]]:
-        """Of the determinant of place and turn by these joints, but for its sign: lengths (m), and named factors.
+        """Factor the determinant of place and turn by these joints, but for its sign: lengths (m), and named factors.
 
         Args:
             sign: ``(n,)`` of all joint positions of the arm.
@@ -214,7 +214,7 @@ class PlanarJoints:
         return [], [("slide", real_part(way * length.conjugate(), [angle(self._hinges[1])]))]
 
     def place_along(self, direction: complex, sign: Array) -> list[Term]:
-        """Of the hand's place the part along a direction: Re(conj(direction) place)."""
+        """Return the part of the hand's place along a direction: Re(conj(direction) place)."""
         level, terms = direction.conjugate(), list[Term]()
         turned, ends = list[tuple[int, float]](), list(self._ends)
         terms += real_part(level * ends[0], [])
@@ -271,17 +271,17 @@ class PlanarArm:
 
     @property
     def branches(self) -> int:
-        """How many solutions a pose has."""
+        """Number of solutions for a pose."""
         return self.joints.roots
 
     @property
     def by_point(self) -> bool:
-        """Whether the place of a point alone is met, which is so with two joints."""
+        """The solution meets the place of a point alone, which is so with two joints."""
         return self.chain.size == 2
 
     @property
     def determinant(self) -> Determinant:
-        """Of the point's displacements along e and f, and with three joints the turn about the normal."""
+        """Determinant of the point's displacements along e and f, and with three joints the turn about the normal."""
         lengths, factors = self.joints.factors(self.chain.sign)
         plain = determinant(self.chain.joint_names, 1.0, lengths, factors)
         arm = SerialArm(self.chain)
@@ -293,7 +293,7 @@ class PlanarArm:
 
     @property
     def moved(self) -> str:
-        """What motions the determinant is of."""
+        """Description of the determinant's motions."""
         return "the displacements in its plane" + ("" if self.by_point else " and the turn about the plane's normal")
 
     def nearest_rotations(self, Rs_frame0_last: Array) -> Array:
@@ -326,14 +326,14 @@ class PlanarArm:
         )
 
     def _missed(self, joints: Array, Rs: Array) -> Array:
-        """By how much ``(n, k)`` rad two joints miss rotations."""
+        """Return the rotation errors ``(n, k)`` rad of two joints."""
         turns = (joints * self.chain.sign * self.joints.turning * ~np.array(self.chain.prismatic)).sum(axis=2)
         made = se3.exp(turns[..., None] * self.plane[2]) @ self.axes.T_frame0_last[:3, :3]
         tilt = np.linalg.norm(se3.log(Rs[:, None] @ made.swapaxes(2, 3)), axis=2)
         return np.asarray(np.where(tilt <= EXACT, 0.0, tilt))
 
     def _turn(self, Rs: Array) -> tuple[Array, Array]:
-        """How far ``(n,)`` rad rotations are turned about the normal, and how far they are tilted then."""
+        """Return the turn ``(n,)`` rad of rotations about the normal, and their remaining tilt."""
         M = self.plane @ Rs @ self.axes.T_frame0_last[:3, :3].T @ self.plane.T
         tilt = np.arctan2(np.hypot(M[:, 2, 0], M[:, 2, 1]), M[:, 2, 2])
         turn = np.arctan2(M[:, 1, 0] - M[:, 0, 1], M[:, 0, 0] + M[:, 1, 1])
@@ -403,7 +403,7 @@ class Scara:
 
     @property
     def determinant(self) -> Determinant:
-        """Of x, y, z of the last hinge and the turn about w, in a right-handed frame whose z is w."""
+        """Determinant of x, y, z of the last hinge and the turn about w, in a right-handed frame whose z is w."""
         across = np.conj(self.upper) * self.fore / abs(self.upper)
         elbow = real_part(-1j * across, [(self.hinges[1], float(self.up[self.hinges[1]]))])
         sign = float(np.prod(self.up)) * (-1.0) ** self.slide  # the slide's column moved to the third place
@@ -442,7 +442,7 @@ class Scara:
         )
 
     def _turn(self, Rs: Array) -> tuple[Array, Array]:
-        """How far ``(n,)`` rad rotations are turned about w, and how far they are tilted then."""
+        """Return the turn ``(n,)`` rad of rotations about w, and their remaining tilt."""
         M = self.plane @ Rs @ self.R_frame0_last.T @ self.plane.T
         tilt = np.arctan2(np.hypot(M[:, 2, 0], M[:, 2, 1]), M[:, 2, 2])
         yaw = np.arctan2(M[:, 1, 0] - M[:, 0, 1], M[:, 0, 0] + M[:, 1, 1])

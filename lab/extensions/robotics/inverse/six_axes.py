@@ -98,7 +98,7 @@ class SphericalWrist:
 
     @property
     def determinant(self) -> Determinant:
-        """Of the geometric Jacobian at the wrist's centre: the carrier's times that of the wrist's three axes."""
+        """Determinant of the geometric Jacobian at the wrist's centre: the carrier's times the wrist's."""
         sign, lengths, factors = self.carrier.factors(self.chain.sign)
         s5 = float(self.chain.sign[4])
         wrist = [
@@ -131,7 +131,7 @@ class SphericalWrist:
 
     @cached_property
     def _numbers(self) -> Array | None:
-        """What the compiled solution asks of an arm with an elbow; None of another."""
+        """Arm parameters of the compiled solution for an arm with an elbow; None for another."""
         carrier = self.carrier
         if not isinstance(carrier, Elbow):
             return None
@@ -167,7 +167,7 @@ class SphericalWrist:
         rows = self.axes @ self.carrier.column.plane.T
 
         def in_wrist(direction: Array) -> list[Array]:
-            """Where the hand takes a direction of the arm at zero, along a, b and c."""
+            """Return the wanted image of a direction of the arm at zero, along a, b and c."""
             back = carried.back(_turned(R, self.R_frame0_last.T @ direction))
             return [_sum(row, back) for row in rows]
 
@@ -265,7 +265,7 @@ class ThreeParallel:
 
     @property
     def determinant(self) -> Determinant:
-        """Of the geometric Jacobian at P: what P is beside axis 1, the planar arm's, and that of the last axes."""
+        """Determinant of the geometric Jacobian at P: factors of P beside axis 1, planar arm and last axes."""
         sign = self.chain.sign
         second, third, fourth = (1, float(sign[1])), (2, self.turning[0] * sign[2]), (3, self.turning[1] * sign[3])
         level = np.conj(self.column.level)
@@ -308,7 +308,7 @@ class ThreeParallel:
 
     @cached_property
     def _numbers(self) -> Array:
-        """What the compiled solution asks of the arm."""
+        """Arm parameters of the compiled solution."""
         column, links = self.column, [(abs(z), np.angle(z)) for z in (self.upper, self.fore)]
         places = [(z.real, z.imag) for z in (self.shoulder, self.hand)]
         parts = (

@@ -20,14 +20,14 @@ __all__ = ["NominalRobot", "nominal_robot"]
 
 @dataclass(frozen=True)
 class NominalRobot:
-    """What equations need to know of a robot.
+    """A nominal robot, with the source of its model.
 
     Attributes:
         chain: the nominal model, whose joints are measured.
         sha256: of the files that it was read from.
-        warnings: what a user should be told of them.
+        warnings: about the files, for the user.
         source: the name or path that it was loaded by.
-        loaded: all that is known of it, where that was loaded.
+        loaded: the whole loaded robot, where available.
     """
 
     chain: JointSpec

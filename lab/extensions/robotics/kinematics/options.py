@@ -1,4 +1,4 @@
-"""What can be asked of ``lab kinematics``."""
+"""Options of ``lab kinematics``."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -71,7 +71,7 @@ def _stand_beside(
     bodies: dict[str, Array],
     legs: Array,
 ) -> None:
-    """One placement in its row of the gallery, with its name above it."""
+    """Draw one placement in its row of the gallery, with its name above it."""
     under = f"{_GALLERY}/placement{i + 1}"
     recording.log(under, rr.Transform3D(translation=(0.0, _APART * reach * i, 0.0)), static=True)
     draw_shells(recording, [], arm_shells(result.robot.whole.model), {k: T[None] for k, T in bodies.items()}, under)
@@ -100,7 +100,7 @@ def _draw_frames(recording: rr.RecordingStream, entity: str, at: Times, Ts: Arra
 
 
 def _blueprint(origins: Array, reach: float, count: int) -> rrb.Blueprint:
-    """One after the other large, side by side below it, text at hand."""
+    """Lay out the first placement large, the others side by side below it, text at hand."""
     single = main_view("One after the other", eye_on_arm(origins, origins[:, -1], reach))
     beside = np.concatenate([origins[:1] + np.array([0.0, _APART * reach * i, 0.0]) for i in range(count)])
     middle = beside.reshape(-1, 3).mean(axis=0)

@@ -99,7 +99,7 @@ class Matrices:
         return {name: [[textbook(matrix[i, j]) for j in range(4)] for i in range(4)] for name, matrix in made.items()}
 
     def letter_values(self) -> dict[str, float]:
-        """What the letters stand for: lengths ``<letter>_mm``, angles ``<letter>_deg``."""
+        """Values of the letters: lengths ``<letter>_mm``, angles ``<letter>_deg``."""
         letters: dict[str, Any] = {} if self.letters is None else dict(self.letters.letters)
         lengths = {name for name in letters if name.rstrip("0123456789") in ("d", "a")}
         return {
@@ -112,7 +112,7 @@ _ON = 1e-9  # of a factor: smaller is at the singularity itself
 
 
 def configurations(determinant: Determinant, joints: Array) -> list[dict[str, str]]:
-    """Of joint positions ``(n, joints)`` the sign of every factor of det J, by the singularity's name: + or -, or 0.
+    """Return signs (+, - or 0) of all factors of det J at joint positions ``(n, joints)``, by the singularity's name.
 
     An arm changes such a sign only where it passes the singularity (Borrel & Liegeois 1986). A factor that is constant
     is left out.
@@ -129,13 +129,13 @@ _REACHED_M = 1e-6  # a pose is written to the micron, which joints that are too 
 
 @dataclass(frozen=True)
 class Solution:
-    """One way to a pose.
+    """An IK solution for a pose.
 
     Attributes:
         joints: ``(n,)`` joint positions, rad or m.
         configuration: on which side of each singularity it is, by its name, + or - (or 0: on it); of a mechanism with
-            loops which way each leg takes, by its joint.
-        free: ``(n,)`` joints that could stand anywhere, as the arm is singular there.
+            loops the branch of each leg, by its joint.
+        free: ``(n,)`` joints that may take any position, as the arm is singular there.
         tilt_rad: by how much the rotation is missed, where an arm of fewer than six joints cannot take it.
     """
 
@@ -147,15 +147,15 @@ class Solution:
 
 @dataclass(frozen=True)
 class PoseSolutions:
-    """All solutions of one pose that were found.
+    """IK solutions found for one pose.
 
     Attributes:
         solutions: nearest to the reference first.
         gap_m: how far the pose is out of reach, of a search by how much the nearest place that it found misses it;
-            zero where there is a solution, NaN where that is not known.
+            zero where there is a solution, NaN where unknown.
         how: ``closed form`` (then these are all) or ``search``.
-        reassembled: how many more there are that a mechanism with loops takes in another assembly mode alone.
-        others: how many more there are in configurations that were not asked for.
+        reassembled: number of further solutions of a mechanism with loops in another assembly mode alone.
+        others: number of further solutions in configurations not requested.
     """
 
     solutions: tuple[Solution, ...]
@@ -278,12 +278,12 @@ def matching(found: PoseSolutions, asked: tuple[str, ...]) -> PoseSolutions:
 
 
 def _turns(mechanism: "Mechanism") -> bool:
-    """Whether the platform turns."""
+    """Decide whether the platform turns."""
     return any(mechanism.tree.step(*step).is_turn for step in mechanism.tree.passive)
 
 
 def _different(joints: Array, rows: NDArray[np.int_], prismatic: tuple[bool, ...]) -> list[int]:
-    """Of rows of joint positions ``(k, joints)`` the first of those that are the same but for whole turns."""
+    """Return rows of joint positions ``(k, joints)`` without repetitions, up to whole turns; the first is retained."""
     kept: list[int] = []
     for row in rows.tolist():
         apart = joints[kept] - joints[row]
@@ -343,12 +343,12 @@ class Placement:
 
 @dataclass(frozen=True)
 class Task:
-    """What is asked of each placement.
+    """Computations requested for each placement.
 
     Attributes:
         in_tool_frame: whether Jacobian and twist have the tool's axes.
-        rates: ``(n,)`` given ones.
-        twist: ``(6,)`` a wanted one.
+        rates: ``(n,)`` given joint rates.
+        twist: ``(6,)`` a wanted twist.
     """
 
     in_tool_frame: bool = False
@@ -415,7 +415,7 @@ def _names(chain: JointSpec, chosen: NDArray[np.bool_]) -> tuple[str, ...]:
 
 
 def _beyond(arm: RigidArm, joints: Array, closes: bool) -> str:
-    """Which limit some joint positions pass the farthest, or why the loops do not close, in words."""
+    """Describe the limit exceeded the most by some joint positions, or why the loops do not close."""
     if not closes:
         return arm.chain.infeasibility_reason(joints)
     excess = arm.chain.excess(joints)
@@ -425,7 +425,7 @@ def _beyond(arm: RigidArm, joints: Array, closes: bool) -> str:
 
 @dataclass(frozen=True)
 class Reached:
-    """What came of one pose that was to be reached.
+    """Result of the inverse kinematics of one pose.
 
     Attributes:
         name: the row's id.
@@ -435,8 +435,8 @@ class Reached:
         gap_m: how far it is out of reach, of a search by how much the nearest place that it found misses it; NaN where
             that is not known.
         how: ``closed form``, whose solutions are all, or ``search``.
-        reassembled: how many more there are in another assembly mode of a mechanism with loops.
-        others: how many more there are in configurations that were not asked for.
+        reassembled: number of further solutions in another assembly mode of a mechanism with loops.
+        others: number of further solutions in configurations not requested.
     """
 
     name: str
@@ -450,7 +450,7 @@ class Reached:
 
     @property
     def away(self) -> str:
-        """How far it is from what was reached, in words; empty where it has solutions, or that is not known."""
+        """Describe the distance to the pose reached; empty where it has solutions or that is unknown."""
         if self.solutions or not self.gap_m or not np.isfinite(self.gap_m):
             return ""
         gap = f"{1e3 * self.gap_m:.6g} mm"
@@ -485,7 +485,7 @@ class KinematicsResult(Result):
         return 0 if stands and all(each.solutions for each in self.reached) else 1
 
     def to_dict(self) -> dict[str, Any]:
-        """What ``--json`` prints: mm and degrees; Jacobians, determinants and manipulabilities in m and rad."""
+        """Return the output of ``--json``: mm and degrees; Jacobians, determinants, manipulabilities in m and rad."""
         chain, options, matrices = self.robot.chain, self.options, self.matrices
         values: dict[str, Any] = {
             "robot": self.robot.name,
@@ -508,7 +508,7 @@ class KinematicsResult(Result):
         return values
 
     def document(self) -> "Document":
-        """What a person reads: poses, solutions, the Jacobian with what is singular, and matrices where asked for."""
+        """Return the report: poses, solutions, the Jacobian with its singularities, and matrices where requested."""
         return _kinematics_document(self)
 
     def columns(self) -> Mapping[str, Sequence[Any] | Array]:
@@ -673,7 +673,7 @@ def _title(result: KinematicsResult) -> str:
 
 
 def _reached_document(result: KinematicsResult) -> tuple[Block, ...]:
-    """How many solutions each pose has, and how they were found."""
+    """Report the number of solutions of each pose, and the method that found them."""
     lines = []
     for each in result.reached:
         at = ", ".join(fixed(1e3 * value, 3) for value in each.position)
@@ -731,7 +731,7 @@ def _note(each: Placement) -> str:
 
 
 def _modes(result: KinematicsResult) -> tuple[Block, ...]:
-    """Where else the platform can be at the first joint positions."""
+    """List the platform's assembly modes at the first joint positions."""
     rows = tuple((str(i + 1), *_pose_cells(T)) for i, T in enumerate(result.assembly_modes))
     caption = "Every pose of the tool's point at the first joint positions, in closed form; limits aside."
     return (Table(("", *_POSE), rows, caption),)
@@ -764,7 +764,7 @@ def _differential(result: KinematicsResult, first: Placement) -> tuple[Block, ..
 
 
 def _part_of(joints: int) -> str:
-    """Of what part of the Jacobian a determinant is, where it is not of the whole."""
+    """Describe the part of the Jacobian whose determinant is reported, where it is not the whole."""
     return " of the rows by which the closed form solves the pose" if joints < len(_TWIST) else ""
 
 
@@ -803,7 +803,7 @@ def _matrix(name: str, T: Array) -> Table:
 
 
 def _letters(result: KinematicsResult) -> tuple[Block, ...]:
-    """Each matrix, and what the letters stand for."""
+    """Show each matrix, and the meaning of its letters."""
     matrices = result.matrices.texts()
     if not matrices:
         return ()
@@ -836,7 +836,7 @@ def _figure(result: KinematicsResult) -> Figure:
 
 
 def _size(value: float) -> str:
-    """Of a product that rounding may keep from being zero."""
+    """Format a product that rounding may keep from being zero."""
     return short(0.0 if abs(value) < _NOTHING else value)
 
 

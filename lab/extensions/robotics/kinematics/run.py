@@ -176,7 +176,7 @@ class _Model:
         return self.placed(rows, ids, ways), tuple(reached)
 
     def assembly_modes(self, placed: Sequence[Placement]) -> Array:
-        """Every pose of the platform of a mechanism with a closed form, at the first joint positions."""
+        """Return every pose of the platform of a mechanism with a closed form, at the first joint positions."""
         mechanism = self.robot.chain
         if not mechanism.has_loops:
             return np.empty((0, 4, 4))
@@ -227,7 +227,7 @@ class _Model:
         return " about ({:.2f}, {:.2f}, {:.2f}) of the base".format(*(axis + 0.0)).replace("-", "−")
 
     def _off_plane(self, wanted: Reached) -> str:
-        """How far a place is off the plane in which a planar arm moves, in words; empty where it is in it."""
+        """Describe a place's distance from the plane in which a planar arm moves; empty where it is in it."""
         chain = self.arm.dh_chain(self.values)
         if chain is None or not (found := mobility_of(chain)).planar:
             return ""
@@ -242,5 +242,5 @@ class _Model:
 
 
 def _called(each: Reached) -> str:
-    """What a person calls a pose."""
+    """Return the name of a pose for messages."""
     return f"pose {each.name}" if each.name else "the pose"

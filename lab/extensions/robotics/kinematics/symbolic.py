@@ -100,7 +100,7 @@ def _text(expression: Any) -> str:
 
 
 def _factor(sympy: Any, factor: Any) -> str:
-    """What is multiplied, sums in brackets."""
+    """Format a factor of a product, sums in brackets."""
     if factor.is_Add:
         return f"({_text(factor)})"
     if factor.is_Pow:
@@ -118,7 +118,7 @@ def _order(word: str) -> tuple[int, str, str]:
 
 
 def _short(sympy: Any, function: Any) -> str:
-    """Of cos or sin of an angle."""
+    """Format the cos or sin of an angle in short form."""
     letter = "c" if function.func is sympy.cos else "s"
     terms = [(str(symbol), factor) for symbol, factor in function.args[0].as_coefficients_dict().items()]
     terms.sort(key=lambda term: (term[0][0] != "q", len(term[0]), term[0]))

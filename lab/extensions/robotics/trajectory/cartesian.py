@@ -96,7 +96,7 @@ def _seconds(
     rates: Sequence[tuple[float, float]],
     count: int,
 ) -> float:
-    """How long a shape takes at least, by what its joints need at ``count`` places of each phase.
+    """Compute the minimum duration of a shape from the joints' limits at ``count`` points of each phase.
 
     Args:
         slopes: the first three derivatives ``(k, n)`` of the joints at s ``(k,)``.
@@ -152,12 +152,12 @@ class CartesianPath:
 
     @property
     def length_m(self) -> float:
-        """Of the path."""
+        """Length of the path, m."""
         return float(np.linalg.norm(self.along) + self.angle * np.linalg.norm(self.cosine))
 
     @property
     def turn_rad(self) -> float:
-        """By how much the orientation turns."""
+        """Angle by which the orientation turns, rad."""
         return float(np.linalg.norm(self.turn))
 
     def place_of(self, point: Array) -> float:
@@ -203,7 +203,7 @@ def arc(T_start: Array, via: Array, T_end: Array) -> CartesianPath:
 
 @dataclass(frozen=True)
 class Feed:
-    """How fast the tool may move along a path, beside the limits of the joints.
+    """Limits of the tool's motion along a path, beside the limits of the joints.
 
     Attributes:
         speed_m_s, acceleration_m_s2: of the tool's point.
@@ -239,7 +239,7 @@ class PathMove:
 
     @property
     def seconds(self) -> float:
-        """How long it takes."""
+        """Duration, s."""
         return self.pace.seconds
 
     @property
@@ -329,10 +329,10 @@ def path_move(
 
 @dataclass(frozen=True)
 class _Stop:
-    """Where the joints cannot follow a path any farther.
+    """Place at which the joints cannot follow a path any farther.
 
     Attributes:
-        s: the last place that they come to.
+        s: the last place reached.
         reached: whether the next one is in reach, so that they jump there.
     """
 
@@ -340,7 +340,7 @@ class _Stop:
     reached: bool
 
     def words(self, path: CartesianPath) -> str:
-        """What is in the way, where, and what to do."""
+        """Describe the obstacle, its place, and the remedy."""
         at = ", ".join(f"{1e3 * each + 0.0:.1f}" for each in path.poses(np.array([self.s]))[0, :3, 3])
         where = f"beyond {self.s:.0%} of it, at x, y, z = {at} mm"
         if self.reached:

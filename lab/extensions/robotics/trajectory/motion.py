@@ -1,6 +1,6 @@
-"""From the points of a file to a motion: which joint positions each has, and how the robot gets there.
+"""Plan a motion through the points of a file: joint positions of each point, and the moves between them.
 
-Moves of several kinds one after the other: phases of the joints, and paths of the tool.
+A motion is a sequence of moves of several kinds: phases of the joints, and paths of the tool.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -51,7 +51,7 @@ class Move(Protocol):
 
     @property
     def seconds(self) -> float:
-        """How long it takes."""
+        """Duration, s."""
 
     @property
     def end(self) -> Array:
@@ -85,7 +85,7 @@ class Motion:
 
     @property
     def seconds(self) -> float:
-        """How long all of it takes."""
+        """Total duration, s."""
         return float(self.starts[-1])
 
     @cached_property
@@ -292,12 +292,12 @@ _LEAST = 1e-9  # of a column beside those before it, that counts as none
 
 @dataclass(frozen=True)
 class ElasticErrors:
-    """How far the deformed arm's tool is from the rigid one's, m and rad (a rotation vector), in the tracker's frame.
+    """Deviation of the deformed arm's tool from the rigid one's, m and rad (a rotation vector), in the tracker's frame.
 
     Attributes:
         total: ``(n, 6)``.
         by_link: ``(n, links, 6)``, of each link alone, all others rigid; they add up to first order.
-        links: which links those are, from 0.
+        links: numbers of those links, from 0.
     """
 
     total: Array
@@ -485,7 +485,7 @@ def _along(path: Array) -> Array:
 
 
 def _deflection(line: Array, end: Array, shift: Array, turn: Array) -> Array:
-    """How far points ``(m, 3)`` of a link go ``(k, m, 3)`` whose end ``(3,)`` is shifted and turned by ``(k, 3)``."""
+    """Compute displacements ``(k, m, 3)`` of a link's points ``(m, 3)`` from shift and turn ``(k, 3)`` of its end."""
     lengths = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
     s = (lengths / lengths[-1])[:, None]
     shape: Array = (3 * s**2 - 2 * s**3) * shift[:, None] + (s**3 - s**2) * np.cross(turn, end)[:, None]

@@ -1,4 +1,4 @@
-"""What can be asked of ``lab trajectory``."""
+"""Options of ``lab trajectory``."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -87,7 +87,7 @@ class TrajectoryOptions:
 
     @property
     def feed(self) -> Feed:
-        """How fast the tool may move along lines and circles."""
+        """Return the limits of the tool's motion along lines and circles."""
         turn = np.deg2rad(self.turn_deg_s)
         return Feed(self.feed_mm_s / 1e3, self.feed_mm_s2 / 1e3, float(turn), float(2 * turn))
 
@@ -97,7 +97,7 @@ class TrajectoryOptions:
         return np.array(self.tool_mm) / 1e3 if self.tool_mm else np.zeros(3)
 
     def blend(self, chain: JointSpec) -> Array | None:
-        """By how much each joint may miss points ``(n,)`` rad or m; None where it stops at them.
+        """Return the distance ``(n,)`` by which each joint may miss points, rad or m; None where it stops at them.
 
         Raises:
             LabError: a joint has no such number.

@@ -97,7 +97,7 @@ def read_path(
 
 
 def _refuse_half_circles(path: Path, moves: Sequence[str], lines: Sequence[int]) -> None:
-    """Each via has its circle below it, and each circle its via above it."""
+    """Refuse a via without its circle in the row below, or a circle without its via in the row above."""
     for above, move, line in zip(("", *moves[:-1]), moves, lines, strict=True):
         if (move == "circle") != (above == "via"):
             raise LabError(

@@ -69,7 +69,7 @@ def record_trajectory(path: Path, result: TrajectoryResult) -> None:
 
 
 def _draw_errors(recording: rr.RecordingStream, at: Times, found: Tracking) -> None:
-    """What the tool misses its path by, over time, in all and by part."""
+    """Draw the tool's path error over time, in total and by part."""
     for i, (name, error) in enumerate({"in all": found.total, **found.parts}.items()):
         entity = f"errors/{name.replace(' ', '_')}"
         lengths = 1e3 * np.linalg.norm(error[:, :3], axis=1)
@@ -81,10 +81,10 @@ def _draw_errors(recording: rr.RecordingStream, at: Times, found: Tracking) -> N
 def _draw_bent_links(
     recording: rr.RecordingStream, at: Times, result: TrajectoryResult, rows: NDArray[np.int_], reach: float
 ) -> float | None:
-    """Of an arm that bends: its links as lines, rigid in grey, and bent, magnified, each in a colour of its own.
+    """Draw the links of a compliant arm as lines: rigid in grey, and deflected, magnified, each in its own colour.
 
     Returns:
-        By how much; None of an arm that is rigid, of which nothing is drawn.
+        The magnification; None for a rigid arm, for which nothing is drawn.
     """
     found, loads = result.tracking, result.robot.loads
     if found is None or loads is None:

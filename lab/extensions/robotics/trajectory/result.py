@@ -133,7 +133,7 @@ def tracking_along(tracked: TrackedArm, joints: Array, speeds: Array, accelerati
 
 
 def tracking_warnings(tracked: TrackedArm, found: Tracking, joints: Array) -> Sequence[str]:
-    """What of the correction cannot be believed or made."""
+    """Return warnings about corrections that are unreliable or infeasible."""
     chain, corrected = tracked.arm.rigid.chain, found.corrected
     said, times = list(tracked.warnings), len(joints)
     left = np.abs(corrected.left[:, corrected.made]).max(axis=1) > _LEFT
@@ -169,13 +169,13 @@ class Sampled:
 
 @dataclass(frozen=True, repr=False, eq=False)
 class TrajectoryResult(Result):
-    """How a robot moves through some points.
+    """A robot's motion through given points.
 
     Attributes:
-        options: what was asked.
-        chain: the joints, with the speeds and accelerations that were kept.
+        options: of the command.
+        chain: the joints, with the limits of speed and acceleration that were applied.
         legs: the parts of the motion.
-        tracked: the arm whose errors along the way are known; None of a nominal robot that nothing bends.
+        tracked: the arm whose path errors are computed; None for a rigid nominal robot.
     """
 
     options: TrajectoryOptions
@@ -192,12 +192,12 @@ class TrajectoryResult(Result):
 
     @property
     def checked(self) -> bool:
-        """Whether the motion is looked at for collisions."""
+        """The motion is checked for collisions."""
         return not self.unchecked_reason
 
     @property
     def unchecked_reason(self) -> str:
-        """Why nothing is looked at for collisions; empty where it is."""
+        """Reason why collisions are not checked; empty where they are."""
         if self.options.no_check:
             return "--no-check"
         if self.robot.model.shapes_assumed and self.robot.cell is None:
@@ -206,7 +206,7 @@ class TrajectoryResult(Result):
 
     @cached_property
     def motion(self) -> Motion:
-        """All legs, one after the other."""
+        """The whole motion: its legs in sequence."""
         return Motion([leg.move for leg in self.legs])
 
     @cached_property
@@ -221,14 +221,14 @@ class TrajectoryResult(Result):
 
     @cached_property
     def tracking(self) -> Tracking | None:
-        """What the tracked arm misses at these times, and the joint positions that make up for it."""
+        """Errors of the tracked arm at these times, and the joint positions that correct them."""
         if self.tracked is None:
             return None
         at = self.sampled
         return tracking_along(self.tracked, at.joints, at.speeds, at.accelerations, at.times)
 
     def to_dict(self) -> dict[str, Any]:
-        """What ``--json`` prints: seconds, mm and degrees."""
+        """Return the output of ``--json``: seconds, mm and degrees."""
         chain = self.robot.chain
         peaks = self.motion.peaks
         return {
@@ -261,7 +261,7 @@ class TrajectoryResult(Result):
         }
 
     def _tracking_values(self) -> dict[str, Any] | None:
-        """What is missed and corrected, in mm and degrees."""
+        """Return the errors and corrections, in mm and degrees."""
         if self.tracked is None or self.tracking is None:
             return None
         corrected, joints = self.tracking.corrected, self.sampled.joints
@@ -275,7 +275,7 @@ class TrajectoryResult(Result):
         }
 
     def document(self) -> "Document":
-        """What a person reads: how long each move takes, how near the joints come to their limits, and the curves."""
+        """Return the report: durations of the moves, margins of the joints to their limits, and the curves."""
         return _trajectory_document(self)
 
     def columns(self) -> Mapping[str, Sequence[Any]]:
@@ -352,7 +352,7 @@ def _steady(quaternions: Array) -> Array:
 
 
 def _mean_and_max(error: Array) -> dict[str, float | None]:
-    """Of the lengths of places missed ``(k, 6)``, mm."""
+    """Return mean and maximum lengths of position errors ``(k, 6)``, mm."""
     lengths = 1e3 * np.linalg.norm(error[:, :3], axis=1)
     return {"mean": number(float(lengths.mean())), "max": number(float(lengths.max()))}
 
@@ -391,13 +391,13 @@ _LAWS = {
 
 
 def _laws(result: TrajectoryResult) -> str:
-    """How the joints move together, and whether their jerk is limited."""
+    """Describe the joints' synchronisation, and whether their jerk is limited."""
     smooth = "Jerk is limited" if result.chain.jerk is not None else "Jerk is not limited (--jerks)"
     return f"{_LAWS[result.options.law]} {smooth}."
 
 
 def _files(result: TrajectoryResult) -> Paragraph:
-    """What was checked, the program, and what it leaves to the controller."""
+    """Report the checks, the program, and the decisions it leaves to the controller."""
     chain, controller = result.robot.chain, result.options.controller
     checked = (
         "The whole motion was checked for collisions, with the arm itself and with the surroundings that are known."
@@ -413,13 +413,13 @@ def _files(result: TrajectoryResult) -> Paragraph:
 
 
 def _passed(result: TrajectoryResult) -> Sequence[bool]:
-    """Whether the joints move at the end of each leg but the last."""
+    """Decide whether the joints move at the end of each leg but the last."""
     ends = [leg.move.at(np.array([leg.move.seconds]))[1] for leg in result.legs[:-1] if leg.kind == "joint"]
     return [bool(np.abs(speeds).max() > _STILL) for speeds in ends]
 
 
 def _errors(result: TrajectoryResult) -> tuple[Section, ...]:
-    """What the arm misses along the way, by part, and what is done about it."""
+    """Report the arm's path errors by part, and their correction."""
     if result.tracked is None or result.tracking is None:
         return ()
     found, values = result.tracking, result.to_dict()["tracking"]
@@ -503,7 +503,7 @@ def _legs(result: TrajectoryResult) -> Table:
 
 
 def _joints(result: TrajectoryResult) -> Table:
-    """Each joint's range, and its peaks beside its limits."""
+    """List each joint's range, and its peaks beside its limits."""
     chain, sampled = result.chain, result.sampled
     low, high = (joint_values(chain.prismatic, each(sampled.joints, axis=0)) for each in (np.min, np.max))
     speeds, accelerations = result.motion.peaks

@@ -1,1 +1,1 @@
-"""Where a robot brings its tool: reach, volume, boundary, voids, and in how many orientations."""
+"""Compute a robot's workspace: reach, volume, boundary, voids, and share of orientations."""

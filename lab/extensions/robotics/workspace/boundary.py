@@ -157,7 +157,7 @@ def solid_volume(reached: Reached, levels_m: tuple[float, float], radius_m: floa
 
 @dataclass(frozen=True)
 class _Solid:
-    """What is reached of a half plane through z."""
+    """The reached part of a half plane through z."""
 
     reached: Reached
     radius_m: float
@@ -185,7 +185,7 @@ class _Solid:
         return np.asarray(self.inside(levels).any(axis=1))
 
     def areas(self, levels: Array) -> Array:
-        """Of the rings ``(n,)`` m² at levels."""
+        """Compute the areas of the rings ``(n,)`` m² at levels."""
         radii, inside = self.radii, self.inside(levels)
         rows, columns = np.nonzero(inside[:, :-1] != inside[:, 1:])
         low, high, first = radii[columns], radii[columns + 1], inside[rows, columns]

@@ -1,6 +1,6 @@
-"""How much a robot reaches, by Monte Carlo: a volume or an area with its standard error, and the voids in it.
+"""Estimate workspace size by Monte Carlo: a volume or an area with its standard error, and its voids.
 
-The box is cut into equal cells, and two random places are looked at in each: the mean of what they say, summed over
+The box is cut into equal cells, and two random places are tested in each: the mean of the two results, summed over
 the cells, estimates the size without bias, and half their difference in each cell estimates the error (stratified
 sampling, Cochran 1977, section 5A.11). Cells that are reached all over add none, so that the error falls faster than
 with places all over the box.
@@ -24,10 +24,10 @@ _BLOCK = 20_000  # places that are looked at together, so that memory does not g
 
 @dataclass(frozen=True)
 class Measured:
-    """What was found of a workspace.
+    """Monte Carlo estimate of a workspace.
 
     Attributes:
-        coordinates: ``(n, d)`` m, where it was looked at.
+        coordinates: ``(n, d)`` m, of the sample points.
         reached: ``(n,)``.
         weights: ``(n,)`` of each, m³ or m².
         size, standard_error: m³, of a plane m².
@@ -86,7 +86,7 @@ def measured(
 def _reached(
     domain: Domain, membership: Membership, coordinates: Array, progress: Progress, keep: Keep
 ) -> NDArray[np.bool_]:
-    """Which coordinates ``(n, d)`` are reached, looked at in blocks."""
+    """Test whether coordinates ``(n, d)`` are reached, in blocks."""
     reached = np.empty(len(coordinates), dtype=np.bool_)
     for first in range(0, len(coordinates), _BLOCK):
         progress(first, len(coordinates))

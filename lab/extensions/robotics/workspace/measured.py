@@ -1,4 +1,4 @@
-"""One robot's workspace: its size, its sections, its orientations, and what is reached without a collision."""
+"""Measure one robot's workspace: size, sections, orientations, and the part reached without collision."""
 
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -28,12 +28,12 @@ _IN_CELL = 400  # places at which is looked for a way without a collision
 
 @dataclass(frozen=True)
 class RobotWorkspace:
-    """What one robot reaches.
+    """The workspace of one robot.
 
     Attributes:
         reach_m: least and largest distance from axis 1 (frame 0 where joint 1 slides); None of mechanisms with loops.
         shared: ``(k, 3)`` m places at which orientations were tried, and ``shares`` ``(k,)`` of them.
-        asked: ``(c, 3)`` m places at which was looked for a way without a collision, and ``free`` ``(c,)`` whether
+        asked: ``(c, 3)`` m places checked for an IK solution without a collision, and ``free`` ``(c,)`` whether
             there is one; none without a cell.
     """
 
@@ -48,7 +48,7 @@ class RobotWorkspace:
 
     @property
     def plane(self) -> bool:
-        """Whether it is an area."""
+        """The workspace is an area."""
         return self.space.domain.kind == "plane"
 
     @property
@@ -155,7 +155,7 @@ def robot_workspace(robot: Robot, options: WorkspaceOptions, stage: Stage = no_s
 
 
 def _free(robot: Robot, ways: Array) -> NDArray[np.bool_]:
-    """Of ways ``(n, k, joints)`` to n places, NaN where there are fewer: whether one of them touches nothing."""
+    """Decide whether a place has a collision-free IK solution among ``(n, k, joints)``, NaN where there are fewer."""
     there = np.isfinite(ways[:, :, 0])
     free = np.zeros(there.shape, dtype=np.bool_)
     free[there] = ~collides(robot.model, ways[there])

@@ -1,4 +1,4 @@
-"""Whether a robot brings its tool to places and poses within its joints' limits: by a closed form, else by a search."""
+"""Decide whether a robot reaches positions and poses within joint limits: by a closed form, else by a search."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -87,7 +87,7 @@ class ByRods:
         return cls(mechanism, ends[rows, held], corners, np.array(dimensions.lengths), order, T, tool)
 
     def reached(self, wanted: PoseTarget) -> tuple[NDArray[np.bool_], Array]:
-        """Which poses ``(n,)`` are reached, and joint positions ``(n, joints)`` that do, NaN where there are none."""
+        """Decide whether poses ``(n,)`` are reached; joint positions ``(n, joints)`` of those that are, else NaN."""
         Ts = se3.pose(wanted.rotations, wanted.positions - wanted.rotations @ self.tool)
         lengths, sides = self._seen(Ts)
         joints = np.empty((len(wanted), FREEDOMS))
@@ -126,17 +126,17 @@ class Membership(Protocol):
 
     @property
     def exact(self) -> bool:
-        """Whether a closed form says so, which misses nothing."""
+        """Membership is exact, by a closed form that misses no solution."""
 
     def reached(self, wanted: PoseTarget) -> tuple[NDArray[np.bool_], Array]:
-        """Which targets ``(n,)`` are reached, and joint positions ``(n, joints)`` that do, NaN where there are none."""
+        """Decide whether targets ``(n,)`` are reached; joint positions ``(n, joints)`` of those that are, else NaN."""
 
     def ways(self, wanted: PoseTarget) -> Array:
-        """Some or all joint positions ``(n, k, joints)`` that reach targets, NaN where there are fewer."""
+        """Return some or all joint positions ``(n, k, joints)`` that reach targets, NaN where there are fewer."""
 
 
 def memberships(arm: RigidArm, values: Array) -> tuple[Membership, Membership]:
-    """What says which places a robot's tool reaches, and what says which poses.
+    """Return the membership tests of a robot's workspace: for positions, and for poses.
 
     Args:
         values: parameters ``(p,)`` with one target.
@@ -162,9 +162,9 @@ def memberships(arm: RigidArm, values: Array) -> tuple[Membership, Membership]:
 
 
 def turns_about_z(chain: Chain) -> bool:
-    """Whether joint 1, or after a slide along z joint 2, makes a whole turn about z of frame 0.
+    """Decide whether joint 1, or after a slide along z joint 2, makes a whole turn about z of frame 0.
 
-    Then what the arm reaches is a solid of revolution.
+    Then the arm's workspace is a solid of revolution.
     """
     axes, hinges = Axes.of(chain), [i for i, slides in enumerate(chain.prismatic) if not slides]
     if not hinges or hinges[0] > 1:
@@ -184,13 +184,13 @@ def within_turns(joints: JointSpec, found: Array) -> NDArray[np.bool_]:
 
 
 def by_closed_form(form: ClosedForm, chain: Chain, Ts_frame0_last: Array) -> tuple[NDArray[np.bool_], Array]:
-    """Which poses ``(n, 4, 4)`` of the last frame a serial arm reaches within its limits, and joint positions."""
+    """Decide whether a serial arm reaches poses ``(n, 4, 4)`` of its last frame within limits; joint positions too."""
     found, fits = _solved(form, chain, Ts_frame0_last)
     return np.asarray(fits.any(axis=1)), np.take_along_axis(found.joints, fits.argmax(axis=1)[:, None, None], 1)[:, 0]
 
 
 def _solved(form: ClosedForm, chain: Chain, Ts: Array) -> tuple[Solutions, NDArray[np.bool_]]:
-    """All solutions of poses ``(n, 4, 4)``, and which of them ``(n, k)`` are within the limits."""
+    """Return all solutions of poses ``(n, 4, 4)``, and whether each ``(n, k)`` is within the limits."""
     found = form.solve(Ts, nearest=False) if isinstance(form, ThreeJoints) else form.solve(Ts)
     fits = (found.gap_m == 0) & within_turns(chain, found.joints).all(axis=2)
     if not form.by_point:
@@ -208,12 +208,12 @@ class _BySolutions:
     exact: bool = True
 
     def reached(self, wanted: PoseTarget) -> tuple[NDArray[np.bool_], Array]:
-        """By all solutions; of an arm that brings a point alone to its place, whatever the rotation."""
+        """Test all solutions; for an arm that positions a point only, whatever the rotation."""
         reached, joints = by_closed_form(self.form, self.chain, self._last_frames(wanted))
         return reached, np.where(reached[:, None], _turned_within(self.chain, joints), np.nan)
 
     def ways(self, wanted: PoseTarget) -> Array:
-        """All solutions within the limits."""
+        """Return all solutions within the limits."""
         found, fits = _solved(self.form, self.chain, self._last_frames(wanted))
         return np.where(fits[:, :, None], _turned_within(self.chain, found.joints), np.nan)
 
@@ -276,12 +276,12 @@ class _ByPlatform:
         return reached, np.where(reached[:, None], joints, np.nan)
 
     def ways(self, wanted: PoseTarget) -> Array:
-        """One: each leg takes the way nearest to its limits' middle."""
+        """Return one solution: each leg takes its branch nearest to the middle of its limits."""
         return self.reached(wanted)[1][:, None]
 
     @cached_property
     def _places(self) -> tuple[Array, Array]:
-        """Of the point at passive values zero ``(3,)``, and what each of them moves it by ``(3, z)``."""
+        """Return the point at passive values zero ``(3,)``, and its displacement by each of them ``(3, z)``."""
         count = len(self.mechanism.tree.passive)
         rows = np.concatenate([np.zeros((1, count)), np.eye(count)])
         Ts = platform_poses(self.mechanism, np.tile(self.mechanism.home, (count + 1, 1)), rows)
@@ -340,7 +340,7 @@ class Domain:
         return places[:, self.axes]
 
     def weights(self, coordinates: Array) -> Array:
-        """How much volume (m³; of a plane area, m²) there is at coordinates ``(n, d)`` for a unit of theirs."""
+        """Return the volume element (m³; of a plane area, m²) at coordinates ``(n, d)``."""
         return 2 * np.pi * np.abs(coordinates[:, 0]) if self.kind == "revolution" else np.ones(len(coordinates))
 
     def spread(self, coordinates: Array, rng: np.random.Generator) -> Array:
@@ -352,7 +352,7 @@ class Domain:
         return places
 
     def reached(self, membership: Membership, coordinates: Array) -> NDArray[np.bool_]:
-        """Which coordinates ``(n, d)`` are of places that are reached, in some orientation."""
+        """Decide whether the places at coordinates ``(n, d)`` are reached, in some orientation."""
         return membership.reached(anyhow(self.places(coordinates)))[0]
 
 

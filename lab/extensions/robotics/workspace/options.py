@@ -1,4 +1,4 @@
-"""What can be asked of ``lab workspace``."""
+"""Options of ``lab workspace``."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""In which orientations a robot brings its tool to a place: any, turns about one axis, or none that can be chosen."""
+"""Sample the orientations of a robot's tool at a place: any, turns about one axis, or none that can be chosen."""
 
 from dataclasses import dataclass
 
@@ -41,7 +41,7 @@ class Orientations:
 
 
 def orientations_of(arm: RigidArm, values: Array) -> Orientations | None:
-    """What a robot can choose; None where the orientation follows from the place, or in part.
+    """Return the orientations a robot can choose; None where orientation follows from the place, or in part.
 
     Args:
         values: parameters ``(p,)`` with one target.
@@ -67,6 +67,6 @@ def _rank(jacobians: Array) -> int:
 
 
 def orientation_shares(membership: Membership, places: Array, rotations: Array) -> Array:
-    """Which share ``(n,)`` of rotations ``(k, 3, 3)`` is reached at each of the places ``(n, 3)`` m."""
+    """Compute the share ``(n,)`` of rotations ``(k, 3, 3)`` reached at each of the places ``(n, 3)`` m."""
     wanted = PoseTarget(np.repeat(places, len(rotations), axis=0), np.tile(rotations, (len(places), 1, 1)))
     return np.asarray(membership.reached(wanted)[0].reshape(len(places), -1).mean(axis=1))

@@ -54,7 +54,7 @@ def record_workspaces(path: Path, result: WorkspaceResult, meshes: Sequence["tri
 def _draw(
     recording: rr.RecordingStream, under: str, each: RobotWorkspace, mesh: "trimesh.Trimesh", shift: Array, size: float
 ) -> None:
-    """One robot at its nominal position, its boundary, its sections' edges and its name."""
+    """Draw one robot at its nominal position, its boundary, its sections' edges and its name."""
     robot, arm = each.robot, each.space.arm
     model, joints = robot.model, arm.chain.home[None]
     T = model.T_world_frame0

@@ -30,10 +30,10 @@ __all__ = ["WorkspaceResult"]
 
 @dataclass(frozen=True, repr=False, eq=False)
 class WorkspaceResult(Result):
-    """What robots reach.
+    """The workspaces of some robots.
 
     Attributes:
-        options: what was asked.
+        options: of the command.
         robots: one after the other as they were named.
     """
 
@@ -42,7 +42,7 @@ class WorkspaceResult(Result):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What a reader should be told of the robots."""
+        """Warnings about the robots."""
         return tuple(dict.fromkeys(text for each in self.robots for text in each.robot.warnings))
 
     @property
@@ -52,15 +52,15 @@ class WorkspaceResult(Result):
 
     @property
     def sha256(self) -> str:
-        """Of the robots' files, one after the other."""
+        """Checksums of the robots' files, in order."""
         return ", ".join(each.robot.sha256 for each in self.robots)
 
     def to_dict(self) -> dict[str, Any]:
-        """What ``--json`` prints: m³ or m², and mm."""
+        """Return the output of ``--json``: m³ or m², and mm."""
         return {"workspaces": [each.to_dict() for each in self.robots], "warnings": list(self.warnings)}
 
     def document(self) -> "Document":
-        """What a person reads: sizes, reach, voids and orientations, with the sections."""
+        """Return the report: sizes, reach, voids and orientations, with the sections."""
         return _workspace_document(self)
 
     def columns(self) -> Mapping[str, Sequence[Any]]:
@@ -101,7 +101,7 @@ class WorkspaceResult(Result):
 
 
 def _workspace_document(result: WorkspaceResult) -> Document:
-    """Each robot's workspace in a few lines with its sections; several ones compared first."""
+    """Summarize each robot's workspace with its sections; several robots are compared first."""
     several = len(result.robots) > 1
     return Document(
         f"Workspaces of {len(result.robots)} robots" if several else _title(result.robots[0]),

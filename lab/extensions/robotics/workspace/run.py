@@ -1,4 +1,4 @@
-"""What robots reach within their limits, measured and compared."""
+"""Measure and compare the workspaces of robots within their limits."""
 
 from dataclasses import replace
 

@@ -1,8 +1,8 @@
-"""Whether a robot of any kind brings its tool to a place or a pose within its joints' limits: by a bounded search.
+"""Decide by a bounded search whether a robot of any kind reaches a position or pose within its joint limits.
 
 Of many random joint positions those that bring the tool nearest are taken as starts. From each a projected Newton's
-method goes on: joints that stand at a limit and would have to pass it are held there, the others take a damped
-step (Levenberg 1944; Bertsekas 1982 for the held ones), and every step ends within the limits. A place counts as
+method goes on: joints at a limit that would have to pass it are fixed there, the others take a damped
+step (Levenberg 1944; Bertsekas 1982 for the fixed ones), and every step ends within the limits. A place counts as
 reached where one of the starts arrives; one that no start comes to may be missed, never the other way round.
 """
 
@@ -33,7 +33,7 @@ _STUCK = 0.15  # of the error: who makes it smaller by less in a step is at its 
 
 @dataclass(frozen=True)
 class Search:
-    """Of a nominal robot and the point of its tool.
+    """A bounded search for a nominal robot and the point of its tool.
 
     Attributes:
         values: parameters ``(p,)`` with one target.
@@ -56,7 +56,7 @@ class Search:
         return joints[stands], Ts[stands]
 
     def reached(self, wanted: PoseTarget) -> tuple[NDArray[np.bool_], Array]:
-        """Which targets ``(n,)`` are reached, and joint positions ``(n, joints)`` that do, NaN where there are none."""
+        """Decide whether targets ``(n,)`` are reached; joint positions ``(n, joints)`` of those that are, else NaN."""
         found = np.full((len(wanted), self.arm.chain.size), np.nan)
         if not len(wanted):
             return np.zeros(0, dtype=np.bool_), found
@@ -72,7 +72,7 @@ class Search:
         return found
 
     def _from(self, wanted: PoseTarget, starts: Array) -> Array:
-        """Where the starts ``(n, k, joints)`` arrive, NaN where they do not."""
+        """Search from starts ``(n, k, joints)``; return the solutions, NaN where a start does not converge."""
         count, each = starts.shape[:2]
         rows = np.repeat(np.arange(count), each)
         joints, arrived = self._bounded(wanted.take(rows), starts.reshape(len(rows), starts.shape[2]))
@@ -99,7 +99,7 @@ class Search:
         return np.asarray(joints[tree.query(pose_landmarks(wanted.positions, wanted.rotations, turned), k=count)[1]])
 
     def _bounded(self, wanted: PoseTarget, start: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Where the projected Newton's method ends, from joint positions ``(n, joints)``, and whether it arrives."""
+        """Run the projected Newton's method from joint positions ``(n, joints)``; return its end and convergence."""
         chain, joints = self.arm.chain, start.copy()
         damping = np.full(len(wanted), _LEAST_DAMPING)
         error, jacobian = self._at(wanted, joints)
@@ -130,13 +130,13 @@ class Search:
         return joints, size <= _ARRIVED
 
     def _at(self, wanted: PoseTarget, joints: Array) -> tuple[Array, Array]:
-        """What is missing ``(n, 6)`` and the Jacobian ``(n, 6, joints)``, in metres; rotations where asked."""
+        """Return the residual ``(n, 6)`` and the Jacobian ``(n, 6, joints)``, in metres; rotations where requested."""
         Ts, jacobian = tool_at(self.arm, joints, self.values)
         weight = WEIGHTS * np.where(wanted.turned[:, None], 1.0, np.arange(6) < 3)
         return weight * wanted.errors(Ts), weight[:, :, None] * jacobian
 
 
 def _first(ways: Array) -> Array:
-    """Of ways ``(n, k, joints)`` the first that is one, NaN where there is none."""
+    """Return the first valid IK solution of ``(n, k, joints)``, NaN where there is none."""
     there = np.isfinite(ways[:, :, 0])
     return np.asarray(np.take_along_axis(ways, there.argmax(axis=1)[:, None, None], axis=1)[:, 0])

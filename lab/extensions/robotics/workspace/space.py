@@ -1,4 +1,4 @@
-"""What a robot's tool reaches within its limits: its size, its sections and its boundary."""
+"""Compute a robot's workspace within its limits: its size, its sections and its boundary."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -23,14 +23,14 @@ _AROUND = 72  # segments of a solid of revolution
 
 @dataclass(frozen=True)
 class Section:
-    """What is reached of a plane.
+    """A plane section of a workspace.
 
     Attributes:
         axes: which of x, y and z are drawn to the right and upward.
         level_m: the third coordinate.
         right, up: ``(n,)`` and ``(m,)`` m, coordinates of a grid.
         reached: ``(n, m)`` there.
-        shares: ``(n, m)`` of the orientations, NaN where it is not reached; None where none were looked at.
+        shares: ``(n, m)`` of the orientations, NaN where it is not reached; None where none were tested.
         vertices, segments: ``(k, 2)`` m and ``(f, 2)``, the boundary.
     """
 
@@ -46,12 +46,12 @@ class Section:
 
 @dataclass(frozen=True)
 class Workspace:
-    """Of a nominal robot and the point of its tool.
+    """The workspace of a nominal robot and the point of its tool.
 
     Attributes:
         values: parameters ``(p,)`` with one target.
-        domain: where it was looked at.
-        by_place, by_pose: what says which places and poses are reached.
+        domain: of the sample points.
+        by_place, by_pose: membership tests for places and poses.
         measured: by Monte Carlo.
         orientations: among which it can choose; None where it cannot.
     """
@@ -86,7 +86,7 @@ class Workspace:
         return solid_volume(reached, (domain.low[1], domain.high[1]), domain.high[0])
 
     def shares(self, places: Array, count: int) -> Array:
-        """Which share ``(n,)`` of its orientations the robot has at places ``(n, 3)`` m.
+        """Compute the share ``(n,)`` of its orientations that the robot reaches at places ``(n, 3)`` m.
 
         Args:
             count: of orientations, the same at all places.
@@ -187,7 +187,7 @@ def workspace_of(
 
 
 def _places_in_seconds(arm: RigidArm, by_place: Membership) -> int:
-    """How many places a robot is asked for by default: loops take longer to close."""
+    """Return the default number of sampled places: mechanisms with loops take longer to solve."""
     if not arm.chain.has_loops or by_place.exact:
         return 8192
     return 2048 if arm.chain.size <= 3 else 1024
