@@ -8,7 +8,8 @@ an equality each; the file rests in the nominal position, with its loops closed.
 
 from pathlib import Path
 
-from lab.campaign.robot import load_robot, models_folder
+from lab.campaign.model_files import models_folder
+from lab.campaign.robot import load_robot
 from lab.simulation.build_closed import closed_mjcf
 
 

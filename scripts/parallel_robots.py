@@ -27,9 +27,10 @@ from lab.calibration.observation import observation_of
 from lab.calibration.prior import Tolerance
 from lab.calibration.statistics.goodness_of_fit import goodness_of_fit
 from lab.calibration.weights import Noise, weighed
+from lab.campaign.model_files import models_folder
 from lab.campaign.option_groups import ArmEffects
 from lab.campaign.options import VirtualCampaign
-from lab.campaign.robot import load_robot, models_folder
+from lab.campaign.robot import load_robot
 from lab.campaign.virtual_robot import perturbed_arm
 from lab.core import se3
 from lab.core.errors import LabError

@@ -20,7 +20,7 @@ import tyro
 from numpy.typing import NDArray
 
 from lab.campaign.config_file import CONFIG_FILE, INPUTS, input_names, read_config
-from lab.campaign.robot import is_own
+from lab.campaign.model_files import is_own
 from lab.commands.program import was_interrupted
 from lab.commands.registry import command_named
 from lab.core.errors import LabError

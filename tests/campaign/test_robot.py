@@ -3,15 +3,8 @@
 import numpy as np
 import pytest
 
-from lab.campaign.robot import (
-    CLOSED_FORMATS,
-    SERIAL_FORMATS,
-    ClosedRobot,
-    SerialRobot,
-    load_robot,
-    load_virtual,
-    models_folder,
-)
+from lab.campaign.model_files import models_folder
+from lab.campaign.robot import CLOSED_FORMATS, SERIAL_FORMATS, ClosedRobot, SerialRobot, load_robot, load_virtual
 from lab.core.errors import LabError
 
 

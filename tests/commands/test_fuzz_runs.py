@@ -167,7 +167,7 @@ def quick(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Few draws of a budget, robots that are built once, studies in this process, and pages that are not laid out."""
     monkeypatch.chdir(place)
     monkeypatch.setattr("lab.certification.budget._DRAWS", 10)
-    monkeypatch.setattr("lab.campaign.robot.is_own", lambda _: True)
+    monkeypatch.setattr("lab.campaign.model_files.is_own", lambda _: True)
     monkeypatch.setattr("lab.render.page.to_html", lambda _: "")
     monkeypatch.setattr("lab.commands.study.run.local_executor", lambda _: ThreadPoolExecutor(1))
 

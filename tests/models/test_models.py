@@ -12,7 +12,8 @@ import pytest
 import trimesh
 from helpers.robots import IRB120, ROOT
 
-from lab.campaign.robot import load_robot, own_models
+from lab.campaign.model_files import own_models
+from lab.campaign.robot import load_robot
 from lab.cli import main
 from lab.formats.measurement_csv import read_measurements
 from lab.sensors.registry import sensor_named

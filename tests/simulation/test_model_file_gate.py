@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from helpers.bad_input import ARM_URDF, ARM_XML, swapped
 
-from lab.campaign.robot import models_folder
+from lab.campaign.model_files import models_folder
 from lab.core.errors import LabError
 from lab.simulation.model_files import load_model, refuse_unbounded_model
 

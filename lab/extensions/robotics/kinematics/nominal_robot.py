@@ -5,7 +5,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lab.campaign.robot import description_of, sha256_of
+from lab.campaign.model_files import description_of, sha256_of
 from lab.formats.robot_toml import described_links, is_mechanism, read_table
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
