@@ -21,7 +21,7 @@ def test_the_wheel_inspects_a_robot_from_an_empty_folder(tmp_path) -> None:
     zipfile.ZipFile(wheel).extractall(site)
     assert [each.name for each in site.iterdir() if each.suffix != ".dist-info"] == ["lab"]  # no scripts, no tests
     environment = {**os.environ, "PYTHONPATH": str(site), "COLUMNS": "100"}
-    where = "import lab, lab.campaign.robot as r; print(lab.__file__, r.models_folder(), sep='\\n')"
+    where = "import lab, lab.campaign.model_files as r; print(lab.__file__, r.models_folder(), sep='\\n')"
     inspect = "from lab.cli import main; main(['inspect', 'irb120'])"
     command = [sys.executable, "-c", f"{where}; {inspect}"]
     done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=empty, env=environment)
