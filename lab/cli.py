@@ -41,7 +41,7 @@ def main(arguments: "Sequence[str] | None" = None) -> int:
 
 
 def _only_our_warnings() -> None:
-    """What libraries warn programmers of is not for who runs a program, unless asked for (python -W)."""
+    """Hide warnings of libraries for programmers, unless python -W asks for them."""
     import warnings
 
     if not sys.warnoptions:
@@ -72,7 +72,7 @@ def _ended(arguments: list[str]) -> int:
 
 
 def _told(arguments: list[str], error: Exception) -> tuple[str, int]:
-    """What is said of an error, and the exit code."""
+    """Print an error, and return the exit code."""
     from lab.commands.program import DEFECT, drop_output, write_log
     from lab.core.errors import LabError
 
@@ -107,7 +107,7 @@ def _run(arguments: list[str]) -> int:
 
 
 def _help() -> str:
-    """What there is; written here, so that no parser has to be loaded for it."""
+    """Print the list of commands; written here, so that no parser has to be loaded for it."""
     import shutil
     import textwrap
 
@@ -175,7 +175,7 @@ def _checksums(place: "Path") -> bytes:
 
 
 def _done(command: "Command", asked: "Arguments", before: "list[tuple[Path, bytes]]") -> int:
-    """What was asked: the exit code.
+    """Run the command, and return the exit code.
 
     Args:
         before: filled with the run's folder, and the checksums of what stood there.

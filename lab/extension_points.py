@@ -8,7 +8,7 @@ A package adds an object by a line of its ``pyproject.toml``, e.g. ``[project.en
 - ``lab.languages``: the class of a ``Language`` of ``lab.formats.programs.protocol``, which is made without arguments;
   the name is its ``name`` in small letters, and the value of ``--controller``.
 - ``lab.inverses``: a function from a ``Chain`` and the tool ``(3,)`` m in its last frame to a ``ClosedForm`` of
-  ``lab.kinematics.inverse.protocol``, or to None where it has none for such an arm.
+  ``lab.kinematics.inverse.closed_form``, or to None where it has none for such an arm.
 - ``lab.shapes``: a function from a ``Mechanism`` to what ``lab inspect`` reports of its closed form, or None.
 - ``lab.sources``: a ``Source`` of ``lab.extensions.reproduction.item``; the name is what ``lab reproduce`` takes.
 

@@ -8,9 +8,17 @@ measured. Their variance in excess of the noise (Paule & Mandel 1982) is that of
 edges, unless a joint's own two say more. Farther out than that tenth is wide a slope changes itself: its integral grows
 as d^1.5, as a random walk's does; and what joints do is bounded, so that no more than one radian of it counts.
 
-Cross-validation by region shows what is missing within the range (``left_out_regions``). Where the model fails there,
+Cross-validation by region shows what is missing within the range. Where the model fails there,
 its effects are trusted only where they were measured: elsewhere the model discrepancy is that of geometry without them,
 and what they explain counts as unknown, beyond an end as much of it as an outer tenth's width.
+
+What a model lacks where nothing near was measured: what it lacks of regions that it is fitted without.
+
+The poses are parted into regions of joint space. Each is left out in turn, the linear model is solved by the others,
+and the errors e of the poses that the others do not cover are compared with their covariance V by noise and parameters.
+Where they are larger (at 1 %), every joint is taken to be off by s d, with d how far a pose is beyond what is covered,
+in units of how far that reaches: s is where the sum of e' (V + s^2 d^2 S S')^-1 e is as expected (Paule & Mandel 1982),
+with S the derivatives by the joints.
 """
 
 from collections.abc import Sequence
@@ -54,7 +62,7 @@ __all__ = [
 MOST_UNCOVERED = 0.5  # of a workspace, targets or poses: where more is extrapolated, nothing is good without a word
 _NEAREST = 3  # measured poses that are near a covered one
 _COVERED = 0.95  # of the measured poses are as near to others
-_MOST = 4_000  # measured poses among which the near ones are sought
+_MAX_COVER_POSES = 4_000  # measured poses among which the near ones are sought
 
 
 @dataclass(frozen=True)
@@ -76,7 +84,7 @@ class PoseCover:
     def of(cls, joints: Array, turning: NDArray[np.bool_]) -> "PoseCover":
         """Build the cover of measured positions ``(n, joints)``: distinct ones, of many a subset, evenly spaced."""
         distinct = joints[distinct_poses(joints, turning)[0]]
-        some = evenly(len(distinct), _MOST)
+        some = evenly(len(distinct), _MAX_COVER_POSES)
         return cls(distinct if some is None else distinct[some], turning)
 
     def beyond(self, joints: Array) -> Array:
@@ -160,7 +168,7 @@ def joint_regions(joints: Array, turning: NDArray[np.bool_], count: int, seed: i
 
 
 _REGIONS = 8
-_LEAST_POSES = 5 * _REGIONS
+_MIN_REGION_POSES = 5 * _REGIONS
 _LEAST_FAR = 3  # regions with poses that the others do not cover: of fewer no variance is told
 _RIDGE = 1e-9  # of unit columns: what a region alone tells has a large covariance, not none
 
@@ -231,7 +239,7 @@ def _growth_beyond_cover(rows: LinearRows, joints: Array, turning: NDArray[np.bo
         joints: ``(n, joints)`` the positions of the poses.
         turning: ``(joints,)`` which joints turn.
     """
-    if len(PoseCover.of(joints, turning).poses) < _LEAST_POSES:
+    if len(PoseCover.of(joints, turning).poses) < _MIN_REGION_POSES:
         return 0.0
     columns, scale = unit_columns(rows.columns.reshape(-1, rows.columns.shape[2]))
     scaled = replace(rows, columns=columns.reshape(rows.columns.shape), known=rows.known / scale)
@@ -312,9 +320,9 @@ def _excess(parts: list[_LeftOut]) -> float:
 
 
 _EDGE = 0.1  # of the measured positions of a joint, at either end of its range
-_MOST_extrapolation = 1.0  # rad or m beyond, that a slope is good for
+_MAX_BEYOND = 1.0  # rad or m beyond, that a slope is good for
 _LEAST_EDGE = 1e-3  # rad or m
-_LEAST_POSES_extrapolation = 4  # at an edge: fewer say nothing of a slope
+_MIN_EDGE_POSES = 4  # at an edge: fewer say nothing of a slope
 _FEW_POSES = 2_000  # of an edge, in which so many configurations are looked for
 _SLOPE_POSES = 20_000  # from which slopes are told, where there are more
 _REGION_POSES = 2_000  # from which regions are left out, where there are more
@@ -385,9 +393,9 @@ class MeasuredRange:
     def _off(self, joints: Array) -> Array:
         """Return standard deviations ``(n, joints)`` of joint errors (rad, m of a slide) at some positions."""
         beyond, away = self.beyond(joints), self._away(joints)[:, None]
-        sloped = self.slope * np.minimum(beyond * np.sqrt(1 + beyond / self.edge), _MOST_extrapolation)
+        sloped = self.slope * np.minimum(beyond * np.sqrt(1 + beyond / self.edge), _MAX_BEYOND)
         share = np.maximum(np.clip(beyond / self.edge, 0.0, 1.0).max(axis=1, keepdims=True), away > 0)
-        every = (np.minimum(self.growth * away, _MOST_extrapolation)) ** 2 + share * self.unsure**2
+        every = (np.minimum(self.growth * away, _MAX_BEYOND)) ** 2 + share * self.unsure**2
         return np.asarray(np.sqrt(sloped**2 + every * np.where(self.turning, 1.0, LEVER_M) ** 2))
 
 
@@ -472,7 +480,7 @@ def _slopes(found: Identification, model: Model, observed: Observations, joints:
     estimates = (left.T @ residual)[told] / weights[told]
     variance = max(float(residual @ residual) / dof, 1.0 if found.sigma_known else 0.0)
     errors = variance / weights[told]
-    if not (shared := _excess_extrapolation(estimates, errors, dof)):
+    if not (shared := _shared_variance(estimates, errors, dof)):
         return nothing
     trust = shared**2 / (shared**2 + errors)  # an edge that says little says what all of them do (empirical Bayes)
     joint = np.array([joint for joint, _ in edges])[told]
@@ -497,13 +505,10 @@ def _is_enough(joints: Array) -> bool:
     """Check whether the poses, repeats aside, suffice to estimate a slope."""
     few = evenly(len(joints), _FEW_POSES)
     joints = joints if few is None else joints[few]
-    return (
-        len(joints) >= _LEAST_POSES_extrapolation
-        and len(np.unique(configurations(joints))) >= _LEAST_POSES_extrapolation
-    )
+    return len(joints) >= _MIN_EDGE_POSES and len(np.unique(configurations(joints))) >= _MIN_EDGE_POSES
 
 
-def _excess_extrapolation(estimates: Array, variances: Array, dof: int) -> float:
+def _shared_variance(estimates: Array, variances: Array, dof: int) -> float:
     """The standard deviation of numbers beyond that of their own errors: where the weighted squares are as expected.
 
     The slope of a new edge is another draw of a variance that so few estimates say: Student's t has this one.

@@ -1,6 +1,12 @@
 """The identifier: an arm's parameters from measured target positions.
 
 It sees an arm only through ``Model``: joints and parameters in, points and derivatives out.
+
+The most likely arm among all that predict the same: what is exported.
+
+The canonical gauge holds some parameters at nominal, and errors of these go into others. Among
+all arms with the same predictions tolerances of manufacture make one most likely: its errors are
+spread over each aliased group by their variances. It is the same whichever of a group was kept.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -154,7 +154,7 @@ def start(robot: NominalRobot, data: Measurements, options: PipelineOptions) -> 
     observed, other = fitter.observed(), options.judging.other
     judged_by: list[tuple[Measurements, tuple[str, ...]]] = [(data.only("test"), ())] if "test" in data.use else []
     judged_by += [] if other is None else [(other, CAMPAIGN_SPECIFIC)]
-    rows, test = _visible(observed.only("calibrate")), _visible(observed.only("test"))
+    rows, test = observed.only("calibrate").with_points(), observed.only("test").with_points()
     if not len(rows):
         raise LabError("no row with use = calibrate has a measured point; mark or measure some")
     if "test" in data.use and not len(test):
@@ -535,11 +535,6 @@ def _check_validation(state: Fitted) -> Fitted:
     if kind.in_instrument_frame and "sessions" not in state.groups:
         checks += check_sessions(state.rows)
     return state.with_checks(checks + check_improvement(validation))
-
-
-def _visible(data: Measurements) -> Measurements:
-    """Return the rows where a target was measured."""
-    return data.take(np.flatnonzero(data.seen.any(axis=1)))
 
 
 FITTING: Mapping[str, Step] = {

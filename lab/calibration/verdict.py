@@ -126,7 +126,7 @@ def judge(checks: Sequence[Check], gate_m: float | None = None) -> Verdict:
     """Decide the verdict by checks alone.
 
     Args:
-        checks: as ``checks_of`` makes them.
+        checks: of the fit, its validation and its predictions, with those of lack of fit and of the errors.
         gate_m: the largest mean error that was asked for; None where none was.
     """
     foreign = _failed(checks, "arm")

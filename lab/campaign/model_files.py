@@ -11,7 +11,7 @@ _DESCRIPTION = "mechanism.toml"
 
 
 def models_folder() -> Path:
-    """Where the robots live: in the installed package, or beside it in a checkout."""
+    """Return the folder of the robots: in the installed package, or beside it in a checkout."""
     installed = Path(__file__).resolve().parents[1] / "models"
     return installed if installed.is_dir() else installed.parent.parent / "models"
 
@@ -45,12 +45,12 @@ def description_of(robot: str) -> Path:
 
 
 def is_own(path: Path) -> bool:
-    """Whether a file is of one of the lab's own robots."""
+    """Decide whether a file belongs to one of the lab's own robots."""
     return path.parent.parent == models_folder()
 
 
 def sha256_of(path: Path) -> str:
-    """Of a model's folder of the lab without its README, else of the file alone."""
+    """Return the digest of a model's folder without its README, or of a single file."""
     digest = hashlib.sha256()
     own = is_own(path)
     files = sorted(p for p in path.parent.rglob("*") if p.suffix in (".xml", ".stl", ".toml")) if own else [path]

@@ -73,7 +73,7 @@ class Fitting:
 
     @property
     def residual(self) -> bool:
-        """Whether the model predicts the residual that no group explains, as offsets of the joints."""
+        """True where the residual that no group explains is predicted, as offsets of the joints."""
         return "residual" in self.model.split("+")
 
     @property

@@ -1,4 +1,10 @@
-"""A robot by name or path: a folder of ``models``, an MJCF, a URDF, or a table."""
+"""A robot by name or path: a folder of ``models``, an MJCF, a URDF, or a table.
+
+The file formats in which each kind of robot can be described: a line adds one.
+
+The first format of a kind is the one that a run keeps of a robot that was given as a model; the last one is exact to
+the bit, which a run keeps of a robot that was given as a table or as a mechanism.
+"""
 
 import hashlib
 from abc import ABC, abstractmethod

@@ -29,7 +29,7 @@ from lab.core.probability import Uncertain, normal_ppf
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.significance import VARIANCE_COMPONENTS
-from lab.noise.instruments import ErrorTerm, TrackerErrors
+from lab.noise.instruments import SystematicError, TrackerErrors
 
 __all__ = [
     "COVERAGE",
@@ -599,7 +599,7 @@ def temperature_of(propagation: Propagation, foot: Array, kelvin: Uncertain, exp
     return InputQuantity("temperature", "temperature of the robot", source, "K", 1.0, kelvin, columns)
 
 
-def _systematic(propagation: Propagation, errors: TrackerErrors, source: str, term: ErrorTerm) -> InputQuantity:
+def _systematic(propagation: Propagation, errors: TrackerErrors, source: str, term: SystematicError) -> InputQuantity:
     """A systematic error of the instrument, through the fit."""
     group = "temperature" if term.name in _OF_AIR else "reflector" if term.name == "centring_depth" else "misalignment"
     shifts = propagation.shifts_by(errors.displacements(term, _seen(propagation)))

@@ -1,4 +1,11 @@
-"""The command line of one command: its options, by tyro, and what every command takes beside them."""
+"""The command line of one command: its options, by tyro, and what every command takes beside them.
+
+What the parser of the command line rejects, in one line: what is wrong, where, and where to read on.
+
+tyro prints a box and exits. Its hook ``tyro._errors.on_parse_error`` hands over the same as an event with fields, so no
+text is taken out of the box; but the module is private, so it is used here alone, and without it (or for an event that
+is not known here) tyro's box is shown as it is.
+"""
 
 import re
 import shutil

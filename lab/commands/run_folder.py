@@ -462,7 +462,7 @@ def is_older(folder: Path) -> bool:
 
 _LABEL = "work.json"
 _PARTS = {"command": "command", "options": "option", "files": "content of", "versions": "version of"}
-_OF_RUN_unfinished, _MOST_FILES = {".json", ".csv", ".xml", ".toml"}, 100  # of a run that is built on
+_MAX_FILES = 100  # of a run that is built on
 _NO_PART = ("out", "overwrite")  # options that say where a run goes, and not what it is
 
 
@@ -524,7 +524,7 @@ def _content(path: Path) -> str:
     """The checksum of a file, or of the tables and values of a folder; "" of what its reader refuses."""
     with suppress(OSError):
         if path.is_dir():
-            own = sorted(each for each in path.iterdir() if each.suffix in _OF_RUN_unfinished)[:_MOST_FILES]
+            own = sorted(each for each in path.iterdir() if each.suffix in _OF_RUN)[:_MAX_FILES]
             return sha256("".join(map(_content, own)).encode()).hexdigest()
         if path.is_file() and path.stat().st_size <= TABLE_BYTES.most:  # no device, and nothing without end
             return file_digest(path)

@@ -1,4 +1,15 @@
-"""Limits of what a user may give, and checks that name the option, the value and what is allowed."""
+"""Limits of what a user may give, and checks that name the option, the value and what is allowed.
+
+How large an input may be: what is more is refused where it enters, before any work begins.
+
+The limits are far above what a calibration needs, and small enough that the work ends and fits into memory. Each is
+listed in docs/reference/limits.md.
+
+Which numbers an input may hold: what lies outside is refused where it enters, before any work begins.
+
+The ranges are wider than what arms, instruments and rooms have: a number outside is of another unit, or of another
+column. Each is listed in docs/reference/limits.md.
+"""
 
 import re
 from collections.abc import Mapping, Sized

@@ -188,6 +188,10 @@ class Measurements:
             return self._visited.last_move[:, self.joint_names.index(name.removeprefix(LAST_MOVE))]
         return asked(self.conditions, name, len(self), self.where)
 
+    def with_points(self) -> "Measurements":
+        """Return the rows in which a target was measured."""
+        return self.take(np.flatnonzero(self.seen.any(axis=1)))
+
     def without(self, ids: Sequence[str]) -> "Measurements":
         """The rows that are called otherwise."""
         left_out = set(ids)

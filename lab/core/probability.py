@@ -1,4 +1,14 @@
-"""Distribution functions of test statistics, and p-values."""
+"""Distribution functions of test statistics, and p-values.
+
+Probabilities of the distributions that tests and intervals stand on, and their inverses.
+
+``scipy.stats`` has them too, but importing it takes a fifth of a short command's time. These are the special functions
+below it (``scipy.special``), loaded at the first use.
+
+Each name says the distribution and what is asked: ``sf`` the chance of more than x, ``cdf`` that of no more, ``isf``
+the x that is exceeded with chance p, ``ppf`` the x that is not. Arguments broadcast; where degrees of freedom are none,
+NaN.
+"""
 
 from dataclasses import dataclass
 from typing import Literal

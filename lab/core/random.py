@@ -1,4 +1,15 @@
-"""Random substreams by purpose, and Sobol points."""
+"""Random substreams by purpose, and Sobol points.
+
+Independent, named streams of random numbers from one seed.
+
+A stream depends on the seed and on its own name alone, so drawing more poses changes
+neither the arm nor the fresh poses.
+
+Points that fill a cube evenly: Sobol's sequence, scrambled.
+
+``scipy.stats.qmc`` has the same points from the same generator, but importing it takes longer than drawing a plan's
+candidates does.
+"""
 
 from typing import Literal
 from zlib import crc32

@@ -1,4 +1,14 @@
-"""Folders that are written whole or not at all, and the finished pieces of work that a killed run resumes from."""
+"""Folders that are written whole or not at all, and the finished pieces of work that a killed run resumes from.
+
+A folder that is there whole or not at all: written under a temporary name and renamed; its files' checksums.
+
+A draft is locked while it is written. The lock ends with its process, so what a killed one left is told from what
+another one is writing.
+
+Pieces of long work, kept on the disk as they are done, so that work that was stopped goes on where it was.
+
+A piece is there whole, as it was written, or not at all: beside each stands the checksum of its bytes.
+"""
 
 import errno
 import hashlib

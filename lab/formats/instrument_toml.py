@@ -11,7 +11,7 @@ from lab.core.errors import LabError, error_context
 from lab.core.limits import ELEVATION_DEG, REFLECTOR_DEG, UNCERTAINTY
 from lab.core.probability import DistributionName, Uncertain
 from lab.formats.structured import read_toml, structured
-from lab.noise.instruments import TERMS, FieldOfView, Instrument, TrackerErrors
+from lab.noise.instruments import SYSTEMATIC_ERRORS, FieldOfView, Instrument, TrackerErrors
 
 __all__ = ["StatedUncertainty", "read_instrument"]
 
@@ -133,7 +133,7 @@ def _errors(path: Path, section: Any) -> TrackerErrors:
     two_face = section.get("two_face", False)
     if not isinstance(two_face, bool):
         raise LabError(f"{where} two_face is {two_face!r}; give true or false")
-    terms = {term.key: term for term in TERMS}
+    terms = {term.key: term for term in SYSTEMATIC_ERRORS}
     given = {key: value for key, value in section.items() if key != "two_face"}
     if unknown := sorted(set(given) - set(terms)):
         raise LabError(f"{where} {unknown[0]}: unknown; there are two_face, {', '.join(terms)}")

@@ -1,4 +1,14 @@
-"""Robot tables in TOML: Denavit-Hartenberg rows, limits, links."""
+"""Robot tables in TOML: Denavit-Hartenberg rows, limits, links.
+
+Denavit-Hartenberg tables as TOML files, the exact form of a robot that has no model.
+
+Keys as in the README: ``name``, ``convention``, and one ``[[joint]]`` each. What the lab writes
+(``theta_rad``, ``d_m``, ``beta_rad``, …, ``[base]``, ``[tool]``) reads back to the bit.
+
+Sections ``[[link]]`` of a robot's TOML: what its elastic links are made of, and where their lines run.
+
+They stand in a robot's table, or in a file whose ``robot`` is another robot's name or file.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -366,7 +376,7 @@ def _path(section: Section) -> Array | None:
 
 _QUANTITIES = {"theta": ANGLES, "alpha": ANGLES, "beta": ANGLES, "d": LENGTHS, "a": LENGTHS}
 _TURNED = 1e-9  # of a rotation's elements
-_KNOWN_dh_table_toml = (
+_TABLE_KEYS = (
     "name, type, sign, theta_deg, d_mm, a_mm, alpha_deg, beta_deg (or _rad, _m), lower and upper with _deg or _rad "
     "(of a slide _mm or _m), speed with _per_s, acceleration with _per_s2 and jerk with _per_s3 after that, torque_nm "
     "(force_n), mass_kg"
@@ -430,7 +440,7 @@ def read_table(path: Path) -> RobotTable:
     mass_kg = np.array([reader.positive("mass", {"kg": 1.0}) for reader in readers])
     torque = np.array([reader.torque() for reader in readers])
     for reader in readers:
-        reader.refuse_the_rest(_KNOWN_dh_table_toml)
+        reader.refuse_the_rest(_TABLE_KEYS)
     name = document.get("name", path.stem)
     chain = Chain(
         name=str(name),

@@ -1,4 +1,11 @@
-"""Read text, TOML and JSON files into typed objects, with errors that name file, line and key."""
+"""Read text, TOML and JSON files into typed objects, with errors that name file, line and key.
+
+Plain values, as JSON and TOML have them, turned into typed dataclasses; what is wrong is said in one line.
+
+A value has to be of its field's type: text is no number, a number no text, and a truth value neither; a whole number is
+a number, and none is larger than any file may hold. cattrs walks the types and says where a value stands; the words are
+made here.
+"""
 
 import json
 import os

@@ -1,4 +1,10 @@
-"""Read, patch and write URDF files."""
+"""Read, patch and write URDF files.
+
+A URDF as it comes from elsewhere, made ready for MuJoCo: meshes found and read, the base a link of its own.
+
+Meshes are looked for as ROS names them: ``package://NAME/...`` in a folder NAME, or in one that holds the package, up
+the tree from the file; ``file://`` and plain paths beside the file. STL, OBJ and DAE are read.
+"""
 
 import re
 import xml.etree.ElementTree as ET
@@ -159,11 +165,11 @@ def with_origins(text: str, origins: Mapping[str, Array]) -> str:
 
 
 def _element(T: Array) -> str:
-    xyz, rpy = _numbers_urdf_patch(T)
+    xyz, rpy = _origin_numbers(T)
     return f'<origin xyz="{xyz}" rpy="{rpy}"/>'
 
 
-def _numbers_urdf_patch(T: Array) -> tuple[str, str]:
+def _origin_numbers(T: Array) -> tuple[str, str]:
     vectors = T[:3, 3], np.asarray(se3.roll_pitch_yaw(T[:3, :3]))
     xyz, rpy = (" ".join(repr(float(value) + 0.0) for value in vector) for vector in vectors)
     return xyz, rpy
@@ -181,7 +187,7 @@ def xacro_properties(origins: Mapping[str, Array]) -> str:
     lines.append('       <origin xyz="${JOINT_xyz}" rpy="${JOINT_rpy}"/>, with its name for JOINT -->')
     for name, T in origins.items():
         word = re.sub(r"\W", "_", name)
-        for end, numbers in zip(("xyz", "rpy"), _numbers_urdf_patch(T), strict=True):
+        for end, numbers in zip(("xyz", "rpy"), _origin_numbers(T), strict=True):
             lines.append(f'  <xacro:property name="{word}_{end}" value="{numbers}"/>')
     return "\n".join([*lines, "</robot>", ""])
 

@@ -1,4 +1,12 @@
-"""Joint specifications of serial chains and mechanisms with loops: names, kinds, directions, limits."""
+"""Joint specifications of serial chains and mechanisms with loops: names, kinds, directions, limits.
+
+Encoders at the motors: whole counts, through gears and a coupled wrist, of which joint positions are made.
+
+A drive turns G (C q) where the joints are at q: gear ratios G on the diagonal, couplings C with ones there (of a wrist
+whose joints 5 and 6 share their drives, Khalil & Dombre 2002, section 2.4). A controller that counts a drive's turns
+reports the joint positions q' = (N G C)^-1 round(N G C q), N counts for each radian of the motors. Its couplings and
+gains are nominal: what the arm truly has beside them is an error of the arm (``effects.coupling``, ``Gear``).
+"""
 
 from dataclasses import dataclass
 

@@ -136,7 +136,7 @@ class ErrorModel:
         """Return the model with the logarithm of one variance (of ``carry`` that of its odds) larger by ``step``.
 
         Args:
-            name: as in ``small_samples.ComponentErrors``.
+            name: as in ``variance_components.ComponentErrors``.
         """
         factor = float(np.exp(step / 2))
         if name == "scale":

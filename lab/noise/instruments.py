@@ -2,6 +2,16 @@
 
 Both rooms read it here, so that a virtual campaign and its weights agree by construction.
 Positions are in the instrument's own frame: the origin is its head, z is up.
+
+Systematic errors of a laser tracker: closed forms of its misalignments, of refraction, and of the reflector.
+
+A tracker turns a beam about a standing axis (azimuth H) and a transit axis (elevation E) and measures the range R.
+What its parts are off by shows in R, H and E, to first order, as Loser & Kyle (1999, Alignment and field check
+procedures for the Leica laser tracker LTD 500) and Muralikrishnan et al. (2009, J. Res. Natl. Inst. Stand. Technol.
+114, 21-35) give it; they count the vertical angle from the zenith, here it is the elevation. The tracker's own
+compensation takes out most of it: what remains is known within an uncertainty.
+
+Positions are in the instrument's frame: the origin is its head, z its standing axis.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,12 +29,12 @@ __all__ = [
     "AIR_INDEX_PER_K",
     "INSTRUMENTS",
     "PLACEMENT",
-    "TERMS",
-    "ErrorTerm",
+    "SYSTEMATIC_ERRORS",
     "FieldOfView",
     "Instrument",
     "LineCameras",
     "PoseInstrument",
+    "SystematicError",
     "TrackerErrors",
     "air_index",
     "instrument",
@@ -46,7 +56,7 @@ AIR_INDEX_PER_K = air_index(20.5) - air_index(19.5)  # at 20 degrees and 1013.25
 
 
 @dataclass(frozen=True)
-class ErrorTerm:
+class SystematicError:
     """A systematic error of a tracker.
 
     Attributes:
@@ -110,12 +120,12 @@ class TrackerErrors:
     lock_on: Uncertain = field(default_factory=Uncertain)
     two_face: bool = False
 
-    def quantity(self, term: ErrorTerm) -> Uncertain:
+    def quantity(self, term: SystematicError) -> Uncertain:
         """Return the uncertainty of a term."""
         found: Uncertain = getattr(self, term.name)
         return found
 
-    def displacements(self, term: ErrorTerm, points: Array) -> Array:
+    def displacements(self, term: SystematicError, points: Array) -> Array:
         """Return the displacement of measured points ``(..., 3)`` m by a unit of a term: ``(..., 3, components)``.
 
         A term of ``PLACEMENT`` has none: it is another error in each pose.
@@ -134,7 +144,9 @@ class TrackerErrors:
         total: Array = np.zeros_like(points)
         if not self.stated:
             return total
-        for term, own in zip(TERMS, rng.spawn(len(TERMS)), strict=True):  # one term leaves the others' draws alone
+        for term, own in zip(
+            SYSTEMATIC_ERRORS, rng.spawn(len(SYSTEMATIC_ERRORS)), strict=True
+        ):  # one term leaves the others' draws alone
             quantity = self.quantity(term)
             if not quantity.standard:
                 continue
@@ -145,17 +157,17 @@ class TrackerErrors:
         return total
 
     @property
-    def stated(self) -> tuple[ErrorTerm, ...]:
+    def stated(self) -> tuple[SystematicError, ...]:
         """The terms that are not zero."""
-        return tuple(term for term in TERMS if self.quantity(term).standard)
+        return tuple(term for term in SYSTEMATIC_ERRORS if self.quantity(term).standard)
 
     @property
-    def lasting(self) -> tuple[ErrorTerm, ...]:
+    def lasting(self) -> tuple[SystematicError, ...]:
         """The terms that are not zero and are one error in all poses of a campaign."""
         return tuple(term for term in self.stated if term not in PLACEMENT)
 
     @property
-    def placement(self) -> tuple[ErrorTerm, ...]:
+    def placement(self) -> tuple[SystematicError, ...]:
         """The terms that are not zero and are another error in each pose."""
         return tuple(term for term in self.stated if term in PLACEMENT)
 
@@ -165,7 +177,7 @@ class TrackerErrors:
         grown = {name: replace(each, standard=factor * each.standard) for name, each in grown.items()}
         return TrackerErrors(**grown, two_face=self.two_face)
 
-    def placement_covariance(self, points: Array, terms: Sequence[ErrorTerm] = ()) -> Array:
+    def placement_covariance(self, points: Array, terms: Sequence[SystematicError] = ()) -> Array:
         """Covariance ``(..., 3, 3)`` m^2 of what is another error in each pose: of some terms, by default of all."""
         total: Array = np.zeros((*points.shape, 3))
         for each in terms or PLACEMENT:
@@ -173,7 +185,7 @@ class TrackerErrors:
             total += variance * _SHAPES[each.name](points)
         return total
 
-    def _placed(self, term: ErrorTerm, quantity: Uncertain, points: Array, rng: np.random.Generator) -> Array:
+    def _placed(self, term: SystematicError, quantity: Uncertain, points: Array, rng: np.random.Generator) -> Array:
         """Draw nest and range anew at each point; the reflector's offset once, turned about the beam by chance."""
         if term.name == "nest":
             return quantity.sample(rng, points.shape)
@@ -189,26 +201,26 @@ class TrackerErrors:
         return moved
 
 
-TERMS = (
-    ErrorTerm("transit_offset", "µm", 1e6, "transit axis beside the standing axis"),
-    ErrorTerm("transit_tilt", "µrad", 1e6, "transit axis not square to the standing axis"),
-    ErrorTerm("collimation", "µrad", 1e6, "beam not square to the transit axis"),
-    ErrorTerm("beam_offset", "µm", 1e6, "beam beside the standing axis"),
-    ErrorTerm("elevation_index", "µrad", 1e6, "zero of the elevation"),
-    ErrorTerm("azimuth_eccentricity", "µrad", 1e6, "eccentricity of the azimuth circle", 2),
-    ErrorTerm("elevation_eccentricity", "µrad", 1e6, "eccentricity of the elevation circle", 2),
-    ErrorTerm("range_offset", "µm", 1e6, "zero of the range"),
-    ErrorTerm("range_scale", "ppm", 1e6, "scale of the range"),
-    ErrorTerm("air_temperature", "K", 1.0, "temperature of the air along the beam"),
-    ErrorTerm("temperature_gradient", "K/m", 1.0, "vertical temperature gradient of the air: the beam bends"),
-    ErrorTerm("centring_depth", "µm", 1e6, "centring of the reflector along the beam"),
-    ErrorTerm("centring_lateral", "µm", 1e6, "centring of the reflector across the beam"),
-    ErrorTerm("nest", "µm", 1e6, "repeatability of the reflector's nest"),
-    ErrorTerm("lock_on", "µm", 1e6, "zero of the range, found anew in each pose"),
+SYSTEMATIC_ERRORS = (
+    SystematicError("transit_offset", "µm", 1e6, "transit axis beside the standing axis"),
+    SystematicError("transit_tilt", "µrad", 1e6, "transit axis not square to the standing axis"),
+    SystematicError("collimation", "µrad", 1e6, "beam not square to the transit axis"),
+    SystematicError("beam_offset", "µm", 1e6, "beam beside the standing axis"),
+    SystematicError("elevation_index", "µrad", 1e6, "zero of the elevation"),
+    SystematicError("azimuth_eccentricity", "µrad", 1e6, "eccentricity of the azimuth circle", 2),
+    SystematicError("elevation_eccentricity", "µrad", 1e6, "eccentricity of the elevation circle", 2),
+    SystematicError("range_offset", "µm", 1e6, "zero of the range"),
+    SystematicError("range_scale", "ppm", 1e6, "scale of the range"),
+    SystematicError("air_temperature", "K", 1.0, "temperature of the air along the beam"),
+    SystematicError("temperature_gradient", "K/m", 1.0, "vertical temperature gradient of the air: the beam bends"),
+    SystematicError("centring_depth", "µm", 1e6, "centring of the reflector along the beam"),
+    SystematicError("centring_lateral", "µm", 1e6, "centring of the reflector across the beam"),
+    SystematicError("nest", "µm", 1e6, "repeatability of the reflector's nest"),
+    SystematicError("lock_on", "µm", 1e6, "zero of the range, found anew in each pose"),
 )
-PLACEMENT = tuple(term for term in TERMS if term.name in ("centring_lateral", "nest", "lock_on"))
+PLACEMENT = tuple(term for term in SYSTEMATIC_ERRORS if term.name in ("centring_lateral", "nest", "lock_on"))
 """Terms that are another error in each pose."""
-assert [term.name for term in TERMS] == [each.name for each in fields(TrackerErrors)][:-1]
+assert [term.name for term in SYSTEMATIC_ERRORS] == [each.name for each in fields(TrackerErrors)][:-1]
 
 
 def _directions(azimuth: Array, elevation: Array) -> tuple[Array, Array, Array]:

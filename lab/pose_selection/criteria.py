@@ -1,4 +1,4 @@
-"""How well a set of poses shows the parameters: the observability indices and the variance criteria.
+"""Observability indices and variance criteria of a set of poses.
 
 A Jacobian stacks r rows of positions (whitened or in m) for each of n poses over p parameters. O1 to O5 and
 the condition number are as in Mahdadi & Bouafia (2020), after Borm & Menq, Driels & Pathre, Nahvi
@@ -40,7 +40,7 @@ _SINGULAR = 1e-13  # smallest eigenvalue of an information matrix of unit diagon
 
 @dataclass(frozen=True)
 class Scaling:
-    """What one unit of each parameter is, and of a position.
+    """Units of each parameter and of a position.
 
     ``raw``: millimetres and radians. ``unit``: each column has a root mean square of one over the candidates.
     ``length``: millimetres, and angles times a characteristic length. ``whitened``: tolerances
@@ -259,7 +259,7 @@ class PredictedAccuracy:
     coverage_radius: float
 
     def repeated(self, times: float) -> "PredictedAccuracy":
-        """With so many times the information: every error is smaller by its root."""
+        """Return the prediction for so many times the information: every error is smaller by its root."""
         return PredictedAccuracy(self.rms / np.sqrt(times), float(self.coverage_radius / np.sqrt(times)))
 
 

@@ -1,7 +1,12 @@
-"""Which poses to measure: exchange among candidates, then an ascent of all joint angles.
+"""Choose the poses to measure: exchange among candidates, then an ascent of all joint angles.
 
 A design sees the arm through one callable: joint positions ``(n, joints)`` in, scaled (and mostly whitened)
 Jacobians ``(n, r, p)`` out. So it serves any base set, with or without effects, any instrument.
+
+How far a design is from the best possible one: the continuous D-optimal design bounds them all.
+
+Kiefer & Wolfowitz (1960): over weights w on the candidates, log det M(w) is concave, so its tangent
+bounds it everywhere; the bound holds for every exact design from these candidates.
 """
 
 from collections.abc import Callable
@@ -105,7 +110,7 @@ def _scaled(matrix: Array) -> Array:
 
 
 class _Exchange:
-    """One exchange: the poses chosen, and what every candidate would add to them.
+    """State of an exchange: the chosen poses, and the gain of every candidate.
 
     For O1, V is the inverse of the information of all poses chosen, and tr(J V J') of every candidate is kept. Both
     follow by updates of rank r when a pose is left out or taken (Sherman, Morrison & Woodbury 1950), at the cost of
@@ -137,7 +142,7 @@ class _Exchange:
         return self.chosen, float(self.goal.score(self.held + information(self.jacobian[self.chosen])))
 
     def _barred_anew(self) -> bool:
-        """Whether poses are chosen that turn out to be out of reach."""
+        """Decide whether chosen poses turn out to be out of reach."""
         out = {row for row in self.chosen.tolist() if not self.reaches(row)}
         self.barred |= out
         return bool(out)
@@ -149,7 +154,7 @@ class _Exchange:
             self.kept = self._reckoned(self.total)
 
     def _changed(self, slot: int) -> bool:
-        """Whether a better pose takes this place, or one that is allowed."""
+        """Replace a pose by a better one, or by one that is allowed; return whether one was found."""
         present, own_information = int(self.chosen[slot]), information(self.jacobian[self.chosen[slot : slot + 1]])
         without = self.total - own_information
         left = (self._with(self.kept, present, -1.0) or self._reckoned(without)) if self.by_trace else None
@@ -227,7 +232,7 @@ class _Exchange:
         return _Traces(inverse, by_row.reshape(-1, len(self.jacobian)).sum(axis=0))
 
     def _with(self, now: "_Traces", row: int, sign: float) -> "_Traces | None":
-        """With a candidate taken (sign 1) or left out (-1); None where what is left is nearly singular."""
+        """Return the state with a candidate taken (sign 1) or left out (-1); None where the rest is nearly singular."""
         added = self.jacobian[row]
         half = now.inverse @ added.T
         values, vectors = np.linalg.eigh(np.eye(len(added)) + sign * added @ half)
@@ -312,7 +317,7 @@ def _proposed(
     upper: Array,
     left: float,
 ) -> Array:
-    """Where a quasi-Newton ascent within the limits takes all poses, collisions aside.
+    """Move all poses by a quasi-Newton ascent within the limits, collisions aside.
 
     Args:
         left: what a step may gain, as a part of the score, where the ascent ends.
@@ -369,7 +374,7 @@ class Certificate:
 
     @property
     def gap(self) -> float:
-        """How much D-efficiency the weights may be short of the best: 1 - exp(-(bound - log_det)/p)."""
+        """Bound of the D-efficiency that the weights lack: 1 - exp(-(bound - log_det)/p)."""
         return float(-np.expm1(-(self.bound - self.log_det) / self.parameters))
 
     def efficiency(self, jacobian: Array) -> float:

@@ -6,6 +6,11 @@ is free is asked of a plain callable, and only for the moves that a tour wants t
 free goes by way of other free poses and costs what that detour takes; the order is then sought again with
 the costs so corrected. Costs only ever rise, so an order that is best among costs of which all of its own
 are known is best among the true ones.
+
+Short closed tours over a symmetric cost matrix: 2-opt, Or-opt and kicks, for many tours at once.
+
+A batch of k tours over m places is an array ``(k, m)``, each row a permutation. (Lin & Kernighan 1973 and
+Or 1976 for the moves; Martin, Otto & Felten 1991 for the double bridge that kicks a tour out of its rut.)
 """
 
 from collections.abc import Callable, Sequence
@@ -63,7 +68,7 @@ def random_starts(cost: Array, rng: np.random.Generator, count: int = _STARTS) -
 
 
 def improve(cost: Array, tours: Tours) -> Tours:
-    """Each tour after the best 2-opt or Or-opt move, again and again until none shortens it."""
+    """Apply the best 2-opt or Or-opt move to each tour until none shortens it."""
     tours = tours.copy()
     if tours.shape[1] < 4:
         return tours  # three places have one tour
@@ -76,7 +81,7 @@ def improve(cost: Array, tours: Tours) -> Tours:
 
 
 def double_bridge(tours: Tours, rng: np.random.Generator) -> Tours:
-    """Each tour with two neighbouring stretches of it exchanged (a double bridge)."""
+    """Exchange two neighbouring stretches of each tour (a double bridge)."""
     size = tours.shape[1]
     if size < 5:
         return tours
@@ -185,7 +190,7 @@ class Tour:
 
     @property
     def via(self) -> int:
-        """How many stops are passed and not measured, home left out."""
+        """Number of waypoints that are passed and not measured, home left out."""
         return int((self.measured[1:-1] < 0).sum()) - len(self.breaks)
 
     def among(self, poses: Indices) -> "Tour":
@@ -203,7 +208,7 @@ def one_after_another(tours: Sequence[Tour]) -> Tour:
 
 
 class RoadmapGraph:
-    """What it takes to move between home (place 0) and the poses (places 1 to m), as far as looked at.
+    """Cost of moving between home (place 0) and the poses (places 1 to m), as far as computed.
 
     Detours pass through home, through ``safe`` poses, or through poses of the plan.
     """
@@ -285,7 +290,7 @@ class RoadmapGraph:
         return tuple(reversed(way))
 
     def _cut_off(self, a: int, b: int) -> str:
-        """Which of two places, between which there is no way, is the one that cannot be reached."""
+        """Return which of two places without a path between them cannot be reached."""
         if np.isfinite(self._graph[0]).sum() == 1:
             return "home"
         far = scipy.sparse.csgraph.dijkstra(self._graph, directed=False, indices=0)
@@ -376,7 +381,7 @@ def move_seconds(joints: Array, speed: Array, acceleration: Array) -> Array:
 
 
 def tour_trajectory(chain: JointSpec, stops: Array, waiting: Array) -> tuple[Trajectory, Array]:
-    """How the joints move through stops, and when they arrive at each ``(s,)`` s.
+    """Motion of the joints through waypoints, with the arrival time at each ``(s,)`` s.
 
     Args:
         chain: with known rates.

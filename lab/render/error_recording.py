@@ -1,6 +1,6 @@
 """Recording (rerun) of an arm's position errors, pose by pose: arrows of one magnification, and one view closer.
 
-What moves is on the timelines ``pose`` and ``time``, as in ``poses_in_time``.
+What moves is on the timelines ``pose`` and ``time``, as in ``recording``.
 """
 
 from collections.abc import Sequence

@@ -16,7 +16,7 @@ __all__ = ["MOST_POINTS", "SQUARE", "VIEWS", "SizeMap", "Spread", "histograms", 
 
 MOST_POINTS = 300  # drawn in a picture
 SQUARE = (4.5, 4.5)  # inches
-VIEWS = {"above": (0, 1), "side": (0, 2)}  # by name the plane of each, as ``svg.view`` has it
+VIEWS = {"above": (0, 1), "side": (0, 2)}  # by name the plane of each, as ``charts.chart.view`` has it
 _SEEN_FROM = {"above": "from above", "side": "from the side"}
 _FEW = 25  # lengths, which are shown one by one
 _MANY, _HUNDREDS = 30, 200  # crosses, which are drawn smaller: the colours beneath are to be seen

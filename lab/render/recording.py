@@ -1,4 +1,9 @@
-"""Write recordings: entities, layouts, arms in time."""
+"""Write recordings: entities, layouts, arms in time.
+
+Things that every recording draws: bodies that move, a frame, beams, ellipsoids, tags, texts.
+
+What moves is given ``at`` the values of a timeline, one for each of its rows.
+"""
 
 import os
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,4 +1,10 @@
-"""Colours and styles of pages, charts and recordings, and the glossary of symbols."""
+"""Colours and styles of pages, charts and recordings, and the glossary of symbols.
+
+Every colour and font of pages, figures and recordings, named by what it means.
+
+A page and its figures stand on white (in a dark page the figures stay on white cards); a recording stands on near
+black, so what is ``BEFORE`` in one is ``RGB_BEFORE``, a brighter shade of the same hue, in the other.
+"""
 
 import re
 from collections.abc import Iterable, Sequence

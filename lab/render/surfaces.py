@@ -21,7 +21,7 @@ def mesh_of(vertices: Array, triangles: NDArray[np.int_]) -> trimesh.Trimesh:
 
 
 def halved(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
-    """What of a mesh is behind its x-z plane (y at least 0), so that one looks into it; flat ones stay whole."""
+    """Cut a mesh at its x-z plane and keep y >= 0, so that one looks into it; flat ones stay whole."""
     if not len(mesh.faces) or mesh.bounds[0, 1] >= 0:
         return mesh
     cut: trimesh.Trimesh = trimesh.intersections.slice_mesh_plane(mesh, (0.0, 1.0, 0.0), (0.0, 0.0, 0.0))  # type: ignore[no-untyped-call]

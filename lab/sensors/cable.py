@@ -319,7 +319,7 @@ def _weakest(starts: list[int], left: Array, rows: Array) -> int | None:
 
 
 def _penalty(rows: int) -> float:
-    """What a session must lower ``rows`` log(cost) by."""
+    """Least decrease of ``rows`` log(cost) that a session must bring."""
     return MARGIN * PARAMETERS * float(np.log(rows))
 
 

@@ -1,4 +1,4 @@
-"""Where a virtual arm's point is at a fixture: joint positions at which it truly touches, found by Newton's method."""
+"""Find joint positions at which a virtual arm's point touches a fixture, by Newton's method."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -119,7 +119,7 @@ class Contacts:
 
 @dataclass(frozen=True)
 class Chance:
-    """What chance adds to the readings of some rows.
+    """Random errors of the readings of some rows.
 
     Attributes:
         noise: ``(n, d)`` m, the instrument's.
@@ -161,7 +161,7 @@ class Chance:
 
 
 def without_sessions(conditions: Mapping[str, Array]) -> dict[str, Array]:
-    """What is set at each pose but for the bump of a tracker, which there is none of."""
+    """Return the conditions of each pose without sessions: there is no tracker to be bumped."""
     return {name: column for name, column in conditions.items() if name != BUMPED}
 
 

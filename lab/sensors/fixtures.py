@@ -78,7 +78,7 @@ class Fixtures(ABC):
 
     @abstractmethod
     def predict(self, points: Array, fixtures: Array) -> tuple[Array, Array, Array]:
-        """What is observed of the target at a fixture.
+        """Name of the observed quantity of the target at a fixture.
 
         Args:
             points: ``(n, 3)`` the target, m in the instrument's frame.
@@ -130,7 +130,7 @@ class Fixtures(ABC):
 
     @property
     def targets(self) -> tuple[str, ...]:
-        """What is observed, by the group of the fixtures."""
+        """Names of the observed quantities, by the group of the fixtures."""
         return (self.group,)
 
     @property
@@ -150,7 +150,7 @@ class Fixtures(ABC):
 
     @property
     def positions(self) -> int:
-        """None: nothing is observed in an instrument's frame."""
+        """Zero: no position in an instrument's frame is observed."""
         return 0
 
     def within(self, data: Measurements) -> Self:
@@ -255,7 +255,7 @@ class Fixtures(ABC):
         return np.asarray(inputs[size < _IN_CONTACT])
 
     def initial_guess(self, observed: Observations, values: Array) -> Array:
-        """Each fixture by the arm as it is in ``values``."""
+        """Estimate each fixture from the arm at ``values``."""
         number = observed.inputs[:, -1]
         points = self.arm.points(observed.inputs[:, :-1], values[: len(self.arm.names)])[:, 0]
         rows = np.isfinite(observed.points).all(axis=(1, 2))
@@ -264,7 +264,7 @@ class Fixtures(ABC):
         return np.concatenate([values[: self.first], *(self.located(points[i], measured[i]) for i in chosen)])
 
     def extra_residuals(self, values: Array) -> tuple[Array, Array]:
-        """None: nothing else is known."""
+        """Return no further residuals."""
         return no_extra_residuals(self)
 
     def errors(self, data: Measurements, values: Array) -> Array:
@@ -286,7 +286,7 @@ class Fixtures(ABC):
         return errors
 
     def cv_groups(self, data: Measurements) -> NDArray[np.int_] | None:
-        """None: repeats of a configuration are held out together."""
+        """Return None: repeats of a configuration are held out together."""
         return None
 
     def _with_fixtures(self, data: Measurements, values: Array, new: Sequence[int]) -> Array:
@@ -299,7 +299,7 @@ class Fixtures(ABC):
         return fit(self, observed, columns, np.concatenate([values, start])).values
 
     def _index(self, numbers: Array) -> NDArray[np.int_]:
-        """Where the fixtures of some rows are among the parameters' fixtures."""
+        """Return the index of each row's fixture among the fixtures of the parameters."""
         index = {number: i for i, number in enumerate(self.numbers)}
         found, rows = np.unique(numbers.astype(np.int_), return_inverse=True)
         return np.array([index[number] for number in found.tolist()], dtype=np.int_)[rows]
@@ -307,7 +307,7 @@ class Fixtures(ABC):
 
 @dataclass(frozen=True)
 class FixtureRows:
-    """What a file says of fixtures.
+    """Fixtures as a file names them.
 
     Attributes:
         labels: of each row's fixture, one a row; "" where the file names none.
@@ -330,7 +330,7 @@ class FixtureSensor(VirtualSensor, ABC):
 
     @abstractmethod
     def fixture_rows(self, arm: Model, data: Measurements, nominal: Array) -> FixtureRows:
-        """What the file says of fixtures.
+        """Read the fixtures that the file names.
 
         Raises:
             LabError: a column is missing, or a cell says what cannot be.

@@ -103,7 +103,7 @@ class Poses:
 
     @property
     def positions(self) -> int:
-        """How many of the observed quantities are positions: all but the orientation."""
+        """Number of observed quantities that are positions: all but the orientation."""
         return len(self.arm.targets)
 
     def within(self, data: Measurements) -> Self:
@@ -175,7 +175,7 @@ class Poses:
         return np.concatenate([arm, se3.log(mean)])
 
     def extra_residuals(self, values: Array) -> tuple[Array, Array]:
-        """None: nothing else is known."""
+        """Return no further residuals."""
         return no_extra_residuals(self)
 
     def errors(self, data: Measurements, values: Array) -> Array:
@@ -184,7 +184,7 @@ class Poses:
         return np.asarray(np.linalg.norm(arm - data.points[:, : self.positions], axis=2))
 
     def cv_groups(self, data: Measurements) -> None:
-        """None: repeats of a configuration are held out together."""
+        """Return None: repeats of a configuration are held out together."""
 
 
 def _flange_rotation(arm: Model, inputs: Array, values: Array, points: Array) -> Array:

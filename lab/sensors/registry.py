@@ -80,7 +80,7 @@ class SensorOptions(SocketOptions, PoseOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class VirtualSetup:
-    """How a virtual arm is measured, beside the arm and the instrument; each sensor names the fields that it reads."""
+    """Measurement set-up of a virtual arm, beside arm and instrument; each sensor names the fields that it reads."""
 
     occlusion: Annotated[
         bool,

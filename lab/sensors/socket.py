@@ -59,7 +59,7 @@ class Sockets(Fixtures):
         return points
 
     def extra_residuals(self, values: Array) -> tuple[Array, Array]:
-        """Of each pair of sockets, how far the known distance is from that of the centres."""
+        """Return the known distance of each pair of sockets less that of the centres."""
         pairs = self._pairs()
         rows, residuals = np.zeros((len(pairs), len(self.names))), np.zeros(len(pairs))
         for row, (i, j) in enumerate(pairs):

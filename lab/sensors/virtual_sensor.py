@@ -23,7 +23,7 @@ __all__ = ["SimulatedReadings", "VirtualSensor", "refuse_several_targets"]
 
 @dataclass(frozen=True)
 class SimulatedReadings:
-    """What was measured of a virtual arm, and what only the assessment may know of it.
+    """Readings of a virtual arm, and the truth that only the assessment may use.
 
     Attributes:
         measurements: in the columns that the sensor reads.

@@ -3,6 +3,12 @@
 The model rests (``qpos0``) in the nominal position: joints at home, passive values nominal. MuJoCo computes
 the length of a tendon there whenever it compiles; the tendon's equality adds what the rod is longer, so that a file
 of the model stands alone. Shapes collide with nothing: they are there to be looked at.
+
+Where a closed model stands: Newton's method on MuJoCo's own constraints, which shares no line with ours.
+
+The rows of ``mjData.efc_pos`` are what closes: a tendon's length less the rod's (m), or, of a pin, one end less the
+other along the world's axes, which are the base's; ``efc_J`` are their derivatives by ``qvel``. Both are made by
+``mj_makeConstraint`` after kinematics, ``mj_comPos`` and ``mj_tendon``; limits and friction would add rows.
 """
 
 import copy

@@ -1,4 +1,10 @@
-"""A robot's model in its cell: with what stands around it, what it carries, its limits, and its instrument's place."""
+"""A robot's model in its cell: with what stands around it, what it carries, its limits, and its instrument's place.
+
+Sizes and places of a cell that cannot be meant: lengths in metres under ``_mm``, an instrument inside the robot.
+
+What is surely wrong is refused; what may be right is a warning. Sizes are compared with those of things that people
+build cells of, and with the robot's reach.
+"""
 
 import warnings
 from collections.abc import Iterator, Sequence

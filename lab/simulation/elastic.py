@@ -5,6 +5,14 @@ at q' (``mj_rne``; in motion the torque that moves it). The far end of an elasti
 (``kinematics.dynamics.beam``): between its end and the body that sits there comes ``T_flex = Rot Trans`` (Benmisra
 2007, eq. 3.34), under what MuJoCo says that the body exerts on it (``cfrc_int``). Loads are those of the arm as it gave
 way: a fixed point. In motion it is quasi-static: inertia loads the arm as it moves rigidly, and nothing vibrates.
+
+Elastic links as chains of rigid pieces on springs: a truth for beams that knows nothing of beam theory.
+
+A straight part, of length L, of an elastic link is N + 1 rigid pieces, half ones at its ends, with N sprung joints
+between them, L/N apart: hinges of stiffness EI N/L and GJ N/L, and a slide of EA N/L. At a corner of a link's line the
+half pieces of two parts are welded. Each piece has its share of the link's mass, beside the line as the link's centre
+of mass is. For N to infinity that is the beam, with an error in N^-2. Its rest under gravity,
+a payload and the inertia of a motion is quasi-static: each spring gives way to what MuJoCo says that its joint bears.
 """
 
 import copy
@@ -322,7 +330,6 @@ class _Payload:
 
 
 _LEAST = 1e-9  # kg, kg m^2: what MuJoCo asks of a moving body
-_STILL_beam_chain, _MOST_STEPS_beam_chain = 1e-13, 100
 _SPRINGS = (("hinge", 1, "y"), ("hinge", 2, "z"), ("hinge", 0, "x"), ("slide", 0, "s"))  # as beam.COMPLIANCES
 
 
@@ -416,17 +423,17 @@ class BeamChain:
         data.qpos[self._qpos] = joints
         if motion.speeds is not None and motion.accelerations is not None:
             data.qvel[self._dof], data.qacc[self._dof] = motion.speeds[pose], motion.accelerations[pose]
-        for _ in range(_MOST_STEPS_beam_chain):
+        for _ in range(_MOST_STEPS):
             mujoco.mj_kinematics(model, data)
             mujoco.mj_comPos(model, data)
             mujoco.mj_comVel(model, data)
             mujoco.mj_rne(model, data, 1, held)
             given = -self._compliances * held[self._spring_dof]
             moved = np.abs(given - data.qpos[self._spring_qpos]).max(initial=0.0)
-            if moved <= _STILL_beam_chain:
+            if moved <= _STILL:
                 return
             data.qpos[self._spring_qpos] = given
-        raise LabError(f"no equilibrium of the chain of pieces in {_MOST_STEPS_beam_chain} steps: a link is too soft")
+        raise LabError(f"no equilibrium of the chain of pieces in {_MOST_STEPS} steps: a link is too soft")
 
     def _line(self, body: int) -> list[int]:
         """A body and what carries it."""

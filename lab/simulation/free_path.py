@@ -1,4 +1,10 @@
-"""Clearances, and paths between poses that keep them."""
+"""Clearances, and paths between poses that keep them.
+
+A robot's model to plan with: reflectors and nests are solid, and shapes meet while there is still room between them.
+
+The arm keeps a clearance from what stands around it, the floor among that, and another one between its own links.
+MuJoCo reports a contact where two shapes are nearer than their margin, so a pose without contacts keeps the clearances.
+"""
 
 import copy
 from collections import deque
@@ -135,7 +141,7 @@ INCIDENCE_MARGIN_RAD = np.deg2rad(3.0)  # kept from the largest angle that a ref
 _MARGIN_SHARE = 0.1  # of that angle: a reflector that takes a few degrees keeps most of them
 _HALF_INCH_M, _LARGEST_M = 0.00635, 0.01905  # radius of a half-inch and of a 1.5-inch reflector
 _NEST = 4 / 3  # of the ball's radius: from its centre to the foot of its nest
-_SLACK_M_clearances = 1e-5  # of a computed distance
+_CLEARANCE_SLACK_M = 1e-5  # of a computed distance
 _CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))  # of a box of two metres
 _INVISIBLE = (0.0, 0.0, 0.0, 0.0)  # no ray meets a shape that is transparent
 
@@ -199,7 +205,7 @@ def planning_model(robot: Model, targets: Sequence[str], instrument: Instrument,
             _exclude(spec, bare, pair)  # a ball that is drawn into a link's assumed shape
             continue
         one, other = (bare.geom(each).name for each in pair)
-        spec.add_pair(geomname1=one, geomname2=other, margin=max(0.0, min(margin, least - _SLACK_M_clearances)))
+        spec.add_pair(geomname1=one, geomname2=other, margin=max(0.0, min(margin, least - _CLEARANCE_SLACK_M)))
     acceptance = view_of(robot, instrument).acceptance_rad
     narrower = acceptance - min(INCIDENCE_MARGIN_RAD, _MARGIN_SHARE * acceptance)
     return replace(
@@ -328,7 +334,7 @@ class _Shapes:
 
 def _least_distances(robot: RobotModel, pairs: Sequence[tuple[int, int]], wanted: Array) -> Array:
     """Least distance (m) of each pair of shapes over the nominal poses; ``wanted`` and a slack where it is larger."""
-    model, far = robot.model, wanted + 2 * _SLACK_M_clearances
+    model, far = robot.model, wanted + 2 * _CLEARANCE_SLACK_M
     chain, data, least = robot.chain, mujoco.MjData(robot.model), far.copy()
     zero = np.zeros((1, chain.size))
     joints = np.concatenate([chain.home[None], zero[~chain.beyond_limits(zero, 0.0).any(axis=1)]])

@@ -1,4 +1,12 @@
-"""Visual shells of a robot as triangles, and the poses of its bodies at each configuration."""
+"""Visual shells of a robot as triangles, and the poses of its bodies at each configuration.
+
+Bodies for an arm of which only the axes are known: rods for links, as thick as the arm is large, and their masses.
+
+A link runs along its own axis for d and along the common normal for a. A slide is a rod as long as its
+stroke that reaches back from the link, or, where another slide rides on it, a carriage on a column. Two links
+whose rods meet in most poses (around a wrist, say) cannot be judged by rods, so they may touch. So may what sits on a
+slide's own line and the link that guides it: a quill is drawn back into the arm with the hand that turns about it.
+"""
 
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass

@@ -60,7 +60,7 @@ class RobotModel(ABC):
         T_world_frame0: pose ``(4, 4)`` (m) of the base's frame, a table's frame 0, in the world of the MuJoCo model.
         base_body: what carries the moving ones, "" where that is the world.
         tool: targets' positions (m) in a table's last frame, or the platform's.
-        shapes_assumed: whether the links' shapes are the lab's own (``link_shapes``).
+        shapes_assumed: whether the links' shapes are the lab's own (``meshes``).
         masses_assumed: whether the masses of some links are.
         acceptance_rad: largest angle off its axis that the reflector takes, where the cell says it; else the
             instrument's.

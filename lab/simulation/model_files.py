@@ -1,4 +1,10 @@
-"""Read and write MJCF and URDF models."""
+"""Read and write MJCF and URDF models.
+
+What an MJCF or a URDF may hold, checked before MuJoCo reads it: sizes, finite numbers, files that are files.
+
+MuJoCo itself takes any size of a texture, of a height field and of what is replicated, and writes a log into the
+working folder where a number is not finite.
+"""
 
 import itertools
 import stat

@@ -7,6 +7,13 @@ campaigns of a cell share, its poses and the validation poses, is given: no inte
 
 The same robot and draw meet the same noise in every cell, so that cells are compared campaign by campaign. A ratio is
 the geometric mean of the campaigns' ratios, which need not be the ratio of the means.
+
+The bootstrap of means over robots, and p-values corrected for their number.
+
+Intervals are studentized and symmetric: mean ± q s, q the 95 % quantile of |m* - m| / s* over the resamples (Davison &
+Hinkley 1997, section 5.2; Hall 1992, section 3.6). Percentiles and BCa are too narrow for few robots (Hesterberg 2015):
+of 95 % intervals for the mean of 8 normal robots 90 % hold by either, 97 % by this one; of 20 log-normal ones
+(sigma 0.7) 90 % against 94 %. And the p-value says the same: it is 5 % or less where zero is outside.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -272,7 +279,7 @@ class Pair:
 
     @property
     def told(self) -> bool:
-        """Whether the pair differs significantly, corrected for all pairs of the comparison."""
+        """True where the pair differs significantly, corrected for all pairs of the comparison."""
         return self.p_holm <= STUDY_COMPARISON
 
 

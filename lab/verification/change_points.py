@@ -9,6 +9,18 @@ parameters alone has changed, its size is the least-squares estimate g' C^-1 d /
 The k-th test of a year rejects at the level a / (k (k + 1)), corrected for directions and change points (Bonferroni).
 These levels add up to less than a for any number of tests, so an unchanged robot raises an alarm in at most a share a
 of the years, however often it is measured.
+
+The two tests of a verification: along the parameters, and of everything else.
+
+One chi squared over all numbers loses its power as these grow: 300,000 of them scatter by 775, and hide a square of 300
+that a moved joint adds. So r, whitened by its whole covariance S = noise + J C J', is split into its part in the span
+of S^-1/2 J, with J the columns of the identified parameters, and the rest. What the arm itself can do lies in the
+first, with no more degrees of freedom than there are parameters; a bad reading or larger noise shows in the second.
+Both parts are independent, so each is tested at 1 - (1 - a)^(1/2) and one of them rejects in a share a (Sidak 1967).
+
+The first part is also how much less r' S^-1 r is where every identified parameter is set free: the classical test of a
+linear hypothesis (Seber & Lee 2003, section 4.1). Where the measurements are no more than the parameters, all of r
+lies in their span, and one test at a is left.
 """
 
 from collections.abc import Sequence

@@ -3,6 +3,11 @@
 Measured less predicted is r = e + J d, with e the instrument's noise and d the error of the identified parameters,
 whose covariance is C: without any change r has the covariance S = noise + J C J', and r' S^-1 r is chi squared
 (or F, where sigma was estimated: Chow 1960).
+
+Sums of squares of noise with the tails of Student's t, whose distribution has no name: by draws.
+
+Of very many numbers the few that lie beyond a bound are drawn one by one, and the sum of the others, which are bounded,
+is normal by the central limit theorem: its error is far below that of the draws.
 """
 
 from collections.abc import Iterator, Sequence

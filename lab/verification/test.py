@@ -1,7 +1,7 @@
 """Verify a calibrated arm with a few new measurements, and find what moved if the test rejects.
 
 The test compares measured less predicted with its predicted covariance (``prediction``), along the parameters and
-beyond them (``change_test``). Where it rejects, each movement alone is fitted by generalized least squares, and
+beyond them (``change_points``). Where it rejects, each movement alone is fitted by generalized least squares, and
 compared by Schwarz's criterion (1978).
 """
 

@@ -15,7 +15,7 @@ from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.kinematics.gauge import base_set
 from lab.kinematics.serial.arm import SerialArm
-from lab.noise.instruments import TERMS, TrackerErrors, instrument
+from lab.noise.instruments import SYSTEMATIC_ERRORS, TrackerErrors, instrument
 
 ARM = SerialArm(IRB120.chain, ("p1", "p2"))
 TRUTH = ARM.nominal({"p1": (0.03, 0.02, 0.1), "p2": (-0.025, 0.03, 0.08)})
@@ -44,7 +44,7 @@ def fitted_positions(points: Array) -> Array:
 @pytest.mark.parametrize("name", ["transit_offset", "collimation", "temperature_gradient"])
 def test_a_displaced_measurement_moves_positions_as_the_map_says(name: str) -> None:
     """Of a micrometre or so: what is of second order is a millionth of that."""
-    term = next(term for term in TERMS if term.name == name)
+    term = next(term for term in SYSTEMATIC_ERRORS if term.name == name)
     moved = TrackerErrors().displacements(term, observed().points)
     size = 1e-6 / np.abs(moved).max()
     found = fitted_positions(observed().points + size * moved[..., 0]) - propagation().positions

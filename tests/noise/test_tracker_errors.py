@@ -7,9 +7,17 @@ from scipy.integrate import solve_ivp
 from lab.core.errors import LabError
 from lab.core.probability import Uncertain
 from lab.core.se3 import Array, exp
-from lab.noise.instruments import AIR_INDEX_PER_K, PLACEMENT, TERMS, ErrorTerm, Instrument, TrackerErrors, air_index
+from lab.noise.instruments import (
+    AIR_INDEX_PER_K,
+    PLACEMENT,
+    SYSTEMATIC_ERRORS,
+    Instrument,
+    SystematicError,
+    TrackerErrors,
+    air_index,
+)
 
-TERM = {term.name: term for term in TERMS}
+TERM = {term.name: term for term in SYSTEMATIC_ERRORS}
 POINTS = np.array([[2.0, 1.0, 0.5], [-1.5, 2.5, -1.0], [0.3, -3.0, 2.0], [-4.0, -0.5, 0.1]])
 SIZE = 1e-6  # of a misalignment, m or rad: what is of second order is below 1e-11 m
 STEP = 1e-6
@@ -70,7 +78,9 @@ def test_the_mean_of_two_faces_takes_away_what_it_is_known_to() -> None:
     """Collimation, tilts, offsets and the zero of the elevation go; range, refraction and one of four circles stay."""
     both = TrackerErrors(two_face=True)
     left = {
-        term.name: np.abs(both.displacements(term, POINTS)).max(axis=(0, 1)) for term in TERMS if term not in PLACEMENT
+        term.name: np.abs(both.displacements(term, POINTS)).max(axis=(0, 1))
+        for term in SYSTEMATIC_ERRORS
+        if term not in PLACEMENT
     }
     gone = {"transit_offset", "transit_tilt", "collimation", "beam_offset", "elevation_index", "azimuth_eccentricity"}
     for name, sizes in left.items():
@@ -115,7 +125,7 @@ def test_the_air_is_that_of_the_updated_formula_of_edlen() -> None:
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("term", PLACEMENT, ids=lambda term: str(term.name))
-def test_the_placement_of_the_reflector_has_the_covariance_that_weighs_it(term: ErrorTerm) -> None:
+def test_the_placement_of_the_reflector_has_the_covariance_that_weighs_it(term: SystematicError) -> None:
     errors, count = TrackerErrors(**{term.name: Uncertain(5e-6)}), 4000
     rng = np.random.default_rng(1)
     drawn = np.array([errors.sample(POINTS, rng) for _ in range(count)])

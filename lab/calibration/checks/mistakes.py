@@ -123,7 +123,7 @@ def in_other_numbers_or_poses(robot: NominalRobot, rows: Measurements) -> list[C
         robot: the nominal robot of the measurements.
         rows: points that one instrument measured from one station.
     """
-    rows = thinned(rows.take(np.flatnonzero(rows.seen.any(axis=1))), MOST_ROWS)
+    rows = thinned(rows.with_points(), MOST_ROWS)
     arm, slides = robot.arm(rows.targets), robot.chain.prismatic
     nominal = arm.nominal({target: np.zeros(3) for target in rows.targets})
     if found := in_other_numbers(arm, slides, rows.joints, rows.points, nominal):

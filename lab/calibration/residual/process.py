@@ -5,7 +5,21 @@ derivatives Z by their positions, and noise. The best linear unbiased prediction
 universal kriging (Cressie 1993, section 3.4). The variances of f are estimates themselves. With fixed weights the
 variance of a predicted point is a linear function of them, and the upper quartile of this function follows from the
 covariance matrix of the estimated variances. It counts far from all measured poses. Near them a factor of the predicted
-variance is chosen so that 95 % of the poses that are left out in turn lie within their 95 % bounds (``left_out``).
+variance is chosen so that 95 % of the poses that are left out in turn lie within their 95 % bounds (``estimation``).
+
+How alike two poses' errors are: covariances of the joints' offsets, by how far apart the joint positions are.
+
+Each joint is off by the sum of a function of its own position, as gears are, and one of all positions, as what gives
+way is. Either is a sum of stationary Gaussian processes of several lengths (Rasmussen & Williams 2006, section 4.2):
+Matern's with 3/2 of the own position; with 1/2 of all, which trusts no smoothness that nobody measured, and beside it
+with 5/2 and longer lengths, as the sag of springs varies: the data choose how much of each. Distances of hinges are
+chords, 2 sin(d / 2), so that a whole turn leads back; a slide's are in units of 0.3 m.
+
+Measured numbers of poses, reduced to those that the joints' offsets move, and their covariances.
+
+All numbers of one pose depend on the same offsets of its joints. A pose with three targets has nine numbers and six
+joints: an orthogonal transformation of the nine leaves six that depend on the offsets and three that have the noise
+alone. The likelihood is that of all nine, and the covariance matrix is two thirds as large.
 """
 
 from collections.abc import Iterator, Sequence
@@ -97,7 +111,7 @@ class JointKernels:
         return found
 
 
-_BLOCK = 1_000  # rows of a covariance matrix that are worked out at once, which bounds the memory
+_BLOCK_ROWS = 1_000  # rows of a covariance matrix that are worked out at once, which bounds the memory
 
 
 @dataclass(frozen=True)
@@ -204,8 +218,8 @@ def covariance(kernels: JointKernels, sizes: Array, first: PoseNumbers, second: 
     other = first if second is None else second
     found = np.zeros((len(first.pose), len(other.pose)))
     for joint, kernel in enumerate(kernels.of_joints(sizes[2:], first.joints, other.joints)):
-        for start in range(0, len(found), _BLOCK):
-            rows = slice(start, start + _BLOCK)
+        for start in range(0, len(found), _BLOCK_ROWS):
+            rows = slice(start, start + _BLOCK_ROWS)
             whole = kernel[np.ix_(first.pose[rows], other.pose)]
             whole *= first.slopes[rows, joint, None]
             whole *= other.slopes[:, joint]
@@ -236,7 +250,7 @@ def _add_scatter(found: Array, size: float, numbers: PoseNumbers) -> None:
 
 GROUP = "residual"
 SHARE = Parameter(GROUP, "share", GROUP, "ratio", "", 1.0)
-_BLOCK_process = 400  # poses that are worked out at once
+_BLOCK_POSES = 400  # poses that are worked out at once
 UPPER_QUARTILE = 0.6744897501960817  # of a standard normal
 _MAX_COVARIANCE_NUMBERS = 4_500  # measured, by which covariances are predicted: their time grows with the square
 _AWAY = (5e-3, 15e-3)  # m and rad: one standard deviation of how far a link is from where least squares alone puts it
@@ -290,11 +304,11 @@ class JointProcess:
         """Return the joints' offsets ``(n, joints)`` (rad, m of a slide) at positions ``(n, joints)``."""
         there = self.inputs[:, : len(self.turning)]
         found = np.zeros(joints.shape)
-        for first in range(0, len(joints), _BLOCK_process):
-            some = joints[first : first + _BLOCK_process]
+        for first in range(0, len(joints), _BLOCK_POSES):
+            some = joints[first : first + _BLOCK_POSES]
             for (own, kernel), size in zip(self.kernels.of_offsets(some, there), self.variances[2:], strict=True):
                 rows = "nmj,mj->nj" if own else "nm,mj->nj"
-                found[first : first + _BLOCK_process] += size * np.einsum(rows, kernel, self.weights)
+                found[first : first + _BLOCK_POSES] += size * np.einsum(rows, kernel, self.weights)
         return found
 
     def prior(self, slopes: Array) -> Array:
@@ -381,8 +395,8 @@ class PredictedBy:
         """
         k = len(self.model.targets) if targets is None else targets
         found = np.empty((len(inputs), k, 3, 3))
-        for first in range(0, len(inputs), _BLOCK_process // k):
-            some = inputs[first : first + _BLOCK_process // k]
+        for first in range(0, len(inputs), _BLOCK_POSES // k):
+            some = inputs[first : first + _BLOCK_POSES // k]
             n = len(some)
             whole = self.covariance(some, k).reshape(n, k, 3, n, k, 3)
             rows, target = np.meshgrid(np.arange(n), np.arange(k), indexing="ij")

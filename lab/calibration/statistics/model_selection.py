@@ -2,12 +2,12 @@
 
 A group is taken if it passes three criteria. The first is a test at 1 % with Bonferroni's correction for the number of
 groups: F, chi squared where sigma is given, and, where poses have repeats or several targets, a test by configurations
-(``clustered_rows``). The second is BIC. The third is the error at held-out configurations, which has to fall by more
+(``linearized``). The second is BIC. The third is the error at held-out configurations, which has to fall by more
 than its standard error: residuals of real arms are correlated and heavy-tailed, and the first two alone accept nearly
 everything. Where the configurations are too few for a test by them, the held-out gain has to be significant instead.
 
 Groups of single joints, of which there are hundreds, are searched beside these, with one level for all of them
-(``term_search``).
+(``candidate_models``).
 """
 
 from collections.abc import Mapping, Sequence

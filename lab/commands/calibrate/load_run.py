@@ -23,7 +23,7 @@ from lab.commands.calibrate.exports import ArmExport
 from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.hand_load import HandLoad, carrying
 from lab.commands.run_folder import LOAD_FILE, said_of_edits
-from lab.core.errors import LabError, be, error_context
+from lab.core.errors import LabError, error_context
 from lab.core.limits import called
 from lab.core.measurements import LAST_MOVE
 from lab.core.se3 import Array
@@ -378,20 +378,3 @@ def condition_notes(run: CalibrationRun, file: object, given: Sequence[str], row
     if any(name.startswith(LAST_MOVE) for name in asked):
         said.append(f"{file}: hysteresis is {verb} for moves from each {row} to the next one there")
     return said
-
-
-def _said_of_extrapolated(what: str, ids: list[str], count: int) -> list[str]:
-    """Word that targets or poses are extrapolated, with the first of them; nothing where none is.
-
-    Args:
-        what: the plural of what they are.
-        ids: of those that no fitted pose is near.
-        count: of all.
-    """
-    if not ids:
-        return []
-    return [
-        f"{len(ids)} of {count} {what} {be(len(ids))} extrapolated: not covered ({ids[0]} first); no pose that the "
-        "run fitted is near, and its model lacks something: what is predicted there says how regions that were "
-        "left out were missed"
-    ]

@@ -138,33 +138,59 @@ class CalibrationResult(Result):
     Positions are in the frame of the measurements; of a virtual robot that is the tracker's.
 
     Attributes:
-        options: what was asked for.
-        kind: of observation.
-        measurements: all rows that were read or measured.
-        fit: of those that were to be fitted.
-        nominal: ``(p,)`` the nominal model's parameters, of the model that was fitted.
-        tolerance: of manufacture.
-        validation: the errors at poses that were not fitted.
+        options: of the campaign.
+        fit: the state that the pipeline ended with: fit, checks, validation and verdict.
         seconds: of the identification and its validation.
         real, comparison: of a virtual robot only; so are ``bad``, the ids of its simulated outliers.
-        bounds: how the predictions meet the errors at the validation poses; None where there are none.
     """
 
     options: VirtualCampaign | MeasuredCampaign
     robot: Robot
-    kind: Sensor
-    measurements: Measurements
     fit: Fitted
-    nominal: Array
-    tolerance: Tolerance
-    validation: Validation
-    verdict: Verdict
     seconds: float
-    warnings: tuple[str, ...]
     real: TrueRobot | None = None
     comparison: TruthComparison | None = None
     bad: frozenset[str] = frozenset()
-    bounds: ValidationBounds | None = None
+
+    @property
+    def kind(self) -> Sensor:
+        """Sensor of the measurements."""
+        return self.fit.fitter.kind
+
+    @property
+    def measurements(self) -> Measurements:
+        """All rows that were read or measured."""
+        return self.fit.fitter.data
+
+    @cached_property
+    def nominal(self) -> Array:
+        """``(p,)`` the nominal values of the fitted model's parameters."""
+        return self.fit.fitter.nominal(self.identification.model)
+
+    @property
+    def tolerance(self) -> Tolerance:
+        """Tolerances of manufacture."""
+        return self.fit.fitter.tolerance
+
+    @property
+    def validation(self) -> Validation:
+        """Errors at poses that were not fitted."""
+        return self.fit.validation
+
+    @property
+    def verdict(self) -> Verdict:
+        """Verdict on the calibration."""
+        return self.fit.verdict
+
+    @property
+    def bounds(self) -> ValidationBounds | None:
+        """Predicted and observed 95 % errors at the validation poses; None where there are none."""
+        return self.fit.bounds
+
+    @cached_property
+    def warnings(self) -> tuple[str, ...]:
+        """Phrases of the checks, each once."""
+        return phrases(self.fit.checks)
 
     @property
     def command(self) -> str:

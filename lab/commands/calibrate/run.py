@@ -41,7 +41,6 @@ from lab.core.se3 import Array
 from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.effects.registry import CAMPAIGN_SPECIFIC
 from lab.noise.instruments import observing
-from lab.render.phrases.registry import phrases
 from lab.render.terminal import Stage, status
 from lab.sensors.registry import sensor_named
 from lab.simulation.effects import true_parameters
@@ -299,9 +298,9 @@ def _of_a_virtual_robot(day: MeasuringDay, placed: Mapping[str, Array], stage: S
     else:
         kind = kind.weighed_by(device, data)
     fitter = Fitter(robot, options.targets, data, kind, noise, options.fitting.of_fit, options.seed)
-    observed = fitter.observed()
-    rows = observed.take(np.flatnonzero(observed.seen.any(axis=1)))
-    state = Fitted(fitter, rows, judging=_judging(options), checks=tuple(map(note, robot.warnings)))
+    state = Fitted(
+        fitter, fitter.observed().with_points(), judging=_judging(options), checks=tuple(map(note, robot.warnings))
+    )
     started = time.perf_counter()
     stage("2 of 3, identifying the parameters")
     with error_context(options.plan or f"--poses {options.poses}"):
@@ -310,7 +309,7 @@ def _of_a_virtual_robot(day: MeasuringDay, placed: Mapping[str, Array], stage: S
     state, comparison = _against_truth(day, placed, state)
     seconds = time.perf_counter() - started
     state = run_steps(state, {name: STEPS[name] for name in ("judge", "check validation")})
-    return _result(options, robot, state, seconds, real=real, comparison=comparison, bad=day.outliers)
+    return CalibrationResult(options, robot, state, seconds, real, comparison, day.outliers)
 
 
 def _against_truth(
@@ -398,8 +397,7 @@ def _of_measurements(
     robot, load = carrying(robot, options.fitting.load, accept_edited=options.fitting.accept_edited)
     data, other = _read_rows(robot, options.file, options, load, given.get("file")), None
     if options.validate is not None:
-        read = _read_rows(robot, options.validate, options, load, given.get("validate"))
-        other = read.take(np.flatnonzero(read.seen.any(axis=1)))
+        other = _read_rows(robot, options.validate, options, load, given.get("validate")).with_points()
     kind, device = options.kind(), options.instrument
     asked = PipelineOptions(
         kind,
@@ -428,7 +426,7 @@ def _of_measurements(
     with error_context(options.file if options.validate is None else options.validate):
         state = steps.pop("validate")(state)
     seconds = time.perf_counter() - started
-    return _result(options, robot, run_steps(state, steps), seconds)
+    return CalibrationResult(options, robot, run_steps(state, steps), seconds)
 
 
 def _judging(options: VirtualCampaign | MeasuredCampaign) -> Judging:
@@ -443,33 +441,3 @@ def _impossible(what: str, data: Measurements) -> list[Check]:
         return []
     where = {"what": what, "lost": len(lost), "count": len(data), "first": data.ids[lost[0]]}
     return [Check("validation.singular", "noted", data=where)]
-
-
-def _result(
-    options: VirtualCampaign | MeasuredCampaign,
-    robot: Robot,
-    state: Fitted,
-    seconds: float,
-    *,
-    real: TrueRobot | None = None,
-    comparison: TruthComparison | None = None,
-    bad: frozenset[str] = frozenset(),
-) -> CalibrationResult:
-    fitter = state.fitter
-    return CalibrationResult(
-        options,
-        robot,
-        fitter.kind,
-        fitter.data,
-        state,
-        fitter.nominal(state.identification.model),
-        fitter.tolerance,
-        state.validation,
-        state.verdict,
-        seconds,
-        tuple(dict.fromkeys(phrases(state.checks))),
-        real,
-        comparison,
-        bad,
-        state.bounds,
-    )

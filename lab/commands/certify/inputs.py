@@ -116,7 +116,7 @@ def _split(calibrated: CalibrationRun) -> tuple[Measurements, Measurements | Non
     read = read_measurements(path, chain.joint_names, chain.prismatic)
     if unknown := [name for name in calibrated.estimate.arm.targets if name not in read.targets]:
         raise LabError(f"{path}: has no target {unknown[0]}, which the run identified; make the run again")
-    read = read.take(np.flatnonzero(read.seen.any(axis=1)))
+    read = read.with_points()
     rows, judged = read.only("calibrate"), read.only("test")
     if isinstance(options := calibrated.options, MeasuredCampaign):
         if options.holdout is not None:

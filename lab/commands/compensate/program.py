@@ -413,7 +413,7 @@ class UsedTool:
 
     @property
     def disagrees(self) -> bool:
-        """Whether the tool is apparently a measured point that is elsewhere."""
+        """True where the tool is apparently a measured point that is elsewhere."""
         return bool(self.point) and self.distance_m > _AGREES_M
 
 

@@ -4,6 +4,13 @@ A target of a program is the pose of the tool, which the text places in the flan
 are those of the calibrated arm, as far as identified: the base relative to the first joint's axis and zero by the
 nominal first link, the flange as ``lab.compensation.flange`` finds it. The controller's arm has the nominal links, and
 base and flange where the nominal model has them.
+
+The errors to expect of a program's corrected targets, in the robot's base and relative to each other.
+
+A target's error has three parts: of the calibrated model (the covariance of its parameters, what it lacks), of the
+flange, which moves every tool alike in the last frame, and of the base, which moves all targets alike. The second and
+third are not measured; they have the sizes of the tolerances of the last and first link. Relative to each other, after
+the best rigid motion of all, targets keep of these what differs from one to the other.
 """
 
 from collections.abc import Mapping, Sequence

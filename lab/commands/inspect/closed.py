@@ -222,9 +222,7 @@ def closed_blocks(values: Mapping[str, Any]) -> tuple[Block, ...]:
     closers = [_counted(len(values[kind]), kind[:-1]) for kind in ("rods", "pins") if values[kind]]
     signs = {joint["name"]: joint["sign"] for joint in values["joints"]}
     joints = tuple((joint["name"], joint["offset"], *limits_and_speed(joint)) for joint in values["joints"])
-    paths = [
-        ", ".join(_step_closed_document(step, signs) for step in frame["path"]) or "–" for frame in values["frames"]
-    ]
+    paths = [", ".join(_step_text(step, signs) for step in frame["path"]) or "–" for frame in values["frames"]]
     frames = tuple((frame["name"], frame["on"], path) for frame, path in zip(values["frames"], paths, strict=True))
     rods = tuple((rod["name"], " – ".join(rod["between"]), _length(rod, signs)) for rod in values["rods"])
     pins = tuple(
@@ -243,7 +241,7 @@ def closed_blocks(values: Mapping[str, Any]) -> tuple[Block, ...]:
     )
 
 
-def _step_closed_document(step: dict[str, Any], signs: dict[str, int]) -> str:
+def _step_text(step: dict[str, Any], signs: dict[str, int]) -> str:
     """A step of a path: its constant, the joint that adds to it, or that it is passive."""
     value = step["value_deg"] if len(step["kind"]) == 2 else step["value_mm"]
     if step["passive"]:

@@ -173,13 +173,13 @@ def serial_blocks(values: Mapping[str, Any]) -> tuple[Block, ...]:
         Paragraph(f"{values['robot']}: Denavit-Hartenberg, {convention}, {_ORDERS[convention]}; mm and °"),
         Table(("i", "θ", "d", "a", "α", "limits", "speed per s"), _rows(values["joints"])),
         Paragraph(f"reach {printed(values['reach_mm'])} mm from axis 1 to the last frame{solutions}"),
-        Paragraph(_freedoms_serial_document(values["freedoms"])),
+        Paragraph(_freedoms_text(values["freedoms"])),
         *_singularities(values),
         *_frames(values["khalil"]),
     )
 
 
-def _freedoms_serial_document(values: Mapping[str, Any]) -> str:
+def _freedoms_text(values: Mapping[str, Any]) -> str:
     """Joints and degrees of freedom, what is free and what cannot be moved, in a sentence."""
     index, freedoms = values["index"], values["degrees_of_freedom"]
     said = f"mobility index {index}, {freedoms} degrees of freedom of the last frame"

@@ -65,7 +65,7 @@ class VerificationResult(Result):
 
     @property
     def good(self) -> bool:
-        """Whether the measurements are within the predicted error."""
+        """True where the measurements are within the predicted error."""
         return self.verified.good
 
     @cached_property

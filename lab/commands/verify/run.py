@@ -120,7 +120,7 @@ def _tested(
         read = calibrated.load.weighed(read)
     read = without_copies(Path(options.file), read)
     rows = read.only("calibrate", "reference", "test")
-    rows = rows.take(np.flatnonzero(rows.seen.any(axis=1)))
+    rows = rows.with_points()
     calibrated.robot.refuse_impossible(options.file, rows)
     if not len(rows):
         raise LabError(f"{options.file}: no row to be used has a measured point; mark fewer with use = skip")

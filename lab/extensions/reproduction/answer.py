@@ -3,6 +3,11 @@
 Whether a printed number agrees is a matter of its own digits: it may be off by one unit of the last one, a whole
 number by half of one. A printed formula agrees if its values are ours at random positions. What is drawn by chance
 agrees if it lies in the range of many draws of ours.
+
+Formulas as textbooks print them, evaluated at numbers: ``c1 c4 s5 − s1 c5``, ``atan2(y, x)``, ``L2 c2 + L3 c23``.
+
+c and s with the numbers of joints are the cosine and sine of the sum of these joints' positions: c1 of q1, s23 of
+q2 + q3. What stands side by side is multiplied. ``^`` is a power, ``√`` or ``sqrt`` a root, ``±`` is not known.
 """
 
 import re

@@ -1,4 +1,25 @@
-"""Solve the loop-closure equations of a mechanism from its structure."""
+"""Solve the loop-closure equations of a mechanism from its structure.
+
+What the closures make of a mechanism's passive values: Newton's method from places where they are known.
+
+A mechanism assembles in several ways (modes), and Newton's method from afar may end in any. Meant is the mode into
+which a known place can be moved. So the passive values are followed from there, in steps that shrink until Newton's
+corrections do: by Deuflhard's monotonicity test (Newton Methods for Nonlinear Problems, 2004, section 5.1) corrections
+of at most a quarter of the one before say that the way has not been left. A turn is no small correction by itself: a
+first one of radians may end a turn away with nothing to be noticed. And on a way without singularities the determinant
+of the closures' derivatives keeps its sign.
+
+Where the frames of a mechanism stand, how far its closures are from closed, and how each step moves both.
+
+Vectors are rows x y z x y of n poses each, ``(5, n)``, or ``(5, 1)`` where they are the same in all poses: what no
+joint position and no passive value moves is computed once, and a cross product is three calls on views (``serial``).
+
+The structure of a mechanism with loops: a tree of elementary slides and hinges, closed by rods and pins.
+
+Every value in the tree is a constant plus, where a joint moves it, the joint's position; or it is passive:
+what the closures make it. A parameter is a joint that stands still during the campaign, so that constants,
+joint positions and passive values have the same kind of derivative, an axis or an axis x lever.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,11 @@
-"""Mobility of a mechanism: its number of degrees of freedom by count."""
+"""Mobility of a mechanism: its number of degrees of freedom by count.
+
+How freely a serial arm moves its last frame: mobility index, degrees of freedom, redundancy, and what it cannot do.
+
+The mobility index is the number of joints, the degrees of freedom the rank of the Jacobian at positions in general; an
+arm is redundant by their difference (Mallem 2011, section 6.2). Directions of the twist that no joint makes at any
+position are missing for good: a planar arm has three.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

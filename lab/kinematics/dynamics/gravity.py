@@ -1,4 +1,11 @@
-"""Forces and moments of gravity and inertia on joints and links."""
+"""Forces and moments of gravity and inertia on joints and links.
+
+What an arm's links bear: gravity, a payload, and in motion the inertia of all that they carry.
+
+Each link is a beam (``dynamics.beam``) from the axis of the joint that moves it to the next joint's axis, the last one
+to the last frame: the straight line between the feet of the two common normals, which the nominal table gives, unless
+it has a path of its own. A slide's link begins where the slide stands.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -63,7 +70,7 @@ class Loads:
         centre_m: ``(n, 3)``, their centres in the frames of the table that turn with them.
         gravity: ``(3,)`` m/s^2 in frame 0.
         payload_at_m: ``(3,)``, a payload's centre of mass in the last frame.
-        link_paths: by link (from 0), its line as a beam (``dynamics.sections.LinkSections``); others are straight.
+        link_paths: by link (from 0), its line as a beam (``beam.LinkSections``); others are straight.
     """
 
     chain: Chain

@@ -4,6 +4,17 @@ The parameters phi, in the order of ``LOAD``: mass (kg), first moment mass times
 inertia about the flange's origin (kg m^2), all in the axes of the last frame, which is the flange's. ``Ixy`` is the
 tensor's element, the negative of the integral of x y dm. The arm's base in the tracker's frame plays no part: gravity
 is given in frame 0.
+
+The joints' torques of a serial arm: linear in the standard dynamic parameters of its links, drives and joints.
+
+Link j has the ten inertial parameters of a body about the origin and in the axes of frame j of Khalil and Kleinfinger
+(1986), which lies on joint j's axis and moves with it: ``XX YY ZZ XY XZ YZ MX MY MZ M``, with ``XY`` the tensor's
+element. Drive j has the inertia ``Ia`` of what turns at the motor and a constant ``off``; joint j has Coulomb and
+viscous friction, ``Fc`` and ``Fv``. A drive that moves by a sum of joints has friction ``Fcm`` and ``Fvm`` of its own.
+
+Torques are those of the drives, as the joints feel them: with s = C q what the drives turn (``couplings`` C) and tau
+the joints' torques, tau = C' f (Khalil & Dombre 2002, section 9.4; of a coupled wrist Gautier, Janot & Vandanjon
+2013).
 """
 
 from collections.abc import Callable, Sequence
@@ -26,6 +37,7 @@ __all__ = [
     "ArmDynamics",
     "Dynamics",
     "HandMotion",
+    "diagonal_matrices",
     "directions",
     "elements",
     "flange_in_last_link",
@@ -372,11 +384,11 @@ class ArmDynamics:
         turned, rates = speeds @ self.couplings.T, accelerations @ self.couplings.T
         blocks = [self._of_drives(self.link_regressor(joints, speeds, accelerations))]
         if self.motor_inertia:
-            blocks.append(_diagonal(rates))
+            blocks.append(diagonal_matrices(rates))
         if self.friction:
             own = list(self.coupled)
-            blocks += [self._of_drives(_diagonal(at_joint)) for at_joint in (directions(speeds), speeds)]
-            blocks += [_diagonal(at_drive)[:, :, own] for at_drive in (directions(turned), turned)]
+            blocks += [self._of_drives(diagonal_matrices(at_joint)) for at_joint in (directions(speeds), speeds)]
+            blocks += [diagonal_matrices(at_drive)[:, :, own] for at_drive in (directions(turned), turned)]
         if self.offsets:
             blocks.append(np.broadcast_to(np.eye(size), (len(joints), size, size)))
         return np.concatenate(blocks, axis=2)
@@ -420,7 +432,7 @@ def directions(speeds: Array) -> Array:
     return np.where(np.abs(speeds) < _STANDSTILL, 0.0, np.sign(speeds))
 
 
-def _diagonal(values: Array) -> Array:
+def diagonal_matrices(values: Array) -> Array:
     """``(n, J)`` as diagonal matrices ``(n, J, J)``."""
     diagonal: Array = values[:, :, None] * np.eye(values.shape[1])
     return diagonal

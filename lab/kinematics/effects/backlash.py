@@ -1,4 +1,10 @@
-"""Errors that depend on how a pose was approached: backlash, hysteresis and lag."""
+"""Errors that depend on how a pose was approached: backlash, hysteresis and lag.
+
+Hysteresis of width h_i: joint i is at q_i + s_i h_i / 2, where s_i is the direction in which it moved last.
+
+What friction and wind-up leave behind: like play, but told by the order of the poses alone, where a file does not say
+from which side each joint came (``backlash``).
+"""
 
 from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,25 @@
-"""Elastic joints: compliance, hardening springs, gravity compensators."""
+"""Elastic joints: compliance, hardening springs, gravity compensators.
+
+Joints whose springs are not linear: joint i gives way by d_i g_i^3 beside what is in proportion to its torque g_i.
+
+Harmonic drives grow stiffer with torque (d_i < 0). The cube is that of the torque at the measured joint positions: what
+the joint gives way changes it by one part in a thousand.
+
+A gravity compensator: a spring between two links that bears part of the arm's weight, and whose joint gives way.
+
+A spring of stiffness k and free length l0 whose ends are at distances a and b from the joint pulls with the torque
+k a b sin(phi) (1 - l0 / l), where l^2 = a^2 + b^2 - 2 a b cos(phi). With s^2 = a^2 + b^2 and r = 2 a b / s^2 its length
+is s sqrt(1 - r cos(phi)): the torque is a function of the joint's own angle, whose first two harmonics hold all but
+about 3 r^2 / 32 of it. They are fitted, as a spring's ends are seldom known.
+
+Joints that give way to the weight of links whose masses nobody knows.
+
+The torque of link l's weight about joint i is linear in the link's mass and first moment (Khalil & Dombre 2002,
+section 9.3.2). A mass times a constant lever acts like a first moment of the link that holds the lever, and a moment
+along axis l like one of the link before: what is left of each link are its first moments across its own axis, along x
+and y of its frame. A joint that gives way by c_i then stands at q_i + c_i m_l |g| (x_l, y_l) . r_il, with r_il the
+torques of a unit weight there; c_i and m_l are known as their product alone, which is the parameter.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

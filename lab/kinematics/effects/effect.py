@@ -2,6 +2,10 @@
 
 A module of this folder describes one effect, or a small family: the fitted function with its derivative, what it does
 to a virtual arm, how large that is drawn, and the options of ``lab calibrate`` that say so. ``registry`` lists them.
+
+What is set at each pose beside the joints: payload, approach, time, temperature, sessions; columns of a file.
+
+Along a trajectory also how the joints move.
 """
 
 from abc import ABC, abstractmethod
@@ -190,7 +194,7 @@ class ArmFacts:
         chain: the nominal joints.
         loads: the masses.
         sessions: how the campaign went.
-        moving: whether its groups are to know how the joints move (``conditions.rates_of``): inertia loads it too.
+        moving: whether its groups are to know how the joints move (``rates_of``): inertia loads it too.
         sections: ``(n, 4)`` the links' compliances (``beam.COMPLIANCES``) by the robot's description, if it has them.
     """
 

@@ -1,4 +1,13 @@
-"""Errors that are periodic in a joint's position: harmonics, cross-harmonics and ripple."""
+"""Errors that are periodic in a joint's position: harmonics, cross-harmonics and ripple.
+
+Cross-harmonics: the turn of one joint moves another joint's frame by s sin q_j + c cos q_j, once a turn.
+
+An eccentric shaft or a bent axis that runs through other joints does that. The frame of joint i + 1 is the far end of
+link i. It is displaced as one of a link's dimensions would displace it: along x (as ``a``), along z (as ``d``), about x
+(as ``alpha``), and about y where the next axis is nominally parallel (as ``beta``). About z it is joint i's position.
+Displacements in any direction are sums of these, but for the last link, whose end no joint follows: that moves along y
+and about y, too.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

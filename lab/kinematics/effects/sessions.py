@@ -1,4 +1,10 @@
-"""Sessions and stations of a campaign: bumps of the frame, several stations, duration and payloads."""
+"""Sessions and stations of a campaign: bumps of the frame, several stations, duration and payloads.
+
+Stations of an instrument: it measures some poses from one place, and others from another, each in its own frame.
+
+The frame of the first station is that in which the arm's base is. A session is the same, but for its size: it begins
+where the frame was moved by a little (``sessions``), a station stands anywhere.
+"""
 
 import itertools
 from collections.abc import Mapping, Sequence

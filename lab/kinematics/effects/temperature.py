@@ -1,4 +1,13 @@
-"""Effects of temperature and time: thermal growth, zeros by temperature, drift of the frame."""
+"""Effects of temperature and time: thermal growth, zeros by temperature, drift of the frame.
+
+Temperature: an arm whose lengths expand, and whose joints' zeros shift, in proportion to the column ``temp_C``.
+
+Both are zero at 20 degrees Celsius, where lengths are stated (ISO 1:2022).
+
+A tracker that creeps, a base that yields, or a frame that grows: what is measured moves steadily.
+
+In proportion to the time from a start where a file has ``time_s``, else to a row's place in the file.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

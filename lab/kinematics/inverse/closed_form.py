@@ -165,7 +165,7 @@ class Solutions:
     Attributes:
         joints: ``(n, k, joints)`` joint positions, a hinge's between -pi and pi.
         gap_m: ``(n, k)`` how far the target is out of reach, zero where it is reached; else the joints are those that
-            come nearest, but for a bend of the elbow (``carriers.BEND``).
+            come nearest, but for a bend of the elbow (``BEND`` in ``first_joints``).
         tilt_rad: ``(n, k)`` by how much the rotation is out of reach of arms with fewer than six joints, which come as
             near to it as they can; zero with six.
         free: ``(n, k, joints)``, joints that could have any joint position, because the arm is singular there.

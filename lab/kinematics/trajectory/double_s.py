@@ -1,6 +1,6 @@
 """Jerk-limited joint motion with double S speed profiles.
 
-The mean speed of a change of speed is that of its ends (``changes``). What is here holds between any speeds, with no
+The mean speed of a change of speed is that of its ends (``profiles``). What is here holds between any speeds, with no
 acceleration at the ends. For one joint and for several that stop together the durations agree with those of Berscheid &
 Kroeger (2021, ruckig). Lengths are in rad or m, times in s.
 """

@@ -2,6 +2,15 @@
 
 Lengths are in rad or m, times in s. The equations were worked out here; for one joint they agree with those of
 Berscheid & Kroeger (2021, ruckig) without a limit of jerk, for several at rest with Khalil & Dombre (2002, chapter 13).
+
+A trajectory of the joints as phases of constant jerk, or of constant acceleration where jerk has no limit.
+
+Joint positions are in rad or m, times in s.
+
+Changes of speed within limits of acceleration and jerk, without acceleration at their ends: double S shapes.
+
+A change by d takes |d| / a + a / j seconds where its acceleration reaches a, and else 2 sqrt(|d| / j) (Biagiotti &
+Melchiorri 2008, section 3.4).
 """
 
 import math

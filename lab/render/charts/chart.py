@@ -1,4 +1,9 @@
-"""Chart of one set of axes, as SVG. It takes the calls of ``Axes``, with matplotlib's defaults."""
+"""Chart of one set of axes, as SVG. It takes the calls of ``Axes``, with matplotlib's defaults.
+
+Pictures of pages: drawn as charts, or with matplotlib, and put into a page as SVG that refers to nothing outside.
+
+matplotlib is slow to import, so it is imported where it draws something, and not before.
+"""
 
 import io
 import re

@@ -151,8 +151,9 @@ def test_unseen_targets_are_left_out(tmp_path, home):
     arm = outcome.robot.arm(fitted.targets)
     identification = identify(arm, fitted, arm.nominal(outcome.robot.tool))
     path = tmp_path / "unseen.rrd"
-    fit = replace(outcome.fit, rows=fitted, identification=identification)
-    record(path, replace(outcome, fit=fit, measurements=fitted, comparison=None))
+    fitter = replace(outcome.fit.fitter, data=fitted)
+    fit = replace(outcome.fit, rows=fitted, identification=identification, fitter=fitter)
+    record(path, replace(outcome, fit=fit, comparison=None))
     assert rrd(home, "verify", path).returncode == 0
     for entity, name in (
         ("/world/targets/measured", "Points3D:positions"),

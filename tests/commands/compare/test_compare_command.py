@@ -64,9 +64,8 @@ def test_what_cannot_be_compared_is_refused(three: list) -> None:
     fixed = lab.identify(three[1].measurements, robot="irb120", instrument="uniform-8um", fix=("link3.a",))
     with pytest.raises(LabError, match=r"link3\.a was identified in it or in .*, but not in both"):
         lab.compare([three[0], fixed])
-    unjudged = replace(
-        three[1], verdict=replace(three[1].verdict, word="bad", reasons=(lack_of_fit_not_tested("too few"),))
-    )
+    bad = replace(three[1].verdict, word="bad", reasons=(lack_of_fit_not_tested("too few"),))
+    unjudged = replace(three[1], fit=replace(three[1].fit, verdict=bad))
     with pytest.raises(LabError, match="the verdict of this run is 'bad'"):
         lab.compare([three[0], unjudged])
     assert np.isfinite(lab.compare([three[0], unjudged], force=True).differences[0].p)

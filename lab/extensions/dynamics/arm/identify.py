@@ -2,7 +2,13 @@
 
 Torques of an empty and of a loaded run are rows of one fit: the load's ten columns are zero where there was none, so
 that the arm's and the load's parameters are told apart, each with its interval. The noise of each drive is estimated
-with the parameters (``payload_identification.least_squares``), and the residuals are tested for what may bias them.
+with the parameters (``regression``), and the residuals are tested for what may bias them.
+
+A run of an arm as few independent rows: torques, and the columns of its parameters, through one and the same filter.
+
+The regressor is worked out at the file's own rate, from positions that are smoothed and differentiated there, and only
+then filtered and thinned as the torques are (``filtering``): friction that changes its sign
+between two kept rows passes the filter as the torque did. Long runs are worked out part by part.
 """
 
 from collections.abc import Sequence
@@ -29,7 +35,14 @@ from lab.extensions.dynamics.regression import (
     least_squares,
     verdict,
 )
-from lab.kinematics.dynamics.rigid_body import LOAD, ArmDynamics, directions, flange_in_last_link, load_in_frame
+from lab.kinematics.dynamics.rigid_body import (
+    LOAD,
+    ArmDynamics,
+    diagonal_matrices,
+    directions,
+    flange_in_last_link,
+    load_in_frame,
+)
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
 
@@ -198,10 +211,12 @@ def _residual_verdict(
     signs = np.concatenate([run.thinned(directions(run.speeds)) for run in runs])
     if model.arm.friction:
         # by what the model says that a drive gives: as recorded, its noise would be that which is to be explained
-        suspects.append(BiasCandidate(_diagonal(np.abs(columns[0] @ fitted) * signs), _GROWING))
+        suspects.append(BiasCandidate(diagonal_matrices(np.abs(columns[0] @ fitted) * signs), _GROWING))
     else:
         speeds = np.concatenate([run.thinned(run.speeds) for run in runs])
-        suspects.append(BiasCandidate(np.concatenate([_diagonal(signs), _diagonal(speeds)], axis=2), _FRICTION))
+        suspects.append(
+            BiasCandidate(np.concatenate([diagonal_matrices(signs), diagonal_matrices(speeds)], axis=2), _FRICTION)
+        )
     if known_load is not None and any(run.loaded for run in runs):
         loads = [run.rows()[..., : len(LOAD)] * float(run.loaded) for run in runs]
         suspects.append(BiasCandidate(np.concatenate(loads), _LOAD))
@@ -215,12 +230,6 @@ def _series(runs: Sequence[ThinnedRun]) -> list[Series]:
         series.append(Series(first, first + count, run.band.hz))
         first += count
     return series
-
-
-def _diagonal(values: Array) -> Array:
-    """``(n, J)`` as diagonal matrices ``(n, J, J)``."""
-    diagonal: Array = values[:, :, None] * np.eye(values.shape[1])
-    return diagonal
 
 
 @dataclass(frozen=True)

@@ -365,7 +365,7 @@ def _loads(result: DynamicsResult, found: DynamicsEstimate) -> tuple[Block, ...]
     for name, value, width, unit in ways[0]:
         others = [row for way in ways[1:] for row in way if row[0] == name]
         pairs = [(value, width), *((other[1], other[2]) for other in others)]
-        cells = [_with_width_document(*pair) for pair in pairs]
+        cells = [_interval_text(*pair) for pair in pairs]
         known = () if true is None else (short(true[name]),)
         rows.append((name, *cells, *("–" for _ in range(2 - len(cells))), unit, *known))
     caption = "About and along the frame of the flange, with half-widths of 95 % intervals."
@@ -373,7 +373,7 @@ def _loads(result: DynamicsResult, found: DynamicsEstimate) -> tuple[Block, ...]
     return (Table(columns, tuple(rows), caption),)
 
 
-def _with_width_document(value: float, half_width: float) -> str:
+def _interval_text(value: float, half_width: float) -> str:
     if not np.isfinite(half_width):
         return f"{short(value)} ± –"
     digits = digits_of(half_width, 6)

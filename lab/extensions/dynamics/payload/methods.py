@@ -27,7 +27,7 @@ from lab.kinematics.serial.arm import SerialArm
 
 __all__ = ["CompliantArm", "PairedRuns", "SharedFilter", "diagonal", "from_sag", "from_torques", "from_wrench"]
 
-_ROUNDS, _SETTLED = 20, 1e-9  # kg, kg m
+_MAX_SAG_ITERATIONS, _SAG_STEP = 20, 1e-9  # kg, kg m
 _NEWTON = 4
 
 
@@ -77,14 +77,14 @@ def from_sag(
     known = None if sigma_m is None else np.full(seen.shape[1], np.sqrt(2) * sigma_m)
     without = joints + _sag(arm, values, soft, joints, np.zeros(10))[0]
     before, phi = arm.points(without, values).reshape(seen.shape), np.zeros(10)
-    for _ in range(_ROUNDS):
+    for _ in range(_MAX_SAG_ITERATIONS):
         sag, slopes = _sag(arm, values, soft, joints, phi)
         lever = arm.joint_jacobian(joints + sag, values).reshape(*seen.shape, -1)
         columns = lever @ slopes
         left = seen - (arm.points(joints + sag, values).reshape(seen.shape) - before) + columns @ phi
         solution = least_squares(LOAD, columns, left, [0] * seen.shape[1], known)
         step, phi = np.abs(solution.values - phi).max(), solution.values
-        if step < _SETTLED:
+        if step < _SAG_STEP:
             break
     bend = lever * (sag + joints - without)[:, None, :]
     suspects = [BiasCandidate(bend, "compliances other than those given; identify them with a load that was weighed")]
@@ -273,7 +273,7 @@ def diagonal(values: Array) -> Array:
     return values[:, :, None] * np.eye(values.shape[1])
 
 
-_ROUNDS_from_torques, _SETTLED_from_torques = 10, 1e-6  # of what is fitted along: seconds, and shares of a torque
+_MAX_TORQUE_ITERATIONS, _TORQUE_STEP = 10, 1e-6  # of what is fitted along: seconds, and shares of a torque
 _DELAY = "a delay between torques and positions; estimate it (delay)"
 _FILTERED = "a filter that torques came through and positions did not; tell it (came_through), or record without"
 _FRICTION = "friction that grows with the load; estimate it (friction)"
@@ -352,7 +352,7 @@ def _fitted(
     columns, late = runs.thinned, 0.0
     solution = least_squares(LOAD, columns[0], runs.seen(late), [0] * runs.own.shape[1], sigma)
     fitted = np.concatenate([solution.values, np.zeros(len(joint_names))])
-    for _ in range(_ROUNDS_from_torques if len(labels) > len(LOAD) else 0):
+    for _ in range(_MAX_TORQUE_ITERATIONS if len(labels) > len(LOAD) else 0):
         if joint_names:
             columns = np.concatenate([runs.thinned, runs.rubbing(fitted[:10])], axis=3)
         step = [-(columns[1] @ fitted)[..., None]] if delay else []
@@ -363,7 +363,7 @@ def _fitted(
         if delay:
             late += float(solution.values[-1])
             moved = max(moved, abs(float(solution.values[-1])))
-        if moved < _SETTLED_from_torques:
+        if moved < _TORQUE_STEP:
             break
     if abs(late) > runs.common.band.every * runs.common.band.step_s:
         raise LabError(f"a delay of {1e3 * late:.3g} ms is too long: align torques and positions first")
@@ -417,7 +417,7 @@ _OFFSETS = tuple(f"offset.{name}" for name in _WRENCH)
 _TILT, _TURN = ("tilt.x", "tilt.y"), ("turn.x", "turn.y", "turn.z")
 _UNITS = {"offset.f": "N", "offset.m": "Nm", "tilt": "rad", "turn": "rad", "delay": "s"}
 _FORCE_AND_MOMENT = (0, 0, 0, 1, 1, 1)  # one noise each, where there are too few poses for six
-_ROUNDS_from_wrench, _SETTLED_from_wrench = 20, 1e-10  # rad and s
+_MAX_WRENCH_ITERATIONS, _WRENCH_STEP = 20, 1e-10  # rad and s
 
 
 @dataclass(frozen=True)
@@ -505,7 +505,7 @@ def from_wrench(
     labels = [*LOAD, *_OFFSETS, *(_TILT if tilt else ()), *(_TURN if turn else ()), *(("delay",) if delay else ())]
     reading = float(np.linalg.norm(readings.band.impulse)) if readings.band else 1.0
     known = None if sigma is None else reading * np.asarray(sigma)
-    solution, standing = _fitted_from_wrench(readings, labels, mounting, known)
+    solution, standing = _fitted_to_wrench(readings, labels, mounting, known)
     series = readings.series(len(solution.residual))
     said = verdict(solution, _suspects(readings, solution, standing, labels), series)
     turned = se3.log(mounting.rotation.T @ standing.rotation)
@@ -544,7 +544,7 @@ def _regressors(motion: HandMotion) -> tuple[Array, Array]:
     return wrench_regressor(motion, np.zeros(3)), np.stack([wrench_regressor(hanging, axis) for axis in np.eye(3)], -1)
 
 
-def _fitted_from_wrench(
+def _fitted_to_wrench(
     readings: _Readings, labels: Sequence[str], mounting: Mounting, sigma: Array | None
 ) -> tuple[ChannelSolution, _MountingEstimate]:
     """Gauss-Newton in how arm and sensor stand; the rest is linear."""
@@ -552,13 +552,13 @@ def _fitted_from_wrench(
     linear = labels[:16]
     seen = np.concatenate([readings.seen(0.0), readings.still])
     solution = least_squares(linear, _columns(readings, standing), seen, _FORCE_AND_MOMENT, sigma)
-    for _ in range(_ROUNDS_from_wrench if len(labels) > len(linear) else 0):
+    for _ in range(_MAX_WRENCH_ITERATIONS if len(labels) > len(linear) else 0):
         freed = _freed(readings, standing, solution.values[:10])
         design = np.concatenate([_columns(readings, standing), *(freed[name] for name in labels[16:])], axis=2)
         seen = np.concatenate([readings.seen(standing.late_s), readings.still])
         solution = least_squares(labels, design, seen, _FORCE_AND_MOMENT, sigma)
         standing = _stepped(standing, dict(zip(labels, solution.values, strict=True)))
-        if np.abs(solution.values[16:]).max() < _SETTLED_from_wrench:
+        if np.abs(solution.values[16:]).max() < _WRENCH_STEP:
             return solution, standing
     if len(labels) > len(linear) and np.abs(solution.values[16:]).max() > 1e-6:
         raise LabError("tilt, mounting or delay do not converge: align arm, sensor and clock better, or free fewer")

@@ -171,7 +171,7 @@ def physical_estimate(estimate: LoadEstimate) -> LoadEstimate:
 
 
 def nearest_physical(phi: Array, covariance: Array) -> Array:
-    """The nearest load that a body can be, by the covariance ``(10, 10)`` (``body_cone``)."""
+    """The nearest load that a body can be, by the covariance ``(10, 10)``, in the cone of bodies."""
     scale = np.sqrt(np.diag(covariance))
     root = np.linalg.inv(np.linalg.cholesky(covariance / np.outer(scale, scale))) / scale  # C^-1 = root' root
     cone = BodyCone(np.arange(10)[None], np.empty(0, dtype=np.int_))

@@ -233,7 +233,7 @@ def _payload_document(result: PayloadResult) -> Document:
             Section("The payload", _payload(result)),
             Section("What its uncertainty costs", (Paragraph(_cost(result)),)),
             Section("Not identifiable", (Bullets(tuple(map(sentence, found.unidentified))),)),
-            Section("Fitted along with it", (_nuisance_document(found),)),
+            Section("Fitted along with it", (_nuisance_table(found),)),
             Section("Measured and explained", (_explained(result),)),
             Section("What is shown", (Bullets(_LEGEND),), shown_in=RECORDING),
             provenance_section("payload", result.options, result.robot.sha256, result.options.serial),
@@ -327,7 +327,7 @@ def _cost(result: PayloadResult) -> str:
     )
 
 
-def _nuisance_document(found: LoadEstimate) -> Table:
+def _nuisance_table(found: LoadEstimate) -> Table:
     rows = []
     for each in found.nuisance:
         scale, unit = _UNITS.get(each.unit, (1.0, each.unit))

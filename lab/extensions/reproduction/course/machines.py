@@ -207,7 +207,7 @@ _STEP = 1e-30  # of the complex step: its square is nothing
 _QUADRANT = "arctg(y/x) has lost the quadrant: it is half a turn off where x < 0"
 
 
-def _rates_carriers(point: Callable[[Array], Array], joints: Array) -> Array:
+def _numeric_rates(point: Callable[[Array], Array], joints: Array) -> Array:
     """The Jacobian ``(n, 3, 3)`` of a point by a complex step in each joint."""
     moved = joints[:, None, :] + 1j * _STEP * np.eye(3)
     return np.asarray(np.imag(point(moved.reshape(-1, 3))).reshape(-1, 3, 3) / _STEP).swapaxes(1, 2)
@@ -228,7 +228,7 @@ def _prp() -> tuple[dict[str, Array], Array, Array]:
         "T1": joints[:, 0], "T2": joints[:, 2], "L2": np.full(SAMPLES, fixed), "q1": joints[:, 1],
         "x": at[:, 0], "y": at[:, 1], "z": at[:, 2],
     }  # fmt: skip
-    return letters, at, _rates_carriers(point, joints)
+    return letters, at, _numeric_rates(point, joints)
 
 
 def _prp_models() -> tuple[Answer, ...]:
@@ -265,7 +265,7 @@ def _rrr() -> tuple[dict[str, Array], Array, Array]:
     }
     way = second * np.sin(joints[:, 1]) - third * np.sin(joints[:, 1] + joints[:, 2])
     letters |= {"x": at[:, 0], "y": at[:, 1], "z": at[:, 2], "L": way}
-    return letters, at, _rates_carriers(point, joints)
+    return letters, at, _numeric_rates(point, joints)
 
 
 def _rrr_models() -> tuple[Answer, ...]:

@@ -1,4 +1,16 @@
-"""Direct kinematics of planar platforms in closed form, and their singularities."""
+"""Direct kinematics of planar platforms in closed form, and their singularities.
+
+The direct model of the 3-RPR: a polynomial of degree six.
+
+With z = exp(i phi) in place of t = tan(phi / 2) it needs no case for phi = pi: the modes are its roots on the unit
+circle, and it loses degree only where two legs share a pin (Gosselin, Sefrioui & Richard 1992 have it in t).
+
+How far from singular a parallel robot is, as numbers without a unit from 0 (singular) to 1.
+
+From its closure f(X, q) = 0 follows A dX + B dq = 0 (Gosselin & Angeles 1990). Where A is singular the platform moves
+though the joints are locked (type 2, *parallel*); where B is, a joint moves and the platform does not (type 1,
+*serial*); and where what holds the platform upright is dependent, it gains a turn (*constraint*; Zlatanov 2002).
+"""
 
 from dataclasses import dataclass
 from typing import NamedTuple

@@ -1,4 +1,27 @@
-"""Solve for the first joint and the first three joints of an arm in closed form."""
+"""Solve for the first joint and the first three joints of an arm in closed form.
+
+What the first three joints of an arm with a spherical wrist have in common: joint 1 turns all the rest.
+
+A vector is an array of three rows, a pose in each column; one in a plane is a complex number. Angles and lengths here
+are those of the axes: joint positions times their signs.
+
+The first three joints of an arm with a spherical wrist: what joint positions bring the wrist's centre somewhere.
+
+Joint 1 turns all the rest about a column (``column``). Then follow
+
+* an ``Elbow``: two hinges with parallel axes (an equation of type 2 for joint 1, of type 8 for the others);
+* a ``Telescope``: a hinge, and a slide across it (types 2 and 5);
+* a ``Lift``: a slide along the column, and one across it (types 1 and 5).
+
+Arms of three joints of any kind: all joint positions that bring a point of the last link somewhere.
+
+Joint 3 alone moves the point in the frame of link 2, on a circle or a line. Joints 1 and 2 leave two numbers as they
+are: of a hinge 1 the point's height along the axis and its distance from it, of a slide 1 its two coordinates across.
+What joint 2 would have to do is eliminated from the two equations, which leaves one in joint 3: a trigonometric
+polynomial of degree 2 for a hinge, a polynomial of degree 4 for a slide (Pieper 1968; Khalil & Dombre 2002, section
+4.4). Its coefficients are read off values at five positions, its roots are eigenvalues, and a few steps of
+Newton's method make the joints exact.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,11 +1,28 @@
 """Arms of five joints: all solutions of the poses that they can take, and where others come near, starts for a search.
 
 A pose has six freedoms, and five joints give it five. The shapes that are known here are a planar arm between two
-joints (``five_axes_planar``: two or three parallel axes), a planar arm after two joints (``five_axes_planar_end``), a
-wrist of two axes that meet on any three joints (``five_axes_wrist``), and hinges of which two neighbouring axes are
-parallel (``five_axes_pair``); and all held the other way round, at the last frame, which puts the two meeting axes, the
+joints (``PlanarMiddle``: two or three parallel axes), a planar arm after two joints (``PlanarEnd``), a
+wrist of two axes that meet on any three joints (``TwoAxisWrist``), and hinges of which two neighbouring axes are
+parallel (``ParallelPair``); and all held the other way round, at the last frame, which puts the two meeting axes, the
 planar arm or the pair at the base's end. Each gives candidates by the equations
 that it needs; those that meet the whole pose, to rounding after a few steps of Gauss and Newton, are its solutions.
+
+Five hinges of which two neighbouring axes are parallel, 1 and 2 or 2 and 3; joints 1 to 3, and joints 4 and 5.
+
+Two parallel hinges move what is between them in planes across their direction n. With the third of joints 1 to 3, whose
+axis z keeps its place beside them, they leave three numbers as they are: the angle between n and z, the height along n
+of a point of z, and the distance of the two parallel axes (a square). Each is bilinear in the cosines and sines of
+joints 4 and 5 (Raghavan & Roth 1993 have such equations for six joints): N(s) (1, cos t, sin t)' = 0, where s is the
+one of joints 4 and 5 that is farther from the parallel axes along the loop, and t the other. So det N(s) = 0. It has
+degree 2 in the cosine and sine of s: in the angle and in the height what s turns by exp(i s) is seen by t alike, so
+that the terms of degree 3 cancel. Its four roots are eigenvalues; the null vector of N says t, and joints 1 to 3
+follow one after the other.
+
+Five joints of which 4 and 5 are hinges whose axes meet in a point P: a wrist without its last axis.
+
+Joints 1 to 3 bring P to its place: in closed form, whatever they are (``first_joints``). Then
+joint 4 turns axis 5, and joint 5 what is left. Where P comes onto a hinge's axis its place does not say that joint; the
+angle between axes 4 and 5 does, by an equation of type 2.
 """
 
 from collections.abc import Iterator
@@ -29,7 +46,7 @@ from lab.extensions.robotics.inverse.first_joints import (
     polynomial_roots,
 )
 from lab.extensions.robotics.inverse.fitted_factor import fitted_factor
-from lab.extensions.robotics.inverse.five_axes_planar import PlanarEnd, PlanarMiddle
+from lab.extensions.robotics.inverse.five_axes_planar import PlanarEnd, PlanarMiddle, turn_between
 from lab.extensions.robotics.inverse.khalil_equations import TINY, type_2
 from lab.kinematics.compiled.kernels import machine_code
 from lab.kinematics.inverse.closed_form import (
@@ -452,9 +469,9 @@ class TwoAxisWrist:
         """Candidates ``(k, 5, n)`` by their first three joints: axis 4 turns axis 5, which turns what is left."""
         back = self._turned(first).swapaxes(2, 3) @ R  # (k, n, 3, 3)
         a4, a5 = self.axes.directions[3:]
-        fourth = _turn_between_five_axes_wrist(a4, np.broadcast_to(a5, back.shape[:-1]), back @ a5)
+        fourth = turn_between(a4, np.broadcast_to(a5, back.shape[:-1]), back @ a5)
         left = se3.exp(-fourth[..., None] * a4) @ back
-        fifth = _turn_between_five_axes_wrist(a5, np.broadcast_to(self._across, back.shape[:-1]), left @ self._across)
+        fifth = turn_between(a5, np.broadcast_to(self._across, back.shape[:-1]), left @ self._across)
         return np.concatenate([first, fourth[:, None], fifth[:, None]], axis=1)
 
     @property
@@ -559,12 +576,6 @@ class TwoAxisWrist:
 def _with_wrist(free: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Extend free joints ``(k, 5, n)`` by the last two, which are never free."""
     return np.concatenate([free, np.zeros_like(free[:, :2])], axis=1)
-
-
-def _turn_between_five_axes_wrist(axis: Array, start: Array, end: Array) -> Array:
-    """Turns ``(...)`` about an axis that bring directions ``(..., 3)`` nearest to others."""
-    along, ahead = start - (start @ axis)[..., None] * axis, np.cross(axis, start)
-    return np.asarray(np.arctan2((ahead * end).sum(axis=-1), (along * end).sum(axis=-1)))
 
 
 _STEPS = 4

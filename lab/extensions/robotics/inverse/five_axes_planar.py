@@ -4,6 +4,14 @@ Joints 2 to 4 turn about one direction w and leave the heights along it as they 
 turns about axis 5, are what makes w fit: the place of a point of axis 5 along w says joint 1, and so does the angle
 between axis 5 and w (both equations of type 2, of which the one that says more is taken). Joint 5 and the turn phi
 about w are what is left of the rotation, and joints 2 to 4 the planar arm's.
+
+Five joints of which 3 to 5 are a planar arm at the end: hinges with parallel axes, or slides across them.
+
+Joints 3 to 5 turn about one direction w and leave the heights along it as they are. So joints 1 and 2 alone turn w to
+where a pose has it. Of two hinges, the angle between w and axis 1 says joint 2 (an equation of type 2), and then the
+direction of w joint 1. Of two hinges with parallel axes the direction says their sum, and the height joint 1 (type 2);
+of a hinge and a slide after it the direction says the hinge, and the height the slide. Joints 3 to 5 are then the
+planar arm's.
 """
 
 from collections.abc import Iterator
@@ -21,7 +29,7 @@ from lab.extensions.robotics.inverse.planar import PlanarJoints
 from lab.kinematics.compiled.kernels import machine_code
 from lab.kinematics.inverse.closed_form import EXACT, Axes, Candidates, Term, plane_across
 
-__all__ = ["PlanarEnd", "PlanarFrame", "PlanarMiddle"]
+__all__ = ["PlanarEnd", "PlanarFrame", "PlanarMiddle", "turn_between"]
 
 PlanarFrame = tuple[Array, NDArray[np.bool_]]  # see PlanarMiddle._frame
 
@@ -288,7 +296,7 @@ class PlanarEnd:
         w, (first_axis, axis), (root, origin) = self.plane[2], self.axes.directions[:2], self.axes.origins[:2]
         if self.axes.prismatic[1]:
             rest = (seen * (place.T - root)).sum(axis=1) - w @ (self.start - root)
-            return _turn(first_axis, w, seen)[None], (rest / (w @ axis))[None]
+            return turn_between(first_axis, w, seen)[None], (rest / (w @ axis))[None]
         if self._sum:
             lever = root - origin
             rest = w @ (self.start - origin) - (seen * (place.T - root)).sum(axis=1)
@@ -296,11 +304,11 @@ class PlanarEnd:
             (roots,), _, _ = type_2(
                 seen @ np.cross(first_axis, lever), seen @ (lever - along), rest - seen @ along, TINY, liked[0]
             )
-            return roots, float(np.sign(first_axis @ axis)) * (_turn(first_axis, w, seen) - roots)
+            return roots, float(np.sign(first_axis @ axis)) * (turn_between(first_axis, w, seen) - roots)
         fixed, cosine, sine = (np.full(len(seen), part) for part in self._turned_part(first_axis))
         (second,), _, _ = type_2(sine, cosine, seen @ first_axis - fixed, TINY, liked[1])
         turned = se3.exp(second[..., None] * axis) @ w
-        return _turn(first_axis, turned, np.broadcast_to(seen, turned.shape)), second
+        return turn_between(first_axis, turned, np.broadcast_to(seen, turned.shape)), second
 
     def factors(self) -> tuple[list[float], list[Named]]:
         """See ``Shape``: the planar arm's, and how joints 1 and 2 turn w or lift along it."""
@@ -335,7 +343,7 @@ class PlanarEnd:
         return np.concatenate([across @ jacobian[:3], (w @ jacobian[3:])[None], held])
 
 
-def _turn(axis: Array, start: Array, end: Array) -> Array:
+def turn_between(axis: Array, start: Array, end: Array) -> Array:
     """Turns ``(...)`` about an axis that bring directions nearest to others ``(..., 3)``."""
     along, ahead = start - (start @ axis)[..., None] * axis, np.cross(axis, start)
     return np.asarray(np.arctan2((ahead * end).sum(axis=-1), (along * end).sum(axis=-1)))

@@ -1,4 +1,15 @@
-"""Solve Khalil's equation types in one and two unknowns."""
+"""Solve Khalil's equation types in one and two unknowns.
+
+Khalil's equations in one unknown, solved for whole arrays; those in two are in ``equation_pairs``.
+
+The ten types are those of Khalil & Dombre (Modeling, Identification and Control of Robots, 2002, table 4.1). An
+inverse in closed form is made of them: types 1 to 3, 9 and 10 have one unknown, 4 to 8 two.
+
+Khalil's equations in two unknowns, types 4 to 8, solved for whole arrays; what they return is in ``equations``.
+
+Types 6, 7 and 8 each close a triangle of three lengths, and are solved as that: to rounding of the lengths, where the
+squares of Khalil's own solution lose half of the digits beside a short side.
+"""
 
 from collections.abc import Callable
 from typing import NamedTuple

@@ -1,7 +1,20 @@
 """Arms of two or three joints that move in a plane: its two displacements, and with three joints the turn about its
-normal. Hinges are across the plane and slides in it, in any order (``planar_joints``).
+normal. Hinges are across the plane and slides in it, in any order (``PlanarJoints``).
 
 Two joints bring a point of the last link somewhere, whatever the rotation; three take a pose of the plane.
+
+Two or three joints that move in a plane, hinges across it and slides in it: all their positions for a place.
+
+Vectors in the plane are complex numbers, and a hinge multiplies what comes after it by exp(i angle). The place of a
+point is then an anchor, plus a length turned by each hinge, plus each slide's way turned by the hinges before it.
+Where three joints are given a turn as well, the last hinge is what is left of it, and two unknowns remain: two hinges
+(an equation of type 8), a hinge and a slide that it turns (type 5), a hinge and a slide beside it (types 10 and 1), or
+two slides (Khalil & Dombre 2002, table 4.1).
+
+Arms of four joints with parallel axes, three of them hinges: x, y, z and the turn about z.
+
+The slide may stand anywhere among the hinges, since it moves along their axes: it is what the height says (type 1).
+The first two hinges are a planar arm (type 8), and the last one is what is left of the turn.
 """
 
 from dataclasses import dataclass

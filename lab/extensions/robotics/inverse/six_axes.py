@@ -1,4 +1,21 @@
-"""Inverses of six-axis arms with a spherical wrist or three parallel axes, in closed form."""
+"""Inverses of six-axis arms with a spherical wrist or three parallel axes, in closed form.
+
+Arms of six joints whose last three axes meet at right angles, each to the next, whatever carries them.
+
+The wrist's centre is moved by joints 1 to 3 alone (``first_joints``); what is left of the rotation is the wrist's, by
+equations of types 2, 3 and 3 (Pieper 1968; Khalil & Dombre 2002, section 4.3). Everything is worked out from the
+joints' axes at zero joint positions, so that the table's convention, its signs and zeros do not matter. A vector
+is an array of three rows, a pose in each column.
+
+Arms of six hinges of which axes 2, 3 and 4 are parallel, as Universal Robots' are: all eight solutions.
+
+Axis 5 is square to axis 4, axis 6 to axis 5, and axes 5 and 6 meet in a point P. Joints 2 to 4 turn about one direction
+w: they leave the place of P along w as it is, so that P alone gives joint 1 (an equation of type 2). What joint 1
+leaves of the rotation is Rot(w, phi) Rot(a5, q5) Rot(a6, q6) with phi the sum of joints 2 to 4: the turn of axis 6 out
+of w is joint 5, and the turns before and after it are phi and joint 6. Then joints 2 and 3 are a planar arm (type 8),
+and joint 4 is what is left of phi (Hawkins 2013, analytic inverse kinematics for the Universal Robots UR-5/UR-10 arms).
+All is worked out from the joints' axes at zero joint positions.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -623,7 +623,7 @@ def _kinematics_document(result: KinematicsResult) -> Document:
         _title(result),
         (
             Warnings(result.warnings),
-            Section("Solutions" if result.reached else "Poses", (*_reached_document(result), *_placements(result))),
+            Section("Solutions" if result.reached else "Poses", (*_reached_blocks(result), *_placements(result))),
             Section("Assembly modes", _modes(result)),
             Section(f"Differential model{at}", () if first is None else _differential(result, first)),
             Section(f"Link matrices{at}", _matrices(result)),
@@ -672,7 +672,7 @@ def _title(result: KinematicsResult) -> str:
     return f"{result.robot.name}: {counted(count, 'pose')} by the direct model"
 
 
-def _reached_document(result: KinematicsResult) -> tuple[Block, ...]:
+def _reached_blocks(result: KinematicsResult) -> tuple[Block, ...]:
     """Report the number of solutions of each pose, and the method that found them."""
     lines = []
     for each in result.reached:

@@ -2,7 +2,7 @@
 
 A path is p(s), R(s) for s from 0 to 1. The orientation turns about one fixed axis, evenly with s (Khalil & Dombre 2002,
 section 13.4). The joints follow it by Newton's method from pose to pose; s then runs over time by the quickest law of
-its kind (``pace``) that keeps every joint within its limits. With v, a and j the derivatives of s by time, and q1, q2
+its kind that keeps every joint within its limits. With v, a and j the derivatives of s by time, and q1, q2
 and q3 those of a joint by s, its speed is q1 v, its acceleration q2 v^2 + q1 a and its jerk q3 v^3 + 3 q2 v a + q1 j.
 
 How a path runs over time: that trapezoid or double S of its speed which takes the shortest time within all limits.

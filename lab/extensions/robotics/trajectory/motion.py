@@ -1,6 +1,18 @@
 """Plan a motion through the points of a file: joint positions of each point, and the moves between them.
 
 A motion is a sequence of moves of several kinds: phases of the joints, and paths of the tool.
+
+Elastic errors of an arm by its segments, and the joint positions that make up for them (Benmisra 2007, 3.21-3.38).
+
+The rigid arm's tool is at X_R, the deformed arm's at X_D = F_d(q, u), with u the torsors of its segments: the elastic
+error is dX = X_D - X_R (eq. 3.21), in all and by segment. Sent to X_C = X_R - dX (eq. 3.36 b) the deformed arm gets to
+X_R: joints move by -J+ dX (eq. 3.37, 3.38), again and again where the error is large. An arm with fewer than six
+joints leaves out the components of dX that no joint can make.
+
+Tracking errors of an identified arm along a trajectory, and the joint positions that make up for them.
+
+Quasi-static (Benmisra 2007, figure 3.7): at each instant joints and links bear gravity, a payload and the inertia of
+the arm as it moves rigidly by q, q', q''. Vibration is left out.
 """
 
 from collections.abc import Callable, Mapping, Sequence

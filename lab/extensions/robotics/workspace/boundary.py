@@ -3,6 +3,14 @@
 Where two neighbouring nodes of the grid differ, the place between them where it changes is narrowed down by bisection.
 A cell's vertex is the mean of such places on its edges, and around every such edge the cells' vertices make a face: a
 segment of two in a plane, a quadrilateral of four in space (surface nets, Gibson 1998).
+
+The volume of what an arm reaches whose first turn is a whole one about z, by exact sections.
+
+Whether a place is reached within the joints' limits is what the arm's closed form says, or a search. The space is a
+solid of revolution, so that a section across z is made of rings. A radius is sampled at each level, and every change
+between neighbouring samples is narrowed down by bisection; so are the levels between which there are sections. There
+they are integrated by Gauss' rule in panels, since a void bends their area. Three slides make a parallelepiped, whose
+volume is the determinant times the strokes.
 """
 
 from collections.abc import Callable
