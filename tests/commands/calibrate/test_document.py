@@ -9,6 +9,7 @@ import pytest
 from helpers.html_page import Page
 from helpers.robots import data_file
 
+from lab.calibration.checks.fit import note
 from lab.calibration.verdict import Verdict
 from lab.campaign.option_groups import ArmEffects, Fitting
 from lab.campaign.options import VirtualCampaign
@@ -117,7 +118,7 @@ def test_what_a_user_named_is_escaped(tmp_path: Path) -> None:
     assert found.fit.outliers and found.fitted.targets == (target,)
     model = found.robot.model
     named = replace(found.robot, model=replace(model, chain=replace(model.chain, name=NASTY)))
-    found = replace(found, robot=named, warnings=(f"{NASTY} of a warning",))
+    found = replace(found, robot=named, fit=replace(found.fit, checks=(note(f"{NASTY} of a warning"),)))
     seen = written(tmp_path / "report.html", found)
     assert seen.headings[0].startswith(NASTY) and seen.items[-1:] == [f"{NASTY} of a warning"]
     assert found.fit.outliers[0].id in [row[0] for row in seen.table("pose", "line")]
