@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from typing import Any
 
     from lab.calibration.estimate import Estimate
+    from lab.calibration.estimate_files import save_estimate
     from lab.campaign.instruments import instrument
     from lab.campaign.robot import Robot, load_robot
     from lab.commands.calibrate.load_run import load_estimate
@@ -88,6 +89,7 @@ __all__ = [
     "payload",
     "predict",
     "read_measurements",
+    "save_estimate",
     "simulate",
     "solve_kinematics",
     "status",
@@ -100,6 +102,7 @@ __all__ = [
 
 _MODULES = {  # where each name is, imported when it is asked for
     "lab.calibration.estimate": ("Estimate",),
+    "lab.calibration.estimate_files": ("save_estimate",),
     "lab.campaign.instruments": ("instrument",),
     "lab.campaign.robot": ("Robot", "load_robot"),
     "lab.commands.calibrate.load_run": ("load_estimate",),

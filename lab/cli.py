@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
     from lab.commands.command_line import Arguments
     from lab.commands.registry import Command
+    from lab.commands.result import Result
 
 __all__ = ["main"]
 
@@ -203,7 +204,7 @@ def _done(command: "Command", asked: "Arguments", before: "list[tuple[Path, byte
             folder = stack.enter_context(run_folder(place, input_files(asked.options), overwrite=asked.overwrite))
         with starting(f"lab {command.name}"):  # its libraries take longer than its options
             run = command.load_run()
-        result = run(asked.options)
+        result: Result = run(asked.options)
         if place is not None:
             with status("writing the page and the other files"):
                 result.write(folder)

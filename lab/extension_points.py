@@ -10,6 +10,7 @@ A package adds an object by a line of its ``pyproject.toml``, e.g. ``[project.en
 - ``lab.inverses``: a function from a ``Chain`` and the tool ``(3,)`` m in its last frame to a ``ClosedForm`` of
   ``lab.kinematics.inverse.closed_form``, or to None where it has none for such an arm.
 - ``lab.shapes``: a function from a ``Mechanism`` to what ``lab inspect`` reports of its closed form, or None.
+- ``lab.sections``: an ``AddedSection`` of ``lab.commands.sections``.
 - ``lab.sources``: a ``Source`` of ``lab.extensions.reproduction.item``; the name is what ``lab reproduce`` takes.
 
 An extension may use the public interface ``lab``, this module, and the toolbox, which the import contract names:
@@ -28,6 +29,7 @@ that cannot be imported is left out, and reported in one line on the standard er
 
 import sys
 from functools import cache
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, Literal
 
 from lab.core.errors import LabError
@@ -35,7 +37,7 @@ from lab.core.errors import LabError
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
-__all__ = ["choice_of", "load", "load_all", "registered"]
+__all__ = ["choice_of", "load", "load_all", "load_reference", "registered"]
 
 _reported = set[str]()  # entries, so that each is reported once
 
@@ -86,6 +88,12 @@ def load_all(group: str) -> dict[str, Any]:
                 _reported.add(f"{group}:{name}")
                 print(f"lab: warning: {error}", file=sys.stderr)
     return found
+
+
+def load_reference(reference: str) -> Any:
+    """Import what ``module:name`` names."""
+    module, _, name = reference.partition(":")
+    return getattr(import_module(module), name)
 
 
 def choice_of(group: str) -> Any:

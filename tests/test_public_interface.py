@@ -78,6 +78,7 @@ def test_help_shows_what_is_required() -> None:
         "load_robot": ["robot"],
         "predict": ["joints"],
         "read_measurements": ["path"],
+        "save_estimate": ["estimate", "folder"],
         "status": ["folder"],
         "study": ["config"],
         "trajectory": ["points"],

@@ -8,7 +8,6 @@ the model discrepancy within the measured range and beyond it, and by what diffe
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from pathlib import Path
 from typing import Any, NamedTuple, Protocol, cast
 
 import numpy as np
@@ -479,13 +478,6 @@ class Estimate:
         ]
         carried = inputs[:, size + self.arm.conditions.index(PAYLOAD)] > 0
         return np.asarray(np.where(carried[:, None], np.stack(off, axis=1), none))
-
-    def save(self, folder: str | Path) -> None:
-        """Write the estimate into a folder, which is made; ``lab.load_estimate(folder, robot)`` reads it."""
-        from lab.calibration.estimate_files import save_estimate
-
-        Path(folder).mkdir(parents=True, exist_ok=True)
-        save_estimate(Path(folder), self)
 
 
 def _estimated_parameters(found: Identification, exported: Array) -> tuple[EstimatedParameter, ...]:

@@ -52,6 +52,7 @@ __all__ = [
     "residual_to_dict",
     "save_estimate",
     "write_cover",
+    "write_estimate",
     "write_residual",
 ]
 
@@ -177,29 +178,37 @@ class EstimateFiles(NamedTuple):
     covariance: Array
 
 
-def save_estimate(
-    folder: Path,
-    estimate: Estimate,
-    *,
-    result: Mapping[str, Any] | None = None,
-    converted: Sequence[Mapping[str, Any]] = (),
-) -> None:
-    """Write the files of an estimate into a folder that is there.
+def save_estimate(estimate: Estimate, folder: str | Path) -> None:
+    """Write an estimate into a folder, which is made; ``lab.load_estimate(folder, robot)`` reads it.
+
+    Example:
+        >>> import lab, pathlib, tempfile
+        >>> estimate = lab.calibrate("irb120", seed=7).estimate
+        >>> folder = pathlib.Path(tempfile.mkdtemp())
+        >>> lab.save_estimate(estimate, folder)
+        >>> bool((lab.load_estimate(folder, "irb120").covariance == estimate.covariance).all())
+        True
+    """
+    place = Path(folder)
+    place.mkdir(parents=True, exist_ok=True)
+    write_estimate(place, estimate)
+    _write_json(place / RESULT_FILE, estimate_to_dict(estimate))
+
+
+def write_estimate(folder: Path, estimate: Estimate, converted: Sequence[Mapping[str, Any]] = ()) -> None:
+    """Write the files of an estimate but ``result.json`` into a folder that is there.
 
     Args:
         folder: where to.
         estimate: what to write.
-        result: the whole content of ``result.json``, of a run that says more of itself; the estimate's where not given.
-        converted: further rows of ``parameters.json``, which say the same in other parameters.
+        converted: further rows of ``parameters.json``, the same arm in other parameters.
     """
-    rows = [*map(unstructured, estimate.rows), *converted]
-    _write_json(folder / PARAMETERS_FILE, rows)
+    _write_json(folder / PARAMETERS_FILE, [*map(unstructured, estimate.rows), *converted])
     table = (
         [name, *map(repr, row)] for name, row in zip(estimate.identified, estimate.covariance.tolist(), strict=True)
     )
     lines = [",".join(row) for row in [["parameter", *estimate.identified], *table]]
     (folder / COVARIANCE_FILE).write_text("\n".join(lines) + "\n", encoding="utf-8")
-    _write_json(folder / RESULT_FILE, estimate_to_dict(estimate) if result is None else result)
     chain = estimate.rigid.chain
     if estimate.process is not None:
         columns = residual_columns(chain, estimate.arm.conditions, estimate.arm.targets)

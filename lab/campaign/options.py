@@ -26,15 +26,8 @@ from lab.core.limits import (
     whole,
 )
 from lab.formats.programs.registry import Controller
-from lab.sensors.registry import (
-    FitInputs,
-    SensorName,
-    SensorOptions,
-    VirtualSetup,
-    configured_sensor,
-    sensor_named,
-    sensors_with,
-)
+from lab.sensors.options import FitInputs, SensorOptions, VirtualSetup
+from lab.sensors.registry import SensorName, configured_sensor, sensor_named, sensors_with
 from lab.simulation.free_path import CLEARANCE_MM, Clearances
 
 if TYPE_CHECKING:

@@ -5,16 +5,12 @@ Nothing of a command is imported before it is run.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 from string import Formatter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from lab.core.errors import LabError
-from lab.extension_points import load, load_all, registered
-
-if TYPE_CHECKING:
-    from lab.commands.result import Result
+from lab.extension_points import load, load_all, load_reference, registered
 
 __all__ = ["COMMANDS", "Command", "all_commands", "command_named"]
 
@@ -44,12 +40,12 @@ class Command:
 
     def load_options(self) -> type[Any]:
         """The class of its options."""
-        kind: type[Any] = _load(self.options)
+        kind: type[Any] = load_reference(self.options)
         return kind
 
-    def load_run(self) -> "Callable[[Any], Result]":
-        """Import and return the function that runs the command, with the libraries that it needs."""
-        run: Callable[[Any], Result] = _load(self.run)
+    def load_run(self) -> Callable[[Any], Any]:
+        """Import and return the function from options to ``Result``, with the libraries that it needs."""
+        run: Callable[[Any], Any] = load_reference(self.run)
         return run
 
     def folder_name(self, options: Any) -> str:
@@ -183,8 +179,3 @@ def command_named(name: str) -> Command:
         return added
     known = ", ".join((*(command.name for command in COMMANDS), *registered(_GROUP)))
     raise LabError(f"'{name}' is no command; there are {known}; see lab --help")
-
-
-def _load(reference: str) -> Any:
-    module, _, name = reference.partition(":")
-    return getattr(import_module(module), name)

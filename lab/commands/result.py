@@ -2,15 +2,16 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
+from lab.extension_points import load_reference
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.parameter import Parameter
 from lab.render.document import display_unit
@@ -18,7 +19,7 @@ from lab.render.document import display_unit
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from lab.render.document import Document
+    from lab.render.document import Document, Picture
 
 __all__ = [
     "ErrorStatistics",
@@ -43,47 +44,108 @@ class Result(ABC):
     """Result of a call of the interface.
 
     A subclass is ``@dataclass(frozen=True, repr=False, eq=False)``: it holds arrays, which neither print shortly nor
-    compare to one truth value. It implements what is abstract here, overrides nothing else, and imports what is slow
-    (rendering, drawing, writing) inside its methods. ``warnings`` and ``options`` may be
-    fields or properties.
+    compare to one truth value. It holds data alone: what shows it is named, and imported when it is asked for. What is
+    declared for type checkers here may be a field, a property or an attribute of the class.
+
+    Attributes:
+        shown_by: ``module:function`` from the result to its ``Document``, to which is added what extensions show of it,
+            and how it was made.
+        drawn_by: ``module:function`` from the result to the ``Picture`` of its main figure; a LabError where there is
+            nothing to draw; empty where there never is.
+        recorded_by: ``module:function`` that writes the recording, of a path and the result; empty where there is none.
     """
+
+    shown_by: ClassVar[str]
+    drawn_by: ClassVar[str] = ""
+    recorded_by: ClassVar[str] = ""
 
     if TYPE_CHECKING:  # at run time a property here would be the default value of a dataclass's field
 
         @property
         @abstractmethod
-        def warnings(self) -> tuple[str, ...]:
-            """Warnings for the reader, a sentence each."""
+        def command(self) -> str:
+            """Name of the command that this is the result of."""
 
         @property
         @abstractmethod
         def options(self) -> Any:
             """Options of the command."""
 
+        @property
+        @abstractmethod
+        def warnings(self) -> tuple[str, ...]:
+            """Warnings for the reader, a sentence each."""
+
     @property
-    @abstractmethod
     def exit_code(self) -> int:
         """Exit code of the command: 0 if the answer is good, 1 if it is bad, 3 where a good one is required."""
+        return 0
+
+    @property
+    def model_sha256(self) -> str:
+        """Digest of the robot's description; empty where there is none."""
+        return ""
+
+    @property
+    def serial(self) -> str | None:
+        """Serial number of the arm; None where it is not given."""
+        given: str | None = getattr(self.options, "serial", None)
+        return given
+
+    @property
+    def is_recorded(self) -> bool:
+        """True where there is something to record."""
+        return bool(self.recorded_by)
 
     @abstractmethod
     def to_dict(self) -> dict[str, Any]:
         """Return the values of ``--json`` and ``result.json``: plain values, lengths in mm; None where not finite."""
 
     @abstractmethod
-    def document(self) -> "Document":
-        """Build the one document that terminal, page and recording show."""
-
-    @abstractmethod
     def columns(self) -> Mapping[str, Sequence[Any] | Array]:
         """The result's main table by columns of one length, for ``to_frame``; names end in the unit."""
 
-    @abstractmethod
-    def plot(self) -> "Figure":
-        """Draw the result's main figure (matplotlib)."""
+    def saved_dict(self) -> dict[str, Any]:
+        """Return the values of ``result.json``, where a list may be an iterator."""
+        return self.to_dict()
 
-    @abstractmethod
+    def write_files(self, folder: Path) -> None:  # noqa: B027 (most write no others)
+        """Write the files of this result alone into a folder that is there."""
+
+    def document(self) -> "Document":
+        """Build the one document that terminal, page and recording show."""
+        from lab.commands.run_folder import provenance_section
+        from lab.commands.sections import added_sections
+
+        document: Document = load_reference(self.shown_by)(self)
+        made = provenance_section(self.command, self.options, self.model_sha256, self.serial)
+        return replace(document, blocks=(*document.blocks, *added_sections(self), made))
+
+    def plot(self) -> "Figure":
+        """Draw the result's main figure (matplotlib).
+
+        Raises:
+            LabError: there is nothing to draw.
+        """
+        if not self.drawn_by:
+            raise LabError(f"the result of lab {self.command} has no figure; report(path) writes its page")
+        picture: Picture = load_reference(self.drawn_by)(self)
+        return picture.draw()
+
     def write(self, folder: Path) -> None:
-        """Write every file of the run into a folder that is there and empty; ``save`` makes it."""
+        """Write every file of the run into a folder that is there and empty; ``save`` makes it.
+
+        ``config.json``, ``result.json``, those of ``write_files``, ``recording.rrd`` unless the options leave it out,
+        and ``report.html``.
+        """
+        from lab.commands.run_folder import write_config, write_json
+
+        write_config(folder, self.command, self.options, self.model_sha256)
+        write_json(folder / "result.json", self.saved_dict())
+        self.write_files(folder)
+        if self.is_recorded and not getattr(self.options, "no_recording", False):
+            load_reference(self.recorded_by)(folder / "recording.rrd", self)
+        self.report(folder / "report.html")
 
     def summary(self) -> str:
         """Return the printed output of the command, as plain text."""

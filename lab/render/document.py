@@ -8,7 +8,7 @@ import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from math import floor, isfinite, log10
-from typing import TYPE_CHECKING, ClassVar, Final, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, NamedTuple
 
 import numpy as np
 
@@ -17,8 +17,6 @@ from lab.kinematics.parameter import Parameter
 
 if TYPE_CHECKING:
     import matplotlib.figure
-
-    from lab.render.charts.chart import Chart
 
 __all__ = [
     "EVERYWHERE",
@@ -251,13 +249,13 @@ class Picture:
         name: letters, digits and hyphens; no other picture of the document may have it.
         label: what it shows, for those who do not see it.
         draw: makes the matplotlib figure.
-        chart: makes the same as SVG for a page, which takes a hundredth of the time; None where only matplotlib can.
+        chart: makes the same as a ``Chart`` for a page, in a hundredth of the time; None where only matplotlib can.
     """
 
     name: str
     label: str
     draw: "Callable[[], matplotlib.figure.Figure]"
-    chart: "Callable[[], Chart] | None" = None
+    chart: Callable[[], Any] | None = None
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ from lab.kinematics.parameter import Parameter, placed_parameters
 from lab.noise.instruments import Instrument
 from lab.sensors.contact import POINT, Chance, fixture_measurements, without_sessions
 from lab.sensors.fixtures import FixtureRows, Fixtures, FixtureSensor, refuse_blank
-from lab.sensors.registry import VirtualSetup
+from lab.sensors.options import VirtualSetup
 from lab.sensors.virtual_sensor import SimulatedReadings, refuse_several_targets
 from lab.simulation.true_robot import TrueRobot
 

@@ -29,7 +29,7 @@ from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter, indices_of_groups, names_of, placed_parameters
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.axes_to_dh import JointAxes, Truth, parameters_from_axes
-from lab.sensors.registry import FitInputs, SensorOptions
+from lab.sensors.options import FitInputs, SensorOptions
 from lab.sensors.virtual_sensor import VirtualSensor
 from lab.simulation.true_robot import TrueRobot
 

@@ -34,7 +34,7 @@ from lab.kinematics.parameter import Parameter, indices_of_groups, names_of
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.axes_to_dh import Truth
 from lab.noise.instruments import Instrument, PoseInstrument
-from lab.sensors.registry import FitInputs, PoseOptions, VirtualSetup
+from lab.sensors.options import FitInputs, PoseOptions, VirtualSetup
 from lab.sensors.virtual_sensor import SimulatedReadings, VirtualSensor
 from lab.simulation.effects import Effects
 from lab.simulation.tracking import scattered_points, seen_by, target_rotations

@@ -15,7 +15,7 @@ from lab.kinematics.model import Model
 from lab.noise.instruments import Instrument
 from lab.sensors.contact import Chance, Contacts, fixture_measurements, reachable_points, without_sessions
 from lab.sensors.fixtures import FixtureRows, Fixtures, FixtureSensor, refuse_blank
-from lab.sensors.registry import VirtualSetup
+from lab.sensors.options import VirtualSetup
 from lab.sensors.virtual_sensor import SimulatedReadings, refuse_several_targets
 from lab.simulation.true_robot import TrueRobot
 

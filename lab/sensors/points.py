@@ -13,7 +13,7 @@ from lab.formats.measurement_csv import ObservedColumns
 from lab.kinematics.model import Model
 from lab.noise.instruments import Instrument
 from lab.sensors.full_pose import Poses
-from lab.sensors.registry import VirtualSetup
+from lab.sensors.options import VirtualSetup
 from lab.sensors.virtual_sensor import SimulatedReadings, VirtualSensor
 from lab.simulation.tracking import measure_with_outlier_mask, seen_by
 from lab.simulation.true_robot import TrueRobot

@@ -15,7 +15,7 @@ from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.kinematics.serial.axes_to_dh import Truth
 from lab.noise.instruments import Instrument
-from lab.sensors.registry import FitInputs, SensorOptions, VirtualSetup
+from lab.sensors.options import FitInputs, SensorOptions, VirtualSetup
 from lab.simulation.true_robot import TrueRobot
 
 __all__ = ["SimulatedReadings", "VirtualSensor", "refuse_several_targets"]

@@ -117,7 +117,7 @@ def test_estimates_of_other_robots_come_back_from_a_pickle(name: str) -> None:
 
 
 def test_it_comes_back_from_its_files(soft: lab.CalibrationResult, tmp_path: Path) -> None:
-    soft.estimate.save(tmp_path / "alone")
+    lab.save_estimate(soft.estimate, tmp_path / "alone")
     soft.save(tmp_path / "run")
     inputs = poses(soft.estimate, 3)
     expected = soft.estimate.predict(inputs)
@@ -135,7 +135,7 @@ def test_it_comes_back_from_its_files(soft: lab.CalibrationResult, tmp_path: Pat
 def test_a_table_of_the_lab_is_loaded_by_name(tmp_path: Path) -> None:
     with nothing_drawn():
         estimate = lab.calibrate("irb120", seed=7).estimate
-    estimate.save(tmp_path)
+    lab.save_estimate(estimate, tmp_path)
     again = lab.load_estimate(tmp_path, "irb120")
     np.testing.assert_array_equal(again.values, estimate.values)
     np.testing.assert_array_equal(again.subset().covariance, estimate.subset().covariance)

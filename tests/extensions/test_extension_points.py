@@ -17,10 +17,12 @@ from dataclasses import dataclass
 
 import tyro
 
+import lab
 from lab.commands.registry import Command
 from lab.commands.result import Result
+from lab.commands.sections import AddedSection
 from lab.core.errors import LabError
-from lab.render.document import Document
+from lab.render.document import Document, Paragraph, Section
 
 WEIGH = Command("weigh", "Weigh a robot.", "weighing:Options", "weighing:weigh")
 
@@ -39,27 +41,31 @@ class Options:
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Weight(Result):
-    options: Options
+    command, shown_by = "weigh", "weighing:document_of"
     warnings = ()
-    exit_code = 0
+
+    options: Options
 
     def to_dict(self):
         return {"newton": 9.81 * self.options.kg}
 
-    def document(self):
-        return Document("A weight", ())
-
     def columns(self):
         return {"newton": [9.81 * self.options.kg]}
 
-    def plot(self):
-        raise NotImplementedError
-
-    def write(self, folder):
-        raise NotImplementedError
-
 
 weigh = Weight
+
+
+def document_of(weight):
+    return Document("A weight", (Paragraph(f"It weighs {9.81 * weight.options.kg:.2f} N."),))
+
+
+def scale_of(result):
+    return Section("Scale", (Paragraph(f"{type(result).__name__}: calibrated last year."),))
+
+
+SCALE = AddedSection(Weight, scale_of)
+INSPECTED = AddedSection(lab.Inspection, scale_of)
 
 
 class Spoken:
@@ -94,8 +100,9 @@ def python(site: Path, *arguments: str, cwd: Path | None = None) -> subprocess.C
 
 @pytest.fixture
 def site(tmp_path: Path) -> Path:
-    package(tmp_path, "weighing", "[lab.commands]\nweigh = weighing:WEIGH\n[lab.languages]\nspoken = weighing:Spoken\n",
-            COMMAND)  # fmt: skip
+    sections = "[lab.sections]\nscale = weighing:SCALE\nat_inspection = weighing:INSPECTED\n"
+    commands = "[lab.commands]\nweigh = weighing:WEIGH\n[lab.languages]\nspoken = weighing:Spoken\n"
+    package(tmp_path, "weighing", commands + sections, COMMAND)
     return tmp_path
 
 
@@ -107,6 +114,19 @@ def test_a_third_party_s_command_is_run_as_the_lab_s_own(site: Path) -> None:
     listed = python(site, "-m", "lab", "--help").stdout
     assert "  weigh       Weigh a robot." in listed and "  identify " in listed
     assert "Its mass." in python(site, "-m", "lab", "weigh", "--help").stdout
+
+
+def test_a_third_party_s_section_is_shown_after_those_of_its_type_of_result(site: Path) -> None:
+    printed = python(site, "-m", "lab", "weigh", "2").stdout
+    assert "It weighs 19.62 N." in printed and "Weight: calibrated last year." in printed
+    assert "Inspection" not in printed
+    inspected = python(site, "-m", "lab", "inspect", "course2r").stdout
+    own, added = inspected.index("Conditioning"), inspected.index("Inspection: calibrated last year.")
+    assert own < added and "Weight:" not in inspected
+    page = "import lab; lab.inspect('course2r').report('page.html')"
+    assert python(site, "-c", page).stderr == ""
+    text = (site / "page.html").read_text(encoding="utf-8")
+    assert text.rindex("Conditioning") < text.rindex("calibrated last year") < text.rindex("What was done")
 
 
 def test_a_third_party_s_language_is_chosen_by_its_name(site: Path) -> None:

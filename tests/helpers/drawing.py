@@ -28,5 +28,5 @@ def nothing_drawn() -> Iterator[None]:
             setattr(module, function, lambda path, *_: Path(path).write_bytes(b""))
             patch.setitem(sys.modules, name, module)
         patch.setattr("lab.render.charts.chart.inline_svg", lambda picture: Markup())
-        patch.setattr("lab.commands.study.result.StudyResult.pictures", {})
+        patch.setattr("lab.commands.study.document.pictures_of", lambda _: {})
         yield

@@ -24,7 +24,8 @@ from lab.commands.compensate.result import CompensationResult
 from lab.core.se3 import Array
 from lab.formats.programs.postures import ArmShape
 from lab.noise.instruments import observing
-from lab.sensors.registry import VirtualSetup, sensor_named
+from lab.sensors.options import VirtualSetup
+from lab.sensors.registry import sensor_named
 from lab.simulation.collisions import random_poses
 from lab.simulation.true_robot import TrueRobot
 

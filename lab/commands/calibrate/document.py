@@ -5,12 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from lab.calibration.estimate import EstimatedParameter
-from lab.calibration.fitted import Named
 from lab.calibration.identifiability import Direction
 from lab.calibration.prior import ActingPrior
-from lab.calibration.sensor import SensorWords
 from lab.calibration.statistics.remaining_error import ExplainedError
-from lab.calibration.verdict import Answer, Verdict, Word, rotation_noise_rad
+from lab.calibration.verdict import Answer, Word, rotation_noise_rad
 from lab.commands.calibrate.figures import (
     arm_figures,
     correction_pictures,
@@ -23,7 +21,6 @@ from lab.commands.calibrate.figures import (
     where_figures,
 )
 from lab.commands.calibrate.result import CalibrationResult, correlated_pairs, errors_without_outliers, outliers_found
-from lab.commands.run_folder import provenance_section
 from lab.core.checks import Check
 from lab.core.errors import counted
 from lab.core.limits import called
@@ -88,30 +85,28 @@ _STATUS = {
 
 
 def document_of(result: CalibrationResult) -> Document:
-    """The whole of a calibration."""
-    words = result.kind.words
+    """Build the document of a calibration, from the verdict to the parameters and the poses."""
     return Document(
         _title(result),
         (
-            *_verdict_blocks(result.verdict, result.options.gate_mm),
-            Paragraph(_lead(result, words), "lead"),
-            Warnings(_warnings(result)),
-            _errors(result, words),
-            Section("Where in the workspace the errors are", where_figures(result, words)),
+            *_verdict_blocks(result),
+            _lead(result),
+            _warnings(result),
+            _errors(result),
+            Section("Where in the workspace the errors are", where_figures(result)),
             Section("Uncertainty and goodness of fit", (*_uncertainty(result), *residual_figures(result))),
-            _outliers(result.fit.outliers, result.fit.left_out),
-            _parameters(result, words),
+            _outliers(result),
+            _parameters(result),
             Section("Identifiability and conditioning", _identifiability(result)),
             Section("The arm at its poses", arm_figures(result)),
-            provenance_section(result.command, result.options, result.robot.sha256, result.options.serial),
         ),
     )
 
 
-def _warnings(result: CalibrationResult) -> tuple[str, ...]:
-    """The warnings that are no reasons of the verdict."""
+def _warnings(result: CalibrationResult) -> Warnings:
+    """List the warnings that are no reasons of the verdict."""
     reasons = phrases(result.verdict.reasons)
-    return tuple(each for each in result.warnings if each not in reasons)
+    return Warnings(tuple(each for each in result.warnings if each not in reasons))
 
 
 def _title(result: CalibrationResult) -> str:
@@ -122,7 +117,8 @@ def _title(result: CalibrationResult) -> str:
     return f"{name}: {short(before.mean)} → {short(after.mean)} mm, {result.verdict.word}"
 
 
-def _lead(result: CalibrationResult, words: SensorWords) -> str:
+def _lead(result: CalibrationResult) -> Paragraph:
+    words = result.kind.words
     fit, before, after, targets = result.identification.fit, result.before, result.after, result.fitted.targets
     of = f" of target{'s' * (len(targets) > 1)} {', '.join(targets)}" if words.names_targets else ""
     after_or_in = "after" if fit.status == "in a valley" else "in"
@@ -132,17 +128,18 @@ def _lead(result: CalibrationResult, words: SensorWords) -> str:
         f"{len(result.parameters)} parameters were identified ({fit.status} {after_or_in} {steps})."
     )
     if before is None or after is None:
-        return f"{begun} The accuracy at other poses was not validated."
-    return (
-        f"{begun} The mean {_judged_error(result, words)} {_validated_on(result)} was {short(before.mean)} mm with "
+        return Paragraph(f"{begun} The accuracy at other poses was not validated.", "lead")
+    text = (
+        f"{begun} The mean {_judged_error(result)} {_validated_on(result)} was {short(before.mean)} mm with "
         f"the nominal model and is {short(after.mean)} mm with the calibrated one."
     )
+    return Paragraph(text, "lead")
 
 
-def _judged_error(result: CalibrationResult, words: SensorWords) -> str:
+def _judged_error(result: CalibrationResult) -> str:
     """Name the validation's errors; a virtual arm placed by fixtures is validated by positions."""
     judged_by_points = result.validation.judged_by == "fresh" and not result.kind.in_instrument_frame
-    return "position error, the base placed anew," if judged_by_points else words.error
+    return "position error, the base placed anew," if judged_by_points else result.kind.words.error
 
 
 def _validated_on(result: CalibrationResult) -> str:
@@ -151,8 +148,9 @@ def _validated_on(result: CalibrationResult) -> str:
     return _VALIDATED[result.validation.judged_by].format(count=f"{result.after.count:,}")
 
 
-def _verdict_blocks(verdict: Verdict, gate_mm: float | None) -> tuple[Block, ...]:
-    """The word with its gate, the reasons where it is not good, and the three answers; nothing is told twice."""
+def _verdict_blocks(result: CalibrationResult) -> tuple[Block, ...]:
+    """Word the verdict with its gate, the reasons where it is not good, and the three answers, nothing twice."""
+    verdict = result.verdict
     reasons = Bullets(tuple(map(capital, phrases(verdict.reasons))))
     because = (Paragraph("Because:"), reasons) if verdict.reasons else ()
     answers = tuple(
@@ -160,7 +158,7 @@ def _verdict_blocks(verdict: Verdict, gate_mm: float | None) -> tuple[Block, ...
         for name, each in verdict.answers.items()
     )
     return (
-        Paragraph(("Verdict: ", _VERDICTS[verdict.word], f" ({gate_words(gate_mm)})")),
+        Paragraph(("Verdict: ", _VERDICTS[verdict.word], f" ({gate_words(result.options.gate_mm)})")),
         *because,
         Bullets(answers),
     )
@@ -174,7 +172,7 @@ def _answer_words(answer: Answer, reasons: Sequence[Check]) -> str:
     return "See above." if {each.name for each in answer.checks} <= set(above) else sentence(in_one_line(answer.checks))
 
 
-def _errors(result: CalibrationResult, words: SensorWords) -> Section:
+def _errors(result: CalibrationResult) -> Section:
     title, before, after = "Before and after calibration", result.before, result.after
     if before is None or after is None:
         return Section(title, (Paragraph("Too few poses for a hold-out set: the accuracy was not validated."),))
@@ -184,11 +182,11 @@ def _errors(result: CalibrationResult, words: SensorWords) -> Section:
         (name, *(short(value) for value in (each.mean, each.rms, each.p95, each.max)), f"{each.count:,}")
         for name, each in stated
     )
-    error = _judged_error(result, words)
+    error = _judged_error(result)
     caption = f"{capital(error.rstrip(','))}, mm, {_validated_on(result)}"
     note = (
-        f"Before: the nominal model, with {words.placed} fitted to the same measurements. After: all parameters "
-        "estimated."
+        f"Before: the nominal model, with {result.kind.words.placed} fitted to the same measurements. "
+        "After: all parameters estimated."
     )
     spread = (
         f"The mean error falls from {short(before.mean)} to {short(after.mean)} mm. Vermilion and hatched (squares): "
@@ -306,8 +304,9 @@ def _explained(found: ExplainedError | None) -> tuple[str, str]:
     return ("", "") if found is None else (short(1e3 * found.size_m), f"{100 * found.share:.2g}")
 
 
-def _outliers(outliers: Sequence[Named], left_out: bool) -> Section:
-    fitted = "excluded from the fit" if left_out else "kept in the fit"
+def _outliers(result: CalibrationResult) -> Section:
+    outliers = result.fit.outliers
+    fitted = "excluded from the fit" if result.fit.left_out else "kept in the fit"
     held_out = "hold-out set, kept in the validation"
     rows = tuple(
         (
@@ -324,7 +323,7 @@ def _outliers(outliers: Sequence[Named], left_out: bool) -> Section:
     return Section(f"Outliers: {len(outliers)}", (Table(columns, rows, most_rows=_MOST_LISTED),))
 
 
-def _parameters(result: CalibrationResult, words: SensorWords) -> Section:
+def _parameters(result: CalibrationResult) -> Section:
     caption = (
         "Corrections of the nominal values, with 95 % intervals (often smaller than the dot). "
         "Blue: the interval excludes zero; grey: it does not, or is not known. What reaches beyond the picture is "
@@ -332,9 +331,10 @@ def _parameters(result: CalibrationResult, words: SensorWords) -> Section:
     )
     offsets = result.robot.chain.offset_lengths
     note = (
-        f"{capital(words.placed)} have no nominal value: the column shows where the nominal dimensions put them. "
-        "A parameter that is fixed stays at its nominal value, and an error of it goes into those that it is aliased "
-        "with." + (f" Added to a joint position to give a leg's length: {', '.join(offsets)}." if offsets else "")
+        f"{capital(result.kind.words.placed)} have no nominal value: the column shows where the nominal dimensions "
+        "put them. A parameter that is fixed stays at its nominal value, and an error of it goes into those that it is "
+        "aliased with."
+        + (f" Added to a joint position to give a leg's length: {', '.join(offsets)}." if offsets else "")
     )
     return Section(
         "Parameters",

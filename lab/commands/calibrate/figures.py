@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from lab.calibration.estimate import EstimatedParameter
 from lab.calibration.observation import observation_of
-from lab.calibration.sensor import SensorWords
 from lab.calibration.stations import in_first_frame
 from lab.calibration.validation import Errors, JudgedBy, errors_of
 from lab.calibration.workspace_prediction import predicted_errors
@@ -557,9 +556,9 @@ def uncertainty_map(result: CalibrationResult, range_m: tuple[float, float] | No
     )
 
 
-def where_figures(result: CalibrationResult, words: SensorWords) -> tuple[Block, ...]:
+def where_figures(result: CalibrationResult) -> tuple[Block, ...]:
     """Errors before and after calibration where they are, and the predicted ones over the workspace."""
-    found = error_maps(result, words.error)
+    found = error_maps(result, result.kind.words.error)
     predicted = _predicted_map(result, None if found is None else found.sizes[0].range_m)
     if found is None:
         return predicted

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Union
 
 from lab.calibration.estimate import Estimate, IdentifiedSubset
 from lab.calibration.estimate_files import (
@@ -43,6 +43,7 @@ __all__ = [
     "READ_FILES",
     "CalibrationRun",
     "Campaign",
+    "RunLike",
     "RunVerdict",
     "calibrated_by",
     "condition_notes",
@@ -54,6 +55,7 @@ __all__ = [
 ]
 
 Campaign = VirtualCampaign | MeasuredCampaign
+RunLike = Union["CalibrationResult", str, Path, None]
 CALIBRATIONS: Mapping[str, type[Campaign]] = {"calibrate": VirtualCampaign, "identify": MeasuredCampaign}
 MEASUREMENTS_FILE = "measurements.csv"
 READ_FILES = (
@@ -288,7 +290,7 @@ def load_estimate(folder: str | Path, robot: str | Path | Robot | None = None) -
     """Load the estimate of a run: parameters with their covariance, and the points that they predict.
 
     Args:
-        folder: of a run of ``calibrate`` or ``identify``; or a folder that ``estimate.save`` wrote, with ``robot``.
+        folder: of a run of ``calibrate`` or ``identify``; or one that ``lab.save_estimate`` wrote, with ``robot``.
         robot: the nominal robot, where the folder is no whole run.
 
     Raises:
@@ -311,7 +313,7 @@ def load_estimate(folder: str | Path, robot: str | Path | Robot | None = None) -
 
 
 def calibrated_by(
-    run: "CalibrationResult | str | Path | None",
+    run: RunLike,
     folder: Path,
     load: Path | None = None,
     cell: Path | None = None,
@@ -329,7 +331,7 @@ def calibrated_by(
     return CalibrationRun(folder, robot, estimate, verdict, run.options, payload)
 
 
-def folder_of(run: "CalibrationResult | str | Path | None") -> dict[str, str]:
+def folder_of(run: RunLike) -> dict[str, str]:
     """Return the option ``run``: a folder, or a name for a result in memory; nothing where none is given."""
     if run is None:
         return {}

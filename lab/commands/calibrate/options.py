@@ -11,7 +11,8 @@ from lab.campaign.option_types import Names, NoRecording
 from lab.campaign.options import VirtualCampaign, check_common, check_region
 from lab.campaign.task_region import REGION_HELP
 from lab.core.errors import LabError
-from lab.sensors.registry import FitInputs, SensorName, SensorOptions, configured_sensor
+from lab.sensors.options import FitInputs, SensorOptions
+from lab.sensors.registry import SensorName, configured_sensor
 
 if TYPE_CHECKING:
     from lab.calibration.sensor import Sensor

@@ -4,12 +4,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from lab.calibration.estimate import Estimate, EstimatedParameter, estimate_of
-from lab.calibration.estimate_files import measured_range_to_dict, residual_to_dict, save_estimate
+from lab.calibration.estimate_files import measured_range_to_dict, residual_to_dict, write_estimate
 from lab.calibration.fitted import Fitted, Named
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identifiability import Direction, weak_directions
@@ -37,6 +37,7 @@ from lab.core.linear_model import triangle_of
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.formats.calibrated_module import MODULE_FILE
+from lab.formats.measurement_csv import write_measurements
 from lab.formats.noise_model import noise_model_to_dict
 from lab.kinematics.effects.registry import said_of_term
 from lab.kinematics.joints import JointSpec
@@ -46,11 +47,6 @@ from lab.kinematics.serial.khalil_frames import ANGULAR, SYMBOLS, khalil_frame
 from lab.render.phrases.registry import in_one_line, phrase, phrases
 from lab.render.phrases.verdict import gate_words
 from lab.simulation.true_robot import TrueRobot
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from lab.render.document import Document
 
 __all__ = [
     "CalibrationResult",
@@ -144,6 +140,10 @@ class CalibrationResult(Result):
         real, comparison: of a virtual robot only; so are ``bad``, the ids of its simulated outliers.
     """
 
+    shown_by = "lab.commands.calibrate.document:document_of"
+    drawn_by = "lab.commands.calibrate.figures:main_picture"
+    recorded_by = "lab.commands.calibrate.recording:record"
+
     options: VirtualCampaign | MeasuredCampaign
     robot: Robot
     fit: Fitted
@@ -196,6 +196,11 @@ class CalibrationResult(Result):
     def command(self) -> str:
         """The command that this is the result of."""
         return "calibrate" if isinstance(self.options, VirtualCampaign) else "identify"
+
+    @property
+    def model_sha256(self) -> str:
+        """Digest of the robot's description."""
+        return self.robot.sha256
 
     @property
     def exit_code(self) -> int:
@@ -400,44 +405,27 @@ class CalibrationResult(Result):
             "validation_extrapolated": None if rows is None else int((measured.uncovered(rows.joints) & lacks).sum()),
         }
 
-    def document(self) -> "Document":
-        """Build the document for the terminal, the page and the recording."""
-        from lab.commands.calibrate.document import document_of
-
-        return document_of(self)
-
     def columns(self) -> Mapping[str, Sequence[Any]]:
         """The parameters, in SI units."""
         names = ("name", "unit", "nominal", "estimate", "std", "status")
         return {name: [getattr(row, name) for row in self.parameters] for name in names}
 
-    def plot(self) -> "Figure":
-        """Draw the errors before and after calibration, or the corrections where there was no validation."""
-        from lab.commands.calibrate.figures import main_picture
+    @property
+    def is_recorded(self) -> bool:
+        """False of a cable or a socket, where there is nothing to draw."""
+        return bool(observation_of(self.identification.model).positions)
 
-        return main_picture(self).draw()
-
-    def write(self, folder: Path) -> None:
-        """Write every file of the run into a folder that is there."""
-        from lab.commands.run_folder import write_config
-        from lab.formats.measurement_csv import write_measurements
-
-        robot, options = self.robot, self.options
-        write_config(folder, self.command, options, robot.sha256)
+    def write_files(self, folder: Path) -> None:
+        """Write the measurements, the estimate, the load, and the calibrated arm for other programs."""
+        robot, fitting = self.robot, self.options.fitting
         write_measurements(folder / "measurements.csv", self.measurements, robot.chain.prismatic)
         converted = khalil_rows(self.estimate, float(self.identification.half_width_95.max()))
-        save_estimate(folder, self.estimate, result=self.to_dict(), converted=converted)
-        if options.fitting.load is not None:
-            read_hand_load(options.fitting.load, accept_edited=options.fitting.accept_edited).write(folder)
+        write_estimate(folder, self.estimate, converted)
+        if fitting.load is not None:
+            read_hand_load(fitting.load, accept_edited=fitting.accept_edited).write(folder)
         for name, text in self._descriptions.items():
             (folder / name).write_text(text, encoding="utf-8")
         (folder / MODULE_FILE).write_text(self._module[0], encoding="utf-8")
-        drawn = observation_of(self.identification.model).positions
-        if drawn and not options.no_recording:  # of a cable or a socket there is nothing to draw
-            from lab.commands.calibrate.recording import record
-
-            record(folder / "recording.rrd", self)
-        self.report(folder / "report.html")
 
 
 _ADEQUATE: dict[Outcome, bool | None] = {"passed": True, "failed": False, "not tested": None, "noted": None}

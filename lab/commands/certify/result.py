@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +12,6 @@ from lab.certification.lack_of_fit import LackOfFit
 from lab.commands.calibrate.load_run import CalibrationRun
 from lab.commands.certify.options import CertifyOptions
 from lab.commands.result import ErrorStatistics, Result, error_statistics, number
-from lab.commands.run_folder import provenance_section
 from lab.compensation.iso9283 import CYCLES
 from lab.core.checks import Check
 from lab.core.se3 import Array
@@ -46,8 +44,6 @@ from lab.render.phrases.verdict import gate_words
 from lab.render.style import AFTER
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure as MatplotlibFigure
-
     from lab.render.document import Document
 
 __all__ = ["Certificate", "RobotFound", "Unseen", "not_measured"]
@@ -117,6 +113,10 @@ class Certificate(Result):
         with_unseen_m: expanded uncertainty of each budget's measurand with that, too.
     """
 
+    command = "certify"
+    shown_by = "lab.commands.certify.result:_certificate_document"
+    drawn_by = "lab.commands.certify.result:_contributions_picture"
+
     options: CertifyOptions
     calibrated: CalibrationRun
     details: CertificateDetails
@@ -130,6 +130,16 @@ class Certificate(Result):
     validation: LackOfFit | None
     unseen: tuple[Unseen, ...]
     with_unseen_m: tuple[float, ...]
+
+    @property
+    def model_sha256(self) -> str:
+        """Digest of the robot's description."""
+        return self.calibrated.robot.sha256
+
+    @property
+    def serial(self) -> str | None:
+        """Serial number of the arm; None where it is not given."""
+        return self.calibrated.serial
 
     @property
     def issued(self) -> bool:
@@ -182,10 +192,6 @@ class Certificate(Result):
             "warnings": list(self.warnings),
         }
 
-    def document(self) -> "Document":
-        """Build the certificate for printing and signing."""
-        return _certificate_document(self)
-
     def columns(self) -> Mapping[str, Sequence[Any]]:
         """The lines of both budgets."""
         rows = [(budget, line) for budget in self.budgets for line in budget.lines]
@@ -195,18 +201,6 @@ class Certificate(Result):
             "contribution_mm": [1e3 * line.contribution_m for _, line in rows],
             "share": [line.share for _, line in rows],
         }
-
-    def plot(self) -> "MatplotlibFigure":
-        """Draw what each quantity contributes to the uncertainty of a position."""
-        return _contributions_picture(self.budgets[0]).draw()
-
-    def write(self, folder: Path) -> None:
-        """Write ``config.json``, ``result.json`` and ``report.html``."""
-        from lab.commands.run_folder import write_config, write_json
-
-        write_config(folder, "certify", self.options, self.calibrated.robot.sha256)
-        write_json(folder / "result.json", self.to_dict())
-        self.report(folder / "report.html")
 
     def _conformity_to_dict(self, found: Conformity) -> dict[str, Any]:
         return {
@@ -364,7 +358,7 @@ _METHOD = (
 
 def _certificate_document(result: Certificate) -> Document:
     """Build the certificate: session, results with uncertainty, statement, budgets, ISO 9283, signature."""
-    robot, run = result.calibrated.robot, result.calibrated.result
+    run = result.calibrated.result
     name = result.details.certificate.number
     badge = _VERDICTS.get(run.verdict, Badge(run.verdict))
     return Document(
@@ -386,7 +380,6 @@ def _certificate_document(result: Certificate) -> Document:
             Section("Characteristics of ISO 9283:1998", _characteristics(result)),
             Section("How the uncertainty was evaluated", tuple(Paragraph(text, shown_in=PAGE) for text in _METHOD)),
             Section("Signature", (Table(("", ""), (("date", "_" * 24), ("signature", "_" * 40)), shown_in=PAGE),)),
-            provenance_section("certify", result.options, robot.sha256, result.calibrated.serial),
         ),
     )
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,7 +9,6 @@ import numpy as np
 from lab.commands.calibrate.load_run import CalibrationRun
 from lab.commands.compare.options import CompareOptions
 from lab.commands.result import Result
-from lab.commands.run_folder import provenance_section
 from lab.core.limits import called
 from lab.core.significance import VERIFICATION
 from lab.render.charts.chart import axes_picture
@@ -35,8 +33,6 @@ from lab.render.style import AFTER, INK, MUTED
 from lab.verification.difference import Difference
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure as MatplotlibFigure
-
     from lab.render.document import Document
 
 __all__ = ["ComparisonResult"]
@@ -53,10 +49,19 @@ class ComparisonResult(Result):
         serial: the serial number of the arm; None where no run states it.
     """
 
+    command = "compare"
+    shown_by = "lab.commands.compare.result:_comparison_document"
+    drawn_by = "lab.commands.compare.result:_differences_picture"
+
     options: CompareOptions
     runs: tuple[CalibrationRun, ...]
     differences: tuple[Difference, ...]
     serial: str | None = None
+
+    @property
+    def model_sha256(self) -> str:
+        """Digest of the robot's description."""
+        return self.runs[0].robot.sha256
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -94,10 +99,6 @@ class ComparisonResult(Result):
             "warnings": list(self.warnings),
         }
 
-    def document(self) -> "Document":
-        """Build the comparison document: the answer, and all differences with their intervals."""
-        return _comparison_document(self)
-
     def columns(self) -> Mapping[str, Sequence[Any]]:
         """A row for each later run and parameter: change and half of its 95 % interval, in SI units."""
         pairs = list(zip(self.runs[1:], self.differences, strict=True))
@@ -107,18 +108,6 @@ class ComparisonResult(Result):
             "change": [value for _, each in pairs for value in each.changes.tolist()],
             "half_width_95": [value for _, each in pairs for value in each.half_widths.tolist()],
         }
-
-    def plot(self) -> "MatplotlibFigure":
-        """Draw the differences of the last run from the first, each in the halves of its 95 % interval."""
-        return _differences_picture(self).draw()
-
-    def write(self, folder: Path) -> None:
-        """Write ``config.json``, ``result.json`` and ``report.html``."""
-        from lab.commands.run_folder import write_config, write_json
-
-        write_config(folder, "compare", self.options, self.runs[0].robot.sha256)
-        write_json(folder / "result.json", self.to_dict())
-        self.report(folder / "report.html")
 
 
 _FEWEST_DIGITS = 6
@@ -145,7 +134,6 @@ def _comparison_document(result: ComparisonResult) -> Document:
             Warnings(result.warnings),
             *sections,
             Section("The last run against the first", (Figure("moved", (_differences_picture(result),), caption),)),
-            provenance_section("compare", result.options, result.runs[0].robot.sha256, result.serial),
         ),
     )
 

@@ -32,7 +32,6 @@ from lab.render.document import short
 
 if TYPE_CHECKING:
     from lab.commands.compensate.program_reference import ProgramReference
-    from lab.commands.compensate.result import CompensationResult
 
 __all__ = [
     "CorrectedProgram",
@@ -417,12 +416,13 @@ class UsedTool:
         return bool(self.point) and self.distance_m > _AGREES_M
 
 
-def used_tools(result: "CompensationResult") -> tuple[UsedTool, ...]:
-    """The tools of a program's corrected targets, and which measured point each is near."""
-    reference, points = result.reference, result.points
-    if reference is None or points is None:
-        return ()
-    counts, names = Counter(points[result.reached].tolist()), {k: name for name, k in reference.points.items()}
+def used_tools(reference: "ProgramReference", points: NDArray[np.int_]) -> tuple[UsedTool, ...]:
+    """Return the tools of a program's corrected targets, and which measured point each is near.
+
+    Args:
+        points: of each corrected target, the point that is aimed.
+    """
+    counts, names = Counter(points.tolist()), {k: name for name, k in reference.points.items()}
     measured = reference.nominal.tools[: reference.target]
     found = []
     for k in sorted(counts):
@@ -436,12 +436,15 @@ def used_tools(result: "CompensationResult") -> tuple[UsedTool, ...]:
     return tuple(found)
 
 
-def flange_words(result: "CompensationResult") -> str:
-    """Explain why the flange's orientation is unknown and the resulting tool error; "" where it is identified."""
-    reference, expected = result.reference, result.expected
-    if reference is None or expected is None or reference.flange.turned or not len(result.reached):
+def flange_words(reference: "ProgramReference", flange_95_m: Array) -> str:
+    """Explain why the flange's orientation is unknown and the resulting tool error; "" where it is identified.
+
+    Args:
+        flange_95_m: of each corrected target, the error by the flange.
+    """
+    if reference.flange.turned or not len(flange_95_m):
         return ""
-    size = short(1e3 * float(expected.flange_95_m[result.reached].max()))
+    size = short(1e3 * float(flange_95_m.max()))
     return (
         f"the orientation of the flange is unknown{_why(reference)}: by the tolerances of the last link the tools may "
         f"be off by up to {size} mm (95 %), with the correction as without it"

@@ -14,49 +14,33 @@ from lab.calibration.extrapolation import MOST_UNCOVERED
 from lab.calibration.prior import Tolerance
 from lab.calibration.verdict import MOST_TOLERANCES
 from lab.calibration.workspace_prediction import tolerance_rms
+from lab.commands.calibrate.exports import comment_of_lacking
 from lab.commands.calibrate.load_run import CalibrationRun
 from lab.commands.compensate.options import CompensateOptions
-from lab.commands.compensate.program import CorrectedProgram, flange_values, flange_words, stated_words, used_tools
+from lab.commands.compensate.program import CorrectedProgram, UsedTool, flange_values, flange_words, used_tools
 from lab.commands.compensate.program_reference import ProgramErrors, ProgramReference, program_errors
-from lab.commands.result import Result, exit_code_of, joint_values
-from lab.commands.run_folder import VIA, Stops, joint_columns, provenance_section, write_config, write_json
+from lab.commands.result import Result, exit_code_of
+from lab.commands.run_folder import Stops, joint_columns
 from lab.compensation.compensator import NEAR_RAD, Compensation
 from lab.compensation.flange import point_rows
+from lab.core import se3
 from lab.core.linear_model import covariance_root
-from lab.core.measurements import evenly
 from lab.core.se3 import Array
-from lab.formats.programs.registry import refusal
+from lab.formats.calibrated_module import MODULE_FILE
+from lab.formats.csv_table import write_columns
+from lab.formats.programs.postures import postures_of
+from lab.formats.programs.protocol import TargetMoves
+from lab.formats.programs.registry import refusal, target_files
 from lab.formats.target_csv import Targets
 from lab.kinematics.inverse.newton import PoseTarget
-from lab.kinematics.joints import JointSpec
-from lab.render.charts.chart import cube
-from lab.render.document import (
-    PAGE,
-    Badge,
-    Block,
-    Bullets,
-    Document,
-    Figure,
-    Paragraph,
-    Picture,
-    Section,
-    Table,
-    Warnings,
-    capital,
-    fixed,
-    short,
-)
 from lab.render.phrases.registry import phrases
-from lab.render.plots import MOST_POINTS, SizeMap, Spread, histograms, size_maps, spread_by_size
-from lab.render.style import AFTER, BEFORE, HATCH_AFTER, HATCH_BEFORE, MARK_AFTER, MARK_BEFORE
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure as MatplotlibFigure
-
-    from lab.render.document import Document
+    pass
 
 __all__ = ["CompensationResult", "NearSingular"]
 
+JOINTS, CARTESIAN, NOMINAL = "joints.csv", "cartesian.csv", "nominal.toml"
 _BLOCK = 2_000  # targets whose derivatives are held at a time
 
 
@@ -78,24 +62,6 @@ class NearSingular:
         """Return plain values: degrees, or mm of a prismatic joint."""
         unit, scale = ("mm", 1e3) if self.slides else ("deg", 180 / np.pi)
         return {"id": self.id, "joint": self.joint, f"distance_{unit}": scale * self.distance}
-
-
-def _near_singular(found: Compensation, chain: JointSpec, ids: Sequence[str]) -> tuple[NearSingular, ...]:
-    """The targets that are reached within 1 degree of a singularity.
-
-    Args:
-        ids: of all targets, ``(n,)``.
-    """
-    rows = np.flatnonzero(found.converged & (found.singular_rad < NEAR_RAD))
-    return tuple(
-        NearSingular(
-            ids[i],
-            chain.joint_names[found.singular_joint[i]],
-            float(found.singular_rad[i]),
-            chain.prismatic[found.singular_joint[i]],
-        )
-        for i in rows.tolist()
-    )
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -120,6 +86,11 @@ class CompensationResult(Result):
         points: ``(n,)`` of a program, which target of the arm is aimed at each; of a file of targets it is one alone.
     """
 
+    command = "compensate"
+    shown_by = "lab.commands.compensate.document:compensation_document"
+    drawn_by = "lab.commands.compensate.document:corrections_picture"
+    recorded_by = "lab.commands.compensate.recording:record_compensation"
+
     options: CompensateOptions
     run: CalibrationRun
     targets: Targets
@@ -135,12 +106,22 @@ class CompensationResult(Result):
     points: NDArray[np.int_] | None = None
 
     @property
+    def model_sha256(self) -> str:
+        """Digest of the robot's description."""
+        return self.run.robot.sha256
+
+    @property
+    def serial(self) -> str | None:
+        """Serial number of the arm; None where it is not given."""
+        return self.run.serial
+
+    @property
     def exit_code(self) -> int:
         """1 where a target is not reached or a way touches; 3 where good is required and it is doubtful; else 0."""
         touched = self.program is not None and (self.program.ways or len(self.program.rows) < len(self.program.targets))
         if touched or not self.found.converged.all():
             return 1
-        return exit_code_of(_verdict_of(self), self.options.require)
+        return exit_code_of(self.verdict, self.options.require)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -150,7 +131,7 @@ class CompensationResult(Result):
         if gate_mm is not None and mean_mm is not None and mean_mm > gate_mm:
             far = (f"the expected error is {mean_mm:.3g} mm: these targets are far from where the arm was measured",)
         of_program = () if self.program is None else self.program.warnings
-        tools = tuple(each.words for each in used_tools(self) if each.disagrees)
+        tools = tuple(each.words for each in self.tools if each.disagrees)
         without = () if self._no_program is None else (self._no_program,)
         return (*tools, *self.notes, *far, *self._beyond, *self._unchecked, *without, *of_program)
 
@@ -201,7 +182,7 @@ class CompensationResult(Result):
     @property
     def reasons(self) -> tuple[str, ...]:
         """Reasons to check the corrected targets before use."""
-        of_run, run = self.run.result, list(filter(None, [flange_words(self)]))
+        of_run, run = self.run.result, list(filter(None, [self._unknown_flange]))
         if of_run.verdict != "good":
             run += [f"the run is {of_run.verdict}: {reason}" for reason in of_run.reasons or (of_run.reason,)]
         if self._extrapolated_share > MOST_UNCOVERED:
@@ -297,20 +278,63 @@ class CompensationResult(Result):
         finite = values[np.isfinite(values)]
         return (float(finite.mean()), float(finite.max())) if len(finite) else (None, None)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the values that ``--json`` prints and ``result.json`` holds: lengths in mm."""
-        values = self._values
-        return {**values, "stops": list(values["stops"])}
+    @property
+    def verdict(self) -> Literal["good", "doubtful", "bad"]:
+        """``bad`` where a target is not reached, ``doubtful`` where there are reasons for that, else ``good``."""
+        return "bad" if self.failed else "doubtful" if self.reasons else "good"
 
     @property
-    def _values(self) -> dict[str, Any]:
-        """Values of the result with lazy waypoints, given one by one: a list of a million takes 1 GB."""
+    def is_recorded(self) -> bool:
+        """False where no target is reached."""
+        return len(self.reached) > 0
+
+    @property
+    def near_singular(self) -> tuple[NearSingular, ...]:
+        """The targets that are reached within 1 degree of a singularity."""
+        found, chain = self.found, self.run.robot.chain
+        rows = np.flatnonzero(found.converged & (found.singular_rad < NEAR_RAD)).tolist()
+        joints = found.singular_joint
+        return tuple(
+            NearSingular(
+                self.targets.ids[i],
+                chain.joint_names[joints[i]],
+                float(found.singular_rad[i]),
+                chain.prismatic[joints[i]],
+            )
+            for i in rows
+        )
+
+    @cached_property
+    def tools(self) -> tuple[UsedTool, ...]:
+        """The tools of a program's corrected targets; none of a file of targets."""
+        if self.reference is None or self.points is None:
+            return ()
+        return used_tools(self.reference, self.points[self.reached])
+
+    @property
+    def _unknown_flange(self) -> str:
+        """Explain why the flange's orientation is unknown; "" where it is identified, or no matter."""
+        if self.reference is None or self.expected is None:
+            return ""
+        return flange_words(self.reference, self.expected.flange_95_m[self.reached])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the values that ``--json`` prints and ``result.json`` holds: lengths in mm."""
+        values = self.saved_dict()
+        return {**values, "stops": list(values["stops"])}
+
+    def write_files(self, folder: Path) -> None:
+        """Write the corrected targets and the calibrated arm in every format."""
+        _write_files(folder, self)
+
+    def saved_dict(self) -> dict[str, Any]:
+        """Return the values of ``result.json`` with the waypoints one by one: a list of a million takes 1 GB."""
         chain = self.run.robot.chain
         return {
             "run": str(self.run.folder),
             "robot": self.run.robot.name,
             "serial": self.run.serial,
-            "verdict": _verdict_of(self),
+            "verdict": self.verdict,
             "reasons": list(self.reasons),
             "run_verdict": self.run.result.to_dict(),
             "tool": self.targets.tool,
@@ -329,9 +353,7 @@ class CompensationResult(Result):
                 "share": self._extrapolated_share,
                 "ids": [self.targets.ids[i] for i in np.flatnonzero(self.extrapolated)],
             },
-            "near_singular": [
-                each.to_dict() for each in _near_singular(self.found, self.run.robot.chain, self.targets.ids)
-            ],
+            "near_singular": [each.to_dict() for each in self.near_singular],
             "without_effects_mm": None if self.without_effects_m is None else 1e3 * self.without_effects_m,
             "warnings": list(self.warnings),
             **({} if self.program is None else {"program": self._program_values}),
@@ -357,7 +379,7 @@ class CompensationResult(Result):
             ],
             "uncorrected": [{"line": each.line, "reason": each.reason} for each in program.uncorrected],
             "ways": [{"line": line, "reason": words} for line, words in program.ways],
-            "tools": [each.to_dict() for each in used_tools(self)],
+            "tools": [each.to_dict() for each in self.tools],
             "flange": flange_values(reference),
             "expected_95_mm": {
                 name: dict(zip(("mean", "max"), self.mean_and_max_mm(lengths), strict=True))
@@ -371,10 +393,6 @@ class CompensationResult(Result):
             "rounding_deg": program.rounding_deg,
         }
 
-    def document(self) -> "Document":
-        """Build the document: the compensated targets, their corrections, and targets not reached."""
-        return _compensation_document(self)
-
     def columns(self) -> Mapping[str, Sequence[Any] | Array]:
         """A row for each target that is reached: id, joint positions (deg or mm), correction and predicted error."""
         rows, chain = self.reached, self.run.robot.chain
@@ -385,31 +403,6 @@ class CompensationResult(Result):
             "predicted_mm": 1e3 * self.predicted_m[rows],
             "extrapolated": self.extrapolated[rows].tolist(),
         }
-
-    def plot(self) -> "MatplotlibFigure":
-        """Draw how far the targets are moved and the error to expect, as histograms.
-
-        Raises:
-            LabError: no target is reached.
-        """
-        from lab.core.errors import LabError
-
-        if not len(self.reached):
-            raise LabError("no target is reached: there is nothing to draw; see failed for the reasons")
-        return _corrections_picture(self).draw()
-
-    def write(self, folder: Path) -> None:
-        """Write tables, programs, the calibrated arm, ``result.json``, ``recording.rrd`` and ``report.html``."""
-        from lab.commands.compensate.run import write_files
-
-        write_config(folder, "compensate", self.options, self.run.robot.sha256)
-        write_files(folder, self)
-        write_json(folder / "result.json", self._values)
-        if len(self.reached) and not self.options.no_recording:
-            from lab.commands.compensate.recording import record_compensation
-
-            record_compensation(folder / "recording.rrd", self)
-        self.report(folder / "report.html")
 
     @cached_property
     def correction_m(self) -> Array:
@@ -500,236 +493,75 @@ def _of_points(values: Array, points: NDArray[np.int_]) -> Array:
     return np.asarray(values[np.arange(len(values)), points])
 
 
-def _verdict_of(result: CompensationResult) -> Literal["good", "doubtful", "bad"]:
-    """``bad`` where a target is not reached, ``doubtful`` where there are reasons for that, else ``good``."""
-    return "bad" if result.failed else "doubtful" if result.reasons else "good"
-
-
-_NEAR = 2.0  # times half the edge of the targets' cube: what is farther off is not drawn
-_SHAPED = 4  # targets: fewer are brought onto each other by a rigid motion, whatever their errors are, or nearly
-_MOST_LISTED = 100  # targets, in each table
-
-
-def _compensation_document(result: CompensationResult) -> Document:
-    """The totals, the targets that are not reached and why, how far the others were moved, and every target."""
-    failed = len(result.failed)
-    verdict = Badge(f"{failed:,} not reached" if failed else "all reached", _verdict_of(result))
-    count = f"{len(result.reached):,} of {len(result.targets):,}"
-    return Document(
-        f"{result.run.called}: {count} targets of {result.targets.tool} corrected",
-        (
-            Paragraph((verdict, f" ({'doubtful; ' if result.reasons else ''}the run is {result.run.result.words})")),
-            Bullets(tuple(map(capital, result.reasons))),
-            Paragraph(_lead(result), "lead"),
-            Warnings(result.warnings),
-            Section(
-                "What became of the targets",
-                (
-                    *_totals(result),
-                    _failed(result),
-                    _other_solutions(result),
-                    _near(result),
-                    _extrapolated(result),
-                    *_moves(result),
-                ),
-            ),
-            *_program(result),
-            Section("How far they were moved", (*_histograms(result), *_map(result))),
-            Section("Every target", _every_target(result), shown_in=PAGE),
-            provenance_section("compensate", result.options, result.run.robot.sha256, result.run.serial),
-        ),
-    )
-
-
-def _corrections_picture(result: CompensationResult) -> Picture:
-    """Draw histograms of the corrections and of the expected errors."""
-    moved, expected = (_finite(result, lengths) for lengths in (result.correction_m, result.predicted_m))
-    spreads = [Spread(moved, BEFORE, ("moved by: mean", float(moved.mean())), HATCH_BEFORE, MARK_BEFORE)]
-    if len(expected):
-        mark = ("expected error: mean", float(expected.mean()))
-        spreads.append(Spread(expected, AFTER, mark, HATCH_AFTER, MARK_AFTER))
-    return histograms("moved", spreads, "length", result.run.result.gate_mm)
-
-
-def _lead(result: CompensationResult) -> str:
-    targets = f"{len(result.targets):,} targets for the arm that {result.run.folder} calibrated"
-    if not len(result.reached):
-        return f"{targets}: none of them is reached."
-    if result.failed:
-        targets = f"{len(result.reached):,} of {targets}"
-    mean, largest = result.mean_and_max_mm(result.correction_m)
-    if result.expected is not None:
-        in_base = short(result.mean_and_max_mm(result.expected.base_95_m)[1])
-        text = (
-            f"{targets} were moved by {short(mean)} mm on average, {short(largest)} mm at most. 95 % of the errors to "
-            f"expect in the robot's base are below {in_base} mm, with what the first link adds to all targets alike"
-        )
-        if len(result.reached) < _SHAPED:
-            return f"{text}."
-        return (
-            f"{text}, relative to each other below {short(result.mean_and_max_mm(result.expected.shape_95_m)[1])} mm."
-        )
-    expected, _ = result.mean_and_max_mm(result.predicted_m)
-    text = f"{targets} were moved by {short(mean)} mm on average, {short(largest)} mm at most"
-    if expected is not None:
-        text += f"; the error to expect there is {short(expected)} mm"
-    after = result.run.result.after_mm
-    return text + ("." if after is None else f" (at the run's validation poses it was {short(after['mean'])} mm).")
-
-
-def _totals(result: CompensationResult) -> tuple[Block, ...]:
-    expected = [("expected error, mm", result.predicted_m)]
-    if result.expected is not None:
-        expected = [
-            ("expected error in the robot's base (95 %), mm", result.expected.base_95_m),
-            ("of it by the flange (95 %), mm", result.expected.flange_95_m),
-            ("expected error relative to each other (95 %), mm", result.expected.shape_95_m),
-        ][: None if len(result.reached) >= _SHAPED else 2]
-    rows = tuple(
-        (name, *map(short, result.mean_and_max_mm(lengths)))
-        for name, lengths in [("moved by, mm", result.correction_m), *expected]
-    )
-    _, apart = result.mean_and_max_mm(result.found.scheme_disagreement_m)
-    schemes = "" if apart is None else f"The three schemes to compute them end within {short(apart)} mm of each other. "
-    note = Paragraph(f"{schemes}Model: {result.model.replace('+', ' + ')}.", "note")
-    return Table(("", "mean", "largest"), rows), note
-
-
-def _failed(result: CompensationResult) -> Table:
-    """The targets that are not reached; those of a program are listed by line, with all else that stays."""
+def _write_files(folder: Path, result: CompensationResult) -> None:
+    """Write the corrected targets and the calibrated arm in every format."""
+    run, rows = result.run, np.flatnonzero(result.found.converged)
+    chain, ids = run.robot.chain, {"id": [result.targets.ids[i] for i in rows]}
+    lone = result.extrapolated
+    marked = {"extrapolated": _yes(lone[rows])} if lone.any() else {}
+    _write_csv(folder / JOINTS, result, {**result.stops.columns(chain), **_stop_conditions(result)})
+    at_targets = {**_cartesian_columns(result, rows), **joint_columns(chain, result.found.joints[rows])}
+    _write_csv(folder / CARTESIAN, result, {**ids, **at_targets, **_conditions_files(result, rows), **marked})
+    nominal_inverse = run.estimate.nominal_inverse(result.target)  # what the corrected targets are for
+    exact = run.robot.description_files[-1]
+    nominal = run.robot.description(exact, nominal_inverse.arm.targets, nominal_inverse.values)
+    (folder / NOMINAL).write_text(nominal, encoding="utf-8")
+    arm, values = run.estimate.geometry
+    module, refused = run.export(result.arm_inputs[rows]).module()
+    off = result.without_effects_m
+    lacking = comment_of_lacking(run.estimate.groups, off, "at the corrected targets", module=refused is None)
+    for name in run.robot.description_files:
+        if text := run.robot.description(name, arm.targets, values, lacking):
+            (folder / name).write_text(text, encoding="utf-8")
+    (folder / MODULE_FILE).write_text(module, encoding="utf-8")
     if result.program is not None:
-        return Table((), ())
-    return Table(("target", "why it is not reached"), result.failed, most_rows=_MOST_LISTED)
+        (folder / result.program.name).write_bytes(result.program.content)
+    elif len(rows) and refusal(chain, result.options.controller, len(result.targets)) is None:
+        for name, content in target_files(run.robot.chain, result.options.controller, _target_moves(result)).items():
+            (folder / name).write_bytes(content)
 
 
-def _other_solutions(result: CompensationResult) -> Table:
-    header = ("target", "reached by another solution of the inverse: what is wrong with the nearest one")
-    return Table(header, result.passed_over, most_rows=_MOST_LISTED)
-
-
-def _moves(result: CompensationResult) -> tuple[Block, ...]:
-    """Report which moves were checked for collisions, and the poses passed on the way."""
-    if not result.checked or not len(result.reached):
-        return ()
-    if result.program is not None:
-        return (
-            Paragraph(
-                f"The {len(result.reached)} corrected targets and the moves from each to the next one in the order of "
-                "the text, whatever its loops and branches do, were checked for collisions with the arm itself and "
-                "with the surroundings that the robot's model knows."
-            ),
-        )
-    passed = sum(name.startswith(VIA) for name in result.stops.names if name not in result.targets.ids)
-    text = (
-        f"The {len(result.reached)} corrected targets and the {len(result.stops.joints) - 1} moves from home through "
-        "all of them and back, each in a straight line of all joints, were checked for collisions with the arm itself "
-        "and with the surroundings that the robot's model knows."
-    )
-    return (Paragraph(text + (f" {passed} stops are only passed, to get around something." if passed else "")),)
-
-
-def _program(result: CompensationResult) -> tuple[Section, ...]:
-    """Report the result for the program that contains the targets."""
-    if (program := result.program) is None:
-        return ()
-    text = (
-        f"{program.name} in the run's folder is the {program.language} program with the numbers of "
-        f"{len(result.reached)} targets corrected, and nothing else changed."
-    )
-    in_base = (
-        "The base is that of the calibrated arm, by the nominal first link. No measurement shows that link itself, so "
-        "all targets together may be off as its tolerances let them be, with the correction as without it; relative to "
-        "each other they are not."
-    )
-    tools = Bullets(tuple(capital(each.words) + "." for each in used_tools(result)))
-    lines = tuple((str(each.line), each.reason) for each in program.uncorrected)
-    ways = tuple((str(line), words) for line, words in program.ways)
-    return (
-        Section(
-            "The program",
-            (
-                Paragraph(text),
-                tools,
-                Paragraph(() if result.reference is None else stated_words(result.reference)),
-                Paragraph(in_base),
-                Table(("line", "what stays as it is, or needs a look"), lines, most_rows=_MOST_LISTED),
-                Table(("line", "ways that are not free"), ways, most_rows=_MOST_LISTED),
-            ),
-        ),
+def _target_moves(result: CompensationResult) -> TargetMoves:
+    """Return the moves of a controller's program, with the base and tool for the controller's nominal links."""
+    run, nominal_inverse = result.run, result.run.estimate.nominal_inverse(result.target)
+    T_instrument_frame0 = nominal_inverse.arm.T_tracker_frame0(nominal_inverse.values)
+    T_last_tool, stops = se3.pose(run.estimate.R_last_tool, nominal_inverse.tools[result.target]), result.stops
+    T_frame0_instrument = se3.inverse(T_instrument_frame0)
+    postures = postures_of(nominal_inverse.arm, nominal_inverse.values, stops.joints)
+    return TargetMoves(
+        run.robot.name, stops.ids, stops.joints, stops.which, T_last_tool, T_frame0_instrument, result.checked, postures
     )
 
 
-def _near(result: CompensationResult) -> Table:
-    close = _near_singular(result.found, result.run.robot.chain, result.targets.ids)
-    rows = tuple((each.id, _distance(each), each.joint) for each in close)
-    return Table(("target", "within 1° of a singularity, by", "of joint"), rows, most_rows=_MOST_LISTED)
+def _cartesian_columns(result: CompensationResult, rows: NDArray[np.int_]) -> dict[str, Any]:
+    """Positions in mm and quaternions wxyz, in the frame of the targets' file."""
+    positions, tool = 1e3 * result.found.positions[rows], result.targets.tool
+    quaternions = se3.quaternion_from_rotation(result.found.rotations[rows] @ result.run.estimate.R_last_tool)
+    columns = {f"{tool}_{axis}_mm": values for axis, values in zip("xyz", positions.T, strict=True)}
+    return columns | {f"{tool}_q{part}": values for part, values in zip("wxyz", quaternions.T, strict=True)}
 
 
-def _extrapolated(result: CompensationResult) -> Table:
-    """The targets that no measured pose is near, with the error to expect there."""
-    rows = tuple(
-        (result.targets.ids[i], short(1e3 * float(result.predicted_m[i]))) for i in np.flatnonzero(result.extrapolated)
-    )
-    return Table(
-        ("target", "extrapolated: not covered by measured poses; expected error, mm"), rows, most_rows=_MOST_LISTED
-    )
+def _conditions_files(result: CompensationResult, rows: NDArray[np.int_]) -> dict[str, Any]:
+    """Return the conditions of the targets in these rows."""
+    return {name: column[rows] for name, column in result.targets.conditions.items()}
 
 
-def _distance(near: NearSingular) -> str:
-    """The distance to a singularity, in the unit of the joint that leads there."""
-    return short(1e3 * near.distance, "mm") if near.slides else short(float(np.rad2deg(near.distance)), "°")
+def _stop_conditions(result: CompensationResult) -> dict[str, list[Any]]:
+    """Return the conditions of the targets among the waypoints; empty where a waypoint is no target."""
+    rows, which = np.flatnonzero(result.found.converged), result.stops.which
+    return {
+        name: [column[rows[pose]] if pose >= 0 else "" for pose in which.tolist()]
+        for name, column in result.targets.conditions.items()
+    }
 
 
-def _histograms(result: CompensationResult) -> tuple[Block, ...]:
-    if not len(result.reached):
-        return ()
-    caption = (
-        "How far the targets are moved (vermilion, hatched): without the correction the arm would miss them by about "
-        "as much. Blue: the error to expect with it."
-    )
-    return (Figure("moved-figure", (_corrections_picture(result),), caption),)
+def _yes(flags: NDArray[np.bool_]) -> list[str]:
+    """Flags in words."""
+    return ["yes" if flag else "no" for flag in flags]
 
 
-def _finite(result: CompensationResult, lengths: Array) -> Array:
-    lengths = lengths[result.reached]
-    return np.asarray(lengths[np.isfinite(lengths)])
-
-
-def _map(result: CompensationResult) -> tuple[Block, ...]:
-    reached, positions = result.reached, result.targets.positions
-    if not len(reached):
-        return ()
-    rows = reached[spread_by_size(result.correction_m[reached])]
-    off = positions[~result.found.converged]
-    middle, half = cube([positions[reached]])
-    near = (np.abs(off - middle) < _NEAR * half).all(axis=1)
-    off, some = off[near], evenly(int(near.sum()), MOST_POINTS)
-    crosses = off if some is None else off[some]
-    shown = SizeMap(
-        positions[rows], result.correction_m[rows], "how far a target is moved", crosses, "not reached", "targets"
-    )
-    caption = "The targets in the frame of their file. The darker a target, the farther it is moved."
-    if beyond := int((~near).sum()):
-        caption += f" Not reached, and too far off to be drawn: {beyond}."
-    return (Figure("where", size_maps(shown), caption),)
-
-
-def _every_target(result: CompensationResult) -> tuple[Block, ...]:
-    chain, found = result.run.robot.chain, result.found
-    moved = 1e3 * (found.positions - result.targets.positions)
-    rows = tuple(
-        (
-            result.targets.ids[i],
-            *(fixed(value, 3) for value in joint_values(chain.prismatic, found.joints[i])),
-            *(fixed(value, 3, signed=True) for value in moved[i]),
-        )
-        for i in result.reached[:_MOST_LISTED]
-    )
-    units = ("mm" if slides else "°" for slides in chain.prismatic)
-    joints = (f"{name}, {unit}" for name, unit in zip(chain.joint_names, units, strict=True))
-    header = ("target", *joints, *(f"Δ{axis}, mm" for axis in "xyz"))
-    note = (
-        "Joint positions that bring the calibrated arm there, and how far the corrected target is from the wanted one."
-    )
-    table = Table(header, rows, most_rows=_MOST_LISTED, rest_in="joints.csv", count=len(result.reached))
-    return (Paragraph(note, "note"), table) if rows else ()
+def _write_csv(path: Path, result: CompensationResult, columns: Mapping[str, Sequence[Any] | Array]) -> None:
+    """A column says so where nothing was checked."""
+    if not result.checked:
+        columns = {**columns, "checked": ["no"] * len(columns["id"])}
+    write_columns(path, columns)

@@ -13,8 +13,8 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from lab.commands.design.document import PlanScene
 from lab.commands.design.result import DesignResult
+from lab.commands.design.scene import PlanScene, plan_scene
 from lab.commands.result import joint_values
 from lab.core.se3 import Array
 from lab.render.document import RECORDING, Bullets, Document, Section, Strong, Table, fixed, format_magnification
@@ -52,7 +52,7 @@ _FIRST, _LAST = np.array(RGB_FIRST), np.array(RGB_LAST)  # colours of the target
 
 def record_plan(path: Path, plan: DesignResult) -> None:
     """Write a plan's recording, with the blueprint that shows it, to ``path``."""
-    shown = plan.scene
+    shown = plan_scene(plan)
     at = [rr.TimeColumn(TIMELINE, sequence=np.arange(len(shown.measured))), _seconds(shown.arrivals)]
     with recording_to(path, plan.problem.robot.name, _identity(plan)) as recording:
         recording.send_blueprint(_blueprint(shown, designed=plan.options.curve))

@@ -21,7 +21,7 @@ from lab.core.errors import LabError
 from lab.core.limits import STOPS
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
-from lab.formats.measurement_csv import read_measurements
+from lab.formats.measurement_csv import read_measurements, write_measurements
 from lab.formats.programs.postures import postures_of
 from lab.formats.programs.protocol import PAUSE_S, MeasuringTour
 from lab.formats.programs.registry import plan_files, plan_or_refusal
@@ -37,10 +37,6 @@ from lab.simulation.free_path import path_check, planning_model
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from matplotlib.figure import Figure
-
-    from lab.commands.design.document import PlanScene
-    from lab.render.document import Document
 
 __all__ = ["DesignResult", "DesignStep", "Fault", "MeasuringDayLength", "PlanCheckResult", "check_plan", "visit_ids"]
 
@@ -168,6 +164,11 @@ class DesignResult(Result):
         seconds: that the search took.
     """
 
+    command = "design"
+    shown_by = "lab.commands.design.document:design_document"
+    drawn_by = "lab.commands.design.document:main_picture"
+    recorded_by = "lab.commands.design.recording:record_plan"
+
     options: DesignOptions
     problem: PoseProblem
     joints: Array
@@ -183,9 +184,9 @@ class DesignResult(Result):
     warnings: tuple[str, ...]
 
     @property
-    def exit_code(self) -> int:
-        """Always 0: a plan that does not exist is an error."""
-        return 0
+    def model_sha256(self) -> str:
+        """Digest of the robot's description."""
+        return self.problem.robot.sha256
 
     @property
     def _pool_in_words(self) -> str:
@@ -259,13 +260,6 @@ class DesignResult(Result):
         found |= {"g": (variance.max(), _VARIANCE), "i": (variance.mean(), _VARIANCE)}
         return {name: {"value": number(float(value)), "scaling": what} for name, (value, what) in found.items()}
 
-    @cached_property
-    def scene(self) -> "PlanScene":
-        """Scene that pictures and recording show."""
-        from lab.commands.design.document import plan_scene
-
-        return plan_scene(self)
-
     def to_dict(self) -> dict[str, Any]:
         """Return the values that ``--json`` prints and ``result.json`` holds: lengths in mm."""
         options, candidates, tour, model = self.options, self.problem.candidates, self.tour, self.problem.robot.model
@@ -305,34 +299,17 @@ class DesignResult(Result):
             "warnings": list(self.warnings),
         }
 
-    def document(self) -> "Document":
-        """Build the document: predicted errors, the tour, and the quality of the design."""
-        from lab.commands.design.document import design_document
-
-        return design_document(self)
-
     def columns(self) -> Mapping[str, Sequence[Any] | Array]:
         """Return waypoint columns: ``id``, ``stop`` (measure, via), and joint positions in ``_deg`` or ``_mm``."""
         return self.stops.columns(self.problem.robot.chain)
 
-    def plot(self) -> "Figure":
-        """Draw predicted errors against the number of poses."""
-        from lab.commands.design.document import curve_pictures
-
-        return curve_pictures(self)[0].draw()
-
-    def write(self, folder: Path) -> None:
-        """Write every file of the plan.
+    def write_files(self, folder: Path) -> None:
+        """Write the plan and the programs that drive it.
 
         ``plan.csv`` is what ``lab calibrate --plan`` measures, and, once its empty points are filled in, what ``lab
         identify`` reads.
         """
-        from lab.commands.design.recording import record_plan
-        from lab.commands.run_folder import write_config, write_json
-        from lab.formats.measurement_csv import write_measurements
-
         robot = self.problem.robot
-        write_config(folder, "design", self.options, robot.sha256)
         write_measurements(folder / "plan.csv", self.table, robot.chain.prismatic)
         arm = robot.arm(tuple(robot.tool))
         nominal, ids, done = arm.nominal(robot.tool), visit_ids(self.tour, self.pose_ids), 0
@@ -351,10 +328,6 @@ class DesignResult(Result):
             done += count
             for name, content in plan_files(robot.chain, self.options.controller, tour).items():
                 (folder / name).write_bytes(content)
-        write_json(folder / "result.json", self.to_dict())
-        self.report(folder / "report.html")
-        if not self.options.no_recording:
-            record_plan(folder / "recording.rrd", self)
 
 
 _SLACK = 1e-9  # rad or m
@@ -379,12 +352,20 @@ class PlanCheckResult(Result):
         day: duration of the measurement session.
     """
 
+    command = "design"
+    shown_by = "lab.commands.design.document:check_document"
+
     options: DesignOptions
     robot: Robot
     stops: Measurements
     faults: tuple[Fault, ...]
     day: MeasuringDayLength
     warnings: tuple[str, ...]
+
+    @property
+    def model_sha256(self) -> str:
+        """Digest of the robot's description."""
+        return self.robot.sha256
 
     @property
     def exit_code(self) -> int:
@@ -404,31 +385,9 @@ class PlanCheckResult(Result):
             "warnings": list(self.warnings),
         }
 
-    def document(self) -> "Document":
-        """Build the document: whether the plan can be run, its faults, and its duration."""
-        from lab.commands.design.document import check_document
-
-        return check_document(self)
-
     def columns(self) -> "Mapping[str, Sequence[Any]]":
         """A row for each fault."""
         return {"stop": [fault.stop for fault in self.faults], "why": [fault.why for fault in self.faults]}
-
-    def plot(self) -> "Figure":
-        """There is nothing to draw.
-
-        Raises:
-            LabError: always.
-        """
-        raise LabError("a check of a plan has no figure; lab inspect --cell shows the cell")
-
-    def write(self, folder: Path) -> None:
-        """Write ``config.json``, ``result.json`` and ``report.html``."""
-        from lab.commands.run_folder import write_config, write_json
-
-        write_config(folder, "design", self.options, self.robot.sha256)
-        write_json(folder / "result.json", self.to_dict())
-        self.report(folder / "report.html")
 
 
 def check_plan(options: DesignOptions, robot: Robot) -> PlanCheckResult:

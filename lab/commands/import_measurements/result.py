@@ -13,10 +13,10 @@ from lab.commands.import_measurements.clocks import LEAST_POSES, NominalFit
 from lab.commands.import_measurements.matching import Matching, Timeline
 from lab.commands.import_measurements.options import ImportOptions
 from lab.commands.result import Result, joint_values, number
-from lab.commands.run_folder import provenance_section
 from lab.core.measurements import Measurements
 from lab.formats.joint_log import JointLog
 from lab.formats.loose_table import LeftOut
+from lab.formats.measurement_csv import write_measurements
 from lab.formats.tracker_export import TrackerPoints
 from lab.render.charts.chart import axes_picture
 from lab.render.charts.marks import Axes
@@ -24,8 +24,6 @@ from lab.render.document import Code, Document, Figure, Paragraph, Picture, Row,
 from lab.render.style import AFTER, BEFORE, GRID, MUTED
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure as MatplotlibFigure
-
     from lab.render.document import Document
 
 __all__ = ["ImportResult"]
@@ -43,6 +41,10 @@ class ImportResult(Result):
         matching: how points found their poses.
     """
 
+    command = "import"
+    shown_by = "lab.commands.import_measurements.result:_import_document"
+    drawn_by = "lab.commands.import_measurements.result:_points_picture"
+
     options: ImportOptions
     robot: Robot
     measurements: Measurements
@@ -52,9 +54,9 @@ class ImportResult(Result):
     warnings: tuple[str, ...]
 
     @property
-    def exit_code(self) -> int:
-        """0: what does not go together is refused."""
-        return 0
+    def model_sha256(self) -> str:
+        """Digest of the robot's description."""
+        return self.robot.sha256
 
     @property
     def left_out(self) -> tuple[LeftOut, ...]:
@@ -102,9 +104,9 @@ class ImportResult(Result):
             "nominal_arm_rms_mm": None if placed.rms_m is None else 1e3 * placed.rms_m,
         }
 
-    def document(self) -> "Document":
-        """Build the document: the number of poses, the use of each column, and what was left out."""
-        return _import_document(self)
+    def write_files(self, folder: Path) -> None:
+        """Write ``measurements.csv``."""
+        write_measurements(folder / "measurements.csv", self.measurements, self.robot.chain.prismatic)
 
     def columns(self) -> Mapping[str, Sequence[Any]]:
         """A row for each pose: its joints, ° or mm, and its points, mm."""
@@ -117,20 +119,6 @@ class ImportResult(Result):
             for i, axis in enumerate("xyz"):
                 table[f"{target}_{axis}_mm"] = (1e3 * data.points[:, k, i]).tolist()
         return table
-
-    def plot(self) -> "MatplotlibFigure":
-        """Draw where the points are, seen from above."""
-        return _points_picture(self).draw()
-
-    def write(self, folder: Path) -> None:
-        """Write ``measurements.csv``, ``config.json``, ``result.json`` and ``report.html``."""
-        from lab.commands.run_folder import write_config, write_json
-        from lab.formats.measurement_csv import write_measurements
-
-        write_measurements(folder / "measurements.csv", self.measurements, self.robot.chain.prismatic)
-        write_config(folder, "import", self.options, self.robot.sha256)
-        write_json(folder / "result.json", self.to_dict())
-        self.report(folder / "report.html")
 
 
 _MOST = 20  # things left out that are listed
@@ -152,7 +140,6 @@ def _import_document(result: ImportResult) -> Document:
             Section("Columns", (_columns(result),)),
             Section("Left out", (*_left_out(result),)),
             Section("Points", (Figure("points", (_points_picture(result),), caption),)),
-            provenance_section("import", result.options, result.robot.sha256),
         ),
     )
 

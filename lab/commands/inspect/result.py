@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +12,6 @@ from lab.commands.inspect.closed import closed_blocks
 from lab.commands.inspect.options import InspectOptions
 from lab.commands.inspect.serial import serial_blocks
 from lab.commands.result import Result, coefficient, per_person
-from lab.commands.run_folder import provenance_section
 from lab.core.se3 import Array
 from lab.kinematics.parameter import Parameter
 from lab.render.charts.chart import axes_picture, log_ticks
@@ -22,8 +20,6 @@ from lab.render.document import Block, Bullets, Document, Figure, Paragraph, Pic
 from lab.render.style import PREDICTED
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure as MatplotlibFigure
-
     from lab.render.document import Document
 
 __all__ = ["Inspection", "singular_values_picture"]
@@ -40,6 +36,10 @@ class Inspection(Result):
         singular_values: ``(r,)`` of the Jacobian with unit columns over random poses, largest first.
     """
 
+    command = "inspect"
+    shown_by = "lab.commands.inspect.result:_inspection_document"
+    drawn_by = "lab.commands.inspect.result:singular_values_picture"
+
     options: InspectOptions
     robot: Robot
     values: Mapping[str, Any]
@@ -47,22 +47,18 @@ class Inspection(Result):
     singular_values: Array
 
     @property
+    def model_sha256(self) -> str:
+        """Digest of the robot's description."""
+        return self.robot.sha256
+
+    @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings on the robot."""
         return self.robot.warnings
 
-    @property
-    def exit_code(self) -> int:
-        """0: a robot that can be read is neither good nor bad."""
-        return 0
-
     def to_dict(self) -> dict[str, Any]:
         """Return the values for ``--json``: millimetres and degrees; aliases in SI units; None where not finite."""
         return dict(self.values)
-
-    def document(self) -> "Document":
-        """Build the document: the nominal model, its shape, and its identifiable parameters."""
-        return _inspection_document(self)
 
     def columns(self) -> Mapping[str, Sequence[Any]]:
         """A row for each parameter that is identifiable or aliased: its name, and with what it is aliased."""
@@ -72,18 +68,6 @@ class Inspection(Result):
             "identifiable": [True] * len(kept) + [False] * len(aliases),
             "aliased_with": [""] * len(kept) + [", ".join(into) for into in aliases.values()],
         }
-
-    def plot(self) -> "MatplotlibFigure":
-        """Draw the singular values of the Jacobian (unit columns) of the identifiable parameters, largest first."""
-        return singular_values_picture(self).draw()
-
-    def write(self, folder: Path) -> None:
-        """Write ``config.json``, ``result.json`` and ``report.html``."""
-        from lab.commands.run_folder import write_config, write_json
-
-        write_config(folder, "inspect", self.options, self.robot.sha256)
-        write_json(folder / "result.json", self.to_dict())
-        self.report(folder / "report.html")
 
 
 def _inspection_document(result: Inspection) -> Document:
@@ -98,7 +82,6 @@ def _inspection_document(result: Inspection) -> Document:
             *((cell_section(values, result.robot),) if "cell" in values else ()),
             Section("Identifiability", (*_identifiable(result), *_fixed(result))),
             Section("Conditioning", tuple(_conditioning(result))),
-            provenance_section("inspect", result.options, result.robot.sha256),
         ),
     )
 

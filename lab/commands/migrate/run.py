@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from lab.calibration.estimate import EstimatedParameter
 from lab.calibration.estimate_files import read_estimate_files
@@ -18,11 +18,7 @@ from lab.commands.run_folder import SCHEMA, is_older, refuse_edits, write_json
 from lab.core.errors import LabError
 from lab.core.whole_folder import CHECKSUMS, checksum_lines, draft_of, recover, resolved
 from lab.formats.structured import read_json
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from lab.render.document import Document
+from lab.render.document import Document, Table
 
 __all__ = ["Migrated", "MigrationResult", "migrate"]
 
@@ -39,6 +35,9 @@ class Migrated:
 class MigrationResult(Result):
     """The runs that were looked at."""
 
+    command = "migrate"
+    shown_by = "lab.commands.migrate.run:_migration_document"
+
     options: MigrateOptions
     runs: tuple[Migrated, ...]
 
@@ -49,26 +48,12 @@ class MigrationResult(Result):
             return ("nothing tells whether an older run without checksums was edited; its numbers stay as they were",)
         return ()
 
-    @property
-    def exit_code(self) -> int:
-        """0: the runs can be read."""
-        return 0
-
     def to_dict(self) -> dict[str, Any]:
         """Return the values that ``--json`` prints."""
         return {
             "runs": [{"run": str(each.folder), "given": list(each.given)} for each in self.runs],
             "warnings": list(self.warnings),
         }
-
-    def document(self) -> "Document":
-        """Build the document: each run, and what the migration added."""
-        from lab.render.document import Document, Table
-
-        rows = tuple((str(each.folder), ", ".join(each.given) or "nothing: it is as today's runs are")
-                     for each in self.runs)  # fmt: skip
-        count = sum(bool(each.given) for each in self.runs)
-        return Document(f"{count} of {len(self.runs)} runs migrated", (Table(("run", "given"), rows, most_rows=None),))
 
     def columns(self) -> Mapping[str, Sequence[Any]]:
         """A row for each run."""
@@ -77,17 +62,13 @@ class MigrationResult(Result):
             "given": [", ".join(each.given) for each in self.runs],
         }
 
-    def plot(self) -> "Figure":
-        """Refuse, with a LabError: a migration has no figure."""
-        raise LabError("a migration has no figure; lab trend draws the runs")
 
-    def write(self, folder: Path) -> None:
-        """Write ``config.json``, ``result.json`` and ``report.html``."""
-        from lab.commands.run_folder import write_config, write_json
-
-        write_config(folder, "migrate", self.options, "")
-        write_json(folder / "result.json", self.to_dict())
-        self.report(folder / "report.html")
+def _migration_document(result: MigrationResult) -> Document:
+    """Build the document: each run, and what the migration added."""
+    given = [", ".join(each.given) or "nothing: it is as today's runs are" for each in result.runs]
+    rows = tuple((str(each.folder), words) for each, words in zip(result.runs, given, strict=True))
+    count = sum(bool(each.given) for each in result.runs)
+    return Document(f"{count} of {len(result.runs)} runs migrated", (Table(("run", "given"), rows),))
 
 
 _NO_RUN = "give the folder of a run of the lab"

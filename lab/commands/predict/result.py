@@ -14,11 +14,12 @@ from lab.calibration.estimate import PredictedPoints
 from lab.commands.calibrate.load_run import CalibrationRun
 from lab.commands.predict.options import PredictOptions
 from lab.commands.result import Result, number, plain_numbers
-from lab.commands.run_folder import joint_columns, provenance_section
+from lab.commands.run_folder import joint_columns
 from lab.core import se3
 from lab.core.errors import counted
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
+from lab.formats.csv_table import write_columns
 from lab.render.document import (
     PAGE,
     Badge,
@@ -41,8 +42,6 @@ from lab.render.plots import Spread, histograms
 from lab.render.style import AFTER, BEFORE, HATCH_AFTER, HATCH_BEFORE, MARK_AFTER, MARK_BEFORE
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure as MatplotlibFigure
-
     from lab.render.document import Document
 
 __all__ = ["PredictionResult"]
@@ -67,6 +66,10 @@ class PredictionResult(Result):
         notes: warnings on the inputs.
     """
 
+    command = "predict"
+    shown_by = "lab.commands.predict.result:_prediction_document"
+    drawn_by = "lab.commands.predict.result:_radii_picture"
+
     options: PredictOptions
     run: CalibrationRun
     rows: Measurements
@@ -75,6 +78,11 @@ class PredictionResult(Result):
     R_instrument_last: Array
     without_effects_m: float | None
     notes: tuple[str, ...]
+
+    @property
+    def model_sha256(self) -> str:
+        """Digest of the robot's description."""
+        return self.run.robot.sha256
 
     @property
     def points(self) -> Array:
@@ -191,9 +199,9 @@ class PredictionResult(Result):
         """Rotations of the tool, in the frame of the measurements and in the base."""
         return self.rotations, np.asarray(self.T_instrument_base[:3, :3].T @ self.rotations)
 
-    def document(self) -> "Document":
-        """Build the document: the uncertainty of the points, and all predictions."""
-        return _prediction_document(self)
+    def write_files(self, folder: Path) -> None:
+        """Write ``predicted.csv``."""
+        write_columns(folder / _PREDICTED_FILE, dict(self.columns()))
 
     def columns(self) -> Mapping[str, Sequence[Any] | Array]:
         """A row a pose: joints and conditions; then points, orientation, and how sure each point is."""
@@ -217,20 +225,6 @@ class PredictionResult(Result):
             found |= {f"{target}_cov_{pair}_mm2": covariances[:, k, i, j] for i, j, pair in _PAIRS}
         return {**found, "extrapolated": self.extrapolated.tolist()}
 
-    def plot(self) -> "MatplotlibFigure":
-        """Draw how sure the points are, as histograms of the radii of 95 % of their errors."""
-        return _radii_picture(self).draw()
-
-    def write(self, folder: Path) -> None:
-        """Write ``predicted.csv``, ``config.json``, ``result.json`` and ``report.html``."""
-        from lab.commands.run_folder import write_config, write_json
-        from lab.formats.csv_table import write_columns
-
-        write_config(folder, "predict", self.options, self.run.robot.sha256)
-        write_columns(folder / _PREDICTED_FILE, dict(self.columns()))
-        write_json(folder / "result.json", self.to_dict())
-        self.report(folder / "report.html")
-
 
 _MOST_LISTED = 100  # poses in the table
 _CAUSES = {
@@ -253,7 +247,6 @@ def _prediction_document(result: PredictionResult) -> Document:
             Warnings(result.warnings),
             Section("Uncertainty", _uncertainty(result)),
             Section("Every pose", _every_pose(result), shown_in=PAGE),
-            provenance_section("predict", result.options, result.run.robot.sha256),
         ),
     )
 

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from lab.commands.result import Result
-from lab.commands.run_folder import provenance_section
 from lab.commands.status.arm import FEWEST_CHECKS, STATES, ArmStatus, Check, LeftOut
 from lab.commands.status.options import StatusOptions
 from lab.commands.trend.result import change_words
 from lab.core.errors import counted
+from lab.formats.csv_table import write_columns
 from lab.render.charts.chart import axes_picture
 from lab.render.charts.marks import Axes
 from lab.render.document import (
@@ -41,8 +41,6 @@ from lab.render.document import (
 from lab.render.style import GRID, INK, MEASURED, MUTED, RMS, WORST
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure as MatplotlibFigure
-
     from lab.render.document import Document
 
 __all__ = ["StatusResult"]
@@ -58,6 +56,10 @@ class StatusResult(Result):
         arms: the worst first.
         left_out: runs that could not be used, and why not.
     """
+
+    command = "status"
+    shown_by = "lab.commands.status.result:_status_document"
+    drawn_by = "lab.commands.status.result:_checks_picture"
 
     options: StatusOptions
     on: date
@@ -94,9 +96,10 @@ class StatusResult(Result):
             "warnings": list(self.warnings),
         }
 
-    def document(self) -> "Document":
-        """Build the document: all arms in a table, the checks over time, the changes, the runs left out."""
-        return _status_document(self)
+    def write_files(self, folder: Path) -> None:
+        """Write ``status.csv`` and ``status.prom``."""
+        write_columns(folder / "status.csv", {name: [*map(str, each)] for name, each in self.columns().items()})
+        (folder / "status.prom").write_text(_exposition(self.arms, len(self.left_out)), encoding="utf-8")
 
     def columns(self) -> Mapping[str, Sequence[Any]]:
         """A row for each arm, as ``status.csv`` has it; empty where nothing is known."""
@@ -123,21 +126,6 @@ class StatusResult(Result):
             for row in rows
         ]
         return {name: ["" if row[name] is None else row[name] for row in flat] for name in (flat or [{}])[0]}
-
-    def plot(self) -> "MatplotlibFigure":
-        """Draw the checks of every arm over time."""
-        return _checks_picture(self).draw()
-
-    def write(self, folder: Path) -> None:
-        """Write ``config.json``, ``result.json``, ``status.csv``, ``status.prom`` and ``report.html``."""
-        from lab.commands.run_folder import write_config, write_json
-        from lab.formats.csv_table import write_columns
-
-        write_config(folder, "status", self.options, self.model_sha256)
-        write_json(folder / "result.json", self.to_dict())
-        write_columns(folder / "status.csv", {name: [*map(str, each)] for name, each in self.columns().items()})
-        (folder / "status.prom").write_text(_exposition(self.arms, len(self.left_out)), encoding="utf-8")
-        self.report(folder / "report.html")
 
 
 def _arm(arm: ArmStatus) -> dict[str, Any]:
@@ -246,7 +234,6 @@ def _status_document(result: StatusResult) -> Document:
             Section("The arms", (_arms(result), Paragraph(_explained(result), "note", shown_in=PAGE))),
             Section("The checks over time", (Figure("checks", (_checks_picture(result),), caption),)),
             Section("Changes between calibrations", (Bullets(tuple(_changes(each) for each in result.arms)),)),
-            provenance_section("status", result.options, result.model_sha256),
         ),
     )
 

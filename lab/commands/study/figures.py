@@ -18,8 +18,15 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import LogLocator, NullLocator
 
-from lab.commands.study.format import circumstances, effect_words, factor_words, level_words, metric_words, varying
-from lab.commands.study.result import comparison_sentence
+from lab.commands.study.format import (
+    circumstances,
+    comparison_sentence,
+    effect_words,
+    factor_words,
+    level_words,
+    metric_words,
+    varying,
+)
 from lab.render.charts.chart import save_figure
 from lab.render.document import Picture, capital
 from lab.render.style import FIGURE_STYLE, MUTED, PREDICTED, REFERENCE, SERIES

@@ -4,18 +4,20 @@ from collections.abc import Mapping, Sequence
 from math import floor, isfinite, log10
 from typing import Any
 
-from lab.studies.analysis import Comparison, Kind, Mean, Pair, Rank
+from lab.studies.analysis import Analysis, Comparison, Kind, Mean, Pair, Rank
 from lab.studies.grid import ANY, FACTORS, Cell
 
 __all__ = [
     "behind_words",
     "circumstances",
+    "comparison_sentence",
     "effect_words",
     "factor_words",
     "level_words",
     "mean_words",
     "metric_words",
     "rank_words",
+    "sentences",
     "varying",
 ]
 
@@ -112,3 +114,53 @@ def behind_words(comparison: Comparison, rank: Rank) -> str:
     """Format the excess of a cell over the first of its comparison; empty for the first."""
     first = comparison.ranks[0].cell
     return "" if rank.cell == first else effect_words(comparison.against(first, rank.cell), comparison.kind)
+
+
+def sentences(analysis: Analysis, metric: str) -> list[str]:
+    """Return a sentence for each comparison by a metric, and one for simulated calibrations that did not converge."""
+    found = [comparison_sentence(each, analysis.cells) for each in analysis.comparisons if each.metric == metric]
+    return [*found, *_failures([mean for mean in analysis.means if mean.metric == metric], analysis.cells)]
+
+
+def comparison_sentence(comparison: Comparison, cells: Sequence[Cell]) -> str:
+    """Describe which cell of a group is best, by how much, and which do not differ significantly."""
+    group = comparison.group
+    names = {i: level_words(cells[i], group.free) for i in group.cells}
+    where = circumstances(group.shared)
+    head = f"{where + ', ' if where else ''}by {' and '.join(group.free)}"
+    if not comparison.ranks:
+        return f"{head}: no simulated calibration converged in two of them, so nothing can be compared"
+    ranked = [each.cell for each in comparison.ranks]
+    leaders = [each.cell for each in comparison.ranks if each.lowest == 1]
+    said = [_leading([names[i] for i in leaders])]
+    than = f" than {names[ranked[0]]}" if len(leaders) > 1 else ""
+    for cell in ranked[1:]:
+        pair = comparison.against(ranked[0], cell)
+        many = comparison.kind == "ratio" and pair.effect >= 2
+        said.append(f"{names[cell]} {effect_words(pair, comparison.kind)} {'as much' if many else 'worse'}{than}")
+    same = [(p.first, p.second) for p in comparison.pairs if not p.told and isfinite(p.effect)]
+    apart = [f"{names[i]} and {names[j]}" for i, j in same if not {i, j} <= set(leaders)]
+    said += [f"no significant difference: {', '.join(apart)}"] if apart else []
+    said += [f"{names[i]} never converged where another did" for i in group.cells if i not in ranked]
+    return f"{head}: {'; '.join(said)}"
+
+
+def _leading(names: Sequence[str]) -> str:
+    if len(names) == 1:
+        return f"best is {names[0]}"
+    return f"best are {', '.join(names[:-1])} and {names[-1]}, which do not differ significantly"
+
+
+def _failures(means: Sequence[Mean], cells: Sequence[Cell]) -> list[str]:
+    """Simulated calibrations that were left out, and in which cells."""
+    campaigns, lost = sum(each.campaigns for each in means), sum(each.not_converged for each in means)
+    if not lost:
+        return []
+    worst = max(means, key=lambda each: each.not_converged / max(each.campaigns, 1))
+    where = circumstances({name: getattr(cells[worst.cell], name) for name in varying(cells)})
+    return [
+        f"{lost:,} of {campaigns:,} simulated calibrations did not converge and are left out, in a pair where either "
+        f"did not: where there are many, the rest is too favourable; the most are {worst.not_converged:,} of "
+        f"{worst.campaigns:,}"
+        f"{f' ({where})' if where else ''}"
+    ]

@@ -1,27 +1,22 @@
 """Many simulated calibrations: read what is asked, choose who works it out, run it, and write what came out."""
 
-import csv
-from collections.abc import Iterable, Mapping, Sequence
-from math import isfinite
 from pathlib import Path
 from typing import Any
 
 from lab.commands.command_line import options_of, takes
 from lab.commands.run_folder import free_name
-from lab.commands.study.format import circumstances, level_words
 from lab.commands.study.options import StudyOptions
 from lab.commands.study.result import StudyResult
 from lab.core.errors import LabError, error_context
-from lab.formats.csv_table import text_cell
 from lab.render.terminal import bars
-from lab.studies.analysis import Analysis, Comparison, analysed
+from lab.studies.analysis import Analysis, analysed
 from lab.studies.campaigns import refuse_impossible
 from lab.studies.executors import StoppedError, cluster_executor, local_executor
-from lab.studies.grid import FACTORS, Study, read_study
+from lab.studies.grid import Study, read_study
 from lab.studies.run import StudyDone, run_study
 from lab.studies.store import read_campaigns
 
-__all__ = ["mean_columns", "study", "write_csv"]
+__all__ = ["study"]
 
 
 @takes(StudyOptions)
@@ -70,62 +65,3 @@ def _analysis(done: StudyDone) -> Analysis:
     campaigns = read_campaigns(done.folder)
     columns = {name: campaigns[name].to_numpy() for name in campaigns.column_names}
     return analysed(columns, done.study.cells, done.study.seed)
-
-
-def write_csv(folder: Path, analysis: Analysis) -> None:
-    """Write ``means.csv``, ``pairs.csv`` and ``ranks.csv``; an empty cell is a number that there is not."""
-    _write(folder / "means.csv", _MEANS, _mean_rows(analysis))
-    _write(folder / "pairs.csv", _PAIRS, _pair_rows(analysis))
-    most = max((len(each.group.cells) for each in analysis.comparisons), default=0)
-    _write(folder / "ranks.csv", [*_RANKS, *(f"chance_{k}" for k in range(1, most + 1))], _rank_rows(analysis))
-
-
-_COUNTS = ("campaigns", "not_converged", "used", "robots")
-_MEANS = ("cell", *FACTORS, "metric", "mean", "lower_95", "upper_95", *_COUNTS)
-_GROUP = ("metric", "factor", "group")
-_PAIRS = (*_GROUP, "first_cell", "second_cell", "first", "second", "kind", "second_to_first", "lower_95", "upper_95",
-          "p", "p_holm", "used", "left_out")  # fmt: skip
-_RANKS = (*_GROUP, "cell", "level", "rank", "lowest_95", "highest_95")
-
-
-def mean_columns(analysis: Analysis) -> Mapping[str, Sequence[Any]]:
-    """The columns of ``means.csv``, each with a value for every cell and metric."""
-    rows = list(_mean_rows(analysis))
-    return {name: [row[i] for row in rows] for i, name in enumerate(_MEANS)}
-
-
-def _mean_rows(analysis: Analysis) -> Iterable[list[Any]]:
-    for mean in analysis.means:
-        levels = [getattr(analysis.cells[mean.cell], name) for name in FACTORS]
-        counts = [getattr(mean, name) for name in _COUNTS]
-        yield [mean.cell, *levels, mean.metric, mean.mean, mean.lower, mean.upper, *counts]
-
-
-def _pair_rows(analysis: Analysis) -> Iterable[list[Any]]:
-    for each in analysis.comparisons:
-        for pair in each.pairs:
-            levels = [level_words(analysis.cells[cell], each.group.free) for cell in (pair.first, pair.second)]
-            numbers = [pair.effect, pair.lower, pair.upper, pair.p, pair.p_holm, pair.used, pair.left_out]
-            yield [*_group(each), pair.first, pair.second, *levels, each.kind, *numbers]
-
-
-def _rank_rows(analysis: Analysis) -> Iterable[list[Any]]:
-    for each in analysis.comparisons:
-        for rank in each.ranks:
-            level = level_words(analysis.cells[rank.cell], each.group.free)
-            yield [*_group(each), rank.cell, level, rank.rank, rank.lowest, rank.highest, *rank.chances]
-
-
-def _group(comparison: Comparison) -> list[str]:
-    return [comparison.metric, " and ".join(comparison.group.free), circumstances(comparison.group.shared)]
-
-
-def _write(path: Path, header: Sequence[str], rows: Iterable[list[Any]]) -> None:
-    """Numbers in full, so that they are the same again when they are read."""
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(header)
-        for row in rows:
-            cells = ["" if isinstance(each, float) and not isfinite(each) else each for each in row]
-            cells = [text_cell(each) if isinstance(each, str) else each for each in cells]
-            writer.writerow(cells + [""] * (len(header) - len(cells)))

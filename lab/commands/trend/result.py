@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +10,6 @@ import numpy as np
 from lab.calibration.estimate import SETUP, IdentifiedSubset
 from lab.commands.calibrate.load_run import CalibrationRun
 from lab.commands.result import Result, number
-from lab.commands.run_folder import provenance_section
 from lab.commands.trend.options import TrendOptions
 from lab.core.errors import counted
 from lab.core.limits import called
@@ -43,7 +41,6 @@ from lab.verification.change_points import POWER, ChangePoint
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure as MatplotlibFigure
 
     from lab.render.document import Document
 
@@ -94,6 +91,10 @@ class TrendResult(Result):
         serial: the serial number of the arm; None where no run states it.
     """
 
+    command = "trend"
+    shown_by = "lab.commands.trend.result:_trend_document"
+    drawn_by = "lab.commands.trend.result:_parameters_picture"
+
     options: TrendOptions
     runs: tuple[DatedRun, ...]
     estimates: tuple[IdentifiedSubset, ...]
@@ -101,6 +102,11 @@ class TrendResult(Result):
     detectable: tuple[DetectableChange, ...]
     left_out: tuple[str, ...]
     serial: str | None = None
+
+    @property
+    def model_sha256(self) -> str:
+        """Digest of the robot's description."""
+        return self.runs[0].run.robot.sha256
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -181,10 +187,6 @@ class TrendResult(Result):
             "level": change.level,
         }
 
-    def document(self) -> "Document":
-        """Build the document: whether and when anything changed, what, and the parameters over time."""
-        return _trend_document(self)
-
     def columns(self) -> Mapping[str, Sequence[Any]]:
         """A row for each run and parameter: change since the first run and half of its 95 % interval, in SI units."""
         names, count = self.estimates[0].names, len(self.runs)
@@ -195,18 +197,6 @@ class TrendResult(Result):
             "change": self.shifts.ravel().tolist(),
             "half_width_95": self.half_widths.ravel().tolist(),
         }
-
-    def plot(self) -> "MatplotlibFigure":
-        """Draw all parameters over time."""
-        return _parameters_picture(self).draw()
-
-    def write(self, folder: Path) -> None:
-        """Write ``config.json``, ``result.json`` and ``report.html``."""
-        from lab.commands.run_folder import write_config, write_json
-
-        write_config(folder, "trend", self.options, self.runs[0].run.robot.sha256)
-        write_json(folder / "result.json", self.to_dict())
-        self.report(folder / "report.html")
 
 
 _WIDTH = 5.6  # inches
@@ -334,7 +324,6 @@ def _trend_document(result: TrendResult) -> Document:
             Section("Errors over time", (_runs(result), _errors(result))),
             Section("Parameters over time", _parameters(result)),
             Section("Minimum detectable change", (_detectable(result), Paragraph(_explained(result), "note"))),
-            provenance_section("trend", result.options, robot.sha256, result.serial),
         ),
     )
 
@@ -355,7 +344,6 @@ def _first_document(result: TrendResult, name: str) -> Document:
             Warnings(result.warnings),
             Section("Errors", (_runs(result),)),
             Section("Minimum detectable change", (_detectable(result), Paragraph(_explained(result), "note"))),
-            provenance_section("trend", result.options, only.run.robot.sha256, result.serial),
         ),
     )
 

@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +10,6 @@ from numpy.typing import NDArray
 
 from lab.commands.calibrate.load_run import CalibrationRun
 from lab.commands.result import Result, error_statistics, exit_code_of, number
-from lab.commands.run_folder import provenance_section
 from lab.commands.verify.options import VerifyOptions
 from lab.core.checks import Check
 from lab.core.limits import called
@@ -39,8 +37,6 @@ from lab.render.style import AFTER, BEFORE, PREDICTED
 from lab.verification.test import Displacement, Hypothesis, Verified
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure as MatplotlibFigure
-
     from lab.render.document import Document
 
 __all__ = ["VerificationResult", "errors_picture"]
@@ -57,11 +53,21 @@ class VerificationResult(Result):
         verified: the test, and the hypotheses that it tried.
     """
 
+    command = "verify"
+    shown_by = "lab.commands.verify.result:_verification_document"
+    drawn_by = "lab.commands.verify.result:errors_picture"
+    recorded_by = "lab.commands.verify.recording:record_verification"
+
     options: VerifyOptions
     calibrated: CalibrationRun
     measurements: Measurements
     verified: Verified
     warnings: tuple[str, ...]
+
+    @property
+    def model_sha256(self) -> str:
+        """Digest of the robot's description."""
+        return self.calibrated.robot.sha256
 
     @property
     def good(self) -> bool:
@@ -134,10 +140,6 @@ class VerificationResult(Result):
             "warnings": list(self.warnings),
         }
 
-    def document(self) -> "Document":
-        """Build the document: the test, the errors, possible changes, and detectable changes."""
-        return _verification_document(self)
-
     def columns(self) -> Mapping[str, Sequence[Any]]:
         """The observed position errors: ``id``, ``target``, ``error_mm`` (NaN: not measured), ``extrapolated``."""
         ids, targets = self.measurements.ids, self.measurements.targets
@@ -147,21 +149,6 @@ class VerificationResult(Result):
             "error_mm": (1e3 * self.verified.errors).ravel().tolist(),
             "extrapolated": np.repeat(self._extrapolated, len(targets)).tolist(),
         }
-
-    def plot(self) -> "MatplotlibFigure":
-        """Draw the observed errors as a histogram, with their root mean square and the predicted one."""
-        return errors_picture(self).draw()
-
-    def write(self, folder: Path) -> None:
-        """Write ``config.json``, ``result.json``, ``recording.rrd`` and ``report.html``."""
-        from lab.commands.run_folder import write_config, write_json
-        from lab.commands.verify.recording import record_verification
-
-        write_config(folder, "verify", self.options, self.calibrated.robot.sha256)
-        write_json(folder / "result.json", self.to_dict())
-        if not self.options.no_recording:
-            record_verification(folder / "recording.rrd", self)
-        self.report(folder / "report.html")
 
     def _unit(self, what: str) -> str:
         """The unit in which a person reads how far something moved: the base, a target, or a joint's zero."""
@@ -227,7 +214,6 @@ def _verification_document(result: VerificationResult) -> Document:
             Section("What alone would explain it", (_hypotheses(result), *_advice(result))),
             Section("What was fitted anew", (_refitted(result),)),
             Section("Minimum detectable change", (_detectable(result),) if found.good else ()),
-            provenance_section("verify", result.options, robot.sha256, result.serial),
         ),
     )
 

@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lab.commands.result import Result
-from lab.commands.run_folder import provenance_section
 from lab.core.errors import LabError
 from lab.extensions.reproduction.answer import Answer
 from lab.extensions.reproduction.item import Computed, Item, Mark, Source, marked, write_exercise
 from lab.extensions.reproduction.options import ReproduceOptions
 from lab.extensions.reproduction.registry import source_named
+from lab.formats.csv_table import write_columns
 from lab.render.document import (
     PAGE,
     TERMINAL,
@@ -24,6 +24,7 @@ from lab.render.document import (
     Document,
     Figure,
     Paragraph,
+    Picture,
     Row,
     Section,
     Table,
@@ -31,8 +32,6 @@ from lab.render.document import (
 )
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure as MatplotlibFigure
-
     from lab.render.document import Document
 
 __all__ = ["ReproductionResult", "reproduce"]
@@ -48,6 +47,10 @@ class ReproductionResult(Result):
         computed: its items, in order.
         marks: of a filled-in exercise; None where none is marked.
     """
+
+    command = "reproduce"
+    shown_by = "lab.extensions.reproduction.result:_reproduction_document"
+    drawn_by = "lab.extensions.reproduction.result:_main_picture"
 
     options: ReproduceOptions
     source: Source
@@ -116,9 +119,12 @@ class ReproductionResult(Result):
             "erratum": answer.erratum,
         }  # fmt: skip
 
-    def document(self) -> "Document":
-        """Return the report: an overview, then every item; of an exercise its questions or its marks."""
-        return _reproduction_document(self)
+    def write_files(self, folder: Path) -> None:
+        """Write ``values.csv``, or of an exercise its CSV."""
+        if self.options.exercise:
+            write_exercise(folder / "exercise.csv", self.computed)
+        else:
+            write_columns(folder / "values.csv", self.columns())
 
     def columns(self) -> Mapping[str, Sequence[Any]]:
         """A row for each answer."""
@@ -132,29 +138,17 @@ class ReproductionResult(Result):
             "erratum": ["" if blank else answer.erratum for _, answer in pairs],
         }
 
-    def plot(self) -> "MatplotlibFigure":
-        """Draw the first figure of the source.
 
-        Raises:
-            LabError: it has none.
-        """
-        for each in self.computed:
-            for picture in each.item.pictures():
-                return picture.draw()
-        raise LabError(f"{self.source.name}: none of its figures can be drawn; report writes the page")
+def _main_picture(result: ReproductionResult) -> Picture:
+    """Return the first figure of the source.
 
-    def write(self, folder: Path) -> None:
-        """Write ``config.json``, ``result.json``, ``values.csv``, ``report.html``, and of an exercise its CSV."""
-        from lab.commands.run_folder import write_config, write_json
-        from lab.formats.csv_table import write_columns
-
-        write_config(folder, "reproduce", self.options, "")
-        write_json(folder / "result.json", self.to_dict())
-        if self.options.exercise:
-            write_exercise(folder / "exercise.csv", self.computed)
-        else:
-            write_columns(folder / "values.csv", self.columns())
-        self.report(folder / "report.html")
+    Raises:
+        LabError: it has none.
+    """
+    for each in result.computed:
+        for picture in each.item.pictures():
+            return picture
+    raise LabError(f"{result.source.name}: none of its figures can be drawn; report writes the page")
 
 
 def _reproduction_document(result: ReproductionResult) -> Document:
@@ -170,7 +164,6 @@ def _reproduction_document(result: ReproductionResult) -> Document:
             Section("Errata", _errata(result), shown_in=TERMINAL),
             *(_section(result, each) for each in result.computed if result.marks is None),
             Section("What cannot be computed", (_missing(result),) if result.marks is None else ()),
-            provenance_section("reproduce", result.options, ""),
         ),
     )
 

@@ -10,7 +10,6 @@ import numpy as np
 
 from lab.campaign.robot import Robot
 from lab.commands.result import Result, number, plain_numbers
-from lab.commands.run_folder import provenance_section
 from lab.core.errors import LabError
 from lab.core.limits import called
 from lab.core.random import rng_for
@@ -47,8 +46,6 @@ from lab.render.document import (
 from lab.render.style import MEASURED, PREDICTED
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure as MatplotlibFigure
-
     from lab.render.document import Document
 
 __all__ = ["DynamicsResult", "RehearsedDay", "estimate_to_dict", "singular_values_picture"]
@@ -89,6 +86,11 @@ class DynamicsResult(Result):
         implausible: why arm or load cannot be what they were identified as.
     """
 
+    command = "dynamics"
+    shown_by = "lab.extensions.dynamics.arm.result:_dynamics_document"
+    drawn_by = "lab.extensions.dynamics.arm.result:_main_picture"
+    recorded_by = "lab.extensions.dynamics.arm.recording:record_dynamics"
+
     options: DynamicsOptions
     robot: Robot
     arm: ArmDynamics
@@ -100,6 +102,11 @@ class DynamicsResult(Result):
     physical: PhysicalFit | None
     warnings: tuple[str, ...]
     implausible: tuple[Implausibility, ...] = ()
+
+    @property
+    def model_sha256(self) -> str:
+        """Digest of the robot's description."""
+        return self.robot.sha256
 
     @cached_property
     def formulas(self) -> tuple[Formula, ...]:
@@ -148,9 +155,16 @@ class DynamicsResult(Result):
         true = {} if self.day is None else {"true": dict(zip(base.labels, self.day.truth.tolist(), strict=True))}
         return described | measured | bodies | true | {"warnings": list(self.warnings)}
 
-    def document(self) -> "Document":
-        """Return the report: the base parameters, and the parameters grouped into each."""
-        return _dynamics_document(self)
+    @property
+    def is_recorded(self) -> bool:
+        """False where nothing was measured."""
+        return self.samples is not None
+
+    def write_files(self, folder: Path) -> None:
+        """Write the motions of a simulated session."""
+        if self.day is not None:
+            for name, samples in ((MOTION_CSV, self.day.samples), (ANOTHER_CSV, self.day.other)):
+                self._write_motion(folder / name, samples)
 
     def columns(self) -> Mapping[str, Sequence[Any]]:
         """A row for each base parameter: its name, formula and unit, and what was identified of it."""
@@ -164,25 +178,6 @@ class DynamicsResult(Result):
             table |= {"value": self.values.tolist(), "half_width_95": self.estimate.half_width.tolist()}
             table["relative_std_percent"] = (100 * self.estimate.relative_sigma).tolist()
         return table
-
-    def plot(self) -> "MatplotlibFigure":
-        """Draw the first drive's torque, measured and explained; without measurements, the singular values."""
-        return (singular_values_picture(self) if self.estimate is None else _torque_pictures(self)[0]).draw()
-
-    def write(self, folder: Path) -> None:
-        """Write ``config.json``, ``result.json`` and ``report.html``; of measurements ``recording.rrd`` too."""
-        from lab.commands.run_folder import write_config, write_json
-
-        write_config(folder, "dynamics", self.options, self.robot.sha256)
-        write_json(folder / "result.json", self.to_dict())
-        self.report(folder / "report.html")
-        if self.day is not None:
-            for name, samples in ((MOTION_CSV, self.day.samples), (ANOTHER_CSV, self.day.other)):
-                self._write_motion(folder / name, samples)
-        if self.samples is not None and not self.options.no_recording:
-            from lab.extensions.dynamics.arm.recording import record_dynamics
-
-            record_dynamics(folder / "recording.rrd", self)
 
     def _write_motion(self, path: Path, samples: PayloadSamples) -> None:
         """A file as ``lab dynamics`` reads it: with motor currents where the drives' gains are known."""
@@ -255,6 +250,11 @@ MOST_DRAWN = 600  # rows
 ROUNDING = 1e-12  # of what is true, SI
 
 
+def _main_picture(result: DynamicsResult) -> Picture:
+    """Return the first drive's torque, measured and explained; without measurements, the singular values."""
+    return singular_values_picture(result) if result.estimate is None else _torque_pictures(result)[0]
+
+
 def _dynamics_document(result: DynamicsResult) -> Document:
     """The base parameters with their formulas, what affects no torque, and the conditioning."""
     base, found = result.base, result.estimate
@@ -272,7 +272,6 @@ def _dynamics_document(result: DynamicsResult) -> Document:
             *(() if found is None else _identified(result, found)),
             Section("Base parameters", grouping, shown_in=EVERYWHERE if found is None else PAGE),
             Section("Conditioning", (_conditioning(result),), shown_in=EVERYWHERE if found is None else PAGE),
-            provenance_section("dynamics", result.options, result.robot.sha256, result.options.serial),
         ),
     )
 

@@ -10,7 +10,6 @@ import numpy as np
 from lab.campaign.robot import Robot
 from lab.commands.hand_load import HandLoad
 from lab.commands.result import Result, number, plain_numbers
-from lab.commands.run_folder import provenance_section
 from lab.core.limits import called
 from lab.core.se3 import Array
 from lab.extensions.dynamics.load_files import WRENCH, Mounting, PayloadSamples, write_loads, write_mounting
@@ -40,8 +39,6 @@ from lab.render.document import (
 from lab.render.style import MEASURED, PREDICTED
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure as MatplotlibFigure
-
     from lab.render.document import Document
 
 __all__ = ["PayloadResult", "UncertaintyCost", "channels_of", "parameter_rows", "true_values", "wild_sample"]
@@ -78,6 +75,11 @@ class PayloadResult(Result):
         truth: ``(10,)`` phi of the virtual payload, where the measuring day was rehearsed.
     """
 
+    command = "payload"
+    shown_by = "lab.extensions.dynamics.payload.result:_payload_document"
+    drawn_by = "lab.extensions.dynamics.payload.result:_main_picture"
+    recorded_by = "lab.extensions.dynamics.payload.recording:record_payload"
+
     options: PayloadOptions
     robot: Robot
     samples: PayloadSamples | None
@@ -88,6 +90,11 @@ class PayloadResult(Result):
     targets: tuple[str, ...] = ()
     implausible: tuple[Implausibility, ...] = ()
     truth: Array | None = None
+
+    @property
+    def model_sha256(self) -> str:
+        """Digest of the robot's description."""
+        return self.robot.sha256
 
     @property
     def _trusted(self) -> bool:
@@ -136,35 +143,23 @@ class PayloadResult(Result):
             "warnings": list(self.warnings),
         } | ({} if self.truth is None else {"true": _true(self.truth)})
 
-    def document(self) -> "Document":
-        """Return the report: the payload with its intervals, goodness of fit, and parameters not identifiable."""
-        return _payload_document(self)
+    @property
+    def is_recorded(self) -> bool:
+        """False where the payload is known by its weight and balance alone."""
+        return self.samples is not None
+
+    def write_files(self, folder: Path) -> None:
+        """Write the payload for ``--load``, and what a simulated session measured."""
+        if np.isfinite(self._load.centre_m).all():
+            self._load.write(folder)
+        if self.truth is not None and self.samples is not None:
+            write_loads(folder / LOAD_CSV, self.samples, self.robot.chain.joint_names, self.robot.chain.prismatic)
+            write_mounting(folder / SENSOR_TOML, self.mounting)
 
     def columns(self) -> Mapping[str, Sequence[Any]]:
         """A row for each identified parameter: name, value, half-width of its 95 % interval, and unit."""
         names, values, widths, units = zip(*parameter_rows(self.estimate), strict=True)
         return {"parameter": names, "value": values, "half_width_95": widths, "unit": units}
-
-    def plot(self) -> "MatplotlibFigure":
-        """Draw the first channel, measured and explained by the payload."""
-        return _channel_pictures(self)[0].draw()
-
-    def write(self, folder: Path) -> None:
-        """Write ``config.json``, ``result.json``, the payload for ``--load``, ``report.html`` and ``recording.rrd``."""
-        from lab.commands.run_folder import write_config, write_json
-
-        write_config(folder, "payload", self.options, self.robot.sha256)
-        write_json(folder / "result.json", self.to_dict())
-        if np.isfinite(self._load.centre_m).all():
-            self._load.write(folder)
-        self.report(folder / "report.html")
-        if self.truth is not None and self.samples is not None:
-            write_loads(folder / LOAD_CSV, self.samples, self.robot.chain.joint_names, self.robot.chain.prismatic)
-            write_mounting(folder / SENSOR_TOML, self.mounting)
-        if self.samples is not None and not self.options.no_recording:
-            from lab.extensions.dynamics.payload.recording import record_payload
-
-            record_payload(folder / "recording.rrd", self)
 
 
 def channels_of(result: PayloadResult) -> tuple[tuple[str, str], ...]:
@@ -219,6 +214,11 @@ _UNITS = {"s": (1e3, "ms"), "rad": (180 / np.pi, "°")}  # by which a person rea
 _FIT = {True: Badge("no lack of fit", "good"), False: Badge("lack of fit", "bad"), None: Badge("not judged")}
 
 
+def _main_picture(result: PayloadResult) -> Picture:
+    """Return the first channel, measured and explained by the payload."""
+    return _channel_pictures(result)[0]
+
+
 def _payload_document(result: PayloadResult) -> Document:
     """The payload with its intervals, the goodness of fit, the cost of its uncertainty, and what was not identified."""
     found = result.estimate
@@ -236,7 +236,6 @@ def _payload_document(result: PayloadResult) -> Document:
             Section("Fitted along with it", (_nuisance_table(found),)),
             Section("Measured and explained", (_explained(result),)),
             Section("What is shown", (Bullets(_LEGEND),), shown_in=RECORDING),
-            provenance_section("payload", result.options, result.robot.sha256, result.options.serial),
         ),
     )
 

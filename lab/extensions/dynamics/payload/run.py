@@ -3,12 +3,12 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from lab.campaign.robot import Robot, load_robot, load_virtual
-from lab.commands.calibrate.load_run import CalibrationRun, calibrated_by, folder_of, read_calibrated
+from lab.commands.calibrate.load_run import CalibrationRun, RunLike, calibrated_by, folder_of, read_calibrated
 from lab.commands.command_line import options_of, takes
 from lab.core.errors import LabError, error_context
 from lab.core.limits import one_serial
@@ -36,9 +36,6 @@ from lab.kinematics.dynamics.rigid_body import sag_uncertainty, torque_regressor
 from lab.kinematics.serial.arm import SerialArm
 from lab.simulation.collisions import random_poses
 
-if TYPE_CHECKING:
-    from lab import CalibrationResult
-
 __all__ = ["payload"]
 
 _REHEARSED_KG = 1.0
@@ -51,7 +48,7 @@ _SAME_RAD = 1e-6  # rad or m: joint positions of one pose
 def payload(
     file: str | Path | PayloadOptions | None = None,
     robot: str | Path | Robot = "irb120",
-    run: "str | Path | CalibrationResult | None" = None,
+    run: RunLike = None,
     **options: Any,
 ) -> PayloadResult:
     """Identify the payload at the flange: its mass, centre of mass and inertia, each with its interval.

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.commands.result import Result, joint_values, number, tidy
-from lab.commands.run_folder import joint_columns, provenance_section
+from lab.commands.run_folder import joint_columns
 from lab.core import se3
 from lab.core.errors import LabError, counted
 from lab.core.se3 import Array
@@ -42,8 +42,6 @@ from lab.render.document import (
 from lab.render.scene import placement_picture, skeleton
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure as MatplotlibFigure
-
     from lab.extensions.robotics.closed.recognition import ClassicalModel
     from lab.kinematics.closed.mechanism import Mechanism
     from lab.kinematics.model import RigidArm
@@ -470,6 +468,11 @@ class KinematicsResult(Result):
         matrices: the link matrices and their products at the first placement.
     """
 
+    command = "kinematics"
+    shown_by = "lab.extensions.robotics.kinematics.result:_kinematics_document"
+    drawn_by = "lab.extensions.robotics.kinematics.result:_main_picture"
+    recorded_by = "lab.extensions.robotics.kinematics.recording:record_kinematics"
+
     options: KinematicsOptions
     robot: NominalRobot
     placements: tuple[Placement, ...]
@@ -477,6 +480,11 @@ class KinematicsResult(Result):
     assembly_modes: Array
     matrices: Matrices
     warnings: tuple[str, ...]
+
+    @property
+    def model_sha256(self) -> str:
+        """Digest of the robot's description."""
+        return self.robot.sha256
 
     @property
     def exit_code(self) -> int:
@@ -507,9 +515,9 @@ class KinematicsResult(Result):
             values["symbolic"] = {"letters": matrices.letter_values(), **matrices.texts()}
         return values
 
-    def document(self) -> "Document":
-        """Return the report: poses, solutions, the Jacobian with its singularities, and matrices where requested."""
-        return _kinematics_document(self)
+    def write_files(self, folder: Path) -> None:
+        """Write ``joints.csv``."""
+        write_columns(folder / "joints.csv", self.columns())
 
     def columns(self) -> Mapping[str, Sequence[Any] | Array]:
         """A row for each placement: its name, joint positions and the tool's pose, mm and degrees."""
@@ -523,22 +531,6 @@ class KinematicsResult(Result):
         for i, part in enumerate("wxyz"):
             table[f"q{part}"] = quaternions[:, i]
         return table
-
-    def plot(self) -> "MatplotlibFigure":
-        """Draw the robot in its first placement, with its frames."""
-        return _placement_pictures(self)[0].draw()
-
-    def write(self, folder: Path) -> None:
-        """Write ``config.json``, ``result.json``, ``joints.csv``, ``report.html`` and ``recording.rrd``."""
-        from lab.commands.run_folder import write_config, write_json
-        from lab.extensions.robotics.kinematics.recording import record_kinematics
-
-        write_config(folder, "kinematics", self.options, self.robot.sha256)
-        write_json(folder / "result.json", self.to_dict())
-        write_columns(folder / "joints.csv", self.columns())
-        self.report(folder / "report.html")
-        if not self.options.no_recording:
-            record_kinematics(folder / "recording.rrd", self)
 
     def _placement(self, each: Placement) -> dict[str, Any]:
         chain = self.robot.chain
@@ -615,6 +607,11 @@ _POSE = ("x, mm", "y", "z", "rx, °", "ry", "rz")
 _TWIST = ("vx", "vy", "vz", "ωx", "ωy", "ωz")
 
 
+def _main_picture(result: KinematicsResult) -> Picture:
+    """Return the robot in its first placement, with its frames."""
+    return _placement_pictures(result)[0]
+
+
 def _kinematics_document(result: KinematicsResult) -> Document:
     """Poses or solutions, then the models at the first of them, then matrices where asked for."""
     first = next(iter(result.placements), None)
@@ -629,7 +626,6 @@ def _kinematics_document(result: KinematicsResult) -> Document:
             Section(f"Link matrices{at}", _matrices(result)),
             Section("Matrices in letters", _letters(result)),
             Section("Placements", (_figure(result),)),
-            provenance_section("kinematics", result.options, result.robot.sha256),
         ),
     )
 

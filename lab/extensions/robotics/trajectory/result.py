@@ -12,13 +12,14 @@ from lab.campaign.robot import Robot
 from lab.commands.calibrate.load_run import CalibrationRun
 from lab.commands.hand_load import carrying
 from lab.commands.result import Result, joint_values, number, tidy
-from lab.commands.run_folder import provenance_section
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.extensions.robotics.trajectory.motion import Leg, Motion, Tracking, tracking
 from lab.extensions.robotics.trajectory.options import TrajectoryOptions
 from lab.formats.csv_table import write_columns
+from lab.formats.programs.postures import postures_of
+from lab.formats.programs.protocol import MoveKind, PathMoves
 from lab.formats.programs.registry import path_file, path_program, refusal
 from lab.kinematics.dynamics.beam import COMPLIANCES
 from lab.kinematics.effects.arm import Arm
@@ -32,8 +33,6 @@ from lab.render.style import SERIES
 from lab.simulation.collisions import collides, collisions_in_words
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure as MatplotlibFigure
-
     from lab.render.document import Document
 
 __all__ = [
@@ -178,6 +177,11 @@ class TrajectoryResult(Result):
         tracked: the arm whose path errors are computed; None for a rigid nominal robot.
     """
 
+    command = "trajectory"
+    shown_by = "lab.extensions.robotics.trajectory.result:_trajectory_document"
+    drawn_by = "lab.extensions.robotics.trajectory.result:_main_picture"
+    recorded_by = "lab.extensions.robotics.trajectory.recording:record_trajectory"
+
     options: TrajectoryOptions
     robot: Robot
     chain: JointSpec
@@ -186,9 +190,9 @@ class TrajectoryResult(Result):
     tracked: TrackedArm | None = None
 
     @property
-    def exit_code(self) -> int:
-        """0: what cannot be moved is refused."""
-        return 0
+    def model_sha256(self) -> str:
+        """Digest of the robot's description."""
+        return self.robot.sha256
 
     @property
     def checked(self) -> bool:
@@ -274,9 +278,14 @@ class TrajectoryResult(Result):
             "not_made_up_for": [name for name, made in zip(AXES, corrected.made, strict=True) if not made],
         }
 
-    def document(self) -> "Document":
-        """Return the report: durations of the moves, margins of the joints to their limits, and the curves."""
-        return _trajectory_document(self)
+    def write_files(self, folder: Path) -> None:
+        """Write ``trajectory.csv``, and where they are known ``corrected.csv`` and the controller's program."""
+        write_columns(folder / "trajectory.csv", self.columns())
+        if self.tracking is not None:
+            write_columns(folder / "corrected.csv", self.corrected_columns())
+        chain, controller = self.robot.chain, self.options.controller
+        if (name := path_file(chain, controller)) is not None:
+            (folder / name).write_bytes(path_program(chain, controller, _path_moves(self)))
 
     def columns(self) -> Mapping[str, Sequence[Any]]:
         """A row for each time: joint positions, speeds and accelerations, mm and degrees, and where the tool is.
@@ -319,31 +328,6 @@ class TrajectoryResult(Result):
             table[f"{name.replace(' ', '')}_mm"] = (1e3 * np.linalg.norm(part[:, :3], axis=1)).tolist()
         return table
 
-    def plot(self) -> "MatplotlibFigure":
-        """Draw the joint positions over time."""
-        return curve_pictures(self)[0].draw()
-
-    def write(self, folder: Path) -> None:
-        """Write ``config.json``, ``result.json``, ``trajectory.csv``, ``report.html`` and ``recording.rrd``.
-
-        Of an arm whose errors are known also ``corrected.csv``, and the program where the controller is known.
-        """
-        from lab.commands.run_folder import write_config, write_json
-        from lab.extensions.robotics.trajectory.recording import record_trajectory
-        from lab.extensions.robotics.trajectory.run import path_moves
-
-        write_config(folder, "trajectory", self.options, self.robot.sha256)
-        write_json(folder / "result.json", self.to_dict())
-        write_columns(folder / "trajectory.csv", self.columns())
-        if self.tracking is not None:
-            write_columns(folder / "corrected.csv", self.corrected_columns())
-        if (name := path_file(self.robot.chain, self.options.controller)) is not None:
-            program = path_program(self.robot.chain, self.options.controller, path_moves(self))
-            (folder / name).write_bytes(program)
-        self.report(folder / "report.html")
-        if not self.options.no_recording:
-            record_trajectory(folder / "recording.rrd", self)
-
 
 def _steady(quaternions: Array) -> Array:
     """Quaternions ``(k, 4)`` of the same rotations, without a change of sign from one to the next."""
@@ -365,6 +349,11 @@ _STILL = 1e-9  # rad/s or m/s
 _MOST_LEGS = 40  # rows of the table of moves
 
 
+def _main_picture(result: TrajectoryResult) -> Picture:
+    """Return the joint positions over time."""
+    return curve_pictures(result)[0]
+
+
 def _trajectory_document(result: TrajectoryResult) -> Document:
     """The moves, the joints' peaks beside their limits, and how the joints move over time."""
     seconds = result.motion.seconds
@@ -378,7 +367,6 @@ def _trajectory_document(result: TrajectoryResult) -> Document:
             *_errors(result),
             Section("Over time", (_figure(result),)),
             Section("Files", (_files(result),)),
-            provenance_section("trajectory", result.options, result.robot.sha256),
         ),
     )
 
@@ -559,4 +547,58 @@ def refuse_collisions(result: TrajectoryResult) -> None:
     raise LabError(
         f"{result.options.points}: on the {kind} from point {leg.points[0]} to {leg.points[-1]}, at {seconds:.3f} s, "
         f"{words}; move the points, pass by another one, or give --no-check"
+    )
+
+
+def _path_moves(result: TrajectoryResult) -> PathMoves:
+    """The stops of all moves of a motion, and of circles the points that they pass.
+
+    With a run these are the joint positions at which the calibrated arm, at rest, is where the nominal one would be.
+    """
+    first = result.legs[0]
+    ids, kinds = [first.points[0]], list[MoveKind](["joint"])
+    stops, seconds, shares, speeds = [first.stops[0]], [np.nan], [0.0], [np.nan]
+    for leg in result.legs:
+        share = float((leg.move.peaks[0] / _rated(result)).max())
+        count = len(leg.points) - 1
+        reached: list[MoveKind] = ["via", "circle"] if leg.kind == "circle" else [leg.kind] * count
+        for name, kind, stop in zip(leg.points[1:], reached, leg.stops[1:], strict=True):
+            ids.append(name)
+            kinds.append(kind)
+            stops.append(stop)
+            seconds.append(np.nan if kind == "via" else leg.move.seconds / (1 if kind == "circle" else count))
+            shares.append(share)
+            speeds.append(leg.speed_m_s)
+    return _moves(result, ids, kinds, np.array(stops), np.array([seconds, shares, speeds]))
+
+
+def _rated(result: TrajectoryResult) -> Array:
+    """The largest speeds ``(n,)`` of the robot's table; of joints without one those that are kept here."""
+    known = result.robot.chain.speed
+    return np.where(np.isfinite(known), known, result.chain.speed)
+
+
+def _moves(result: TrajectoryResult, ids: list[str], kinds: list[MoveKind], stops: Array, rates: Array) -> PathMoves:
+    tracked, options = result.tracked, result.options
+    if tracked is None:
+        arm, corrected = result.robot.arm(("p1",)), stops
+        values = arm.nominal({"p1": options.tool_m})
+    else:
+        arm, values, still = tracked.arm.rigid, tracked.nominal, np.zeros_like(stops)
+        corrected = tracking_along(tracked, stops, still, still, np.arange(float(len(stops)))).corrected.joints
+    T_last_tool = se3.pose(np.eye(3), values[-3 * len(arm.targets) :][:3])
+    return PathMoves(
+        robot=result.robot.name,
+        ids=ids,
+        kinds=kinds,
+        stops=corrected,
+        Ts_base_tool=arm.tool(corrected, values)[0],
+        seconds=rates[0],
+        shares=rates[1],
+        speeds_m_s=rates[2],
+        T_last_tool=T_last_tool,
+        T_frame0_base=se3.inverse(arm.T_tracker_frame0(values)),
+        checked=result.checked,
+        corrected=tracked is not None,
+        postures=postures_of(arm, values, corrected),
     )

@@ -1,7 +1,6 @@
 """Workspaces as a rerun recording: robots side by side, each within the boundary of what it reaches, cut open."""
 
 import hashlib
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,16 +26,16 @@ __all__ = ["record_workspaces"]
 _APART = 1.15  # widths between robots that stand side by side
 
 
-def record_workspaces(path: Path, result: WorkspaceResult, meshes: Sequence["trimesh.Trimesh"]) -> None:
+def record_workspaces(path: Path, result: WorkspaceResult) -> None:
     """Write the recording of ``lab workspace``, with the blueprint that shows it."""
-    digest = hashlib.sha256(result.sha256.encode() + b"".join(mesh.vertices.tobytes() for mesh in meshes))
+    digest = hashlib.sha256(result.sha256.encode() + b"".join(mesh.vertices.tobytes() for mesh in result.meshes))
     widths = [float(np.ptp(each.space.domain.extents[0])) for each in result.robots]
     size = max(float(np.ptp(each.space.domain.extents, axis=1).max()) for each in result.robots)
     starts = np.append(0.0, np.cumsum([_APART * max(width, 0.3 * size) for width in widths]))
     with recording_to(path, result.robots[0].robot.name, digest.hexdigest()[:32]) as recording:
         recording.log(SUMMARY, markdown(to_markdown(result.document())), static=True)
         ends = []
-        for i, (each, mesh) in enumerate(zip(result.robots, meshes, strict=True)):
+        for i, (each, mesh) in enumerate(zip(result.robots, result.meshes, strict=True)):
             shift = np.array([starts[i], 0.0, 0.0])
             _draw(recording, f"world/robot{i + 1}", each, mesh, shift, size)
             ends.append(moved(each.robot.model.T_world_frame0, each.space.domain.extents.T) + shift)

@@ -2,13 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import trimesh
 
 from lab.commands.result import Result, printed
-from lab.commands.run_folder import provenance_section
 from lab.core.errors import counted
 from lab.extensions.robotics.workspace.measured import RobotWorkspace
 from lab.extensions.robotics.workspace.options import WorkspaceOptions
@@ -18,10 +19,10 @@ from lab.render.charts.chart import axes_picture, figure_picture
 from lab.render.charts.marks import Axes
 from lab.render.document import Bullets, Document, Figure, Picture, Section, Table, Warnings, short
 from lab.render.style import AFTER, COLOUR_SCALE, INK
+from lab.render.surfaces import mesh_of, write_stl
 
 if TYPE_CHECKING:
     import matplotlib.axes
-    from matplotlib.figure import Figure as MatplotlibFigure
 
     from lab.render.document import Document
 
@@ -37,6 +38,11 @@ class WorkspaceResult(Result):
         robots: one after the other as they were named.
     """
 
+    command = "workspace"
+    shown_by = "lab.extensions.robotics.workspace.result:_workspace_document"
+    drawn_by = "lab.extensions.robotics.workspace.result:_main_picture"
+    recorded_by = "lab.extensions.robotics.workspace.recording:record_workspaces"
+
     options: WorkspaceOptions
     robots: tuple[RobotWorkspace, ...]
 
@@ -44,11 +50,6 @@ class WorkspaceResult(Result):
     def warnings(self) -> tuple[str, ...]:
         """Warnings about the robots."""
         return tuple(dict.fromkeys(text for each in self.robots for text in each.robot.warnings))
-
-    @property
-    def exit_code(self) -> int:
-        """0: a workspace is neither good nor bad."""
-        return 0
 
     @property
     def sha256(self) -> str:
@@ -59,9 +60,23 @@ class WorkspaceResult(Result):
         """Return the output of ``--json``: m³ or m², and mm."""
         return {"workspaces": [each.to_dict() for each in self.robots], "warnings": list(self.warnings)}
 
-    def document(self) -> "Document":
-        """Return the report: sizes, reach, voids and orientations, with the sections."""
-        return _workspace_document(self)
+    @property
+    def model_sha256(self) -> str:
+        """Digest of the robots' descriptions."""
+        return self.sha256
+
+    @cached_property
+    def meshes(self) -> "tuple[trimesh.Trimesh, ...]":
+        """Boundaries of the volumes, one for each robot, without faces where it has none."""
+        return tuple(mesh_of(*each.space.surface) for each in self.robots)
+
+    def write_files(self, folder: Path) -> None:
+        """Write ``workspace.csv``, and of each volume its boundary as ``<robot>.stl`` (m, in the base)."""
+        write_columns(folder / "workspace.csv", self.columns())
+
+        for each, mesh in zip(self.robots, self.meshes, strict=True):
+            if len(mesh.faces):
+                write_stl(folder / f"{each.robot.name}.stl", mesh)
 
     def columns(self) -> Mapping[str, Sequence[Any]]:
         """A row for each place that was looked at: whether it is reached."""
@@ -74,30 +89,10 @@ class WorkspaceResult(Result):
         table["reached"] = np.concatenate([each.space.measured.reached for each in self.robots]).astype(int).tolist()
         return table
 
-    def plot(self) -> "MatplotlibFigure":
-        """Draw the first robot's first section; of several robots their sizes."""
-        return (_section_pictures(self.robots[0])[0] if len(self.robots) == 1 else _size_picture(self)).draw()
 
-    def write(self, folder: Path) -> None:
-        """Write the run's files.
-
-        ``config.json``, ``result.json``, ``workspace.csv``, ``report.html``, ``recording.rrd``, and for each volume its
-        boundary as ``<robot>.stl`` (m, in the base).
-        """
-        from lab.commands.run_folder import write_config, write_json
-        from lab.extensions.robotics.workspace.recording import record_workspaces
-        from lab.render.surfaces import mesh_of, write_stl
-
-        write_config(folder, "workspace", self.options, self.sha256)
-        write_json(folder / "result.json", self.to_dict())
-        write_columns(folder / "workspace.csv", self.columns())
-        self.report(folder / "report.html")
-        meshes = [mesh_of(*each.space.surface) for each in self.robots]
-        for each, mesh in zip(self.robots, meshes, strict=True):
-            if len(mesh.faces):
-                write_stl(folder / f"{each.robot.name}.stl", mesh)
-        if not self.options.no_recording:
-            record_workspaces(folder / "recording.rrd", self, meshes)
+def _main_picture(result: WorkspaceResult) -> Picture:
+    """Return the first robot's first section; of several robots their sizes."""
+    return _section_pictures(result.robots[0])[0] if len(result.robots) == 1 else _size_picture(result)
 
 
 def _workspace_document(result: WorkspaceResult) -> Document:
@@ -115,7 +110,6 @@ def _workspace_document(result: WorkspaceResult) -> Document:
                 )
                 for i, each in enumerate(result.robots)
             ),
-            provenance_section("workspace", result.options, result.sha256),
         ),
     )
 

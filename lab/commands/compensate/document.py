@@ -1,0 +1,266 @@
+"""Document of a compensation: the corrected targets, their corrections, and the targets that are not reached."""
+
+import numpy as np
+
+from lab.commands.compensate.program import stated_words
+from lab.commands.compensate.result import CompensationResult, NearSingular
+from lab.commands.result import joint_values
+from lab.commands.run_folder import VIA
+from lab.core.errors import LabError
+from lab.core.measurements import evenly
+from lab.core.se3 import Array
+from lab.render.charts.chart import cube
+from lab.render.document import (
+    PAGE,
+    Badge,
+    Block,
+    Bullets,
+    Document,
+    Figure,
+    Paragraph,
+    Picture,
+    Section,
+    Table,
+    Warnings,
+    capital,
+    fixed,
+    short,
+)
+from lab.render.plots import MOST_POINTS, SizeMap, Spread, histograms, size_maps, spread_by_size
+from lab.render.style import AFTER, BEFORE, HATCH_AFTER, HATCH_BEFORE, MARK_AFTER, MARK_BEFORE
+
+__all__ = ["compensation_document", "corrections_picture"]
+
+_NEAR = 2.0  # times half the edge of the targets' cube: what is farther off is not drawn
+_SHAPED = 4  # targets: fewer are brought onto each other by a rigid motion, whatever their errors are, or nearly
+_MOST_LISTED = 100  # targets, in each table
+
+
+def compensation_document(result: CompensationResult) -> Document:
+    """The totals, the targets that are not reached and why, how far the others were moved, and every target."""
+    failed = len(result.failed)
+    verdict = Badge(f"{failed:,} not reached" if failed else "all reached", result.verdict)
+    count = f"{len(result.reached):,} of {len(result.targets):,}"
+    return Document(
+        f"{result.run.called}: {count} targets of {result.targets.tool} corrected",
+        (
+            Paragraph((verdict, f" ({'doubtful; ' if result.reasons else ''}the run is {result.run.result.words})")),
+            Bullets(tuple(map(capital, result.reasons))),
+            Paragraph(_lead(result), "lead"),
+            Warnings(result.warnings),
+            Section(
+                "What became of the targets",
+                (
+                    *_totals(result),
+                    _failed(result),
+                    _other_solutions(result),
+                    _near(result),
+                    _extrapolated(result),
+                    *_moves(result),
+                ),
+            ),
+            *_program(result),
+            Section("How far they were moved", (*_histograms(result), *_map(result))),
+            Section("Every target", _every_target(result), shown_in=PAGE),
+        ),
+    )
+
+
+def corrections_picture(result: CompensationResult) -> Picture:
+    """Draw histograms of the corrections and of the expected errors.
+
+    Raises:
+        LabError: no target is reached.
+    """
+    if not len(result.reached):
+        raise LabError("no target is reached: there is nothing to draw; see failed for the reasons")
+    moved, expected = (_finite(result, lengths) for lengths in (result.correction_m, result.predicted_m))
+    spreads = [Spread(moved, BEFORE, ("moved by: mean", float(moved.mean())), HATCH_BEFORE, MARK_BEFORE)]
+    if len(expected):
+        mark = ("expected error: mean", float(expected.mean()))
+        spreads.append(Spread(expected, AFTER, mark, HATCH_AFTER, MARK_AFTER))
+    return histograms("moved", spreads, "length", result.run.result.gate_mm)
+
+
+def _lead(result: CompensationResult) -> str:
+    targets = f"{len(result.targets):,} targets for the arm that {result.run.folder} calibrated"
+    if not len(result.reached):
+        return f"{targets}: none of them is reached."
+    if result.failed:
+        targets = f"{len(result.reached):,} of {targets}"
+    mean, largest = result.mean_and_max_mm(result.correction_m)
+    if result.expected is not None:
+        in_base = short(result.mean_and_max_mm(result.expected.base_95_m)[1])
+        text = (
+            f"{targets} were moved by {short(mean)} mm on average, {short(largest)} mm at most. 95 % of the errors to "
+            f"expect in the robot's base are below {in_base} mm, with what the first link adds to all targets alike"
+        )
+        if len(result.reached) < _SHAPED:
+            return f"{text}."
+        return (
+            f"{text}, relative to each other below {short(result.mean_and_max_mm(result.expected.shape_95_m)[1])} mm."
+        )
+    expected, _ = result.mean_and_max_mm(result.predicted_m)
+    text = f"{targets} were moved by {short(mean)} mm on average, {short(largest)} mm at most"
+    if expected is not None:
+        text += f"; the error to expect there is {short(expected)} mm"
+    after = result.run.result.after_mm
+    return text + ("." if after is None else f" (at the run's validation poses it was {short(after['mean'])} mm).")
+
+
+def _totals(result: CompensationResult) -> tuple[Block, ...]:
+    expected = [("expected error, mm", result.predicted_m)]
+    if result.expected is not None:
+        expected = [
+            ("expected error in the robot's base (95 %), mm", result.expected.base_95_m),
+            ("of it by the flange (95 %), mm", result.expected.flange_95_m),
+            ("expected error relative to each other (95 %), mm", result.expected.shape_95_m),
+        ][: None if len(result.reached) >= _SHAPED else 2]
+    rows = tuple(
+        (name, *map(short, result.mean_and_max_mm(lengths)))
+        for name, lengths in [("moved by, mm", result.correction_m), *expected]
+    )
+    _, apart = result.mean_and_max_mm(result.found.scheme_disagreement_m)
+    schemes = "" if apart is None else f"The three schemes to compute them end within {short(apart)} mm of each other. "
+    note = Paragraph(f"{schemes}Model: {result.model.replace('+', ' + ')}.", "note")
+    return Table(("", "mean", "largest"), rows), note
+
+
+def _failed(result: CompensationResult) -> Table:
+    """The targets that are not reached; those of a program are listed by line, with all else that stays."""
+    if result.program is not None:
+        return Table((), ())
+    return Table(("target", "why it is not reached"), result.failed, most_rows=_MOST_LISTED)
+
+
+def _other_solutions(result: CompensationResult) -> Table:
+    header = ("target", "reached by another solution of the inverse: what is wrong with the nearest one")
+    return Table(header, result.passed_over, most_rows=_MOST_LISTED)
+
+
+def _moves(result: CompensationResult) -> tuple[Block, ...]:
+    """Report which moves were checked for collisions, and the poses passed on the way."""
+    if not result.checked or not len(result.reached):
+        return ()
+    if result.program is not None:
+        return (
+            Paragraph(
+                f"The {len(result.reached)} corrected targets and the moves from each to the next one in the order of "
+                "the text, whatever its loops and branches do, were checked for collisions with the arm itself and "
+                "with the surroundings that the robot's model knows."
+            ),
+        )
+    passed = sum(name.startswith(VIA) for name in result.stops.names if name not in result.targets.ids)
+    text = (
+        f"The {len(result.reached)} corrected targets and the {len(result.stops.joints) - 1} moves from home through "
+        "all of them and back, each in a straight line of all joints, were checked for collisions with the arm itself "
+        "and with the surroundings that the robot's model knows."
+    )
+    return (Paragraph(text + (f" {passed} stops are only passed, to get around something." if passed else "")),)
+
+
+def _program(result: CompensationResult) -> tuple[Section, ...]:
+    """Report the result for the program that contains the targets."""
+    if (program := result.program) is None:
+        return ()
+    text = (
+        f"{program.name} in the run's folder is the {program.language} program with the numbers of "
+        f"{len(result.reached)} targets corrected, and nothing else changed."
+    )
+    in_base = (
+        "The base is that of the calibrated arm, by the nominal first link. No measurement shows that link itself, so "
+        "all targets together may be off as its tolerances let them be, with the correction as without it; relative to "
+        "each other they are not."
+    )
+    tools = Bullets(tuple(capital(each.words) + "." for each in result.tools))
+    lines = tuple((str(each.line), each.reason) for each in program.uncorrected)
+    ways = tuple((str(line), words) for line, words in program.ways)
+    return (
+        Section(
+            "The program",
+            (
+                Paragraph(text),
+                tools,
+                Paragraph(() if result.reference is None else stated_words(result.reference)),
+                Paragraph(in_base),
+                Table(("line", "what stays as it is, or needs a look"), lines, most_rows=_MOST_LISTED),
+                Table(("line", "ways that are not free"), ways, most_rows=_MOST_LISTED),
+            ),
+        ),
+    )
+
+
+def _near(result: CompensationResult) -> Table:
+    close = result.near_singular
+    rows = tuple((each.id, _distance(each), each.joint) for each in close)
+    return Table(("target", "within 1° of a singularity, by", "of joint"), rows, most_rows=_MOST_LISTED)
+
+
+def _extrapolated(result: CompensationResult) -> Table:
+    """The targets that no measured pose is near, with the error to expect there."""
+    rows = tuple(
+        (result.targets.ids[i], short(1e3 * float(result.predicted_m[i]))) for i in np.flatnonzero(result.extrapolated)
+    )
+    return Table(
+        ("target", "extrapolated: not covered by measured poses; expected error, mm"), rows, most_rows=_MOST_LISTED
+    )
+
+
+def _distance(near: NearSingular) -> str:
+    """The distance to a singularity, in the unit of the joint that leads there."""
+    return short(1e3 * near.distance, "mm") if near.slides else short(float(np.rad2deg(near.distance)), "°")
+
+
+def _histograms(result: CompensationResult) -> tuple[Block, ...]:
+    if not len(result.reached):
+        return ()
+    caption = (
+        "How far the targets are moved (vermilion, hatched): without the correction the arm would miss them by about "
+        "as much. Blue: the error to expect with it."
+    )
+    return (Figure("moved-figure", (corrections_picture(result),), caption),)
+
+
+def _finite(result: CompensationResult, lengths: Array) -> Array:
+    lengths = lengths[result.reached]
+    return np.asarray(lengths[np.isfinite(lengths)])
+
+
+def _map(result: CompensationResult) -> tuple[Block, ...]:
+    reached, positions = result.reached, result.targets.positions
+    if not len(reached):
+        return ()
+    rows = reached[spread_by_size(result.correction_m[reached])]
+    off = positions[~result.found.converged]
+    middle, half = cube([positions[reached]])
+    near = (np.abs(off - middle) < _NEAR * half).all(axis=1)
+    off, some = off[near], evenly(int(near.sum()), MOST_POINTS)
+    crosses = off if some is None else off[some]
+    shown = SizeMap(
+        positions[rows], result.correction_m[rows], "how far a target is moved", crosses, "not reached", "targets"
+    )
+    caption = "The targets in the frame of their file. The darker a target, the farther it is moved."
+    if beyond := int((~near).sum()):
+        caption += f" Not reached, and too far off to be drawn: {beyond}."
+    return (Figure("where", size_maps(shown), caption),)
+
+
+def _every_target(result: CompensationResult) -> tuple[Block, ...]:
+    chain, found = result.run.robot.chain, result.found
+    moved = 1e3 * (found.positions - result.targets.positions)
+    rows = tuple(
+        (
+            result.targets.ids[i],
+            *(fixed(value, 3) for value in joint_values(chain.prismatic, found.joints[i])),
+            *(fixed(value, 3, signed=True) for value in moved[i]),
+        )
+        for i in result.reached[:_MOST_LISTED]
+    )
+    units = ("mm" if slides else "°" for slides in chain.prismatic)
+    joints = (f"{name}, {unit}" for name, unit in zip(chain.joint_names, units, strict=True))
+    header = ("target", *joints, *(f"Δ{axis}, mm" for axis in "xyz"))
+    note = (
+        "Joint positions that bring the calibrated arm there, and how far the corrected target is from the wanted one."
+    )
+    table = Table(header, rows, most_rows=_MOST_LISTED, rest_in="joints.csv", count=len(result.reached))
+    return (Paragraph(note, "note"), table) if rows else ()
