@@ -33,7 +33,7 @@ THROW_AWAY = Command("throw", "Nothing.", f"{__name__}:ThrowAwayOptions", f"{__n
 
 @pytest.fixture
 def throw_away(monkeypatch: pytest.MonkeyPatch) -> Command:
-    monkeypatch.setattr(registry, "_load", lambda reference: globals()[reference.partition(":")[2]])
+    monkeypatch.setattr(registry, "load_reference", lambda reference: globals()[reference.partition(":")[2]])
     return THROW_AWAY
 
 

@@ -22,7 +22,7 @@ def raising(error: BaseException, monkeypatch: pytest.MonkeyPatch) -> None:
     def failing(*_: object) -> None:
         raise error
 
-    monkeypatch.setattr(registry, "_load", failing)
+    monkeypatch.setattr(registry, "load_reference", failing)
 
 
 def test_a_defect_is_told_in_one_line_and_its_traceback_kept(

@@ -14,7 +14,7 @@ import lab
 from lab.cli import main
 from lab.core import se3
 from lab.core.errors import LabError
-from lab.extensions.robotics.trajectory.run import path_moves
+from lab.extensions.robotics.trajectory.result import path_moves
 from lab.formats.programs.registry import languages, path_program
 from lab.simulation.elastic import FlexibleArm, JointMotion
 

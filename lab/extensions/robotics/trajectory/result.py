@@ -40,6 +40,7 @@ __all__ = [
     "TrackedArm",
     "TrajectoryResult",
     "curve_pictures",
+    "path_moves",
     "refuse_collisions",
     "tracked_arm",
     "tracking_along",
@@ -285,7 +286,7 @@ class TrajectoryResult(Result):
             write_columns(folder / "corrected.csv", self.corrected_columns())
         chain, controller = self.robot.chain, self.options.controller
         if (name := path_file(chain, controller)) is not None:
-            (folder / name).write_bytes(path_program(chain, controller, _path_moves(self)))
+            (folder / name).write_bytes(path_program(chain, controller, path_moves(self)))
 
     def columns(self) -> Mapping[str, Sequence[Any]]:
         """A row for each time: joint positions, speeds and accelerations, mm and degrees, and where the tool is.
@@ -550,7 +551,7 @@ def refuse_collisions(result: TrajectoryResult) -> None:
     )
 
 
-def _path_moves(result: TrajectoryResult) -> PathMoves:
+def path_moves(result: TrajectoryResult) -> PathMoves:
     """The stops of all moves of a motion, and of circles the points that they pass.
 
     With a run these are the joint positions at which the calibrated arm, at rest, is where the nominal one would be.
