@@ -35,17 +35,13 @@ if TYPE_CHECKING:
     from lab.commands.design.result import DesignResult
     from lab.commands.design.run import design
     from lab.commands.import_measurements.run import import_measurements
-    from lab.commands.inspect.result import Inspection
-    from lab.commands.inspect.run import inspect
+    from lab.commands.inspect.run import Inspection, inspect
     from lab.commands.measurements import WorldFrames, read_measurements, world_frames, write_measurements
-    from lab.commands.predict.result import PredictionResult
-    from lab.commands.predict.run import predict
+    from lab.commands.predict.run import PredictionResult, predict
     from lab.commands.result import Result
     from lab.commands.status.run import status
-    from lab.commands.study.result import StudyResult
-    from lab.commands.study.run import study
-    from lab.commands.verify.result import VerificationResult
-    from lab.commands.verify.run import verify
+    from lab.commands.study.run import StudyResult, study
+    from lab.commands.verify.run import VerificationResult, verify
     from lab.core.errors import LabError
     from lab.core.measurements import Measurements
     from lab.extensions.dynamics.arm.run import dynamics
@@ -114,17 +110,13 @@ _MODULES = {  # where each name is, imported when it is asked for
     "lab.commands.design.result": ("DesignResult",),
     "lab.commands.design.run": ("design",),
     "lab.commands.import_measurements.run": ("import_measurements",),
-    "lab.commands.inspect.result": ("Inspection",),
-    "lab.commands.inspect.run": ("inspect",),
+    "lab.commands.inspect.run": ("Inspection", "inspect"),
     "lab.commands.measurements": ("WorldFrames", "read_measurements", "world_frames", "write_measurements"),
-    "lab.commands.predict.result": ("PredictionResult",),
-    "lab.commands.predict.run": ("predict",),
+    "lab.commands.predict.run": ("PredictionResult", "predict"),
     "lab.commands.result": ("Result",),
     "lab.commands.status.run": ("status",),
-    "lab.commands.study.result": ("StudyResult",),
-    "lab.commands.study.run": ("study",),
-    "lab.commands.verify.result": ("VerificationResult",),
-    "lab.commands.verify.run": ("verify",),
+    "lab.commands.study.run": ("StudyResult", "study"),
+    "lab.commands.verify.run": ("VerificationResult", "verify"),
     "lab.core.errors": ("LabError",),
     "lab.core.measurements": ("Measurements",),
     "lab.formats.target_csv": ("Targets",),

@@ -13,7 +13,7 @@ from scipy import stats
 from lab.commands.study.document import analysis_sections
 from lab.commands.study.figures import study_pictures, write_figures
 from lab.commands.study.format import comparison_sentence, effect_words, sentences
-from lab.commands.study.result import write_csv
+from lab.commands.study.run import write_csv
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.core.significance import STUDY_COMPARISON

@@ -1,30 +1,198 @@
 """Calibrations of one robot against each other: have its links moved?"""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from lab.calibration.estimate import IdentifiedSubset
-from lab.commands.calibrate.load_run import (
-    CalibrationRun,
-    calibrated_by,
-    read_calibrated,
-    refuse_other_parameters,
-)
+from lab.commands.calibrate.load_run import CalibrationRun, calibrated_by, read_calibrated, refuse_other_parameters
 from lab.commands.command_line import options_of, takes
 from lab.commands.compare.options import CompareOptions
-from lab.commands.compare.result import ComparisonResult
+from lab.commands.result import Result
 from lab.core.errors import LabError
-from lab.core.limits import one_serial
+from lab.core.limits import called, one_serial
 from lab.core.measurements import copied_rows
-from lab.verification.difference import difference_of
+from lab.core.significance import VERIFICATION
+from lab.render.charts.chart import axes_picture
+from lab.render.charts.marks import Axes
+from lab.render.document import (
+    Badge,
+    Code,
+    Document,
+    Figure,
+    Paragraph,
+    Picture,
+    Row,
+    Section,
+    Table,
+    Warnings,
+    digits_of,
+    display_unit,
+    fixed,
+    plus_minus,
+)
+from lab.render.style import AFTER, INK, MUTED
+from lab.verification.difference import Difference, difference_of
 
 if TYPE_CHECKING:
     from lab.commands.calibrate.run import CalibrationResult
 
-__all__ = ["compare"]
+__all__ = ["ComparisonResult", "compare"]
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class ComparisonResult(Result):
+    """Differences between later calibrations of a robot and the first.
+
+    Attributes:
+        options: of the command.
+        runs: the calibrations, the first one the reference.
+        differences: of each later run from the first.
+        serial: the serial number of the arm; None where no run states it.
+    """
+
+    command = "compare"
+    shown_by = "lab.commands.compare.run:_comparison_document"
+    drawn_by = "lab.commands.compare.run:_differences_picture"
+
+    options: CompareOptions
+    runs: tuple[CalibrationRun, ...]
+    differences: tuple[Difference, ...]
+    serial: str | None = None
+
+    @property
+    def model_sha256(self) -> str:
+        """Digest of the robot's description."""
+        return self.runs[0].robot.sha256
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Those of the runs."""
+        return tuple(dict.fromkeys(said for run in self.runs for said in run.named_warnings))
+
+    @property
+    def exit_code(self) -> int:
+        """1 where the links of a later run have changed, else 0."""
+        return 1 if any(each.changed for each in self.differences) else 0
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the values that ``--json`` prints: differences in SI units."""
+        first, *later = self.runs
+        return {
+            "robot": first.robot.name,
+            "serial": self.serial,
+            "run": str(first.folder),
+            "level": VERIFICATION,
+            "compared": [
+                {
+                    "run": str(run.folder),
+                    "changed": each.changed,
+                    "p": each.p,
+                    "moved": list(each.moved),
+                    "differences": {
+                        name: {"change": change, "interval_95": [change - half, change + half]}
+                        for name, change, half in zip(
+                            each.names, each.changes.tolist(), each.half_widths.tolist(), strict=True
+                        )
+                    },
+                }
+                for run, each in zip(later, self.differences, strict=True)
+            ],
+            "warnings": list(self.warnings),
+        }
+
+    def columns(self) -> Mapping[str, Sequence[Any]]:
+        """A row for each later run and parameter: change and half of its 95 % interval, in SI units."""
+        pairs = list(zip(self.runs[1:], self.differences, strict=True))
+        return {
+            "run": [str(run.folder) for run, each in pairs for _ in each.names],
+            "parameter": [name for _, each in pairs for name in each.names],
+            "change": [value for _, each in pairs for value in each.changes.tolist()],
+            "half_width_95": [value for _, each in pairs for value in each.half_widths.tolist()],
+        }
+
+
+_FEWEST_DIGITS = 6
+
+
+def _comparison_document(result: ComparisonResult) -> Document:
+    """Build the comparison document: the answer, all differences with intervals, and a picture of the last."""
+    changed = any(each.changed for each in result.differences)
+    word = "the links have moved" if changed else "no change of the links detected"
+    rate = f"(an unchanged arm fails this test in {100 * VERIFICATION:g} % of all cases)"
+    sections = tuple(
+        Section(str(run.folder), (Paragraph(_words(result, each)), _table(result, each)))
+        for run, each in zip(result.runs[1:], result.differences, strict=True)
+    )
+    caption = (
+        "Differences of the last run from the first, each in halves of its 95 % interval. Blue: moved; grey: not "
+        "distinguishable from none."
+    )
+    return Document(
+        f"{called(result.runs[0].robot.name, result.serial)}: {word}",
+        (
+            Paragraph((Badge("changed", "bad") if changed else Badge("unchanged", "good"), f" {rate}")),
+            Paragraph(f"Compared with {result.runs[0].folder} ({result.runs[0].result.words}).", "lead"),
+            Warnings(result.warnings),
+            *sections,
+            Section("The last run against the first", (Figure("moved", (_differences_picture(result),), caption),)),
+        ),
+    )
+
+
+def _differences_picture(result: ComparisonResult) -> Picture:
+    """The differences of the last run from the first, in halves of their 95 % intervals."""
+    last = result.differences[-1]
+    sizes = last.changes / last.half_widths
+
+    def draw(axes: Axes) -> None:
+        at = np.arange(len(sizes))[::-1]
+        colours = [AFTER if name in last.moved else MUTED for name in last.names]
+        axes.hlines(at, sizes - 1, sizes + 1, colors=colours, linewidth=1.2)
+        axes.scatter(sizes, at, c=colours, s=13)
+        axes.axvline(0, color=INK, linewidth=1)
+        axes.set_yticks(at, list(last.names))
+        axes.set(ylim=(-0.7, len(sizes) - 0.3), xlabel="difference, in halves of its 95 % interval")
+        axes.grid(visible=False, axis="y")
+
+    label = f"Differences of the last run from the first: {', '.join(last.moved) or 'nothing'} moved"
+    return axes_picture("moved", label, (5.6, 0.95 + 0.2 * len(sizes)), draw, (1.35, 0.5, 0.15, 0.15))
+
+
+def _words(result: ComparisonResult, difference: Difference) -> str:
+    """Describe in a sentence what has moved."""
+    p = f"p = {difference.p:.2g}" if difference.p > 0 else "p < 1e-300"
+    if not difference.changed:
+        return f"The links are those of the first run, as far as the two can tell ({p})."
+    if not difference.moved:
+        return f"The links have changed, but no single parameter is surely the one that did ({p})."
+    figures = _figures(result, difference)
+    said = ", ".join("{0} by {2} {3} {1}".format(name, *figures[name]) for name in difference.moved)
+    return f"Moved: {said} ({p})."
+
+
+def _table(result: ComparisonResult, difference: Difference) -> Table:
+    rows: list[Row] = [
+        (Code(name), *figures, "moved" if name in difference.moved else "")
+        for name, figures in _figures(result, difference).items()
+    ]
+    kinds = tuple("" if row[-1] else "quiet" for row in rows)
+    return Table(("parameter", "unit", "difference", "95 % interval", ""), tuple(rows), row_kinds=kinds)
+
+
+def _figures(result: ComparisonResult, difference: Difference) -> dict[str, tuple[str, str, str]]:
+    """Unit, difference and half of its 95 % interval of each parameter, as a person reads them."""
+    parameters, figures = {each.name: each for each in result.runs[0].estimate.arm.parameters}, {}
+    for name, change, half in zip(difference.names, difference.changes, difference.half_widths, strict=True):
+        factor, unit, _ = display_unit(parameters[name])
+        if unit == "°":
+            factor, unit = 1e3, "mrad"
+        digits = digits_of(factor * half, _FEWEST_DIGITS)
+        figures[name] = unit, fixed(factor * change, digits, signed=True), plus_minus(factor * half, digits)
+    return figures
 
 
 @takes(CompareOptions)

@@ -1,7 +1,8 @@
 """A tracker's export and a controller's file, merged into measurements."""
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -9,18 +10,242 @@ import numpy as np
 
 from lab.campaign.robot import Robot, load_robot
 from lab.commands.command_line import options_of, takes
-from lab.commands.import_measurements.clocks import NominalFit
-from lab.commands.import_measurements.matching import Matching, matched
+from lab.commands.import_measurements.clocks import LEAST_POSES, NominalFit
+from lab.commands.import_measurements.matching import Matching, Timeline, matched
 from lab.commands.import_measurements.options import ImportOptions
-from lab.commands.import_measurements.result import ImportResult
+from lab.commands.result import Result, joint_values, number
 from lab.core.errors import LabError, counted
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
-from lab.formats.joint_log import read_joint_log
-from lab.formats.loose_table import read_column_map
+from lab.formats.joint_log import JointLog, read_joint_log
+from lab.formats.loose_table import LeftOut, read_column_map
+from lab.formats.measurement_csv import write_measurements
 from lab.formats.tracker_export import TrackerPoints, read_tracker_points
+from lab.render.charts.chart import axes_picture
+from lab.render.charts.marks import Axes
+from lab.render.document import Code, Document, Figure, Paragraph, Picture, Row, Section, Table, Warnings, fixed
+from lab.render.style import AFTER, BEFORE, GRID, MUTED
 
-__all__ = ["import_measurements"]
+__all__ = ["ImportResult", "import_measurements"]
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class ImportResult(Result):
+    """Measurements that were merged from a tracker's and a controller's file.
+
+    Attributes:
+        options: what was asked.
+        measurements: a row for each pose (m, rad, in the tracker's frame).
+        points: the tracker's file.
+        log: the controller's file.
+        matching: how points found their poses.
+    """
+
+    command = "import"
+    shown_by = "lab.commands.import_measurements.run:_import_document"
+    drawn_by = "lab.commands.import_measurements.run:_points_picture"
+
+    options: ImportOptions
+    robot: Robot
+    measurements: Measurements
+    points: TrackerPoints
+    log: JointLog
+    matching: Matching
+    warnings: tuple[str, ...]
+
+    @property
+    def model_sha256(self) -> str:
+        """Digest of the robot's description."""
+        return self.robot.sha256
+
+    @property
+    def left_out(self) -> tuple[LeftOut, ...]:
+        """Entries of the two files that are not in the measurements, with the reason."""
+        return (*self.points.left_out, *self.log.left_out, *self.matching.left_out)
+
+    @property
+    def left_out_counts(self) -> dict[str, int]:
+        """Number of entries left out for each reason."""
+        return dict(Counter(each.why for each in self.left_out))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the values that ``--json`` prints."""
+        data = self.measurements
+        sigma = data.sigma_m[np.isfinite(data.sigma_m)]
+        return {
+            "robot": self.robot.name,
+            "by": self.matching.by,
+            "poses": len(data),
+            "points": int(data.seen.sum()),
+            "targets": list(data.targets),
+            "sigma_mm": number(1e3 * float(np.median(sigma))) if sigma.size else None,
+            "conditions": [*data.conditions, *data.other],
+            "columns": {"points": self.points.used, "joints": self.log.used},
+            "columns_not_used": list(self.points.unused),
+            "clocks": self._clocks(),
+            "left_out": [
+                {"file": each.file, "line": each.line or None, "what": each.what, "why": each.why}
+                for each in self.left_out
+            ],
+            "warnings": list(self.warnings),
+        }
+
+    def _clocks(self) -> dict[str, Any] | None:
+        """The offset of the clocks and what it does; None where points found their poses otherwise."""
+        if (line := self.matching.timeline) is None:
+            return None
+        placed = line.placed
+        return {
+            "offset_s": placed.offset.seconds,
+            "drift_ppm": placed.offset.drift_ppm,
+            "placed": placed.placed,
+            "of": len(placed.where),
+            "stops": len(line.starts),
+            "nominal_arm_rms_mm": None if placed.rms_m is None else 1e3 * placed.rms_m,
+        }
+
+    def write_files(self, folder: Path) -> None:
+        """Write ``measurements.csv``."""
+        write_measurements(folder / "measurements.csv", self.measurements, self.robot.chain.prismatic)
+
+    def columns(self) -> Mapping[str, Sequence[Any]]:
+        """A row for each pose: its joints, ° or mm, and its points, mm."""
+        data, chain = self.measurements, self.robot.chain
+        table: dict[str, Sequence[Any]] = {"id": data.ids}
+        shown = joint_values(chain.prismatic, data.joints)
+        for j, (name, slides) in enumerate(zip(chain.joint_names, chain.prismatic, strict=True)):
+            table[f"{name}_{'mm' if slides else 'deg'}"] = shown[:, j].tolist()
+        for k, target in enumerate(data.targets):
+            for i, axis in enumerate("xyz"):
+                table[f"{target}_{axis}_mm"] = (1e3 * data.points[:, k, i]).tolist()
+        return table
+
+
+_MOST = 20  # things left out that are listed
+_STOPS = 400  # of a log that are drawn, from the first
+_WIDE = (7.0, 2.4)  # inches
+
+
+def _import_document(result: ImportResult) -> Document:
+    """The merge in sentences, the columns, and what was left out."""
+    data = result.measurements
+    caption = "The points in the tracker's frame, seen along its z axis."
+    return Document(
+        f"{result.robot.name}: {len(data)} poses, {int(data.seen.sum())} points",
+        (
+            Paragraph(" ".join(result.matching.said), "lead"),
+            Warnings(result.warnings),
+            *_match(result),
+            Section("Uncertainty", (Paragraph(_uncertainty(result)),)),
+            Section("Columns", (_columns(result),)),
+            Section("Left out", (*_left_out(result),)),
+            Section("Points", (Figure("points", (_points_picture(result),), caption),)),
+        ),
+    )
+
+
+def _match(result: ImportResult) -> tuple[Section, ...]:
+    """The two files on one clock; nothing where points found their poses by name or order."""
+    line = result.matching.timeline
+    if line is None:
+        return ()
+    placed = line.placed
+    checked = (
+        f"Points are compared with the nominal arm, with base and tool fitted: {placed.words}."
+        if placed.rms_m is not None
+        else f"{placed.words} points are placed. Fewer than {LEAST_POSES} distinct poses were met, so the nominal arm "
+        "does not check the offset of the clocks."
+    )
+    caption = (
+        "Above: when the arm stood still (grey) and when points were measured (blue; vermilion: left out), on the "
+        "controller's clock. Below: the step from each pose to the next, measured and by the nominal arm, with base "
+        "and tool fitted. Points of other poses would leave the line."
+    )
+    pictures = (_timeline_picture(line), *([_steps_picture(result)] if placed.rms_m is not None else []))
+    return (Section("Match in time", (Paragraph(checked), Figure("match", pictures, caption))),)
+
+
+def _timeline_picture(line: Timeline) -> Picture:
+    """When the arm stood still and when points were measured, on the controller's clock from its first stop on."""
+    first, inside = line.starts[0], line.kept
+    starts, ends = line.starts[:_STOPS] - first, line.ends[:_STOPS] - first
+    shown = (line.at >= first) & (line.at <= first + ends[-1]) if len(line.starts) > _STOPS else np.isfinite(line.at)
+
+    def draw(axes: Axes) -> None:
+        for start, end in zip(starts, ends, strict=True):
+            axes.fill_between([start, max(end, start + 1e-3)], [0, 0], [1, 1], color=GRID, linewidth=0)
+        for chosen, colour, words in ((inside & shown, AFTER, "placed"), (~inside & shown, BEFORE, "left out")):
+            if chosen.any():
+                axes.scatter(line.at[chosen] - first, np.full(chosen.sum(), 0.5), s=14, color=colour, label=words)
+        axes.set(xlabel="time from the first stop, s", ylim=(-0.1, 1.7))
+        axes.set_yticks([], [])
+        axes.legend(loc="upper right")
+
+    label = f"{inside.sum()} of {len(inside)} points in {len(line.starts)} stops"
+    return axes_picture("timeline", label, _WIDE, draw, (0.7, 0.5, 0.15, 0.15))
+
+
+def _steps_picture(result: ImportResult) -> Picture:
+    """The step from each pose to the next, measured and by the nominal arm with base and tool fitted."""
+    data = result.measurements
+    nominal = NominalFit(result.robot, data.targets, result.points.positions)
+    rows, points = np.arange(len(data)), data.points[:, 0]
+    predicted = nominal.predicted(data.joints, np.zeros(len(data), dtype=np.int_), points)
+    measured, expected = (1e3 * np.linalg.norm(np.diff(each, axis=0), axis=1) for each in (points, predicted))
+
+    def draw(axes: Axes) -> None:
+        axes.plot(rows[1:] + 1, expected, "-", color=MUTED, linewidth=1.2, label="nominal arm")
+        axes.plot(rows[1:] + 1, measured, "o", color=AFTER, markersize=3.5, label="measured")
+        axes.set(xlabel="pose", ylabel="step, mm", ylim=(0, 1.4 * float(np.nanmax(measured))))
+        axes.legend(loc="upper right")
+
+    return axes_picture("steps", f"Steps between {len(data)} poses, measured and nominal", _WIDE, draw)
+
+
+def _uncertainty(result: ImportResult) -> str:
+    sigma = 1e3 * result.measurements.sigma_m[np.isfinite(result.measurements.sigma_m)]
+    if not sigma.size:
+        return (
+            "The tracker's file gives no uncertainties: give lab identify --noise-mm or --instrument, "
+            "or let it estimate them."
+        )
+    if np.ptp(sigma) < 1e-9:
+        return f"The standard uncertainty of a coordinate is {fixed(float(sigma[0]), 4)} mm (column sigma_mm)."
+    low, high = (fixed(float(each), 4) for each in (sigma.min(), sigma.max()))
+    return f"The standard uncertainty of a coordinate is {low} to {high} mm (column sigma_mm)."
+
+
+def _columns(result: ImportResult) -> Table:
+    rows: list[Row] = [(what, Code(column), result.points.path.name) for what, column in result.points.used.items()]
+    rows += [(what, Code(column), result.log.path.name) for what, column in result.log.used.items()]
+    rows += [("not used", Code(column), result.points.path.name) for column in result.points.unused]
+    return Table(("taken for", "column", "file"), tuple(rows))
+
+
+def _left_out(result: ImportResult) -> tuple[Paragraph | Table, ...]:
+    left = result.left_out
+    if not left:
+        return (Paragraph("Nothing: every line is a point or a pose."),)
+    counts = "; ".join(f"{count} because: {why}" for why, count in result.left_out_counts.items())
+    more = f" The first {_MOST} of {len(left)} are listed; result.json has all." if len(left) > _MOST else ""
+    rows: list[Row] = [
+        (each.file.rsplit("/", 1)[-1], str(each.line or "–"), each.what, each.why) for each in left[:_MOST]
+    ]
+    return Paragraph(f"{counts}.{more}"), Table(("file", "line", "what", "why"), tuple(rows))
+
+
+def _points_picture(result: ImportResult) -> Picture:
+    """The points seen along the z axis of the tracker's frame."""
+    points = 1e3 * result.measurements.points.reshape(-1, 3)
+    points = points[np.isfinite(points).all(axis=1)]
+
+    def draw(axes: Axes) -> None:
+        axes.scatter(points[:, 0], points[:, 1], s=12, color=AFTER)
+        axes.set(xlabel="x, mm", ylabel="y, mm")
+        axes.set_aspect("equal", adjustable="datalim")
+
+    return axes_picture("points", f"{len(points)} measured points", (4.5, 3.6), draw)
+
 
 _OTHER_UNIT = 15.0  # times the distances that the nominal arm has: another unit
 _SHOWN = 60  # poses by which distances are compared

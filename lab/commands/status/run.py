@@ -1,25 +1,367 @@
 """The state of every arm of a folder of runs, on a day."""
 
-from collections.abc import Iterable, Mapping
-from datetime import date
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, date, datetime
+from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from lab.commands.calibrate.load_run import read_calibrated
 from lab.commands.command_line import options_of, takes
-from lab.commands.status.arm import STATES, ArmStatus, Check, LeftOut, checks_of, reason_of
+from lab.commands.result import Result
+from lab.commands.status.arm import FEWEST_CHECKS, STATES, ArmStatus, Check, LeftOut, checks_of, reason_of
 from lab.commands.status.options import StatusOptions
-from lab.commands.status.result import StatusResult
 from lab.commands.trend.options import TrendOptions
-from lab.commands.trend.result import DatedRun, TrendResult
+from lab.commands.trend.result import DatedRun, TrendResult, change_words
 from lab.commands.trend.run import content_of, followed
-from lab.core.errors import LabError
+from lab.core.errors import LabError, counted
 from lab.core.limits import day
+from lab.formats.csv_table import write_columns
+from lab.render.charts.chart import axes_picture
+from lab.render.charts.marks import Axes
+from lab.render.document import (
+    EVERYWHERE,
+    PAGE,
+    Badge,
+    Bullets,
+    Code,
+    Column,
+    Document,
+    Figure,
+    Inline,
+    Paragraph,
+    Picture,
+    Row,
+    Section,
+    Table,
+    Text,
+    Warnings,
+    digits_of,
+    fixed,
+    plus_minus,
+    short,
+)
+from lab.render.style import GRID, INK, MEASURED, MUTED, RMS, WORST
 from lab.render.terminal import status as showing
 
-__all__ = ["status"]
+__all__ = ["StatusResult", "status"]
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class StatusResult(Result):
+    """The state of every arm of a folder of runs on a day.
+
+    Attributes:
+        options: what was asked.
+        on: the day.
+        arms: the worst first.
+        left_out: runs that could not be used, and why not.
+    """
+
+    command = "status"
+    shown_by = "lab.commands.status.run:_status_document"
+    drawn_by = "lab.commands.status.run:_checks_picture"
+
+    options: StatusOptions
+    on: date
+    arms: tuple[ArmStatus, ...]
+    left_out: tuple[LeftOut, ...]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The runs that could not be used."""
+        return tuple(f"{each.folder}: left out: {each.reason}" for each in self.left_out)
+
+    @property
+    def exit_code(self) -> int:
+        """1 where an arm is bad; 3 where all are to be good and one is not; else 0."""
+        states = {each.state for each in self.arms}
+        if "bad" in states:
+            return 1
+        return 3 if self.options.require and states != {"good"} else 0
+
+    @property
+    def model_sha256(self) -> str:
+        """The digest of the digests of all robots' files."""
+        models = sorted({check.model_sha256 for arm in self.arms for check in arm.checks})
+        return sha256("".join(models).encode()).hexdigest()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the values that ``--json`` prints and ``result.json`` holds: days as YYYY-MM-DD, errors in mm."""
+        return {
+            "folder": str(self.options.folder),
+            "on": self.on.isoformat(),
+            "every_days": self.options.every_days,
+            "arms": [_arm(each) for each in self.arms],
+            "left_out": [{"run": str(each.folder), "reason": each.reason} for each in self.left_out],
+            "warnings": list(self.warnings),
+        }
+
+    def write_files(self, folder: Path) -> None:
+        """Write ``status.csv`` and ``status.prom``."""
+        write_columns(folder / "status.csv", {name: [*map(str, each)] for name, each in self.columns().items()})
+        (folder / "status.prom").write_text(_exposition(self.arms, len(self.left_out)), encoding="utf-8")
+
+    def columns(self) -> Mapping[str, Sequence[Any]]:
+        """A row for each arm, as ``status.csv`` has it; empty where nothing is known."""
+        rows = [_arm(each) for each in self.arms]
+        flat = [
+            {
+                "serial": row["serial"],
+                "robot": row["robot"],
+                "state": row["state"],
+                **{
+                    f"last_{kind}_{key}": None if row[f"last_{kind}"] is None else row[f"last_{kind}"][key]
+                    for kind in ("calibration", "verification")
+                    for key in ("date", "verdict")
+                },
+                "error_then_mm": row["error_then_mm"],
+                "error_now_mm": row["error_now_mm"],
+                "slope_mm_per_year": None if row["slope"] is None else row["slope"]["mm_per_year"],
+                "slope_half_width_95": None if row["slope"] is None else row["slope"]["half_width_95"],
+                "calibrations": row["calibrations"],
+                "verifications": row["verifications"],
+                "changes": None if row["changes"] is None else len(row["changes"]),
+                "next_due": row["next_due"],
+            }
+            for row in rows
+        ]
+        return {name: ["" if row[name] is None else row[name] for row in flat] for name in (flat or [{}])[0]}
+
+
+def _arm(arm: ArmStatus) -> dict[str, Any]:
+    slope, trend = arm.slope, arm.trend
+    return {
+        "serial": arm.serial,
+        "robot": arm.robot,
+        "state": arm.state,
+        "last_calibration": _check(arm.calibration),
+        "last_verification": _check(arm.verification),
+        "error_then_mm": arm.error_then_mm,
+        "error_now_mm": arm.error_now_mm,
+        "slope": None
+        if slope is None
+        else {"mm_per_year": slope.per_year, "half_width_95": slope.half_width, "verifications": slope.count},
+        "calibrations": sum(each.calibrates for each in arm.checks),
+        "verifications": sum(not each.calibrates for each in arm.checks),
+        "changes": None if trend is None else trend.to_dict()["changes"],
+        "next_due": None if arm.due is None else arm.due.isoformat(),
+    }
+
+
+def _check(check: Check | None) -> dict[str, Any] | None:
+    if check is None:
+        return None
+    on = None if check.on is None else check.on.isoformat()
+    return {"run": str(check.folder), "date": on, "verdict": check.verdict, "error_mm": check.error_mm}
+
+
+_MARKS = {
+    "good": (RMS, "o"),
+    "doubtful": (MEASURED, "^"),
+    "bad": (WORST, "D"),
+    "not judged": (MUTED, "s"),
+}  # by verdict: they differ without colour, too
+_ROW, _MOST_NAME = 0.24, 26  # inches of an arm; characters of its name
+_MONTHS = (1, 2, 3, 6, 12, 24, 60, 120)  # between ticks
+_MOST_TICKS = 8
+
+
+def _checks_picture(result: StatusResult) -> Picture:
+    """Draw a row for each arm, the worst on top: a mark for each check, a stroke for each calibration."""
+    arms = result.arms
+    days = [(each, len(arms) - 1 - i) for i, arm in enumerate(arms) for each in arm.checks if each.on is not None]
+
+    def draw(axes: Axes) -> None:
+        for row in range(len(arms)):
+            axes.axhline(row, color=GRID, linewidth=0.8)
+        strokes = [(each.on.toordinal(), row) for each, row in days if each.on is not None and each.calibrates]
+        if strokes:
+            at, rows = zip(*strokes, strict=True)
+            axes.plot(at, rows, "|", color=INK, markersize=15, label="calibration")
+        for verdict, (colour, mark) in _MARKS.items():
+            own = [(each.on.toordinal(), row) for each, row in days if each.on is not None and each.verdict == verdict]
+            if own:
+                at, rows = zip(*own, strict=True)
+                axes.plot(at, rows, mark, color=colour, markersize=5, label=verdict)
+        axes.axvline(result.on.toordinal(), color=MUTED, linewidth=1, linestyle=":")
+        first = min((each.on for each, _ in days if each.on is not None), default=result.on)
+        ticks = _ticks(first, result.on)
+        axes.set_xticks([each.toordinal() for each in ticks], [f"{each:%Y-%m}" for each in ticks])
+        names = [arm.called for arm in reversed(arms)]
+        axes.set_yticks(range(len(arms)), [n if len(n) <= _MOST_NAME else f"{n[:_MOST_NAME]}…" for n in names])
+        span = max(30, result.on.toordinal() - first.toordinal())
+        left, right = first.toordinal() - 0.03 * span, result.on.toordinal() + 0.03 * span
+        axes.set(xlim=(left, right), ylim=(-0.7, len(arms) + 0.6))
+        axes.grid(visible=False)
+        axes.legend(loc="upper left", ncols=5)
+
+    label = f"Calibrations and verifications of {len(arms)} arms up to {result.on}, by verdict"
+    widest = max((min(len(arm.called), _MOST_NAME) for arm in arms), default=0)
+    return axes_picture("checks", label, (7.2, 1.1 + _ROW * len(arms)), draw, (0.35 + 0.075 * widest, 0.45, 0.2, 0.15))
+
+
+def _ticks(first: date, last: date) -> list[date]:
+    """Firsts of months between two days, at most eight."""
+    months = [first.year * 12 + first.month - 1, last.year * 12 + last.month - 1]
+    step = next((each for each in _MONTHS if (months[1] - months[0]) / each < _MOST_TICKS), _MONTHS[-1])
+    start = -(-(months[0]) // step) * step
+    return [date(at // 12, at % 12 + 1, 1) for at in range(start, months[1] + 1, step)]
+
+
+_KINDS: Mapping[str, Literal["good", "doubtful", "bad", "open"]] = {
+    "good": "good",
+    "due": "doubtful",
+    "doubtful": "doubtful",
+    "bad": "bad",
+}
+_MOST_DIGITS = 6
+
+
+def _status_document(result: StatusResult) -> Document:
+    """The count of each state, a row for each arm, the checks over time, changes, and what was left out."""
+    counts = Counter(each.state for each in result.arms)
+    said = ", ".join(f"{counts[state]} {state}" for state in reversed(STATES) if counts[state])
+    lead = tuple(_badges(counts))
+    caption = (
+        "Every check of every arm: a stroke is a calibration, its mark and those between the strokes the verdicts. The "
+        f"dotted line is {result.on}."
+    )
+    return Document(
+        f"{counted(len(result.arms), 'arm')} on {result.on}: {said}" if result.arms else "no arm",
+        (
+            Paragraph(lead, "lead"),
+            Warnings(result.warnings),
+            Section("The arms", (_arms(result), Paragraph(_explained(result), "note", shown_in=PAGE))),
+            Section("The checks over time", (Figure("checks", (_checks_picture(result),), caption),)),
+            Section("Changes between calibrations", (Bullets(tuple(_changes(each) for each in result.arms)),)),
+        ),
+    )
+
+
+def _badges(counts: Mapping[str, int]) -> list[Inline]:
+    parts: list[Inline] = []
+    for state in reversed(STATES):
+        if counts.get(state):
+            parts += [Badge(f"{counts[state]} {state}", _KINDS.get(state, "open")), " "]
+    return parts
+
+
+def _arms(result: StatusResult) -> Table:
+    on_page = ("verdict", "error then", "slope, mm a year")  # a terminal has no room for these
+    headings = (
+        "state", "arm", "calibrated", "verdict", "verified", "verdict", "error then", "error now", "slope, mm a year",
+        "next due",
+    )  # fmt: skip
+    columns = tuple(Column(each, PAGE if each in on_page else EVERYWHERE) for each in headings)
+    return Table(columns, tuple(_row(each) for each in result.arms), "Mean position errors, mm", most_rows=200)
+
+
+def _row(arm: ArmStatus) -> Row:
+    slope = arm.slope
+    words = "–"
+    if slope is not None:
+        digits = digits_of(slope.half_width, _MOST_DIGITS)
+        words = f"{fixed(slope.per_year, digits, signed=True)} {plus_minus(slope.half_width, digits)}"
+    return (
+        Badge(arm.state, _KINDS.get(arm.state, "open")),
+        Code(arm.called),
+        *_checked(arm.calibration),
+        *_checked(arm.verification),
+        _length(arm.error_then_mm),
+        _length(arm.error_now_mm),
+        words,
+        "–" if arm.due is None else arm.due.isoformat(),
+    )
+
+
+def _checked(check: Check | None) -> tuple[Text, Text]:
+    if check is None or check.on is None:
+        return "–", "–"
+    return check.on.isoformat(), check.verdict
+
+
+def _length(value: float | None) -> str:
+    return "–" if value is None else short(value)
+
+
+def _explained(result: StatusResult) -> str:
+    return (
+        "The state is the verdict of the last verification of the last calibration, or of that itself. An arm is due "
+        f"{counted(result.options.every_days, 'day')} after its last check, a bad one at once. Error then: at "
+        "validation of the last calibration; now: at its last verification. The slope needs "
+        f"{FEWEST_CHECKS} verifications of one calibration; its interval is 95 %."
+    )
+
+
+def _changes(arm: ArmStatus) -> Text:
+    """Describe the changes between the calibrations of an arm, as in its trend."""
+    if arm.trend is None:
+        return ""
+    if not arm.trend.changes:
+        return f"{arm.called}: no change in {len(arm.trend.runs)} calibrations."
+    count, said = len(arm.trend.changes), change_words(arm.trend, arm.trend.changes[-1])
+    earlier = "" if count == 1 else f" The last of {count} changes in {len(arm.trend.runs)} calibrations (lab trend)."
+    return f"{arm.called}: {said}{earlier}"
+
+
+_STATES = ", ".join(f"{i} {word}" for i, word in enumerate(STATES))
+_ESCAPES = str.maketrans({"\\": r"\\", '"': r"\"", "\n": r"\n"})
+
+
+def _exposition(arms: Sequence[ArmStatus], left_out: int) -> str:
+    """Return the text that a scraper reads: a family for each quantity, a line for each arm that has it.
+
+    Days are the seconds of their first moment, UTC.
+
+    Args:
+        left_out: how many runs could not be used.
+    """
+    families = (
+        ("lab_arm_state", f"State of the arm: {_STATES}.", [_state(each) for each in arms]),
+        ("lab_arm_error_mm", "Mean position error at the last check, mm.", [_error(each) for each in arms]),
+        (
+            "lab_arm_last_calibration_timestamp_seconds",
+            "Day of the last calibration.",
+            [None if each.calibration is None else _seconds(each.calibration.on) for each in arms],
+        ),
+        ("lab_arm_due_timestamp_seconds", "Last day for the next check.", [_seconds(each.due) for each in arms]),
+    )
+    lines = list[str]()
+    for name, text, values in families:
+        lines += _head(name, text)
+        lines += [
+            f"{name}{_labels(arm)} {value!r}" for arm, value in zip(arms, values, strict=True) if value is not None
+        ]
+    name = "lab_status_left_out_runs"
+    lines += [*_head(name, "Runs of the folder that could not be used."), f"{name} {left_out}"]
+    return "\n".join(lines) + "\n"
+
+
+def _head(name: str, text: str) -> Iterator[str]:
+    yield f"# HELP {name} {text}"
+    yield f"# TYPE {name} gauge"
+
+
+def _labels(arm: ArmStatus) -> str:
+    serial, robot = ((each or "").translate(_ESCAPES) for each in (arm.serial, arm.robot))
+    return f'{{serial="{serial}",robot="{robot}"}}'
+
+
+def _state(arm: ArmStatus) -> int:
+    return STATES.index(arm.state)
+
+
+def _error(arm: ArmStatus) -> float | None:
+    return arm.error_now_mm if arm.error_now_mm is not None else arm.error_then_mm
+
+
+def _seconds(on: date | None) -> int | None:
+    return None if on is None else int(datetime(on.year, on.month, on.day, tzinfo=UTC).timestamp())
 
 
 @takes(StatusOptions)

@@ -16,7 +16,7 @@ from lab.commands.study.format import (
     sentences,
     varying,
 )
-from lab.commands.study.result import StudyResult
+from lab.commands.study.run import StudyResult
 from lab.core.errors import LabError
 from lab.render.document import (
     EVERYWHERE,

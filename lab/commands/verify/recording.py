@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lab.commands.verify.result import VerificationResult
+from lab.commands.verify.run import VerificationResult
 from lab.render.error_recording import ErrorScene, PointErrors, record_errors
 from lab.render.scene import drawn_rows
 from lab.render.style import RGB_AFTER, RGB_BEFORE
