@@ -8,7 +8,7 @@ from lab.calibration.noise.plausibility import COMMON_NOISE_M
 from lab.calibration.regions import RegionKind
 from lab.calibration.workspace_prediction import Distance, RegionPrediction
 from lab.core.checks import Check
-from lab.core.errors import short_length
+from lab.core.units import short_length
 
 __all__ = ["PHRASES", "gate_words", "mm", "region_words", "without_figures"]
 
