@@ -20,6 +20,7 @@ from lab.core.errors import LabError, error_context
 from lab.core.limits import LENGTH_M, NUMBER_SIZE
 from lab.core.linear_model import refuse_impossible_covariance
 from lab.core.se3 import Array
+from lab.core.units import MM, MRAD
 from lab.formats.csv_table import CsvTable, write_columns
 from lab.formats.noise_model import (
     NoiseModel,
@@ -234,8 +235,8 @@ def read_estimate(folder: Path, robot: NominalArm, load: CarriedLoad | None = No
         rows=rows,
         identified=files.identified,
         covariance=files.covariance,
-        noise_m=(found.noise_mm or 0.0) / 1e3,
-        residual_m=(found.residual_mm or 0.0) / 1e3,
+        noise_m=MM.to_si(found.noise_mm or 0.0),
+        residual_m=MM.to_si(found.residual_mm or 0.0),
         noise_known=found.noise_known,
         dof=found.freedom,
         adequate=found.adequate,
@@ -281,8 +282,8 @@ def estimate_to_dict(estimate: Estimate) -> dict[str, Any]:
     return {
         "model": "+".join(("geometric", *estimate.effects, *estimate.left_out, *[GROUP] * (process is not None))),
         "noise_known": estimate.noise_known,
-        "noise_mm": 1e3 * estimate.noise_m,
-        "residual_mm": 1e3 * estimate.residual_m,
+        "noise_mm": MM.of(estimate.noise_m),
+        "residual_mm": MM.of(estimate.residual_m),
         "freedom": estimate.dof,
         "adequate": estimate.adequate,
         "cluster_robust": estimate.cluster_robust,
@@ -291,7 +292,7 @@ def estimate_to_dict(estimate: Estimate) -> dict[str, Any]:
         "measured_range": measured_range_to_dict(measured, estimate.rigid.chain),
         "extrapolation": None
         if measured is None
-        else {"growth_mrad": 1e3 * measured.growth, "unsure_mrad": 1e3 * measured.unsure},
+        else {"growth_mrad": MRAD.of(measured.growth), "unsure_mrad": MRAD.of(measured.unsure)},
         "residual": residual_to_dict(process),
         "prior": None if estimate.prior_acts_in is None else {"acts_in": estimate.prior_acts_in},
     }
@@ -325,8 +326,8 @@ def residual_to_dict(process: JointProcess | None) -> dict[str, Any] | None:
     return {
         "poses": len(process.inputs),
         "p": process.p,
-        "noise_mm": 1e3 * process.noise_m,
-        "joint_scatter_mrad": 1e3 * process.scatter_rad,
+        "noise_mm": MM.of(process.noise_m),
+        "joint_scatter_mrad": MRAD.of(process.scatter_rad),
         "variances": dict(zip(COMPONENTS, process.variances.tolist(), strict=True)),
         "upper_quartiles": dict(zip(COMPONENTS, process.upper.tolist(), strict=True)),
         "variance_errors": process.errors.tolist(),
@@ -423,7 +424,7 @@ def measured_range_from_dict(
     ]
     lower, upper, edge, slope = np.array(rows).T
     lacking = Extrapolation() if extrapolation is None else extrapolation
-    growth, unsure = (size / 1e3 for size in (lacking.growth_mrad or 0.0, lacking.unsure_mrad or 0.0))
+    growth, unsure = (MRAD.to_si(size) for size in (lacking.growth_mrad or 0.0, lacking.unsure_mrad or 0.0))
     turning = ~np.array(chain.prismatic, dtype=np.bool_)
     return MeasuredRange(lower, upper, turning, edge, slope, growth, unsure, cover)
 

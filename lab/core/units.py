@@ -1,5 +1,6 @@
 """Units in which people read quantities, and the conversion from and to SI units, in which the code computes."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -7,7 +8,7 @@ import numpy as np
 
 from lab.core.se3 import Array
 
-__all__ = ["DEGREES", "KELVIN", "MICRONS", "MICRORADIANS", "MM", "MRAD", "PPM", "Unit", "short_length"]
+__all__ = ["DEGREES", "KELVIN", "MICRONS", "MICRORADIANS", "MM", "MRAD", "PPM", "Unit", "joints_to_si", "short_length"]
 
 Quantity = TypeVar("Quantity", float, Array)
 
@@ -50,6 +51,11 @@ MRAD = Unit("rad", "mrad", 1e3, 4)
 MICRORADIANS = Unit("rad", "µrad", 1e6)
 PPM = Unit("", "ppm", 1e6, 2)
 KELVIN = Unit("K", "K", 1.0)
+
+
+def joints_to_si(joints: Array, prismatic: Sequence[bool]) -> Array:
+    """Convert joint positions or rates ``(..., n)``, in degrees or in mm of a slide, to rad or m."""
+    return np.asarray(joints * np.where(prismatic, 1e-3, np.pi / 180))
 
 
 def short_length(length_m: float) -> str:

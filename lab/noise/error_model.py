@@ -12,6 +12,7 @@ import numpy as np
 
 from lab.core.measurements import Measurements, setups
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.noise.change_points import APART, session_of
 from lab.noise.error_term import ErrorSizes, ErrorTerm, Move
 from lab.noise.terms import TERMS
@@ -161,17 +162,17 @@ class ErrorModel:
     def to_dict(self) -> dict[str, Any]:
         """Return the model as ``result.json`` holds it, without what is of that campaign alone."""
         found: dict[str, Any] = {
-            "independent_mm": 1e3 * self.independent_m,
+            "independent_mm": MM.of(self.independent_m),
             "independent_share": self.independent_share,
         }
         for term in TERMS:
             if term.key:
-                found[term.key] = 1e3 * self.size(term.name)
+                found[term.key] = MM.of(self.size(term.name))
             if term.structure == "autoregressive":
                 found["wandering_correlation"] = self.carry
         if further := {term.name: self.size(term.name) for term in self.terms if not term.key}:
             found["further"] = further
-        moves = [{"before": each.before, "after": each.after, "size_mm": 1e3 * each.size_m} for each in self.moves]
+        moves = [{"before": each.before, "after": each.after, "size_mm": MM.of(each.size_m)} for each in self.moves]
         counts = None if self.counts_rad is None else self.counts_rad.tolist()
         return {**found, "moves": moves, "encoder_counts_rad": counts}
 

@@ -31,7 +31,7 @@ from lab.core.errors import LabError
 from lab.core.limits import positive
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.core.units import Unit
+from lab.core.units import MRAD, Unit
 from lab.kinematics.dynamics.gravity import Loads, link_loads
 from lab.kinematics.effects.effect import (
     PAYLOAD,
@@ -343,7 +343,7 @@ class Hardening(VirtualEffect):
             if arm.loads is None:
                 raise LabError(f"--hardening-mrad: robot {arm.chain.name} has no masses, so nothing bends it")
             bearing = list(arm.loads.bearing(rng_for(0, "structure")))
-            cubic[bearing] = -self.hardening_mrad / 1e3 / _TORQUE_NM**3
+            cubic[bearing] = MRAD.to_si(-self.hardening_mrad) / _TORQUE_NM**3
         return HardeningSprings(levers(arm.chain) ** 4 * cubic)
 
 
@@ -423,7 +423,7 @@ class Compensator(VirtualEffect):
         """Return the compensator as given."""
         if self.compensator_mrad:
             _refuse_without(arm.chain, "--compensator-mrad")
-        return CompensatorSpring(self.compensator_mrad / 1e3 / (1 - _PRELOAD))
+        return CompensatorSpring(MRAD.to_si(self.compensator_mrad) / (1 - _PRELOAD))
 
 
 def _refuse_without(chain: JointSpec, what: str) -> None:

@@ -18,7 +18,7 @@ import numpy as np
 from lab.core.errors import LabError
 from lab.core.measurements import PLACE
 from lab.core.se3 import Array
-from lab.core.units import Unit
+from lab.core.units import MM, MRAD, PPM, Unit
 from lab.kinematics.effects.effect import (
     AXES,
     HOUR_S,
@@ -167,7 +167,7 @@ class Temperature(VirtualEffect):
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
         """Return the expansion as given."""
-        return ThermalExpansion(self.expansion_ppm_per_k / 1e6)
+        return ThermalExpansion(PPM.to_si(self.expansion_ppm_per_k))
 
 
 @dataclass(frozen=True)
@@ -184,7 +184,7 @@ class ZerosByTemperature(VirtualEffect):
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
         """Normal draws, one a joint."""
-        sizes = self.thermal_zero_mrad_per_k / 1e3 * rngs[0].standard_normal(arm.chain.size)
+        sizes = MRAD.to_si(self.thermal_zero_mrad_per_k) * rngs[0].standard_normal(arm.chain.size)
         return ThermalZeros(levers(arm.chain) * sizes)
 
 
@@ -233,7 +233,7 @@ class Growth(VirtualEffect):
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
         """Return the growth as given."""
-        return ThermalGrowth(self.growth_ppm_per_h / 1e6)
+        return ThermalGrowth(PPM.to_si(self.growth_ppm_per_h))
 
 
 def drift(start_s: float = 0.0) -> Effect:
@@ -288,4 +288,4 @@ class Drift(VirtualEffect):
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
         """Both directions are drawn."""
-        return TrackerDrift.random(self.drift_mm_per_h / 1e3, self.drift_mrad_per_h / 1e3, rngs)
+        return TrackerDrift.random(MM.to_si(self.drift_mm_per_h), MRAD.to_si(self.drift_mrad_per_h), rngs)
