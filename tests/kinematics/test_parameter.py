@@ -16,6 +16,7 @@ from lab.kinematics.parameter import (
     indices_of_groups,
     is_reserved_owner,
     names_of,
+    section_parameter,
     targets_of,
 )
 from lab.sensors.cable import Cable
@@ -88,6 +89,14 @@ def test_effects_of_joints_are_read_in_milliradians_and_frames_in_degrees() -> N
     }
     assert found["joint2.compliance"].unit.name == "µrad/Nm"
     assert (found["link2.alpha"].unit_of_change, found["base.x"].unit_of_change) == (MRAD, MM)
+
+
+def test_a_links_sections_have_the_units_of_their_compliances() -> None:
+    assert {each: section_parameter("g", 1, each).unit.name for each in ("ei_y", "gj", "ea")} == {
+        "ei_y": "1/(MN m²)",
+        "gj": "1/(MN m²)",
+        "ea": "1/MN",
+    }
 
 
 def test_a_slide_has_its_own_units() -> None:

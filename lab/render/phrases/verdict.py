@@ -352,7 +352,7 @@ def _given_noise(check: Check) -> str:
 
 
 def _given_noises(check: Check) -> str:
-    least, most = (MM.text(check.data[name]) for name in ("least_m", "most_m"))
+    least, most = (f"{MM.of(check.data[name]):.3g}" for name in ("least_m", "most_m"))
     return f"column sigma_mm goes from {least} to {most}: is it all in mm? Rows with much more noise hardly count"
 
 
