@@ -20,7 +20,7 @@ from lab.core.errors import LabError, error_context
 from lab.core.limits import LENGTH_M, NUMBER_SIZE
 from lab.core.linear_model import refuse_impossible_covariance
 from lab.core.se3 import Array
-from lab.core.units import MM, MRAD
+from lab.core.units import MM, MRAD, joints_to_si
 from lab.formats.csv_table import CsvTable, write_columns
 from lab.formats.noise_model import (
     NoiseModel,
@@ -431,11 +431,9 @@ def measured_range_from_dict(
 
 def write_cover(path: Path, cover: PoseCover, chain: JointSpec) -> None:
     """Write a row for each distinct fitted pose, of very many some: joint positions, deg (mm of a slide)."""
-    columns = {}
-    for name, slides, positions in zip(chain.joint_names, chain.prismatic, cover.poses.T, strict=True):
-        unit, factor = _unit(slides)
-        columns[f"{name}_{unit}"] = [f"{value:.9g}" for value in (positions / factor).tolist()]
-    write_columns(path, columns)
+    factors = joints_to_si(np.ones(chain.size), chain.prismatic)
+    values = zip(chain.column_names, (cover.poses / factors).T.tolist(), strict=True)
+    write_columns(path, {name: [f"{value:.9g}" for value in column] for name, column in values})
 
 
 def read_cover(folder: Path, chain: JointSpec) -> PoseCover | None:
@@ -447,13 +445,12 @@ def read_cover(folder: Path, chain: JointSpec) -> PoseCover | None:
     path = folder / POSES_FILE
     if not path.is_file():
         return None
-    table, columns = CsvTable(path), []
-    for name, slides in zip(chain.joint_names, chain.prismatic, strict=True):
-        unit, factor = _unit(slides)
-        if table.texts(column := f"{name}_{unit}") is None:
+    table = CsvTable(path)
+    for column in chain.column_names:
+        if table.texts(column) is None:
             raise LabError(f"{path}: has no column {column}; run lab calibrate or lab identify again")
-        columns.append(factor * table.numbers(column))
-    return PoseCover.of(np.stack(columns, axis=1), ~np.array(chain.prismatic, dtype=np.bool_))
+    poses = joints_to_si(np.stack([table.numbers(each) for each in chain.column_names], axis=1), chain.prismatic)
+    return PoseCover.of(poses, ~np.array(chain.prismatic, dtype=np.bool_))
 
 
 def _row(joint: str, content: Mapping[str, float] | None, unit: str, factor: float) -> list[float]:

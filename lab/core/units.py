@@ -29,6 +29,11 @@ class Unit:
     factor: float
     decimals: int = 3
 
+    @property
+    def key(self) -> str:
+        """Its name in JSON keys, CSV columns and flags: ``deg``, ``um``, ``k_per_m``."""
+        return self.name.replace("°", "deg").replace("µ", "u").replace("/", "_per_").lower()
+
     def of(self, size: Quantity) -> Quantity:
         """Convert from SI units: ``MM.of(length_m)``."""
         return self.factor * size

@@ -251,8 +251,7 @@ class Cell:
     def _home(self, joints: JointSpec) -> Array | None:
         if not self.home:
             return None
-        units = ["mm" if slides else "deg" for slides in joints.prismatic]
-        keys = [f"{name}_{unit}" for name, unit in zip(joints.joint_names, units, strict=True)]
+        keys = joints.column_names
         if set(self.home) != set(keys):
             raise LabError(f"{self.path}: [home] has {_list(self.home)}; give {_list(keys)}")
         return joints_to_si(np.array([self.home[key] for key in keys]), joints.prismatic)

@@ -88,7 +88,7 @@ class NoiseModel:
     @property
     def sizes(self) -> dict[str, float]:
         """Standard deviations of the terms in SI units, by their names."""
-        return {term.name: MM.to_si(getattr(self, term.key)) for term in TERMS if term.key} | dict(self.further)
+        return {term.name: term.unit.to_si(getattr(self, term.key)) for term in TERMS if term.key} | dict(self.further)
 
 
 def component_errors_from_dict(content: NoiseModel | None) -> ComponentErrors | None:

@@ -149,6 +149,11 @@ class JointSpec:
         """Unit in which people read the positions of a joint (from 0)."""
         return MM if self.prismatic[joint] else DEGREES
 
+    @property
+    def column_names(self) -> tuple[str, ...]:
+        """Names of the columns of joint positions, with the unit in which people read them: ``q1_deg``."""
+        return tuple(f"{name}_{self.unit(i).key}" for i, name in enumerate(self.joint_names))
+
     def shown(self, joint: int, value: float) -> str:
         """A joint position (rad or m) of a joint (from 0), or its speed, in the unit in which people read it."""
         return self.unit(joint).text(value, 6).replace("-", "−")

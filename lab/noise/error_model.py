@@ -121,7 +121,7 @@ class ErrorModel:
     def common_m2(self) -> float:
         """Variance of a coordinate on another day: the independent errors beyond the instrument's, and every shift."""
         own = max(self.independent_m**2 - self.sigma_m**2, 0.0)
-        return float(own + sum(self.size(term.name) ** 2 for term in self.terms if term.unit == "m"))
+        return float(own + sum(self.size(term.name) ** 2 for term in self.terms if term.unit.si == "m"))
 
     @property
     def within_m2(self) -> tuple[float, ...]:
@@ -130,7 +130,7 @@ class ErrorModel:
 
     def joint_covariance(self, joints: int) -> Array:
         """Covariance ``(J, J)`` of so many joints' positions at one pose (rad, m)."""
-        own: Array = sum(self.size(term.name) ** 2 for term in TERMS if term.unit == "rad") * np.eye(joints)
+        own: Array = sum(self.size(term.name) ** 2 for term in TERMS if term.unit.si == "rad") * np.eye(joints)
         return own if self.counts_rad is None else own + self.counts_rad @ self.counts_rad.T
 
     def moved(self, name: str, step: float) -> "ErrorModel":
@@ -167,7 +167,7 @@ class ErrorModel:
         }
         for term in TERMS:
             if term.key:
-                found[term.key] = MM.of(self.size(term.name))
+                found[term.key] = term.unit.of(self.size(term.name))
             if term.structure == "autoregressive":
                 found["wandering_correlation"] = self.carry
         if further := {term.name: self.size(term.name) for term in self.terms if not term.key}:

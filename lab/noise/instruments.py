@@ -75,7 +75,7 @@ class SystematicError:
     @property
     def key(self) -> str:
         """Key in a file: the name with the unit."""
-        return f"{self.name}_{self.unit.name.replace('µ', 'u').replace('/', '_per_').lower()}"
+        return f"{self.name}_{self.unit.key}"
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import numpy as np
 
 from lab.core.probability import chi2_sf
 from lab.core.se3 import Array
-from lab.core.units import MICRONS, MRAD
+from lab.core.units import MICRONS, MRAD, Unit
 from lab.noise.change_points import ANOTHER_DAY, before_and_after
 from lab.noise.correlation import Correlation
 from lab.noise.error_term import Components, ErrorShapes, ErrorSizes, ErrorTerm, Move
@@ -28,7 +28,7 @@ class JointScatter(ErrorTerm):
     name: ClassVar[str] = "scatter"
     kind: ClassVar[str] = "scatter"
     structure: ClassVar[Literal["pose", "autoregressive", "lasting"]] = "pose"
-    unit: ClassVar[Literal["rad", "m"]] = "rad"
+    unit: ClassVar[Unit] = MRAD
     key: ClassVar[str] = "joint_scatter_mrad"
 
     def shape(self, of: ErrorShapes) -> Array:

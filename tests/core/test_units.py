@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lab.core.units import DEGREES, MICRONS, MM, MRAD, PPM, short_length
+from lab.core.units import DEGREES, MICRONS, MM, MRAD, PPM, Unit, short_length
 
 
 def test_degrees_are_those_of_numpy() -> None:
@@ -22,6 +22,11 @@ def test_sizes_with_their_unit() -> None:
     assert (MM.text(2.5), MM.text(0.0012345), MM.text(0.9996)) == ("2,500 mm", "1.23 mm", "1,000 mm")
     assert (MM.text(0.0456789, 2), MM.text(0.15, 2), MM.text(-0.15)) == ("46 mm", "150 mm", "-150 mm")
     assert (DEGREES.text(np.pi / 6), MRAD.text(1e-4, 6), PPM.text(np.inf)) == ("30°", "0.1 mrad", "inf ppm")
+
+
+def test_keys_of_units() -> None:
+    units = (MM, DEGREES, MRAD, MICRONS, Unit("K/m", "K/m", 1.0))
+    assert [unit.key for unit in units] == ["mm", "deg", "mrad", "um", "k_per_m"]
 
 
 def test_short_lengths_choose_their_unit() -> None:
