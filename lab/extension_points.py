@@ -15,7 +15,8 @@ A package adds an object by a line of its ``pyproject.toml``, e.g. ``[project.en
 
 An extension may use the public interface ``lab``, this module, and the toolbox, which the import contract names:
 
-- ``lab.core``: transforms, errors, limits, named random streams; ``lab.kinematics``: arms, mechanisms, derivatives.
+- ``lab.core``: transforms, units, errors, limits, named random streams;
+  ``lab.kinematics``: arms, mechanisms, derivatives.
 - ``lab.formats``: robot tables and the readers of files; ``lab.campaign.robot`` and ``option_types``: robots by name,
   and the types of options.
 - ``lab.simulation``: models of MuJoCo, collisions, meshes;

@@ -21,7 +21,7 @@ from lab.core.linear_model import half_width_95
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.noise.instruments import PoseInstrument
-from lab.render.document import digits_of, display_unit, fixed
+from lab.render.document import digits_of, fixed
 
 METHODS = ("global", "sequential")
 
@@ -112,12 +112,12 @@ def parameters(options: Options) -> list[dict[str, str | float]]:
     deviations = [half_width_95(np.inf) * np.sqrt(np.diag(each.unit_covariance())) for each in fits]
     rows: list[dict[str, str | float]] = []
     for at, i in enumerate(free):
-        unit = display_unit(model.parameters[i])
+        unit = model.parameters[i].unit
         row: dict[str, str | float] = {"parameter": model.names[i], "unit": unit.name}
-        row |= {"nominal": unit.factor * float(arm.exact.nominal_aligned[i])}
-        row |= {"true": unit.factor * float(arm.truth[i])}
+        row |= {"nominal": unit.of(float(arm.exact.nominal_aligned[i]))}
+        row |= {"true": unit.of(float(arm.truth[i]))}
         for name, found, half in zip(METHODS, fits, deviations, strict=True):
-            row |= {name: unit.factor * float(found.values[i]), f"{name}_half_width": unit.factor * float(half[at])}
+            row |= {name: unit.of(float(found.values[i])), f"{name}_half_width": unit.of(float(half[at]))}
         rows.append(row)
     return rows
 

@@ -496,11 +496,11 @@ def _estimated_parameters(found: Identification, exported: Array) -> tuple[Estim
     for i, parameter in enumerate(model.parameters):
         estimate, status = float(found.values[i]), _status(found, i)
         low, high = estimate - float(half[i]), estimate + float(half[i])
-        weak = bool(status == "identified" and parameter.unit in ("m", "rad") and not std[i] <= WEAK)
+        weak = bool(status == "identified" and parameter.unit.si in ("m", "rad") and not std[i] <= WEAK)
         rows.append(
             EstimatedParameter(
                 name=parameter.name,
-                unit=parameter.unit,
+                unit=parameter.unit.si,
                 nominal=float(found.nominal_aligned[i]),
                 estimate=estimate,
                 exported=float(exported[i]),

@@ -20,6 +20,7 @@ from lab.core.errors import LabError, error_context
 from lab.core.limits import LENGTH_M, NUMBER_SIZE
 from lab.core.linear_model import refuse_impossible_covariance
 from lab.core.se3 import Array
+from lab.core.units import MM, MRAD, joints_to_si
 from lab.formats.csv_table import CsvTable, write_columns
 from lab.formats.noise_model import (
     NoiseModel,
@@ -243,8 +244,8 @@ def read_estimate(folder: Path, robot: NominalArm, load: CarriedLoad | None = No
         rows=rows,
         identified=files.identified,
         covariance=files.covariance,
-        noise_m=(found.noise_mm or 0.0) / 1e3,
-        residual_m=(found.residual_mm or 0.0) / 1e3,
+        noise_m=MM.to_si(found.noise_mm or 0.0),
+        residual_m=MM.to_si(found.residual_mm or 0.0),
         noise_known=found.noise_known,
         dof=found.freedom,
         adequate=found.adequate,
@@ -290,8 +291,8 @@ def estimate_to_dict(estimate: Estimate) -> dict[str, Any]:
     return {
         "model": "+".join(("geometric", *estimate.effects, *estimate.left_out, *[GROUP] * (process is not None))),
         "noise_known": estimate.noise_known,
-        "noise_mm": 1e3 * estimate.noise_m,
-        "residual_mm": 1e3 * estimate.residual_m,
+        "noise_mm": MM.of(estimate.noise_m),
+        "residual_mm": MM.of(estimate.residual_m),
         "freedom": estimate.dof,
         "adequate": estimate.adequate,
         "cluster_robust": estimate.cluster_robust,
@@ -300,7 +301,7 @@ def estimate_to_dict(estimate: Estimate) -> dict[str, Any]:
         "measured_range": measured_range_to_dict(measured, estimate.rigid.chain),
         "extrapolation": None
         if measured is None
-        else {"growth_mrad": 1e3 * measured.growth, "unsure_mrad": 1e3 * measured.unsure},
+        else {"growth_mrad": MRAD.of(measured.growth), "unsure_mrad": MRAD.of(measured.unsure)},
         "residual": residual_to_dict(process),
         "prior": None if estimate.prior_acts_in is None else {"acts_in": estimate.prior_acts_in},
     }
@@ -334,8 +335,8 @@ def residual_to_dict(process: JointProcess | None) -> dict[str, Any] | None:
     return {
         "poses": len(process.inputs),
         "p": process.p,
-        "noise_mm": 1e3 * process.noise_m,
-        "joint_scatter_mrad": 1e3 * process.scatter_rad,
+        "noise_mm": MM.of(process.noise_m),
+        "joint_scatter_mrad": MRAD.of(process.scatter_rad),
         "variances": dict(zip(COMPONENTS, process.variances.tolist(), strict=True)),
         "upper_quartiles": dict(zip(COMPONENTS, process.upper.tolist(), strict=True)),
         "variance_errors": process.errors.tolist(),
@@ -432,18 +433,16 @@ def measured_range_from_dict(
     ]
     lower, upper, edge, slope = np.array(rows).T
     lacking = Extrapolation() if extrapolation is None else extrapolation
-    growth, unsure = (size / 1e3 for size in (lacking.growth_mrad or 0.0, lacking.unsure_mrad or 0.0))
+    growth, unsure = (MRAD.to_si(size) for size in (lacking.growth_mrad or 0.0, lacking.unsure_mrad or 0.0))
     turning = ~np.array(chain.prismatic, dtype=np.bool_)
     return MeasuredRange(lower, upper, turning, edge, slope, growth, unsure, cover)
 
 
 def write_cover(path: Path, cover: PoseCover, chain: JointSpec) -> None:
     """Write a row for each distinct fitted pose, of very many some: joint positions, deg (mm of a slide)."""
-    columns = {}
-    for name, slides, positions in zip(chain.joint_names, chain.prismatic, cover.poses.T, strict=True):
-        unit, factor = _unit(slides)
-        columns[f"{name}_{unit}"] = [f"{value:.9g}" for value in (positions / factor).tolist()]
-    write_columns(path, columns)
+    factors = joints_to_si(np.ones(chain.size), chain.prismatic)
+    values = zip(chain.column_names, (cover.poses / factors).T.tolist(), strict=True)
+    write_columns(path, {name: [f"{value:.9g}" for value in column] for name, column in values})
 
 
 def read_cover(folder: Path, chain: JointSpec) -> PoseCover | None:
@@ -455,13 +454,12 @@ def read_cover(folder: Path, chain: JointSpec) -> PoseCover | None:
     path = folder / POSES_FILE
     if not path.is_file():
         return None
-    table, columns = CsvTable(path), []
-    for name, slides in zip(chain.joint_names, chain.prismatic, strict=True):
-        unit, factor = _unit(slides)
-        if table.texts(column := f"{name}_{unit}") is None:
+    table = CsvTable(path)
+    for column in chain.column_names:
+        if table.texts(column) is None:
             raise LabError(f"{path}: has no column {column}; run lab calibrate or lab identify again")
-        columns.append(factor * table.numbers(column))
-    return PoseCover.of(np.stack(columns, axis=1), ~np.array(chain.prismatic, dtype=np.bool_))
+    poses = joints_to_si(np.stack([table.numbers(each) for each in chain.column_names], axis=1), chain.prismatic)
+    return PoseCover.of(poses, ~np.array(chain.prismatic, dtype=np.bool_))
 
 
 def _row(joint: str, content: Mapping[str, float] | None, unit: str, factor: float) -> list[float]:

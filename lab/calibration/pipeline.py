@@ -75,6 +75,7 @@ from lab.calibration.workspace_prediction import bounds_at, own_tolerance
 from lab.core.checks import Check
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
+from lab.core.units import MM
 from lab.kinematics.effects.effect import SessionInfo
 from lab.kinematics.effects.registry import CAMPAIGN_SPECIFIC, CANDIDATES, said_of_term
 from lab.noise.instruments import Instrument
@@ -432,7 +433,7 @@ def judge(state: Fitted) -> Fitted:
     """
     found, fitter, judging, validation = state.identification, state.fitter, state.judging, state.validation
     given_m = fitter.noise.sigma_m
-    doubts = noise_in_another_unit(None if given_m is None else 1e3 * given_m, state.rows, found)
+    doubts = noise_in_another_unit(None if given_m is None else MM.of(given_m), state.rows, found)
     doubts += points_in_another_scale(found)
     judged = _judged(state)
     prediction = check_prediction(found, judged, fitter.noise, state.measured, seed=fitter.seed)

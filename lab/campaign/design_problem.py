@@ -19,6 +19,7 @@ from lab.core.linear_model import whitening
 from lab.core.progress import Progress, no_progress
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.core.units import joints_to_si
 from lab.core.whole_folder import Columns, Keep, at_once, current_keep
 from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.effects.arm import Arm
@@ -391,8 +392,7 @@ def _asked_home(given: Sequence[float], chain: JointSpec, model: RobotModel) -> 
     said = f"--home {','.join(f'{number:g}' for number in given)}"
     if len(given) != chain.size or not np.isfinite(given).all():
         raise LabError(f"{said}: give one finite number for each of {', '.join(chain.joint_names)}")
-    scale = np.where(chain.prismatic, 1e-3, np.pi / 180)
-    home = np.array(given) * scale
+    home = joints_to_si(np.array(given), chain.prismatic)
     if (beyond := np.flatnonzero(chain.beyond_limits(home[None], 1e-9)[0])).size:
         raise LabError(f"{said}: {chain.said_beyond(int(beyond[0]), home[beyond[0]])}; start within")
     if why := chain.infeasibility_reason(home):

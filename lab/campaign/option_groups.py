@@ -9,6 +9,7 @@ import tyro
 from lab.campaign.option_types import PRIOR_MODES, Flag, Names, Numbers, PriorMode
 from lab.core.errors import LabError
 from lab.core.limits import positive
+from lab.core.units import MM, MRAD
 from lab.kinematics.effects.registry import EffectOptions, fitted_groups
 
 if TYPE_CHECKING:
@@ -95,7 +96,7 @@ class Fitting:
             self.fix,
             self.free,
             self.prior,
-            Tolerance(self.tolerance_mm / 1e3, self.tolerance_mrad / 1e3),
+            Tolerance(MM.to_si(self.tolerance_mm), MRAD.to_si(self.tolerance_mrad)),
         )
 
 

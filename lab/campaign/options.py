@@ -25,6 +25,7 @@ from lab.core.limits import (
     positive,
     whole,
 )
+from lab.core.units import MM
 from lab.formats.programs.registry import Controller
 from lab.sensors.options import FitInputs, SensorOptions, VirtualSetup
 from lab.sensors.registry import SensorName, configured_sensor, sensor_named, sensors_with
@@ -179,7 +180,7 @@ class DesignOptions:
     @property
     def clearances(self) -> Clearances:
         """Clearances that the plan keeps."""
-        return Clearances(self.clearance_mm / 1e3, self.self_clearance_mm / 1e3)
+        return Clearances(MM.to_si(self.clearance_mm), MM.to_si(self.self_clearance_mm))
 
     def refuse_nonsense(self) -> None:
         """Refuse numbers that make no sense, with a LabError that names the option."""

@@ -11,6 +11,7 @@ from lab.core.errors import LabError, error_context
 from lab.core.limits import OPTION_SIZE
 from lab.core.random import rng_for
 from lab.core.se3 import Array, transform
+from lab.core.units import MM
 from lab.formats.target_csv import read_targets
 
 __all__ = ["REGION_HELP", "TaskRegion", "task_region"]
@@ -74,7 +75,7 @@ def task_region(text: str) -> TaskRegion:
         if Path(text).suffix.lower() != ".csv":
             raise wrong from None
         return TaskRegion("targets", file=Path(text))
-    box = np.array(numbers).reshape(-1, 2) / 1e3 if len(numbers) == _NUMBERS else np.empty((0, 2))
+    box = MM.to_si(np.array(numbers).reshape(-1, 2)) if len(numbers) == _NUMBERS else np.empty((0, 2))
     if not len(box) or not all(abs(each) in OPTION_SIZE for each in numbers):
         raise wrong
     if not (box[:, 0] < box[:, 1]).all():

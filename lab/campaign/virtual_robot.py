@@ -18,6 +18,7 @@ from lab.core.limits import STOPS
 from lab.core.measurements import Measurements, measured
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.core.units import MM, MRAD
 from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.effects.effect import HOUR_S, ArmFacts
 from lab.kinematics.effects.registry import GROUPS
@@ -76,9 +77,9 @@ def _geometry(robot: Robot, options: VirtualCampaign) -> TrueRobot:
     """The perturbed arm without effects."""
     T_world_tracker = random_tracker(robot.model, rng_for(options.seed, "tracker"))
     errors = GeometryErrors(
-        position_sigma_m=options.position_sigma_mm / 1e3,
-        rotation_sigma_rad=options.rotation_sigma_mrad / 1e3,
-        joint_offset_sigma=options.offset_sigma_mrad / 1e3,
+        position_sigma_m=MM.to_si(options.position_sigma_mm),
+        rotation_sigma_rad=MRAD.to_si(options.rotation_sigma_mrad),
+        joint_offset_sigma=MRAD.to_si(options.offset_sigma_mrad),
         table_alone=options.dh_only,
     )
     return robot.perturbed(errors, T_world_tracker, rng_for(options.seed, "arm"))

@@ -29,6 +29,7 @@ from lab.core.probability import Uncertain, normal_ppf
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.significance import VARIANCE_COMPONENTS
+from lab.core.units import KELVIN, MICRONS, PPM, Unit
 from lab.noise.instruments import SystematicError, TrackerErrors
 
 __all__ = [
@@ -72,7 +73,7 @@ class InputQuantity:
         group: misalignment, reflector, temperature, repeatability, model, stability or parameters.
         name: what it is.
         source: where its uncertainty comes from.
-        unit: in which a person reads it, ``factor`` of which are one SI unit; empty for a vector of many.
+        unit: in which people read it.
         uncertainty: of each of its components, SI.
         columns: ``(w, 3, c)`` how far a unit of each component moves the positions at w poses, m.
         anew: whether it is another one at each position; else all positions share it.
@@ -85,8 +86,7 @@ class InputQuantity:
     group: str
     name: str
     source: str
-    unit: str
-    factor: float
+    unit: Unit
     uncertainty: Uncertain
     columns: Array
     anew: bool = False
@@ -528,12 +528,12 @@ def quantities_of(
     if chance.placement == "in the noise" and placed:  # it has a line of its own
         covariance = covariance - np.sum([part for _, part in placed], axis=0)
     sigma = chance.noise.uncertainty
-    said = "parameters", "identified parameters", chance.noise.source, "µm", 1e6, sigma
+    said = "parameters", "identified parameters", chance.noise.source, MICRONS, sigma
     shifts = covariance_root(covariance) / sigma.standard
     found.append(_fitted(propagation, shifts, *said, detail="random errors of the measurements"))
     each = np.broadcast_to(np.eye(3), (len(propagation.positions), 3, 3))
     if (robot := chance.repeatability) is not None:
-        said = "repeatability", "repeatability of the robot", robot.source, "µm", 1e6, robot.uncertainty
+        said = "repeatability", "repeatability of the robot", robot.source, MICRONS, robot.uncertainty
         found.append(InputQuantity(*said, each, anew=True))
         if not chance.scatter_counted:
             alike = np.broadcast_to(np.eye(3), (*propagation.observed.points.shape, 3))
@@ -541,10 +541,10 @@ def quantities_of(
             said = "repeatability", "repeatability in the measurements", *said[2:]
             found.append(_fitted(propagation, shifts, *said))
     if (lack := chance.model) is not None:
-        said = "model", "model", lack.source, "µm", 1e6, lack.uncertainty
+        said = "model", "model", lack.source, MICRONS, lack.uncertainty
         found.append(InputQuantity(*said, each, anew=True, detail="errors of the robot that it leaves"))
     if (slow := chance.in_time) is not None:
-        said = "stability", "stability", slow.source, "µm", 1e6, slow.uncertainty
+        said = "stability", "stability", slow.source, MICRONS, slow.uncertainty
         found.append(InputQuantity(*said, each, anew=True, detail="errors that come and go over the poses"))
     return tuple(found)
 
@@ -557,7 +557,7 @@ def motion_of(propagation: Propagation, motion: FrameMotion) -> InputQuantity:
     """
     each = np.broadcast_to(np.eye(3), (len(propagation.positions), 3, 3))
     known = Uncertain(motion.offset_m / float(np.sqrt(3)), freedom=max(motion.freedom, _LEAST_FREEDOM))
-    said = "stability", "stability", motion.source, "µm", 1e6, known
+    said = "stability", "stability", motion.source, MICRONS, known
     return InputQuantity(*said, each, anew=True, detail=motion.detail)
 
 
@@ -566,13 +566,13 @@ def lack_of_fit_of(propagation: Propagation, sigma_m: float, freedom: float, sou
     each = np.broadcast_to(np.eye(3), (len(propagation.positions), 3, 3))
     known = Uncertain(sigma_m, freedom=max(freedom, _LEAST_FREEDOM))
     detail = "errors on validation poses that the budget does not explain"
-    return InputQuantity("model", "lack of fit", source, "µm", 1e6, known, each, anew=True, detail=detail)
+    return InputQuantity("model", "lack of fit", source, MICRONS, known, each, anew=True, detail=detail)
 
 
 def scale_of(propagation: Propagation, relative: Uncertain, source: str) -> InputQuantity:
     """The scale of the measurements: all points are farther from the instrument, or nearer, by a share."""
     shifts = propagation.shifts_by(_seen(propagation)[..., None])
-    return _fitted(propagation, shifts, "misalignment", "scale of the measurements", source, "ppm", 1e6, relative)
+    return _fitted(propagation, shifts, "misalignment", "scale of the measurements", source, PPM, relative)
 
 
 def unseen_move_of(propagation: Propagation, sigma_m: float) -> InputQuantity:
@@ -589,21 +589,21 @@ def unseen_move_of(propagation: Propagation, sigma_m: float) -> InputQuantity:
     limit = float(normal_ppf(1 - level) + normal_ppf(_DETECTED)) * sigma_m / float(np.sqrt(points))
     each = np.broadcast_to(np.eye(3), (len(propagation.positions), 3, 3))
     words, source = "a move of base or instrument during the campaign", "too small to be found by these poses"
-    return InputQuantity("stability", words, source, "µm", 1e6, Uncertain.within(limit), each)
+    return InputQuantity("stability", words, source, MICRONS, Uncertain.within(limit), each)
 
 
 def temperature_of(propagation: Propagation, foot: Array, kelvin: Uncertain, expansion_per_k: float) -> InputQuantity:
     """Temperature of the robot: all lengths grow with it about the robot's base ``(3,)`` m."""
     columns = expansion_per_k * (propagation.positions - foot)[..., None]
-    source = f"stated, expansion {1e6 * expansion_per_k:g} ppm/K"
-    return InputQuantity("temperature", "temperature of the robot", source, "K", 1.0, kelvin, columns)
+    source = f"stated, expansion {PPM.of(expansion_per_k):g} ppm/K"
+    return InputQuantity("temperature", "temperature of the robot", source, KELVIN, kelvin, columns)
 
 
 def _systematic(propagation: Propagation, errors: TrackerErrors, source: str, term: SystematicError) -> InputQuantity:
     """A systematic error of the instrument, through the fit."""
     group = "temperature" if term.name in _OF_AIR else "reflector" if term.name == "centring_depth" else "misalignment"
     shifts = propagation.shifts_by(errors.displacements(term, _seen(propagation)))
-    return _fitted(propagation, shifts, group, term.words, source, term.unit, term.factor, errors.quantity(term))
+    return _fitted(propagation, shifts, group, term.words, source, term.unit, errors.quantity(term))
 
 
 def _placements(propagation: Propagation, errors: TrackerErrors, source: str) -> Iterator[tuple[InputQuantity, Array]]:
@@ -613,7 +613,7 @@ def _placements(propagation: Propagation, errors: TrackerErrors, source: str) ->
         group = "misalignment" if term.name == "lock_on" else "reflector"
         covariance = propagation.covariance_of(errors.placement_covariance(_seen(propagation), (term,)))
         shifts = covariance_root(covariance) / quantity.standard
-        said = group, term.words, source, term.unit, term.factor, quantity
+        said = group, term.words, source, term.unit, quantity
         yield _fitted(propagation, shifts, *said, placed=True), covariance
 
 
@@ -623,8 +623,7 @@ def _fitted(
     group: str,
     name: str,
     source: str,
-    unit: str,
-    factor: float,
+    unit: Unit,
     uncertainty: Uncertain,
     *,
     detail: str = "",
@@ -632,7 +631,7 @@ def _fitted(
 ) -> InputQuantity:
     """A quantity that comes through the fit, by its shifts ``(f, c)`` of the identified parameters."""
     columns = propagation.columns_of(shifts)
-    said = group, name, source, unit, factor, uncertainty
+    said = group, name, source, unit, uncertainty
     return InputQuantity(*said, columns, shifts=shifts, detail=detail, placed=placed)
 
 

@@ -14,7 +14,6 @@ from lab.core.se3 import Array
 from lab.extension_points import load_reference
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.parameter import Parameter
-from lab.render.document import display_unit
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -277,15 +276,14 @@ def printed(value: float) -> str:
 
 def coefficient(parameter: Parameter, other: Parameter, value: float) -> str:
     """Format the effect of one parameter's error on another, in display units."""
-    (per, unit, _), (factor, into, _) = display_unit(parameter), display_unit(other)
-    number = f"{value * factor / per:+.4g}".replace("-", "−")
-    return f"{other.name} ({number})" if unit == into else f"{other.name} ({number} {into} per {unit})"
+    per, into = parameter.unit, other.unit
+    number = f"{value * into.factor / per.factor:+.4g}".replace("-", "−")
+    return f"{other.name} ({number})" if per == into else f"{other.name} ({number} {into.name} per {per.name})"
 
 
 def per_person(parameter: Parameter, value: float) -> str:
     """A change of a parameter in the unit that a person reads."""
-    factor, unit, _ = display_unit(parameter)
-    return f"{factor * value:+.3g} {unit}".replace("-", "−")
+    return f"{parameter.unit.of(value):+.3g} {parameter.unit.name}".replace("-", "−")
 
 
 def joint_kind(joints: JointSpec, i: int) -> dict[str, Any]:

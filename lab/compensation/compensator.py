@@ -21,6 +21,7 @@ from lab.core.errors import LabError
 from lab.core.progress import Progress, no_progress
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.core.units import DEGREES, MM
 from lab.core.whole_folder import Columns, Keep, at_once
 from lab.kinematics.differential import SINGULAR_M
 from lab.kinematics.effects.arm import Arm
@@ -122,14 +123,13 @@ class Attempts:
         if self.arrived[i] and self.excess[i, beyond] > _LIMIT_SLACK:
             return f"joint limit: {_beyond_limit(chain, self.joints[i], beyond)}"
         distance, joint = singular
-        far = f"{1e3 * distance:.2g} mm" if chain.prismatic[joint] else f"{np.rad2deg(distance):.2g}°"
-        near = f"{far} from a singularity of the arm ({chain.joint_names[joint]})"
+        near = f"{chain.unit(joint).text(distance, 2)} from a singularity of the arm ({chain.joint_names[joint]})"
         if distance < NEAR_RAD:
             near = f"within 1° of a singularity: {near}"
         if self.arrived[i]:
             return f"{near}, where the schemes of compensation do not meet"
         short, turned = (float(np.linalg.norm(part)) for part in (self.errors[i, :3], self.errors[i, 3:]))
-        missed = f"{_rounded(1e3 * short)} mm" if short > AGREED_M else f"{_rounded(np.rad2deg(turned))}°"
+        missed = MM.text(short) if short > AGREED_M else DEGREES.text(turned)
         edge = f", {near}" if distance < NEAR_RAD and short < _EDGE_M else ""
         return f"out of reach by {missed}{edge}"
 
@@ -440,10 +440,5 @@ def _beyond_limit(chain: JointSpec, joints: Array, joint: int) -> str:
     """Describe a joint's position and its limit."""
     at = joints[joint]
     limit = chain.upper[joint] if at > chain.upper[joint] else chain.lower[joint]
-    factor, unit = (1e3, " mm") if chain.prismatic[joint] else (180 / np.pi, "°")
-    return f"{chain.joint_names[joint]} would be at {factor * at:.5g}{unit}, beyond {factor * limit:.5g}{unit}"
-
-
-def _rounded(number: float) -> str:
-    """Three digits that count, without an exponent."""
-    return np.format_float_positional(number, precision=3, fractional=False, trim="-")
+    unit = chain.unit(joint)
+    return f"{chain.joint_names[joint]} would be at {unit.text(at, 5)}, beyond {unit.text(limit, 5)}"

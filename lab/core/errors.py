@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-__all__ = ["IncompleteColumnError", "LabError", "be", "counted", "error_context", "short_length"]
+__all__ = ["IncompleteColumnError", "LabError", "be", "counted", "error_context"]
 
 
 class LabError(ValueError):
@@ -35,9 +35,3 @@ def counted(count: int, noun: str) -> str:
 def be(count: int) -> str:
     """The verb that fits a count: ``is`` or ``are``."""
     return "is" if count == 1 else "are"
-
-
-def short_length(length_m: float) -> str:
-    """A length with two digits: ``52 µm``, ``590 µm``, ``1.5 mm``."""
-    size, unit = (1e6 * length_m, "µm") if length_m < 0.95e-3 else (1e3 * length_m, "mm")
-    return f"{float(f'{size:.2g}'):g} {unit}"

@@ -15,6 +15,7 @@ from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.limits import DISTANCE_MM, REFLECTOR_DEG, checked_name
 from lab.core.se3 import Array
+from lab.core.units import MM, joints_to_si
 from lab.formats.structured import read_toml, refuse_unbounded, structured
 from lab.kinematics.joints import JointSpec
 
@@ -55,7 +56,7 @@ class Place:
     def pose(self) -> Array:
         """Pose ``(4, 4)`` (m)."""
         rotation = se3.rotation_from_roll_pitch_yaw(np.deg2rad(self.rotation_deg))
-        return se3.pose(rotation, np.array(self.position_mm) / 1e3)
+        return se3.pose(rotation, MM.to_si(np.array(self.position_mm)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,7 +117,7 @@ class ToolPoint:
     @property
     def position(self) -> Array:
         """``(3,)`` m."""
-        return np.array(self.position_mm) / 1e3
+        return MM.to_si(np.array(self.position_mm))
 
     @property
     def rotation(self) -> Array:
@@ -225,7 +226,7 @@ class Cell:
     def clearance_m(self, obstacle: Obstacle) -> float | None:
         """Return the clearance (m) to keep from an obstacle; None if neither it nor the cell states one."""
         stated = self.clearance_mm if obstacle.clearance_mm is None else obstacle.clearance_mm
-        return None if stated is None else stated / 1e3
+        return None if stated is None else MM.to_si(stated)
 
     def joint_spec_values(self, joints: JointSpec) -> tuple[Array, Array, Array | None]:
         """Lower and upper limits ``(n,)`` and home ``(n,)`` (rad or m; None where not given) of a robot in this cell.
@@ -250,12 +251,10 @@ class Cell:
     def _home(self, joints: JointSpec) -> Array | None:
         if not self.home:
             return None
-        units = ["mm" if slides else "deg" for slides in joints.prismatic]
-        keys = [f"{name}_{unit}" for name, unit in zip(joints.joint_names, units, strict=True)]
+        keys = joints.column_names
         if set(self.home) != set(keys):
             raise LabError(f"{self.path}: [home] has {_list(self.home)}; give {_list(keys)}")
-        scale = np.where(joints.prismatic, 1e-3, np.pi / 180)
-        return np.asarray(scale * [self.home[key] for key in keys])
+        return joints_to_si(np.array([self.home[key] for key in keys]), joints.prismatic)
 
 
 def read_cell(path: Path) -> Cell:

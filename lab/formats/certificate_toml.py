@@ -9,6 +9,7 @@ from typing import Any
 from lab.core.errors import LabError
 from lab.core.limits import HUMIDITY_PERCENT, LINE_OF_TEXT, PRESSURE_HPA, ROOM_C, day, one_serial, positive
 from lab.core.probability import Uncertain
+from lab.core.units import PPM
 from lab.formats.instrument_toml import StatedUncertainty
 from lab.formats.structured import read_toml, structured
 
@@ -147,13 +148,13 @@ class CertificateDetails:
     def robot_temperature(self) -> tuple[Uncertain, float] | None:
         """Return the uncertainty of the robot's temperature (K), and its expansion (1/K); None if not stated."""
         known, expansion = self.environment.robot_temperature_k, self.environment.expansion_ppm_per_k
-        return None if known is None or expansion is None else (known.quantity(1.0), expansion / 1e6)
+        return None if known is None or expansion is None else (known.quantity(1.0), PPM.to_si(expansion))
 
     @property
     def scale(self) -> Uncertain | None:
         """The relative uncertainty of the instrument's scale; None where it is not stated."""
         stated = self.instrument.scale_ppm
-        return None if stated is None else stated.quantity(1e6)
+        return None if stated is None else stated.quantity(PPM.factor)
 
     def to_dict(self) -> dict[str, dict[str, Any]]:
         """Return all given details, by section."""

@@ -143,5 +143,5 @@ def _errors(path: Path, section: Any) -> TrackerErrors:
             raise LabError(f"{where} {key} is {value!r}; give {{ standard = … }} or {{ limit = … }}")
         with error_context(f"{where} {key}"):
             stated = structured("", StatedUncertainty, value)
-            quantities[terms[key].name] = stated.quantity(terms[key].factor)
+            quantities[terms[key].name] = stated.quantity(terms[key].unit.factor)
     return TrackerErrors(**quantities, two_face=two_face)

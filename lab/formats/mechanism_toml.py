@@ -12,6 +12,7 @@ import numpy as np
 from lab.core.errors import LabError
 from lab.core.limits import FRAMES, JOINTS, LENGTH_M
 from lab.core.se3 import Array
+from lab.core.units import DEGREES, MM
 from lab.formats.description import DescriptionFormat
 from lab.formats.robot_toml import (
     ANGLES,
@@ -265,7 +266,7 @@ class _Tree:
                 f"make the joint {'revolute' if turns else 'prismatic'}, or let another step name it"
             )
         if len(kind) == 2 and abs(value) > 2 * np.pi:
-            raise LabError(f"{section.where}: {kind} is {np.degrees(value):.6g}°; give at most a full turn")
+            raise LabError(f"{section.where}: {kind} is {DEGREES.text(value, 6)}; give at most a full turn")
         if abs(value) not in LENGTH_M:
             raise LabError(f"{section.where}: {kind} is {value:.6g} m; give at most {LENGTH_M.most:g} m")
         return Step(kind, value, exact, joint, passive)
@@ -278,7 +279,7 @@ class _Tree:
             if length is None:
                 raise LabError(f"{section.where}: length is missing; give length_mm or a joint that sets it")
             if not length > 0:
-                raise LabError(f"{section.where}: length is {1e3 * length:.6g} mm; give more than zero")
+                raise LabError(f"{section.where}: length is {MM.text(length, 6)}; give more than zero")
         else:
             if not self.slides[joint]:
                 raise LabError(

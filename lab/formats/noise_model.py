@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from lab.core.errors import LabError
+from lab.core.units import MM
 from lab.formats.structured import structured
 from lab.noise.error_model import ErrorModel
 from lab.noise.terms import TERMS
@@ -87,7 +88,7 @@ class NoiseModel:
     @property
     def sizes(self) -> dict[str, float]:
         """Standard deviations of the terms in SI units, by their names."""
-        return {term.name: getattr(self, term.key) / 1e3 for term in TERMS if term.key} | dict(self.further)
+        return {term.name: term.unit.to_si(getattr(self, term.key)) for term in TERMS if term.key} | dict(self.further)
 
 
 def component_errors_from_dict(content: NoiseModel | None) -> ComponentErrors | None:
@@ -118,7 +119,7 @@ def noise_model_from_dict(
         return None
     found = structured("noise_model", NoiseModel, content, extra=True)
     return ErrorModel(
-        sigma_m=found.independent_mm / 1e3 / np.sqrt(found.independent_share),
+        sigma_m=MM.to_si(found.independent_mm) / np.sqrt(found.independent_share),
         independent_share=found.independent_share,
         sizes=found.sizes,
         carry=found.wandering_correlation,

@@ -21,6 +21,7 @@ from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.limits import JOINTS, TARGETS, checked_name
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.formats.description import DescriptionFormat, IdentifiedRobot
 from lab.formats.drives_toml import Drives, drives_in, drives_lines
 from lab.formats.structured import is_number, read_toml
@@ -194,7 +195,7 @@ def read_height(path: Path, document: dict[str, Any]) -> float | None:
     height = document.get("height_mm")
     if height is not None and not (is_number(height) and height >= 0):
         raise LabError(f"{path}: height_mm is {height!r}; give frame 0's height above the floor, or leave it out")
-    return None if height is None else float(height) / 1e3
+    return None if height is None else MM.to_si(float(height))
 
 
 def refuse_doubled_names(path: Path, names: list[str]) -> None:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from lab.core.errors import LabError
 from lab.core.limits import JOINT_SPAN
 from lab.core.se3 import Array
+from lab.core.units import DEGREES, MM, Unit
 
 __all__ = ["Encoders", "JointSpec"]
 
@@ -144,10 +145,18 @@ class JointSpec:
         beyond: NDArray[np.bool_] = (joints < self.lower - slack) | (joints > self.upper + slack)
         return beyond
 
+    def unit(self, joint: int) -> Unit:
+        """Unit in which people read the positions of a joint (from 0)."""
+        return MM if self.prismatic[joint] else DEGREES
+
+    @property
+    def column_names(self) -> tuple[str, ...]:
+        """Names of the columns of joint positions, with the unit in which people read them: ``q1_deg``."""
+        return tuple(f"{name}_{self.unit(i).key}" for i, name in enumerate(self.joint_names))
+
     def shown(self, joint: int, value: float) -> str:
         """A joint position (rad or m) of a joint (from 0), or its speed, in the unit in which people read it."""
-        said = f"{1e3 * value:.6g} mm" if self.prismatic[joint] else f"{np.rad2deg(value):.6g}°"
-        return said.replace("-", "−")
+        return self.unit(joint).text(value, 6).replace("-", "−")
 
     def said_beyond(self, joint: int, reading: float) -> str:
         """Describe a joint (from 0) that is beyond its limits."""

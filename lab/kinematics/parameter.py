@@ -7,6 +7,7 @@ from typing import Final, Literal
 import numpy as np
 
 from lab.core.se3 import Array
+from lab.core.units import DEGREES, MM, MRAD, PPM, Unit
 
 __all__ = [
     "BASE_PARAMETERS",
@@ -30,24 +31,23 @@ __all__ = [
 Kind = Literal["length", "angle", "ratio", "compliance", "section", "mass", "length rate", "angle rate", "ratio rate"]
 
 TOLERANCE_M, TOLERANCE_RAD = 0.5e-3, 1.5e-3  # one standard deviation of a link's manufacture, unless said otherwise
-UNITS: Final[Mapping[Kind, str]] = {
-    "length": "m",
-    "angle": "rad",
-    "ratio": "",
-    "compliance": "rad/Nm",
-    "section": "1/(N m^2)",
-    "mass": "kg",
-    "length rate": "m/h",
-    "angle rate": "rad/h",
-    "ratio rate": "1/h",
+_UNITS: Final[Mapping[Kind, Unit]] = {
+    "length": MM,
+    "angle": DEGREES,
+    "ratio": PPM,
+    "compliance": Unit("rad/Nm", "µrad/Nm", 1e6),
+    "section": Unit("1/(N m^2)", "1/(MN m²)", 1e6),
+    "length rate": Unit("m/h", "mm/h", 1e3, 4),
+    "angle rate": Unit("rad/h", "mrad/h", 1e3, 4),
+    "ratio rate": Unit("1/h", "ppm/h", 1e6, 2),
 }
-EFFECT_SCALES: Final[Mapping[Kind, float]] = {  # large, so that a prior only keeps what is not geometry in bounds
+_EFFECT_UNITS: Final[Mapping[Kind, Unit]] = {**_UNITS, "angle": MRAD}  # in a joint or a link, where it is small
+_EFFECT_SCALES: Final[Mapping[Kind, float]] = {  # large, so that a prior only keeps what is not geometry in bounds
     "length": 1e-2,
     "angle": 1e-3,
     "ratio": 1e-3,
     "compliance": 1e-4,
     "section": 1e-4,
-    "mass": 10.0,
     "length rate": 1e-2,
     "angle rate": 1e-2,
     "ratio rate": 1e-3,
@@ -76,10 +76,10 @@ class Parameter:
         group: ``base``, ``tool`` or ``link`` (whatever the nominal model dimensions), else the name of the effect or
             of the kind of fixture (``anchor``, ``socket``, ``plane``) that adds it.
         kind: the quantity that it is.
-        unit: of that, SI.
-        scale: its typical size, one standard deviation in its unit: of a link the usual tolerance of manufacture, of
+        unit: in which people read it; values are in the SI unit of that.
+        scale: its typical size, one standard deviation (SI): of a link the usual tolerance of manufacture, of
             an effect how large such effects are; infinite where nothing is known beforehand.
-        nominal: its value in the nominal model, in its unit.
+        nominal: its value in the nominal model (SI).
         joint: the joint that it is of, from 0; None where it is of none.
         target: the target that it locates; empty where it locates none.
         wave: of an effect that is periodic in a joint's position, how often it comes back in a turn; 0 of others.
@@ -90,7 +90,7 @@ class Parameter:
     symbol: str
     group: str
     kind: Kind
-    unit: str
+    unit: Unit
     scale: float = np.inf
     nominal: float = 0.0
     joint: int | None = None
@@ -110,8 +110,13 @@ class Parameter:
 
     @property
     def is_angle(self) -> bool:
-        """True if the unit is rad."""
-        return self.unit == "rad"
+        """True if the SI unit is rad."""
+        return self.unit.si == "rad"
+
+    @property
+    def unit_of_change(self) -> Unit:
+        """Unit in which people read a change of it."""
+        return MRAD if self.is_angle else self.unit
 
 
 def names_of(parameters: Iterable[Parameter]) -> tuple[str, ...]:
@@ -138,13 +143,13 @@ def frame_rotations(parameters: Sequence[Parameter]) -> tuple[list[int], ...]:
 def link_parameter(owner: str, symbol: str, kind: Kind, nominal: float) -> Parameter:
     """A dimension of the nominal model."""
     scale = TOLERANCE_RAD if kind == "angle" else TOLERANCE_M
-    return Parameter(owner, symbol, "link", kind, UNITS[kind], scale, nominal)
+    return Parameter(owner, symbol, "link", kind, _UNITS[kind], scale, nominal)
 
 
 def tool_parameters(positions: Mapping[str, Array]) -> tuple[Parameter, ...]:
     """The coordinates of targets, whose nominal positions ``(3,)`` (m) are in the last frame."""
     return tuple(
-        Parameter(f"tool.{target}", axis, "tool", "length", "m", nominal=float(value), target=target)
+        Parameter(f"tool.{target}", axis, "tool", "length", MM, nominal=float(value), target=target)
         for target, position in positions.items()
         for axis, value in zip("xyz", position, strict=True)
     )
@@ -165,8 +170,8 @@ def placed_parameters(
         if rate:
             rates: Mapping[Kind, Kind] = {"length": "length rate", "angle": "angle rate", "ratio": "ratio rate"}
             kind = rates[kind]
-        scale = EFFECT_SCALES[kind] if scaled else np.inf
-        found.append(Parameter(owner, symbol, group, kind, UNITS[kind], scale))
+        scale = _EFFECT_SCALES[kind] if scaled else np.inf
+        found.append(Parameter(owner, symbol, group, kind, _UNITS[kind], scale))
     return tuple(found)
 
 
@@ -176,7 +181,7 @@ def joint_parameter(
     symbol: str,
     kind: Kind = "angle",
     *,
-    unit: str = "",
+    unit: Unit | None = None,
     scale: float | None = None,
     wave: int = 0,
     turning: int | None = None,
@@ -189,21 +194,31 @@ def joint_parameter(
         wave: how often it comes back in a turn of the joint; 0 where it is not periodic.
         turning: the joint, from 0, of whose turn that is; the joint itself where None.
     """
-    size = EFFECT_SCALES[kind] if scale is None else scale
+    size = _EFFECT_SCALES[kind] if scale is None else scale
     return Parameter(
-        f"joint{joint + 1}", symbol, group, kind, unit or UNITS[kind], size, joint=joint, wave=wave, turning=turning
+        f"joint{joint + 1}",
+        symbol,
+        group,
+        kind,
+        unit or _EFFECT_UNITS[kind],
+        size,
+        joint=joint,
+        wave=wave,
+        turning=turning,
     )
 
 
 def link_end_parameter(group: str, link: int, symbol: str, kind: Literal["length", "angle"], turning: int) -> Parameter:
     """A displacement of a link's far end that comes back once a turn of a joint; both count from 0 here."""
-    return Parameter(f"link{link + 1}", symbol, group, kind, UNITS[kind], EFFECT_SCALES[kind], wave=1, turning=turning)
+    return Parameter(
+        f"link{link + 1}", symbol, group, kind, _EFFECT_UNITS[kind], _EFFECT_SCALES[kind], wave=1, turning=turning
+    )
 
 
 def section_parameter(group: str, link: int, symbol: str) -> Parameter:
     """A compliance of a link's section, 1/EI, 1/GJ or 1/EA; the link counts from 0 here and from 1 in its name."""
-    unit = "1/N" if symbol == "ea" else UNITS["section"]
-    return Parameter(f"link{link + 1}", symbol, group, "section", unit, EFFECT_SCALES["section"])
+    unit = Unit("1/N", "1/MN", 1e6) if symbol == "ea" else _UNITS["section"]
+    return Parameter(f"link{link + 1}", symbol, group, "section", unit, _EFFECT_SCALES["section"])
 
 
 def is_reserved_owner(name: str) -> bool:

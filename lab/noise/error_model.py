@@ -12,6 +12,7 @@ import numpy as np
 
 from lab.core.measurements import Measurements, setups
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.noise.change_points import APART, session_of
 from lab.noise.error_term import ErrorSizes, ErrorTerm, Move
 from lab.noise.terms import TERMS
@@ -120,7 +121,7 @@ class ErrorModel:
     def common_m2(self) -> float:
         """Variance of a coordinate on another day: the independent errors beyond the instrument's, and every shift."""
         own = max(self.independent_m**2 - self.sigma_m**2, 0.0)
-        return float(own + sum(self.size(term.name) ** 2 for term in self.terms if term.unit == "m"))
+        return float(own + sum(self.size(term.name) ** 2 for term in self.terms if term.unit.si == "m"))
 
     @property
     def within_m2(self) -> tuple[float, ...]:
@@ -129,7 +130,7 @@ class ErrorModel:
 
     def joint_covariance(self, joints: int) -> Array:
         """Covariance ``(J, J)`` of so many joints' positions at one pose (rad, m)."""
-        own: Array = sum(self.size(term.name) ** 2 for term in TERMS if term.unit == "rad") * np.eye(joints)
+        own: Array = sum(self.size(term.name) ** 2 for term in TERMS if term.unit.si == "rad") * np.eye(joints)
         return own if self.counts_rad is None else own + self.counts_rad @ self.counts_rad.T
 
     def moved(self, name: str, step: float) -> "ErrorModel":
@@ -161,17 +162,17 @@ class ErrorModel:
     def to_dict(self) -> dict[str, Any]:
         """Return the model as ``result.json`` holds it, without what is of that campaign alone."""
         found: dict[str, Any] = {
-            "independent_mm": 1e3 * self.independent_m,
+            "independent_mm": MM.of(self.independent_m),
             "independent_share": self.independent_share,
         }
         for term in TERMS:
             if term.key:
-                found[term.key] = 1e3 * self.size(term.name)
+                found[term.key] = term.unit.of(self.size(term.name))
             if term.structure == "autoregressive":
                 found["wandering_correlation"] = self.carry
         if further := {term.name: self.size(term.name) for term in self.terms if not term.key}:
             found["further"] = further
-        moves = [{"before": each.before, "after": each.after, "size_mm": 1e3 * each.size_m} for each in self.moves]
+        moves = [{"before": each.before, "after": each.after, "size_mm": MM.of(each.size_m)} for each in self.moves]
         counts = None if self.counts_rad is None else self.counts_rad.tolist()
         return {**found, "moves": moves, "encoder_counts_rad": counts}
 

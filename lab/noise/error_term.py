@@ -17,6 +17,7 @@ import numpy as np
 
 from lab.core.probability import chi2_sf
 from lab.core.se3 import Array
+from lab.core.units import MM, Unit
 from lab.noise.change_points import ChangePoint
 
 __all__ = ["Components", "ErrorShapes", "ErrorSizes", "ErrorTerm", "Move"]
@@ -106,8 +107,8 @@ class ErrorTerm(ABC):
         name: of its variance, in ``Components`` and in the errors of these.
         kind: as the search for it is reported.
         structure: how its coefficients depend on the pose.
-        unit: the SI unit of its standard deviation.
-        key: in ``result.json``, in thousandths of the unit; "" for one under ``further``, by its name.
+        unit: in which people read its standard deviation.
+        key: in ``result.json``, in that unit; "" for one under ``further``, by its name.
         family: of terms that look alike in a campaign: families are searched one without the other; "" for none.
         scanned: whether it is found by a scan over the rows for change points.
     """
@@ -115,7 +116,7 @@ class ErrorTerm(ABC):
     name: ClassVar[str]
     kind: ClassVar[str]
     structure: ClassVar[Literal["pose", "autoregressive", "lasting"]]
-    unit: ClassVar[Literal["rad", "m"]] = "m"
+    unit: ClassVar[Unit] = MM
     key: ClassVar[str] = ""
     family: ClassVar[Literal["", "moving", "wandering"]] = ""
     scanned: ClassVar[bool] = False

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from lab.core.errors import LabError
 from lab.core.probability import Uncertain
 from lab.core.se3 import Array, exp
+from lab.core.units import KELVIN, MICRONS, MICRORADIANS, PPM, Unit
 
 __all__ = [
     "AIR_INDEX_PER_K",
@@ -61,21 +62,20 @@ class SystematicError:
 
     Attributes:
         name: of the attribute of ``TrackerErrors``.
-        unit: in which a person states it; ``factor`` of these is one SI unit.
+        unit: in which people state it.
         words: what it is.
         components: how many independent quantities have this uncertainty.
     """
 
     name: str
-    unit: str
-    factor: float
+    unit: Unit
     words: str
     components: int = 1
 
     @property
     def key(self) -> str:
         """Key in a file: the name with the unit."""
-        return f"{self.name}_{self.unit.replace('µ', 'u').replace('/', '_per_').lower()}"
+        return f"{self.name}_{self.unit.key}"
 
 
 @dataclass(frozen=True)
@@ -201,22 +201,23 @@ class TrackerErrors:
         return moved
 
 
+_PER_METRE = Unit("K/m", "K/m", 1.0)
 SYSTEMATIC_ERRORS = (
-    SystematicError("transit_offset", "µm", 1e6, "transit axis beside the standing axis"),
-    SystematicError("transit_tilt", "µrad", 1e6, "transit axis not square to the standing axis"),
-    SystematicError("collimation", "µrad", 1e6, "beam not square to the transit axis"),
-    SystematicError("beam_offset", "µm", 1e6, "beam beside the standing axis"),
-    SystematicError("elevation_index", "µrad", 1e6, "zero of the elevation"),
-    SystematicError("azimuth_eccentricity", "µrad", 1e6, "eccentricity of the azimuth circle", 2),
-    SystematicError("elevation_eccentricity", "µrad", 1e6, "eccentricity of the elevation circle", 2),
-    SystematicError("range_offset", "µm", 1e6, "zero of the range"),
-    SystematicError("range_scale", "ppm", 1e6, "scale of the range"),
-    SystematicError("air_temperature", "K", 1.0, "temperature of the air along the beam"),
-    SystematicError("temperature_gradient", "K/m", 1.0, "vertical temperature gradient of the air: the beam bends"),
-    SystematicError("centring_depth", "µm", 1e6, "centring of the reflector along the beam"),
-    SystematicError("centring_lateral", "µm", 1e6, "centring of the reflector across the beam"),
-    SystematicError("nest", "µm", 1e6, "repeatability of the reflector's nest"),
-    SystematicError("lock_on", "µm", 1e6, "zero of the range, found anew in each pose"),
+    SystematicError("transit_offset", MICRONS, "transit axis beside the standing axis"),
+    SystematicError("transit_tilt", MICRORADIANS, "transit axis not square to the standing axis"),
+    SystematicError("collimation", MICRORADIANS, "beam not square to the transit axis"),
+    SystematicError("beam_offset", MICRONS, "beam beside the standing axis"),
+    SystematicError("elevation_index", MICRORADIANS, "zero of the elevation"),
+    SystematicError("azimuth_eccentricity", MICRORADIANS, "eccentricity of the azimuth circle", 2),
+    SystematicError("elevation_eccentricity", MICRORADIANS, "eccentricity of the elevation circle", 2),
+    SystematicError("range_offset", MICRONS, "zero of the range"),
+    SystematicError("range_scale", PPM, "scale of the range"),
+    SystematicError("air_temperature", KELVIN, "temperature of the air along the beam"),
+    SystematicError("temperature_gradient", _PER_METRE, "vertical temperature gradient of the air: the beam bends"),
+    SystematicError("centring_depth", MICRONS, "centring of the reflector along the beam"),
+    SystematicError("centring_lateral", MICRONS, "centring of the reflector across the beam"),
+    SystematicError("nest", MICRONS, "repeatability of the reflector's nest"),
+    SystematicError("lock_on", MICRONS, "zero of the range, found anew in each pose"),
 )
 PLACEMENT = tuple(term for term in SYSTEMATIC_ERRORS if term.name in ("centring_lateral", "nest", "lock_on"))
 """Terms that are another error in each pose."""

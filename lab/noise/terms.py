@@ -11,6 +11,7 @@ import numpy as np
 
 from lab.core.probability import chi2_sf
 from lab.core.se3 import Array
+from lab.core.units import MICRONS, MRAD, Unit
 from lab.noise.change_points import ANOTHER_DAY, before_and_after
 from lab.noise.correlation import Correlation
 from lab.noise.error_term import Components, ErrorShapes, ErrorSizes, ErrorTerm, Move
@@ -27,7 +28,7 @@ class JointScatter(ErrorTerm):
     name: ClassVar[str] = "scatter"
     kind: ClassVar[str] = "scatter"
     structure: ClassVar[Literal["pose", "autoregressive", "lasting"]] = "pose"
-    unit: ClassVar[Literal["rad", "m"]] = "rad"
+    unit: ClassVar[Unit] = MRAD
     key: ClassVar[str] = "joint_scatter_mrad"
 
     def shape(self, of: ErrorShapes) -> Array:
@@ -36,7 +37,7 @@ class JointScatter(ErrorTerm):
 
     def words(self, size: float, of: ErrorSizes) -> tuple[str, ...]:
         """Describe the scatter."""
-        return (f"joints scatter by {1e3 * size:.2g} mrad from pose to pose",)
+        return (f"joints scatter by {MRAD.text(size, 2)} from pose to pose",)
 
     def variance_within(self, size: float, moves: Sequence[Move]) -> float:
         """Return none of the base's."""
@@ -58,7 +59,7 @@ class Wandering(ErrorTerm):
 
     def words(self, size: float, of: ErrorSizes) -> tuple[str, ...]:
         """Describe the shift and its correlation."""
-        said = f"{1e6 * size:.2g} µm (1σ per axis)"
+        said = f"{MICRONS.text(size, 2)} (1σ per axis)"
         if of.carry > HARDLY_CORRELATED:
             return (f"errors are correlated in time: {said}, {of.carry:.2g} from one pose to the next",)
         return (f"errors that each pose has of its own: {said}, hardly correlated in time",)

@@ -16,6 +16,7 @@ import numpy as np
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
+from lab.core.units import MM, MRAD
 from lab.kinematics.parameter import Parameter
 
 __all__ = [
@@ -74,8 +75,8 @@ class Scaling:
         return {
             "raw": "millimetres and radians",
             "unit": "columns of unit root mean square over the candidates",
-            "length": f"millimetres, angles times {1e3 * self.length_m:g} mm",
-            "whitened": f"tolerances of {1e3 * self.tolerance_m:g} mm and {1e3 * self.tolerance_rad:g} mrad, noise σ",
+            "length": f"millimetres, angles times {MM.text(self.length_m, 6)}",
+            "whitened": f"tolerances of {MM.text(self.tolerance_m, 6)} and {MRAD.text(self.tolerance_rad, 6)}, noise σ",
         }[self.kind]
 
 
@@ -296,7 +297,7 @@ def smallest_count(coverage_radius: Callable[[int], float], wanted: float, least
     while (error := coverage_radius(high)) > wanted:
         if high == most:
             raise LabError(
-                f"{1e3 * wanted:g} mm is out of reach: {most} poses predict {1e3 * error:.3g} mm; "
+                f"{MM.text(wanted, 6)} is out of reach: {most} poses predict {MM.text(error)}; "
                 "allow more candidates, add targets, average readings, or take a better instrument"
             )
         low, high = high + 1, min(2 * high, most)

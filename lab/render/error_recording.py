@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from lab.core import se3
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.kinematics.model import RigidArm
 from lab.render.document import Bullets, Document, Section, Strong, Text, format_magnification
 from lab.render.markdown import to_markdown
@@ -192,7 +193,7 @@ def _draw_numbers(recording: rr.RecordingStream, scene: ErrorScene) -> None:
     kinds = [(each.name, _mean_lengths(each.vectors), each.colour) for each in scene.errors]
     for name, lengths, colour in (*kinds, ("expected", scene.expected, RGB_UNCERTAINTY)):
         used = np.flatnonzero(np.isfinite(lengths))
-        logarithms = np.log10(np.maximum(1e3 * lengths[used], _LEAST_MM))
+        logarithms = np.log10(np.maximum(MM.of(lengths[used]), _LEAST_MM))
         entity = f"{_LOG_ERRORS}/{name}"
         recording.send_columns(entity, pose_times(scene.numbers[used]), rr.Scalars.columns(scalars=logarithms))
         recording.log(entity, rr.SeriesLines(colors=colour, names=name, widths=2), static=True)

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.render.charts.chart import axes_picture, cube, log_ticks, shades, view
 from lab.render.charts.marks import Axes
 from lab.render.document import Picture, capital, short
@@ -84,8 +85,8 @@ def histograms(name: str, spreads: Sequence[Spread], axis: str, gate_mm: float |
         axis: what the lengths are.
         gate_mm: the largest error that was asked for, drawn as a line; None where none was.
     """
-    sizes = [np.maximum(1e3 * spread.lengths[np.isfinite(spread.lengths)], _LEAST_MM) for spread in spreads]
-    marks = [max(1e3 * spread.mark[1], _LEAST_MM) for spread in spreads]
+    sizes = [np.maximum(MM.of(spread.lengths[np.isfinite(spread.lengths)]), _LEAST_MM) for spread in spreads]
+    marks = [max(MM.of(spread.mark[1]), _LEAST_MM) for spread in spreads]
     everything = np.concatenate([*sizes, marks, [] if gate_mm is None else [gate_mm]])
     low, high = float(everything.min()), float(everything.max())
     fewest = min(len(each) for each in sizes if len(each))
@@ -133,8 +134,8 @@ def size_maps(shown: SizeMap) -> tuple[Picture, ...]:
     pictures = [
         axes_picture(
             f"{shown.name}-{which}",
-            f"{shown.size_means}, seen {_SEEN_FROM[which]}: {short(float(1e3 * np.median(shown.sizes)))} mm in the "
-            f"median, {short(float(1e3 * shown.sizes.max()))} mm at most",
+            f"{shown.size_means}, seen {_SEEN_FROM[which]}: {short(float(MM.of(np.median(shown.sizes))))} mm in the "
+            f"median, {short(float(MM.of(shown.sizes.max())))} mm at most",
             SQUARE,
             lambda axes, plane=plane: _size_map(axes, shown, plane),  # type: ignore[misc]
             (0.85, 0.5, 0.15, 0.3),  # places may have four digits and a sign
@@ -147,8 +148,8 @@ def size_maps(shown: SizeMap) -> tuple[Picture, ...]:
 def _ends(shown: SizeMap) -> tuple[float, float]:
     """The lengths that the colours cover, mm: a few are larger."""
     if shown.range_m is not None:
-        return 1e3 * shown.range_m[0], 1e3 * shown.range_m[1]
-    return 0.0, float(np.percentile(1e3 * shown.sizes, 99)) or 1.0
+        return MM.of(shown.range_m[0]), MM.of(shown.range_m[1])
+    return 0.0, float(np.percentile(MM.of(shown.sizes), 99)) or 1.0
 
 
 def _colours(shown: SizeMap, sizes_mm: Array) -> Array:
@@ -160,9 +161,9 @@ def _colours(shown: SizeMap, sizes_mm: Array) -> Array:
 
 
 def _size_map(axes: Axes, shown: SizeMap, plane: tuple[int, int]) -> None:
-    middle, half = cube([1e3 * shown.points, 1e3 * shown.crosses])
-    points, crosses = 1e3 * shown.points[:, plane], 1e3 * shown.crosses[:, plane]
-    tints = _colours(shown, 1e3 * shown.sizes)
+    middle, half = cube([MM.of(shown.points), MM.of(shown.crosses)])
+    points, crosses = MM.of(shown.points[:, plane]), MM.of(shown.crosses[:, plane])
+    tints = _colours(shown, MM.of(shown.sizes))
     axes.scatter(points[:, 0], points[:, 1], c=tints, s=14, edgecolors=MARK_EDGE, linewidths=0.25, rasterized=True)
     if len(crosses):
         thin = 1 if len(crosses) < _MANY else 2 if len(crosses) < _HUNDREDS else 4
@@ -185,7 +186,7 @@ def _scale(shown: SizeMap) -> Picture:
         if shown.range_m is not None:
             log_ticks(axes, "x", *ends)
         axes.set(xlim=ends, ylim=(0, 1), yticks=[])
-        alone = f"{shown.size_means}, mm (largest {short(float(1e3 * shown.sizes.max()))})"
+        alone = f"{shown.size_means}, mm (largest {short(float(MM.of(shown.sizes.max())))})"
         axes.set(xlabel=alone if shown.range_m is None else "mm (logarithmic)")
         axes.grid(visible=False)
 

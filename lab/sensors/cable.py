@@ -23,6 +23,7 @@ from lab.calibration.sensor import SensorWords
 from lab.core.errors import LabError
 from lab.core.measurements import FIXTURE, Measurements, rows_called
 from lab.core.se3 import Array, inverse, transform
+from lab.core.units import MM
 from lab.formats.measurement_csv import ObservedColumns
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter, placed_parameters
@@ -124,7 +125,7 @@ class CableSensor(FixtureSensor):
         """
         if "cable_mm" not in data.conditions:
             raise LabError("column cable_mm is missing: --observe cable needs the wire's length")
-        lengths = data.conditions["cable_mm"] / 1e3
+        lengths = MM.to_si(data.conditions["cable_mm"])
         if (bad := np.flatnonzero(lengths <= 0)).size:
             where = f"{data.where(bad[0])}, column cable_mm"
             raise LabError(f"{where}: a wire's length is above zero; mend it, or leave the cell empty")
@@ -156,7 +157,7 @@ class CableSensor(FixtureSensor):
         offset_m = _OFFSET_M * float(placing.standard_normal())
         number = np.arange(len(joints)) * setup.fixtures // len(joints)
         lengths = np.linalg.norm(points - anchors[number], axis=1) + offset_m + chance.noise[:, 0]
-        data = fixture_measurements(real, joints, {**set_there, "cable_mm": 1e3 * lengths})
+        data = fixture_measurements(real, joints, {**set_there, "cable_mm": MM.of(lengths)})
         data = replace(data, sessions=tuple(str(1 + i) for i in number.tolist()))
         placed = {f"anchor.{1 + i}": anchor for i, anchor in enumerate(anchors)}
         return SimulatedReadings(data, chance.bad, {**placed, "cable": np.array([offset_m])})
@@ -179,7 +180,7 @@ def _contradictions(arm: Model, data: Measurements, nominal: Array) -> list[str]
         return []
     found = _disagreement(arm, data, nominal)
     return [
-        f"row {data.ids[row]}: its point is {1e3 * size:.3g} mm from where its joints put it: check the row "
+        f"row {data.ids[row]}: its point is {MM.text(size)} from where its joints put it: check the row "
         "(the wire's length alone is fitted)"
         for row, size in zip(found.rows.tolist(), found.sizes_m.tolist(), strict=True)
     ]

@@ -12,6 +12,7 @@ from lab.core.errors import LabError
 from lab.core.limits import positive
 from lab.core.measurements import FIXTURE, Measurements
 from lab.core.se3 import Array, inverse
+from lab.core.units import MM
 from lab.formats.measurement_csv import ObservedColumns
 from lab.kinematics.model import Model
 from lab.noise.instruments import Instrument
@@ -123,7 +124,7 @@ class SocketSensor(FixtureSensor):
         if options.socket_distance_mm is None:
             return cls()
         positive("--socket-distance-mm", options.socket_distance_mm)
-        return cls(options.socket_distance_mm / 1e3)
+        return cls(MM.to_si(options.socket_distance_mm))
 
     def rows(self, data: Measurements) -> NDArray[np.bool_]:
         """``(n,)``: those that name a location and a socket."""

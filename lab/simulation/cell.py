@@ -19,6 +19,7 @@ from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.formats.cell_toml import Cell, Obstacle
 from lab.formats.link_tree import free_name
 from lab.simulation.collisions import at_contacts, collisions_in_words, standing
@@ -126,7 +127,7 @@ class _Shapes:
         """Give a body a solid shape at this pose ``(4, 4)`` (m) in it, with this clearance; return its name."""
         kind, size = mujoco.mjtGeom.mjGEOM_BOX, [each / 2e3 for each in shape.size_mm]
         if shape.shape == "cylinder":
-            kind, size = mujoco.mjtGeom.mjGEOM_CYLINDER, [shape.radius_mm / 1e3, shape.height_mm / 2e3, 0.0]
+            kind, size = mujoco.mjtGeom.mjGEOM_CYLINDER, [MM.to_si(shape.radius_mm), shape.height_mm / 2e3, 0.0]
         mesh = {}
         if shape.shape == "mesh":
             kind, size = mujoco.mjtGeom.mjGEOM_MESH, [0.0, 0.0, 0.0]
@@ -239,7 +240,7 @@ def extents_mm(robot: RobotModel, shape: Obstacle, name: str) -> Array:
     turned = np.empty(9)
     mujoco.mju_quat2Mat(turned, model.mesh_quat[mesh])  # MuJoCo turns a mesh onto its principal axes
     points = model.mesh_vert[first : first + count] @ turned.reshape(3, 3).T
-    return np.asarray(1e3 * np.ptp(points, axis=0))
+    return np.asarray(MM.of(np.ptp(points, axis=0)))
 
 
 def in_words(extents: Sequence[float] | Array) -> str:
@@ -269,15 +270,15 @@ def _of_sizes(robot: RobotModel, cell: Cell) -> Iterator[str]:
 
 def _of_tools(cell: Cell, reach: float) -> Iterator[str]:
     """Points and plates on the flange that are no tool's."""
-    lengths = {f"tool point '{point.name}'": 1e3 * float(np.linalg.norm(point.position)) for point in cell.tool}
+    lengths = {f"tool point '{point.name}'": MM.of(float(np.linalg.norm(point.position))) for point in cell.tool}
     for what, length in lengths.items():
         if 0 < length < _TOOL_MM:
             yield f"{cell.path}: {what} is {length:.2g} mm from the flange; give position_mm in mm, not in metres"
     for plate in cell.plate:
         lengths[f"plate '{plate.name}'"] = max([*plate.size_mm, plate.radius_mm, plate.height_mm])
     for what, length in lengths.items():
-        doubted, refused = (share * 1e3 * reach for share in _WIDE_TOOL)
-        words = f"{cell.path}: {what}: {length:.4g} mm on a robot that reaches {1e3 * reach:.4g} mm"
+        doubted, refused = (MM.of(share * reach) for share in _WIDE_TOOL)
+        words = f"{cell.path}: {what}: {length:.4g} mm on a robot that reaches {MM.text(reach, 4)}"
         if length > refused:
             raise LabError(f"{words}; give lengths in mm")
         if length > doubted:
@@ -301,7 +302,7 @@ def _of_base(robot: RobotModel, cell: Cell) -> Iterator[str]:
     for name in robot.obstacles:
         depth = _depth(robot.model, data, robot.model.geom(name).id, robot.T_world_frame0[:3, 3])
         if depth > _SWALLOWED_M:
-            yield f"{cell.path}: the robot's base is {1e3 * depth:.0f} mm deep in '{name}'; move one of them"
+            yield f"{cell.path}: the robot's base is {MM.of(depth):.0f} mm deep in '{name}'; move one of them"
 
 
 def _of_contacts(robot: RobotModel, cell: Cell, joints: Array) -> Iterator[str]:
@@ -314,7 +315,7 @@ def _of_contacts(robot: RobotModel, cell: Cell, joints: Array) -> Iterator[str]:
             if (name := robot.model.geom(int(geom)).name) in counts:
                 counts[name] += 1
     for name, count in counts.items():
-        clearance_mm = 1e3 * (robot.obstacles[name] or 0.0)
+        clearance_mm = MM.of(robot.obstacles[name] or 0.0)
         kept = f", or nearer than its clearance of {clearance_mm:g} mm," if clearance_mm else ""
         words = f"{cell.path}: the arm is in '{name}'{kept} in {count} of {len(joints)} random poses"
         mend = "mend its size, its position, or that of [robot]"
@@ -346,11 +347,11 @@ def _of_instrument(robot: RobotModel, cell: Cell, reach: float) -> Iterator[str]
                 raise LabError(f"{who} stands inside {inside}; {mend}")
         away = float(np.linalg.norm(head - base))
         if away < _AT_BASE_M:
-            raise LabError(f"{who} is {1e3 * away:.3g} mm from the robot's base; {mend}")
+            raise LabError(f"{who} is {MM.text(away)} from the robot's base; {mend}")
         if away < _NEAR_BASE_M:
-            yield f"{who} is {1e3 * away:.3g} mm from the robot's base; {mend}"
+            yield f"{who} is {MM.text(away)} from the robot's base; {mend}"
         elif away < _NEAR_REACH * reach:
-            yield f"{who} is {1e3 * away:.0f} mm from the robot's base, in the arm's way; {mend}"
+            yield f"{who} is {MM.of(away):.0f} mm from the robot's base, in the arm's way; {mend}"
         elif away > _FAR_HEAD_M:
             yield f"{who} is {away:.3g} m from the robot's base; give position_mm in mm"
 
@@ -364,8 +365,8 @@ def _of_reach(robot: RobotModel, cell: Cell, reach: float) -> Iterator[str]:
     gaps = np.linalg.norm(data.geom_xpos[ids] - base, axis=1) - robot.model.geom_rbound[ids]
     if gaps.min() > 2 * reach:
         yield (
-            f"{cell.path}: every obstacle is farther away than twice the robot's reach of {1e3 * reach:.0f} mm, the "
-            f"nearest by {1e3 * gaps.min():.0f} mm; give positions in mm, in the frame in which [robot] stands"
+            f"{cell.path}: every obstacle is farther away than twice the robot's reach of {MM.of(reach):.0f} mm, the "
+            f"nearest by {MM.of(gaps.min()):.0f} mm; give positions in mm, in the frame in which [robot] stands"
         )
 
 

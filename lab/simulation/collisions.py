@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.simulation.model import RobotModel
 
 __all__ = [
@@ -104,7 +105,7 @@ def _deepest(data: mujoco.MjData, robot: RobotModel) -> str:
         return ""
     deepest = int(np.argmin(data.contact.dist))
     first, second = _pair(robot.model, data.contact.geom[deepest])
-    distance_mm = 1e3 * float(data.contact.dist[deepest])
+    distance_mm = MM.of(float(data.contact.dist[deepest]))
     size = f"{abs(distance_mm):.{0 if abs(distance_mm) > 10 else 1}f} mm"
     if distance_mm <= 0:
         return f"{first} is {size} deep in {second}"
@@ -136,7 +137,7 @@ def keeps_clearances(model: mujoco.MjModel) -> bool:
 
 
 def _margin_mm(data: mujoco.MjData, contact: int) -> float:
-    return 1e3 * float(data.contact.includemargin[contact])
+    return MM.of(float(data.contact.includemargin[contact]))
 
 
 def _pair(model: mujoco.MjModel, geoms: NDArray[np.int_]) -> tuple[str, str]:

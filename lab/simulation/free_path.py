@@ -18,6 +18,7 @@ import mujoco
 import numpy as np
 
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.formats.link_tree import free_name
 from lab.noise.instruments import Instrument
 from lab.simulation.candidate_poses import view_of
@@ -155,8 +156,8 @@ class Clearances:
         own_m: between links of the arm that are not neighbours, at most what the arm keeps at its nominal poses.
     """
 
-    surroundings_m: float = CLEARANCE_MM / 1e3
-    own_m: float = CLEARANCE_MM / 1e3
+    surroundings_m: float = MM.to_si(CLEARANCE_MM)
+    own_m: float = MM.to_si(CLEARANCE_MM)
 
 
 def reflector_radii(robot: RobotModel, targets: Sequence[str], instrument: Instrument) -> Array:

@@ -25,6 +25,7 @@ from lab.core.errors import LabError
 from lab.core.linear_model import whitening
 from lab.core.random import Purpose, rng_for, seed_of
 from lab.core.se3 import Array
+from lab.core.units import MM, MRAD
 from lab.core.version import __version__
 from lab.kinematics.gauge import base_set
 from lab.kinematics.parameter import names_of
@@ -278,7 +279,7 @@ def _judged(
     device = fitted.device
     sigma = 1.0 if campaigns.whiten is not None else device.isotropic_sigma()
     weight = 1 / sigma**2 if sigma else np.nan
-    lengths, angles = 1e3 * off[:, ~angular], off[:, angular]
+    lengths, angles = MM.of(off[:, ~angular]), off[:, angular]
     return {
         "converged": found.converged,
         "steps": found.steps.astype(np.int32),
@@ -286,7 +287,7 @@ def _judged(
         "fresh_p95_mm": np.quantile(errors, 0.95, axis=1),
         "fresh_worst_mm": errors.max(axis=1),
         "length_rms_mm": _rms(lengths),
-        "angle_rms_mrad": 1e3 * _rms(angles),
+        "angle_rms_mrad": MRAD.of(_rms(angles)),
         "mixed_rms": _rms(np.concatenate([lengths, angles], axis=1)),
         "nees": weight * np.einsum("bf,bfg,bg->b", off, found.information, off) / len(free),
     }
@@ -308,7 +309,7 @@ def _errors(fitted: _Fitted, fresh: Array, values: Array, exact: Array) -> Array
     for at in range(0, len(values), _JUDGED_TOGETHER):
         part = slice(at, at + _JUDGED_TOGETHER)
         off = fitted.stacked.points(fresh, values[part]) - exact[part]
-        parts.append(1e3 * np.sqrt((off**2).sum(axis=2)).reshape(len(off), -1))
+        parts.append(MM.of(np.sqrt((off**2).sum(axis=2)).reshape(len(off), -1)))
     errors = np.concatenate(parts)
     return errors[:, np.isfinite(errors).all(axis=0)]  # where a fit's loops do not close it says nothing
 

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 from lab.certification.budget import Budget, InputQuantity, Measurand, budget_of, propagated
 from lab.core.probability import Uncertain
 from lab.core.se3 import Array
+from lab.core.units import MICRONS, MRAD, PPM
 
 POSITIONS = np.random.default_rng(0).normal(size=(40, 3))
 EACH = np.broadcast_to(np.eye(3), (40, 3, 3))
@@ -15,7 +16,7 @@ X = EACH[..., :1]
 
 
 def quantity(uncertainty: Uncertain, columns: Array, *, anew: bool = False) -> InputQuantity:
-    return InputQuantity("instrument", "thing", "test", "µm", 1e6, uncertainty, columns, anew)
+    return InputQuantity("instrument", "thing", "test", MICRONS, uncertainty, columns, anew)
 
 
 def budget(measurand: Measurand, *quantities: InputQuantity) -> Budget:
@@ -82,7 +83,7 @@ def test_distances_feel_neither_shifts_nor_turns_but_growth_and_what_is_anew() -
 def test_what_is_not_linear_in_the_parameters_is_in_what_is_stated(bend_per_m: float) -> None:
     """A parameter x moves positions by x along one axis and by b x^2 along another: the 95 % of |x| says both."""
     sigma = 2e-6
-    one = InputQuantity("parameters", "x", "test", "µm", 1e6, Uncertain(sigma), X, shifts=np.ones((1, 1)))
+    one = InputQuantity("parameters", "x", "test", MICRONS, Uncertain(sigma), X, shifts=np.ones((1, 1)))
 
     def moved(shift: Array) -> Array:
         return POSITIONS + np.array([shift[0], bend_per_m * shift[0] ** 2, 0.0])
@@ -98,9 +99,7 @@ def test_what_is_not_linear_in_the_parameters_is_in_what_is_stated(bend_per_m: f
 
 def test_distances_through_kinematics_are_those_of_moved_positions() -> None:
     """Positions that grow by x: distances do likewise, and a turn by much leaves them as they are."""
-    grows = InputQuantity(
-        "parameters", "x", "test", "", 1.0, Uncertain(1e-5), POSITIONS[..., None], shifts=np.ones((1, 1))
-    )
+    grows = InputQuantity("parameters", "x", "test", PPM, Uncertain(1e-5), POSITIONS[..., None], shifts=np.ones((1, 1)))
     found = budget_of("distance", [grows], POSITIONS, lambda s: POSITIONS * (1 + s[0]), np.random.default_rng(1))
     assert found.kinematics.full_m == pytest.approx(found.kinematics.linear_m, rel=1e-9) and found.is_linear
     turned = np.cross([0.0, 0.0, 1.0], POSITIONS)
@@ -108,9 +107,7 @@ def test_distances_through_kinematics_are_those_of_moved_positions() -> None:
     def rotated(shift: Array) -> Array:
         return POSITIONS @ Rotation.from_rotvec([0, 0, float(shift[0])]).as_matrix().T
 
-    turn = InputQuantity(
-        "parameters", "x", "test", "rad", 1.0, Uncertain(0.3), turned[..., None], shifts=np.ones((1, 1))
-    )
+    turn = InputQuantity("parameters", "x", "test", MRAD, Uncertain(0.3), turned[..., None], shifts=np.ones((1, 1)))
     noise = quantity(Uncertain(1e-3), EACH, anew=True)
     found = budget_of("distance", [turn, noise], POSITIONS, rotated, np.random.default_rng(1))
     assert found.kinematics.full_m == pytest.approx(1.96 * np.sqrt(2) * 1e-3, rel=0.1)

@@ -7,6 +7,7 @@ from helpers.robots import IRB120, VERSATRAN
 from lab.calibration.initial_guess import columns_of
 from lab.calibration.prior import Tolerance, standard_deviations
 from lab.campaign.robot import load_robot, load_virtual
+from lab.core.units import DEGREES, MM, MRAD
 from lab.kinematics.effects.effect import SessionInfo
 from lab.kinematics.effects.registry import GROUPS, effect
 from lab.kinematics.parameter import (
@@ -15,6 +16,7 @@ from lab.kinematics.parameter import (
     indices_of_groups,
     is_reserved_owner,
     names_of,
+    section_parameter,
     targets_of,
 )
 from lab.sensors.cable import Cable
@@ -39,7 +41,7 @@ def test_a_models_names_and_nominal_values_are_its_parameters(name: str) -> None
     assert {each.group for each in arm.parameters} == {"base", "link", "tool"}
     for each in arm.parameters:
         assert each.is_angle == (each.symbol in ("rx", "ry", "rz", "theta", "alpha", "beta"))
-        assert each.unit == ("rad" if each.is_angle else "m")
+        assert each.unit.si == ("rad" if each.is_angle else "m")
         assert np.isfinite(each.scale) == each.is_link
 
 
@@ -54,7 +56,7 @@ def test_an_effects_parameters_are_of_its_group(name: str) -> None:
 
 def test_units_of_effects() -> None:
     made = [effect(name, IRB120.chain, IRB120.loads, SESSIONS) for name in GROUPS if name != "compliance"]
-    units = {each.name: each.unit for effect_ in made for each in effect_.parameters}
+    units = {each.name: each.unit.si for effect_ in made for each in effect_.parameters}
     expected = {
         "joint2.compliance": "rad/Nm",
         "payload.mass": "kg",
@@ -77,15 +79,35 @@ def test_units_of_effects() -> None:
     assert {name: units[name] for name in expected} == expected
 
 
+def test_effects_of_joints_are_read_in_milliradians_and_frames_in_degrees() -> None:
+    found = by_name(IRB120.arm_with(("p1",), ("compliance", "harmonics")).parameters)
+    assert {name: found[name].unit for name in ("base.x", "base.rx", "link2.alpha", "joint1.sin1")} == {
+        "base.x": MM,
+        "base.rx": DEGREES,
+        "link2.alpha": DEGREES,
+        "joint1.sin1": MRAD,
+    }
+    assert found["joint2.compliance"].unit.name == "µrad/Nm"
+    assert (found["link2.alpha"].unit_of_change, found["base.x"].unit_of_change) == (MRAD, MM)
+
+
+def test_a_links_sections_have_the_units_of_their_compliances() -> None:
+    assert {each: section_parameter("g", 1, each).unit.name for each in ("ei_y", "gj", "ea")} == {
+        "ei_y": "1/(MN m²)",
+        "gj": "1/(MN m²)",
+        "ea": "1/MN",
+    }
+
+
 def test_a_slide_has_its_own_units() -> None:
     slides = [i for i, slides in enumerate(VERSATRAN.prismatic) if slides]
     made = by_name(effect("backlash", VERSATRAN, None).parameters)
     assert slides == [1, 2]
-    assert [made[f"joint{i + 1}.backlash"].unit for i in range(3)] == ["rad", "m", "m"]
+    assert [made[f"joint{i + 1}.backlash"].unit.si for i in range(3)] == ["rad", "m", "m"]
     robot = load_virtual("scara")
     vertical = robot.chain.prismatic.index(True)
     found = [each for each in effect("compliance", robot.chain, robot.loads).parameters if each.joint == vertical]
-    assert [each.unit for each in found] == ["m/N"]
+    assert [each.unit.si for each in found] == ["m/N"]
 
 
 def test_places_are_known_by_nothing_and_an_offset_by_its_size() -> None:
@@ -99,7 +121,7 @@ def test_places_are_known_by_nothing_and_an_offset_by_its_size() -> None:
         assert [each.scale for each in added if each.group == "cable"] == [1e-2] * len(kind.offset)
     plane = Planes(arm, arm.nominal(), (0,), ("",))
     assert names_of(plane.parameters[-3:]) == ("plane.rx", "plane.ry", "plane.z")
-    assert [each.unit for each in plane.parameters[-3:]] == ["rad", "rad", "m"]
+    assert [each.unit.si for each in plane.parameters[-3:]] == ["rad", "rad", "m"]
 
 
 def test_the_orientation_of_a_target_is_of_the_tool_and_of_no_target() -> None:

@@ -20,9 +20,9 @@ from lab.commands.result import Result
 from lab.commands.trend.options import TrendOptions
 from lab.commands.trend.run import trend
 from lab.core.measurements import Measurements
+from lab.core.units import MM
 from lab.noise.error_model import ErrorModel
 from lab.render.phrases.registry import PHRASES
-from lab.render.phrases.verdict import mm
 
 SENTENCES = {"words", "reason", "reasons", "warnings", "adequacy", "why_not", "rule_words", "source", "seconds", "run"}
 
@@ -113,7 +113,7 @@ def silent(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
 
 
 def test_lengths_have_three_digits() -> None:
-    assert (mm(2.5), mm(0.0012345), mm(0.9996)) == ("2,500 mm", "1.23 mm", "1,000 mm")
+    assert (MM.text(2.5), MM.text(0.0012345), MM.text(0.9996)) == ("2,500 mm", "1.23 mm", "1,000 mm")
 
 
 def test_no_decision_of_a_fit_depends_on_a_phrase(silent: Callable[[], None]) -> None:

@@ -27,6 +27,7 @@ from lab.core.checks import Check
 from lab.core.measurements import Measurements, evenly, seen_mask
 from lab.core.se3 import Array
 from lab.core.significance import MODEL_GROUPS
+from lab.core.units import MM
 from lab.kinematics.dynamics.gravity import link_ends
 from lab.kinematics.effects.effect import NO_SESSIONS, SessionInfo, approach_of
 from lab.kinematics.effects.sessions import at_first_station
@@ -103,7 +104,7 @@ def changes(
     both = known | {f"tool.another.{axis}": value for axis, value in second.items()}
     found = [
         SetupSuggestion(
-            f"the target {1e3 * _OFFSET_M:g} mm elsewhere on what carries it", condition_of(arm, away, inputs)
+            f"the target {MM.text(_OFFSET_M, 6)} elsewhere on what carries it", condition_of(arm, away, inputs)
         ),
         SetupSuggestion("a second target", condition_of(more, np.array([both[name] for name in more.names]), inputs)),
     ]

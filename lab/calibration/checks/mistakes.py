@@ -20,6 +20,7 @@ from lab.calibration.workspace_prediction import distances_from_nominal
 from lab.core.checks import Check
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, thinned
+from lab.core.units import MM
 from lab.kinematics.serial.arm import SerialArm
 
 __all__ = [
@@ -89,14 +90,14 @@ def noise_beyond(
         if known.size and known.max() > _UNIT * known.min():
             data = {"least_m": float(known.min()), "most_m": float(known.max())}
             return [Check("given.noises", "failed", data=data)]
-        given_mm = 1e3 * float(np.median(known)) if known.size else None
-    if given_mm is None or known_m <= _LEAST_RESIDUAL_M or given_mm / 1e3 <= MANY * known_m:
+        given_mm = MM.of(float(np.median(known))) if known.size else None
+    if given_mm is None or known_m <= _LEAST_RESIDUAL_M or MM.to_si(given_mm) <= MANY * known_m:
         return []
-    ratio = given_mm / 1e3 / known_m
-    said = f"{name} {given_mm:g}: {whose} are those of a noise of {1e3 * known_m:.2g} mm, {ratio:.0f} times less"
+    ratio = MM.to_si(given_mm) / known_m
+    said = f"{name} {given_mm:g}: {whose} are those of a noise of {MM.text(known_m, 2)}, {ratio:.0f} times less"
     if ratio > times:
-        raise LabError(f"{said}; is it in µm? That would be {given_mm / 1e3:g} mm")
-    figures = {"given_m": given_mm / 1e3, "known_m": known_m}
+        raise LabError(f"{said}; is it in µm? That would be {MM.to_si(given_mm):g} mm")
+    figures = {"given_m": MM.to_si(given_mm), "known_m": known_m}
     return [Check("given.noise", "failed", ratio, data={"in_column": noise_mm is None, "whose": whose, **figures})]
 
 

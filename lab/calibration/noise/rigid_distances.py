@@ -17,6 +17,7 @@ from lab.core.measurements import seen_mask
 from lab.core.probability import chi2_ppf
 from lab.core.se3 import Array
 from lab.core.significance import LACK_OF_FIT, UNSOLICITED_WARNING
+from lab.core.units import MICRONS
 
 __all__ = ["InstrumentNoise", "goodness_by_distances", "instrument_noise"]
 
@@ -55,7 +56,7 @@ class InstrumentNoise:
                 f"the distances between the targets change over the poses (F test, p = {self.moving_p:.1g}): the tool "
                 "is not rigid, or the targets were measured by instruments that drift apart"
             )
-        sigma, low, high = (f"{1e6 * size:.3g}" for size in (self.sigma_m, self.low_m, self.high_m))
+        sigma, low, high = (f"{MICRONS.of(size):.3g}" for size in (self.sigma_m, self.low_m, self.high_m))
         return (
             f"the distances between the targets say that the instrument's noise per axis is {sigma} µm (95 % interval "
             f"{low} to {high} µm, {self.dof} degrees of freedom)"

@@ -12,10 +12,10 @@ from lab.calibration.statistics.goodness_of_fit import goodness_beside_shared_er
 from lab.calibration.statistics.joint_rounding import by_joint_positions, counting
 from lab.calibration.statistics.linearized import LinearizedFit, linearized
 from lab.calibration.weights import Noise, error_shapes, weighed
-from lab.core.errors import short_length
 from lab.core.linear_model import unit_columns
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.se3 import Array
+from lab.core.units import short_length
 from lab.kinematics.joints import Encoders
 from lab.kinematics.model import Model
 from lab.noise.change_points import rows_around

@@ -38,6 +38,7 @@ from lab.core.errors import LabError
 from lab.core.linear_model import unit_columns
 from lab.core.measurements import Measurements, evenly, thinned
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.kinematics.effects.arm import ArmWithEffects
 from lab.kinematics.serial.arm import SerialArm
 
@@ -248,7 +249,7 @@ class ExpectedGain:
         """For a person."""
         return (
             "The group residual would lower the error at poses that are left out from "
-            f"{1e3 * self.before_m:.2g} to about {1e3 * self.after_m:.2g} mm (means, leave-one-out over {self.poses} "
+            f"{MM.of(self.before_m):.2g} to about {MM.text(self.after_m, 2)} (means, leave-one-out over {self.poses} "
             "poses): add it to --model, e.g. auto+residual."
         )
 

@@ -35,6 +35,7 @@ from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.core.linear_model import unit_columns
 from lab.core.measurements import evenly
 from lab.core.se3 import Array
+from lab.core.units import PPM
 from lab.kinematics.effects.arm import Arm, ArmWithEffects, affected
 from lab.kinematics.effects.effect import LEVER_M, Effect
 from lab.kinematics.model import RigidArm
@@ -249,7 +250,7 @@ def _add_scatter(found: Array, size: float, numbers: PoseNumbers) -> None:
 
 
 GROUP = "residual"
-SHARE = Parameter(GROUP, "share", GROUP, "ratio", "", 1.0)
+SHARE = Parameter(GROUP, "share", GROUP, "ratio", PPM, 1.0)
 _BLOCK_POSES = 400  # poses that are worked out at once
 UPPER_QUARTILE = 0.6744897501960817  # of a standard normal
 _MAX_COVARIANCE_NUMBERS = 4_500  # measured, by which covariances are predicted: their time grows with the square

@@ -24,6 +24,7 @@ from lab.core.measurements import Measurements, evenly, seen_mask, thinned
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.significance import MODEL_GROUPS
+from lab.core.units import MM
 from lab.kinematics.model import Model
 from lab.noise.error_model import ErrorModel
 
@@ -86,14 +87,14 @@ class RemainingError:
     @property
     def words(self) -> str:
         """Describe the shares of the remaining error."""
-        said = [f"What remains is {1e3 * self.total_m:.2g} mm per axis (root mean square)"]
+        said = [f"What remains is {MM.text(self.total_m, 2)} per axis (root mean square)"]
         if np.isfinite(self.instrument_m):
-            said.append(f"the instrument makes {1e3 * self.instrument_m:.2g} mm of it")
+            said.append(f"the instrument makes {MM.text(self.instrument_m, 2)} of it")
         if self.shared_m:
-            said.append(f"what poses share {1e3 * self.shared_m:.2g} mm")
+            said.append(f"what poses share {MM.text(self.shared_m, 2)}")
         if not self.is_explained:
             whose = "the instrument's or the arm's" if np.isnan(self.instrument_m) else "of unknown origin"
-            said.append(f"{1e3 * self.rest_m:.2g} mm is {whose}")
+            said.append(f"{MM.text(self.rest_m, 2)} is {whose}")
         for found, where in ((self.over_joints, "neighbouring joint positions"), (self.over_time, "successive poses")):
             if found is not None and found.is_shown:
                 said.append(f"residuals of {where} are alike (correlation {found.correlation:.2g}, p = {found.p:.2g})")

@@ -44,7 +44,6 @@ from lab.render.document import (
     Warnings,
     capital,
     digits_of,
-    display_unit,
     fixed,
     plus_minus,
     sentence,
@@ -356,16 +355,16 @@ def parameters_table(result: CalibrationResult) -> Table:
 
 
 def _parameter_row(parameter: Parameter, row: EstimatedParameter) -> Row:
-    factor, unit, digits = display_unit(parameter)
-    half = factor * row.half_width_95
-    digits = digits_of(half, digits)
+    unit = parameter.unit
+    half = unit.of(row.half_width_95)
+    digits = digits_of(half, unit.decimals)
     return (
         Code(row.name),  # what matters comes first: a telephone shows the first columns
-        fixed(factor * (row.estimate - row.nominal), digits, signed=True) if has_correction(parameter, row) else "",
+        fixed(unit.of(row.estimate - row.nominal), digits, signed=True) if has_correction(parameter, row) else "",
         plus_minus(half, digits) if np.isfinite(half) else "",
-        unit,
-        fixed(factor * row.estimate, digits) if row.identified else "",
-        fixed(factor * row.nominal, digits),
+        unit.name,
+        fixed(unit.of(row.estimate), digits) if row.identified else "",
+        fixed(unit.of(row.nominal), digits),
         _status(row),
     )
 
@@ -433,7 +432,7 @@ def _mixture(direction: Direction, parameters: dict[str, Parameter]) -> str:
     """A direction in words, in what a person reads."""
     parts = []
     for name, part in direction.parts[:_MOST_PARTS]:
-        factor, unit, _ = display_unit(parameters[name])
-        parts.append(f"{short(factor * part)} {unit} of {name}")
+        unit = parameters[name].unit
+        parts.append(f"{short(unit.of(part))} {unit.name} of {name}")
     more = len(direction.parts) - _MOST_PARTS
     return ", ".join(parts) + (f" and {more} more" if more > 0 else "")

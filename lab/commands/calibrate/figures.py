@@ -22,10 +22,11 @@ from lab.core.linear_model import half_width_95
 from lab.core.measurements import Measurements, evenly, rows_called
 from lab.core.probability import beta_ppf, normal_ppf
 from lab.core.se3 import Array, transform
+from lab.core.units import MM, Unit
 from lab.kinematics.parameter import Parameter
 from lab.render.charts.chart import axes_picture, cube, log_ticks, shades, view
 from lab.render.charts.marks import Axes
-from lab.render.document import Block, DisplayUnit, Figure, Picture, display_unit, short
+from lab.render.document import Block, Figure, Picture, short
 from lab.render.plots import MOST_POINTS, VIEWS, SizeMap, Spread, histograms, size_maps, spread_by_size
 from lab.render.scene import moved, skeleton
 from lab.render.style import (
@@ -208,21 +209,17 @@ def has_correction(parameter: Parameter, row: EstimatedParameter) -> bool:
 
 def correction_pictures(result: CalibrationResult) -> tuple[Picture, ...]:
     """Draw the corrections of nominal parameter values with 95 % intervals, a picture for each unit."""
-    by_unit: dict[str, list[EstimatedParameter]] = {"mm": []}
-    units = dict[str, DisplayUnit]()
+    by_unit: dict[Unit, list[EstimatedParameter]] = {MM: []}
     for parameter, row in zip(result.identification.model.parameters, result.parameters, strict=True):
         if has_correction(parameter, row):
-            unit = display_unit(parameter)
-            units.setdefault(unit.name, unit)
-            by_unit.setdefault(unit.name, []).append(row)
-    shown = [(units[name], rows) for name, rows in by_unit.items() if rows]
+            by_unit.setdefault(parameter.unit, []).append(row)
+    shown = [(unit, rows) for unit, rows in by_unit.items() if rows]
     return tuple(_corrections(rows, unit, number) for number, (unit, rows) in enumerate(shown))
 
 
-def _corrections(rows: Sequence[EstimatedParameter], display: DisplayUnit, number: int) -> Picture:
-    factor, unit, _ = display
-    offsets = factor * np.array([row.estimate - row.nominal for row in rows])
-    halves = factor * np.array([row.half_width_95 for row in rows])
+def _corrections(rows: Sequence[EstimatedParameter], unit: Unit, number: int) -> Picture:
+    offsets = unit.of(np.array([row.estimate - row.nominal for row in rows]))
+    halves = unit.of(np.array([row.half_width_95 for row in rows]))
     reach = np.abs(offsets) + np.nan_to_num(halves)
     known = [size for size, row in zip(reach, rows, strict=True) if not row.weakly_observable]
     limit = _WIDER * max(known) if known and max(known) > 0 else np.inf  # a weak parameter does not stretch the picture
@@ -242,12 +239,12 @@ def _corrections(rows: Sequence[EstimatedParameter], display: DisplayUnit, numbe
         axes.axvline(0, color=INK, linewidth=1)
         axes.set_yticks(at, [row.name for row in rows])
         axes.locator_params(axis="x", nbins=5)
-        axes.set(ylim=(-0.7, len(rows) - 0.3), xlabel=f"correction of the nominal value, {unit}")
+        axes.set(ylim=(-0.7, len(rows) - 0.3), xlabel=f"correction of the nominal value, {unit.name}")
         axes.tick_params(axis="y", length=0)
         axes.grid(visible=False, axis="y")
         axes.margins(x=0.06)
 
-    label = f"Corrections of the nominal values with 95 % intervals, {unit}"
+    label = f"Corrections of the nominal values with 95 % intervals, {unit.name}"
     height = 0.95 + 0.2 * len(rows)
     return axes_picture(f"corrections-{number}", label, (4.5, height), draw, (1.35, 0.5, 0.15, 0.15))
 

@@ -30,7 +30,6 @@ from lab.render.document import (
     Table,
     Warnings,
     digits_of,
-    display_unit,
     fixed,
     plus_minus,
 )
@@ -187,11 +186,9 @@ def _figures(result: ComparisonResult, difference: Difference) -> dict[str, tupl
     """Unit, difference and half of its 95 % interval of each parameter, as a person reads them."""
     parameters, figures = {each.name: each for each in result.runs[0].estimate.arm.parameters}, {}
     for name, change, half in zip(difference.names, difference.changes, difference.half_widths, strict=True):
-        factor, unit, _ = display_unit(parameters[name])
-        if unit == "°":
-            factor, unit = 1e3, "mrad"
-        digits = digits_of(factor * half, _FEWEST_DIGITS)
-        figures[name] = unit, fixed(factor * change, digits, signed=True), plus_minus(factor * half, digits)
+        unit = parameters[name].unit_of_change
+        digits = digits_of(unit.of(half), _FEWEST_DIGITS)
+        figures[name] = unit.name, fixed(unit.of(change), digits, signed=True), plus_minus(unit.of(half), digits)
     return figures
 
 

@@ -16,6 +16,7 @@ from lab.core.limits import called
 from lab.core.linear_model import half_width_95
 from lab.core.se3 import Array
 from lab.core.significance import TREND_YEAR
+from lab.core.units import MM, MRAD, Unit
 from lab.kinematics.parameter import Parameter
 from lab.render.charts.chart import figure_picture, log_ticks
 from lab.render.document import (
@@ -31,7 +32,6 @@ from lab.render.document import (
     Table,
     Warnings,
     digits_of,
-    display_unit,
     fixed,
     plus_minus,
     short,
@@ -263,19 +263,18 @@ def _moved_pictures(result: TrendResult) -> tuple[Picture, ...]:
 
 def _over_time(result: TrendResult, name: str, called: str) -> Picture:
     at = result.estimates[0].names.index(name)
-    factor, unit, _ = display_unit(result.parameters[at])
-    factor, unit = (1e3, "mrad") if unit == "°" else (factor, unit)
-    shifts, halves = factor * result.shifts[:, at], factor * result.half_widths[:, at]
+    unit = result.parameters[at].unit_of_change
+    shifts, halves = unit.of(result.shifts[:, at]), unit.of(result.half_widths[:, at])
 
     def draw(axes: "Axes") -> None:
         days: Any = [each.date for each in result.runs]
         axes.errorbar(days, shifts, halves, fmt="o", color=AFTER, ecolor=AFTER, capsize=3, markersize=4.5)
         axes.axhline(0, color=INK, linewidth=0.8)
         _changes(axes, result)
-        axes.set(ylabel=f"{name}, {unit}")
+        axes.set(ylabel=f"{name}, {unit.name}")
         _date_axis(axes)
 
-    label = f"{name} over time: {shifts[-1]:.3g} {unit} from the first calibration"
+    label = f"{name} over time: {shifts[-1]:.3g} {unit.name} from the first calibration"
     return figure_picture(called, label, (4.5, 2.6), draw, (0.8, 0.45, 0.15, 0.3))
 
 
@@ -374,19 +373,16 @@ def _called(name: str) -> str:
 
 
 def _size(result: TrendResult, name: str, size: float, half: float) -> str:
-    factor, unit = _unit(result, name)
-    digits = digits_of(factor * half, _MOST_DIGITS)
-    return f"{fixed(factor * size, digits, signed=True)} {plus_minus(factor * half, digits)} {unit}"
+    unit = _unit(result, name)
+    digits = digits_of(unit.of(half), _MOST_DIGITS)
+    return f"{fixed(unit.of(size), digits, signed=True)} {plus_minus(unit.of(half), digits)} {unit.name}"
 
 
-def _unit(result: TrendResult, name: str) -> tuple[float, str]:
-    """The factor from SI and the unit, of a parameter or of a joint's zero."""
-    for parameter in result.parameters:
-        if parameter.name == name:
-            factor, unit, _ = display_unit(parameter)
-            return (1e3, "mrad") if unit == "°" else (factor, unit)
-    units = {f"zero of joint {each.joint}": each.unit for each in result.detectable}
-    return 1e3, units[name]
+def _unit(result: TrendResult, name: str) -> Unit:
+    """Unit of a parameter or of a joint's zero."""
+    units = {each.name: each.unit_of_change for each in result.parameters}
+    zeros = {f"zero of joint {each.joint}": MM if each.unit == "mm" else MRAD for each in result.detectable}
+    return {**zeros, **units}[name]
 
 
 def _runs(result: TrendResult) -> Table:

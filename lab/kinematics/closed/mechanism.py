@@ -12,6 +12,7 @@ from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.random import ScrambledSobol, rng_for
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.kinematics.closed.loop_closure import (
     CLOSED_M,
     LEAST_STEP,
@@ -82,7 +83,7 @@ def _refuse_short(joints: JointSpec, rod: Rod, joint: int) -> None:
     if ends.min() <= 0:
         raise LabError(
             f"robot '{joints.name}', rod {rod.name}: within the limits of joint {joints.joint_names[joint]} its length "
-            f"goes from {1e3 * ends.min():.6g} to {1e3 * ends.max():.6g} mm; keep it above zero"
+            f"goes from {MM.of(ends.min()):.6g} to {MM.text(ends.max(), 6)}; keep it above zero"
         )
 
 
@@ -259,7 +260,7 @@ class Mechanism(JointSpec):
         opened[:rods] = np.abs(np.sqrt(np.maximum(long**2 + 2 * long * gaps[:rods], 0.0)) - long)
         names = [rod.name for rod in self.tree.rods] + [pin.name for pin in self.tree.pins for _ in pin.axes]
         left = list(dict.fromkeys(name for name, gap in zip(names, opened, strict=True) if gap > 0.1 * opened.max()))
-        return f"{', '.join(left)} cannot meet: {1e3 * opened.max():.3g} mm stay open"
+        return f"{', '.join(left)} cannot meet: {MM.text(opened.max())} stay open"
 
     @cached_property
     def levers(self) -> Array:

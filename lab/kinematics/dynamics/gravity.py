@@ -15,6 +15,7 @@ import numpy as np
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.kinematics.dynamics.beam import Beam, LinkSections, loads_on
 from lab.kinematics.serial.chain import Chain
 
@@ -320,7 +321,7 @@ def link_loads(loads: Loads) -> LinkLoads:
     ends, chain, paths = link_ends(loads.chain), loads.chain, loads.link_paths
     for link, path in paths.items():
         if not 0 <= link < chain.size or np.abs(path[-1] - ends[link]).max() > 1e-6 or np.abs(path[0]).max() > 1e-9:
-            mm = np.round(1e3 * ends[link], 6) + 0.0 if 0 <= link < chain.size else ()
+            mm = np.round(MM.of(ends[link]), 6) + 0.0 if 0 <= link < chain.size else ()
             at = f"it runs from 0, 0, 0 to {', '.join(f'{each:g}' for each in mm)} mm" if len(mm) else "no such link"
             raise LabError(
                 f"robot {chain.name}: the path of link {link + 1}: {at} in the link's axes; let the path too"

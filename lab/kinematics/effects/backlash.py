@@ -15,6 +15,7 @@ import numpy as np
 from lab.core.errors import LabError
 from lab.core.measurements import last_moves
 from lab.core.se3 import Array
+from lab.core.units import MRAD
 from lab.kinematics.effects.effect import (
     ArmFacts,
     ChangesJointPositions,
@@ -154,7 +155,7 @@ class Backlash(VirtualEffect):
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
         """Draw each joint's backlash between half and one and a half times the mean."""
-        return Play(levers(arm.chain) * (self.backlash_mrad / 1e3) * rngs[0].uniform(0.5, 1.5, arm.chain.size))
+        return Play(levers(arm.chain) * MRAD.to_si(self.backlash_mrad) * rngs[0].uniform(0.5, 1.5, arm.chain.size))
 
 
 def hysteresis(chain: JointSpec) -> Effect:
@@ -209,7 +210,7 @@ class Hysteresis(VirtualEffect):
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
         """Draw each joint's hysteresis between half and one and a half times the mean."""
-        widths = (self.hysteresis_mrad / 1e3) * rngs[0].uniform(0.5, 1.5, arm.chain.size)
+        widths = MRAD.to_si(self.hysteresis_mrad) * rngs[0].uniform(0.5, 1.5, arm.chain.size)
         return JointHysteresis(levers(arm.chain) * widths)
 
 

@@ -31,6 +31,7 @@ from lab.core.errors import LabError
 from lab.core.limits import positive
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.core.units import MRAD, Unit
 from lab.kinematics.dynamics.gravity import Loads, link_loads
 from lab.kinematics.effects.effect import (
     PAYLOAD,
@@ -133,12 +134,12 @@ def compliance(loads: Loads, payload: bool = False, *, moving: bool = False) -> 
     links = link_loads(loads) if moving else None
     bearing = loads.bearing(rng_for(0, "structure"))
     group, slides = "payload" if payload else "compliance", loads.chain.prismatic
-    units = ["m/N" if slides[i] else "rad/Nm" for i in bearing]
+    slide = Unit("m/N", "µm/N", 1e6)
     parameters = tuple(
-        joint_parameter(group, i, "compliance", "compliance", unit=unit) for i, unit in zip(bearing, units, strict=True)
+        joint_parameter(group, i, "compliance", "compliance", unit=slide if slides[i] else None) for i in bearing
     )
     if payload:
-        parameters += (Parameter("payload", "mass", group, "mass", "kg", _MASS_SCALE_KG),)
+        parameters += (Parameter("payload", "mass", group, "mass", Unit("kg", "kg", 1.0), _MASS_SCALE_KG),)
 
     def offsets(joints: Array, conditions: Array, values: Array) -> tuple[Array, Array]:
         soft: Array = np.zeros(loads.chain.size, dtype=np.result_type(values, float))
@@ -273,11 +274,9 @@ _SCALE = 1e-7  # rad/(Nm)^3
 def hardening(loads: Loads) -> Effect:
     """The fitted group: d_i of the joints that bear the arm's weight."""
     bearing, slides = list(loads.bearing(rng_for(0, "structure"))), loads.chain.prismatic
+    units = Unit("rad/(Nm)^3", "nrad/(Nm)³", 1e9, 4), Unit("m/N^3", "nm/N³", 1e9, 4)
     parameters = tuple(
-        joint_parameter(
-            "hardening", i, "hardening", "compliance", unit="m/N^3" if slides[i] else "rad/(Nm)^3", scale=_SCALE
-        )
-        for i in bearing
+        joint_parameter("hardening", i, "hardening", "compliance", unit=units[slides[i]], scale=_SCALE) for i in bearing
     )
 
     def offsets(joints: Array, payload: Array, values: Array) -> tuple[Array, Array]:
@@ -344,7 +343,7 @@ class Hardening(VirtualEffect):
             if arm.loads is None:
                 raise LabError(f"--hardening-mrad: robot {arm.chain.name} has no masses, so nothing bends it")
             bearing = list(arm.loads.bearing(rng_for(0, "structure")))
-            cubic[bearing] = -self.hardening_mrad / 1e3 / _TORQUE_NM**3
+            cubic[bearing] = MRAD.to_si(-self.hardening_mrad) / _TORQUE_NM**3
         return HardeningSprings(levers(arm.chain) ** 4 * cubic)
 
 
@@ -424,7 +423,7 @@ class Compensator(VirtualEffect):
         """Return the compensator as given."""
         if self.compensator_mrad:
             _refuse_without(arm.chain, "--compensator-mrad")
-        return CompensatorSpring(self.compensator_mrad / 1e3 / (1 - _PRELOAD))
+        return CompensatorSpring(MRAD.to_si(self.compensator_mrad) / (1 - _PRELOAD))
 
 
 def _refuse_without(chain: JointSpec, what: str) -> None:

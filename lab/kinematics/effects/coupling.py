@@ -9,6 +9,7 @@ import numpy as np
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
+from lab.core.units import PPM
 from lab.kinematics.effects.effect import (
     ArmFacts,
     Effect,
@@ -129,7 +130,7 @@ class Coupling(VirtualEffect):
         coupled = np.zeros((chain.size, chain.size))
         for i in range(max(1, chain.size - 2), chain.size):
             coupled[i, i - 1] = not (chain.prismatic[i] or chain.prismatic[i - 1])
-        return JointCoupling(self.coupling_ppm / 1e6 * rngs[0].standard_normal(coupled.shape) * coupled)
+        return JointCoupling(PPM.to_si(self.coupling_ppm) * rngs[0].standard_normal(coupled.shape) * coupled)
 
 
 @dataclass(frozen=True)
@@ -150,7 +151,7 @@ class FullCoupling(VirtualEffect):
         """Normal draws, of all pairs of hinges."""
         size, turning = arm.chain.size, ~np.array(arm.chain.prismatic)
         pairs = np.outer(turning, turning) & ~np.eye(size, dtype=bool)
-        return FullJointCoupling(self.full_coupling_ppm / 1e6 * rngs[0].standard_normal((size, size)) * pairs)
+        return FullJointCoupling(PPM.to_si(self.full_coupling_ppm) * rngs[0].standard_normal((size, size)) * pairs)
 
 
 def gear(chain: JointSpec) -> Effect:
@@ -202,4 +203,4 @@ class Gear(VirtualEffect):
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
         """Normal draws, one a joint."""
-        return GearErrors(self.gear_ppm / 1e6 * rngs[0].standard_normal(arm.chain.size))
+        return GearErrors(PPM.to_si(self.gear_ppm) * rngs[0].standard_normal(arm.chain.size))

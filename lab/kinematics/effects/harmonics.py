@@ -18,6 +18,7 @@ import numpy as np
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
+from lab.core.units import MRAD
 from lab.kinematics.effects.effect import (
     AXES,
     ArmFacts,
@@ -150,7 +151,7 @@ class Harmonics(VirtualEffect):
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
         """Draw phases, each order from its own stream; the amplitude is the same for every hinge."""
-        sizes, hinge = (self.harmonic_mrad / 1e3, self.harmonic2_mrad / 1e3), ~np.array(arm.chain.prismatic)
+        sizes, hinge = (MRAD.to_si(self.harmonic_mrad), MRAD.to_si(self.harmonic2_mrad)), ~np.array(arm.chain.prismatic)
         phases = [rng.uniform(0.0, 2 * np.pi, arm.chain.size) for rng in rngs]
         waves = [
             (size * wave(phase)) * hinge for size, phase in zip(sizes, phases, strict=True) for wave in (np.cos, np.sin)
@@ -321,7 +322,7 @@ class CrossHarmonics(VirtualEffect):
         """Draw the driving joint and the phase; the amplitude is the same for every joint."""
         size = arm.chain.size
         partner, phase = rngs[0].random(size), rngs[0].uniform(0.0, 2 * np.pi, size)
-        amplitude, cross = levers(arm.chain) * self.cross_harmonic_mrad / 1e3, np.zeros((size, size, 2))
+        amplitude, cross = MRAD.to_si(levers(arm.chain) * self.cross_harmonic_mrad), np.zeros((size, size, 2))
         for i in range(size):
             if others := [j for j in turning_joints(arm.chain) if j != i]:
                 j = others[int(partner[i] * len(others))]
@@ -384,6 +385,6 @@ class Ripple(VirtualEffect):
         if (ratio := arm.chain.gear_ratio) is not None:
             order = np.where(arm.chain.prismatic, order, np.maximum(np.round(np.abs(ratio)), 1)).astype(np.int_)
         phase = rngs[0].uniform(0.0, 2 * np.pi, size)
-        amplitude = self.ripple_mrad / 1e3 * ~np.array(arm.chain.prismatic)
+        amplitude = MRAD.to_si(self.ripple_mrad) * ~np.array(arm.chain.prismatic)
         waves = np.stack([order, amplitude * np.cos(phase), amplitude * np.sin(phase)], axis=1)
         return GearWaves(waves * (amplitude > 0)[:, None])

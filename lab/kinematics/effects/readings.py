@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
+from lab.core.units import MM, MRAD
 from lab.kinematics.effects.effect import (
     ArmFacts,
     ChangesJointPositions,
@@ -72,7 +73,7 @@ class Repeatability(VirtualEffect):
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
         """Alike for all joints."""
-        return VisitScatter(levers(arm.chain) * (self.repeatability_mrad / 1e3))
+        return VisitScatter(levers(arm.chain) * MRAD.to_si(self.repeatability_mrad))
 
 
 @dataclass(frozen=True)
@@ -191,7 +192,8 @@ class InstrumentNoise(VirtualEffect):
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
         """Return the noise distribution as given."""
-        return ShapedNoise(self.noise_correlation, self.noise_tail_dof or np.inf, self.step_mm / 1e3, self.step_after)
+        step_m, dof = MM.to_si(self.step_mm), self.noise_tail_dof or np.inf
+        return ShapedNoise(self.noise_correlation, dof, step_m, self.step_after)
 
 
 @dataclass(frozen=True)
@@ -256,4 +258,4 @@ class BadReadings(VirtualEffect):
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
         """Return the outliers' share and range as given; each campaign draws its outliers."""
-        return Displaced(self.bad_share, (self.bad_mm[0] / 1e3, self.bad_mm[1] / 1e3))
+        return Displaced(self.bad_share, (MM.to_si(self.bad_mm[0]), MM.to_si(self.bad_mm[1])))

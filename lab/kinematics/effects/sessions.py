@@ -18,6 +18,7 @@ from lab.core.errors import LabError
 from lab.core.limits import positive
 from lab.core.measurements import SESSION, STATION
 from lab.core.se3 import Array
+from lab.core.units import MM, MRAD
 from lab.kinematics.effects.effect import (
     AXES,
     BUMPED,
@@ -110,7 +111,7 @@ class Bump(VirtualEffect):
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
         """Both directions are drawn."""
-        return TrackerBump.random(self.bump_mm / 1e3, self.bump_mrad / 1e3, rngs)
+        return TrackerBump.random(MM.to_si(self.bump_mm), MRAD.to_si(self.bump_mrad), rngs)
 
 
 GROUP = "stations"  # of the parameters

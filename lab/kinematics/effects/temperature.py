@@ -18,6 +18,7 @@ import numpy as np
 from lab.core.errors import LabError
 from lab.core.measurements import PLACE
 from lab.core.se3 import Array
+from lab.core.units import MM, MRAD, PPM, Unit
 from lab.kinematics.effects.effect import (
     AXES,
     HOUR_S,
@@ -60,7 +61,7 @@ _EXPANSION_SCALE, _ZERO_SCALE = 1e-4, 1e-4  # 1/K, rad/K: several times those of
 
 def expansion() -> Effect:
     """The fitted group: the coefficient (1/K) by which all lengths of the arm, its tool's too, expand."""
-    parameter = Parameter("thermal", "expansion", "expansion", "ratio", "1/K", _EXPANSION_SCALE)
+    parameter = Parameter("thermal", "expansion", "expansion", "ratio", Unit("1/K", "ppm/K", 1e6), _EXPANSION_SCALE)
 
     def offsets(_: Array, temperature: Array, values: Array) -> tuple[Array, Array]:
         warmer = temperature - REFERENCE_C  # (n, 1)
@@ -74,10 +75,11 @@ def expansion() -> Effect:
 
 def thermal_zeros(chain: JointSpec) -> Effect:
     """The fitted group: how far each joint's zero shifts for a degree (rad/K, m/K of a slide)."""
-    kinds: list[tuple[Kind, str]] = [("length", "m/K") if slides else ("angle", "rad/K") for slides in chain.prismatic]
+    kinds: tuple[tuple[Kind, Unit], ...] = ("angle", Unit("rad/K", "µrad/K", 1e6)), ("length", Unit("m/K", "µm/K", 1e6))
     parameters = tuple(
         joint_parameter("thermal_zeros", i, "thermal", kind, unit=unit, scale=_ZERO_SCALE)
-        for i, (kind, unit) in enumerate(kinds)
+        for i, slides in enumerate(chain.prismatic)
+        for kind, unit in kinds[slides : slides + 1]
     )
 
     return Effect(
@@ -165,7 +167,7 @@ class Temperature(VirtualEffect):
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
         """Return the expansion as given."""
-        return ThermalExpansion(self.expansion_ppm_per_k / 1e6)
+        return ThermalExpansion(PPM.to_si(self.expansion_ppm_per_k))
 
 
 @dataclass(frozen=True)
@@ -182,7 +184,7 @@ class ZerosByTemperature(VirtualEffect):
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
         """Normal draws, one a joint."""
-        sizes = self.thermal_zero_mrad_per_k / 1e3 * rngs[0].standard_normal(arm.chain.size)
+        sizes = MRAD.to_si(self.thermal_zero_mrad_per_k) * rngs[0].standard_normal(arm.chain.size)
         return ThermalZeros(levers(arm.chain) * sizes)
 
 
@@ -231,7 +233,7 @@ class Growth(VirtualEffect):
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
         """Return the growth as given."""
-        return ThermalGrowth(self.growth_ppm_per_h / 1e6)
+        return ThermalGrowth(PPM.to_si(self.growth_ppm_per_h))
 
 
 def drift(start_s: float = 0.0) -> Effect:
@@ -286,4 +288,4 @@ class Drift(VirtualEffect):
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
         """Both directions are drawn."""
-        return TrackerDrift.random(self.drift_mm_per_h / 1e3, self.drift_mrad_per_h / 1e3, rngs)
+        return TrackerDrift.random(MM.to_si(self.drift_mm_per_h), MRAD.to_si(self.drift_mrad_per_h), rngs)

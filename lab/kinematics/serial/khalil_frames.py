@@ -15,6 +15,7 @@ import numpy as np
 
 from lab.core import se3
 from lab.core.se3 import Array
+from lab.core.units import DEGREES
 
 __all__ = ["ANGULAR", "SYMBOLS", "KhalilFrame", "khalil_frame", "pose_of"]
 
@@ -65,7 +66,7 @@ def khalil_frame(pose: Array) -> KhalilFrame:
     d, across, along = se3.exp(np.array([0.0, 0.0, -gamma])) @ position
     r = -across / sine
     values = np.array([gamma, along - r * np.cos(alpha), alpha, d, theta, r])
-    nearly = f"the z axes are nearly parallel ({np.rad2deg(np.arcsin(sine)):.2g}°): gamma, theta, b and r are uncertain"
+    nearly = f"the z axes are nearly parallel ({DEGREES.text(np.arcsin(sine), 2)}): gamma, theta, b and r are uncertain"
     return KhalilFrame(values, nearly if sine < _NEARLY else "")
 
 

@@ -2,11 +2,10 @@
 
 from collections.abc import Callable, Mapping, Sequence
 
-import numpy as np
-
 from lab.calibration.statistics.model_selection import GroupTrial
 from lab.core.checks import Check
 from lab.core.errors import be, counted
+from lab.core.units import DEGREES, MICRONS, MM
 from lab.kinematics.effects.registry import said_of_term
 
 __all__ = ["PHRASES", "listed", "model_name", "standing"]
@@ -46,9 +45,9 @@ def _kept_outliers(check: Check) -> str:
     )
     count = f"{data['count']} poses are outliers" if several else "1 pose is an outlier"
     return (
-        f"{count}, with a residual of {'up to ' if several else ''}{1e3 * data['largest_m']:.3g} mm, kept in the "
-        f"fit: {first}--robust would exclude {'them' if several else 'it'}, and move the predicted points by "
-        f"{1e3 * data['moved_m']:.2g} mm"
+        f"{count}, with a residual of {'up to ' if several else ''}{MM.text(data['largest_m'])}, kept in the "
+        f"fit: {first}--robust would exclude {'them' if several else 'it'}, and move the predicted points "
+        f"by {MM.text(data['moved_m'], 2)}"
     )
 
 
@@ -58,8 +57,7 @@ def _held_out_outliers(check: Check) -> str:
 
 
 def _excluded_outliers(check: Check) -> str:
-    sizes = ((name, 1e3 * size) for name, size in check.data["sizes_m"].items())
-    named = [f"pose {name} ({size:,.0f} mm)" if size >= 100 else f"pose {name} ({size:.3g} mm)" for name, size in sizes]
+    named = [f"pose {name} ({MM.text(size)})" for name, size in check.data["sizes_m"].items()]
     return f"--robust excludes {counted(len(named), 'outlier')} from fit and verdict: {', '.join(named)}"
 
 
@@ -110,7 +108,7 @@ def _beyond(check: Check) -> str:
     data, outside = check.data, check.data["outside"]
     return (
         f"{outside} of {counted(data['count'], 'validation pose')} {be(outside)} beyond the fitted joint "
-        f"positions ({data['first']} the first): there the model may be off by up to {1e3 * data['size_m']:.2g} mm "
+        f"positions ({data['first']} the first): there the model may be off by up to {MM.text(data['size_m'], 2)} "
         "more (1σ), as the edges of the measured range say"
     )
 
@@ -119,7 +117,7 @@ def _workspace(check: Check) -> str:
     data = check.data
     return (
         f"{100 * data['share']:.0f} % of the workspace is extrapolated: the verdict holds where poses were measured "
-        f"(95 % error {1e3 * data['measured_95_m']:.3g} mm), elsewhere {1e3 * data['elsewhere_95_m']:.3g} mm is "
+        f"(95 % error {MM.text(data['measured_95_m'])}), elsewhere {MM.text(data['elsewhere_95_m'])} is "
         "predicted; --region names where the task is"
     )
 
@@ -137,8 +135,9 @@ def _residual_thinned(check: Check) -> str:
 def _instrument(check: Check) -> str:
     data = check.data
     return (
-        f"{data['source']} states {1e6 * data['best_m']:.2g} µm in one direction and {1e6 * data['worst_m']:.2g} µm in "
-        "another, so errors of the reflector's nest weigh too much: state nest_um and lock_on_um in [systematic]"
+        f"{data['source']} states {MICRONS.text(data['best_m'], 2)} in one direction and "
+        f"{MICRONS.text(data['worst_m'], 2)} in another, so errors of the reflector's nest weigh "
+        "too much: state nest_um and lock_on_um in [systematic]"
     )
 
 
@@ -158,8 +157,7 @@ def _strained_prior(check: Check) -> str:
 
 
 def _far_from_nominal(check: Check) -> str:
-    size = check.statistic
-    far = f"{np.rad2deg(size):.3g}°" if check.data["is_angle"] else f"{1e3 * size:.3g} mm"
+    far = (DEGREES if check.data["is_angle"] else MM).text(check.statistic)
     name = check.data["parameter"]
     return f"{name} is estimated {far} from its nominal value: is the nominal model that of this robot?"
 
@@ -173,15 +171,15 @@ def _size(check: Check) -> str:
 
 def _counts(check: Check) -> str:
     return (
-        f"whole counts of the encoders alone make errors of {1e3 * check.data['rms_m']:.3g} mm (RMS); more poses "
+        f"whole counts of the encoders alone make errors of {MM.text(check.data['rms_m'])} (RMS); more poses "
         "average them, more readings do not"
     )
 
 
 def _rounded(check: Check) -> str:
     return (
-        f"joint positions are rounded to {np.rad2deg(check.data['step_rad']):g}°, which alone makes errors of "
-        f"{1e3 * check.data['rms_m']:.3g} mm (RMS)"
+        f"joint positions are rounded to {DEGREES.text(check.data['step_rad'], 6)}, which alone makes errors of "
+        f"{MM.text(check.data['rms_m'])} (RMS)"
     )
 
 
@@ -215,11 +213,11 @@ def _alternative(check: Check) -> str:
         f"changes by {check.statistic:+.1f}): one is as good an explanation as the other; "
     )
     if not data["can_be_told"]:
-        return said + f"no pose and payload would tell: they differ by at most {1e3 * data['differ_m']:.2g} mm"
+        return said + f"no pose and payload would tell: they differ by at most {MM.text(data['differ_m'], 2)}"
     joints = ", ".join(f"{value:.3g}" for value in data["joints"])
     return said + (
-        f"measure near joints {joints} (rad, m) with {data['payload_kg']:.3g} kg: there they differ by "
-        f"{1e3 * data['differ_m']:.2g} mm"
+        f"measure near joints {joints} (rad, m) with {data['payload_kg']:.3g} kg: there they differ "
+        f"by {MM.text(data['differ_m'], 2)}"
     )
 
 
@@ -246,7 +244,7 @@ def _twist(check: Check) -> str:
 
 def _geometry_alone(check: Check) -> str:
     lacking = ", ".join(listed(check.data["groups"]))
-    off = f"{1e3 * check.data['off_m']:.2g} mm"
+    off = MM.text(check.data["off_m"], 2)
     return f"{check.data['file']} holds geometry alone: without {lacking} it is off by {off} at these poses"
 
 
@@ -272,7 +270,7 @@ def _blank_rows(check: Check) -> str:
 
 def _no_improvement(check: Check) -> str:
     after, before = check.data["after_m"], check.data["before_m"]
-    return f"no improvement: {1e3 * after:.3g} mm after, {1e3 * before:.3g} mm before"
+    return f"no improvement: {MM.text(after)} after, {MM.text(before)} before"
 
 
 def _unplaced(check: Check) -> str:
@@ -357,7 +355,7 @@ def _unplaced_parameters(check: Check) -> str:
 def _joint_sign(check: Check) -> str:
     name = check.data["joint"]
     return (
-        f"with joint {name} negated these measurements fit to {1e3 * check.data['sigma_m']:.2g} mm (1σ per axis), near "
+        f"with joint {name} negated these measurements fit to {MM.text(check.data['sigma_m'], 2)} (1σ per axis), near "
         f"the nominal model: does the controller count {name} in the other direction? Change its sign in the file, or "
         "in the model"
     )

@@ -8,9 +8,9 @@ from lab.calibration.noise.plausibility import COMMON_NOISE_M
 from lab.calibration.regions import RegionKind
 from lab.calibration.workspace_prediction import Distance, RegionPrediction
 from lab.core.checks import Check
-from lab.core.errors import short_length
+from lab.core.units import DEGREES, MM, MRAD, short_length
 
-__all__ = ["PHRASES", "gate_words", "mm", "region_words", "without_figures"]
+__all__ = ["PHRASES", "gate_words", "region_words", "without_figures"]
 
 _REGIONS: Mapping[RegionKind, str] = {
     "measured": "where poses were measured",
@@ -23,11 +23,6 @@ _REGIONS: Mapping[RegionKind, str] = {
 def gate_words(gate_mm: float | None) -> str:
     """Return the gate (mm) in words."""
     return "no gate was given" if gate_mm is None else f"gate: {gate_mm:g} mm"
-
-
-def mm(length_m: float) -> str:
-    """Return a length in mm with three digits; from 100 mm on, with all of them before the point."""
-    return f"{1e3 * length_m:,.0f} mm" if length_m >= 0.1 else f"{1e3 * length_m:.3g} mm"
 
 
 def region_words(region: RegionPrediction) -> str:
@@ -173,7 +168,7 @@ def _correlated(check: Check) -> str:
 
 
 def _scatter(check: Check) -> str:
-    size = f"{1e3 * check.data['scatter_rad']:.2g} mrad"
+    size = MRAD.text(check.data["scatter_rad"], 2)
     at_tool = short_length(check.data["size_m"])
     return f"joints scatter by {size} from pose to pose ({at_tool} at the tool){_unsupported(check)}"
 
@@ -190,7 +185,7 @@ def _missing(check: Check) -> str:
     data = check.data
     return (
         f"lack of fit: {', '.join(data['effects'])} would explain errors that are called noise (mean error of held-out "
-        f"poses {1e3 * data['before_m']:.3g} mm without, {1e3 * data['after_m']:.3g} mm with): fit with --model auto"
+        f"poses {MM.text(data['before_m'])} without, {MM.text(data['after_m'])} with): fit with --model auto"
     )
 
 
@@ -230,13 +225,13 @@ def _convergence(check: Check) -> str:
 
 
 def _orientations(check: Check) -> str:
-    size = f"{1e3 * check.data['rms_rad']:.3g} mrad"
+    size = MRAD.text(check.data["rms_rad"])
     return f"measured orientations do not fit ({size}): wrong --orientation or columns?"
 
 
 def _fixtures(check: Check) -> str:
     return (
-        f"a link is estimated {1e3 * check.data['change_m']:.3g} mm from its nominal length: these fixtures do not "
+        f"a link is estimated {MM.text(check.data['change_m'])} from its nominal length: these fixtures do not "
         "constrain the arm; wrong columns or rows, or is --prior on needed?"
     )
 
@@ -253,25 +248,27 @@ def _validation(check: Check) -> str:
     if check.outcome == "failed":
         share = f"{100 * data['fitted_share']:.0f} % of the validation poses"
         return f"{share} are those that were fitted, so the accuracy is not known"
-    said = f"{mm(data['before_m'])} with the nominal model, {mm(data['after_m'])} with the calibrated one (means)"
+    before, after = MM.text(data["before_m"]), MM.text(data["after_m"])
+    said = f"{before} with the nominal model, {after} with the calibrated one (means)"
     if "observed_p95_m" in data:
-        said += f"; 95 % are below {mm(data['observed_p95_m'])}, and {mm(data['predicted_p95_m'])} was predicted there"
+        observed, predicted = MM.text(data["observed_p95_m"]), MM.text(data["predicted_p95_m"])
+        said += f"; 95 % are below {observed}, and {predicted} was predicted there"
     if "without_noise_m" in data:
-        said += f", {mm(data['without_noise_m'])} of it without the noise of the validation"
+        said += f", {MM.text(data['without_noise_m'])} of it without the noise of the validation"
     return said
 
 
 def _gate(check: Check) -> str:
     data = check.data
-    limit = f"the {mm(data['limit_m'])} of an arm within its tolerances that was never calibrated"
+    limit = f"the {MM.text(data['limit_m'])} of an arm within its tolerances that was never calibrated"
     if data["gate"]:
-        limit = f"the gate of {1e3 * data['limit_m']:g} mm"
+        limit = f"the gate of {MM.text(data['limit_m'], 6)}"
     guess = "; wrong --orientation?" if data["oriented"] else ""
-    return f"does not fit: {mm(data['after_m'])} on poses not fitted, above {limit}{guess}"
+    return f"does not fit: {MM.text(data['after_m'])} on poses not fitted, above {limit}{guess}"
 
 
 def _before_after(check: Check) -> str:
-    return f"{mm(check.data['before_m'])} before, {mm(check.data['after_m'])} after"
+    return f"{MM.text(check.data['before_m'])} before, {MM.text(check.data['after_m'])} after"
 
 
 def _worse(check: Check) -> str:
@@ -292,7 +289,9 @@ def _outliers(check: Check) -> str:
 
 
 def _prediction(check: Check) -> str:
-    observed, predicted, allowed = (mm(check.data[f"{name}_p95_m"]) for name in ("observed", "predicted", "allowed"))
+    observed, predicted, allowed = (
+        MM.text(check.data[f"{name}_p95_m"]) for name in ("observed", "predicted", "allowed")
+    )
     return (
         f"95 % of the errors at poses that were not fitted are below {observed}, but {predicted} was predicted there "
         f"({allowed} with chance): the model or the noise is not what was assumed"
@@ -307,18 +306,18 @@ def _error(check: Check) -> str:
     there = ""
     if elsewhere is not None and np.isfinite(elsewhere.p95_m):
         share = f"{100 * elsewhere.extrapolated_share:.0f} % of the workspace"
-        there = f", in the extrapolated {share} {mm(elsewhere.p95_m)}"
-    return f"the predicted 95 % error {region_words(region)} is {mm(region.p95_m)}{there}{of_condition}"
+        there = f", in the extrapolated {share} {MM.text(elsewhere.p95_m)}"
+    return f"the predicted 95 % error {region_words(region)} is {MM.text(region.p95_m)}{there}{of_condition}"
 
 
 def _limit(check: Check) -> str:
-    limit = mm(check.data["limit_m"])
+    limit = MM.text(check.data["limit_m"])
     if not check.data["gate"]:
         words = f"above {limit}, half of the error of such an arm that was never calibrated"
     elif check.data["lack_of_fit"]:
         words = f"with the lack of fit that is above the gate of {limit}"
     else:
-        words = f"the predicted mean of {mm(check.data['region'].mean_m)} is above the gate of {limit}"
+        words = f"the predicted mean of {MM.text(check.data['region'].mean_m)} is above the gate of {limit}"
     return f"{_error(check)}; {words}"
 
 
@@ -330,7 +329,7 @@ def _cover(check: Check) -> str:
 
 def _far(check: Check) -> str:
     distance: Distance = check.data["distance"]
-    size = f"{np.rad2deg(distance.size):.3g}°" if distance.is_angle else mm(distance.size)
+    size = (DEGREES if distance.is_angle else MM).text(distance.size)
     return f"{distance.name} is estimated {size} from its nominal value ({distance.tolerances:,.0f} tolerances)"
 
 
@@ -346,14 +345,14 @@ def _given_noise(check: Check) -> str:
     data = check.data
     name = "column sigma_mm" if data["in_column"] else "--noise-mm"
     return (
-        f"{name} {1e3 * data['given_m']:g}: {data['whose']} are those of a noise of {1e3 * data['known_m']:.2g} mm, "
+        f"{name} {MM.of(data['given_m']):g}: {data['whose']} are those of a noise of {MM.text(data['known_m'], 2)}, "
         f"{data['given_m'] / data['known_m']:.0f} times less: intervals are as many times too wide, and errors smaller "
         "than the given noise are not noticed"
     )
 
 
 def _given_noises(check: Check) -> str:
-    least, most = (f"{1e3 * check.data[name]:.3g}" for name in ("least_m", "most_m"))
+    least, most = (f"{MM.of(check.data[name]):.3g}" for name in ("least_m", "most_m"))
     return f"column sigma_mm goes from {least} to {most}: is it all in mm? Rows with much more noise hardly count"
 
 
@@ -368,7 +367,7 @@ def _given_scale(check: Check) -> str:
 
 def _given_poses(check: Check) -> str:
     return (
-        f"the points are {mm(check.data['off_m'])} from the nominal robot wherever base and tool are: rows "
+        f"the points are {MM.text(check.data['off_m'])} from the nominal robot wherever base and tool are: rows "
         "of other poses, joints in another order or direction, or another robot"
     )
 

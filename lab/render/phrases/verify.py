@@ -6,7 +6,7 @@ import numpy as np
 
 from lab.core.checks import Check
 from lab.core.significance import VERIFICATION
-from lab.render.phrases.verdict import mm
+from lab.core.units import MM, MRAD
 
 __all__ = ["PHRASES"]
 
@@ -39,9 +39,8 @@ _SEVERAL = (
 def _verification(check: Check) -> str:
     """Word the situation first, where there is one, then the errors and what may have changed."""
     data, cause = check.data, check.data["cause"]
-    rms_mm = 1e3 * data["rms_m"]
-    observed = f"{rms_mm:,.0f}" if rms_mm >= 100 else f"{rms_mm:.3g}"
-    errors = f"errors of {observed} mm, where {1e3 * data['predicted_m']:.3g} mm are predicted ({_tests(check)})"
+    sizes = f"errors of {MM.text(data['rms_m'])}, where {MM.text(data['predicted_m'])} are predicted"
+    errors = f"{sizes} ({_tests(check)})"
     if check.outcome == "passed":
         return f"still good: {errors}"
     diagnosis = f": {_diagnosis(check)}" if data["alike"] or cause is None else ""
@@ -86,8 +85,8 @@ def _changed(check: Check) -> str:
 def _extent(check: Check) -> str:
     """Word how far something moved, in mm and mrad."""
     parts = [
-        f"{_with_std(1e3 * check.data[size], 1e3 * check.data[std])} {unit}"
-        for size, std, unit in (("shift_m", "shift_std_m", "mm"), ("turn_rad", "turn_std_rad", "mrad"))
+        f"{_with_std(unit.of(check.data[size]), unit.of(check.data[std]))} {unit.name}"
+        for size, std, unit in (("shift_m", "shift_std_m", MM), ("turn_rad", "turn_std_rad", MRAD))
         if np.isfinite(check.data[size])
     ]
     return " and ".join(parts) or "an amount that these poses do not tell"
@@ -105,34 +104,34 @@ def _situation(check: Check) -> str:
 
 def _set_up_anew(check: Check) -> str:
     refit = check.data["refit"]
-    left = f"With {' and '.join(refit)} fitted anew errors are {mm(check.data['left_m'])}"
+    left = f"With {' and '.join(refit)} fitted anew errors are {MM.text(check.data['left_m'])}"
     return f"{_SET_UP_ANEW[check.name]}: use --refit {','.join(refit)}. {left}"
 
 
 def _unit(check: Check) -> str:
     factor = check.data["factor"]
-    left = mm(check.data["left_m"])
+    left = MM.text(check.data["left_m"])
     return f"wrong unit: the points are in {_UNITS[factor]}. Times {factor:g} errors are {left}"
 
 
 def _joint_unit(check: Check) -> str:
     units = ("radians", "degrees") if check.data["factor"] > 1 else ("degrees", "radians")
     said = f"{units[0]} where {units[1]} are expected"
-    return f"wrong unit: the joint positions are in {said}. Converted, errors are {mm(check.data['left_m'])}"
+    return f"wrong unit: the joint positions are in {said}. Converted, errors are {MM.text(check.data['left_m'])}"
 
 
 def _mirrored(check: Check) -> str:
     return (
         "the points are mirrored: two of their axes are swapped, or one is negated; export them in a right-handed "
-        f"frame. Mirrored back errors are {mm(check.data['left_m'])}"
+        f"frame. Mirrored back errors are {MM.text(check.data['left_m'])}"
     )
 
 
 def _another_arm(check: Check) -> str:
     return (
         "this is another arm than the calibrated one, or it was rebuilt or crashed: verify against its own run, or "
-        f"calibrate anew. With base and tool fitted anew errors are {mm(check.data['left_m'])}, those of the nominal "
-        f"model {mm(check.data['by_nominal_m'])}"
+        f"calibrate anew. With base and tool fitted anew errors are {MM.text(check.data['left_m'])}, those of the "
+        f"nominal model {MM.text(check.data['by_nominal_m'])}"
     )
 
 

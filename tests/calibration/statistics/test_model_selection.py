@@ -17,6 +17,7 @@ from lab.campaign.robot import Robot, load_robot
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
+from lab.core.units import MRAD
 from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.effects.arm import ArmWithEffects, affected
 from lab.kinematics.effects.effect import ArmFacts, Effect, SessionInfo
@@ -328,7 +329,7 @@ def one_joint_or_more(weights: dict[int, float]) -> Effect:
             derivative[:, i - 1, 0] = weight * np.sin(3 * joints[:, i - 1])
         return derivative @ values, derivative
 
-    return Effect(name, (Parameter(name, "size", name, "angle", "rad", 1e-3),), offsets)
+    return Effect(name, (Parameter(name, "size", name, "angle", MRAD, 1e-3),), offsets)
 
 
 def test_a_group_that_later_ones_replace_is_dropped() -> None:

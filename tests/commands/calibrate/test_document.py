@@ -19,7 +19,7 @@ from lab.commands.calibrate.run import calibrate, identify
 from lab.commands.calibrate.scene import world_of
 from lab.core import se3
 from lab.formats.measurement_csv import write_measurements
-from lab.render.document import capital, digits_of, display_unit, sentence, short
+from lab.render.document import capital, digits_of, sentence, short
 from lab.render.phrases.registry import in_one_line, phrases
 
 SECTIONS = ["Before and after calibration", "Where in the workspace the errors are", "Uncertainty and goodness of fit",
@@ -78,7 +78,7 @@ def test_its_numbers_are_those_of_the_result(seven_run: Path, seven) -> None:
     assert [row[0] for row in rows] == [each["name"] for each in stored]
     parameters = zip(seven.identification.model.parameters, seven.parameters, strict=True)
     for row, each, (found, estimated) in zip(rows, stored, parameters, strict=True):
-        scale, unit, digits = display_unit(found)
+        scale, unit, digits = found.unit.factor, found.unit.name, found.unit.decimals
         low, high = each["interval_95"] or (np.nan, np.nan)
         half = 0.5001 * 10 ** -digits_of(scale * (high - low) / 2, digits)
         assert row[1] == unit and seen.number(row[2]) == pytest.approx(scale * each["nominal"], abs=half)

@@ -31,4 +31,4 @@ def test_one_joint_is_fitted_as_all_are() -> None:
     np.testing.assert_array_equal(moved, every.offsets(joints, sides, widths)[0])
     np.testing.assert_array_equal(derivative[..., 0], every.offsets(joints, sides, widths)[1][..., 1])
     assert said_of_term("joint2.backlash") == "joint 2 has play" and not said_of_term("joint2.backlash3")
-    assert effect("joint2.backlash", VERSATRAN, None).parameters[0].unit == "m"
+    assert effect("joint2.backlash", VERSATRAN, None).parameters[0].unit.si == "m"

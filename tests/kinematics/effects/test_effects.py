@@ -361,7 +361,7 @@ def test_a_drift_without_a_clock_is_of_the_place_in_the_file() -> None:
     """The last row is moved by the parameters themselves, the first not at all, rows that are left out or not."""
     untimed = SessionInfo(timed=False)
     arm = IRB120.arm_with(("p1",), ("drift",), untimed)
-    assert [each.unit for each in arm.parameters if each.name in ("drift.x", "drift.rx")] == ["m", "rad"]
+    assert [each.unit.si for each in arm.parameters if each.name in ("drift.x", "drift.rx")] == ["m", "rad"]
     values, joints = arm.nominal(IRB120.tool), IRB120.chain.random_joints(5, np.random.default_rng(0))
     values[arm.names.index("drift.x")] = 1e-3
     data = measured(IRB120.chain.joint_names, joints, ("p1",), np.zeros((5, 1, 3))).take([4, 0, 1])

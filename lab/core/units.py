@@ -1,0 +1,69 @@
+"""Units in which people read quantities, and the conversion from and to SI units, in which the code computes."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+from lab.core.se3 import Array
+
+__all__ = ["DEGREES", "KELVIN", "MICRONS", "MICRORADIANS", "MM", "MRAD", "PPM", "Unit", "joints_to_si", "short_length"]
+
+Quantity = TypeVar("Quantity", float, Array)
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit in which people read a quantity.
+
+    Attributes:
+        si: the SI unit of the same quantity, ``rad/Nm``; empty for a ratio.
+        name: as it is displayed, ``µrad/Nm``.
+        factor: how many of it are one SI unit.
+        decimals: places behind the point that a parameter is displayed with, at most.
+    """
+
+    si: str
+    name: str
+    factor: float
+    decimals: int = 3
+
+    @property
+    def key(self) -> str:
+        """Its name in JSON keys, CSV columns and flags: ``deg``, ``um``, ``k_per_m``."""
+        return self.name.replace("°", "deg").replace("µ", "u").replace("/", "_per_").lower()
+
+    def of(self, size: Quantity) -> Quantity:
+        """Convert from SI units: ``MM.of(length_m)``."""
+        return self.factor * size
+
+    def to_si(self, size: Quantity) -> Quantity:
+        """Convert to SI units: ``MM.to_si(length_mm)``."""
+        return size / self.factor
+
+    def text(self, size: float, digits: int = 3) -> str:
+        """Write a size (SI) with its unit, to so many significant digits: ``1.23 mm``, ``2,500 mm``, ``30°``."""
+        value = self.of(size)
+        number = f"{value:,.0f}" if abs(value) >= 10 ** (digits - 1) else f"{value:.{digits}g}"
+        return f"{number}{self.name}" if self.name == "°" else f"{number} {self.name}"
+
+
+MM = Unit("m", "mm", 1e3, 4)
+MICRONS = Unit("m", "µm", 1e6)
+DEGREES = Unit("rad", "°", 180 / np.pi, 5)
+MRAD = Unit("rad", "mrad", 1e3, 4)
+MICRORADIANS = Unit("rad", "µrad", 1e6)
+PPM = Unit("", "ppm", 1e6, 2)
+KELVIN = Unit("K", "K", 1.0)
+
+
+def joints_to_si(joints: Array, prismatic: Sequence[bool]) -> Array:
+    """Convert joint positions or rates ``(..., n)``, in degrees or in mm of a slide, to rad or m."""
+    return np.asarray(joints * np.where(prismatic, 1e-3, np.pi / 180))
+
+
+def short_length(length_m: float) -> str:
+    """Write a length with two digits: ``52 µm``, ``590 µm``, ``1.5 mm``."""
+    unit = MICRONS if length_m < 0.95e-3 else MM
+    return f"{float(f'{unit.of(length_m):.2g}'):g} {unit.name}"
