@@ -11,6 +11,7 @@ import numpy as np
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.extension_points import load_reference
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.parameter import Parameter
@@ -231,7 +232,7 @@ class ErrorStatistics:
 
 def error_statistics(errors: Array) -> ErrorStatistics:
     """Statistics of errors in m; NaN is left out."""
-    lengths = 1e3 * errors[np.isfinite(errors)]
+    lengths = MM.of(errors[np.isfinite(errors)])
     return ErrorStatistics(
         float(lengths.mean()),
         float(np.sqrt(np.mean(lengths**2))),

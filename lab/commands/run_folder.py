@@ -26,6 +26,7 @@ from lab.commands.registry import command_named
 from lab.core.errors import LabError
 from lab.core.limits import TABLE_BYTES, TEXT_BYTES
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.core.version import __version__
 from lab.core.whole_folder import (
     CHECKSUMS,
@@ -617,7 +618,7 @@ class Stops:
 def joint_columns(chain: JointSpec, joints: Array) -> dict[str, Array]:
     """Joint positions ``(n, joints)`` (rad or m) by joint and unit, as people read them: ``<joint>_deg`` or ``_mm``."""
     return {
-        f"{name}_{'mm' if slides else 'deg'}": 1e3 * values if slides else np.rad2deg(values)
+        f"{name}_{'mm' if slides else 'deg'}": MM.of(values) if slides else np.rad2deg(values)
         for name, slides, values in zip(chain.joint_names, chain.prismatic, joints.T, strict=True)
     }
 

@@ -25,6 +25,7 @@ from lab.core.checks import Check
 from lab.core.errors import counted
 from lab.core.limits import called
 from lab.core.significance import VARIANCE_COMPONENTS
+from lab.core.units import MICRONS, MM, MRAD
 from lab.kinematics.parameter import Parameter
 from lab.render.document import (
     EVERYWHERE,
@@ -210,12 +211,12 @@ def _predictions(result: CalibrationResult) -> Table:
     region, elsewhere, bounds = result.verdict.region, result.verdict.elsewhere, result.bounds
     rows: list[Row] = []
     if np.isfinite(region.p95_m):
-        rows.append((region_words(region), short(1e3 * region.mean_m), short(1e3 * region.p95_m), "", ""))
+        rows.append((region_words(region), short(MM.of(region.mean_m)), short(MM.of(region.p95_m)), "", ""))
     if elsewhere is not None and np.isfinite(elsewhere.p95_m):
         where = f"extrapolated: {100 * elsewhere.extrapolated_share:.0f} % of the workspace"
-        rows.append((where, short(1e3 * elsewhere.mean_m), short(1e3 * elsewhere.p95_m), "", ""))
+        rows.append((where, short(MM.of(elsewhere.mean_m)), short(MM.of(elsewhere.p95_m)), "", ""))
     if bounds is not None:
-        sizes = (short(1e3 * size) for size in (bounds.predicted_95_m, bounds.observed_95_m))
+        sizes = (short(MM.of(size)) for size in (bounds.predicted_95_m, bounds.observed_95_m))
         rows.append(("at the validation poses", "", *sizes, f"{100 * bounds.inside_share:.0f} %"))
     columns = ("predicted", "mean", "95 %", "observed 95 %", "below their own 95 %")
     return Table(columns, tuple(rows), "Predicted position error of the arm, mm", shown_in=PAGE)
@@ -246,9 +247,9 @@ def _noise(result: CalibrationResult) -> str:
     sigma_m, rotation, region = found.sigma_m, rotation_noise_rad(found), result.verdict.region
     if not np.isfinite(sigma_m):
         return "The noise is unknown, so the parameters have no uncertainty."
-    rotations = f" and {short(1e3 * rotation)} mrad" if np.isfinite(rotation) else ""
+    rotations = f" and {short(MRAD.of(rotation))} mrad" if np.isfinite(rotation) else ""
     how = "given" if found.sigma_known else "estimated from the residuals"
-    text = f"The noise per axis is {short(1e3 * sigma_m)} mm{rotations} (1σ, {how})."
+    text = f"The noise per axis is {short(MM.of(sigma_m))} mm{rotations} (1σ, {how})."
     if (shared := result.fit.noise.shared) is not None:
         found_by = f"by restricted likelihood, level {100 * VARIANCE_COMPONENTS:g} %"
         found_by = "known of the robot's table" if shared.is_known else found_by
@@ -257,7 +258,7 @@ def _noise(result: CalibrationResult) -> str:
         text += f" {capital(result.fit.instrument.words)}."
     if np.isfinite(region.rms_m):
         text += (
-            f" The parameters' covariance alone predicts a position error of {short(1e3 * region.rms_m)} mm "
+            f" The parameters' covariance alone predicts a position error of {short(MM.of(region.rms_m))} mm "
             f"(RMS {region_words(region)})."
         )
     return text
@@ -283,7 +284,7 @@ def _model_selection(result: CalibrationResult) -> Table:
         (
             group.name,
             str(group.parameters),
-            short(1e3 * group.holdout_m) if np.isfinite(group.holdout_m) else "",
+            short(MM.of(group.holdout_m)) if np.isfinite(group.holdout_m) else "",
             short(group.f_p) if np.isfinite(group.f_p) else "",
             fixed(group.bic, 0) if np.isfinite(group.bic) else "",
             *_explained(result.fit.explained.get(group.name)),
@@ -300,7 +301,7 @@ def _model_selection(result: CalibrationResult) -> Table:
 
 def _explained(found: ExplainedError | None) -> tuple[str, str]:
     """Format the prediction error without a group (mm) and its share of the error of geometry alone (%)."""
-    return ("", "") if found is None else (short(1e3 * found.size_m), f"{100 * found.share:.2g}")
+    return ("", "") if found is None else (short(MM.of(found.size_m)), f"{100 * found.share:.2g}")
 
 
 def _outliers(result: CalibrationResult) -> Section:
@@ -311,7 +312,7 @@ def _outliers(result: CalibrationResult) -> Section:
         (
             pose.id,
             "" if pose.line is None else str(pose.line),
-            short(1e3 * pose.size_m),
+            short(MM.of(pose.size_m)),
             short(pose.p),
             held_out if pose.held_out else fitted,
         )
@@ -383,7 +384,7 @@ def _identifiability(result: CalibrationResult) -> tuple[Block, ...]:
     directions, pairs = result.weak_directions, correlated_pairs(found)
     parameters = {each.name: each for each in found.model.parameters}
     weak = tuple(
-        (f"1/{1 / each.singular_value:,.0f}", _mixture(each, parameters), f"{short(1e6 * each.moved)} µm")
+        (f"1/{1 / each.singular_value:,.0f}", _mixture(each, parameters), f"{short(MICRONS.of(each.moved))} µm")
         for each in directions
     )
     correlated = tuple((" and ".join(pair.names), fixed(pair.correlation, 3)) for pair in pairs)

@@ -8,6 +8,7 @@ from lab.calibration.estimate import Estimate
 from lab.core.errors import LabError, counted
 from lab.core.measurements import evenly
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.formats.calibrated_module import largest_difference, module_text, plain_model, refusing_text
 from lab.kinematics.effects.effect import PAYLOAD
 from lab.render.phrases.fit import listed, model_name
@@ -25,7 +26,7 @@ def comment_of_lacking(groups: Sequence[str], off_m: float | None, where: str, *
     """
     if off_m is None:
         return ""
-    said = f"Geometry alone: lacks {', '.join(listed(groups))}; off by {1e3 * off_m:.2g} mm rms {where}"
+    said = f"Geometry alone: lacks {', '.join(listed(groups))}; off by {MM.text(off_m, 2)} rms {where}"
     return f"{said}; calibrated.py has all effects" if module else said
 
 
@@ -64,7 +65,7 @@ class ArmExport:
             inputs = self.inputs if some is None else self.inputs[some]
             apart = largest_difference(text, arm, estimate.values, inputs)
             if not apart <= _SAME_M:
-                raise LabError(f"its points at {counted(len(inputs), 'measured pose')} are {1e3 * apart:.2g} mm off")
+                raise LabError(f"its points at {counted(len(inputs), 'measured pose')} are {MM.text(apart, 2)} off")
         except LabError as error:
             reason = f"robot {name} is not in this module: {error}"
             return refusing_text(title, about, reason), reason

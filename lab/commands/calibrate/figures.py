@@ -274,14 +274,14 @@ def _arm_views(arm: ArmPoses) -> tuple[Picture, ...]:
     """The arm as a stick figure at its poses, with the points and the instrument, from above and from the side."""
     if not np.isfinite(arm.joints).all():
         return ()
-    middle, half = cube([1e3 * arm.joints, 1e3 * arm.tips, 1e3 * arm.points])
-    if arm.head is not None and np.abs(1e3 * arm.head - middle).max() < _FAR * half:
-        middle, half = cube([1e3 * arm.joints, 1e3 * arm.points, 1e3 * arm.head])
+    middle, half = cube([MM.of(arm.joints), MM.of(arm.tips), MM.of(arm.points)])
+    if arm.head is not None and np.abs(MM.of(arm.head) - middle).max() < _FAR * half:
+        middle, half = cube([MM.of(arm.joints), MM.of(arm.points), MM.of(arm.head)])
 
     def draw(axes: Axes, plane: tuple[int, int]) -> None:
         _sticks(axes, arm, plane)
         if arm.head is not None:
-            _instrument(axes, 1e3 * arm.head, middle, half, plane)
+            _instrument(axes, MM.of(arm.head), middle, half, plane)
         view(axes, plane, middle, half, "base")
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=2)
 
@@ -301,17 +301,17 @@ def _sticks(axes: Axes, arm: ArmPoses, plane: tuple[int, int]) -> None:
     """Links, joints, targets and points."""
     size = 9 if len(arm.points) <= 200 else 4
     word = "measured point" if arm.measured else "tool point"
-    points = 1e3 * arm.points[:: max(1, len(arm.points) // 1000)][:, plane]
+    points = MM.of(arm.points[:: max(1, len(arm.points) // 1000)][:, plane])
     axes.scatter(points[:, 0], points[:, 1], s=size, c=MEASURED, label=word, zorder=3, linewidths=0)
     shown = [slice(0, 1), slice(1, None)] if len(arm.tips) > 1 else [slice(0, 1)]
     for rows in reversed(shown):  # the others first: few artists, since each takes its time
         first = rows.start == 0
         colour, wide = (HIGHLIGHT, 2.6) if first else (ARM, 1.1)
-        joints = 1e3 * arm.joints[rows][..., plane]  # (m, f, 2)
-        tips = 1e3 * arm.tips[rows][..., plane]  # (m, k, 2)
+        joints = MM.of(arm.joints[rows][..., plane])  # (m, f, 2)
+        tips = MM.of(arm.tips[rows][..., plane])  # (m, k, 2)
         held = np.stack([np.broadcast_to(joints[:, -1:], tips.shape), tips], axis=-2)
         axes.plot(*_parted(held), ":", color=colour, linewidth=0.8, zorder=2)
-        links = [_parted(1e3 * strip[rows][..., plane]) for strip in arm.strips]
+        links = [_parted(MM.of(strip[rows][..., plane])) for strip in arm.strips]
         axes.plot(
             *np.concatenate(links, axis=1),
             "-",
@@ -359,7 +359,7 @@ def residual_pictures(result: CalibrationResult) -> tuple[Picture, ...]:
     if not positions:
         return ()
     predicted = found.model.points(data.inputs(found.model.conditions), found.values)[:, :positions]
-    residuals = 1e3 * (data.points[:, :positions] - predicted)
+    residuals = MM.of(data.points[:, :positions] - predicted)
     seen = residuals[np.isfinite(residuals)]
     if len(seen) < _FEWEST:
         return ()
@@ -504,7 +504,7 @@ def selection_picture(result: CalibrationResult) -> tuple[Picture, ...]:
     tried = [each for each in result.groups if each.chosen and np.isfinite(each.holdout_m)]
     if len(tried) < 2:
         return ()
-    errors = 1e3 * np.array([each.holdout_m for each in tried])
+    errors = MM.of(np.array([each.holdout_m for each in tried]))
 
     def draw(axes: Axes) -> None:
         at = np.arange(len(tried))[::-1]

@@ -19,6 +19,7 @@ from lab.commands.calibrate.document import parameters_table
 from lab.commands.calibrate.result import CalibrationResult
 from lab.commands.calibrate.scene import Scene, scene
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.render.document import Bullets, Document, Section, Strong, Text, format_magnification
 from lab.render.markdown import to_markdown
 from lab.render.recording import (
@@ -241,9 +242,9 @@ def _numbers(recording: rr.RecordingStream, outcome: CalibrationResult, shown: S
     for name, errors, colour in (("before", shown.error_before, RGB_BEFORE), ("after", shown.error_after, RGB_AFTER)):
         used = np.flatnonzero(np.isfinite(errors))
         recording.send_columns(
-            f"error_mm/{name}", _poses(shown.numbers[used]), rr.Scalars.columns(scalars=1e3 * errors[used])
+            f"error_mm/{name}", _poses(shown.numbers[used]), rr.Scalars.columns(scalars=MM.of(errors[used]))
         )
-        logarithms = np.log10(np.maximum(1e3 * errors[used], _LEAST_MM))
+        logarithms = np.log10(np.maximum(MM.of(errors[used]), _LEAST_MM))
         recording.send_columns(
             f"{_LOG_ERRORS}/{name}", _poses(shown.numbers[used]), rr.Scalars.columns(scalars=logarithms)
         )

@@ -36,6 +36,7 @@ from lab.core.checks import Check, Outcome
 from lab.core.linear_model import triangle_of
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
+from lab.core.units import MM, MRAD
 from lab.formats.calibrated_module import MODULE_FILE
 from lab.formats.measurement_csv import write_measurements
 from lab.formats.noise_model import noise_model_to_dict
@@ -122,7 +123,7 @@ def direction_to_dict(direction: Direction) -> dict[str, Any]:
     """A weak direction as plain values; ``parts`` in SI units."""
     return {
         "singular_value": direction.singular_value,
-        "moved_mm": 1e3 * direction.moved,
+        "moved_mm": MM.of(direction.moved),
         "parts": dict(direction.parts),
     }
 
@@ -303,8 +304,8 @@ class CalibrationResult(Result):
             "before_mm": None if (before := self.before) is None else before.to_dict(),
             "after_mm": None if after is None else after.to_dict(),
             "after_without_outliers_mm": None if robust is None else robust.to_dict(),
-            "noise_mm": number(1e3 * identification.sigma_m),
-            "noise_mrad": number(1e3 * rotation_noise_rad(identification)),
+            "noise_mm": number(MM.of(identification.sigma_m)),
+            "noise_mrad": number(MRAD.of(rotation_noise_rad(identification))),
             "noise_known": identification.sigma_known,
             "cluster_robust": identification.dof_each is not None and self.fit.noise.shared is None,
             "noise_tail_freedom": number(self.fit.tail_dof),
@@ -312,10 +313,10 @@ class CalibrationResult(Result):
             "noise_findings": [_finding_to_dict(each) for each in self.fit.findings],
             "prediction_at_validation": _prediction_to_dict(self.verdict.prediction),
             "instrument_noise": _instrument_to_dict(self.fit.instrument),
-            "residual_mm": number(1e3 * identification.residual_sigma_m),
+            "residual_mm": number(MM.of(identification.residual_sigma_m)),
             "freedom": identification.dof,
-            "predicted_mm": number(1e3 * self.verdict.workspace.rms_m),
-            "predicted_95_mm": number(1e3 * self.verdict.workspace.p95_m),
+            "predicted_mm": number(MM.of(self.verdict.workspace.rms_m)),
+            "predicted_95_mm": number(MM.of(self.verdict.workspace.p95_m)),
             "prediction": _region_to_dict(self.verdict.region),
             "prediction_elsewhere": _region_to_dict(self.verdict.elsewhere),
             "validation_bounds": _bounds_to_dict(self.bounds),
@@ -373,7 +374,7 @@ class CalibrationResult(Result):
         """Entries in ``result.json`` for the files that hold the calibrated arm."""
         found, off = self._export, self._off_m
         alone = {"has": ["geometric"], "lacks": [*self.estimate.groups, *self.estimate.left_out]}
-        of_geometry = {**alone, "off_mm": None if off is None else number(1e3 * off)}
+        of_geometry = {**alone, "off_mm": None if off is None else number(MM.of(off))}
         return {MODULE_FILE: found.to_dict(self._module[1]), **dict.fromkeys(self._descriptions, of_geometry)}
 
     @property
@@ -398,8 +399,8 @@ class CalibrationResult(Result):
         workspace, rows = self.verdict.workspace, self.validation.rows
         lacks = self.fit.process is not None or measured.is_worse_beyond
         return {
-            "growth_mrad": 1e3 * measured.growth,
-            "unsure_mrad": 1e3 * measured.unsure,
+            "growth_mrad": MRAD.of(measured.growth),
+            "unsure_mrad": MRAD.of(measured.unsure),
             "workspace_beyond_share": workspace.beyond_share,
             "workspace_extrapolated_share": workspace.uncovered_share,
             "validation_extrapolated": None if rows is None else int((measured.uncovered(rows.joints) & lacks).sum()),
@@ -441,7 +442,7 @@ def _finding_to_dict(found: Check) -> dict[str, Any]:
     between = found.data.get("between")
     return {
         "kind": found.name.removeprefix("finding."),
-        "size_mm": 1e3 * found.data["size_m"],
+        "size_mm": MM.of(found.data["size_m"]),
         "supported": found.outcome != "failed",
         "between": None if between is None else list(between),
         "words": phrase(found),
@@ -452,7 +453,7 @@ def _prediction_to_dict(found: Check | None) -> dict[str, Any] | None:
     """Observed and predicted 95 % errors at the validation poses, in mm."""
     if found is None:
         return None
-    sizes = {f"{name}_95_mm": 1e3 * found.data[f"{name}_p95_m"] for name in ("observed", "predicted", "allowed")}
+    sizes = {f"{name}_95_mm": MM.of(found.data[f"{name}_p95_m"]) for name in ("observed", "predicted", "allowed")}
     return {**sizes, "exceeded": found.outcome == "failed"}
 
 
@@ -471,7 +472,7 @@ def _instrument_to_dict(found: InstrumentNoise | None) -> dict[str, Any] | None:
     if found is None:
         return None
     sizes = {"estimate_mm": found.sigma_m, "low_mm": found.low_m, "high_mm": found.high_m}
-    return {name: 1e3 * size for name, size in sizes.items()} | {
+    return {name: MM.of(size) for name, size in sizes.items()} | {
         "freedom": found.dof,
         "rigid": found.is_rigid,
         "words": found.words,
@@ -484,13 +485,13 @@ def _remaining_to_dict(found: RemainingError | None, gain: ExpectedGain | None) 
         return None
     sizes = {"total_mm": found.total_m, "instrument_mm": found.instrument_m, "shared_mm": found.shared_m}
     alike = {"neighbouring_joints": found.over_joints, "successive_poses": found.over_time}
-    return {name: number(1e3 * size) for name, size in {**sizes, "rest_mm": found.rest_m}.items()} | {
+    return {name: number(MM.of(size)) for name, size in {**sizes, "rest_mm": found.rest_m}.items()} | {
         **{name: None if each is None else asdict(each) for name, each in alike.items()},
         "seen_not_taken": list(found.nearly),
         "measure_next": found.measure_next,
         "with_residual": None
         if gain is None
-        else {"before_mm": 1e3 * gain.before_m, "after_mm": 1e3 * gain.after_m, "poses": gain.poses},
+        else {"before_mm": MM.of(gain.before_m), "after_mm": MM.of(gain.after_m), "poses": gain.poses},
     }
 
 
@@ -501,10 +502,10 @@ def _region_to_dict(found: RegionPrediction | None) -> dict[str, Any] | None:
     return {
         "region": found.kind,
         "poses": found.poses,
-        "rms_mm": number(1e3 * found.rms_m),
-        "mean_mm": number(1e3 * found.mean_m),
-        "p95_mm": number(1e3 * found.p95_m),
-        "uncalibrated_rms_mm": number(1e3 * found.uncalibrated_rms_m),
+        "rms_mm": number(MM.of(found.rms_m)),
+        "mean_mm": number(MM.of(found.mean_m)),
+        "p95_mm": number(MM.of(found.p95_m)),
+        "uncalibrated_rms_mm": number(MM.of(found.uncalibrated_rms_m)),
         "extrapolated_share": found.extrapolated_share,
     }
 
@@ -514,8 +515,8 @@ def _bounds_to_dict(found: ValidationBounds | None) -> dict[str, Any] | None:
     if found is None:
         return None
     return {
-        "predicted_95_mm": number(1e3 * found.predicted_95_m),
-        "observed_95_mm": number(1e3 * found.observed_95_m),
+        "predicted_95_mm": number(MM.of(found.predicted_95_m)),
+        "observed_95_mm": number(MM.of(found.observed_95_m)),
         "inside_share": found.inside_share,
         "inside_low": found.inside_low,
         "inside_high": found.inside_high,
@@ -540,11 +541,11 @@ def _group_to_dict(group: GroupTrial, explained: ExplainedError | None) -> dict[
         "name": group.name,
         "words": said_of_term(group.name),
         "parameters": group.parameters,
-        "holdout_mm": number(1e3 * group.holdout_m),
+        "holdout_mm": number(MM.of(group.holdout_m)),
         "f_p": number(group.f_p),
         "bic": number(group.bic),
         "chosen": group.chosen,
-        "explains_mm": None if explained is None else number(1e3 * explained.size_m),
+        "explains_mm": None if explained is None else number(MM.of(explained.size_m)),
         "explained_share": None if explained is None else number(explained.share),
         "why_not": group.infeasibility_reason,
         "configurations_p": None if group.configurations is None else number(group.configurations.p),
@@ -557,13 +558,13 @@ def _distance_to_dict(found: Distance | None) -> dict[str, Any] | None:
     """The link that is farthest from its nominal value, in mm or mrad and in tolerances."""
     if found is None:
         return None
-    unit = "mrad" if found.is_angle else "mm"
-    return {"name": found.name, f"distance_{unit}": 1e3 * found.size, "tolerances": found.tolerances}
+    unit = MRAD if found.is_angle else MM
+    return {"name": found.name, f"distance_{unit.key}": unit.of(found.size), "tolerances": found.tolerances}
 
 
 def _outlier_to_dict(pose: Named) -> dict[str, Any]:
     where = {} if pose.line is None else {"line": pose.line}
-    return {"id": pose.id, **where, "size_mm": 1e3 * pose.size_m, "p": pose.p, "held_out": pose.held_out}
+    return {"id": pose.id, **where, "size_mm": MM.of(pose.size_m), "p": pose.p, "held_out": pose.held_out}
 
 
 _STEP = 1e-6  # m or rad, of central differences

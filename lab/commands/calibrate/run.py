@@ -38,6 +38,7 @@ from lab.core.errors import LabError, error_context
 from lab.core.measurements import Measurements, setups, thinned, without_copies
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.effects.registry import CAMPAIGN_SPECIFIC
 from lab.noise.instruments import observing
@@ -294,7 +295,7 @@ def _of_a_virtual_robot(day: MeasuringDay, placed: Mapping[str, Array], stage: S
     device = named_instrument(options.instrument)
     noise, kind = Noise(device, readings=options.readings), options.kind()
     if options.noise_mm is not None:
-        noise = Noise(None, options.noise_mm / 1e3)
+        noise = Noise(None, MM.to_si(options.noise_mm))
     else:
         kind = kind.weighed_by(device, data)
     fitter = Fitter(robot, options.targets, data, kind, noise, options.fitting.of_fit, options.seed)
@@ -403,7 +404,7 @@ def _of_measurements(
         kind,
         options.fitting.of_fit,
         None if device is None else observing(named_instrument(device), kind.name),
-        None if options.noise_mm is None else options.noise_mm / 1e3,
+        None if options.noise_mm is None else MM.to_si(options.noise_mm),
         replace(
             _judging(options),
             holdout=options.holdout,
@@ -431,7 +432,7 @@ def _of_measurements(
 
 def _judging(options: VirtualCampaign | MeasuredCampaign) -> Judging:
     """The options of the judgement that both kinds of campaign have."""
-    gate_m = None if options.gate_mm is None else options.gate_mm / 1e3
+    gate_m = None if options.gate_mm is None else MM.to_si(options.gate_mm)
     return Judging(gate_m=gate_m, region=task_region(options.region), region_name=f"--region {options.region}")
 
 

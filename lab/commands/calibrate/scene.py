@@ -13,6 +13,7 @@ from lab.commands.calibrate.result import CalibrationResult
 from lab.core import se3
 from lab.core.measurements import rows_called, seen_mask
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.kinematics.effects.sessions import at_first_station
 from lab.kinematics.model import RigidArm
 from lab.render.scene import (
@@ -157,7 +158,7 @@ def _outliers(outcome: CalibrationResult, T_world_instrument: Array) -> tuple[Ou
     both = (in_first_frame(model, values, inputs, points) for points in (part.points, expected))
     ends = (moved(T_world_instrument, points)[np.arange(len(named)), worst] for points in both)
     return tuple(
-        OutlierPose(f"{pose.id}: {1e3 * pose.size_m:.3g} mm", measured, should)
+        OutlierPose(f"{pose.id}: {MM.text(pose.size_m)}", measured, should)
         for pose, measured, should in zip(named, *ends, strict=True)
     )
 

@@ -22,6 +22,7 @@ from lab.core.linear_model import covariance_root, p_value_of_squares
 from lab.core.measurements import Measurements, thinned
 from lab.core.se3 import Array
 from lab.core.significance import VERDICT_LACK_OF_FIT
+from lab.core.units import MM
 from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.effects.effect import HOUR_S
 from lab.noise.error_model import row_times
@@ -323,7 +324,7 @@ def random_errors(
     instrument_m = instrument_noise_m(calibrated, fitted, device)
     lacking, larger, dof = estimate.discrepancy(instrument_m)
     if result.noise_model is not None and not estimate.noise_known:  # what is independent there is not all the noise
-        lacking = float(np.sqrt(max((result.noise_model.independent_mm / 1e3) ** 2 - instrument_m**2, 0.0)))
+        lacking = float(np.sqrt(max(MM.to_si(result.noise_model.independent_mm) ** 2 - instrument_m**2, 0.0)))
     elif estimate.noise_known and not lacking and (excess := _excess(calibrated)) > 1:
         lacking, larger, dof = fitted.sigma_m * float(np.sqrt(excess - 1)), max(larger, excess), estimate.dof
     freedom = np.inf if dof is None else float(dof)
@@ -331,7 +332,7 @@ def random_errors(
     repeatability = _repeatability(fitted, instrument_m, stated_mm, found, of_residuals=scattered)
     known_m = 0.0 if repeatability is None else repeatability.sigma_m
     left = float(np.sqrt(max(lacking**2 - known_m**2, 0.0)))
-    wandering_m = 0.0 if result.noise_model is None else result.noise_model.wandering_mm / 1e3
+    wandering_m = 0.0 if result.noise_model is None else MM.to_si(result.noise_model.wandering_mm)
     return RandomErrors(
         larger * estimate.free_covariance,
         KnownSpread(fitted.sigma_m * float(np.sqrt(larger)), freedom, _noise_source(calibrated)),
@@ -357,12 +358,12 @@ def motions_found(calibrated: CalibrationRun, fitted: FittedRows) -> Iterator[Fr
     order = [fitted.rows.ids[i] for i in np.argsort(times, kind="stable")]
     for move in found.moves:
         earlier = (order.index(move.before) + 1) / len(order) if move.before in order else 1.0
-        offset = move.size_mm / 1e3 * max(earlier, 1 - earlier)
+        offset = MM.to_si(move.size_mm) * max(earlier, 1 - earlier)
         words = f"base or instrument moved between poses {move.before} and {move.after}"
         yield FrameMotion(words, f"{_BY_NOISE_MODEL}, {move.size_mm:.2g} mm", offset)
     if found.drift_mm:
         words = "drift of base or instrument to the campaign's end"
-        yield FrameMotion(words, _BY_NOISE_MODEL, found.drift_mm / 1e3 * float(np.sqrt(3)))
+        yield FrameMotion(words, _BY_NOISE_MODEL, MM.to_si(found.drift_mm) * float(np.sqrt(3)))
 
 
 def _excess(calibrated: CalibrationRun) -> float:
@@ -400,7 +401,7 @@ def _repeatability(
         freedom = (more / found.scatter_m**2) ** 2 * found.freedom
         return KnownSpread(float(np.sqrt(more)), freedom, "repeated poses, less the instrument's noise")
     if stated_mm is not None:
-        return KnownSpread(stated_mm / 1e3 / _RP_OVER_SIGMA, np.inf, f"stated RP of {stated_mm:g} mm")
+        return KnownSpread(MM.to_si(stated_mm) / _RP_OVER_SIGMA, np.inf, f"stated RP of {stated_mm:g} mm")
     return None
 
 

@@ -15,6 +15,7 @@ from lab.commands.result import ErrorStatistics, Result, error_statistics, numbe
 from lab.compensation.iso9283 import CYCLES
 from lab.core.checks import Check
 from lab.core.se3 import Array
+from lab.core.units import MICRONS, MM
 from lab.formats.certificate_toml import CertificateDetails
 from lab.noise.instruments import Instrument
 from lab.render.charts.chart import axes_picture
@@ -180,7 +181,7 @@ class Certificate(Result):
             "after_mm": _statistics_to_dict(result.after_mm),
             "coverage": COVERAGE,
             "budgets": {
-                each.measurand: _budget_to_dict(each) | {"expanded_with_unseen_mm": 1e3 * more}
+                each.measurand: _budget_to_dict(each) | {"expanded_with_unseen_mm": MM.of(more)}
                 for each, more in zip(self.budgets, self.with_unseen_m, strict=True)
             },
             "validation": None if self.validation is None else _validation_to_dict(self.validation),
@@ -198,16 +199,16 @@ class Certificate(Result):
         return {
             "measurand": [budget.measurand for budget, _ in rows],
             "quantity": [line.quantity.words for _, line in rows],
-            "contribution_mm": [1e3 * line.contribution_m for _, line in rows],
+            "contribution_mm": [MM.of(line.contribution_m) for _, line in rows],
             "share": [line.share for _, line in rows],
         }
 
     def _conformity_to_dict(self, found: Conformity) -> dict[str, Any]:
         return {
             "statistic": self.options.statistic,
-            "value_mm": 1e3 * found.value_m,
-            "tolerance_mm": 1e3 * found.tolerance_m,
-            "expanded_mm": 1e3 * found.expanded_m,
+            "value_mm": MM.of(found.value_m),
+            "tolerance_mm": MM.of(found.tolerance_m),
+            "expanded_mm": MM.of(found.expanded_m),
             "rule": found.rule,
             "rule_words": found.words,
             "decision": found.decision,
@@ -243,7 +244,7 @@ def _repeats_to_dict(found: Repeats, where: Sequence[str]) -> dict[str, Any]:
         "rows": list(where),
         "poses": found.poses,
         "cycles": list(found.cycles),
-        "scatter_mm": 1e3 * found.scatter_m,
+        "scatter_mm": MM.of(found.scatter_m),
         "freedom": found.freedom,
     }
 
@@ -251,12 +252,12 @@ def _repeats_to_dict(found: Repeats, where: Sequence[str]) -> dict[str, Any]:
 def _validation_to_dict(found: LackOfFit) -> dict[str, Any]:
     return {
         "poses": found.poses,
-        "observed_rms_mm": 1e3 * found.observed_rms_m,
-        "expected_rms_mm": 1e3 * found.expected_rms_m,
-        "observed_95_mm": 1e3 * found.observed_95_m,
-        "expected_95_mm": 1e3 * found.expected_95_m,
+        "observed_rms_mm": MM.of(found.observed_rms_m),
+        "expected_rms_mm": MM.of(found.expected_rms_m),
+        "observed_95_mm": MM.of(found.observed_95_m),
+        "expected_95_mm": MM.of(found.expected_95_m),
         "p": found.p,
-        "lack_of_fit_mm": 1e3 * found.sigma_m,
+        "lack_of_fit_mm": MM.of(found.sigma_m),
     }
 
 
@@ -274,25 +275,25 @@ def _statistics_to_dict(found: Mapping[str, float] | None) -> dict[str, float | 
 
 
 def _accuracy_to_dict(found: Accuracy) -> dict[str, float]:
-    return {"mean": 1e3 * found.mean_m, "max": 1e3 * found.largest_m}
+    return {"mean": MM.of(found.mean_m), "max": MM.of(found.largest_m)}
 
 
 def _budget_to_dict(budget: Budget) -> dict[str, Any]:
     return {
         "lines": [_line_to_dict(line) for line in budget.lines],
-        "combined_mm": 1e3 * budget.combined_m,
+        "combined_mm": MM.of(budget.combined_m),
         "freedom": number(budget.freedom),
         "coverage_factor": budget.coverage_factor,
-        "expanded_mm": 1e3 * budget.expanded_m,
-        "propagated_mm": 1e3 * budget.propagated_m,
-        "monte_carlo_mm": 1e3 * budget.drawn_m,
-        "monte_carlo_std_mm": 1e3 * budget.drawn_std_m,
+        "expanded_mm": MM.of(budget.expanded_m),
+        "propagated_mm": MM.of(budget.propagated_m),
+        "monte_carlo_mm": MM.of(budget.drawn_m),
+        "monte_carlo_std_mm": MM.of(budget.drawn_std_m),
         "monte_carlo_draws": budget.draws,
-        "tolerance_mm": 1e3 * budget.tolerance_m,
+        "tolerance_mm": MM.of(budget.tolerance_m),
         "agrees": budget.agrees,
         "kinematics": {
-            "linear_mm": 1e3 * budget.kinematics.linear_m,
-            "full_mm": 1e3 * budget.kinematics.full_m,
+            "linear_mm": MM.of(budget.kinematics.linear_m),
+            "full_mm": MM.of(budget.kinematics.full_m),
             "draws": budget.kinematics.draws,
             "is_linear": budget.is_linear,
         },
@@ -309,8 +310,8 @@ def _line_to_dict(line: BudgetLine) -> dict[str, Any]:
         "unit": quantity.unit.name,
         "standard_uncertainty": quantity.unit.of(quantity.uncertainty.standard),
         "freedom": number(quantity.uncertainty.freedom),
-        "sensitivity_mm_per_unit": 1e3 * line.sensitivity / quantity.unit.factor,
-        "contribution_mm": 1e3 * line.contribution_m,
+        "sensitivity_mm_per_unit": MM.of(line.sensitivity) / quantity.unit.factor,
+        "contribution_mm": MM.of(line.contribution_m),
         "share": line.share,
     }
 
@@ -387,7 +388,7 @@ def _certificate_document(result: Certificate) -> Document:
 def _contributions_picture(budget: Budget) -> Picture:
     """Draw the contribution of each quantity to the standard uncertainty."""
     lines = sorted(budget.lines, key=lambda line: line.contribution_m)
-    sizes = 1e6 * np.array([line.contribution_m for line in lines])
+    sizes = MICRONS.of(np.array([line.contribution_m for line in lines]))
 
     def draw(axes: Axes) -> None:
         at = np.arange(len(lines))
@@ -421,8 +422,8 @@ def _lead(result: Certificate) -> str:
 
 
 def _uncertainty(budget: Budget) -> str:
-    digits = digits_of(1e3 * budget.expanded_m, _MOST_DIGITS)
-    return f"{fixed(1e3 * budget.expanded_m, digits)} mm (k = {budget.coverage_factor:.2f})"
+    digits = digits_of(MM.of(budget.expanded_m), _MOST_DIGITS)
+    return f"{fixed(MM.of(budget.expanded_m), digits)} mm (k = {budget.coverage_factor:.2f})"
 
 
 def _details(result: Certificate) -> tuple[Block, ...]:
@@ -496,8 +497,8 @@ def _validated(result: Certificate) -> tuple[Block, ...]:
     found = result.validation
     assert found is not None
     rows: list[Row] = [
-        ("root mean square", short(1e3 * found.observed_rms_m), short(1e3 * found.expected_rms_m)),
-        ("95 %", short(1e3 * found.observed_95_m), short(1e3 * found.expected_95_m)),
+        ("root mean square", short(MM.of(found.observed_rms_m)), short(MM.of(found.expected_rms_m))),
+        ("95 %", short(MM.of(found.observed_95_m)), short(MM.of(found.expected_95_m))),
     ]
     poses = f"{found.poses:,} poses {_VALIDATED.get(result.calibrated.result.judged_by or '', '')}"
     words = (
@@ -507,7 +508,7 @@ def _validated(result: Certificate) -> tuple[Block, ...]:
     if found.sigma_m:
         words = (
             f"On {poses} the errors are larger than the rest of the budget predicts (p = {found.p:.2g}). The budget "
-            f"has a line for this lack of fit: {short(1e3 * found.sigma_m)} mm in each coordinate."
+            f"has a line for this lack of fit: {short(MM.of(found.sigma_m))} mm in each coordinate."
         )
     caption = "Errors, mm. Predicted by the budget without the line for lack of fit"
     return Table(("error", "observed", "predicted"), tuple(rows), caption), Paragraph(words)
@@ -516,7 +517,7 @@ def _validated(result: Certificate) -> tuple[Block, ...]:
 def _unseen(result: Certificate) -> tuple[Block, ...]:
     """Tabulate the effects that nothing in the run covers, U including them, and the remedies."""
     rows: tuple[Row, ...] = tuple((each.words, each.remedy) for each in result.unseen)
-    digits = [short(1e3 * each) for each in result.with_unseen_m]
+    digits = [short(MM.of(each)) for each in result.with_unseen_m]
     words = (
         "Neither the measurements nor the statements on the instrument show this. With it the expanded uncertainty "
         f"would be {digits[0]} mm of a position and {digits[1]} mm of a distance."
@@ -525,7 +526,7 @@ def _unseen(result: Certificate) -> tuple[Block, ...]:
 
 
 def _comparison(result: Certificate, found: Conformity) -> str:
-    value, tolerance, expanded = (short(1e3 * each) for each in (found.value_m, found.tolerance_m, found.expanded_m))
+    value, tolerance, expanded = (short(MM.of(each)) for each in (found.value_m, found.tolerance_m, found.expanded_m))
     return (
         f"The {_STATISTICS[result.options.statistic]} position error on validation poses, {value} mm, with an expanded "
         f"uncertainty of {expanded} mm, against a tolerance of {tolerance} mm."
@@ -544,13 +545,13 @@ def _budget(budget: Budget) -> tuple[Block, ...]:
         "%",
     )
     rows = tuple(_line(line) for line in budget.lines)
-    drawn = digits_of(1e3 * budget.tolerance_m, _MOST_DIGITS)
+    drawn = digits_of(MM.of(budget.tolerance_m), _MOST_DIGITS)
     words = (
-        f"Combined standard uncertainty {short(1e3 * budget.combined_m)} mm, effective degrees of freedom "
+        f"Combined standard uncertainty {short(MM.of(budget.combined_m))} mm, effective degrees of freedom "
         f"{_freedom(budget.freedom)}, "
         f"k = {budget.coverage_factor:.2f}: ",
         Strong(f"U = {_uncertainty(budget)}, 95 % coverage."),
-        f" By Monte Carlo, {budget.draws:,} draws: {fixed(1e3 * budget.drawn_m, drawn)} mm, which "
+        f" By Monte Carlo, {budget.draws:,} draws: {fixed(MM.of(budget.drawn_m), drawn)} mm, which "
         f"{'confirms it' if budget.agrees else 'differs, and is stated'}. {_of_kinematics(budget)}",
     )
     drawing = f"Contributions to the uncertainty of {_MEASURANDS[budget.measurand]}."
@@ -564,8 +565,8 @@ def _budget(budget: Budget) -> tuple[Block, ...]:
 
 def _of_kinematics(budget: Budget) -> str:
     """Report whether the linear map of the parameters suffices."""
-    found, digits = budget.kinematics, digits_of(1e3 * budget.tolerance_m, _MOST_DIGITS)
-    full, linear = (fixed(1e3 * each, digits) for each in (found.full_m, found.linear_m))
+    found, digits = budget.kinematics, digits_of(MM.of(budget.tolerance_m), _MOST_DIGITS)
+    full, linear = (fixed(MM.of(each), digits) for each in (found.full_m, found.linear_m))
     return (
         f"Through the full kinematics {found.draws:,} drawn calibrations give {full} mm, with the linear map {linear} "
         "mm: " + ("the linear map suffices." if budget.is_linear else "U was multiplied by their ratio.")
@@ -580,8 +581,8 @@ def _line(line: BudgetLine) -> Row:
         quantity.source,
         uncertainty.distribution,
         short(quantity.unit.of(uncertainty.standard), quantity.unit.name).replace(" ", "\u00a0"),
-        short(1e6 * line.sensitivity / quantity.unit.factor),
-        short(1e6 * line.contribution_m),
+        short(MICRONS.of(line.sensitivity) / quantity.unit.factor),
+        short(MICRONS.of(line.contribution_m)),
         _freedom(uncertainty.freedom),
         f"{100 * line.share:.1f}",
     )
@@ -626,7 +627,7 @@ def _visits(cycles: tuple[int, int]) -> str:
 
 
 def _two(found: Accuracy) -> tuple[str, str]:
-    return short(1e3 * found.mean_m), short(1e3 * found.largest_m)
+    return short(MM.of(found.mean_m)), short(MM.of(found.largest_m))
 
 
 def _freedom(count: float) -> str:

@@ -55,6 +55,7 @@ from lab.core.measurements import PLACE, Measurements
 from lab.core.probability import Uncertain
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.formats.certificate_toml import CertificateDetails, read_certificate_details
 from lab.noise.instruments import INSTRUMENTS, Instrument, TrackerErrors
 from lab.render.phrases.registry import phrases
@@ -240,7 +241,7 @@ def _unseen(
         squares = [each.sigma_m**2 for each in own if each is not None]
         quantity = unseen_move_of(propagation, float(np.sqrt(sum(squares, chance.noise.sigma_m**2))))
         remedy = "measure the first pose again half way and at the end (lab design --reference-every)"
-        yield Unseen(quantity, 1e3 * quantity.uncertainty.limit, "mm", remedy)
+        yield Unseen(quantity, MM.of(quantity.uncertainty.limit), "mm", remedy)
 
 
 def _with_unseen(
@@ -254,7 +255,7 @@ def _with_unseen(
 
 def _facts(calibrated: CalibrationRun, source: str, robot: RobotFound) -> CampaignFacts:
     """Collect the certificate's facts on robot, instrument and measurement session."""
-    measured_mm = None if robot.repeats is None else 1e3 * robot.repeats.repeatability.mean_m
+    measured_mm = None if robot.repeats is None else MM.of(robot.repeats.repeatability.mean_m)
     instrument = source if source in INSTRUMENTS else ""
     return CampaignFacts(calibrated.robot.name, instrument, calibrated.options.date or "", measured_mm)
 
@@ -280,8 +281,8 @@ def _warnings(
     """Yield the warnings: those of the run, and effects that the budget lacks."""
     if validation is not None and validation.sigma_m:
         yield (
-            f"validation shows {1e3 * validation.observed_rms_m:.2g} mm (rms) where the rest of the budget predicts "
-            f"{1e3 * validation.expected_rms_m:.2g} mm: U contains the difference as lack of fit"
+            f"validation shows {MM.text(validation.observed_rms_m, 2)} (rms) where the rest of the budget predicts "
+            f"{MM.text(validation.expected_rms_m, 2)}: U contains the difference as lack of fit"
         )
     yield from calibrated.warnings
     if isinstance(calibrated.options, VirtualCampaign):

@@ -9,6 +9,7 @@ from lab.commands.run_folder import VIA
 from lab.core.errors import LabError
 from lab.core.measurements import evenly
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.render.charts.chart import cube
 from lab.render.document import (
     PAGE,
@@ -199,7 +200,7 @@ def _near(result: CompensationResult) -> Table:
 def _extrapolated(result: CompensationResult) -> Table:
     """The targets that no measured pose is near, with the error to expect there."""
     rows = tuple(
-        (result.targets.ids[i], short(1e3 * float(result.predicted_m[i]))) for i in np.flatnonzero(result.extrapolated)
+        (result.targets.ids[i], short(MM.of(float(result.predicted_m[i])))) for i in np.flatnonzero(result.extrapolated)
     )
     return Table(
         ("target", "extrapolated: not covered by measured poses; expected error, mm"), rows, most_rows=_MOST_LISTED
@@ -208,7 +209,7 @@ def _extrapolated(result: CompensationResult) -> Table:
 
 def _distance(near: NearSingular) -> str:
     """The distance to a singularity, in the unit of the joint that leads there."""
-    return short(1e3 * near.distance, "mm") if near.slides else short(float(np.rad2deg(near.distance)), "°")
+    return short(MM.of(near.distance), "mm") if near.slides else short(float(np.rad2deg(near.distance)), "°")
 
 
 def _histograms(result: CompensationResult) -> tuple[Block, ...]:
@@ -247,7 +248,7 @@ def _map(result: CompensationResult) -> tuple[Block, ...]:
 
 def _every_target(result: CompensationResult) -> tuple[Block, ...]:
     chain, found = result.run.robot.chain, result.found
-    moved = 1e3 * (found.positions - result.targets.positions)
+    moved = MM.of(found.positions - result.targets.positions)
     rows = tuple(
         (
             result.targets.ids[i],

@@ -21,6 +21,7 @@ from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.limits import PROGRAM_BYTES
 from lab.core.se3 import Array
+from lab.core.units import MM, MRAD
 from lab.formats.programs.program_text import Number, Outside, ProgramText, TargetText, Uncorrected, replaced, written
 from lab.formats.programs.protocol import Language
 from lab.formats.programs.registry import read_program
@@ -352,7 +353,7 @@ def _parts(target: TargetText) -> tuple[tuple[str, slice], ...]:
 def _apart(T_a: Array, T_b: Array) -> Array:
     """The distance and the angle ``(2,)`` between two poses ``(4, 4)`` (m): mm and degrees."""
     turn = np.linalg.norm(se3.log(T_a[:3, :3].T @ T_b[:3, :3]))
-    return np.array([1e3 * np.linalg.norm(T_a[:3, 3] - T_b[:3, 3]), np.rad2deg(turn)])
+    return np.array([MM.of(float(np.linalg.norm(T_a[:3, 3] - T_b[:3, 3]))), np.rad2deg(turn)])
 
 
 def _lost_in_rounding(target: TargetText, correction: Array, lost: Array) -> str:
@@ -389,25 +390,25 @@ class UsedTool:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values, in mm."""
-        near = {"point": self.point, "distance_mm": 1e3 * self.distance_m} if self.point else None
+        near = {"point": self.point, "distance_mm": MM.of(self.distance_m)} if self.point else None
         return {
             "name": self.name,
             "targets": self.targets,
-            "position_mm": [1e3 * each for each in self.position_m],
+            "position_mm": [MM.of(each) for each in self.position_m],
             "measured": near,
         }
 
     @property
     def words(self) -> str:
         """Description of the tool, its number of targets, and its distance from a measured point."""
-        place = ", ".join(short(1e3 * each) for each in self.position_m)
+        place = ", ".join(short(MM.of(each)) for each in self.position_m)
         if not self.name:
             return f"{_targets(self.targets)} by joint positions: the flange is brought where the nominal arm has it"
         used = f"{_targets(self.targets)} with tool {self.name}, at ({place}) mm in the flange as the program states it"
         if not self.disagrees:
             return used
         return (
-            f"{used}; the measured point {self.point} is {short(1e3 * self.distance_m)} mm from there and was not used"
+            f"{used}; the measured point {self.point} is {short(MM.of(self.distance_m))} mm from there and was not used"
         )
 
     @property
@@ -444,7 +445,7 @@ def flange_words(reference: "ProgramReference", flange_95_m: Array) -> str:
     """
     if reference.flange.turned or not len(flange_95_m):
         return ""
-    size = short(1e3 * float(flange_95_m.max()))
+    size = short(MM.of(float(flange_95_m.max())))
     return (
         f"the orientation of the flange is unknown{_why(reference)}: by the tolerances of the last link the tools may "
         f"be off by up to {size} mm (95 %), with the correction as without it"
@@ -453,7 +454,7 @@ def flange_words(reference: "ProgramReference", flange_95_m: Array) -> str:
 
 def stated_words(reference: "ProgramReference") -> str:
     """Describe how far the measured points are from their stated positions in the flange, and the consequence."""
-    off = [short(1e3 * each) for each in reference.flange.off_m.tolist()]
+    off = [short(MM.of(each)) for each in reference.flange.off_m.tolist()]
     if not reference.stated:
         return "No place of a measured point in the flange is stated."
     said = f"The measured points ({', '.join(reference.stated)}) are {', '.join(off)} mm from their stated places"
@@ -474,7 +475,7 @@ def _why(reference: "ProgramReference") -> str:
         points = f"{len(measured)} measured point{'s do' if len(measured) > 1 else ' does'}"
         return f", since {points} not show it"
     if reference.stated:
-        off = [short(1e3 * each) for each in reference.flange.off_m.tolist()]
+        off = [short(MM.of(each)) for each in reference.flange.off_m.tolist()]
         return (
             f", since the measured points are {', '.join(off)} mm from their stated places, more than the tolerances "
             "of the last link explain"
@@ -488,9 +489,9 @@ def flange_values(reference: "ProgramReference") -> Mapping[str, Any]:
     return {
         "orientation_known": flange.turned,
         "stated_places_used": flange.believed,
-        "off_stated_mm": dict(zip(reference.stated, (1e3 * flange.off_m).tolist(), strict=False)),
-        "tolerance_mm": 1e3 * float(reference.sigma[0]),
-        "tolerance_mrad": 1e3 * float(reference.sigma[3]),
+        "off_stated_mm": dict(zip(reference.stated, MM.of(flange.off_m).tolist(), strict=False)),
+        "tolerance_mm": MM.of(float(reference.sigma[0])),
+        "tolerance_mrad": MRAD.of(float(reference.sigma[3])),
     }
 
 

@@ -30,6 +30,7 @@ from lab.core.linear_model import covariance_root, matched_dof
 from lab.core.probability import f_isf
 from lab.core.progress import Progress, no_progress
 from lab.core.se3 import Array
+from lab.core.units import MM, MRAD
 from lab.core.whole_folder import Columns, Keep, at_once
 from lab.formats.programs.postures import ArmShape
 from lab.formats.programs.program_text import Move, ProgramText, TargetText
@@ -181,7 +182,7 @@ def _own_tolerance(run: CalibrationRun) -> tuple[Array, float]:
     (``lab.calibration.prior``), so it is counted in the standard deviation that tolerances give them all.
     """
     fitting = run.options.fitting
-    tolerance = Tolerance(fitting.tolerance_mm / 1e3, fitting.tolerance_mrad / 1e3)
+    tolerance = Tolerance(MM.to_si(fitting.tolerance_mm), MRAD.to_si(fitting.tolerance_mrad))
     arm, nominal = run.estimate.arm, run.estimate.nominal
     structure = base_set(arm, nominal)
     spread = standard_deviations(arm, tolerance)

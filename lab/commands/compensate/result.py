@@ -26,6 +26,7 @@ from lab.compensation.flange import point_rows
 from lab.core import se3
 from lab.core.linear_model import covariance_root
 from lab.core.se3 import Array
+from lab.core.units import MM, MRAD
 from lab.formats.calibrated_module import MODULE_FILE
 from lab.formats.csv_table import write_columns
 from lab.formats.programs.postures import postures_of
@@ -143,7 +144,7 @@ class CompensationResult(Result):
         if count := int((sizes > 0).sum()):
             said.append(
                 f"{count} of {len(sizes)} targets are beyond what the run measured: of their expected errors, up to "
-                f"{1e3 * sizes.max():.2g} mm (1σ) is what the model may lack there"
+                f"{MM.text(sizes.max(), 2)} (1σ) is what the model may lack there"
             )
         return tuple(said)
 
@@ -194,7 +195,7 @@ class CompensationResult(Result):
         worst = int(np.argmax(moved / usual))
         words = (
             f"{int(far.sum())} targets are moved by more than {MOST_TOLERANCES:g} tolerances, "
-            f"{self.targets.ids[self.reached[worst]]} by {1e3 * moved[worst]:.3g} mm, which is "
+            f"{self.targets.ids[self.reached[worst]]} by {MM.text(moved[worst])}, which is "
             f"{moved[worst] / usual[worst]:.3g}: is the nominal model that of this robot?"
         )
         return (words, *run)
@@ -203,7 +204,7 @@ class CompensationResult(Result):
     def _tolerance_m(self) -> Array:
         """``(n,)`` how far the tolerances of the links let each target be missed (m, RMS)."""
         fitting = self.run.options.fitting
-        tolerance = Tolerance(fitting.tolerance_mm / 1e3, fitting.tolerance_mrad / 1e3)
+        tolerance = Tolerance(MM.to_si(fitting.tolerance_mm), MRAD.to_si(fitting.tolerance_mrad))
         parts = [tolerance_rms(self.run.estimate.arm, jacobian, tolerance) for jacobian in self._sensitivities()]
         return np.concatenate(parts)
 
@@ -221,8 +222,8 @@ class CompensationResult(Result):
         )
         return {
             i: (
-                f"{self.targets.ids[i]}: the expected error is {1e3 * self._model_m[i]:.3g} mm with the correction and "
-                f"{1e3 * usual[i]:.3g} mm without: too far from the measured poses"
+                f"{self.targets.ids[i]}: the expected error is {MM.text(self._model_m[i])} with the correction and "
+                f"{MM.text(usual[i])} without: too far from the measured poses"
             )
             for i in self.reached.tolist()
             if self._model_m[i] > usual[i]
@@ -274,7 +275,7 @@ class CompensationResult(Result):
 
     def mean_and_max_mm(self, lengths: Array) -> tuple[float | None, float | None]:
         """Mean and largest (mm) of lengths ``(n,)`` (m) over the targets that are reached; None without any."""
-        values = 1e3 * lengths[self.reached]
+        values = MM.of(lengths[self.reached])
         finite = values[np.isfinite(values)]
         return (float(finite.mean()), float(finite.max())) if len(finite) else (None, None)
 
@@ -354,7 +355,7 @@ class CompensationResult(Result):
                 "ids": [self.targets.ids[i] for i in np.flatnonzero(self.extrapolated)],
             },
             "near_singular": [each.to_dict() for each in self.near_singular],
-            "without_effects_mm": None if self.without_effects_m is None else 1e3 * self.without_effects_m,
+            "without_effects_mm": None if self.without_effects_m is None else MM.of(self.without_effects_m),
             "warnings": list(self.warnings),
             **({} if self.program is None else {"program": self._program_values}),
         }
@@ -372,8 +373,8 @@ class CompensationResult(Result):
                 {
                     "id": self.targets.ids[i],
                     "line": lines[i],
-                    "shape_95_mm": 1e3 * float(expected.shape_95_m[i]),
-                    "base_95_mm": 1e3 * float(expected.base_95_m[i]),
+                    "shape_95_mm": MM.of(float(expected.shape_95_m[i])),
+                    "base_95_mm": MM.of(float(expected.base_95_m[i])),
                 }
                 for i in self.reached
             ],
@@ -399,8 +400,8 @@ class CompensationResult(Result):
         return {
             "id": [self.targets.ids[i] for i in rows],
             **joint_columns(chain, self.found.joints[rows]),
-            "correction_mm": 1e3 * self.correction_m[rows],
-            "predicted_mm": 1e3 * self.predicted_m[rows],
+            "correction_mm": MM.of(self.correction_m[rows]),
+            "predicted_mm": MM.of(self.predicted_m[rows]),
             "extrapolated": self.extrapolated[rows].tolist(),
         }
 
@@ -535,7 +536,7 @@ def _target_moves(result: CompensationResult) -> TargetMoves:
 
 def _cartesian_columns(result: CompensationResult, rows: NDArray[np.int_]) -> dict[str, Any]:
     """Positions in mm and quaternions wxyz, in the frame of the targets' file."""
-    positions, tool = 1e3 * result.found.positions[rows], result.targets.tool
+    positions, tool = MM.of(result.found.positions[rows]), result.targets.tool
     quaternions = se3.quaternion_from_rotation(result.found.rotations[rows] @ result.run.estimate.R_last_tool)
     columns = {f"{tool}_{axis}_mm": values for axis, values in zip("xyz", positions.T, strict=True)}
     return columns | {f"{tool}_q{part}": values for part, values in zip("wxyz", quaternions.T, strict=True)}

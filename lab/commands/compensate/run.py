@@ -20,6 +20,7 @@ from lab.core.errors import LabError, error_context
 from lab.core.measurements import LAST_MOVE, asked, last_moves
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.core.units import DEGREES, MICRONS, MM
 from lab.core.whole_folder import current_keep
 from lab.formats.target_csv import Targets, read_targets
 from lab.kinematics.effects.effect import PAYLOAD
@@ -180,7 +181,7 @@ def _corrected(
     if without is not None:
         warnings.append(
             f"the exported arm holds geometry alone: without {', '.join(listed(run.estimate.groups))} it is off by "
-            f"{1e3 * without:.2g} mm at these targets"
+            f"{MM.text(without, 2)} at these targets"
         )
     warnings += _left_out(run, targets, found)
     said = (*run.warnings, *targets.warnings, *warnings)
@@ -193,7 +194,7 @@ def _corrected(
     done = CompensationResult(options, run, targets, wanted, found, inputs, without, stops, checked, said, corrected)
     if run.load is not None and found.converged.any():
         size = float(np.sqrt((done.load_m[found.converged] ** 2).mean()))
-        words = f"of the error to expect, {1e6 * size:.2g} µm (1σ, root mean square) is the load's uncertainty"
+        words = f"of the error to expect, {MICRONS.text(size, 2)} (1σ, root mean square) is the load's uncertainty"
         if not size:
             why = "the run has no compliance, or no target carries them"
             words = f"{run.load.mass_kg:.4g} kg at the flange make no difference: {why}"
@@ -206,14 +207,14 @@ def _left_out(run: CalibrationRun, targets: Targets, found: Compensation) -> lis
     size, said = run.robot.chain.size, []
     if found.unturned_rad.max() > _UNTURNED_RAD:
         worst = int(found.unturned_rad.argmax())
-        missed = f"rotations missed by up to {np.rad2deg(found.unturned_rad[worst]):.2g}° (target {targets.ids[worst]})"
+        missed = f"rotations missed by up to {DEGREES.text(found.unturned_rad[worst], 2)} (target {targets.ids[worst]})"
         met = "positions are met, " if size >= PLACES else ""
         said.append(f"{run.robot.name} has {size} joints, which cannot give the tool every orientation: {met}{missed}")
     if found.unplaced_m.max() > _UNPLACED_M:
         worst = int(found.unplaced_m.argmax())
         said.append(
             f"{run.robot.name} has {size} joints, which cannot bring the tool to every place: it comes as near as they "
-            f"can, to within {1e3 * found.unplaced_m[worst]:.2g} mm (target {targets.ids[worst]})"
+            f"can, to within {MM.text(found.unplaced_m[worst], 2)} (target {targets.ids[worst]})"
         )
     return said
 

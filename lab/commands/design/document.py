@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from lab.commands.design.result import DesignResult, DesignStep, MeasuringDayLength, PlanCheckResult
 from lab.commands.design.scene import PlanScene, plan_scene
 from lab.core.se3 import Array
+from lab.core.units import MICRONS
 from lab.formats.programs.protocol import PAUSE_S
 from lab.formats.programs.registry import PLAN, language_of, plan_or_refusal, refusal
 from lab.kinematics.joints import JointSpec
@@ -103,17 +104,17 @@ def _draw_errors(axes: Axes, curve: Sequence[DesignStep], chosen: tuple[int, flo
         chosen: the plan's number of poses, and its tolerance bound (m).
     """
     poses = [step.poses for step in curve]
-    drawn = [1e6 * np.array([_rms(s.prediction.rms) for s in curve])]
+    drawn = [MICRONS.of(np.array([_rms(s.prediction.rms) for s in curve]))]
     for label, values, tint, style in (
         ("95 %/95 % tolerance bound", [s.prediction.coverage_radius for s in curve], BOUND, "o-"),
         ("worst pose, RMS", [s.prediction.rms.max() for s in curve], WORST, "^:"),
         ("all poses, RMS", [_rms(s.prediction.rms) for s in curve], RMS, "s:"),
     ):
-        drawn.append(1e6 * np.array(values))
+        drawn.append(MICRONS.of(np.array(values)))
         axes.plot(poses, drawn[-1], style, color=tint, label=label, markersize=5)
     if chosen is not None:
-        said = f"this plan: {chosen[0]} poses, {short(1e6 * chosen[1])} µm"
-        drawn.append(np.array([1e6 * chosen[1]]))
+        said = f"this plan: {chosen[0]} poses, {short(MICRONS.of(chosen[1]))} µm"
+        drawn.append(np.array([MICRONS.of(chosen[1])]))
         axes.axvline(chosen[0], color=REFERENCE, linewidth=1)
         axes.plot([chosen[0]], drawn[-1], "D", color=REFERENCE, markersize=8, label=said, zorder=4)
     every = np.concatenate(drawn)

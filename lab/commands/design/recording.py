@@ -17,6 +17,7 @@ from lab.commands.design.result import DesignResult
 from lab.commands.design.scene import PlanScene, plan_scene
 from lab.commands.result import joint_values
 from lab.core.se3 import Array
+from lab.core.units import MICRONS
 from lab.render.document import RECORDING, Bullets, Document, Section, Strong, Table, fixed, format_magnification
 from lab.render.markdown import to_markdown
 from lab.render.recording import (
@@ -123,7 +124,7 @@ def _passed(shown: PlanScene) -> NDArray[np.bool_]:
 def _curve(recording: rr.RecordingStream, plan: DesignResult) -> None:
     """The tolerance bound of any number of poses (µm); O1, which says little of it, where each number was designed."""
     poses = np.array([step.poses for step in plan.curve])
-    bound = np.array([1e6 * step.prediction.coverage_radius for step in plan.curve])
+    bound = np.array([MICRONS.of(step.prediction.coverage_radius) for step in plan.curve])
     near = bound <= _TALLEST * bound[-1]  # the first set that identifies the parameters would hide all others
     recording.log(BOUND, rr.BarChart(bound[near], abscissa=poses[near], color=RGB_UNCERTAINTY), static=True)
     if plan.options.curve:

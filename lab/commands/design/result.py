@@ -21,6 +21,7 @@ from lab.core.errors import LabError
 from lab.core.limits import STOPS
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.formats.measurement_csv import read_measurements, write_measurements
 from lab.formats.programs.postures import postures_of
 from lab.formats.programs.protocol import PAUSE_S, MeasuringTour
@@ -135,12 +136,12 @@ class DesignStep:
 
     def to_dict(self) -> dict[str, float | int]:
         """The step with its lengths in mm."""
-        rms: Array = 1e3 * self.prediction.rms
+        rms: Array = MM.of(self.prediction.rms)
         return {
             "poses": self.poses,
             "rms_mm": float(np.sqrt(np.mean(rms**2))),
             "worst_mm": float(rms.max()),
-            "promise_mm": 1e3 * self.prediction.coverage_radius,
+            "promise_mm": MM.of(self.prediction.coverage_radius),
             "o1": self.o1,
         }
 
@@ -255,7 +256,7 @@ class DesignResult(Result):
     @property
     def _scaled_indices(self) -> dict[str, dict[str, Any]]:
         """Design indices with their scaling; G and I are the worst and the mean predicted variance."""
-        scaling, variance = self.problem.scaling.describe(), (1e3 * self.prediction.rms) ** 2
+        scaling, variance = self.problem.scaling.describe(), MM.of(self.prediction.rms) ** 2
         found = {name: (getattr(self.indices, name), scaling) for name in _NUMBERED}
         found |= {"g": (variance.max(), _VARIANCE), "i": (variance.mean(), _VARIANCE)}
         return {name: {"value": number(float(value)), "scaling": what} for name, (value, what) in found.items()}
@@ -276,7 +277,7 @@ class DesignResult(Result):
             "bound_gap": self.certificate.gap,
             "pool": {"poses": len(self.certificate.weights), "what": self._pool_in_words},
             "predicted_mm": error_statistics(self.prediction.rms).to_dict(),
-            "promise_mm": 1e3 * self.prediction.coverage_radius,
+            "promise_mm": MM.of(self.prediction.coverage_radius),
             "candidates": {
                 "drawn": candidates.drawn,
                 "feasible": len(candidates.joints),
@@ -287,7 +288,7 @@ class DesignResult(Result):
             "via": self.tour.via,
             "reflector": self._reflector,
             "stations": [
-                {"name": name, "poses": int((self.stations == i).sum()), "head_mm": (1e3 * T[:3, 3]).round(6).tolist()}
+                {"name": name, "poses": int((self.stations == i).sum()), "head_mm": MM.of(T[:3, 3]).round(6).tolist()}
                 for i, (name, T) in enumerate(zip(model.stations, model.Ts_world_station, strict=False))
             ],
             "checked": not self.options.no_check,

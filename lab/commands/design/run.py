@@ -17,6 +17,7 @@ from lab.commands.design.result import DesignResult, DesignStep, PlanCheckResult
 from lab.core.errors import LabError
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.kinematics.joints import JointSpec
 from lab.pose_selection.criteria import PredictedAccuracy, indices, predict, smallest_count
 from lab.pose_selection.exchange import Certificate, Design, certify, information
@@ -166,7 +167,7 @@ def _accurate_design(
     Exchanged designs find about how many poses; from there ascended ones, whose predicted error is smaller, decide.
     """
     assert options.accuracy_mm is not None
-    wanted = options.accuracy_mm / 1e3
+    wanted = MM.to_si(options.accuracy_mm)
     most = max(least, min(MOST_POSES, len(problem.pool) // 2))
 
     def bound(design: Design) -> float:

@@ -23,6 +23,7 @@ from lab.campaign.robot import Robot
 from lab.core.errors import LabError, be, counted
 from lab.core.limits import CLOCK_DRIFT_PPM
 from lab.core.se3 import Array
+from lab.core.units import MM
 
 __all__ = ["LEAST_POSES", "ClockComparison", "ClockOffset", "NominalFit", "PlacedPoints"]
 
@@ -185,7 +186,7 @@ class PlacedPoints:
         if self.rms_m is None:
             return said
         number = "" if self.follows.sum() == self.placed else f"{int(self.follows.sum())} of them "
-        return f"{said}, {number}within {1e3 * self.rms_m:.2g} mm (rms) of the nominal arm"
+        return f"{said}, {number}within {MM.text(self.rms_m, 2)} (rms) of the nominal arm"
 
 
 @dataclass(frozen=True)

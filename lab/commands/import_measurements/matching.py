@@ -11,6 +11,7 @@ from lab.commands.import_measurements.clocks import ClockComparison, ClockOffset
 from lab.commands.import_measurements.options import By, ImportOptions
 from lab.core.errors import LabError
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.formats.joint_log import JointLog
 from lab.formats.loose_table import LeftOut
 from lab.formats.tracker_export import TrackerPoints
@@ -304,7 +305,7 @@ def _by_time(
         LeftOut(
             str(points.path), points.lines[i], points.names[i] or f"point {i + 1}",
             "no time" if np.isnan(at[i]) else
-            f"over {1e3 * placed.tolerance_m:.2g} mm from the nominal arm in the pose of that time" if astray[i] else
+            f"over {MM.text(placed.tolerance_m, 2)} from the nominal arm in the pose of that time" if astray[i] else
             "measured while the arm moved, or outside the log",
         )
         for i in np.flatnonzero(kept < 0)

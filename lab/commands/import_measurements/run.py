@@ -17,6 +17,7 @@ from lab.commands.result import Result, joint_values, number
 from lab.core.errors import LabError, counted
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.formats.joint_log import JointLog, read_joint_log
 from lab.formats.loose_table import LeftOut, read_column_map
 from lab.formats.measurement_csv import write_measurements
@@ -78,7 +79,7 @@ class ImportResult(Result):
             "poses": len(data),
             "points": int(data.seen.sum()),
             "targets": list(data.targets),
-            "sigma_mm": number(1e3 * float(np.median(sigma))) if sigma.size else None,
+            "sigma_mm": number(MM.of(float(np.median(sigma)))) if sigma.size else None,
             "conditions": [*data.conditions, *data.other],
             "columns": {"points": self.points.used, "joints": self.log.used},
             "columns_not_used": list(self.points.unused),
@@ -101,7 +102,7 @@ class ImportResult(Result):
             "placed": placed.placed,
             "of": len(placed.where),
             "stops": len(line.starts),
-            "nominal_arm_rms_mm": None if placed.rms_m is None else 1e3 * placed.rms_m,
+            "nominal_arm_rms_mm": None if placed.rms_m is None else MM.of(placed.rms_m),
         }
 
     def write_files(self, folder: Path) -> None:
@@ -117,7 +118,7 @@ class ImportResult(Result):
             table[f"{name}_{'mm' if slides else 'deg'}"] = shown[:, j].tolist()
         for k, target in enumerate(data.targets):
             for i, axis in enumerate("xyz"):
-                table[f"{target}_{axis}_mm"] = (1e3 * data.points[:, k, i]).tolist()
+                table[f"{target}_{axis}_mm"] = MM.of(data.points[:, k, i]).tolist()
         return table
 
 
@@ -191,7 +192,7 @@ def _steps_picture(result: ImportResult) -> Picture:
     nominal = NominalFit(result.robot, data.targets, result.points.positions)
     rows, points = np.arange(len(data)), data.points[:, 0]
     predicted = nominal.predicted(data.joints, np.zeros(len(data), dtype=np.int_), points)
-    measured, expected = (1e3 * np.linalg.norm(np.diff(each, axis=0), axis=1) for each in (points, predicted))
+    measured, expected = (MM.of(np.linalg.norm(np.diff(each, axis=0), axis=1)) for each in (points, predicted))
 
     def draw(axes: Axes) -> None:
         axes.plot(rows[1:] + 1, expected, "-", color=MUTED, linewidth=1.2, label="nominal arm")
@@ -203,7 +204,7 @@ def _steps_picture(result: ImportResult) -> Picture:
 
 
 def _uncertainty(result: ImportResult) -> str:
-    sigma = 1e3 * result.measurements.sigma_m[np.isfinite(result.measurements.sigma_m)]
+    sigma = MM.of(result.measurements.sigma_m[np.isfinite(result.measurements.sigma_m)])
     if not sigma.size:
         return (
             "The tracker's file gives no uncertainties: give lab identify --noise-mm or --instrument, "
@@ -236,7 +237,7 @@ def _left_out(result: ImportResult) -> tuple[Paragraph | Table, ...]:
 
 def _points_picture(result: ImportResult) -> Picture:
     """The points seen along the z axis of the tracker's frame."""
-    points = 1e3 * result.measurements.points.reshape(-1, 3)
+    points = MM.of(result.measurements.points.reshape(-1, 3))
     points = points[np.isfinite(points).all(axis=1)]
 
     def draw(axes: Axes) -> None:
@@ -362,6 +363,6 @@ def _doubts(options: ImportOptions, robot: Robot, data: Measurements, nominal: N
         return ()
     return (
         f"{far.sum()} of {counted(len(pose), 'point')} do not follow the nominal arm: {data.ids[pose[far.argmax()]]}, "
-        f"the first, is over {1e3 * nominal.tolerance_m:.2g} mm from it. Rows may belong to other poses, or the joints "
+        f"the first, is over {MM.text(nominal.tolerance_m, 2)} from it. Rows may belong to other poses, or the joints "
         "be in another unit, order or direction; check before lab identify",
     )

@@ -10,6 +10,7 @@ from lab.campaign.options import DesignOptions
 from lab.campaign.robot import Robot
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.formats.cell_toml import Cell
 from lab.noise.instruments import INSTRUMENTS
 from lab.render.charts.chart import axes_picture, cube, view
@@ -31,8 +32,8 @@ _MARGINS = (0.75, 0.5, 0.15, 0.3)
 def _cell_pictures(robot: Robot) -> tuple[Picture, ...]:
     """The outlines of the robot's solid shapes and of what its cell has, seen along two axes of the world."""
     model = robot.model
-    shapes = [(name, 1e3 * points) for name, points in solid_points(model) if name != instrument_body(model)]
-    heads = 1e3 * model.Ts_world_station[:, :3, 3]
+    shapes = [(name, MM.of(points)) for name, points in solid_points(model) if name != instrument_body(model)]
+    heads = MM.of(model.Ts_world_station[:, :3, 3])
     obstacles = [(name, points) for name, points in shapes if name in model.obstacles]
     arm = [points for name, points in shapes if name not in model.obstacles]
 
@@ -91,7 +92,7 @@ def cell_values(robot: Robot, cell: Cell, targets: Sequence[str]) -> dict[str, A
                 "shape": each.shape,
                 "position_mm": list(each.position_mm),
                 "extents_mm": extents_mm(robot.model, each, name).round(6).tolist(),
-                "clearance_mm": CLEARANCE_MM if (stated_m := cell.clearance_m(each)) is None else 1e3 * stated_m,
+                "clearance_mm": CLEARANCE_MM if (stated_m := cell.clearance_m(each)) is None else MM.of(stated_m),
             }
             for each, name in zip(cell.obstacle, robot.model.obstacles, strict=True)
         ],
@@ -104,9 +105,9 @@ def cell_values(robot: Robot, cell: Cell, targets: Sequence[str]) -> dict[str, A
             for each, name in zip(cell.plate, robot.model.plates, strict=True)
         ],
         "tool": {each.name: {"position_mm": list(each.position_mm), "axis": list(each.axis)} for each in cell.tool},
-        "instrument_mm": (1e3 * model.T_world_tracker[:3, 3]).round(9).tolist(),
+        "instrument_mm": MM.of(model.T_world_tracker[:3, 3]).round(9).tolist(),
         "stations": [
-            {"name": name, "position_mm": (1e3 * T[:3, 3]).round(9).tolist()}
+            {"name": name, "position_mm": MM.of(T[:3, 3]).round(9).tolist()}
             for name, T in zip(model.stations, model.Ts_world_station, strict=False)
         ],
         "acceptance_deg": None if cell.reflector is None else cell.reflector.degrees,

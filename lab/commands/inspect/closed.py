@@ -18,6 +18,7 @@ from lab.commands.result import (
 )
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.extension_points import load_all
 from lab.kinematics.closed.loop_closure import BASE, Configuration, Step
 from lab.kinematics.closed.loop_closure import SINGULAR as REFUSED
@@ -129,7 +130,7 @@ def closed_nominal(mechanism: Mechanism) -> dict[str, Any]:
             {
                 "name": rod.name,
                 "between": [names[end] for end in rod.ends],
-                "length_mm": tidy(1e3 * rod.length_m),
+                "length_mm": tidy(MM.of(rod.length_m)),
                 "joint": None if rod.joint is None else mechanism.joint_names[rod.joint],
                 "exact": rod.exact,
             }
@@ -208,13 +209,13 @@ def _numbers(dimensions: dict[str, Array]) -> dict[str, Any]:
             found[f"{name.removesuffix('_rad')}_deg"] = [tidy(angle) for angle in np.degrees(value)]
         else:
             found[f"{name.removesuffix('_m')}_mm"] = (
-                [_mm(point) for point in value] if value.ndim else tidy(1e3 * float(value))
+                [_mm(point) for point in value] if value.ndim else tidy(MM.of(float(value)))
             )
     return found
 
 
 def _mm(lengths: Array) -> list[float]:
-    return [tidy(value) for value in 1e3 * lengths]
+    return [tidy(value) for value in MM.of(lengths)]
 
 
 def closed_blocks(values: Mapping[str, Any]) -> tuple[Block, ...]:

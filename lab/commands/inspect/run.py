@@ -29,6 +29,7 @@ from lab.core.errors import LabError
 from lab.core.limits import OPTION_SIZE
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.gauge import base_set, named
 from lab.kinematics.joints import JointSpec
@@ -263,7 +264,7 @@ def _nominal(options: InspectOptions, robot: Robot) -> Array:
             raise LabError("--tool-mm: give x, y and z of the first target in the last frame, e.g. 0,0,0")
         if far := [number for number in options.tool_mm if abs(number) not in OPTION_SIZE]:
             raise LabError(f"--tool-mm {far[0]:g}: give finite numbers in mm, at most {OPTION_SIZE.most:g}")
-        tool[options.targets[0]] = np.array(options.tool_mm) / 1e3
+        tool[options.targets[0]] = MM.to_si(np.array(options.tool_mm))
     return robot.arm_with(options.targets, options.groups).nominal(tool)
 
 

@@ -10,6 +10,7 @@ from lab.commands.result import joint_kind, joint_limits, limits_and_speed, prin
 from lab.core import se3
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.kinematics.closed.mobility import mobility_of
 from lab.kinematics.differential import rates
 from lab.kinematics.inverse.closed_form import Factor, closed_form_of
@@ -118,7 +119,7 @@ def serial_shape(chain: Chain) -> dict[str, Any]:
     shape, names = shape_of(chain), chain.joint_names
     scale = np.where(chain.prismatic, 1e3, 180 / np.pi)
     return {
-        "reach_mm": tidy(1e3 * shape.reach_m),
+        "reach_mm": tidy(MM.of(shape.reach_m)),
         "ways": shape.ways,
         "freedoms": _freedoms(chain),
         "determinant": shape.determinant or None,

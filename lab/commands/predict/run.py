@@ -20,6 +20,7 @@ from lab.core import se3
 from lab.core.errors import LabError, counted, error_context
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.formats.csv_table import write_columns
 from lab.formats.measurement_csv import read_measurements
 from lab.render.document import (
@@ -138,7 +139,7 @@ class PredictionResult(Result):
         """Mean and largest of these over all poses and points."""
         found = {}
         for name, lengths in self.radii_95.items():
-            sizes = 1e3 * lengths[np.isfinite(lengths)]
+            sizes = MM.of(lengths[np.isfinite(lengths)])
             found[name] = {
                 "mean": number(float(sizes.mean())) if sizes.size else None,
                 "max": number(float(sizes.max())) if sizes.size else None,
@@ -163,21 +164,21 @@ class PredictionResult(Result):
                 "instrument": "the frame in which the arm was measured",
                 "base": "frame 0 of the arm's table",
                 "base_in_instrument": {
-                    "position_mm": plain_numbers(1e3 * T[:3, 3]),
+                    "position_mm": plain_numbers(MM.of(T[:3, 3])),
                     "quaternion_wxyz": plain_numbers(se3.quaternion_from_rotation(T[:3, :3])),
                 },
             },
             "radius_95_mm": self.radius_statistics_mm,
-            "without_effects_mm": None if off is None else number(1e3 * off),
+            "without_effects_mm": None if off is None else number(MM.of(off)),
             "predictions": self._predictions(),
             "warnings": list(self.warnings),
         }
 
     def _predictions(self) -> list[dict[str, Any]]:
         """Predicted values of each pose."""
-        points, base = plain_numbers(1e3 * self.points), plain_numbers(1e3 * self.points_in_base)
+        points, base = plain_numbers(MM.of(self.points)), plain_numbers(MM.of(self.points_in_base))
         covariances = plain_numbers(1e6 * self.predicted.covariance)
-        radii = {name: plain_numbers(1e3 * lengths) for name, lengths in self.radii_95.items()}
+        radii = {name: plain_numbers(MM.of(lengths)) for name, lengths in self.radii_95.items()}
         here, there = (plain_numbers(se3.quaternion_from_rotation(R)) for R in self._both_rotations)
         return [
             {
@@ -221,10 +222,10 @@ class PredictionResult(Result):
         covariances = 1e6 * self.predicted.covariance
         for k, target in enumerate(self.run.estimate.arm.targets):
             for places, end in ((self.points, "mm"), (self.points_in_base, "base_mm")):
-                found |= {f"{target}_{axis}_{end}": 1e3 * places[:, k, i] for i, axis in enumerate("xyz")}
+                found |= {f"{target}_{axis}_{end}": MM.of(places[:, k, i]) for i, axis in enumerate("xyz")}
             for name, lengths in self.radii_95.items():
                 cause = "" if name == "together" else f"_{name}"
-                found[f"{target}_radius_95{cause}_mm"] = 1e3 * lengths[:, k]
+                found[f"{target}_radius_95{cause}_mm"] = MM.of(lengths[:, k])
             found |= {f"{target}_cov_{pair}_mm2": covariances[:, k, i, j] for i, j, pair in _PAIRS}
         return {**found, "extrapolated": self.extrapolated.tolist()}
 
@@ -280,7 +281,7 @@ def _lead(result: PredictionResult) -> str:
     if result.without_effects_m is None:
         return text
     lacking = ", ".join(listed(result.run.estimate.groups))
-    return f"{text} Without {lacking} the points would be {1e3 * result.without_effects_m:.2g} mm off (rms)."
+    return f"{text} Without {lacking} the points would be {MM.text(result.without_effects_m, 2)} off (rms)."
 
 
 def _uncertainty(result: PredictionResult) -> tuple[Block, ...]:
@@ -300,7 +301,7 @@ def _uncertainty(result: PredictionResult) -> tuple[Block, ...]:
 
 
 def _every_pose(result: PredictionResult) -> tuple[Block, ...]:
-    here, base, radius = 1e3 * result.points, 1e3 * result.points_in_base, 1e3 * result.radii_95["together"]
+    here, base, radius = MM.of(result.points), MM.of(result.points_in_base), MM.of(result.radii_95["together"])
     rows = tuple(
         (
             result.rows.ids[i],

@@ -164,8 +164,8 @@ class TrendResult(Result):
             },
             "minimum_detectable_change": {
                 f"joint{each.joint}_{each.unit}": {
-                    "set_up_anew": number(1e3 * each.links_alone),
-                    "base_and_tool_kept": number(1e3 * each.all_kept),
+                    "set_up_anew": number(MM.of(each.links_alone)),
+                    "base_and_tool_kept": number(MM.of(each.all_kept)),
                 }
                 for each in self.detectable
             },
@@ -429,7 +429,7 @@ def _detectable(result: TrendResult) -> Table:
 
 
 def _or_none(size: float) -> str:
-    return "–" if size == float("inf") else short(1e3 * size)
+    return "–" if size == float("inf") else short(MM.of(size))
 
 
 def _explained(result: TrendResult) -> str:

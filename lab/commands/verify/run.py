@@ -29,6 +29,7 @@ from lab.core.measurements import Measurements, without_copies
 from lab.core.progress import Progress
 from lab.core.se3 import Array
 from lab.core.significance import VERIFICATION
+from lab.core.units import MM, MRAD
 from lab.formats.measurement_csv import read_measurements
 from lab.noise.instruments import observing
 from lab.render.document import (
@@ -124,7 +125,7 @@ class VerificationResult(Result):
     @property
     def detectable(self) -> tuple[tuple[str, str, float], ...]:
         """The minimum detectable changes: of what, the unit, and the size in that unit (infinite if none is)."""
-        return tuple((name, self._unit(name), 1e3 * size) for name, size in self.verified.would_notice)
+        return tuple((name, self._unit(name), MM.of(size)) for name, size in self.verified.would_notice)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the values that ``--json`` prints and ``result.json`` holds: lengths in mm, angles in mrad."""
@@ -152,7 +153,7 @@ class VerificationResult(Result):
                 "share": float(self._extrapolated.mean()),
                 "ids": [self.measurements.ids[i] for i in np.flatnonzero(self._extrapolated)],
             },
-            "promised_mm": 1e3 * found.promised_m,
+            "promised_mm": MM.of(found.promised_m),
             "moved": list(found.moved),
             "situation": _situation(found.situation),
             "words": phrase(found.check),
@@ -168,7 +169,7 @@ class VerificationResult(Result):
         return {
             "id": np.repeat(ids, len(targets)).tolist(),
             "target": [*targets] * len(ids),
-            "error_mm": (1e3 * self.verified.errors).ravel().tolist(),
+            "error_mm": MM.of(self.verified.errors).ravel().tolist(),
             "extrapolated": np.repeat(self._extrapolated, len(targets)).tolist(),
         }
 
@@ -184,7 +185,7 @@ def _situation(each: Check | None) -> dict[str, Any] | None:
     if each is None:
         return None
     kind, data = each.name.removeprefix("situation.").replace("_", " "), each.data
-    refit, left_mm = list(data.get("refit", ())), 1e3 * data["left_m"]
+    refit, left_mm = list(data.get("refit", ())), MM.of(data["left_m"])
     return {"kind": kind, "words": phrase(each), "refit": refit, "left_mm": left_mm}
 
 
@@ -204,10 +205,10 @@ def _hypothesis(each: Hypothesis) -> dict[str, Any]:
 def _displacement(moved: Displacement) -> dict[str, float | None]:
     """Return the size of a displacement; None where it does not apply or cannot be identified."""
     return {
-        "shift_mm": number(1e3 * moved.shift_m),
-        "shift_std_mm": number(1e3 * moved.shift_std_m),
-        "turn_mrad": number(1e3 * moved.turn_rad),
-        "turn_std_mrad": number(1e3 * moved.turn_std_rad),
+        "shift_mm": number(MM.of(moved.shift_m)),
+        "shift_std_mm": number(MM.of(moved.shift_std_m)),
+        "turn_mrad": number(MRAD.of(moved.turn_rad)),
+        "turn_std_mrad": number(MRAD.of(moved.turn_std_rad)),
     }
 
 
@@ -243,7 +244,7 @@ def _verification_document(result: VerificationResult) -> Document:
 def errors_picture(result: VerificationResult) -> Picture:
     """The observed errors as a histogram, with their root mean square and the predicted one."""
     found = result.verified
-    observed = float(result.observed_mm["rms"]) / 1e3
+    observed = MM.to_si(float(result.observed_mm["rms"]))
     spreads = [
         Spread(found.errors, AFTER if found.good else BEFORE, ("observed: rms", observed)),
         Spread(found.errors[:0], PREDICTED, ("predicted: rms", found.promised_m)),
@@ -256,7 +257,7 @@ def _errors(result: VerificationResult) -> tuple[Block, ...]:
     numbers = [short(observed[key]) for key in ("mean", "rms", "p95", "max")]
     rows = (
         ("observed", *numbers, f"{observed['count']:,}"),
-        ("predicted", "", short(1e3 * result.verified.promised_m), "", "", ""),
+        ("predicted", "", short(MM.of(result.verified.promised_m)), "", "", ""),
     )
     below = (
         f"{len(measured)} new poses, targets {', '.join(measured.targets)}, against the run "
@@ -297,7 +298,7 @@ def _refitted(result: VerificationResult) -> Table:
         (
             name,
             *(
-                short(1e3 * size) if size == size else "–"
+                short(MM.of(size)) if size == size else "–"
                 for size in (moved.shift_m, moved.shift_std_m, moved.turn_rad, moved.turn_std_rad)
             ),
         )
@@ -486,11 +487,11 @@ def _noise(calibrated: CalibrationRun, options: VerifyOptions) -> Noise:
     shared = calibrated.estimate.shared
     given = None if shared is None else replace(shared, independent_share=1.0)
     if options.noise_mm is not None:
-        return Noise(sigma_m=options.noise_mm / 1e3, shared=given)
+        return Noise(sigma_m=MM.to_si(options.noise_mm), shared=given)
     if options.instrument is not None:
         return Noise(observing(named_instrument(options.instrument), "points"), shared=given)
     if (known_mm := calibrated.options.noise_mm) is not None:
-        return Noise(sigma_m=known_mm / 1e3, shared=shared)
+        return Noise(sigma_m=MM.to_si(known_mm), shared=shared)
     if calibrated.instrument is not None:
         return Noise(calibrated.instrument, readings=calibrated.readings, shared=shared)
     return Noise(sigma_m=max(calibrated.estimate.noise_m, LEAST_SIGMA_M), shared=given)

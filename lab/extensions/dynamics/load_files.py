@@ -18,6 +18,7 @@ from lab.core.errors import LabError, error_context
 from lab.core.limits import EARTH_GRAVITY
 from lab.core.measurements import copied_rows, said_of_copies
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.formats.drives_toml import Drives
 from lab.formats.measurement_csv import ObservedColumns, PoseReader
 from lab.formats.structured import is_number, read_toml, structured
@@ -539,7 +540,7 @@ def read_load(path: Path) -> Array:
     for name, values, count in (("com_mm", found.com_mm, 3), ("inertia_kgcm2", found.inertia_kgcm2, 6)):
         if len(values) != count or not np.isfinite(values).all():
             raise LabError(f"{path}: [load] {name} is {list(values)}; give {count} finite numbers")
-    phi = load_of(found.mass_kg, np.array(found.com_mm) / 1e3, symmetric(np.array(found.inertia_kgcm2) / 1e4))
+    phi = load_of(found.mass_kg, MM.to_si(np.array(found.com_mm)), symmetric(np.array(found.inertia_kgcm2) / 1e4))
     if not is_physical(phi):
         raise LabError(f"{path}: [load] no body has this mass and inertia; give mass_kg above zero, and kg cm²")
     return phi

@@ -11,6 +11,7 @@ from lab.core.errors import LabError
 from lab.core.linear_model import LinearModel
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.extensions.dynamics.load_files import Mounting, PayloadSamples
 from lab.extensions.dynamics.payload.excitation import (
     CHECKED,
@@ -49,7 +50,7 @@ _SPARE = 1.5  # of what a nominal arm needs on random paths: its largest torques
 def load_of_rehearsal(mass_kg: float, options: Rehearsal) -> RigidLoad:
     """An aluminium ball."""
     radius = (0.75 * mass_kg / np.pi / _DENSITY) ** (1 / 3)
-    return RigidLoad(mass_kg, np.array(options.payload_mm) / 1e3, 0.4 * mass_kg * radius**2 * np.eye(3))
+    return RigidLoad(mass_kg, MM.to_si(np.array(options.payload_mm)), 0.4 * mass_kg * radius**2 * np.eye(3))
 
 
 @dataclass(frozen=True)

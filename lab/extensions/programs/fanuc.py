@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from lab.core import se3
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.extensions.programs.steps import (
     SixAxisLanguage,
     Step,
@@ -223,6 +224,6 @@ def _position(number: int, joints: Array) -> str:
 
 def _frame(matrix: Array) -> list[str]:
     """A pose ``(4, 4)`` (m) in mm and degrees, a number to a comment: these are short."""
-    places = numbers(1e3 * matrix[:3, 3], _DIGITS)
+    places = numbers(MM.of(matrix[:3, 3]), _DIGITS)
     turns = numbers(np.rad2deg(se3.roll_pitch_yaw(matrix[:3, :3])), _DIGITS)
     return [f"{key} {value}" for key, value in zip("XYZWPR", [*places, *turns], strict=True)]

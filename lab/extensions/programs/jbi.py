@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.extensions.programs.steps import (
     SixAxisLanguage,
     Step,
@@ -283,7 +284,7 @@ def _configuration(joints: Array, in_front: bool, elbow_up: bool) -> str:
 def _place(matrix: Array) -> list[str]:
     """A pose ``(4, 4)`` (m) in mm and degrees."""
     turns = np.rad2deg(se3.roll_pitch_yaw(matrix[:3, :3]))
-    return [*numbers(1e3 * matrix[:3, 3], _DIGITS_MM), *numbers(turns, _DIGITS_DEG)]
+    return [*numbers(MM.of(matrix[:3, 3]), _DIGITS_MM), *numbers(turns, _DIGITS_DEG)]
 
 
 def _frame(matrix: Array) -> list[str]:

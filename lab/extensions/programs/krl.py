@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from lab.core import se3
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.extensions.programs.aggregate import arguments
 from lab.extensions.programs.steps import (
     SixAxisLanguage,
@@ -355,6 +356,6 @@ def _place(step: Step) -> str:
 
 def _frame(matrix: Array) -> str:
     """A pose ``(4, 4)`` (m) in mm and degrees."""
-    places = numbers(1e3 * matrix[:3, 3], _DIGITS)
+    places = numbers(MM.of(matrix[:3, 3]), _DIGITS)
     turns = numbers(np.rad2deg(se3.roll_pitch_yaw(matrix[:3, :3])[::-1]), _DIGITS)
     return "{" + ", ".join(f"{key} {value}" for key, value in zip("XYZABC", [*places, *turns], strict=True)) + "}"

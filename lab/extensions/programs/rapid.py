@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from lab.core import se3
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.extensions.programs.aggregate import Value, arguments, numbers_in, read_value
 from lab.extensions.programs.steps import path_steps
 from lab.formats.programs.postures import ArmShape
@@ -465,7 +466,7 @@ def _degrees(stops: Array) -> Iterator[str]:
 def _pose_text(matrix: Array) -> str:
     """A pose ``(4, 4)`` (m) in millimetres and as a quaternion wxyz."""
     quaternion = se3.quaternion_from_rotation(matrix[:3, :3])
-    return f"[{_list(1e3 * matrix[:3, 3], 6)},{_list(quaternion, 9)}]"
+    return f"[{_list(MM.of(matrix[:3, 3]), 6)},{_list(quaternion, 9)}]"
 
 
 def _list(values: Array, digits: int) -> str:

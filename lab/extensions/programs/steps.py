@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.formats.programs.protocol import ANY_DIGITS, PAUSE_S, MeasuringTour, MoveKind, PathMoves, TargetMoves
 from lab.kinematics.joints import JointSpec
 
@@ -81,7 +82,7 @@ def path_steps(moves: PathMoves) -> list[Step]:
         pace = None
         if np.isfinite(moves.seconds[i]):
             per_cent = min(max(int(np.ceil(100 * moves.shares[i] - 1e-6)), 1), 100)
-            pace = Pace(float(moves.seconds[i]), per_cent, float(np.nan_to_num(1e3 * moves.speeds_m_s[i])))
+            pace = Pace(float(moves.seconds[i]), per_cent, float(np.nan_to_num(MM.of(moves.speeds_m_s[i]))))
         words = f"{'via' if kind == 'via' else 'point'} {ascii_words(moves.ids[i])}"
         steps.append(Step(moves.stops[i], words, 0.0, kind, pace, moves.Ts_base_tool[i]))
     return steps

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from lab.core import se3
 from lab.core.limits import PROGRAM_FRAMES
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.extensions.programs.aggregate import numbers_in, read_value
 from lab.extensions.programs.steps import (
     SixAxisLanguage,
@@ -293,5 +294,5 @@ def _move(step: Step) -> list[str]:
 def _frame(matrix: Array) -> str:
     """A pose ``(4, 4)`` (m) in mm and degrees: R = Rx Ry Rz is the inverse of a roll, pitch and yaw turned back."""
     back = se3.roll_pitch_yaw(matrix[:3, :3].T)
-    values = [*(1e3 * matrix[:3, 3]), *np.rad2deg(-back)]
+    values = [*MM.of(matrix[:3, 3]), *np.rad2deg(-back)]
     return "{" + ",".join(numbers(values, _DIGITS)) + "}"

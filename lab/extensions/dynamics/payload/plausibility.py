@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from lab.core.errors import LabError, counted
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.extensions.dynamics.load_files import PayloadSamples
 from lab.extensions.dynamics.payload.estimate import LoadEstimate
 from lab.kinematics.dynamics.gravity import Loads
@@ -187,7 +188,7 @@ def misplaced_points(predicted: Array, *measured: Array) -> tuple[Implausibility
         return ()
     return (
         Implausibility(
-            f"the points are {1e3 * apart:.3g} mm from where the calibrated arm has them: are they in the frame, the "
+            f"the points are {MM.text(apart)} from where the calibrated arm has them: are they in the frame, the "
             "axes and the unit of the run? Measure from the same base frame, or calibrate again"
         ),
     )
@@ -242,7 +243,7 @@ def _of_centre(found: LoadEstimate, arm: ArmSize) -> Iterator[str]:
     if nearest <= arm.reach_m and (found.com_half_width > arm.reach_m).any():
         return  # it is not known, and its interval says so
     units = [
-        f"{unit} (it would be {1e3 * distance / larger:.3g} mm away)"
+        f"{unit} (it would be {MM.of(distance) / larger:.3g} mm away)"
         for unit, larger in (
             ("forces in kgf", _KGF_N),
             ("moments in Nmm", 1e3),

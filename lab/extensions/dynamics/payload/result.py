@@ -12,6 +12,7 @@ from lab.commands.hand_load import HandLoad
 from lab.commands.result import Result, number, plain_numbers
 from lab.core.limits import called
 from lab.core.se3 import Array
+from lab.core.units import MICRONS, MM
 from lab.extensions.dynamics.load_files import WRENCH, Mounting, PayloadSamples, write_loads, write_mounting
 from lab.extensions.dynamics.payload.estimate import LoadEstimate, Nuisance
 from lab.extensions.dynamics.payload.options import PayloadOptions
@@ -138,7 +139,7 @@ class PayloadResult(Result):
             "numbers": found.rows,
             "rows": None if samples is None else {"loaded": int(samples.loaded.sum()), "all": len(samples)},
             "noise": [number(sigma) for sigma in found.sigma],
-            "cost_um": number(1e6 * self.cost.rms_m),
+            "cost_um": number(MICRONS.of(self.cost.rms_m)),
             "stiffness_nm_per_rad": [number(1 / soft) if soft else None for soft in self.cost.compliance],
             "warnings": list(self.warnings),
         } | ({} if self.truth is None else {"true": _true(self.truth)})
@@ -264,7 +265,7 @@ def true_values(phi: Array) -> dict[str, float]:
     """Return the true values of a simulated payload, by the names of ``parameter_rows`` and in their units."""
     inertia = inertia_about_centre(phi)
     values = {"mass": float(phi[0])}
-    values |= {f"centre of mass, {axis}": float(1e3 * phi[1 + i] / phi[0]) for i, axis in enumerate("xyz")}
+    values |= {f"centre of mass, {axis}": float(MM.of(phi[1 + i]) / phi[0]) for i, axis in enumerate("xyz")}
     pairs = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
     names = {(i, j): f"I{'xyz'[i]}{'xyz'[j]} about the centre of mass" for i, j in pairs}
     return values | {name: float(1e4 * inertia[cell]) for cell, name in names.items()}
@@ -321,8 +322,8 @@ def _cost(result: PayloadResult) -> str:
     alike = len(soft) and np.ptp(soft) < 1e-9 * soft[0]
     stiffness = f"joints of {1 / soft[0]:,.6g} Nm/rad" if alike else "joints of the identified stiffness"
     return (
-        f"Its uncertainty moves a point that is corrected for it by {1e6 * result.cost.rms_m:.2g} µm (1σ, root mean "
-        f"square over the workspace, {stiffness})."
+        f"Its uncertainty moves a point that is corrected for it by {MICRONS.text(result.cost.rms_m, 2)} (1σ, root "
+        f"mean square over the workspace, {stiffness})."
     )
 
 

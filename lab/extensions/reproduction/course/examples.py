@@ -8,6 +8,7 @@ from lab.campaign.robot import load_robot
 from lab.core import se3
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.extensions.reproduction.answer import Answer, formula, holds, number, word
 from lab.extensions.reproduction.item import Item
 from lab.extensions.reproduction.models import SAMPLES, matrix_formulas, sampled, serial
@@ -63,7 +64,7 @@ def _table(name: str) -> tuple[Answer, ...]:
         for answer in (
             number(f"σ{i + 1}", "", float(chain.prismatic[i]), digits=0),
             number(f"α{i + 1}", "", float(np.rad2deg(chain.table[i, 3])), "°", digits=0),
-            number(f"a{i + 1}", "", 1e3 * float(chain.table[i, 2]), "mm", digits=0),
+            number(f"a{i + 1}", "", MM.of(float(chain.table[i, 2])), "mm", digits=0),
         )
     )
 

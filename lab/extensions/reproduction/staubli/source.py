@@ -5,6 +5,7 @@ import numpy as np
 from lab.core import se3
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.extensions.reproduction.answer import Answer, formula, holds, number, word
 from lab.extensions.reproduction.item import Item, Missing, Source
 from lab.extensions.reproduction.models import SAMPLES, matrix_formulas, sampled, serial
@@ -117,7 +118,7 @@ def _table() -> tuple[Answer, ...]:
     answers = []
     for i, row in enumerate(_TABLE):
         theta, r, d, alpha, _ = table[i]
-        ours = (np.rad2deg(alpha), 1e3 * d, np.rad2deg(theta), 1e3 * r)
+        ours = (np.rad2deg(alpha), MM.of(d), np.rad2deg(theta), MM.of(r))
         for name, value, mine in zip(("α", "d", "θ − q", "r"), row, ours, strict=True):
             assert abs(value - mine) < 1e-9
             answers.append(number(f"{name} of link {i + 1}", "", float(mine), "mm" if name in "dr" else "°", digits=0))

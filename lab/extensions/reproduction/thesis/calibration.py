@@ -7,6 +7,7 @@ import numpy as np
 from lab.core import se3
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.extensions.reproduction.answer import Answer, at_least, drawn, formula, holds, number, word
 from lab.extensions.reproduction.item import Item
 from lab.extensions.reproduction.models import matrix_formulas
@@ -340,7 +341,7 @@ def _jacobian_indices() -> Array:
     """Compute the identification Jacobians of 20 random poses ``(20, 3, 19)``, mm and rad."""
     case = thesis_case()
     joints = case.arm.chain.random_joints(20, rng_for(0, "structure"))
-    return np.asarray(1e3 * case.arm.observe(joints, case.nominal)[1][:, 0][..., list(case.free)] / case.mm)
+    return np.asarray(MM.of(case.arm.observe(joints, case.nominal)[1][:, 0][..., list(case.free)]) / case.mm)
 
 
 def _bounds() -> tuple[Answer, ...]:

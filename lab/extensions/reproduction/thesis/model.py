@@ -7,6 +7,7 @@ import numpy as np
 
 from lab.core import se3
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.extensions.reproduction.answer import Answer, formula, holds, number
 from lab.extensions.reproduction.item import Item
 from lab.extensions.reproduction.models import matrix_formulas, matrix_numbers, sampled, serial
@@ -63,7 +64,7 @@ def _sizes() -> tuple[Answer, ...]:
     q2, q3 = (np.linspace(arm.chain.lower[i], arm.chain.upper[i], steps) for i in (1, 2))
     joints = np.zeros((steps**2, 6))
     joints[:, 1], joints[:, 2] = np.repeat(q2, steps), np.tile(q3, steps)
-    centre = 1e3 * arm.frame(joints, values, 4)[:, :3, 3]
+    centre = MM.of(arm.frame(joints, values, 4)[:, :3, 3])
     shoulder = np.array([0.0, 0.0, 290.0])
     return (
         number("reach of the wrist's centre", "580", float(np.linalg.norm(centre - shoulder, axis=1).max()), "mm"),
@@ -76,7 +77,7 @@ def _dh_table() -> tuple[Answer, ...]:
     answers = []
     for i, row in enumerate(_TABLE):
         theta, d, a, alpha, _ = table[i]
-        ours = (np.rad2deg(theta), 1e3 * d, 1e3 * a, np.rad2deg(alpha))
+        ours = (np.rad2deg(theta), MM.of(d), MM.of(a), np.rad2deg(alpha))
         for name, text, value in zip(("θ − q", "d", "a", "α"), row, ours, strict=True):
             answers.append(number(f"link {i + 1} {name}", text, float(value), "mm" if name in "da" else "°"))
     return tuple(answers)

@@ -13,6 +13,7 @@ from lab.core.errors import LabError
 from lab.core.limits import OPTION_SIZE, QUATERNION_NORM
 from lab.core.orientation import AngleConvention
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.formats.orientations import rotation_from_angles
 from lab.kinematics.inverse.newton import PoseTarget
 from lab.kinematics.joints import JointSpec
@@ -110,7 +111,7 @@ class KinematicsOptions:
         """
         if not self.tool_mm:
             return np.zeros(3)
-        return _row("--tool-mm", self.tool_mm, 3, "x,y,z of the tool's point in the last frame") / 1e3
+        return MM.to_si(_row("--tool-mm", self.tool_mm, 3, "x,y,z of the tool's point in the last frame"))
 
     @property
     def twist_si(self) -> Array:

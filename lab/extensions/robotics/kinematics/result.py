@@ -13,6 +13,7 @@ from lab.commands.run_folder import joint_columns
 from lab.core import se3
 from lab.core.errors import LabError, counted
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.extensions.robotics.kinematics.nominal_robot import NominalRobot
 from lab.extensions.robotics.kinematics.options import KinematicsOptions
 from lab.extensions.robotics.kinematics.symbolic import SymbolicChain, textbook
@@ -451,7 +452,7 @@ class Reached:
         """Describe the distance to the pose reached; empty where it has solutions or that is unknown."""
         if self.solutions or not self.gap_m or not np.isfinite(self.gap_m):
             return ""
-        gap = f"{1e3 * self.gap_m:.6g} mm"
+        gap = MM.text(self.gap_m, 6)
         return f"it is {gap} out of reach" if self.how == "closed form" else f"the nearest place found is {gap} away"
 
 
@@ -500,7 +501,7 @@ class KinematicsResult(Result):
             "joints": list(chain.joint_names),
             "units": ["mm" if slides else "deg" for slides in chain.prismatic],
             "frame": options.frame,
-            "tool_mm": [tidy(each) for each in 1e3 * options.tool_m],
+            "tool_mm": [tidy(each) for each in MM.of(options.tool_m)],
             "placements": [self._placement(each) for each in self.placements],
             "poses": [_reached(each) for each in self.reached],
             "assembly_modes": [_pose_values(T) for T in self.assembly_modes],
@@ -526,7 +527,7 @@ class KinematicsResult(Result):
         table |= joint_columns(chain, np.array([each.joints for each in self.placements]).reshape(-1, chain.size))
         Ts = np.array([each.T_base_tool for each in self.placements]).reshape(-1, 4, 4)
         for i, axis in enumerate("xyz"):
-            table[f"{axis}_mm"] = 1e3 * Ts[:, i, 3]
+            table[f"{axis}_mm"] = MM.of(Ts[:, i, 3])
         quaternions = se3.quaternion_from_rotation(Ts[:, :3, :3])
         for i, part in enumerate("wxyz"):
             table[f"q{part}"] = quaternions[:, i]
@@ -565,7 +566,7 @@ def _pose_values(T: Array) -> dict[str, Any]:
     if not np.isfinite(T).all():
         return {"position_mm": None, "rotation": None, "fixed_xyz_deg": None, "quaternion": None}
     return {
-        "position_mm": [tidy(each) for each in 1e3 * T[:3, 3]],
+        "position_mm": [tidy(each) for each in MM.of(T[:3, 3])],
         "rotation": [[tidy(each) for each in row] for row in T[:3, :3]],
         "fixed_xyz_deg": [tidy(each) for each in np.rad2deg(se3.roll_pitch_yaw(T[:3, :3]))],
         "quaternion": [tidy(each) for each in se3.quaternion_from_rotation(T[:3, :3])],
@@ -588,11 +589,11 @@ def _reached(each: Reached) -> dict[str, Any]:
     turned = np.isfinite(each.rotation).all()
     return {
         "id": each.name,
-        "position_mm": [tidy(value) for value in 1e3 * each.position],
+        "position_mm": [tidy(value) for value in MM.of(each.position)],
         "rotation": [[tidy(value) for value in row] for row in each.rotation] if turned else None,
         "solutions": len(each.solutions),
         "placements": list(each.solutions),
-        "out_of_reach_mm": number(1e3 * each.gap_m),
+        "out_of_reach_mm": number(MM.of(each.gap_m)),
         "by": each.how,
         "in_other_assembly_modes": each.reassembled,
         "in_other_configurations": each.others,
@@ -672,7 +673,7 @@ def _reached_blocks(result: KinematicsResult) -> tuple[Block, ...]:
     """Report the number of solutions of each pose, and the method that found them."""
     lines = []
     for each in result.reached:
-        at = ", ".join(fixed(1e3 * value, 3) for value in each.position)
+        at = ", ".join(fixed(MM.of(value), 3) for value in each.position)
         turned = "" if np.isfinite(each.rotation).all() else ", the orientation is free"
         missed = f"; {each.away}" if each.away else ""
         none = "there are no others" if each.solutions else "there is none"

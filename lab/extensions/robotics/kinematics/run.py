@@ -12,6 +12,7 @@ from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.limits import PLACED
 from lab.core.se3 import Array
+from lab.core.units import DEGREES, MM
 from lab.extensions.robotics.kinematics.nominal_robot import NominalRobot, nominal_robot
 from lab.extensions.robotics.kinematics.options import KinematicsOptions
 from lab.extensions.robotics.kinematics.result import (
@@ -214,7 +215,7 @@ class _Model:
             if len(each.solutions) and (tilt := max(placed[i].tilt_rad for i in each.solutions)) > _TILTED_RAD:
                 said.append(
                     f"{_called(each)} asks for a turn that an arm of {self.robot.chain.size} joints does not have: its "
-                    f"place is met, its rotation missed by {np.rad2deg(tilt):.3g}°"
+                    f"place is met, its rotation missed by {DEGREES.text(tilt)}"
                     f"{self._axis_of_miss(each, [placed[i] for i in each.solutions])}"
                 )
         said += [f"{each.name}: {each.beyond}" for each in placed if each.beyond and not reached]
@@ -237,7 +238,7 @@ class _Model:
         if abs(off) <= _REACHED_M:
             return ""
         across = ", ".join(f"{each:.6g}" for each in normal + 0.0)
-        words = f": it is {1e3 * abs(off):.6g} mm off the plane across ({across}) in which the arm moves"
+        words = f": it is {MM.text(abs(off), 6)} off the plane across ({across}) in which the arm moves"
         return words.replace("-", "−")
 
 

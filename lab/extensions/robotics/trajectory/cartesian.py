@@ -23,6 +23,7 @@ from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.kinematics.inverse.newton import FREEDOMS, PoseTarget, reach
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
@@ -341,7 +342,7 @@ class _Stop:
 
     def words(self, path: CartesianPath) -> str:
         """Describe the obstacle, its place, and the remedy."""
-        at = ", ".join(f"{1e3 * each + 0.0:.1f}" for each in path.poses(np.array([self.s]))[0, :3, 3])
+        at = ", ".join(f"{MM.of(each) + 0.0:.1f}" for each in path.poses(np.array([self.s]))[0, :3, 3])
         where = f"beyond {self.s:.0%} of it, at x, y, z = {at} mm"
         if self.reached:
             return (

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from lab.core import se3
 from lab.core.errors import LabError, error_context
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.extensions.robotics.kinematics.result import Solver
 from lab.extensions.robotics.trajectory.cartesian import CartesianPath, arc, line, path_move
 from lab.extensions.robotics.trajectory.options import TrajectoryOptions
@@ -211,7 +212,7 @@ class _Planner:
             reference = joints if np.isfinite(joints).all() else near
             found = Solver(self.arm, self.values)(wanted, reference[None])[0]
             if not found.solutions:
-                far = "" if np.isnan(found.gap_m) else f" by {1e3 * found.gap_m:.4g} mm"
+                far = "" if np.isnan(found.gap_m) else f" by {MM.text(found.gap_m, 4)}"
                 raise LabError(f"point {name} is out of reach{far}; move it")
             joints = found.solutions[0].joints
         excess = self.chain.excess(joints)

@@ -12,6 +12,7 @@ from lab.core.errors import LabError
 from lab.core.limits import OPTION_SIZE, PAYLOAD_KG, POSITIVE_OPTION, positive
 from lab.core.orientation import AngleConvention
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.extensions.robotics.trajectory.cartesian import Feed
 from lab.formats.programs.registry import Controller
 from lab.kinematics.joints import JointSpec
@@ -94,7 +95,7 @@ class TrajectoryOptions:
     @property
     def tool_m(self) -> Array:
         """The tool's point ``(3,)`` m in the last frame."""
-        return np.array(self.tool_mm) / 1e3 if self.tool_mm else np.zeros(3)
+        return MM.to_si(np.array(self.tool_mm)) if self.tool_mm else np.zeros(3)
 
     def blend(self, chain: JointSpec) -> Array | None:
         """Return the distance ``(n,)`` by which each joint may miss points, rad or m; None where it stops at them.

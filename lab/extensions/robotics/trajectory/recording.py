@@ -9,6 +9,7 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from lab.commands.result import joint_values
+from lab.core.units import MM
 from lab.extensions.robotics.trajectory.motion import Tracking, bent_links
 from lab.extensions.robotics.trajectory.result import TrajectoryResult
 from lab.kinematics.dynamics.gravity import link_loads
@@ -72,7 +73,7 @@ def _draw_errors(recording: rr.RecordingStream, at: Times, found: Tracking) -> N
     """Draw the tool's path error over time, in total and by part."""
     for i, (name, error) in enumerate({"in all": found.total, **found.parts}.items()):
         entity = f"errors/{name.replace(' ', '_')}"
-        lengths = 1e3 * np.linalg.norm(error[:, :3], axis=1)
+        lengths = MM.of(np.linalg.norm(error[:, :3], axis=1))
         recording.send_columns(entity, at, rr.Scalars.columns(scalars=lengths))
         colour = RGB_LINKS[(i - 1) % len(RGB_LINKS)] if i else RGB_CURRENT
         recording.log(entity, rr.SeriesLines(names=name, widths=1.5, colors=colour), static=True)

@@ -15,6 +15,7 @@ from lab.commands.result import Result, joint_values, number, tidy
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.extensions.robotics.trajectory.motion import Leg, Motion, Tracking, tracking
 from lab.extensions.robotics.trajectory.options import TrajectoryOptions
 from lab.formats.csv_table import write_columns
@@ -252,7 +253,7 @@ class TrajectoryResult(Result):
                     "move": leg.kind,
                     "points": list(leg.points),
                     "seconds": number(leg.move.seconds),
-                    "length_mm": number(1e3 * leg.length_m),
+                    "length_mm": number(MM.of(leg.length_m)),
                     "turn_deg": number(np.rad2deg(leg.turn_rad)),
                     "stops": [_told(chain, row) for row in leg.stops[[0, -1]]],
                 }
@@ -305,7 +306,7 @@ class TrajectoryResult(Result):
             for (name, unit), column in zip(names, joint_values(chain.prismatic, values).T, strict=True):
                 table[heading.format(name, unit)] = column.tolist()
         for i, axis in enumerate("xyz"):
-            table[f"tool_{axis}_mm"] = (1e3 * sampled.Ts_base_tool[:, i, 3]).tolist()
+            table[f"tool_{axis}_mm"] = MM.of(sampled.Ts_base_tool[:, i, 3]).tolist()
         quaternions = _steady(se3.quaternion_from_rotation(sampled.Ts_base_tool[:, :3, :3]))
         for part, column in zip("wxyz", quaternions.T, strict=True):
             table[f"tool_q{part}"] = column.tolist()
@@ -324,9 +325,9 @@ class TrajectoryResult(Result):
         for name, slides, column in zip(chain.joint_names, chain.prismatic, shown, strict=True):
             table[f"{name}_{'mm' if slides else 'deg'}"] = column.tolist()
         for i, axis in enumerate("xyz"):
-            table[f"error_{axis}_mm"] = (1e3 * found.total[:, i]).tolist()
+            table[f"error_{axis}_mm"] = MM.of(found.total[:, i]).tolist()
         for name, part in found.parts.items():
-            table[f"{name.replace(' ', '')}_mm"] = (1e3 * np.linalg.norm(part[:, :3], axis=1)).tolist()
+            table[f"{name.replace(' ', '')}_mm"] = MM.of(np.linalg.norm(part[:, :3], axis=1)).tolist()
         return table
 
 
@@ -338,7 +339,7 @@ def _steady(quaternions: Array) -> Array:
 
 def _mean_and_max(error: Array) -> dict[str, float | None]:
     """Return mean and maximum lengths of position errors ``(k, 6)``, mm."""
-    lengths = 1e3 * np.linalg.norm(error[:, :3], axis=1)
+    lengths = MM.of(np.linalg.norm(error[:, :3], axis=1))
     return {"mean": number(float(lengths.mean())), "max": number(float(lengths.max()))}
 
 
@@ -439,7 +440,7 @@ def _error_picture(result: TrajectoryResult, found: Tracking) -> Picture:
 
     def draw(axes: Axes) -> None:
         for i, (name, error) in enumerate(curves.items()):
-            lengths = 1e3 * np.linalg.norm(error[:, :3], axis=1)
+            lengths = MM.of(np.linalg.norm(error[:, :3], axis=1))
             axes.plot(result.sampled.times, lengths, "-", color=SERIES[i % len(SERIES)][0], linewidth=1.3, label=name)
         axes.set(xlabel="time, s", ylabel="mm", title="errors of the tool")
         axes.legend(loc="best", fontsize=7)
@@ -484,7 +485,7 @@ def _curves(name: str, result: TrajectoryResult, shown: Array, unit: str, *, lim
 def _legs(result: TrajectoryResult) -> Table:
     rows = []
     for leg, start in zip(result.legs, result.motion.starts, strict=False):
-        along = "" if np.isnan(leg.length_m) else f"{fixed(1e3 * leg.length_m, 2)} mm"
+        along = "" if np.isnan(leg.length_m) else f"{fixed(MM.of(leg.length_m), 2)} mm"
         along += f", turns {fixed(np.rad2deg(leg.turn_rad), 2)}°" if leg.turn_rad > 1e-9 else ""
         rows.append((" → ".join(leg.points), leg.kind, fixed(start, 5), fixed(leg.move.seconds, 5), along))
     columns = ("points", "move", "starts at, s", "takes, s", "path of the tool")

@@ -11,6 +11,7 @@ from lab.campaign.robot import Robot
 from lab.commands.result import number, tidy
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.core.units import MM
 from lab.core.whole_folder import current_keep, of_one
 from lab.extensions.robotics.workspace.membership import anyhow
 from lab.extensions.robotics.workspace.options import WorkspaceOptions
@@ -67,7 +68,7 @@ class RobotWorkspace:
         coordinates = self.space.measured.drawn(2000, rng_for(0, "structure"))
         level = float(np.round(domain.places(coordinates)[:, 2].mean(), 3))
         if self.options.level_mm is not None:
-            level = self.options.level_mm / 1e3
+            level = MM.to_si(self.options.level_mm)
         low, high = domain.extents[1]
         across = 0.0 if low < 0 < high else float((low + high) / 2)
         found = [self.space.section((0, 2), across, tried), self.space.section((0, 1), level, tried)]
@@ -87,13 +88,13 @@ class RobotWorkspace:
                 "places": len(measured.reached),
                 "size": number(measured.size),
                 "standard_error": number(measured.standard_error),
-                "cell_mm": tidy(1e3 * measured.cell_m),
+                "cell_mm": tidy(MM.of(measured.cell_m)),
             },
             "extents_mm": {
-                axis: [tidy(1e3 * end) for end in ends] for axis, ends in zip("xyz", space.domain.extents, strict=True)
+                axis: [tidy(MM.of(end)) for end in ends] for axis, ends in zip("xyz", space.domain.extents, strict=True)
             },
-            "least_reach_mm": None if reach is None else tidy(1e3 * reach[0]),
-            "reach_mm": None if reach is None else tidy(1e3 * reach[1]),
+            "least_reach_mm": None if reach is None else tidy(MM.of(reach[0])),
+            "reach_mm": None if reach is None else tidy(MM.of(reach[1])),
             "voids": [number(size) for size in measured.voids],
             "orientations": self._orientation_values(),
             "cell": self._cell_values(),

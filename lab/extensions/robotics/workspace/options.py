@@ -10,6 +10,7 @@ from lab.campaign.option_types import Flag, NoRecording, Numbers
 from lab.core.errors import LabError
 from lab.core.limits import OPTION_SIZE, ORIENTATIONS, PLACES, SEED, whole
 from lab.core.se3 import Array
+from lab.core.units import MM
 
 __all__ = ["WorkspaceOptions"]
 
@@ -66,4 +67,4 @@ class WorkspaceOptions:
     @property
     def tool_m(self) -> Array:
         """The tool's point ``(3,)`` m in the last frame."""
-        return np.array(self.tool_mm) / 1e3 if self.tool_mm else np.zeros(3)
+        return MM.to_si(np.array(self.tool_mm)) if self.tool_mm else np.zeros(3)

@@ -11,6 +11,7 @@ import trimesh
 
 from lab.commands.result import Result, printed
 from lab.core.errors import counted
+from lab.core.units import MM
 from lab.extensions.robotics.workspace.measured import RobotWorkspace
 from lab.extensions.robotics.workspace.options import WorkspaceOptions
 from lab.extensions.robotics.workspace.space import Section as Cut
@@ -85,7 +86,7 @@ class WorkspaceResult(Result):
             "robot": [each.robot.name for each, rows in zip(self.robots, places, strict=True) for _ in rows]
         }
         for i, axis in enumerate("xyz"):
-            table[f"{axis}_mm"] = (1e3 * np.concatenate(places)[:, i]).tolist()
+            table[f"{axis}_mm"] = MM.of(np.concatenate(places)[:, i]).tolist()
         table["reached"] = np.concatenate([each.space.measured.reached for each in self.robots]).astype(int).tolist()
         return table
 
@@ -132,7 +133,7 @@ def _comparison(result: WorkspaceResult) -> Section:
         ends = each.reach_m
         rows.append((
             each.robot.name, _size(each, each.size), f"{_size(each, found.size)} ± {found.standard_error:.2g}",
-            "–" if ends is None else f"{printed(round(1e3 * ends[0]))} … {printed(round(1e3 * ends[1]))}",
+            "–" if ends is None else f"{printed(round(MM.of(ends[0])))} … {printed(round(MM.of(ends[1])))}",
             str(len(found.voids)), "–" if share is None else f"{100 * share['mean_share']:.0f} %",
         ))  # fmt: skip
     columns = ("robot", "size", "by Monte Carlo", "from axis 1, mm", "voids", "orientations")
@@ -166,7 +167,7 @@ def _lines(each: RobotWorkspace) -> tuple[str, ...]:
     by = "the closed form" if space.by_place.exact else "a search"
     carlo = (
         f"{_size(each, found.size)} ± {found.standard_error:.2g} (1σ) by Monte Carlo: {len(found.reached):,} places "
-        f"in cells of {short(1e3 * found.cell_m)} mm, reached or not by {by}"
+        f"in cells of {short(MM.of(found.cell_m))} mm, reached or not by {by}"
     )
     first = f"{name} {carlo}"
     if space.by_sections is not None:
@@ -176,7 +177,7 @@ def _lines(each: RobotWorkspace) -> tuple[str, ...]:
     )
     lines = [first, f"it lies within {ends} mm of the base"]
     if each.reach_m is not None:
-        low, high = (printed(round(1e3 * end, 1)) for end in each.reach_m)
+        low, high = (printed(round(MM.of(end), 1)) for end in each.reach_m)
         lines.append(f"reach from axis 1: {low} … {high} mm")
     voids = ", ".join(_size(each, size) for size in found.voids)
     count = len(found.voids)
@@ -219,13 +220,13 @@ def _section_pictures(each: RobotWorkspace, which: int = 0) -> tuple[Picture, ..
 def _section(cut: Cut, name: str) -> Picture:
     first, second = ("xyz"[axis] for axis in cut.axes)
     third = "xyz"[3 - sum(cut.axes)]
-    level = f"{third} = {printed(round(1e3 * cut.level_m))} mm"
+    level = f"{third} = {printed(round(MM.of(cut.level_m)))} mm"
 
     def draw(axes: "matplotlib.axes.Axes") -> None:
         from matplotlib.collections import LineCollection
         from matplotlib.colors import LinearSegmentedColormap, ListedColormap
 
-        right, up = 1e3 * cut.right, 1e3 * cut.up
+        right, up = MM.of(cut.right), MM.of(cut.up)
         if cut.shares is None:
             shown, colours = np.where(cut.reached, 1.0, np.nan), ListedColormap([COLOUR_SCALE[0]])
             axes.pcolormesh(right, up, shown.T, cmap=colours, shading="nearest", rasterized=True)
@@ -235,7 +236,7 @@ def _section(cut: Cut, name: str) -> Picture:
                                     rasterized=True)  # fmt: skip
             bar = axes.figure.colorbar(drawn, ax=axes, shrink=0.8)
             bar.set_label("orientations, %")
-        axes.add_collection(LineCollection(list(1e3 * cut.vertices[cut.segments]), colors=INK, linewidths=1.0))
+        axes.add_collection(LineCollection(list(MM.of(cut.vertices[cut.segments])), colors=INK, linewidths=1.0))
         axes.set_aspect("equal")
         axes.set(xlabel=f"{first}, mm", ylabel=f"{second}, mm", title=level)
         axes.locator_params(nbins=6)
