@@ -258,7 +258,7 @@ def selected(data: Measurements) -> Selection:
 THREE = ("p1", "p2", "p3")
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(7)
 @pytest.mark.parametrize("payloads", [(0.0,), (0.0, 1.5, 3.0)], ids=["unloaded", "loaded"])
 @pytest.mark.parametrize("targets", [("p1",), THREE], ids=["one target", "three targets"])
 @pytest.mark.parametrize("kind", ["once", "reference", "thrice"])
