@@ -110,6 +110,7 @@ def test_no_test_module_imports_another() -> None:
     wrong = [
         f"{path.relative_to(ROOT)} imports {name}"
         for path in TESTS
+        if re.search(r"(?<!def )\btest_", path.read_text(encoding="utf-8"))  # few name one: the others are not parsed
         for node in imports_in(path)
         for name in names_of(node)
         if not name.startswith("lab.") and modules & set(name.split("."))

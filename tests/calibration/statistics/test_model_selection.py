@@ -90,7 +90,7 @@ def row(selection: Selection, name: str):
 ESTIMATED = pytest.param(False, marks=pytest.mark.slow, id="sigma estimated")
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(7)
 @pytest.mark.parametrize("known", [pytest.param(True, id="sigma known"), ESTIMATED])
 @pytest.mark.parametrize("group", [name for name in CANDIDATES if name != "torsion"])  # which one target does not show
 def test_the_group_that_is_there_is_taken_alone(group: str, known: bool) -> None:
