@@ -1,9 +1,11 @@
-"""What every test may ask for; and one BLAS thread a process.
+"""Provide what every test may ask for; set one BLAS thread a process, and keep compiled modules.
 
-On a busy machine small matrices wait a hundred times longer for a second thread.
+On a busy machine small matrices wait a hundred times longer for a second thread. Without compiled modules each process
+that the tests start compiles the whole package again.
 """
 
 import os
+import sys
 from collections import Counter
 from collections.abc import Generator, Iterator
 from contextlib import nullcontext
@@ -14,6 +16,8 @@ from hypothesis import settings
 
 for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(variable, "1")  # before numpy is imported; commands started by tests inherit it
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 settings.register_profile("quick", max_examples=25, derandomize=True, deadline=None, database=None)
 settings.load_profile("quick")

@@ -141,7 +141,8 @@ def parsed(command: Command, arguments: Sequence[str]) -> Arguments:
     kind = command.load_options()
     rest, default = _configured(command, kind, arguments)
     rest = _with_switches_on(kind, rest)
-    titled = Annotated[kind, tyro.conf.arg(name="")]  # type: ignore[valid-type]
+    # Without the empty help, tyro parses this source anew on each call, in search of one.
+    titled = Annotated[kind, tyro.conf.arg(name="", help="")]  # type: ignore[valid-type]
     given = tyro.conf.OmitArgPrefixes[titled]
     options = ("options", given) if default is None else ("options", given, field(default=default))
     common: list[Any] = [("json", _JSON, field(default=False))]

@@ -53,6 +53,7 @@ def test_what_was_of_the_session_stays_out_of_the_arm(soft: lab.CalibrationResul
     assert [estimate.arm.names[i] for i in estimate.free] == list(estimate.free_names)
 
 
+@pytest.mark.thorough
 def test_the_covariance_of_a_point_is_that_of_drawn_parameters(soft: lab.CalibrationResult) -> None:
     """Parameters are drawn from their covariance, and the arm is asked: another way than derivatives."""
     estimate = replace(soft.estimate, adequate=True, noise_known=True, shared=None)

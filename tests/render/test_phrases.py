@@ -124,6 +124,7 @@ def test_no_decision_of_a_fit_depends_on_a_phrase(silent: Callable[[], None]) ->
         assert identified(session(), noise_mm=0.2).to_dict()["reasons"] == ["x"]
 
 
+@pytest.mark.thorough
 def test_no_decision_that_builds_on_runs_depends_on_a_phrase(silent: Callable[[], None], tmp_path: Path) -> None:
     with nothing_drawn():
         said = outcomes(of_runs(tmp_path / "runs"))

@@ -91,7 +91,7 @@ def row(selection: Selection, name: str):
 ESTIMATED = pytest.param(False, marks=pytest.mark.slow, id="sigma estimated")
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(7)
 @pytest.mark.parametrize("known", [pytest.param(True, id="sigma known"), ESTIMATED])
 @pytest.mark.parametrize("group", [name for name in CANDIDATES if name != "torsion"])  # which one target does not show
 def test_the_group_that_is_there_is_taken_alone(group: str, known: bool) -> None:
@@ -259,7 +259,7 @@ def selected(data: Measurements) -> Selection:
 THREE = ("p1", "p2", "p3")
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(7)
 @pytest.mark.parametrize("payloads", [(0.0,), (0.0, 1.5, 3.0)], ids=["unloaded", "loaded"])
 @pytest.mark.parametrize("targets", [("p1",), THREE], ids=["one target", "three targets"])
 @pytest.mark.parametrize("kind", ["once", "reference", "thrice"])

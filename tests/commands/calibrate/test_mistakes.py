@@ -23,7 +23,7 @@ def identified(data, **options: object) -> lab.CalibrationResult:
     return lab.identify(data, robot="irb120", holdout=0.3, **options)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_no_mistake_is_good(mistake: str) -> None:
     for seed, options in enumerate(STATED.values()):
@@ -46,7 +46,7 @@ def test_the_first_sentence_names_the_poses_and_the_size() -> None:
     assert step["kind"] == "step" and step["size_mm"] == pytest.approx(3.0, rel=0.1) and len(step["between"]) == 2
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(
     ("effect", "named"),
     [

@@ -126,6 +126,7 @@ def test_next_to_nothing_but_copies_is_refused(day: Measurements) -> None:
     assert len(without_copies(Path("day.csv"), doubled(day.take(range(5)), [0] * 39))) == 5
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("scale", [1.01, 0.985, 1.001, 1.0])
 def test_points_in_another_scale_are_told_and_not_good(scale: float) -> None:
     """As of an instrument whose unit or whose air is wrong: all lengths grow together, and everything fits."""

@@ -31,7 +31,7 @@ def quick():
         rr.set_strict_mode(False)
 
 
-@pytest.fixture(scope="module", params=["delta", "rpr2", "rpr3"])
+@pytest.fixture(scope="module", params=["delta", "rpr2", pytest.param("rpr3", marks=pytest.mark.thorough)])
 def recorded(request, tmp_path_factory):
     outcome = calibrate(VirtualCampaign(robot=request.param, seed=4, poses=POSES))
     path = tmp_path_factory.mktemp("recording") / f"{request.param}.rrd"

@@ -105,7 +105,7 @@ def test_a_joint_is_not_crossed_by_itself_nor_by_a_slide() -> None:
     assert names and not [name for name in names if name.endswith(tuple(f"cross{i}" for i in slides))]
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("group", ["joint2.cross6", "joint5.cross3", "link2.x_cross6", "link5.rx_cross4"])
 def test_auto_finds_it_and_the_error_falls_to_the_noise(group: str) -> None:
     for seed in (0, 1):
@@ -128,25 +128,25 @@ def test_a_virtual_arm_has_it_only_where_it_is_asked_for() -> None:
     assert found.after.mean < 0.25 * lab.calibrate("irb120", poses=80, seed=3, cross_harmonic_mrad=0.3).after.mean
 
 
-def test_play_is_found_for_the_one_joint_whose_approach_is_known() -> None:
+@pytest.mark.sampled(2)
+@pytest.mark.parametrize(("joint", "width"), [(1, 0.3e-3), (4, 0.3e-3), (1, 0.0)])
+def test_play_is_found_for_the_one_joint_whose_approach_is_known(joint: int, width: float) -> None:
     """A file with the direction of approach of one joint alone; and nothing is found where there is no play."""
-    rng = np.random.default_rng(0)
-    for joint, width in ((1, 0.3e-3), (4, 0.3e-3), (1, 0.0)):
-        data, _ = session(joint, "joint2.cross6", 0.0)
-        side = rng.choice([-1.0, 1.0], len(data))
-        name = IRB120.chain.joint_names[joint]
-        play = width / 2 * side[:, None] * np.eye(6)[joint]
-        arm = IRB120.arm(("p1",))
-        nominal = arm.nominal(IRB120.tool)
-        moved = arm.points(data.joints + play, nominal) - arm.points(data.joints, nominal)
-        given = replace(data, points=data.points + moved, conditions={f"approach_{name}": side})
-        for model in ("auto", "backlash"):
-            found = lab.identify(given, robot="irb120", model=model)
-            assert (f"joint{joint + 1}.backlash" in found.fit.groups) is (width > 0 or model == "backlash")
-            named = dict(zip(found.identification.model.names, found.identification.values, strict=True))
-            if width:
-                assert named[f"joint{joint + 1}.backlash"] == pytest.approx(width, rel=0.1)
-            assert [each for each in found.warnings if f"for joint {name} only: columns approach_" in each]
+    data, _ = session(joint, "joint2.cross6", 0.0)
+    side = np.random.default_rng(0).choice([-1.0, 1.0], len(data))
+    name = IRB120.chain.joint_names[joint]
+    play = width / 2 * side[:, None] * np.eye(6)[joint]
+    arm = IRB120.arm(("p1",))
+    nominal = arm.nominal(IRB120.tool)
+    moved = arm.points(data.joints + play, nominal) - arm.points(data.joints, nominal)
+    given = replace(data, points=data.points + moved, conditions={f"approach_{name}": side})
+    for model in ("auto", "backlash"):
+        found = lab.identify(given, robot="irb120", model=model)
+        assert (f"joint{joint + 1}.backlash" in found.fit.groups) is (width > 0 or model == "backlash")
+        named = dict(zip(found.identification.model.names, found.identification.values, strict=True))
+        if width:
+            assert named[f"joint{joint + 1}.backlash"] == pytest.approx(width, rel=0.1)
+        assert [each for each in found.warnings if f"for joint {name} only: columns approach_" in each]
 
 
 def test_of_two_names_for_the_same_the_joints_is_taken() -> None:
