@@ -39,6 +39,7 @@ __all__ = [
 ]
 
 _VERSION = 9  # of kernels.c: what an earlier build left behind is not taken
+_REAL = np.dtype(np.float64)
 Columns = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 P = ParamSpec("P")
@@ -83,9 +84,9 @@ def with_fallback(
     return decorate
 
 
-def real(*arrays: Array) -> bool:
+def real(first: Array, *more: Array) -> bool:
     """Decide whether arrays hold real numbers of 8 bytes, which the compiled functions take."""
-    return all(array.dtype == np.float64 for array in arrays)
+    return first.dtype == _REAL and (not more or real(*more))
 
 
 @dataclass(frozen=True)

@@ -147,7 +147,7 @@ class SphericalWrist:
     def solve(self, Ts_frame0_last: Array, reference: Array | float = 0.0) -> Solutions:
         """See ``ClosedForm``."""
         joints, gap, free = eight_solutions("inverse", self._numbers, Ts_frame0_last, reference)
-        return Solutions(joints, gap, np.zeros_like(gap), free)
+        return Solutions(joints, gap, np.zeros(gap.shape), free)
 
     @cached_property
     def _numbers(self) -> Array:
@@ -338,7 +338,7 @@ class ThreeParallel:
     def solve(self, Ts_frame0_last: Array, reference: Array | float = 0.0) -> Solutions:
         """See ``ClosedForm``. The branches are the roots of joint 1, of joint 5 and of the elbow, in this order."""
         joints, gap, free = eight_solutions("three_parallel", self._numbers, Ts_frame0_last, reference)
-        found = Solutions(joints, gap, np.zeros_like(gap), free)
+        found = Solutions(joints, gap, np.zeros(gap.shape), free)
         rows = np.flatnonzero(free[:, :, 5].any(axis=1))
         if rows.size:
             part = self._solved(Ts_frame0_last[rows], np.broadcast_to(reference, (len(gap), 6))[rows])
