@@ -49,7 +49,7 @@ from lab.formats.joint_log import JointLog
 from lab.formats.programs.program_text import Outside
 from lab.formats.programs.registry import read_program
 from lab.formats.tracker_export import TrackerPoints
-from lab.kinematics.compiled.kernels import machine_code
+from lab.kinematics.compiled.kernels import compiled
 from lab.kinematics.effects.effect import HOUR_S
 from lab.kinematics.gauge import base_set
 from lab.kinematics.inverse.closed_form import closed_form_of
@@ -161,7 +161,7 @@ def machine() -> str:
     """The processor's name and how many of them, Python and numpy, and whether the kernels are compiled."""
     info = Path("/proc/cpuinfo")
     models = [line.split(":", 1)[1].strip() for line in _lines(info) if line.startswith("model name")]
-    kernels = "compiled kernels" if machine_code() is not None else "no compiled kernels"
+    kernels = "compiled kernels" if compiled() else "no compiled kernels"
     name = models[0] if models else platform.processor() or platform.machine()
     return f"{os.cpu_count()} x {name}, Python {platform.python_version()}, numpy {np.__version__}, {kernels}"
 

@@ -28,8 +28,9 @@ from lab.core import se3
 from lab.core.newton import newton
 from lab.core.se3 import Array
 from lab.kinematics.compiled.kernels import solve_positive
+from lab.kinematics.compiled.numpy_kernels import walk_stacked
 from lab.kinematics.parameter import Parameter, names_of
-from lab.kinematics.serial.arm import SerialArm, Stacked, StackedArm
+from lab.kinematics.serial.arm import SerialArm, Stacked
 from lab.kinematics.serial.walk import Motion
 
 __all__ = [
@@ -371,7 +372,7 @@ class StackedPoseArm:
 
     def _walk(self, joints: Array, values: Array) -> tuple[list[Motion], Array, Array]:
         """Return all motions but the target's rotation, the target ``(5, b, n)``, its rotations ``(b, n, 3, 3)``."""
-        motions, points, frame = StackedArm(self.arm).walk(joints, values[:, :-3], 5)
+        motions, points, frame = walk_stacked(self.arm, joints, values[:, :-3], 5)
         first = len(self.arm.names) - 3
         motions += [Motion(column, axis, None) for column, axis in enumerate(frame, start=first)]
         last = np.stack([axis[:3] for axis in frame], axis=-1).transpose(1, 2, 0, 3)

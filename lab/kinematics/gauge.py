@@ -16,7 +16,6 @@ from lab.core.errors import LabError
 from lab.core.linear_model import triangle, unit_columns
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.kinematics.compiled.kernels import machine_code
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter, indices_of_groups
 from lab.kinematics.serial.chain import Chain
@@ -174,10 +173,6 @@ def independent_columns(jacobian: Array, order: Sequence[int]) -> tuple[int, ...
 
     Gram-Schmidt, done twice where the first time leaves little of a column (Daniel et al. 1976).
     """
-    if (code := machine_code()) is not None:
-        wanted, found = np.array(order, dtype=np.int64), np.empty(len(order), dtype=np.int64)
-        code.independent(np.ascontiguousarray(jacobian.T), len(jacobian), wanted, _INDEPENDENT, found)
-        return tuple(np.sort(wanted[found > 0]).tolist())
     norms = np.linalg.norm(jacobian, axis=0)
     basis = np.empty((len(jacobian), len(order)), order="F")
     kept: list[int] = []

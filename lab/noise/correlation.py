@@ -6,7 +6,6 @@ Rows are whitened by the innovations of the Kalman filter (Durbin & Koopman 2012
 the inverse covariance, in a time that grows with the number of poses.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -14,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.core.se3 import Array
-from lab.kinematics.compiled.kernels import machine_code
+from lab.kinematics.compiled.kernels import innovations, whiten
+from lab.kinematics.compiled.numpy_kernels import states
 
 __all__ = ["Correlation"]
 
@@ -62,20 +62,11 @@ class Correlation:
 
     def white(self, rows: Array) -> Array:
         """Rows ``(n, m, ...)`` of unit variance and without correlation, from rows in units of the instrument's."""
-        factors, _, _ = self._filter
+        factors, gains, through = self._filter
         if not self._states:
             return np.asarray(np.einsum("nij,nj...->ni...", factors, rows))
         flat = np.ascontiguousarray(rows, dtype=np.float64).reshape(*rows.shape[:2], -1)
-        done = np.empty_like(flat)
-        if (code := machine_code()) is not None:
-            _, gains, through = self._filter
-            sizes = self.scatter.shape[1], self._states
-            code.whiten(*sizes, factors, self._observed, gains, through, self._order, flat, done)
-            return done.reshape(rows.shape)
-        for t, state in self._walk(flat.shape[2]):
-            done[t] = factors[t] @ (flat[t] - self._observed[t] @ state)
-            state += self._filter[1][t] @ done[t]
-        return done.reshape(rows.shape)
+        return whiten(factors, self._observed, gains, through, self._order, flat).reshape(rows.shape)
 
     def coloured(self, rows: Array) -> Array:
         """The inverse of ``white``."""
@@ -84,7 +75,7 @@ class Correlation:
             return np.asarray(np.einsum("nij,nj...->ni...", factors, rows))
         flat = rows.reshape(*rows.shape[:2], -1)
         done = np.empty_like(flat)
-        for t, state in self._walk(flat.shape[2]):
+        for t, state in states(self._filter[2], self._order, flat.shape[2]):
             done[t] = factors[t] @ flat[t] + self._observed[t] @ state
             state += self._filter[1][t] @ flat[t]
         return done.reshape(rows.shape)
@@ -118,23 +109,4 @@ class Correlation:
         gaps = np.diff(self.times[self._order], prepend=-np.inf)
         through = np.ones((n, self._states))
         through[self._order] = np.where(wandering, (self.carry**gaps)[:, None], 1.0)
-        factors, gains = np.empty((n, m, m)), np.empty((n, self._states, m))
-        if (code := machine_code()) is not None:
-            if not code.innovations(m, self._states, own, self._observed, through, self._order, factors, gains):
-                raise np.linalg.LinAlgError("Matrix is not positive definite")
-            return factors, gains, through
-        spread = np.eye(self._states)
-        for t in self._order.tolist():
-            spread = through[t][:, None] * spread * through[t] + np.diag(1 - through[t] ** 2)
-            pull = spread @ self._observed[t].T
-            factors[t] = np.linalg.inv(np.linalg.cholesky(own[t] + self._observed[t] @ pull))
-            gains[t] = pull @ factors[t].T
-            spread = spread - gains[t] @ gains[t].T
-        return factors, gains, through
-
-    def _walk(self, columns: int) -> Iterator[tuple[int, Array]]:
-        """Yield each pose in order of time, with the predicted state ``(s + q, columns)``, which the caller updates."""
-        state, through = np.zeros((self._states, columns)), self._filter[2]
-        for t in self._order.tolist():
-            state *= through[t][:, None]
-            yield t, state
+        return *innovations(own, self._observed, through, self._order), through

@@ -28,7 +28,7 @@ from lab.core.orientation import AngleConvention
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import ObservedColumns
 from lab.formats.orientations import orientation_texts, oriented_target, read_orientations
-from lab.kinematics.compiled.kernels import CompiledChain
+from lab.kinematics.compiled.kernels import real, with_fallback
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter, indices_of_groups, names_of
 from lab.kinematics.serial.arm import SerialArm
@@ -129,24 +129,28 @@ class Poses:
         identity = np.broadcast_to([1.0, 0.0, 0.0, 0.0], (count, 4))
         return np.concatenate([self.arm.structure_joints(count, rng), identity], axis=1)
 
-    def points(self, inputs: Array, values: Array) -> Array:
-        """Positions and rotations ``(n, k + 1, 3)``, m and rad."""
-        if (code := self._compiled(inputs, values)) is not None:
-            return code.oriented(inputs[:, :-4], values[:-3], values[-3:], inputs[:, -4:], rates=False)[0]
+    def _compilable(self, inputs: Array, values: Array) -> bool:
+        """Decide whether machine code can do it: it takes arms without effects, and real numbers."""
+        return isinstance(self.arm, SerialArm) and real(inputs, values)
+
+    def _points(self, inputs: Array, values: Array) -> Array:
         arm_inputs, measured = inputs[:, :-4], se3.rotation_from_quaternion(inputs[:, -4:])
         points = self.arm.points(arm_inputs, values[:-3])
         flange = _flange_rotation(self.arm, arm_inputs, values[:-3], points)
         rotation = se3.log(np.swapaxes(measured, 1, 2) @ flange @ se3.exp(values[-3:]))
         return np.concatenate([points, rotation[:, None]], 1)
 
-    def observe(self, inputs: Array, values: Array) -> tuple[Array, Array]:
-        """Positions and rotations ``(n, k + 1, 3)`` and their derivatives ``(n, k + 1, 3, p)``.
+    @with_fallback(_points, when=_compilable)
+    def points(self, inputs: Array, values: Array) -> Array:
+        """Positions and rotations ``(n, k + 1, 3)``, m and rad."""
+        return self._oriented(inputs, values, rates=False)[0]
+
+    def _observe(self, inputs: Array, values: Array) -> tuple[Array, Array]:
+        """``observe`` by numpy.
 
         A rotation w of the predicted frame (in the instrument's) changes the residual v = log(R_measured' R) by
         J_l(v)^-1 R_measured' w.
         """
-        if (code := self._compiled(inputs, values)) is not None:
-            return code.oriented(inputs[:, :-4], values[:-3], values[-3:], inputs[:, -4:], rates=True)
         arm_inputs, measured = inputs[:, :-4], se3.rotation_from_quaternion(inputs[:, -4:])
         points, jacobian = self.arm.observe(arm_inputs, values[:-3])
         flange, rates = _flange_rates(self.arm, arm_inputs, values[:-3], jacobian)
@@ -157,9 +161,15 @@ class Poses:
         wide = np.concatenate([jacobian, np.zeros((*jacobian.shape[:3], 3))], axis=3)
         return np.concatenate([points, rotation[:, None]], 1), np.concatenate([wide, rows[:, None]], 1)
 
-    def _compiled(self, inputs: Array, values: Array) -> CompiledChain | None:
-        """The arm in machine code; None where there is none or the arm has effects."""
-        return self.arm.compiled(inputs, values) if isinstance(self.arm, SerialArm) else None
+    @with_fallback(_observe, when=_compilable)
+    def observe(self, inputs: Array, values: Array) -> tuple[Array, Array]:
+        """Positions and rotations ``(n, k + 1, 3)`` and their derivatives ``(n, k + 1, 3, p)``."""
+        return self._oriented(inputs, values, rates=True)
+
+    def _oriented(self, inputs: Array, values: Array, *, rates: bool) -> tuple[Array, Array]:
+        assert isinstance(self.arm, SerialArm)
+        code = self.arm.compiled
+        return code.oriented(inputs[:, :-4], values[:-3], values[-3:], inputs[:, -4:], rates=rates)
 
     def initial_guess(self, observed: Observations, values: Array) -> Array:
         """Base and tool from the positions; the tool's rotation as the mean of R_flange' R_measured."""

@@ -281,3 +281,14 @@ def test_a_beta_of_zero_where_there_is_none_changes_nothing(tmp_path) -> None:
 def test_how_many_poses_are_needed() -> None:
     arm = SerialArm(IRB120.chain)
     assert poses_needed(arm, arm.nominal()) == 9
+
+
+def test_columns_that_others_span_are_not_independent() -> None:
+    rng = np.random.default_rng(8)
+    columns = rng.standard_normal((40, 9))
+    columns[:, 4] = columns[:, [0, 2]] @ [1.0, -3.0] + 1e-12 * rng.standard_normal(40)
+    columns[:, 6] *= 1e-10  # moves nothing
+    columns[:, 7] = columns[:, 1] + 1e-6 * rng.standard_normal(40)
+    assert independent_columns(columns, range(9)) == (0, 1, 2, 3, 5, 7, 8)
+    assert independent_columns(columns, [4, 2, 0, 8]) == (2, 4, 8)
+    assert independent_columns(columns, [7, 6, 1]) == (1, 7)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lab.kinematics.compiled.kernels import machine_code
+from lab.kinematics.compiled import kernels
 from lab.noise.change_points import ChangePoint
 from lab.noise.correlation import Correlation
 from lab.noise.error_term import Components, ErrorShapes
@@ -63,7 +63,7 @@ def test_whitened_errors_have_unit_covariance(
     parts: Components, shuffled: bool, compiled: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if not compiled:
-        monkeypatch.setattr("lab.noise.correlation.machine_code", lambda: None)
+        monkeypatch.setattr(kernels, "_CODE", None)
     rng = np.random.default_rng(0)
     of = shapes(rng)
     if shuffled:  # rows of a file need not stand in the order of time
@@ -78,7 +78,7 @@ def test_whitened_errors_have_unit_covariance(
     assert np.allclose(1 + shared.squares.ravel(), np.diag(dense(of, parts)))
 
 
-@pytest.mark.skipif(machine_code() is None, reason="built without a C compiler")
+@pytest.mark.skipif(not kernels.compiled(), reason="built without a C compiler")
 def test_the_compiled_filter_is_that_of_numpy(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(5)
     of, rows = shapes(rng, 200), rng.standard_normal((200, NUMBERS, 4, 2))
@@ -86,7 +86,7 @@ def test_the_compiled_filter_is_that_of_numpy(monkeypatch: pytest.MonkeyPatch) -
     singular = replace(correlation(of, PARTS), scatter=np.full((200, NUMBERS, 4), np.nan))
     with pytest.raises(np.linalg.LinAlgError):
         singular.white(rows)
-    monkeypatch.setattr("lab.noise.correlation.machine_code", lambda: None)
+    monkeypatch.setattr(kernels, "_CODE", None)
     np.testing.assert_allclose(fast, correlation(of, PARTS).white(rows), rtol=0, atol=1e-12)
 
 

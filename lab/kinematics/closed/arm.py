@@ -17,8 +17,8 @@ from lab.core.se3 import Array, exp, left_jacobian, pose
 from lab.kinematics.closed.loop_closure import Closed, Configuration, crossed
 from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.parameter import Parameter, names_of, tool_parameters
-from lab.kinematics.serial.arm import chunks, target_positions
-from lab.kinematics.serial.walk import padded
+from lab.kinematics.serial.arm import target_positions
+from lab.kinematics.serial.walk import chunks, padded
 from lab.kinematics.skeleton import Skeleton
 
 __all__ = ["ClosedArm"]

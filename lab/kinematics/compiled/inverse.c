@@ -153,7 +153,7 @@ static int read_eight(Views *held, PyObject *const *args, Py_ssize_t given, size
            && (!of->reference || liked == 6 * n);
 }
 
-/* inverse(wrist, Ts, reference or None, joints, gap, free): SphericalWrist.solve on an Elbow; (n, 8, .) are written. */
+/* inverse(wrist, Ts, reference or None, joints, gap, free): SphericalWrist._solved on an Elbow; (n, 8, .) are written. */
 static PyObject *inverse(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     (void)self;
@@ -570,7 +570,7 @@ static void three_one(const Three *a, const double *T, const double *liked, doub
     }
 }
 
-/* three_joints(numbers, Ts, reference or None, joints, gap, tilt or None, free): ThreeJoints.solve, but for the nearest
+/* three_joints(numbers, Ts, reference or None, joints, gap, tilt or None, free): ThreeJoints._solved, but for the nearest
  * joints of places out of reach; (n, k, .) are written. */
 static PyObject *three_joints(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
@@ -678,7 +678,7 @@ WIDE static void parallel_all(const Parallel *a, Py_ssize_t n, const double *Ts,
         parallel_one(a, Ts + 16 * i, reference ? reference + 6 * i : NULL, joints + 48 * i, gaps + 8 * i, free_ + 48 * i);
 }
 
-/* three_parallel(numbers, Ts, reference or None, joints, gap, free): ThreeParallel.solve, but for poses where joint 6 is
+/* three_parallel(numbers, Ts, reference or None, joints, gap, free): ThreeParallel._solved, but for poses where joint 6 is
  * free, whose flag alone counts; (n, 8, .) are written. */
 static PyObject *three_parallel(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
@@ -696,7 +696,7 @@ static PyObject *three_parallel(PyObject *self, PyObject *const *args, Py_ssize_
 /* ------------------------------------------------------------------------------------------------ five axes */
 
 #define FIVE 5
-#define STEPS 4 /* five_axes._STEPS and those that follow there */
+#define STEPS 4 /* numpy_kernels._STEPS and those that follow there */
 #define NEAR 1e-2
 #define EXACTLY 1e-13
 
@@ -712,7 +712,7 @@ typedef struct {
     Py_ssize_t many; /* candidates of a pose */
 } Five;
 
-/* What candidates miss where they are now, and their Jacobians: FiveAxes._missing. */
+/* What candidates miss where they are now, and their Jacobians: missed() of numpy_kernels.settle. */
 static void missed_by(const Five *of, Walk *w, Candidate *each, int count)
 {
     double joints[FIVE * BLOCK], columns[3 * BLOCK];
@@ -822,7 +822,7 @@ static void settle_all(const Five *of, Py_ssize_t n, Walk *w, Candidate *each, C
             if (!of->arm->slides[j]) of->joints[FIVE * row + j] = wrapped(of->joints[FIVE * row + j]);
 }
 
-/* settle(shape, sign, values, Ts, joints, off): FiveAxes._settled; joints (n, k, 5) are changed, off (n, k, 2) written. */
+/* settle(shape, sign, values, Ts, joints, off): numpy_kernels.settle; joints (n, k, 5) are changed, off (n, k, 2) written. */
 static PyObject *settle(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     (void)self;
@@ -961,7 +961,7 @@ INLINE void facing(const Planar *a, const double *v, double height, double equat
     equation[2] = height - along;
 }
 
-/* PlanarMiddle._frame of one pose: (5, m, n) from a pose's first number on. */
+/* PlanarMiddle._frame_by_numpy of one pose: (5, m, n) from a pose's first number on. */
 INLINE void middle_one(const Planar *a, const double *T, const double *liked, double *out, Py_ssize_t n, unsigned char *free_)
 {
     double lever[3], fifth[3], N[3][3], first[2], gap, offset = 0;
@@ -1013,7 +1013,7 @@ INLINE double turn_to(const double *axis, const double *from, const double *to)
     return turn_between(axis, from, to, &c, &s);
 }
 
-/* PlanarEnd._frame of one pose. */
+/* PlanarEnd._frame_by_numpy of one pose. */
 INLINE void end_one(const Planar *a, const double *T, const double *liked, double *out, Py_ssize_t n)
 {
     double place[3], seen[3], lever[3], b0[3], b1[3], first[2], second[2], gap;
@@ -1071,7 +1071,7 @@ INLINE void end_one(const Planar *a, const double *T, const double *liked, doubl
     }
 }
 
-/* planar_frame(numbers, Ts, liked, found, free): PlanarMiddle._frame and PlanarEnd._frame. liked (n, 2); found (5, m, n)
+/* planar_frame(numbers, Ts, liked, found, free): the two _frame_by_numpy of five_axes_planar. liked (n, 2); found (5, m, n)
  * and free (n,) are written. */
 static PyObject *planar_frame(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
@@ -1153,7 +1153,7 @@ INLINE void pair_joints(const Pair *a, double D[3][4], const double c[2], const 
     q[second] = way * (whole - turned);
 }
 
-/* ParallelPair.candidates of one pose; whether joints 4 and 5 are well said. */
+/* ParallelPair._plain_by_numpy of one pose; whether joints 4 and 5 are well said. */
 static int pair_one(const Pair *a, const double *T, double *joints)
 {
     static const double node[5][2] = {{1, 0}, {0.30901699437494742, 0.95105651629515357}, {-0.80901699437494742, 0.58778525229247313},
@@ -1229,7 +1229,7 @@ static int pair_one(const Pair *a, const double *T, double *joints)
     return plain;
 }
 
-/* parallel_pair(numbers, Ts, joints, plain): ParallelPair.candidates where joints 4 and 5 are well said, which plain (n,)
+/* parallel_pair(numbers, Ts, joints, plain): ParallelPair._plain_by_numpy where joints 4 and 5 are well said, which plain (n,)
  * tells; joints (n, 4, 5) are written. */
 static PyObject *parallel_pair(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {

@@ -2,7 +2,7 @@
  * shared_errors.c the filter of errors that poses share.
  *
  * Each function does what the numpy code that its comment names does, in the same order of sums, some poses at a time:
- * numpy's is the reference, and does all where there is no compiler. Contraction to fused operations is off.
+ * numpy's is the reference, and does all where there is no compiler (kernels.py chooses, numpy_kernels.py computes). Contraction to fused operations is off.
  * Arrays are C-contiguous; lengths are checked here, shapes by the caller.
  */
 #define PY_SSIZE_T_CLEAN
@@ -214,7 +214,7 @@ WIDE static void walk(const Arm *arm, const double *values, const double *joints
 }
 
 WIDE static void target_at(const Walk *w, const double *tool, int count, double (*restrict point)[BLOCK])
-{ /* SerialArm._targets */
+{ /* numpy_kernels._targets */
     for (int j = 0; j < 3; j++)
         for (int t = 0; t < count; t++)
             point[j][t] = w->origin[j][t] + tool[0] * w->frame[0][j][t] + tool[1] * w->frame[1][j][t]
@@ -367,7 +367,7 @@ static int most_slot(const int64_t *slot, Py_ssize_t count, Py_ssize_t rows)
     return 1;
 }
 
-/* observe(shape, sign, values, joints, slot, points, jacobian): SerialArm.points and SerialArm.observe. */
+/* observe(shape, sign, values, joints, slot, points, jacobian): numpy_kernels.points and .observe. */
 static PyObject *observe(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     (void)self;
@@ -445,7 +445,7 @@ static void error_rates(const double *v, double back[3][3], double out[3][3])
     product(inverse, back, out);
 }
 
-/* oriented(shape, sign, values, turn, quaternions, joints, points, jacobian): full_pose.Poses.points and .observe.
+/* oriented(shape, sign, values, turn, quaternions, joints, points, jacobian): full_pose.Poses._points and ._observe.
  *
  * turn (3,), quaternions (n, 4); points (3, k + 1, n) with the rotation's error last, jacobian (p + 3, 3, k + 1, n). */
 static PyObject *oriented(PyObject *self, PyObject *const *args, Py_ssize_t given)
@@ -523,7 +523,7 @@ static PyObject *oriented(PyObject *self, PyObject *const *args, Py_ssize_t give
     Py_RETURN_NONE;
 }
 
-/* stacked(shape, sign, values, joints, slot, points, jacobian): StackedArm.points and .observe, (b, ., k, 3, n). */
+/* stacked(shape, sign, values, joints, slot, points, jacobian): numpy_kernels.points_stacked and .observe_stacked, (b, ., k, 3, n). */
 static PyObject *stacked(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     (void)self;
@@ -563,7 +563,7 @@ static PyObject *stacked(PyObject *self, PyObject *const *args, Py_ssize_t given
     Py_RETURN_NONE;
 }
 
-/* tool(shape, sign, values, joints, target, Ts, jacobian): SerialArm.tool, (n, 4, 4) and (6, joints, n). */
+/* tool(shape, sign, values, joints, target, Ts, jacobian): numpy_kernels.tool, (n, 4, 4) and (6, joints, n). */
 static PyObject *tool(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     (void)self;
@@ -821,62 +821,6 @@ INLINE double inner(const double *restrict a, const double *restrict b, Py_ssize
     return rest + ((part[0] + part[1]) + (part[2] + part[3]));
 }
 
-/* independent(columns, rows, order, tolerance, kept): gauge.independent_columns, Gram-Schmidt done twice where the
- * first time leaves little. columns (p, rows); order (m,) of them; kept (m,), written: 1 where those before do not
- * span it. */
-WIDE static double without(const double *restrict basis, Py_ssize_t known, Py_ssize_t rows, double *restrict rest)
-{
-    double left = 0;
-    for (int twice = 0; twice < 2 && left <= 0.1; twice++) {
-        for (Py_ssize_t i = 0; i < known; i++) {
-            const double *q = basis + i * rows, share = inner(q, rest, rows);
-            for (Py_ssize_t t = 0; t < rows; t++) rest[t] -= share * q[t];
-        }
-        left = sqrt(inner(rest, rest, rows));
-    }
-    return left;
-}
-
-static PyObject *independent(PyObject *self, PyObject *const *args, Py_ssize_t given)
-{
-    (void)self;
-    Views held = {.count = 0};
-    Py_ssize_t size, m, out, known = 0;
-    const double *columns;
-    const int64_t *order;
-    int64_t *kept;
-    if (given != 5) return wrong(&held);
-    Py_ssize_t rows = PyLong_AsSsize_t(args[1]);
-    double tolerance = PyFloat_AsDouble(args[3]);
-    if (PyErr_Occurred() || !(columns = numbers(&held, args[0], 0, 8, &size))
-        || !(order = numbers(&held, args[2], 0, 8, &m)) || !(kept = numbers(&held, args[4], 1, 8, &out)))
-        return wrong(&held);
-    if (rows < 0 || out != m || (rows && size % rows)) return wrong(&held);
-    for (Py_ssize_t i = 0; i < m; i++)
-        if (order[i] < 0 || (order[i] + 1) * rows > size) return wrong(&held);
-    double *basis = malloc((m * rows + 1) * sizeof(double));
-    if (basis == NULL) {
-        let_go(&held);
-        return PyErr_NoMemory();
-    }
-    for (Py_ssize_t i = 0; i < m; i++) {
-        double *rest = basis + known * rows;
-        const double *column = columns + order[i] * rows;
-        double norm = sqrt(inner(column, column, rows));
-        kept[i] = 0;
-        if (!(norm > tolerance)) continue;
-        for (Py_ssize_t t = 0; t < rows; t++) rest[t] = column[t] / norm;
-        double left = without(basis, known, rows, rest);
-        kept[i] = left > tolerance;
-        if (!kept[i]) continue;
-        for (Py_ssize_t t = 0; t < rows; t++) rest[t] /= left;
-        known++;
-    }
-    free(basis);
-    let_go(&held);
-    Py_RETURN_NONE;
-}
-
 /* cholesky(normal, right, step): x of A x = b for matrices (b, f, f), positive definite; False where one is not.
  * Only the lower half of each matrix is read. */
 WIDE static int solved(const double *restrict a, const double *restrict right, Py_ssize_t f, double *restrict l,
@@ -934,7 +878,6 @@ static PyObject *cholesky(PyObject *self, PyObject *const *args, Py_ssize_t give
 
 static PyMethodDef methods[] = {
     {"cholesky", (PyCFunction)(void (*)(void))cholesky, METH_FASTCALL, NULL},
-    {"independent", (PyCFunction)(void (*)(void))independent, METH_FASTCALL, NULL},
     {"innovations", (PyCFunction)(void (*)(void))innovations, METH_FASTCALL, NULL},
     {"inverse", (PyCFunction)(void (*)(void))inverse, METH_FASTCALL, NULL},
     {"observe", (PyCFunction)(void (*)(void))observe, METH_FASTCALL, NULL},

@@ -1,27 +1,52 @@
-"""The functions of ``kernels.c``, as a build with a C compiler left them; numpy's do the same without.
+"""Choose between the functions of ``kernels.c``, where a build with a C compiler left them, and numpy.
 
 numpy spends half a millisecond a walk on its calls alone, however few the poses. A compiled walk of one pose takes some
 microseconds, and nothing has to be loaded or warmed up before: it serves at every size. ``scripts/build_kernels.py``
-compiles it, which ``pip install`` runs.
+compiles it, which ``pip install`` runs. A function ``with_fallback`` names the numpy function that does the same;
+``numpy_kernels`` holds those that nothing else needs.
 """
 
 import importlib
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from types import ModuleType
+from functools import wraps
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lab.core.se3 import Array
+from lab.kinematics.compiled import numpy_kernels
 from lab.kinematics.serial.chain import Chain
 
-__all__ = ["CompiledChain", "machine_code", "solve_positive"]
+if TYPE_CHECKING:
+    from lab.kinematics.serial.arm import SerialArm
+
+__all__ = [
+    "CompiledChain",
+    "compiled",
+    "eight_solutions",
+    "innovations",
+    "parallel_pair",
+    "planar_frame",
+    "real",
+    "settle",
+    "solve_positive",
+    "three_joints",
+    "two_axes",
+    "whiten",
+    "with_fallback",
+]
 
 _VERSION = 9  # of kernels.c: what an earlier build left behind is not taken
+_REAL = np.dtype(np.float64)
 Columns = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+P = ParamSpec("P")
+R = TypeVar("R")
 
 
-def _loaded() -> ModuleType | None:
+def _loaded() -> Any:
     try:
         code = importlib.import_module("lab.kinematics.compiled.machine_code")
     except ImportError:
@@ -32,9 +57,36 @@ def _loaded() -> ModuleType | None:
 _CODE = _loaded()
 
 
-def machine_code() -> ModuleType | None:
-    """The compiled functions; None where there are none."""
-    return _CODE
+def compiled() -> bool:
+    """True if the package was built with a C compiler."""
+    return _CODE is not None
+
+
+def with_fallback(
+    fallback: Callable[P, R], when: Callable[..., bool] | None = None
+) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Run a function that needs machine code where there is some, else ``fallback``, which does the same in numpy.
+
+    Args:
+        fallback: takes the same arguments.
+        when: checks the arguments, and decides whether machine code can do it; it always can if not given.
+    """
+
+    def decorate(fast: Callable[P, R]) -> Callable[P, R]:
+        @wraps(fast)
+        def chosen(*args: P.args, **kwargs: P.kwargs) -> R:
+            if (when is None or when(*args, **kwargs)) and _CODE is not None:
+                return fast(*args, **kwargs)
+            return fallback(*args, **kwargs)
+
+        return chosen
+
+    return decorate
+
+
+def real(first: Array, *more: Array) -> bool:
+    """Decide whether arrays hold real numbers of 8 bytes, which the compiled functions take."""
+    return first.dtype == _REAL and (not more or real(*more))
 
 
 @dataclass(frozen=True)
@@ -42,12 +94,10 @@ class CompiledChain:
     """A rigid chain and its targets as the compiled functions take them.
 
     Attributes:
-        code: the compiled functions.
         targets: k, how many.
         every: ``(p,)`` which row of the derivatives each parameter takes, where all are wanted.
     """
 
-    code: ModuleType
     chain: Chain
     targets: int
     every: Columns
@@ -80,7 +130,7 @@ class CompiledChain:
         points = np.empty((3, self.targets, len(joints)))
         jacobian = np.empty((rows, *points.shape))
         given = np.ascontiguousarray(values), np.ascontiguousarray(joints)
-        self.code.observe(self._shape, self._sign, *given, slot, points, jacobian)
+        _CODE.observe(self._shape, self._sign, *given, slot, points, jacobian)
         return points.transpose(2, 1, 0), jacobian.transpose(3, 2, 1, 0)
 
     def oriented(
@@ -97,7 +147,7 @@ class CompiledChain:
         points = np.empty((3, self.targets + 1, len(joints)))
         jacobian = np.empty((len(values) + 3 if rates else 0, *points.shape))
         given = (np.ascontiguousarray(each) for each in (values, turn, quaternions, joints))
-        self.code.oriented(self._shape, self._sign, *given, points, jacobian)
+        _CODE.oriented(self._shape, self._sign, *given, points, jacobian)
         return points.transpose(2, 1, 0), jacobian.transpose(3, 2, 1, 0)
 
     def by_joints(self, joints: Array, values: Array, slot: Columns) -> Array:
@@ -114,7 +164,7 @@ class CompiledChain:
         n, size = joints.shape
         Ts, jacobian = np.empty((n, 4, 4)), np.empty((6, size, n))
         given = np.ascontiguousarray(values), np.ascontiguousarray(joints)
-        self.code.tool(self._shape, self._sign, *given, target, Ts, jacobian)
+        _CODE.tool(self._shape, self._sign, *given, target, Ts, jacobian)
         return Ts, jacobian.transpose(2, 0, 1)
 
     def reach(
@@ -132,13 +182,13 @@ class CompiledChain:
         n = len(start)
         joints, errors, steps = np.empty(start.shape), np.empty((n, 6)), np.empty(n, dtype=np.int64)
         given = (np.ascontiguousarray(each) for each in (values, start, positions, rotations))
-        self.code.reach(self._shape, self._sign, *given, target, joints, errors, steps)
+        _CODE.reach(self._shape, self._sign, *given, target, joints, errors, steps)
         return joints, errors, steps
 
     def settle(self, values: Array, Ts: Array, joints: Array) -> tuple[Array, Array]:
-        """Candidates ``(n, k, joints)`` and what they miss of poses ``(n, 4, 4)``: ``FiveAxes._settled``."""
+        """Candidates and what they miss: ``settle``."""
         settled, off = np.array(joints, order="C"), np.empty((*joints.shape[:2], 2))
-        self.code.settle(self._shape, self._sign, values, np.ascontiguousarray(Ts), settled, off)
+        _CODE.settle(self._shape, self._sign, values, np.ascontiguousarray(Ts), settled, off)
         return settled, off
 
     def stacked(self, joints: Array, values: Array, slot: Columns, rows: int) -> tuple[Array, Array]:
@@ -151,17 +201,115 @@ class CompiledChain:
         b, n = len(values), joints.shape[-2]
         points, jacobian = np.empty((b, self.targets, 3, n)), np.empty((b, rows, self.targets, 3, n))
         given = np.ascontiguousarray(values), np.ascontiguousarray(joints)
-        self.code.stacked(self._shape, self._sign, *given, slot, points, jacobian)
+        _CODE.stacked(self._shape, self._sign, *given, slot, points, jacobian)
         return points, jacobian
 
 
+@with_fallback(numpy_kernels.innovations)
+def innovations(own: Array, observed: Array, through: Array, order: Columns) -> tuple[Array, Array]:
+    """Inverse Cholesky factors ``(n, m, m)`` of the innovations of a Kalman filter, and gains ``(n, s, m)``.
+
+    Args:
+        own: ``(n, m, m)`` covariances of each pose's own errors.
+        observed: ``(n, m, s)`` what each component of the state does.
+        through: ``(n, s)`` how much of each component is left at a pose of that at the pose before.
+        order: ``(n,)`` of the poses in time.
+
+    Raises:
+        LinAlgError: a variance is not positive.
+    """
+    n, m, s = observed.shape
+    factors, gains = np.empty((n, m, m)), np.empty((n, s, m))
+    if not _CODE.innovations(m, s, own, observed, through, order, factors, gains):
+        raise np.linalg.LinAlgError("Matrix is not positive definite")
+    return factors, gains
+
+
+@with_fallback(numpy_kernels.whiten)
+def whiten(factors: Array, observed: Array, gains: Array, through: Array, order: Columns, rows: Array) -> Array:
+    """Rows ``(n, m, c)`` of unit variance and without correlation, by the filter that ``innovations`` describes."""
+    done = np.empty_like(rows)
+    _CODE.whiten(*observed.shape[1:], factors, observed, gains, through, order, rows, done)
+    return done
+
+
+@with_fallback(numpy_kernels.solve_systems)
 def solve_positive(matrices: Array, right: Array) -> Array:
     """The solutions ``(b, f)`` of systems with symmetric matrices ``(b, f, f)`` and right sides ``(b, f)``.
 
     By Cholesky factors where all matrices are positive definite to rounding, else by elimination.
     """
-    if _CODE is not None:
-        step = np.empty_like(right)
-        if _CODE.cholesky(np.ascontiguousarray(matrices), right.shape[1], np.ascontiguousarray(right), step):
-            return step
-    return np.asarray(np.linalg.solve(matrices, right[:, :, None]), dtype=np.float64)[:, :, 0]
+    step = np.empty_like(right)
+    if _CODE.cholesky(np.ascontiguousarray(matrices), right.shape[1], np.ascontiguousarray(right), step):
+        return step
+    return numpy_kernels.solve_systems(matrices, right)
+
+
+@with_fallback(numpy_kernels.settle)
+def settle(arm: "SerialArm", values: Array, Ts: Array, joints: Array) -> tuple[Array, Array]:
+    """Candidates ``(n, k, 5)`` after a few steps of Gauss and Newton where they are near; none leads away.
+
+    Returns:
+        Joint positions, and what they miss of poses ``(n, 4, 4)``: ``(n, k, 2)``, m and rad.
+    """
+    return arm.compiled.settle(values, Ts, joints)
+
+
+# Closed forms of the inverse, by the numbers of an arm in the order that ``inverse.c`` reads them. Their numpy is that
+# of the extension's classes.
+
+
+def eight_solutions(shape: str, numbers: Array, Ts: Array, reference: Array | float) -> tuple[Array, Array, Flags]:
+    """Joint positions ``(n, 8, 6)``, gaps ``(n, 8)`` and free joints of an arm of six joints.
+
+    Args:
+        shape: ``inverse`` for a spherical wrist, or ``three_parallel``.
+        Ts: ``(n, 4, 4)``.
+        reference: joint positions ``(n, 6)`` that free joints take.
+    """
+    n = len(Ts)
+    joints, gap, free = np.empty((n, 8, 6)), np.empty((n, 8)), np.empty((n, 8, 6), dtype=np.bool_)
+    getattr(_CODE, shape)(numbers, np.ascontiguousarray(Ts), _liked(reference, n, 6), joints, gap, free)
+    return joints, gap, free
+
+
+def three_joints(
+    numbers: Array, Ts: Array, reference: Array | float, branches: int, *, tilted: bool
+) -> tuple[Array, Array, Array, Flags]:
+    """Joint positions ``(n, k, 3)``, gaps and tilts ``(n, k)``, and free joints of an arm of three joints."""
+    n, k = len(Ts), branches
+    joints, gap, free = np.empty((n, k, 3)), np.empty((n, k)), np.empty((n, k, 3), dtype=np.bool_)
+    tilt = (np.empty if tilted else np.zeros)((n, k))
+    given = numbers, np.ascontiguousarray(Ts), _liked(reference, n, 3)
+    _CODE.three_joints(*given, joints, gap, tilt if tilted else None, free)
+    return joints, gap, tilt, free
+
+
+def _liked(reference: Array | float, count: int, joints: int) -> Array | None:
+    """The reference as the compiled functions take it: None where it is zero."""
+    if isinstance(reference, float) and reference == 0.0:
+        return None
+    return np.ascontiguousarray(np.broadcast_to(reference, (count, joints)), dtype=np.float64)
+
+
+def parallel_pair(numbers: Array, Ts: Array) -> tuple[Flags, Array]:
+    """Poses ``(n,)`` whose equations determine joints 4 and 5, and candidates ``(4, 5, n)``."""
+    joints, plain = np.empty((len(Ts), 4, 5)), np.empty(len(Ts), dtype=np.bool_)
+    _CODE.parallel_pair(numbers, np.ascontiguousarray(Ts), joints, plain)
+    return plain, joints.transpose(1, 2, 0)
+
+
+def two_axes(numbers: Array, Ts: Array, first: Array) -> tuple[Array, Flags]:
+    """Candidates ``(k, 5, n)`` by their first three joints ``(k, 3, n)``, and where P is on a hinge's axis."""
+    count = first.shape[2]
+    out, near = np.empty((count, len(first), 5)), np.empty(count, dtype=np.bool_)
+    out[:, :, :3] = first.transpose(2, 0, 1)
+    _CODE.two_axes(numbers, np.ascontiguousarray(Ts), out, near)
+    return out.transpose(1, 2, 0), near
+
+
+def planar_frame(numbers: Array, roots: int, Ts: Array, liked: Array) -> tuple[Array, Flags]:
+    """Targets ``(5, m, n)`` of a planar arm beyond two joints, and where the first joint is free."""
+    found, free = np.empty((5, roots, len(Ts))), np.empty(len(Ts), dtype=np.bool_)
+    _CODE.planar_frame(numbers, np.ascontiguousarray(Ts), np.ascontiguousarray(liked[:2].T), found, free)
+    return found, free

@@ -1,4 +1,4 @@
-/* Errors that poses share, in machine code, a part of kernels.c: the filter of lab/calibration/noise/correlation.py.
+/* Errors that poses share, in machine code, a part of kernels.c: the filter of lab/noise/correlation.py.
  *
  * All arrays are contiguous; n poses of m numbers, s components of a state, c columns of rows to be made white. */
 
@@ -48,7 +48,7 @@ static int within(const int64_t *order, Py_ssize_t n)
     return 1;
 }
 
-/* innovations(m, s, own, observed, through, order, factors, gains): Correlation._filter; False where a variance is
+/* innovations(m, s, own, observed, through, order, factors, gains): numpy_kernels.innovations; False where a variance is
  * not positive. */
 static PyObject *innovations(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
@@ -85,7 +85,7 @@ static PyObject *innovations(PyObject *self, PyObject *const *args, Py_ssize_t g
     return PyBool_FromLong((long)all);
 }
 
-/* whiten(m, s, factors, observed, gains, through, order, rows, done): Correlation.white. */
+/* whiten(m, s, factors, observed, gains, through, order, rows, done): numpy_kernels.whiten. */
 WIDE static PyObject *whiten(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     (void)self;

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from lab.core import se3
 from lab.core.se3 import Array
+from lab.kinematics.compiled.kernels import real, with_fallback
 from lab.kinematics.differential import ROTATION_M, WEIGHTS, pseudo_inverse
 from lab.kinematics.serial.arm import SerialArm
 
@@ -92,22 +93,20 @@ class IKResult:
         return np.asarray(_in_tolerances(self.left) < 1.0)
 
 
-def reach(arm: "Arm", values: Array, wanted: PoseTarget, start: Array, conditions: Array, target: int = 0) -> IKResult:
-    """Joint positions that bring a target to where it is wanted, from joint positions ``start`` ``(n, joints)``.
+def _compilable(
+    arm: "Arm", values: Array, wanted: PoseTarget, start: Array, conditions: Array, target: int = 0
+) -> bool:
+    """Decide whether machine code can do it: it takes serial arms of six joints and more, and real numbers."""
+    return isinstance(arm, SerialArm) and start.shape[1] >= FREEDOMS and real(values)
 
-    Newton's method; where a step does not bring the target nearer, a damped one (Levenberg 1944). Steps are
-    limited, so that the arm stays in the branch it starts in. Joint limits are not looked at.
+
+def _reach(arm: "Arm", values: Array, wanted: PoseTarget, start: Array, conditions: Array, target: int = 0) -> IKResult:
+    """``reach`` by numpy, for any arm.
 
     The loop is its own: each row has a damping that it keeps, and a step that is not taken where it brings nothing
     nearer.
-
-    Args:
-        conditions: ``(n, c)``, what the arm's effects ask for.
     """
     few, start = start.shape[1] < FREEDOMS, start.astype(np.float64)
-    if not few and isinstance(arm, SerialArm) and (code := arm.compiled(start, values)) is not None:
-        found, missing, taken = code.reach(start, values, wanted.positions, wanted.rotations, target)
-        return IKResult(found, missing, missing, taken)
 
     def at(rows: NDArray[np.int_], joints: Array) -> tuple[Array, Array]:
         """Return the pose errors ``(m, 6)`` and the Jacobian ``(m, 6, joints)``."""
@@ -137,6 +136,22 @@ def reach(arm: "Arm", values: Array, wanted: PoseTarget, start: Array, condition
         damping[worse] = np.maximum(10 * damping[worse], LEAST_DAMPING)
         steps[going] += 1
     return IKResult(joints, errors, left, steps)
+
+
+@with_fallback(_reach, when=_compilable)
+def reach(arm: "Arm", values: Array, wanted: PoseTarget, start: Array, conditions: Array, target: int = 0) -> IKResult:
+    """Joint positions that bring a target to where it is wanted, from joint positions ``start`` ``(n, joints)``.
+
+    Newton's method; where a step does not bring the target nearer, a damped one (Levenberg 1944). Steps are
+    limited, so that the arm stays in the branch it starts in. Joint limits are not looked at.
+
+    Args:
+        conditions: ``(n, c)``, what the arm's effects ask for.
+    """
+    assert isinstance(arm, SerialArm)
+    places, turns = wanted.positions, wanted.rotations
+    found, missing, taken = arm.compiled.reach(start.astype(np.float64), values, places, turns, target)
+    return IKResult(found, missing, missing, taken)
 
 
 def tool_at(arm: "Arm", inputs: Array, values: Array, target: int = 0) -> tuple[Array, Array]:

@@ -1,34 +1,27 @@
-"""Forward kinematics of a serial arm and its derivatives, batched over poses.
+"""Forward kinematics of a serial arm and its derivatives, batched over poses: compiled, or by ``numpy_kernels``."""
 
-Every elementary motion of the chain turns about an axis or slides along it, so a target's
-derivative is axis x lever or the axis itself: one walk along the chain gives all columns, and
-a joint's derivative is that of its theta or d. Each vector is kept as rows x y z x y of length
-n: a cross product is then three calls on views, without copies, whatever the number of poses.
-"""
-
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property, singledispatch
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.core import se3
 from lab.core.errors import LabError
-from lab.core.se3 import Array, exp, inverse, left_jacobian, pose
-from lab.kinematics.compiled.kernels import CompiledChain, machine_code
+from lab.core.se3 import Array, exp, inverse, pose
+from lab.kinematics.compiled import numpy_kernels
+from lab.kinematics.compiled.kernels import CompiledChain, real, with_fallback
 from lab.kinematics.differential import singular_distance
 from lab.kinematics.gauge import preferred_columns
 from lab.kinematics.model import RigidArm
 from lab.kinematics.parameter import BASE_PARAMETERS, Kind, Parameter, link_parameter, names_of, tool_parameters
 from lab.kinematics.serial.chain import COLUMNS, Chain
-from lab.kinematics.serial.walk import RIGID, Displaced, Motion, Torsors, along, fill, padded, some_poses
+from lab.kinematics.serial.walk import RIGID, Motion, Torsors
 from lab.kinematics.skeleton import Skeleton
 
-__all__ = ["DEFAULT_TOOL", "BentArm", "SerialArm", "Stacked", "StackedArm", "chunks", "stacked", "target_positions"]
+__all__ = ["DEFAULT_TOOL", "BentArm", "SerialArm", "Stacked", "StackedArm", "stacked", "target_positions"]
 
-CHUNK = 2048  # poses at a time: what fits the processor's cache
 DEFAULT_TOOL = {"p1": (0.030, 0.020, 0.100), "p2": (-0.025, 0.030, 0.080), "p3": (0.0, -0.040, 0.090)}
 
 _KINDS: tuple[Kind, ...] = ("angle", "length", "length", "angle", "angle")  # of the table's columns
@@ -97,44 +90,34 @@ class SerialArm:
         base = self.split(values)[0]
         return pose(exp(base[3:]), base[:3])
 
+    def _checked(self, joints: Array) -> Array:
+        if joints.ndim != 2 or joints.shape[1] != self.chain.size:
+            raise LabError(
+                f"joints of shape {joints.shape} do not fit robot '{self.chain.name}': give (poses, {self.chain.size})"
+            )
+        return joints
+
+    def _compilable(self, joints: Array, values: Array, torsors: Torsors = RIGID) -> bool:
+        """Decide whether machine code can do it: it takes rigid links and real numbers."""
+        return real(self._checked(joints), values) and not torsors
+
+    @with_fallback(numpy_kernels.points, when=_compilable)
     def points(self, joints: Array, values: Array, torsors: Torsors = RIGID) -> Array:
         """Target positions ``(n, k, 3)`` in the tracker's frame (m) at joint positions ``(n, joints)``."""
-        joints = self._checked(joints)
-        if (code := self.compiled(joints, values, torsors)) is not None:
-            return code.observe(joints, values, code.every, 0)[0]
-        out = np.empty((3, len(self.targets), len(joints)), dtype=np.result_type(joints, values, *torsors.values()))
-        for part in chunks(len(joints), len(self.targets)):
-            _, frame, origin = self._walk(joints[part], values, some_poses(torsors, part))
-            out[..., part] = self._targets(frame, origin, values)[:3]
-        return out.transpose(2, 1, 0)
+        return self.compiled.observe(joints, values, self.compiled.every, 0)[0]
 
+    @with_fallback(numpy_kernels.observe, when=_compilable)
     def observe(self, joints: Array, values: Array, torsors: Torsors = RIGID) -> tuple[Array, Array]:
         """Target positions ``(n, k, 3)`` and their derivatives ``(n, k, 3, parameters)``.
 
         With torsors, six more columns for each link that has one follow, in their order.
         """
-        joints = self._checked(joints)
-        if (code := self.compiled(joints, values, torsors)) is not None:
-            return code.observe(joints, values, code.every, len(self.names))
-        kind = np.result_type(joints, values, *torsors.values())
-        out = np.empty((3, len(self.targets), len(joints)), dtype=kind)
-        jacobian = np.zeros((len(self.names) + 6 * len(torsors), 3, len(self.targets), len(joints)), dtype=kind)
-        for part in chunks(len(joints), len(self.targets)):
-            motions, frame, origin = self._walk(joints[part], values, some_poses(torsors, part))
-            points = self._targets(frame, origin, values)
-            out[..., part] = points[:3]
-            fill(jacobian[..., part], motions, points)
-            for k in range(len(self.targets)):
-                first = len(self.names) - 3 * (len(self.targets) - k)
-                for column, axis in enumerate(frame, start=first):
-                    jacobian[column, :, k, part] = axis[:3]
-        return out.transpose(2, 1, 0), jacobian.transpose(3, 2, 1, 0)
+        return self.compiled.observe(joints, values, self.compiled.every, len(self.names))
 
+    @with_fallback(numpy_kernels.joint_jacobian, when=_compilable)
     def joint_jacobian(self, joints: Array, values: Array) -> Array:
         """Derivatives of the targets with respect to the joint positions, ``(n, k, 3, joints)``."""
-        if (code := self.compiled(self._checked(joints), values)) is None:
-            return self.joint_derivatives(self.observe(joints, values)[1])
-        return code.by_joints(joints, values, self._joint_slots)
+        return self.compiled.by_joints(joints, values, self._joint_slots)
 
     def joint_derivatives(self, jacobian: Array) -> Array:
         """Return the columns of derivatives ``(..., parameters)`` for the joint positions, ``(..., joints)``."""
@@ -149,10 +132,12 @@ class SerialArm:
 
     def flange(self, joints: Array, values: Array) -> Array:
         """Poses of the last frame in the tracker's frame, ``(n, 4, 4)``."""
-        joints = self._checked(joints)
-        _, frame, origin = self._walk(joints, values)
-        return _poses(frame, origin, len(joints))
+        return numpy_kernels.flange(self, self._checked(joints), values)
 
+    def _tool_compilable(self, joints: Array, values: Array, target: int = 0, torsors: Torsors = RIGID) -> bool:
+        return self._compilable(joints, values, torsors)
+
+    @with_fallback(numpy_kernels.tool, when=_tool_compilable)
     def tool(self, joints: Array, values: Array, target: int = 0, torsors: Torsors = RIGID) -> tuple[Array, Array]:
         """Poses of a target, turned as the last frame is, and how the joint positions move them.
 
@@ -161,33 +146,7 @@ class SerialArm:
             target (m) and angular velocity (rad), both in the tracker's frame, by the joint positions. It is the direct
             differential model: twist = J rates. ``differential.rates`` is the inverse one.
         """
-        joints = self._checked(joints)
-        if (code := self.compiled(joints, values, torsors)) is not None:
-            return code.tool(joints, values, target)
-        kind = np.result_type(joints, values, *torsors.values())
-        Ts, jacobian = (
-            np.empty((len(joints), 4, 4), dtype=kind),
-            np.zeros((6, self.chain.size, len(joints)), dtype=kind),
-        )
-        for part in chunks(len(joints), 1):
-            motions, frame, origin = self._walk(joints[part], values, some_poses(torsors, part))
-            position = self._targets(frame, origin, values)[:, target]
-            Ts[part] = _poses(frame, position, len(joints[part]))
-            self._fill_joints(jacobian[..., part], motions, position)
-        return Ts, jacobian.transpose(2, 0, 1)
-
-    def _fill_joints(self, jacobian: Array, motions: Sequence[Motion], position: Array) -> None:
-        """Write the joints' columns at a position ``(5, n)`` into ``(6, joints, n)``."""
-        for motion in motions:
-            if motion.joint is None:
-                continue
-            axis = self.chain.sign[motion.joint] * motion.axis
-            if motion.origin is None:
-                jacobian[:3, motion.joint] = axis[:3]
-                continue
-            lever = position - motion.origin
-            jacobian[:3, motion.joint] = axis[1:4] * lever[2:5] - axis[2:5] * lever[1:4]
-            jacobian[3:, motion.joint] = axis[:3]
+        return self.compiled.tool(joints, values, target)
 
     def singular_distance(self, joints: Array, values: Array, target: int = 0) -> tuple[Array, NDArray[np.int_]]:
         """Distance to the nearest singularity, as ``RigidArm.singular_distance`` describes it."""
@@ -206,7 +165,7 @@ class SerialArm:
 
     def motions(self, values: Array) -> list[Motion]:
         """The chain's elementary motions with every joint position zero, base first."""
-        return self._walk(np.zeros((1, self.chain.size)), values)[0]
+        return numpy_kernels.walk(self, np.zeros((1, self.chain.size)), values)[0]
 
     @property
     def rigid(self) -> "SerialArm":
@@ -274,48 +233,14 @@ class SerialArm:
         turns, skews = (6 + np.flatnonzero(of_parallel & (self.table_columns == column)) for column in (3, 4))
         return turns, skews
 
-    def compiled(self, joints: Array, values: Array, torsors: Torsors = RIGID) -> CompiledChain | None:
-        """The arm in machine code; None where there is none, links bend, or numbers are not real ones of 8 bytes."""
-        if torsors or joints.dtype != np.float64 or values.dtype != np.float64:
-            return None
-        return self._compiled
-
     @cached_property
-    def _compiled(self) -> CompiledChain | None:
-        if (code := machine_code()) is None:
-            return None
-        return CompiledChain(code, self.chain, len(self.targets), np.arange(len(self.names)))
+    def compiled(self) -> CompiledChain:
+        """The chain as the compiled functions take it."""
+        return CompiledChain(self.chain, len(self.targets), np.arange(len(self.names)))
 
     @cached_property
     def _joint_slots(self) -> NDArray[np.int64]:
-        assert self._compiled is not None
-        return self._compiled.some(self._joint_columns)
-
-    def _checked(self, joints: Array) -> Array:
-        if joints.ndim != 2 or joints.shape[1] != self.chain.size:
-            raise LabError(
-                f"joints of shape {joints.shape} do not fit robot '{self.chain.name}': give (poses, {self.chain.size})"
-            )
-        return joints
-
-    def _walk(
-        self, joints: Array, values: Array, torsors: Torsors = RIGID
-    ) -> tuple[list[Motion], tuple[Array, Array, Array], Array]:
-        """Return all elementary motions, then the last frame's axes and origin, each ``(5, n)``."""
-        base, table, _ = self.split(values)
-        frame = [padded(column) for column in exp(base[3:]).T]
-        origin = padded(base[:3])
-        motions = [Motion(i, padded(np.eye(3)[i]), None) for i in range(3)]
-        motions += [Motion(3 + i, padded(column), origin) for i, column in enumerate(left_jacobian(base[3:]).T)]
-        flexible = Displaced(torsors, len(self.names))
-        links, last, end = along(self.chain, (frame[0], frame[1], frame[2]), origin, table, joints.T, flexible)
-        return motions + links, last, end
-
-    def _targets(self, frame: Sequence[Array], origin: Array, values: Array) -> Array:
-        """Target positions ``(5, k, n)`` from the last frame."""
-        x, y, z = frame
-        tool = self.split(values)[2]
-        return np.stack([origin + px * x + py * y + pz * z for px, py, pz in tool], axis=1)
+        return self.compiled.some(self._joint_columns)
 
 
 @dataclass(frozen=True)
@@ -342,21 +267,6 @@ def target_positions(targets: Sequence[str], tool: Mapping[str, Array] | None = 
     """Nominal positions ``(3,)`` (m, in the last frame) of targets: by ``tool``, else the default tool, else zero."""
     known = {**DEFAULT_TOOL, **(tool or {})}
     return {target: np.asarray(known.get(target, (0.0, 0.0, 0.0))) for target in targets}
-
-
-def chunks(count: int, targets: int) -> Iterator[slice]:
-    """So many poses in parts that fit the processor's cache."""
-    size = max(1, CHUNK // targets)
-    return (slice(start, min(start + size, count)) for start in range(0, count, size))
-
-
-def _poses(frame: Sequence[Array], origin: Array, count: int) -> Array:
-    """Poses ``(count, 4, 4)`` of a frame's axes and origin ``(5, count)``, or ``(5, 1)`` where all are the same."""
-    poses = np.zeros((count, 4, 4), dtype=np.result_type(*frame, origin))
-    for column, vector in enumerate((*frame, origin)):
-        poses[:, :3, column] = vector[:3].T
-    poses[:, 3, 3] = 1
-    return poses
 
 
 class Stacked(Protocol):
@@ -407,61 +317,21 @@ class StackedArm:
 
     arm: SerialArm
 
+    def _compilable(self, joints: Array, values: Array, *_: Sequence[int]) -> bool:
+        return real(joints, values)
+
+    @with_fallback(numpy_kernels.points_stacked, when=_compilable)
     def points(self, joints: Array, values: Array) -> Array:
         """Target positions ``(b, k, 3, n)`` m of arms with parameters ``(b, p)`` at joint positions ``(n, joints)``."""
-        if (code := self.arm.compiled(joints, values)) is not None:
-            return code.stacked(joints, values, code.every, 0)[0]
-        return self.walk(joints, values, 3)[1].transpose(2, 1, 0, 3)
+        code = self.arm.compiled
+        return code.stacked(joints, values, code.every, 0)[0]
 
+    @with_fallback(numpy_kernels.observe_stacked, when=_compilable)
     def observe(self, joints: Array, values: Array, free: Sequence[int]) -> tuple[Array, Array]:
         """The positions, and their derivatives ``(f, 3, k, b, n)`` by some of the parameters."""
-        if (code := self.arm.compiled(joints, values)) is not None:
-            points, columns = code.stacked(joints, values, code.some(list(free)), len(free))
-            return points, columns.transpose(1, 3, 2, 0, 4)
-        motions, points, frame = self.walk(joints, values, 5)
-        slot = {parameter: i for i, parameter in enumerate(free)}
-        jacobian = np.zeros((len(free), 3, *points.shape[1:]))
-        wanted = [replace(motion, column=slot[motion.column]) for motion in motions if motion.column in slot]
-        fill(jacobian, wanted, points)
-        first = len(self.arm.names) - 3 * len(self.arm.targets)
-        for k in range(len(self.arm.targets)):
-            for i, axis in enumerate(frame):
-                if (column := first + 3 * k + i) in slot:
-                    jacobian[slot[column], :, k] = axis[:3]
-        return points[:3].transpose(2, 1, 0, 3), jacobian
-
-    def walk(self, joints: Array, values: Array, rows: int) -> tuple[list[Motion], Array, tuple[Array, Array, Array]]:
-        """Return all motions, targets ``(rows, k, b, n)``, and the last frame's axes ``(rows, b, n)``: x y z (x y).
-
-        Args:
-            joints: joint positions ``(n, joints)`` of all arms, or ``(b, n, joints)`` of each.
-        """
-
-        def stacked(vectors: Array) -> Array:
-            """Vectors ``(b, 3)`` as ``(rows, b, 1)``."""
-            return np.concatenate([vectors.T, vectors.T[: rows - 3]])[:, :, None]
-
-        arm, columns = self.arm, values.T[:, :, None]  # (p, b, 1)
-        first_tool = len(columns) - 3 * len(arm.targets)
-        table = np.broadcast_to(arm.chain.table[:, :, None, None], (*arm.chain.table.shape, len(values), 1)).copy()
-        table[arm.table_rows, arm.table_columns] = columns[len(BASE_PARAMETERS) : first_tool]
-        base = values[:, : len(BASE_PARAMETERS)]
-        axes = [stacked(column) for column in np.moveaxis(se3.exp(base[:, 3:]), 2, 0)]
-        origin = stacked(base[:, :3])
-        motions = [Motion(i, stacked(np.eye(3)[None, i]), None) for i in range(3)]
-        turning = np.moveaxis(se3.left_jacobian(base[:, 3:]), 2, 0)
-        motions += [Motion(3 + i, stacked(column), origin) for i, column in enumerate(turning)]
-        links, frame, end = along(
-            arm.chain,
-            (axes[0], axes[1], axes[2]),
-            origin,
-            table,
-            np.moveaxis(joints if joints.ndim == 3 else joints[None], 2, 0),
-        )
-        tool = columns[first_tool:].reshape(len(arm.targets), 3, len(values), 1)
-        x, y, z = frame
-        points = np.stack([end + px * x + py * y + pz * z for px, py, pz in tool], axis=1)
-        return motions + links, points, frame
+        code = self.arm.compiled
+        points, columns = code.stacked(joints, values, code.some(list(free)), len(free))
+        return points, columns.transpose(1, 3, 2, 0, 4)
 
 
 @stacked.register

@@ -3,7 +3,7 @@
 Each vector is kept as rows x y z x y of length n: a cross product is then three calls on views, without copies.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
@@ -13,7 +13,21 @@ from lab.core.se3 import Array, exp, left_jacobian
 from lab.kinematics.parameter import BASE_PARAMETERS
 from lab.kinematics.serial.chain import Chain
 
-__all__ = ["RIGID", "Displaced", "Motion", "Torsors", "along", "fill", "padded", "some_poses", "turned"]
+__all__ = [
+    "RIGID",
+    "Axes",
+    "Displaced",
+    "Motion",
+    "Torsors",
+    "along",
+    "chunks",
+    "fill",
+    "padded",
+    "some_poses",
+    "turned",
+]
+
+CHUNK = 2048  # poses at a time: what fits the processor's cache
 
 Torsors = Mapping[int, Array]
 """By link, from 0: how far its far end is displaced, ``(n, 6)`` (dx dy dz rx ry rz, m and rad) in the link's axes."""
@@ -67,6 +81,12 @@ class Displaced:
         local = [(axis[:3] * lever).sum(axis=0) + torsor[:, i] for i, axis in enumerate((x, y, z))]
         moved: Array = at + sum(part * axis for part, axis in zip(local, bent, strict=True))
         return bent, moved
+
+
+def chunks(count: int, targets: int) -> Iterator[slice]:
+    """So many poses in parts that fit the processor's cache."""
+    size = max(1, CHUNK // targets)
+    return (slice(start, min(start + size, count)) for start in range(0, count, size))
 
 
 def some_poses(torsors: Torsors, part: slice) -> Torsors:

@@ -3,6 +3,8 @@
 import importlib
 import importlib.util
 import itertools
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,8 +16,7 @@ from lab.core import se3
 from lab.extensions.robotics.inverse.first_joints import ThreeJoints
 from lab.extensions.robotics.inverse.five_axes import FiveAxes
 from lab.extensions.robotics.inverse.six_axes import SphericalWrist, ThreeParallel
-from lab.kinematics.compiled import kernels
-from lab.kinematics.gauge import independent_columns
+from lab.kinematics.compiled import kernels, numpy_kernels
 from lab.kinematics.inverse.closed_form import Solutions
 from lab.kinematics.inverse.newton import PoseTarget, reach
 from lab.kinematics.serial.arm import SerialArm, StackedArm
@@ -24,18 +25,16 @@ from lab.sensors.full_pose import Poses
 
 ROUNDING = 1e-14  # m, rad or their quotients: of some dozens of products of numbers of about one
 
-compiled = pytest.mark.skipif(kernels.machine_code() is None, reason="built without a C compiler")
+compiled = pytest.mark.skipif(not kernels.compiled(), reason="built without a C compiler")
 
 
-def both(name: str, targets: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> tuple[SerialArm, SerialArm]:
-    """An arm in machine code, and the same in numpy."""
-    fast = load_robot(name).serial_arm(targets)
-    assert fast.compiled(np.zeros(1), np.zeros(1)) is not None
+@contextmanager
+def numpy_alone(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Have numpy do all, as where there is no compiler."""
     with monkeypatch.context() as without:
-        without.setattr("lab.kinematics.serial.arm.machine_code", lambda: None)
-        slow = SerialArm(fast.chain, fast.targets)
-        assert slow.compiled(np.zeros(1), np.zeros(1)) is None
-    return fast, slow
+        without.setattr(kernels, "_CODE", None)
+        assert not kernels.compiled()
+        yield
 
 
 def some(arm: SerialArm, poses: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -49,13 +48,16 @@ def some(arm: SerialArm, poses: int, rng: np.random.Generator) -> tuple[np.ndarr
 @pytest.mark.parametrize("name", ["irb120", "rx130", "scara", "course2r", "versatran"])  # distal, Craig, slides, betas
 @pytest.mark.parametrize("poses", [0, 1, 32, 2100])  # none, one, a block, more than numpy takes at a time
 def test_every_walk_is_that_of_numpy(name: str, poses: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    fast, slow = both(name, ("p1", "p3"), monkeypatch)
-    joints, values = some(fast, poses, np.random.default_rng(poses))
-    wide = np.concatenate([joints, joints], axis=1)[:, : joints.shape[1]]  # not contiguous
-    found = [fast.points(wide, values), *fast.observe(wide, values), *fast.tool(wide, values, 1)]
-    expected = [slow.points(joints, values), *slow.observe(joints, values), *slow.tool(joints, values, 1)]
-    found.append(fast.joint_jacobian(wide, values))
-    expected.append(slow.joint_jacobian(joints, values))
+    arm = load_robot(name).serial_arm(("p1", "p3"))
+    joints, values = some(arm, poses, np.random.default_rng(poses))
+
+    def walked(at: np.ndarray) -> list[np.ndarray]:
+        moved = arm.joint_jacobian(at, values)
+        return [arm.points(at, values), *arm.observe(at, values), *arm.tool(at, values, 1), moved]
+
+    found = walked(np.concatenate([joints, joints], axis=1)[:, : joints.shape[1]])  # not contiguous
+    with numpy_alone(monkeypatch):
+        expected = walked(joints)
     for here, there in zip(found, expected, strict=True):
         assert here.shape == there.shape
         assert np.abs(here - there).max(initial=0.0) < ROUNDING
@@ -65,16 +67,17 @@ def test_every_walk_is_that_of_numpy(name: str, poses: int, monkeypatch: pytest.
 @pytest.mark.parametrize("name", ["irb120", "rx130", "scara", "versatran"])
 def test_oriented_poses_are_those_of_numpy(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """With orientations that are missed by nothing, by little and by half a turn, in quaternions of any length."""
-    fast, slow = (Poses(arm, "p1", 1.0) for arm in both(name, ("p1", "p3"), monkeypatch))
-    rng = np.random.default_rng(5)
-    joints, values = some(fast.arm, 90, rng)
+    model, rng = Poses(load_robot(name).serial_arm(("p1", "p3")), "p1", 1.0), np.random.default_rng(5)
+    joints, values = some(model.arm, 90, rng)
     values = np.append(values, rng.standard_normal(3))
-    predicted = fast.arm.flange(joints, values[:-3])[:, :3, :3] @ se3.exp(values[-3:])
+    predicted = model.arm.flange(joints, values[:-3])[:, :3, :3] @ se3.exp(values[-3:])
     off = rng.choice([0.0, 1e-5, 1e-3, 1.0, 3.14], (90, 1)) * unit(rng.standard_normal((90, 3)))
     quaternions = rng.uniform(-2, 2, (90, 1)) * se3.quaternion_from_rotation(predicted @ se3.exp(off))
     inputs = np.concatenate([joints, quaternions], axis=1)
-    found = [fast.points(inputs, values), *fast.observe(inputs, values)]
-    for here, there in zip(found, [slow.points(inputs, values), *slow.observe(inputs, values)], strict=True):
+    found = [model.points(inputs, values), *model.observe(inputs, values)]
+    with numpy_alone(monkeypatch):
+        expected = [model.points(inputs, values), *model.observe(inputs, values)]
+    for here, there in zip(found, expected, strict=True):
         assert np.abs(here - there).max() < 10 * ROUNDING
 
 
@@ -87,14 +90,15 @@ def unit(vectors: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize(("name", "poses"), [("irb120", 90), ("irb120", 0), ("rx130", 40)])
 def test_newtons_method_is_that_of_numpy(name: str, poses: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of targets with and without a rotation, from near and from so far that steps are damped."""
-    fast, slow = both(name, ("p1", "p2"), monkeypatch)
-    rng = np.random.default_rng(3)
-    joints, values = some(fast, poses, rng)
-    Ts = fast.tool(joints, values, 1)[0]
+    arm, rng = load_robot(name).serial_arm(("p1", "p2")), np.random.default_rng(3)
+    joints, values = some(arm, poses, rng)
+    Ts = arm.tool(joints, values, 1)[0]
     rotations = np.where(rng.random((poses, 1, 1)) < 0.5, Ts[:, :3, :3], np.nan)
     wanted, far = PoseTarget(Ts[:, :3, 3], rotations), rng.choice([0.02, 1.0], (poses, 1))
     start = joints + far * rng.uniform(-1, 1, joints.shape)
-    found, expected = (reach(arm, values, wanted, start, np.empty((poses, 0)), 1) for arm in (fast, slow))
+    found = reach(arm, values, wanted, start, np.empty((poses, 0)), 1)
+    with numpy_alone(monkeypatch):
+        expected = reach(arm, values, wanted, start, np.empty((poses, 0)), 1)
     same = (found.steps == expected.steps) & (np.abs(found.joints - expected.joints).max(axis=1, initial=0.0) < 1e-7)
     assert same.all() if not poses else same.mean() > 0.9 and same[far[:, 0] < 1].all()
     assert (found.arrived == expected.arrived)[same].all() and found.errors.shape == (poses, 6)
@@ -104,14 +108,16 @@ def test_newtons_method_is_that_of_numpy(name: str, poses: int, monkeypatch: pyt
 @compiled
 @pytest.mark.parametrize("own", [False, True])
 def test_many_arms_walk_as_numpy_does(own: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    fast, slow = (StackedArm(arm) for arm in both("irb120", ("p1", "p2"), monkeypatch))
-    joints, values = some(fast.arm, 35, np.random.default_rng(1))
+    arms = StackedArm(load_robot("irb120").serial_arm(("p1", "p2")))
+    joints, values = some(arms.arm, 35, np.random.default_rng(1))
     many, free = values + 0.01 * np.random.default_rng(2).standard_normal((4, len(values))), [3, 0, 9, 31, 36]
     joints = np.stack([joints + 0.1 * i for i in range(4)]) if own else joints
-    for here, there in zip(fast.observe(joints, many, free), slow.observe(joints, many, free), strict=True):
+    found = [*arms.observe(joints, many, free), arms.points(joints, many)]
+    with numpy_alone(monkeypatch):
+        expected = [*arms.observe(joints, many, free), arms.points(joints, many)]
+    for here, there in zip(found, expected, strict=True):
         assert here.shape == there.shape
         assert np.abs(here - there).max() < ROUNDING
-    assert np.abs(fast.points(joints, many) - slow.points(joints, many)).max() < ROUNDING
 
 
 @compiled
@@ -120,15 +126,15 @@ def test_a_complex_step_and_elastic_links_are_left_to_numpy() -> None:
     joints, values = some(arm, 3, np.random.default_rng(0))
     step = values + 1e-30j * np.eye(len(values))[7]
     assert np.abs(arm.points(joints, step).imag / 1e-30 - arm.observe(joints, values)[1][..., 7]).max() < ROUNDING
-    assert arm.compiled(joints, values, {0: np.zeros((3, 6))}) is None
+    bent = {0: np.zeros((3, 6))}
+    assert arm.observe(joints, values, bent)[1].shape[3] == len(values) + 6
 
 
 @compiled
 def test_arrays_that_do_not_belong_together_are_refused() -> None:
     arm = load_robot("irb120").serial_arm(("p1",))
     joints, values = some(arm, 3, np.random.default_rng(0))
-    code = arm.compiled(joints, values)
-    assert code is not None
+    code = arm.compiled
     for wrong in ((joints, values[:-1]), (joints[:, :-1], values), (joints.astype(np.float32), values)):
         with pytest.raises(ValueError, match=r"belong|kind"):
             code.observe(*wrong, code.every, len(values))
@@ -169,8 +175,7 @@ def test_all_inverse_solutions_are_those_of_numpy(name: str, monkeypatch: pytest
     Ts[100:200, :3, 3] *= 1.7  # mostly out of reach
     for liked in (0.0, rng.standard_normal((300, 6))):
         fast = form.solve(Ts, liked)
-        with monkeypatch.context() as without:
-            without.setattr("lab.extensions.robotics.inverse.six_axes.machine_code", lambda: None)
+        with numpy_alone(monkeypatch):
             slow = form.solve(Ts, liked)
         turn = np.abs(fast.joints - slow.joints)[20:]
         assert np.minimum(turn, 2 * np.pi - turn).max() < 1e-9  # rad: some poses are near a singularity
@@ -207,8 +212,7 @@ def test_all_solutions_of_three_joints_are_those_of_numpy(name: str, monkeypatch
     Ts = arm.flange(joints, arm.nominal())
     Ts[50:, :3, 3] *= 4.0
     fast = form.solve(Ts, joints)
-    with monkeypatch.context() as without:
-        without.setattr("lab.extensions.robotics.inverse.first_joints.machine_code", lambda: None)
+    with numpy_alone(monkeypatch):
         slow = form.solve(Ts, joints)
     each_has_its_like(chain, fast, slow)
     each_has_its_like(chain, slow, fast)
@@ -228,12 +232,11 @@ def test_a_hinge_of_three_joints_is_free_as_numpy_says() -> None:
     assert form is not None
     T = np.eye(4)
     T[2, 3] = 0.5
-    fast, slow = form.solve(T[None], np.array([[0.7, 0, 0]])), form._solved(T[None], np.array([[0.7, 0, 0]]), True)
+    liked = np.array([[0.7, 0, 0]])
+    fast, slow = form.solve(T[None], liked), form._solved(T[None], liked)
     assert fast.free.any() and np.array_equal(fast.free, slow.free) and np.allclose(fast.joints[..., 0], 0.7)
-    code = kernels.machine_code()
-    assert code is not None
     with pytest.raises(ValueError, match="belong"):
-        code.three_joints(np.zeros(5), T[None], None, fast.joints, fast.gap_m, fast.tilt_rad, fast.free)
+        kernels.three_joints(np.zeros(5), T[None], 0.0, form.branches, tilted=True)
 
 
 UR = chain_of(  # axis 2 not square to axis 1, axes 3 and 4 against it, axis 4 off axis 5
@@ -253,8 +256,7 @@ def test_all_solutions_of_three_parallel_axes_are_those_of_numpy(monkeypatch: py
     Ts[100:200, :3, 3] *= 1.7  # mostly out of reach
     for liked in (0.0, rng.standard_normal((300, 6))):
         fast = form.solve(Ts, liked)
-        with monkeypatch.context() as without:
-            without.setattr("lab.extensions.robotics.inverse.six_axes.machine_code", lambda: None)
+        with numpy_alone(monkeypatch):
             slow = form.solve(Ts, liked)
         turn = np.abs(fast.joints - slow.joints)
         exactly = (slow.free == fast.free).all(axis=(1, 2))
@@ -304,14 +306,8 @@ def test_all_solutions_of_five_axes_are_those_of_numpy(name: str, monkeypatch: p
         joints[:3, 1] += [0, 1e-9, 1e-7]
     Ts = arm.flange(joints, arm.nominal())
     found = fast.solve(Ts, joints)
-    with monkeypatch.context() as without:
-        inverse = "lab.extensions.robotics.inverse"
-        inner = (f"{inverse}.five_axes", f"{inverse}.five_axes_planar", f"{inverse}.first_joints")
-        for module in (*inner, "lab.kinematics.serial.arm"):
-            without.setattr(f"{module}.machine_code", lambda: None)
-        slow = FiveAxes.of(chain)
-        assert slow is not None
-        expected = slow.solve(Ts, joints)
+    with numpy_alone(monkeypatch):
+        expected = fast.solve(Ts, joints)
     assert (found.gap_m == 0).any(axis=1).all() and np.isfinite(found.joints).all()
     each_has_its_like(chain, found, expected)
     each_has_its_like(chain, expected, found)
@@ -325,33 +321,16 @@ def test_candidates_of_five_axes_settle_as_numpy_s_do(name: str) -> None:
     """Solutions, what is near one, what is far off, and what is at a singularity."""
     form, rng = FiveAxes.of(FIVE[name]), np.random.default_rng(7)
     assert form is not None
-    compiled = form.arm.compiled(np.zeros(1), np.zeros(1))
-    assert compiled is not None
     joints = rng.uniform(-2, 2, (90, 5))
     Ts = form.arm.flange(joints, form.arm.nominal())
     off = rng.choice([0.0, 1e-12, 1e-6, 1e-3, 1.0], (90, 4, 1))
     start = joints[:, None] + off * rng.standard_normal((90, 4, 5))
-    fast, fast_off = compiled.settle(form._values, Ts, start)
-    slow, slow_off = form._settled(Ts, start.copy())
+    fast, fast_off = kernels.settle(form.arm, form._values, Ts, start)
+    slow, slow_off = numpy_kernels.settle(form.arm, form._values, Ts, start.copy())
     assert np.abs(fast - slow).max() < 1e-9 and np.abs(fast_off - slow_off).max() < 1e-11
     assert fast_off[off[..., 0] < 0.1].max() < 1e-9 < np.median(fast_off[off[..., 0] == 1.0])
     with pytest.raises(ValueError, match="belong"):
-        compiled.settle(form._values, Ts[:-1], start)
-
-
-@compiled
-def test_independent_columns_are_those_of_numpy(monkeypatch: pytest.MonkeyPatch) -> None:
-    rng = np.random.default_rng(8)
-    columns = rng.standard_normal((40, 9))
-    columns[:, 4] = columns[:, [0, 2]] @ [1.0, -3.0] + 1e-12 * rng.standard_normal(40)
-    columns[:, 6] *= 1e-10  # moves nothing
-    columns[:, 7] = columns[:, 1] + 1e-6 * rng.standard_normal(40)
-    for order in ([*range(9)], [4, 2, 0, 8], [7, 6, 1]):
-        fast = independent_columns(columns, order)
-        with monkeypatch.context() as without:
-            without.setattr("lab.kinematics.gauge.machine_code", lambda: None)
-            assert fast == independent_columns(columns, order)
-    assert independent_columns(columns, range(9)) == (0, 1, 2, 3, 5, 7, 8)
+        kernels.settle(form.arm, form._values, Ts[:-1], start)
 
 
 def test_positive_systems_and_others_are_solved() -> None:
@@ -361,3 +340,24 @@ def test_positive_systems_and_others_are_solved() -> None:
     assert np.abs(np.einsum("bij,bj->bi", matrices, kernels.solve_positive(matrices, right)) - right).max() < 1e-9
     matrices[3] -= 5 * np.eye(13)  # not positive any more
     assert np.abs(np.einsum("bij,bj->bi", matrices, kernels.solve_positive(matrices, right)) - right).max() < 1e-9
+
+
+@compiled
+def test_positive_systems_are_solved_as_numpy_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(4)
+    factors, right = rng.standard_normal((5, 13, 30)), rng.standard_normal((5, 13))
+    matrices = factors @ factors.swapaxes(1, 2)
+    found = kernels.solve_positive(matrices, right)
+    with numpy_alone(monkeypatch):
+        np.testing.assert_allclose(found, kernels.solve_positive(matrices, right), rtol=1e-10)
+
+
+def test_a_function_without_machine_code_does_as_its_fallback(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its condition checks arguments in any case."""
+    chosen = kernels.with_fallback(lambda x: ("numpy", x), when=lambda x: bool(1 / x))(lambda x: ("compiled", x))
+    monkeypatch.setattr(kernels, "_CODE", object())
+    assert chosen(2.0) == ("compiled", 2.0) and chosen(np.inf) == ("numpy", np.inf)
+    with numpy_alone(monkeypatch):
+        assert chosen(2.0) == ("numpy", 2.0)
+        with pytest.raises(ZeroDivisionError):
+            chosen(0)

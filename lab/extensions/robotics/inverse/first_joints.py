@@ -26,7 +26,6 @@ Newton's method make the joints exact.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from types import ModuleType
 from typing import Protocol
 
 import numpy as np
@@ -37,7 +36,7 @@ from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.extensions.robotics.inverse.fitted_factor import fitted_factor
 from lab.extensions.robotics.inverse.khalil_equations import TINY, Roots, type_1, type_2, type_5, type_8
-from lab.kinematics.compiled.kernels import machine_code
+from lab.kinematics.compiled.kernels import three_joints, with_fallback
 from lab.kinematics.inverse.closed_form import (
     EXACT,
     Axes,
@@ -422,20 +421,42 @@ class ThreeJoints:
         given = np.asarray(np.isfinite(Rs_frame0_last).all(axis=(1, 2)))
         return np.where(given[:, None, None], Rs_frame0_last, np.eye(3))
 
+    def _solved(self, Ts_frame0_last: Array, reference: Array | float = 0.0, *, nearest: bool = True) -> Solutions:
+        """``solve`` by numpy."""
+        count = len(Ts_frame0_last)
+        wanted = se3.transform(Ts_frame0_last, self.point[None])[:, 0].T
+        liked = (np.broadcast_to(reference, (count, 3)) * self.axes.sign).T
+        third, real = self._roots(wanted)  # (k, n)
+        target = np.broadcast_to(wanted[:, None], (3, *third.shape))
+        at = self._third(third)
+        _, second = self._second(at, target)  # (m, k, n)
+        third = np.broadcast_to(third, second.shape)
+        target = np.broadcast_to(target[:, None], (3, *second.shape))
+        joints = np.stack([np.zeros_like(second), second, third])
+        joints[0] = self._first(joints, target)
+        joints = self._settled(joints.reshape(3, -1), target.reshape(3, -1), _POLISH).reshape(joints.shape)
+        joints, free = self._freed(joints, target, liked)
+        gap = np.linalg.norm(self._place(joints) - target, axis=0)
+        found = (gap <= _REACHED_M) & real
+        lost = ~found.any(axis=(0, 1)) & nearest
+        if lost.any():
+            near = self._settled(joints[..., lost].reshape(3, -1), target[..., lost].reshape(3, -1), _NEAREST)
+            joints[..., lost] = near.reshape(3, *joints.shape[1:3], -1)
+            gap = np.linalg.norm(self._place(joints) - target, axis=0)
+        gap = np.where(found, 0.0, np.maximum(gap, np.where(lost, 0.0, self.scale_m)))
+        return self._told(joints, gap, free, Ts_frame0_last)
+
+    @with_fallback(_solved)
     def solve(self, Ts_frame0_last: Array, reference: Array | float = 0.0, *, nearest: bool = True) -> Solutions:
         """See ``ClosedForm``. The point is brought to its place; the tilt is how far the rotation is missed.
 
         Args:
             nearest: whether places out of reach get the joints that come nearest, which takes longer.
         """
-        code = machine_code()
-        if code is None or Ts_frame0_last.dtype != np.float64:
-            return self._solved(Ts_frame0_last, reference, nearest)
-        found = self._compiled(code, Ts_frame0_last, reference, tilted=nearest)
+        found = Solutions(*three_joints(self._numbers, Ts_frame0_last, reference, self.branches, tilted=nearest))
         lost = np.flatnonzero((found.gap_m > 0).all(axis=1)) if nearest else np.empty(0, dtype=np.int_)
         if lost.size:
-            liked = np.broadcast_to(reference, (len(Ts_frame0_last), 3))[lost]
-            near = self._solved(Ts_frame0_last[lost], liked, nearest)
+            near = self._solved(Ts_frame0_last[lost], np.broadcast_to(reference, (len(Ts_frame0_last), 3))[lost])
             for name in ("joints", "gap_m", "tilt_rad", "free"):
                 getattr(found, name)[lost] = getattr(near, name)
         return found
@@ -462,41 +483,6 @@ class ThreeJoints:
             eliminates, [regular, towards], level, slide, self._third(nodes).T, powers.real,
         )  # fmt: skip
         return np.concatenate([np.ravel(part).astype(np.float64) for part in parts])
-
-    def _compiled(self, code: ModuleType, Ts: Array, reference: Array | float, *, tilted: bool) -> Solutions:
-        """``solve`` in machine code, but for the nearest joints of places out of reach."""
-        n, k = len(Ts), self.branches
-        joints, gap, free = np.empty((n, k, 3)), np.empty((n, k)), np.empty((n, k, 3), dtype=np.bool_)
-        tilt, liked = (np.empty if tilted else np.zeros)((n, k)), None
-        if not isinstance(reference, float) or reference != 0.0:
-            liked = np.ascontiguousarray(np.broadcast_to(reference, (n, 3)), dtype=np.float64)
-        code.three_joints(self._numbers, np.ascontiguousarray(Ts), liked, joints, gap, tilt if tilted else None, free)
-        return Solutions(joints, gap, tilt, free)
-
-    def _solved(self, Ts_frame0_last: Array, reference: Array | float, nearest: bool) -> Solutions:
-        """``solve`` by numpy."""
-        count = len(Ts_frame0_last)
-        wanted = se3.transform(Ts_frame0_last, self.point[None])[:, 0].T
-        liked = (np.broadcast_to(reference, (count, 3)) * self.axes.sign).T
-        third, real = self._roots(wanted)  # (k, n)
-        target = np.broadcast_to(wanted[:, None], (3, *third.shape))
-        at = self._third(third)
-        _, second = self._second(at, target)  # (m, k, n)
-        third = np.broadcast_to(third, second.shape)
-        target = np.broadcast_to(target[:, None], (3, *second.shape))
-        joints = np.stack([np.zeros_like(second), second, third])
-        joints[0] = self._first(joints, target)
-        joints = self._settled(joints.reshape(3, -1), target.reshape(3, -1), _POLISH).reshape(joints.shape)
-        joints, free = self._freed(joints, target, liked)
-        gap = np.linalg.norm(self._place(joints) - target, axis=0)
-        found = (gap <= _REACHED_M) & real
-        lost = ~found.any(axis=(0, 1)) & nearest
-        if lost.any():
-            near = self._settled(joints[..., lost].reshape(3, -1), target[..., lost].reshape(3, -1), _NEAREST)
-            joints[..., lost] = near.reshape(3, *joints.shape[1:3], -1)
-            gap = np.linalg.norm(self._place(joints) - target, axis=0)
-        gap = np.where(found, 0.0, np.maximum(gap, np.where(lost, 0.0, self.scale_m)))
-        return self._told(joints, gap, free, Ts_frame0_last)
 
     def _told(self, joints: Array, gap: Array, free: NDArray[np.bool_], Ts: Array) -> Solutions:
         """The solutions as ``ClosedForm`` gives them."""

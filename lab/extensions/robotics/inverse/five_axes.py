@@ -48,7 +48,7 @@ from lab.extensions.robotics.inverse.first_joints import (
 from lab.extensions.robotics.inverse.fitted_factor import fitted_factor
 from lab.extensions.robotics.inverse.five_axes_planar import PlanarEnd, PlanarMiddle, turn_between
 from lab.extensions.robotics.inverse.khalil_equations import TINY, type_2
-from lab.kinematics.compiled.kernels import machine_code
+from lab.kinematics.compiled.kernels import parallel_pair, settle, two_axes, with_fallback
 from lab.kinematics.inverse.closed_form import (
     EXACT,
     Axes,
@@ -215,8 +215,7 @@ class ParallelPair:
 
     def candidates(self, Ts: Array, liked: Array) -> Iterator[Candidates]:
         """See ``Shape``: where the equations say little of joint 4 or 5 there are more of them."""
-        compiled = self._compiled(Ts)
-        plain, joints = self._plain(self._moved_by(Ts), liked) if compiled is None else compiled
+        plain, joints = self._plain(Ts, liked)
         if (rows := np.flatnonzero(plain)).size:
             yield rows, joints[..., rows], np.zeros((*joints.shape[:2], rows.size), dtype=np.bool_)
         if (rows := np.flatnonzero(~plain)).size:
@@ -226,20 +225,18 @@ class ParallelPair:
         """Displacements of the hand from where it is at zero joint positions."""
         return np.asarray(Ts @ se3.inverse(self.axes.T_frame0_last))
 
-    def _plain(self, moved: Array, liked: Array) -> tuple[NDArray[np.bool_], Array]:
-        """Decide where ``(n,)`` the equations determine joints 4 and 5, and return candidates ``(4, 5, n)``."""
+    def _plain_by_numpy(self, Ts: Array, liked: Array) -> tuple[NDArray[np.bool_], Array]:
+        """``_plain`` by numpy."""
+        moved = self._moved_by(Ts)
         equations = self._equations(moved)
         found, size = self._found(equations)
         rest, single, _ = self._rest(equations, found, liked[self._last[1]])
         return np.asarray(single.all(axis=0) & (size > _LOOSE)), self._joints(moved, found, rest[0])
 
-    def _compiled(self, Ts: Array) -> tuple[NDArray[np.bool_], Array] | None:
-        """``_plain`` in machine code; None where there is none."""
-        if (code := machine_code()) is None or Ts.dtype != np.float64:
-            return None
-        joints, plain = np.empty((len(Ts), _ROOTS, 5)), np.empty(len(Ts), dtype=np.bool_)
-        code.parallel_pair(self._numbers, np.ascontiguousarray(Ts), joints, plain)
-        return plain, joints.transpose(1, 2, 0)
+    @with_fallback(_plain_by_numpy)
+    def _plain(self, Ts: Array, liked: Array) -> tuple[NDArray[np.bool_], Array]:
+        """Decide where ``(n,)`` the equations determine joints 4 and 5, and return candidates ``(4, 5, n)``."""
+        return parallel_pair(self._numbers, Ts)
 
     @cached_property
     def _numbers(self) -> Array:
@@ -452,18 +449,17 @@ class TwoAxisWrist:
 
     def candidates(self, Ts: Array, liked: Array) -> Iterator[Candidates]:
         """See ``Shape``: where P is on a hinge's axis there are more of them."""
-        R = Ts[:, :3, :3] @ self.axes.T_frame0_last[:3, :3].T
         place = (Ts[:, :3, :3] @ self.centre + Ts[:, :3, 3]).T
         first, free = self._placed(place, liked[:3])  # (k, 3, n)
-        compiled = self._compiled(Ts, first)
-        found, near = (self._wrist(R, first), self._near(first)) if compiled is None else compiled
+        found, near = self._with_wrist(Ts, first)
         if not near.any():
-            yield slice(None), found, _with_wrist(free)
+            yield slice(None), found, _never_free(free)
             return
         away, there = np.flatnonzero(~near), np.flatnonzero(near)
-        yield away, found[..., away], _with_wrist(free[..., away])
-        first, free = self._by_rotation(R[there], first[..., there], free[..., there])
-        yield there, self._wrist(R[there], first), _with_wrist(free)
+        yield away, found[..., away], _never_free(free[..., away])
+        R = self._last_rotations(Ts[there])
+        first, free = self._by_rotation(R, first[..., there], free[..., there])
+        yield there, self._wrist(R, first), _never_free(free)
 
     def _wrist(self, R: Array, first: Array) -> Array:
         """Candidates ``(k, 5, n)`` by their first three joints: axis 4 turns axis 5, which turns what is left."""
@@ -480,15 +476,18 @@ class TwoAxisWrist:
         a5 = self.axes.directions[4]
         return np.asarray(np.cross(a5, np.eye(3)[np.argmin(np.abs(a5))]))
 
-    def _compiled(self, Ts: Array, first: Array) -> tuple[Array, NDArray[np.bool_]] | None:
-        """``_wrist`` and ``_near`` in machine code; None where there is none."""
-        if (code := machine_code()) is None or Ts.dtype != np.float64:
-            return None
-        count = first.shape[2]
-        out, near = np.empty((count, len(first), 5)), np.empty(count, dtype=np.bool_)
-        out[:, :, :3] = first.transpose(2, 0, 1)
-        code.two_axes(self._numbers, np.ascontiguousarray(Ts), out, near)
-        return out.transpose(1, 2, 0), near
+    def _last_rotations(self, Ts: Array) -> Array:
+        """Rotations ``(n, 3, 3)`` of the last link from where it is at zero joint positions."""
+        return np.asarray(Ts[:, :3, :3] @ self.axes.T_frame0_last[:3, :3].T)
+
+    def _with_wrist_by_numpy(self, Ts: Array, first: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """``_with_wrist`` by numpy."""
+        return self._wrist(self._last_rotations(Ts), first), self._near(first)
+
+    @with_fallback(_with_wrist_by_numpy)
+    def _with_wrist(self, Ts: Array, first: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Candidates ``(k, 5, n)`` by their first three joints, and where P is on a hinge's axis ``(n,)``."""
+        return two_axes(self._numbers, Ts, first)
 
     @cached_property
     def _numbers(self) -> Array:
@@ -573,14 +572,11 @@ class TwoAxisWrist:
         return jacobian[:3, :3]
 
 
-def _with_wrist(free: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _never_free(free: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Extend free joints ``(k, 5, n)`` by the last two, which are never free."""
     return np.concatenate([free, np.zeros_like(free[:, :2])], axis=1)
 
 
-_STEPS = 4
-_NEAR = 1e-2  # of a pose (m, rad): a candidate farther off is no solution
-_EXACTLY = 1e-13
 _REACHED = 1e-11
 _SAME = 1e-7
 _CHUNK = 4096  # poses at a time: what fits the processor's cache
@@ -707,49 +703,8 @@ class FiveAxes:
         """The solutions of poses ``(n, 4, 4)`` among candidates ``(n, k, 5)``, made exact."""
         if self.backwards:
             joints, free = joints[:, :, ::-1], free[:, :, ::-1]
-        compiled = self.arm.compiled(joints, Ts)
-        if compiled is None:
-            joints, off = self._settled(Ts, joints * self.chain.sign)
-        else:
-            joints, off = compiled.settle(self._values, Ts, joints * self.chain.sign)
+        joints, off = settle(self.arm, self._values, Ts, joints * self.chain.sign)
         return self._best(joints, off, free)
-
-    def _missing(self, Ts: Array, joints: Array) -> tuple[Array, Array]:
-        """Return the residuals ``(m, 6)`` to poses ``(m, 4, 4)``, and the Jacobians ``(m, 6, 5)``."""
-        there, jacobian = self.arm.tool(joints, self._values)
-        turned = se3.log(Ts[:, :3, :3] @ there[:, :3, :3].swapaxes(1, 2))
-        return np.concatenate([Ts[:, :3, 3] - there[:, :3, 3], turned], axis=1), jacobian
-
-    def _settled(self, Ts: Array, joints: Array) -> tuple[Array, Array]:
-        """Candidates ``(n, k, 5)`` after a few steps of Gauss and Newton where they are near; none leads away.
-
-        Returns:
-            Joint positions, and what they miss ``(n, k, 2)``: m and rad.
-        """
-        count, many = joints.shape[:2]
-        flat, each = joints.reshape(-1, 5).copy(), np.repeat(np.arange(count), many)
-        apart = Ts[:, None] - self.arm.flange(flat, self._values).reshape(count, many, 4, 4)
-        chord = np.sqrt((apart[..., :3, :3] ** 2).sum(axis=(2, 3)) / 8)  # sin(angle / 2)
-        off = np.stack([np.sqrt((apart[..., :3, 3] ** 2).sum(axis=2)), 2 * np.arcsin(np.minimum(chord, 1.0))], axis=2)
-        size = off.reshape(-1, 2)
-        rows = np.flatnonzero((size.max(axis=1) < _NEAR) & (size.max(axis=1) > _EXACTLY))
-        missing, jacobian = self._missing(Ts[each[rows]], flat[rows])
-        for _ in range(_STEPS):
-            if not rows.size:
-                break
-            normal = jacobian.swapaxes(1, 2) @ jacobian
-            normal[:, range(5), range(5)] += 1e-15 * np.trace(normal, axis1=1, axis2=2)[:, None]
-            step = np.linalg.solve(normal, jacobian.swapaxes(1, 2) @ missing[:, :, None])[:, :, 0]
-            left, ahead = self._missing(Ts[each[rows]], flat[rows] + step)
-            better = np.linalg.norm(left, axis=1) < np.linalg.norm(missing, axis=1)
-            rows, missing, jacobian = rows[better], left[better], ahead[better]
-            flat[rows] += step[better]
-            size[rows] = np.linalg.norm(missing.reshape(-1, 2, 3), axis=2)
-            going = np.abs(missing).max(axis=1) > _EXACTLY
-            rows, missing, jacobian = rows[going], missing[going], jacobian[going]
-        hinges = ~np.array(self.chain.prismatic)
-        flat[:, hinges] -= 2 * np.pi * np.round(flat[:, hinges] / (2 * np.pi))
-        return flat.reshape(joints.shape), off
 
     @cached_property
     def _values(self) -> Array:

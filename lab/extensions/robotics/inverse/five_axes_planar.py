@@ -26,7 +26,7 @@ from lab.core.se3 import Array
 from lab.extensions.robotics.inverse.first_joints import FirstJoint, Named, turned_back
 from lab.extensions.robotics.inverse.khalil_equations import TINY, type_2
 from lab.extensions.robotics.inverse.planar import PlanarJoints
-from lab.kinematics.compiled.kernels import machine_code
+from lab.kinematics.compiled.kernels import planar_frame, with_fallback
 from lab.kinematics.inverse.closed_form import EXACT, Axes, Candidates, Term, plane_across
 
 __all__ = ["PlanarEnd", "PlanarFrame", "PlanarMiddle", "turn_between"]
@@ -74,16 +74,10 @@ class PlanarMiddle:
 
     def candidates(self, Ts: Array, liked: Array) -> Iterator[Candidates]:
         """See ``Shape``."""
-        frame = _compiled_frame(self._numbers, 1 if self.axes.prismatic[0] else 2, Ts, liked)
-        yield _candidates_of(self.joints, (0, 4), (1, 2, 3), frame or self._frame(Ts, liked), liked)
+        yield _candidates_of(self.joints, (0, 4), (1, 2, 3), self._frame(Ts, liked), liked)
 
-    def _frame(self, Ts: Array, liked: Array) -> PlanarFrame:
-        """Solve joints 1 and 5, and return the planar arm's targets.
-
-        Returns:
-            ``(5, m, n)``: positions of joints 1 and 5, the turn about w, and the place (m) in the plane; and ``(n,)``
-            where joint 1 is free.
-        """
+    def _frame_by_numpy(self, Ts: Array, liked: Array) -> PlanarFrame:
+        """``_frame`` by numpy."""
         plane, root = self.column.plane, self.column.root
         R = Ts[:, :3, :3] @ self.axes.T_frame0_last[:3, :3].T
         lever = (Ts[:, :3, :3] @ self.centre + Ts[:, :3, 3] - root).T
@@ -100,6 +94,16 @@ class PlanarMiddle:
         left = M @ se3.exp(-fifth[..., None] * a)
         phi = np.arctan2(left[..., 1, 0] - left[..., 0, 1], left[..., 0, 0] + left[..., 1, 1])
         return np.stack([first, fifth, phi, e, f]), free_1[0]
+
+    @with_fallback(_frame_by_numpy)
+    def _frame(self, Ts: Array, liked: Array) -> PlanarFrame:
+        """Solve joints 1 and 5, and return the planar arm's targets.
+
+        Returns:
+            ``(5, m, n)``: positions of joints 1 and 5, the turn about w, and the place (m) in the plane; and ``(n,)``
+            where joint 1 is free.
+        """
+        return planar_frame(self._numbers, 1 if self.axes.prismatic[0] else 2, Ts, liked)
 
     @cached_property
     def _numbers(self) -> Array:
@@ -151,15 +155,6 @@ class PlanarMiddle:
         """See ``Shape``: of joints 1 to 4, the place and the turn about w, in the frame of joint 1."""
         hinge = next(i for i in (1, 2, 3) if not self.axes.prismatic[i])
         return np.concatenate([jacobian[:3, :4], (jacobian[3:, hinge] @ jacobian[3:, :4])[None]])
-
-
-def _compiled_frame(numbers: Array, roots: int, Ts: Array, liked: Array) -> PlanarFrame | None:
-    """Compute the planar arm's targets beyond two joints in machine code; None where there is none."""
-    if (code := machine_code()) is None or Ts.dtype != np.float64:
-        return None
-    found, free = np.empty((5, roots, len(Ts))), np.empty(len(Ts), dtype=np.bool_)
-    code.planar_frame(numbers, np.ascontiguousarray(Ts), np.ascontiguousarray(liked[:2].T), found, free)
-    return found, free
 
 
 def _candidates_of(
@@ -258,11 +253,10 @@ class PlanarEnd:
 
     def candidates(self, Ts: Array, liked: Array) -> Iterator[Candidates]:
         """See ``Shape``."""
-        frame = _compiled_frame(self._numbers, 1 if self.axes.prismatic[1] else 2, Ts, liked)
-        yield _candidates_of(self.joints, (0, 1), (2, 3, 4), frame or self._frame(Ts, liked), liked)
+        yield _candidates_of(self.joints, (0, 1), (2, 3, 4), self._frame(Ts, liked), liked)
 
-    def _frame(self, Ts: Array, liked: Array) -> PlanarFrame:
-        """Solve joints 1 and 2, and return the planar arm's targets as of ``PlanarMiddle``; neither is free."""
+    def _frame_by_numpy(self, Ts: Array, liked: Array) -> PlanarFrame:
+        """``_frame`` by numpy."""
         R, place = Ts[:, :3, :3] @ self.axes.T_frame0_last[:3, :3].T, Ts[:, :3, 3].T
         first, second = self._first_two(R @ self.plane[2], place, liked)  # (m, n)
         back, axes = np.broadcast_to(R, (*first.shape, 3, 3)), self.axes
@@ -275,6 +269,11 @@ class PlanarEnd:
         phi = np.arctan2(M[..., 1, 0] - M[..., 0, 1], M[..., 0, 0] + M[..., 1, 1])
         e, f, _ = np.tensordot(self.plane, at, 1)
         return np.stack([first, second, phi, e, f]), np.zeros(len(Ts), dtype=np.bool_)
+
+    @with_fallback(_frame_by_numpy)
+    def _frame(self, Ts: Array, liked: Array) -> PlanarFrame:
+        """Solve joints 1 and 2, and return the planar arm's targets as of ``PlanarMiddle``; neither is free."""
+        return planar_frame(self._numbers, 1 if self.axes.prismatic[1] else 2, Ts, liked)
 
     @cached_property
     def _numbers(self) -> Array:

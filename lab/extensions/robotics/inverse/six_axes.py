@@ -21,7 +21,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from types import ModuleType
 from typing import TypeVar
 
 import numpy as np
@@ -40,7 +39,7 @@ from lab.extensions.robotics.inverse.first_joints import (
     turned_back,
 )
 from lab.extensions.robotics.inverse.khalil_equations import TINY, type_2, type_8
-from lab.kinematics.compiled.kernels import machine_code
+from lab.kinematics.compiled.kernels import eight_solutions, with_fallback
 from lab.kinematics.inverse.closed_form import (
     EXACT,
     Axes,
@@ -129,10 +128,8 @@ class SphericalWrist:
         """See ``ClosedForm``: six joints take any rotation."""
         return Rs_frame0_last
 
-    def solve(self, Ts_frame0_last: Array, reference: Array | float = 0.0) -> Solutions:
-        """See ``ClosedForm``."""
-        if self._numbers is not None and (code := machine_code()) is not None and Ts_frame0_last.dtype == np.float64:
-            return self._compiled(code, self._numbers, Ts_frame0_last, reference)
+    def _solved(self, Ts_frame0_last: Array, reference: Array | float = 0.0) -> Solutions:
+        """``solve`` by numpy, for any carrier."""
         count, shape = len(Ts_frame0_last), (2, self.carrier.elbows, 2)
         liked = np.broadcast_to(reference, (count, 6)) * self.chain.sign
         angles, gap = np.empty((6, *shape, count)), np.empty((*shape, count))
@@ -146,12 +143,17 @@ class SphericalWrist:
         tilt = np.zeros((count, self.branches))
         return Solutions(_by_pose(angles), gap.reshape(self.branches, count).T, tilt, _by_pose(free))
 
+    @with_fallback(_solved, when=lambda self, *_: isinstance(self.carrier, Elbow))
+    def solve(self, Ts_frame0_last: Array, reference: Array | float = 0.0) -> Solutions:
+        """See ``ClosedForm``."""
+        joints, gap, free = eight_solutions("inverse", self._numbers, Ts_frame0_last, reference)
+        return Solutions(joints, gap, np.zeros(gap.shape), free)
+
     @cached_property
-    def _numbers(self) -> Array | None:
-        """Arm parameters of the compiled solution for an arm with an elbow; None for another."""
+    def _numbers(self) -> Array:
+        """Arm parameters of the compiled solution for an arm with an elbow."""
         carrier = self.carrier
-        if not isinstance(carrier, Elbow):
-            return None
+        assert isinstance(carrier, Elbow)
         column, back = carrier.column, self.R_frame0_last.T
         axis_6 = np.cos(self.bend) * self.axes[0] + np.sin(self.bend) * self.axes[2]
         links = [(abs(z), np.angle(z)) for z in (carrier.upper, carrier.fore)]
@@ -161,16 +163,6 @@ class SphericalWrist:
             links, [carrier.turning],
         )  # fmt: skip
         return np.concatenate([np.ravel(part).astype(np.float64) for part in parts])
-
-    def _compiled(self, code: ModuleType, numbers: Array, Ts: Array, reference: Array | float) -> Solutions:
-        """``solve`` of an arm with an elbow, in machine code."""
-        n = len(Ts)
-        joints, gap, free = np.empty((n, 8, 6)), np.empty((n, 8)), np.empty((n, 8, 6), dtype=np.bool_)
-        liked = None
-        if not isinstance(reference, float) or reference != 0.0:
-            liked = np.ascontiguousarray(np.broadcast_to(reference, (n, 6)), dtype=np.float64)
-        code.inverse(numbers, np.ascontiguousarray(Ts), liked, joints, gap, free)
-        return Solutions(joints, gap, np.zeros((n, 8)), free)
 
     def _solve(self, Ts: Array, liked: Array, angles: Array, gap: Array, free: NDArray[np.bool_]) -> None:
         """Fill in the angles ``(6, 2, elbows, 2, n)``: roots of the wrist's, the elbow's and joint 1's equation."""
@@ -305,36 +297,7 @@ class ThreeParallel:
         """See ``ClosedForm``: six joints take any rotation."""
         return Rs_frame0_last
 
-    def solve(self, Ts_frame0_last: Array, reference: Array | float = 0.0) -> Solutions:
-        """See ``ClosedForm``. The branches are the roots of joint 1, of joint 5 and of the elbow, in this order."""
-        count, code = len(Ts_frame0_last), machine_code()
-        if code is None or Ts_frame0_last.dtype != np.float64:
-            return self._solved(Ts_frame0_last, reference)
-        joints, gap, free = np.empty((count, 8, 6)), np.empty((count, 8)), np.empty((count, 8, 6), dtype=np.bool_)
-        liked = None
-        if not isinstance(reference, float) or reference != 0.0:
-            liked = np.ascontiguousarray(np.broadcast_to(reference, (count, 6)), dtype=np.float64)
-        code.three_parallel(self._numbers, np.ascontiguousarray(Ts_frame0_last), liked, joints, gap, free)
-        found = Solutions(joints, gap, np.zeros((count, 8)), free)
-        rows = np.flatnonzero(free[:, :, 5].any(axis=1))
-        if rows.size:
-            part = self._solved(Ts_frame0_last[rows], np.broadcast_to(reference, (count, 6))[rows])
-            for name in ("joints", "gap_m", "free"):
-                getattr(found, name)[rows] = getattr(part, name)
-        return found
-
-    @cached_property
-    def _numbers(self) -> Array:
-        """Arm parameters of the compiled solution."""
-        column, links = self.column, [(abs(z), np.angle(z)) for z in (self.upper, self.fore)]
-        places = [(z.real, z.imag) for z in (self.shoulder, self.hand)]
-        parts = (
-            self.chain.sign, self.centre, column.root, column.parts, column.plane @ self.R_frame0_last, self.turning,
-            places, links, [self.offset, self.bend],
-        )  # fmt: skip
-        return np.concatenate([np.ravel(part).astype(np.float64) for part in parts])
-
-    def _solved(self, Ts_frame0_last: Array, reference: Array | float) -> Solutions:
+    def _solved(self, Ts_frame0_last: Array, reference: Array | float = 0.0) -> Solutions:
         """``solve`` by numpy."""
         count = len(Ts_frame0_last)
         liked = (np.broadcast_to(reference, (count, 6)) * self.chain.sign).T
@@ -370,6 +333,29 @@ class ThreeParallel:
             np.zeros((count, 8)),
             free.reshape(6, 8, count).transpose(2, 1, 0),
         )
+
+    @with_fallback(_solved)
+    def solve(self, Ts_frame0_last: Array, reference: Array | float = 0.0) -> Solutions:
+        """See ``ClosedForm``. The branches are the roots of joint 1, of joint 5 and of the elbow, in this order."""
+        joints, gap, free = eight_solutions("three_parallel", self._numbers, Ts_frame0_last, reference)
+        found = Solutions(joints, gap, np.zeros(gap.shape), free)
+        rows = np.flatnonzero(free[:, :, 5].any(axis=1))
+        if rows.size:
+            part = self._solved(Ts_frame0_last[rows], np.broadcast_to(reference, (len(gap), 6))[rows])
+            for name in ("joints", "gap_m", "free"):
+                getattr(found, name)[rows] = getattr(part, name)
+        return found
+
+    @cached_property
+    def _numbers(self) -> Array:
+        """Arm parameters of the compiled solution."""
+        column, links = self.column, [(abs(z), np.angle(z)) for z in (self.upper, self.fore)]
+        places = [(z.real, z.imag) for z in (self.shoulder, self.hand)]
+        parts = (
+            self.chain.sign, self.centre, column.root, column.parts, column.plane @ self.R_frame0_last, self.turning,
+            places, links, [self.offset, self.bend],
+        )  # fmt: skip
+        return np.concatenate([np.ravel(part).astype(np.float64) for part in parts])
 
     def _within_reach(self, place: NDArray[np.complex128], phi: Array) -> Array:
         """The turns ``(2, 2, n)`` nearest to phi with which the planar arm reaches P, where joint 6 may make up for it.
