@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from lab.campaign.robot import Robot, load_robot
     from lab.commands.calibrate.load_run import load_estimate
     from lab.commands.calibrate.result import CalibrationResult
-    from lab.commands.calibrate.run import MeasuringDay, calibrate, identify, simulate
+    from lab.commands.calibrate.run import MeasurementSession, calibrate, identify, simulate
     from lab.commands.compare.run import compare
     from lab.commands.compensate.result import CompensationResult
     from lab.commands.compensate.run import compensate
@@ -60,8 +60,8 @@ __all__ = [
     "Inspection",
     "Instrument",
     "LabError",
+    "MeasurementSession",
     "Measurements",
-    "MeasuringDay",
     "PayloadResult",
     "PredictionResult",
     "Result",
@@ -103,7 +103,7 @@ _MODULES = {  # where each name is, imported when it is asked for
     "lab.campaign.robot": ("Robot", "load_robot"),
     "lab.commands.calibrate.load_run": ("load_estimate",),
     "lab.commands.calibrate.result": ("CalibrationResult",),
-    "lab.commands.calibrate.run": ("MeasuringDay", "calibrate", "identify", "simulate"),
+    "lab.commands.calibrate.run": ("MeasurementSession", "calibrate", "identify", "simulate"),
     "lab.commands.compare.run": ("compare",),
     "lab.commands.compensate.result": ("CompensationResult",),
     "lab.commands.compensate.run": ("compensate",),

@@ -217,6 +217,6 @@ def _done(command: "Command", asked: "Arguments", before: "list[tuple[Path, byte
             from lab.render.terminal import print_document
 
             print_document(result.document(), warnings=False)
-            if (written := asked.options.out if command.writes_if_asked else place) is not None:
+            if (written := asked.options.out if command.writes_on_request else place) is not None:
                 print("\n".join(_where(written)))
     return result.exit_code

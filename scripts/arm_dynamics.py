@@ -20,8 +20,8 @@ from lab.extensions.dynamics.arm.base_parameters import base_parameters
 from lab.extensions.dynamics.arm.identify import DynamicModel, ThinnedRun, fit_runs, predict, thinned_run
 from lab.extensions.dynamics.load_files import PayloadSamples
 from lab.extensions.dynamics.payload.methods import from_torques
-from lab.extensions.dynamics.rehearsal import MeasuringBench, load_of_rehearsal
-from lab.extensions.dynamics.rehearsal_options import Rehearsal
+from lab.extensions.dynamics.rehearsal import MeasuringBench, simulated_load
+from lab.extensions.dynamics.rehearsal_options import SimulationOptions
 from lab.extensions.dynamics.simulation import LoadBench
 from lab.kinematics.dynamics.rigid_body import LOAD, ArmDynamics, directions
 from lab.simulation.model_files import link_inertias
@@ -31,7 +31,7 @@ ROBOT = load_virtual("tx40")
 LOAD_KG = 1.5
 _BISECTIONS = 10
 SERVO = 3e-4  # rad/Nm by which the load shifts the path of the second case
-ASKED = Rehearsal(simulate=True, rate_hz=200.0)
+ASKED = SimulationOptions(simulate=True, rate_hz=200.0)
 
 
 @dataclass(frozen=True)
@@ -147,7 +147,7 @@ def study_of(options: Options) -> Study:
     if min(options.runs, options.power_runs, options.load_runs) < 2:
         raise LabError("give two runs or more of each: a scatter is asked for")
     asked = replace(ASKED, seed=options.seed, rounds=options.rounds)
-    bench = MeasuringBench(ROBOT, asked, load_of_rehearsal(LOAD_KG, asked))
+    bench = MeasuringBench(ROBOT, asked, simulated_load(LOAD_KG, asked))
     model = _model(bench)
 
     def regressor(joints: Array, speeds: Array, accelerations: Array) -> Array:

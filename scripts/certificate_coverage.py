@@ -21,9 +21,9 @@ from lab.campaign.virtual_robot import perturbed_arm
 from lab.certification.budget import (
     MEASURANDS,
     InputQuantity,
-    KnownSpread,
     Propagation,
     RandomErrors,
+    RandomScatter,
     propagated,
     quantities_of,
     temperature_of,
@@ -129,13 +129,13 @@ class _Bench:
         """
         found = Propagation.of(observation_of(self.arm), observed, values, self.free)
         covariance = found.gain @ found.gain.T
-        robot = KnownSpread(SCATTER_M, np.inf, _SPEC)
+        robot = RandomScatter(SCATTER_M, np.inf, _SPEC)
         if self.case != "estimated noise":
             sigma = float(np.sqrt(np.mean(np.linalg.inv(observed.whiten) ** 2) * 3))
-            chance = RandomErrors(covariance, KnownSpread(sigma, np.inf, _SPEC), "in the noise", robot, False, None)
+            chance = RandomErrors(covariance, RandomScatter(sigma, np.inf, _SPEC), "in the noise", robot, False, None)
         else:
             dof = observed.points.size - len(self.free)
-            noise = KnownSpread(residual, dof, _SPEC)
+            noise = RandomScatter(residual, dof, _SPEC)
             chance = RandomErrors(residual**2 * covariance, noise, "in the residuals", robot, True, None)
         stated = PLACED if self.case == "systematic errors left out" else TRACKERS[self.case].errors
         known = quantities_of(found, stated, _SPEC, chance)

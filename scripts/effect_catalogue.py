@@ -24,7 +24,7 @@ from lab.calibration.weights import Noise
 from lab.campaign.option_groups import ArmEffects
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import SerialRobot, load_virtual
-from lab.campaign.virtual_robot import drawn_conditions, perturbed_arm
+from lab.campaign.virtual_robot import draw_conditions, perturbed_arm
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
 from lab.core.se3 import Array
@@ -145,7 +145,7 @@ def _measured(
     real = perturbed_arm(robot, campaign)
     joints = random_poses(robot.model, poses, rng_for(seed, "poses"))
     asked = (PAYLOAD, TEMPERATURE, *map(approach_of, robot.chain.joint_names))
-    conditions = drawn_conditions(real, campaign, poses, rng_for(seed, "conditions"), asked)
+    conditions = draw_conditions(real, campaign, poses, rng_for(seed, "conditions"), asked)
     data = track(real, joints, targets, instrument(DEVICE), rng_for(seed, "noise"), conditions=conditions)
     kept = {name: column for name, column in data.conditions.items() if name in asked}
     return campaign, real, replace(data, conditions=kept)
@@ -159,7 +159,7 @@ def _fresh(real: TrueRobot, campaign: VirtualCampaign) -> Measurements:
     """Where the arm's target is at fresh poses, on another day: what drifted has come to rest where it began."""
     joints = random_poses(real.robot, FRESH, rng_for(campaign.seed, "fresh"))
     rng = rng_for(campaign.seed, "fresh").spawn(1)[0]
-    there = drawn_conditions(real, campaign, FRESH, rng, (PAYLOAD, TEMPERATURE))
+    there = draw_conditions(real, campaign, FRESH, rng, (PAYLOAD, TEMPERATURE))
     there = {name: column for name, column in there.items() if name in (PAYLOAD, TEMPERATURE)}
     there |= {approach_of(name): np.zeros(FRESH) for name in real.robot.chain.joint_names}
     return recorded(real, joints, ("p1",), real.points(joints, ("p1",), there), there)

@@ -171,7 +171,7 @@ def worked_day(cell: Cell, seed: int, targets: int) -> dict[str, Any]:
     }
 
 
-def _imported(cell: Cell, day: lab.MeasuringDay) -> Path:
+def _imported(cell: Cell, day: lab.MeasurementSession) -> Path:
     """The day's measurements as a tracker and a controller write them, merged by ``lab import``."""
     data, folder = day.measurements, cell.folder
     middles = controller_log(folder / "log.txt", data.joints)
@@ -213,7 +213,7 @@ def _taught(robot: lab.Robot, count: int, seed: int) -> list[Array]:
     return joints
 
 
-def _off(day: lab.MeasuringDay, joints: Array, wanted: Array) -> Array:
+def _off(day: lab.MeasurementSession, joints: Array, wanted: Array) -> Array:
     """How far the true arm's target is from where it is wanted ``(n,)`` m, without noise."""
     load = {"payload_kg": np.zeros(len(joints))}
     seen = track(day.true_robot, joints, ("p1",), lab.instrument("exact"), rng_for(0, "visits"), 1, load)
@@ -241,7 +241,7 @@ def _touched(robot: lab.Robot, corrected: lab.CompensationResult) -> tuple[int, 
     return len(untold), len(said)
 
 
-def _is_verified(day: lab.MeasuringDay, run: Path, cell: Cell, seed: int) -> bool:
+def _is_verified(day: lab.MeasurementSession, run: Path, cell: Cell, seed: int) -> bool:
     """Whether ten new measurements of the same arm agree with the calibration."""
     joints = random_poses(cell.robot.model, 10, rng_for(seed, "fresh"))
     load = {"payload_kg": np.zeros(len(joints))}

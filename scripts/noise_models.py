@@ -234,9 +234,9 @@ def _alarmed(
     rows = rng.permutation(case.poses)[: rng.integers(*_CHECKED)]
     made = errors(case, arm, rows, rng)
     shapes = _shapes(case, arm, rows)
-    another_day = replace(shapes, along=np.ones(len(rows)), changes=(ANOTHER_DAY,))
+    another_session = replace(shapes, along=np.ones(len(rows)), changes=(ANOTHER_DAY,))
     scale = 1.0 if case.known and not estimate.kinds else estimate.likelihood.scale
-    observed = _weighed(case, rows, made, estimate.components, scale, another_day)
+    observed = _weighed(case, rows, made, estimate.components, scale, another_session)
     tail = tail_dof(linear)
     prediction = CalibrationPrediction(
         cast(Arm, arm),
@@ -249,7 +249,7 @@ def _alarmed(
     if small is not None:
         moved = [
             tuple(
-                _weighed(case, rows, made, *_moved(estimate.components, scale, name, sign * STEP), another_day)
+                _weighed(case, rows, made, *_moved(estimate.components, scale, name, sign * STEP), another_session)
                 for sign in (1, -1)
             )
             for name in small.components.names

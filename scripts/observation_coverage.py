@@ -18,7 +18,7 @@ from lab.calibration.weights import Noise, weighed
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import load_virtual
 from lab.campaign.virtual_robot import truth_of
-from lab.commands.calibrate.run import MeasuringDay, measuring_day
+from lab.commands.calibrate.run import MeasurementSession, measurement_session
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
@@ -68,7 +68,7 @@ class MeasuredArm:
         truth: ``(p,)`` of the exact identification's model.
     """
 
-    day: MeasuringDay
+    day: MeasurementSession
     kind: VirtualSensor
     device: Instrument
     slopes: Array | None
@@ -137,8 +137,8 @@ def measured_arm(robot_name: str, name: str, device: Instrument, poses: int, see
     """
     options = VirtualCampaign(robot_name, observe=name, poses=poses, instrument="exact", seed=seed)
     robot = load_virtual(robot_name)
-    day, placed = measuring_day(options, robot)
-    kind = options.kind().weighed_by(device, day.measurements)
+    day, placed = measurement_session(options, robot)
+    kind = options.kind().weighted_by(device, day.measurements)
     arm = robot.arm(("p1",))
     nominal = arm.nominal(robot.tool)
     model, data = kind.observation(arm, day.measurements, nominal)

@@ -33,7 +33,7 @@ from shared import (
 )
 
 from lab.campaign.robot import load_virtual
-from lab.commands.study.format import effect_words
+from lab.commands.study.format import effect_text
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.extensions.reproduction.thesis_case import (
@@ -164,7 +164,7 @@ def answer_words(answer: CriterionComparison) -> list[str]:
 
 
 def _more(pair: Pair) -> str:
-    return f"{effect_words(pair, 'ratio')} {'as much' if pair.effect >= 2 else 'more'}"
+    return f"{effect_text(pair, 'ratio')} {'as much' if pair.effect >= 2 else 'more'}"
 
 
 def _over_all(answer: CriterionComparison, criterion: str) -> str:

@@ -103,15 +103,17 @@ def judged_campaign(number: int, options: Options) -> Campaign:
     """One campaign of the study, judged."""
     rng = rng_for(options.seed, "robots", number)
     if rng.random() >= options.wrong:
-        day = _MeasuringDay(rng)
+        day = _MeasurementSession(rng)
         kind = "lacks an effect" if day.lacking_rad else "as the model says"
         return _judged(kind, day, ROBOT, lambda data: data, rng)
     spoilt_as = {**_WRONG, **_MISTAKES}
     kind = str(rng.choice(list(spoilt_as)))
-    return _judged(kind, _MeasuringDay(rng), _OTHERS.get(kind, ROBOT), lambda data: spoilt_as[kind](data, rng), rng)
+    return _judged(
+        kind, _MeasurementSession(rng), _OTHERS.get(kind, ROBOT), lambda data: spoilt_as[kind](data, rng), rng
+    )
 
 
-class _MeasuringDay:
+class _MeasurementSession:
     """A virtual arm, and where and how it is measured.
 
     Attributes:
@@ -157,7 +159,7 @@ class _MeasuringDay:
 
 def _judged(
     kind: str,
-    day: _MeasuringDay,
+    day: _MeasurementSession,
     robot: Robot,
     spoilt: Callable[[Measurements], Measurements],
     rng: np.random.Generator,

@@ -60,7 +60,7 @@ class Options:
 
 def prediction_of(found: Identification) -> CalibrationPrediction:
     """The predicted errors after an identification by points."""
-    dof = None if found.sigma_known else found.dof
+    dof = None if found.sigma_given else found.dof
     assert isinstance(found.model, SerialArm)
     return CalibrationPrediction(found.model, found.values, found.fit.free, found.covariance, dof)
 
@@ -79,7 +79,7 @@ def checked(
 ) -> Verified:
     """A verification by what the tracker sees of the arm at some new poses."""
     data = track(real, poses, TARGETS, device, rng)
-    noise = Noise(device) if found.sigma_known else Noise(sigma_m=found.sigma_m)
+    noise = Noise(device) if found.sigma_given else Noise(sigma_m=found.sigma_m)
     return verify(prediction_of(found), weighed(observation_of(found.model), data, noise)[0])
 
 

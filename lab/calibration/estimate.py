@@ -45,7 +45,7 @@ __all__ = [
     "NominalArm",
     "PredictedPoints",
     "estimate_of",
-    "on_another_day",
+    "in_another_session",
 ]
 
 SETUP = ("base", "tool")  # groups of parameters that another setup of the measurement moves
@@ -560,7 +560,7 @@ def estimate_of(
         covariance=found.covariance,
         noise_m=float(np.nan_to_num(found.sigma_m)),
         residual_m=float(np.nan_to_num(found.residual_sigma_m)),
-        noise_known=found.sigma_known,
+        noise_known=found.sigma_given,
         dof=found.dof,
         adequate=adequate,
         cluster_robust=found.dof_each is not None and shared is None,
@@ -571,10 +571,10 @@ def estimate_of(
         load=load,
         prior_acts_in=0 if found.prior is None else found.prior.acts_in,
     )
-    return estimate if shared is None else replace(estimate, shared=on_another_day(shared, estimate))
+    return estimate if shared is None else replace(estimate, shared=in_another_session(shared, estimate))
 
 
-def on_another_day(shared: ErrorModel, estimate: Estimate) -> ErrorModel:
+def in_another_session(shared: ErrorModel, estimate: Estimate) -> ErrorModel:
     """Return errors as they are in another session, when nobody knows where a drift or a step left the base."""
     values = dict(zip(estimate.arm.names, estimate.values.tolist(), strict=True))
     return replace(shared, clock=None, moves=(), values=values)

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from lab.calibration.estimate import CarriedLoad, Estimate, EstimatedParameter, NominalArm, on_another_day
+from lab.calibration.estimate import CarriedLoad, Estimate, EstimatedParameter, NominalArm, in_another_session
 from lab.calibration.extrapolation import MeasuredRange, PoseCover
 from lab.calibration.residual.process import COMPONENTS, GROUP, UPPER_QUARTILE, JointProcess
 from lab.core.errors import LabError, error_context
@@ -265,7 +265,7 @@ def read_estimate(folder: Path, robot: NominalArm, load: CarriedLoad | None = No
         shared = noise_model_from_dict(found.noise_model, {})
         errors = component_errors_from_dict(found.noise_model)
     estimate = replace(estimate, measured=measured, component_errors=errors)
-    return estimate if shared is None else replace(estimate, shared=on_another_day(shared, estimate))
+    return estimate if shared is None else replace(estimate, shared=in_another_session(shared, estimate))
 
 
 def read_estimate_files(folder: Path) -> EstimateFiles:

@@ -183,7 +183,7 @@ class LinearRows:
         known: ``(r, f)`` derivatives of what else is known of the parameters.
         by_joints: ``(n, m, joints)`` derivatives by joint positions: rad of a hinge, as much at a lever of a slide.
         numbers: ``(n,)`` how many numbers each pose has.
-        sigma_known: whether the rows' variance is one at least.
+        sigma_given: whether the rows' variance is one at least.
     """
 
     columns: Array
@@ -191,7 +191,7 @@ class LinearRows:
     known: Array
     by_joints: Array
     numbers: NDArray[np.int_]
-    sigma_known: bool
+    sigma_given: bool
 
     @property
     def variance(self) -> float:
@@ -265,7 +265,7 @@ def _left_out(rows: LinearRows, joints: Array, turning: NDArray[np.bool_], out: 
     inverse: Array = np.asarray(np.linalg.inv(information), dtype=np.float64)
     moved = inverse @ -removed  # at the whole fit the scores of all rows add up to nothing
     variance = float(((left - rest @ moved) ** 2).sum()) / dof
-    variance = max(variance, 1.0) if rows.sigma_known else variance
+    variance = max(variance, 1.0) if rows.sigma_given else variance
     there = rows.columns[far]
     spread: Array = np.eye(there.shape[1]) + there @ inverse @ np.swapaxes(there, 1, 2)
     error = rows.residual[far] - there @ moved
@@ -454,7 +454,7 @@ def _linear_rows(found: Identification, model: Model, observed: Observations, tu
     residual = whole(observed.points - points)
     known = found.extra_residuals(found.values)[1][:, free]
     numbers = seen.sum(axis=1) * observed.points.shape[2]
-    return LinearRows(whole(jacobian[..., free]), residual, known, whole(moved), numbers, found.sigma_known)
+    return LinearRows(whole(jacobian[..., free]), residual, known, whole(moved), numbers, found.sigma_given)
 
 
 def _slopes(found: Identification, model: Model, observed: Observations, joints: Array) -> Array:
@@ -478,7 +478,7 @@ def _slopes(found: Identification, model: Model, observed: Observations, joints:
     if told.sum() < _LEAST_SLOPES:
         return nothing
     estimates = (left.T @ residual)[told] / weights[told]
-    variance = max(float(residual @ residual) / dof, 1.0 if found.sigma_known else 0.0)
+    variance = max(float(residual @ residual) / dof, 1.0 if found.sigma_given else 0.0)
     errors = variance / weights[told]
     if not (shared := _shared_variance(estimates, errors, dof)):
         return nothing

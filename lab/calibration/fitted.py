@@ -224,11 +224,11 @@ def _remaining(report: Fitted) -> RemainingError | None:
     found, rows = report.identification, report.rows
     if not only_positions(observation_of(found.model)) or found.process is not None:
         return None
-    instrument_m = found.sigma_m if found.sigma_known else float("nan")
-    if not found.sigma_known and report.instrument is not None and report.instrument.is_rigid:
+    instrument_m = found.sigma_m if found.sigma_given else float("nan")
+    if not found.sigma_given and report.instrument is not None and report.instrument.is_rigid:
         instrument_m = report.instrument.sigma_m
     shared = report.noise.shared
-    if shared is not None and found.sigma_known:
+    if shared is not None and found.sigma_given:
         instrument_m = shared.independent_m
     groups = () if report.selection is None else report.selection.groups
     size = rows.joints.shape[1]

@@ -10,7 +10,7 @@ import numpy as np
 
 from lab.calibration.identify import Identification, IdentifyOptions, identify
 from lab.calibration.noise.search import NoiseSearch
-from lab.calibration.outliers_and_noise import noise_of, off_among_fitted
+from lab.calibration.outliers_and_noise import noise_of, outliers_among_fitted
 from lab.calibration.prior import Tolerance
 from lab.calibration.residual.estimation import with_residual
 from lab.calibration.residual.process import JointProcess
@@ -66,7 +66,7 @@ class NominalRobot(Protocol):
         """Stations of the instrument that the robot's cell names."""
 
     @property
-    def kept_file(self) -> str:
+    def stored_file(self) -> str:
         """The file that describes its identified geometry."""
 
     def arm(self, targets: tuple[str, ...]) -> RigidArm:
@@ -244,8 +244,8 @@ class Fitter:
         if selection is None or not (doubted := self._doubted_by_time(selection)):
             return fitter, selection, search
         rest = tuple(name for name in selection.chosen if name not in doubted)
-        without = noise_of(_OneModel(self, rest, selection.held_of(rest)), rows)
-        if without.shared is None or not without.shared.wandering_m:
+        without = noise_of(_OneModel(self, rest, selection.fixed_of(rest)), rows)
+        if without.shared is None or not without.shared.autocorrelated_m:
             return fitter, selection, search
         again = self.knowing(without.shared)._selected(rows)
         if again is None or set(doubted) <= set(again.chosen):
@@ -365,7 +365,7 @@ class Fitter:
         task.refuse_unknown_wishes(CANDIDATES if self.options.search else groups)
         found, clean, outliers = self.identified(rows, groups)
         if not self.options.search:
-            model_with = self._weighed_as(found).model_with
+            model_with = self._weighted_as(found).model_with
             return follow(model_with, clean, self.nominal, groups, self.noise, self.request, seed=self.seed)
         selection = self._chosen(found, clean)
         if outliers is None or not len(outliers.rows):
@@ -383,7 +383,7 @@ class Fitter:
         """
         selection, rows = None, thinned(rows, MOST_CHOSEN_BY)
         for _ in range(_BALANCINGS):
-            before, weighed_so = selection, self._weighed_as(found)
+            before, weighed_so = selection, self._weighted_as(found)
             tried = [name for name in self.approached(CANDIDATES) if not self.unanswerable(name)]
             selection = self._searched(weighed_so.model_with, rows, self.request, tried)
             if weighed_so is self or (before and before.chosen == selection.chosen):
@@ -409,16 +409,16 @@ class Fitter:
                         return str(error)
         return ""
 
-    def _weighed_as(self, found: Identification) -> "Fitter":
+    def _weighted_as(self, found: Identification) -> "Fitter":
         """The fitter with the weights that an identification estimated; itself where nothing is estimated."""
-        kind = self.kind.weighed_as(found.model)
+        kind = self.kind.weighted_as(found.model)
         return self if kind == self.kind else replace(self, kind=kind)
 
     @property
     def noise_shape(self) -> NoiseDistribution:
         """Distribution of the assumed noise; heavy-tailed where it was estimated beside an instrument's bounded one."""
         shared, device = self.noise.shared, self.noise.instrument if self.noise.sigma_m is None else None
-        uniform = device is not None and device.kind == "uniform" and (shared is None or shared.is_known)
+        uniform = device is not None and device.kind == "uniform" and (shared is None or shared.is_given)
         return NoiseDistribution("uniform", self.noise.readings) if uniform else NoiseDistribution()
 
     def identified_from(self, model: Model, rows: Measurements, request: IdentifyOptions) -> Identification:
@@ -429,7 +429,7 @@ class Fitter:
     def outliers_of(self, start: Identification, rows: Measurements) -> Outliers:
         """The rows that are off, by a search that starts from an identification."""
         return self._last_outliers(
-            lambda: off_among_fitted(start, rows, self.noise, self.noise_shape, self.seed),
+            lambda: outliers_among_fitted(start, rows, self.noise, self.noise_shape, self.seed),
             start,
             rows,
             self.noise.shared,

@@ -34,7 +34,7 @@ ExtraResiduals = Callable[[Array], tuple[Array, Array]]
 """Parameters ``(p,)`` to more whitened residuals ``(r,)``, and the derivatives ``(r, p)`` of what predicts them."""
 MAX_ITERATIONS = 300
 _LEAST_DAMPING, _LARGEST_DAMPING = 1e-12, 1e4  # of the largest singular value, squared
-_CRAWLED, _VALLEY = 1e-3, 25  # steps in a row that each lower the cost by less than this part of it: a valley
+_CRAWLED, _STALLED = 1e-3, 25  # steps in a row that each lower the cost by less than this part of it: a valley
 _BLOCK = 60_000  # numbers whose derivatives are held at a time
 _FIRST_POSES = 4_000  # of more than a block, on which a fit begins
 _PROBE = 0.1  # of a step, at which its curvature is looked for
@@ -290,7 +290,7 @@ def fit(
         crawled = crawled + 1 if damped and here.cost - there.cost < _CRAWLED * here.cost else 0
         here = there
         trace.append(here.cost)
-        if crawled == _VALLEY:
+        if crawled == _STALLED:
             values, status = here.values, "in a valley"
             break
     return Fit(values, tuple(index), status, tuple(trace), here.triangle, here.scale)

@@ -123,7 +123,7 @@ class Identification:
         base_set: which parameters are identifiable by the arm's structure.
         fit: of the parameters identifiable from these poses; ``fit.free`` are their indices.
         sigma_m: noise of a coordinate, given (a root mean square) or estimated; NaN if unknown.
-        sigma_known: whether it was given.
+        sigma_given: whether it was given.
         residual_sigma_m: noise of a coordinate, estimated from the residuals; NaN where nothing is left over.
         dof: residual degrees of freedom.
         covariance: ``(f, f)`` of the free parameters; NaN where sigma is unknown.
@@ -142,7 +142,7 @@ class Identification:
     base_set: BaseSet
     fit: Fit
     sigma_m: float
-    sigma_known: bool
+    sigma_given: bool
     residual_sigma_m: float
     dof: int
     covariance: Array
@@ -167,7 +167,7 @@ class Identification:
     @property
     def half_width_95(self) -> Array:
         """Half of each 95 % interval ``(f,)`` in standard deviations: Student's t where sigma was estimated."""
-        if self.sigma_known and self.dof_each is None:
+        if self.sigma_given and self.dof_each is None:
             return np.full(len(self.fit.free), 1.959963984540054)
         dof = np.full(len(self.fit.free), self.dof) if self.dof_each is None else self.dof_each
         return np.asarray(np.where(dof > 0, t_ppf(0.975, np.maximum(dof, 1)), np.nan))
@@ -264,7 +264,7 @@ def identify(
         base_set=structure,
         fit=solution,
         sigma_m=given if known else estimated,
-        sigma_known=known,
+        sigma_given=known,
         residual_sigma_m=given * estimated,
         dof=dof,
         covariance=solution.unit_covariance() * (1.0 if known else estimated**2),

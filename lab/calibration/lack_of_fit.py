@@ -68,7 +68,7 @@ def _by_distances(found: Identification, observations: Observations, rows: Measu
     None where there are none, or where the noise is not the same in all directions: then distances, which lie across
     the line of sight as often as not, do not say what it is.
     """
-    if found.sigma_known or not only_positions(observation_of(found.model)):
+    if found.sigma_given or not only_positions(observation_of(found.model)):
         return None
     instrument = instrument_noise(rows.points)
     if instrument is None or not instrument.is_rigid or instrument.sigma_m < LEAST_SIGMA_M:
@@ -170,7 +170,7 @@ def adequacy_of(
     """
     observation = observation_of(found.model)
     observations, known = weighed(observation, rows, noise)
-    shared = noise.shared if noise.shared is None or not noise.shared.is_known else None
+    shared = noise.shared if noise.shared is None or not noise.shared.is_given else None
     labels = repeats(rows) if shared is not None or not known else None
     unrepeated = labels is not None and len(np.unique(labels)) == len(labels)
     if shared is not None and unrepeated:

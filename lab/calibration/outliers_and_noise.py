@@ -12,19 +12,19 @@ from lab.calibration.noise.search import NoiseSearch, counted, in_stretches, sea
 from lab.calibration.noise.tails import tail_dof
 from lab.calibration.observation import observation_of, only_positions
 from lab.calibration.statistics.linearized import NoiseDistribution, linearized
-from lab.calibration.statistics.outliers import LEAST_SIGMA_M, HeldOut, Outliers, find_outliers, off_held_out
+from lab.calibration.statistics.outliers import LEAST_SIGMA_M, HeldOut, Outliers, find_outliers, held_out_outliers
 from lab.calibration.weights import Noise, joined, weighed, weighted_constraints
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.random import rng_for
 from lab.kinematics.joints import Encoders
 from lab.noise.error_model import ErrorModel
 
-__all__ = ["Fits", "noise_of", "off_among_fitted", "off_among_held", "tail_of"]
+__all__ = ["Fits", "noise_of", "outliers_among_fitted", "outliers_among_held_out", "tail_of"]
 
 _ROUNDS = 3  # of outliers and the noise that they are judged by
 
 
-def off_among_fitted(
+def outliers_among_fitted(
     start: Identification, rows: Measurements, noise: Noise, shape: NoiseDistribution, seed: int
 ) -> Outliers:
     """The rows that are off, by a search that starts from an identification.
@@ -69,7 +69,9 @@ def _sigma_without(found: Outliers, observations: Observations) -> float:
     return max(float(np.sqrt(2 * found.fit.cost_trace[-1] / max(dof, 1))), LEAST_SIGMA_M)
 
 
-def off_among_held(found: Identification, rows: Measurements, held: Measurements, noise: Noise, tail: float) -> HeldOut:
+def outliers_among_held_out(
+    found: Identification, rows: Measurements, held: Measurements, noise: Noise, tail: float
+) -> HeldOut:
     """The poses held out that are off, by an identification from ``rows``.
 
     Args:
@@ -78,7 +80,7 @@ def off_among_held(found: Identification, rows: Measurements, held: Measurements
     observation = observation_of(found.model)
     parts = [weighed(observation, part, noise) for part in (rows, held)]
     both = parts[0][0].pose_by_pose().joined(parts[1][0].pose_by_pose())
-    return off_held_out(
+    return held_out_outliers(
         found.model,
         both,
         len(rows),
@@ -164,7 +166,7 @@ def _counted(whole: Identification, rows: Measurements, encoders: Encoders | Non
     observation = observation_of(whole.model)
     if encoders is None or not only_positions(observation):
         return None
-    dof = None if whole.sigma_known else whole.dof
+    dof = None if whole.sigma_given else whole.dof
     return counted(observation.model, rows, whole.values, encoders, whole.sigma_m, dof)
 
 

@@ -49,7 +49,7 @@ from lab.calibration.identify import identify
 from lab.calibration.lack_of_fit import adequacy_of, with_intervals_of_poses, with_own_intervals
 from lab.calibration.noise.plausibility import changes_in_time, finding, shared_error_findings
 from lab.calibration.observation import observation_of, only_positions
-from lab.calibration.outliers_and_noise import off_among_held, tail_of
+from lab.calibration.outliers_and_noise import outliers_among_held_out, tail_of
 from lab.calibration.prediction_check import check_prediction
 from lab.calibration.regions import Region, measured_region, region_of_points, workspace_region
 from lab.calibration.residual.estimation import with_residual
@@ -77,7 +77,7 @@ from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.units import MM
 from lab.kinematics.effects.effect import SessionInfo
-from lab.kinematics.effects.registry import CAMPAIGN_SPECIFIC, CANDIDATES, said_of_term
+from lab.kinematics.effects.registry import CAMPAIGN_SPECIFIC, CANDIDATES, describe_term
 from lab.noise.instruments import Instrument
 
 __all__ = ["FITTING", "STEPS", "PipelineOptions", "Step", "identify_robot", "run_steps", "start"]
@@ -145,7 +145,7 @@ def start(robot: NominalRobot, data: Measurements, options: PipelineOptions) -> 
     """
     kind, device = options.kind, options.instrument
     if device is not None:
-        kind = kind.weighed_by(device, data)
+        kind = kind.weighted_by(device, data)
     targets = kind.targets(data)
     arm = robot.arm(targets)
     data = kind.with_sessions(arm, data, arm.nominal(robot.tool))
@@ -214,7 +214,9 @@ def find_outliers(state: Fitted) -> Fitted:
     search = state.outlier_search or state.fitter.outliers_of(found, state.given)
     off, tail = named_poses(state.given, search), tail_of(found, state.rows, noise)
     if state.held is not None and observation_of(found.model).positions:
-        off += named_poses(state.held, off_among_held(found, state.rows, state.held, noise, tail), held_out=True)
+        off += named_poses(
+            state.held, outliers_among_held_out(found, state.rows, state.held, noise, tail), held_out=True
+        )
     return replace(state, outlier_search=search, outliers=off, tail_dof=tail)
 
 
@@ -351,7 +353,7 @@ def _missing(beside: Selection) -> Check:
         beside: the selection that found them.
     """
     before, after = beside.groups[0].holdout_m, beside.groups[len(beside.chosen)].holdout_m
-    named = [said_of_term(name) or name for name in beside.chosen]
+    named = [describe_term(name) or name for name in beside.chosen]
     size_m = float(np.sqrt(max(before**2 - after**2, 0.0)))
     return finding("missing", size_m, effects=named, before_m=before, after_m=after)
 

@@ -117,7 +117,7 @@ def _errors_of_noise(found: Identification, noise: Noise, rows: Measurements, rn
 
 def _scale(found: Identification, rng: np.random.Generator) -> Array:
     """Draw the true over the estimated standard deviation ``(draws,)``: one where it was given."""
-    if found.sigma_known:
+    if found.sigma_given:
         return np.ones(DRAWS)
     dof = max(found.dof, 1)
     return np.asarray(np.sqrt(dof / np.maximum(rng.chisquare(dof, DRAWS), 1e-300)))

@@ -70,14 +70,14 @@ def residual_spread(
         return ResidualSpread(float(np.fmax(found.residual_sigma_m, found.sigma_m)), 0.0, dof=max(found.dof, 1))
     parts = _Parts.of(found, labels)
     total_m, dof, widened = float(np.sqrt(parts.of_one_reading)), max(parts.dof, 1), 1.0
-    if found.sigma_known:
+    if found.sigma_given:
         total_m = float(np.fmax(total_m, found.sigma_m))
     trusted = found.dof_each is not None or independent_m is not None  # the covariance has its own clusters
-    if not trusted and found.sigma_known and lack_of_fit and found.sigma_m > 0:
+    if not trusted and found.sigma_given and lack_of_fit and found.sigma_m > 0:
         widened = max(parts.of_means / found.sigma_m**2, 1.0)
-    elif not trusted and not found.sigma_known and parts.is_shared:
+    elif not trusted and not found.sigma_given and parts.is_shared:
         widened = max(parts.of_means / parts.pooled, 1.0)
-    if not found.sigma_known:
+    if not found.sigma_given:
         return ResidualSpread(total_m, total_m, widened, dof)
     if not lack_of_fit and independent_m is None:
         return ResidualSpread(total_m, 0.0)
@@ -109,7 +109,7 @@ def for_later_rows(
     residual = linear.residual.ravel()
     information = rows.T @ rows + _RIDGE * np.eye(rows.shape[1])
     variance = float(residual @ residual) / max(int(linear.mask.sum()) - rows.shape[1], 1)
-    if found.sigma_known:
+    if found.sigma_given:
         variance = max(variance, 1.0)
     squares, expected, numbers = np.zeros((3, _BLOCKS))
     for i, block in enumerate(np.array_split(np.arange(linear.poses), _BLOCKS)):
@@ -126,7 +126,7 @@ def for_later_rows(
     if lacking(0.0) <= 0:
         return left
     more = float(scipy.optimize.brentq(lacking, 0.0, float((squares / numbers).sum())))
-    unit_m = found.sigma_m if found.sigma_known else found.residual_sigma_m / np.sqrt(variance)
+    unit_m = found.sigma_m if found.sigma_given else found.residual_sigma_m / np.sqrt(variance)
     added = min(more * _BLOCKS / (_BLOCKS - 2) * unit_m**2, most_m**2)
     sizes = (float(np.sqrt(size**2 + added)) for size in (left.total_m, left.of_arm_m))
     return replace(left, total_m=next(sizes), of_arm_m=next(sizes))

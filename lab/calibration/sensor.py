@@ -18,11 +18,11 @@ from lab.formats.measurement_csv import ObservedColumns
 from lab.kinematics.model import Model
 from lab.noise.instruments import Instrument
 
-__all__ = ["Sensor", "SensorWords"]
+__all__ = ["Sensor", "SensorTerms"]
 
 
 @dataclass(frozen=True)
-class SensorWords:
+class SensorTerms:
     """Words of a sensor for a report.
 
     Attributes:
@@ -56,7 +56,7 @@ class Sensor(ABC):
     """
 
     name: ClassVar[str]
-    words: ClassVar[SensorWords]
+    words: ClassVar[SensorTerms]
     columns: ClassVar[ObservedColumns]
     in_instrument_frame: ClassVar[bool]
 
@@ -124,7 +124,7 @@ class Sensor(ABC):
         """
         return model
 
-    def weighed_by(self, instrument: Instrument, data: Measurements) -> Self:
+    def weighted_by(self, instrument: Instrument, data: Measurements) -> Self:
         """Return the sensor with the weights that an instrument's noise gives: itself where all are lengths.
 
         Args:
@@ -133,6 +133,6 @@ class Sensor(ABC):
         """
         return self
 
-    def weighed_as(self, model: Model) -> Self:
+    def weighted_as(self, model: Model) -> Self:
         """Return the sensor with the weights of this model given: itself where nothing is estimated."""
         return self

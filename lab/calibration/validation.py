@@ -360,7 +360,7 @@ def validate_file(identification: Identification, model: Model, data: Measuremen
         for values, errors in ((identification.nominal_aligned, before), (identification.values, after)):
             moved = _transfer(identification.model, model, values)
             if refit:
-                where = _setup_in_words(setup) or "the validation file"
+                where = _setup_name(setup) or "the validation file"
                 found = placed_anew(model, part.take(reference), part.take(test), moved, refit, where)
                 moved = found.values
                 if found.held:
@@ -431,7 +431,7 @@ def _reference_and_test(part: Measurements, refit: Sequence[str]) -> tuple[list[
         reference = rows[::REFERENCE_EVERY] if refit else []
     chosen = set(reference)
     test = [i for i in rows if i not in chosen]
-    words = _setup_in_words(setups(part)[0] if refit else (part.sessions[0], ""))
+    words = _setup_name(setups(part)[0] if refit else (part.sessions[0], ""))
     where = f"{words} of the validation file" if words else "the validation file"
     if refit and not reference:
         raise LabError(f"{where} has no row with use = reference to refit {', '.join(refit)}; mark one")
@@ -440,7 +440,7 @@ def _reference_and_test(part: Measurements, refit: Sequence[str]) -> tuple[list[
     return reference, test
 
 
-def _setup_in_words(setup: tuple[str, str]) -> str:
+def _setup_name(setup: tuple[str, str]) -> str:
     """A session and a station, as a person names them; "" where neither has a name."""
     kinds = zip(("session", "station"), setup, strict=True)
     return ", ".join(f"{kind} '{name}'" for kind, name in kinds if name)

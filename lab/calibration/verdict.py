@@ -48,7 +48,7 @@ _LEAST_GAIN = 0.9  # of the mean error: what is left of more is hardly an improv
 _CLEAR_GAIN = 0.5  # of the mean error: below, a larger maximum is one pose's
 WORSE = 1.1  # times the nominal model's mean error
 _NOISE_FLOOR = 1.5  # times what the noise and the parameters' covariance make of the error
-_KNOWN_BEFORE = 0.5  # of what tolerances make of an arm: a calibration that predicts no less says little
+_UNINFORMATIVE = 0.5  # of what tolerances make of an arm: a calibration that predicts no less says little
 _ROUGHLY = 1.1  # times the predicted mean error: as much a campaign's own differs from what is predicted
 _MOST_FITTED = 0.5  # of the validation poses: if more were fitted, they validate nothing
 _FLOOR_M = 1e-7  # errors below are rounding
@@ -378,7 +378,7 @@ class _Calibration:
     def _share_without_noise(self) -> float:
         """The share of the measured errors that is the arm's: the rest is the noise of the validation, where known."""
         errors, found = self.validation.errors, self.identification
-        if errors is None or self.validation.judged_by == "fresh" or not found.sigma_known:
+        if errors is None or self.validation.judged_by == "fresh" or not found.sigma_given:
             return 1.0
         square = float(np.nanmean(errors.after**2))
         return float(np.sqrt(max(1 - 3 * found.sigma_m**2 / square, 0.0))) if square > 0 else 1.0
@@ -402,7 +402,7 @@ class _Calibration:
         found, predicted = self.identification, self.workspace.rms_m
         if self.validation.judged_by == "fresh":
             return predicted if np.isfinite(predicted) else 0.0
-        if not found.sigma_known:
+        if not found.sigma_given:
             return 0.0
         return float(np.sqrt(3 * found.sigma_m**2 + np.nan_to_num(predicted) ** 2))
 
@@ -429,7 +429,7 @@ class _Calibration:
     def _residuals(self) -> Check:
         """Compare the residuals with the given noise: passed where they are rounding."""
         found = self.identification
-        given = found.sigma_known and found.sigma_m > 0
+        given = found.sigma_given and found.sigma_m > 0
         times = found.residual_sigma_m / found.sigma_m if given else float("nan")
         return Check("fit.residuals", "passed" if found.residual_sigma_m < _FLOOR_M else "noted", times)
 
@@ -489,7 +489,7 @@ class _Calibration:
         """
         region = self.region
         if self.gate_m is None:
-            limit, lacking = _KNOWN_BEFORE * region.uncalibrated_rms_m, False
+            limit, lacking = _UNINFORMATIVE * region.uncalibrated_rms_m, False
             failed = region.p95_m > limit > 0
             times = region.p95_m / limit if failed else 0.0
         else:

@@ -15,7 +15,7 @@ from lab.kinematics.model import Model
 from lab.noise.error_model import Clock, ErrorModel, row_times, within_session
 from lab.noise.error_term import Components, ErrorShapes
 from lab.noise.instruments import Instrument, is_isotropic
-from lab.noise.terms import HARDLY_CORRELATED, correlation_of
+from lab.noise.terms import UNCORRELATED, correlation_of
 
 __all__ = ["Noise", "correlated", "error_shapes", "joined", "root_mean_square_sigma", "weighed", "weighted_constraints"]
 
@@ -36,7 +36,7 @@ class Noise:
     @property
     def independent(self) -> "Noise":
         """The noise without shared errors that were estimated from residuals."""
-        return self if self.shared is None or self.shared.is_known else replace(self, shared=None)
+        return self if self.shared is None or self.shared.is_given else replace(self, shared=None)
 
 
 def weighed(observation: Observation, data: Measurements, noise: Noise) -> tuple[Observations, bool]:
@@ -150,9 +150,9 @@ def correlated(
     times, unit = row_times(data, shared.clock), 1.0 if known else shared.sigma_m
     shapes = error_shapes(model, alone, values, data.joints.shape[1], times, shared.clock)
     for term in shared.terms:
-        shapes = term.changed_at(shapes, shared.moves, another_day=shared.clock is None)
+        shapes = term.changed_at(shapes, shared.moves, another_session=shared.clock is None)
     variances = {term.name: (shared.size(term.name) / unit) ** 2 for term in shared.terms}
-    carry = shared.carry if shared.carry > HARDLY_CORRELATED else 0.0
+    carry = shared.carry if shared.carry > UNCORRELATED else 0.0
     correlation = correlation_of(shapes, Components(variances, carry))
     if shared.counts_rad is not None:
         rounded = shapes.scatter @ shared.counts_rad / unit

@@ -182,10 +182,10 @@ def predict_over_workspace(
         beyond = float((measured.beyond(joints) > 0).any(axis=1).mean())
         uncovered = float(measured.uncovered(joints).mean())
     rms = float(np.sqrt(np.trace(squares, axis1=1, axis2=2).mean()))
-    known = identification.sigma_known and not lack_of_fit
+    known = identification.sigma_given and not lack_of_fit
     dof = None if known else max(identification.dof, 1)
     larger = 1.0
-    if lack_of_fit and identification.sigma_known and identification.dof_each is None:  # the poses' own say it already
+    if lack_of_fit and identification.sigma_given and identification.dof_each is None:  # the poses' own say it already
         larger = max(identification.residual_sigma_m / identification.sigma_m, 1.0)
     mean, most = MEAN_OF_RMS * rms, length_not_exceeded(squares, dof)
     return WorkspacePrediction(rms, larger * mean, larger * most, of_tolerances, beyond, uncovered)
@@ -349,7 +349,7 @@ def distances_from_nominal(identification: Identification, tolerance: Tolerance)
     """
     model, structure = identification.model, identification.base_set
     free, std = list(identification.fit.free), identification.std
-    spread = _spread_of_kept(model, structure, tolerance)
+    spread = _spread_of_retained(model, structure, tolerance)
     felt = _felt_per_unit(identification)
     found = []
     for i, deviation, effect in zip(free, np.nan_to_num(std), felt, strict=True):
@@ -373,12 +373,12 @@ def _felt_per_unit(identification: Identification) -> Array:
     """
     found = identification
     numbers = max(found.dof + len(found.fit.free), 1)
-    sigma = found.sigma_m if found.sigma_known else 1.0
+    sigma = found.sigma_m if found.sigma_given else 1.0
     unit = np.sqrt(np.maximum(np.diag(found.fit.unit_covariance()), np.finfo(float).tiny))
     return np.asarray(np.sqrt(3 / numbers) * sigma / unit)
 
 
-def _spread_of_kept(model: Model, structure: BaseSet, tolerance: Tolerance) -> Array:
+def _spread_of_retained(model: Model, structure: BaseSet, tolerance: Tolerance) -> Array:
     """Return the standard deviation ``(kept,)`` of the identified parameters by the tolerances of all."""
     sigma = standard_deviations(model, tolerance)
     drawn = np.isfinite(sigma)

@@ -31,10 +31,10 @@ from lab.kinematics.model import RigidArm
 from lab.noise.instruments import Instrument, is_isotropic, observing
 from lab.pose_selection.criteria import Criterion, Scaling, criterion
 from lab.pose_selection.exchange import Design, Feasible, Sensitivity, ascend, exchange, information
-from lab.pose_selection.tour import FreePath, fastest_way
+from lab.pose_selection.tour import FreePath, fastest_path
 from lab.render.terminal import Stage, no_stage
 from lab.simulation.candidate_poses import MARGIN, Candidates, draw_candidates, feasibility, seeing_station
-from lab.simulation.collisions import LOWER_CLEARANCE, collides, collisions_in_words, random_poses, unchecked
+from lab.simulation.collisions import LOWER_CLEARANCE, collides, describe_collisions, random_poses, unchecked
 from lab.simulation.free_path import path_check, planning_model
 from lab.simulation.model import RobotModel
 
@@ -48,7 +48,7 @@ __all__ = [
     "pose_problem",
     "reachability",
     "refusals",
-    "stops_in_order",
+    "waypoints_in_order",
 ]
 
 _BLOCK = 500  # ways that are looked at, and kept, together
@@ -124,7 +124,7 @@ def refusals(model: RobotModel, access: ReachabilityGraph | None) -> Callable[[A
     """
 
     def refused(joints: Array) -> list[str]:
-        said = [f"collision: {words}" if words else "" for words in collisions_in_words(model, joints)]
+        said = [f"collision: {words}" if words else "" for words in describe_collisions(model, joints)]
         for i, words in enumerate(said):
             if access is not None and not words and not access.reachable(joints[i : i + 1])[0]:
                 said[i] = "no way that is free of collisions was found from home to it"
@@ -133,7 +133,7 @@ def refusals(model: RobotModel, access: ReachabilityGraph | None) -> Callable[[A
     return refused
 
 
-def stops_in_order(
+def waypoints_in_order(
     chain: JointSpec,
     access: ReachabilityGraph,
     joints: Array,
@@ -166,7 +166,7 @@ def stops_in_order(
         stops, which = [], []
         for i in range(first, last):
             progress(i, len(joints) + 1)
-            way = fastest_way(nodes[i], nodes[i + 1], access.hubs, chain, free)[1:]
+            way = fastest_path(nodes[i], nodes[i + 1], access.hubs, chain, free)[1:]
             stops.append(way)
             which.append(np.append(np.full(len(way) - 1, -1), i if i < len(joints) else -1))
         return {"stops": np.concatenate(stops), "which": np.concatenate(which)}
@@ -377,27 +377,27 @@ def _home(
 ) -> tuple[Array, tuple[str, ...]]:
     """Return the requested home; else the robot's home, or a near pose if the arm collides with itself there."""
     if options.home:
-        return _asked_home(options.home, chain, model), ()
+        return _home_option(options.home, chain, model), ()
     home = free_home(model, candidates)
     if np.array_equal(home, chain.home):
         return home, ()
-    touches = collisions_in_words(model, chain.home[None])[0]
-    if chain.said_home is not None:
+    touches = describe_collisions(model, chain.home[None])[0]
+    if chain.given_home is not None:
         raise LabError(f"[home] of the cell: {touches} there; start elsewhere, or {LOWER_CLEARANCE}")
     return home, (f"robot {chain.name} at home: {touches}; the tour starts from a pose near it",)
 
 
-def _asked_home(given: Sequence[float], chain: JointSpec, model: RobotModel) -> Array:
+def _home_option(given: Sequence[float], chain: JointSpec, model: RobotModel) -> Array:
     """The joint positions ``(n,)`` that ``--home`` says."""
     said = f"--home {','.join(f'{number:g}' for number in given)}"
     if len(given) != chain.size or not np.isfinite(given).all():
         raise LabError(f"{said}: give one finite number for each of {', '.join(chain.joint_names)}")
     home = joints_to_si(np.array(given), chain.prismatic)
     if (beyond := np.flatnonzero(chain.beyond_limits(home[None], 1e-9)[0])).size:
-        raise LabError(f"{said}: {chain.said_beyond(int(beyond[0]), home[beyond[0]])}; start within")
+        raise LabError(f"{said}: {chain.limit_note(int(beyond[0]), home[beyond[0]])}; start within")
     if why := chain.infeasibility_reason(home):
         raise LabError(f"{said}: {why}; start elsewhere")
-    if touches := collisions_in_words(model, home[None])[0]:
+    if touches := describe_collisions(model, home[None])[0]:
         raise LabError(f"{said}: {touches} there; start elsewhere, or {LOWER_CLEARANCE}")
     return home
 

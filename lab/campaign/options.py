@@ -39,7 +39,7 @@ __all__ = ["DesignOptions", "VirtualCampaign", "check_common", "check_region"]
 
 
 @dataclass(frozen=True)
-class _VirtualDay:
+class _VirtualSession:
     """A virtual arm, how it is measured, and how its parameters are fitted."""
 
     robot: str = "irb120"
@@ -88,7 +88,7 @@ class _VirtualDay:
 
 
 @dataclass(frozen=True)
-class VirtualCampaign(SensorOptions, VirtualSetup, _VirtualDay):
+class VirtualCampaign(SensorOptions, VirtualSetup, _VirtualSession):
     """A campaign on a virtual arm."""
 
     def kind(self) -> "VirtualSensor":

@@ -195,14 +195,14 @@ class Robot(ABC):
         """
 
     @property
-    def kept_file(self) -> str:
+    def stored_file(self) -> str:
         """The one of ``description_files`` that a run keeps: in the format that the robot was given in, or near it."""
         return self.description_files[-1] if self.model.path.suffix == ".toml" else self.description_files[0]
 
     @property
-    def kept_files(self) -> tuple[str, ...]:
+    def stored_files(self) -> tuple[str, ...]:
         """The ones that a run keeps: also those of the controller's maker, where they are of such a robot."""
-        return (self.kept_file, *(each.file for each in MAKER_FORMATS if each.file in self.description_files))
+        return (self.stored_file, *(each.file for each in MAKER_FORMATS if each.file in self.description_files))
 
     def placed_in(self, cell: Path | None) -> Self:
         """The robot in the cell that a file describes; as it is, without a file.
@@ -237,7 +237,7 @@ class Robot(ABC):
         if outside.any():
             row, joint = np.argwhere(outside)[0].tolist()
             raise LabError(
-                f"{path}: {data.where(row)}, {self.chain.said_beyond(joint, data.joints[row, joint])}; mend the pose, "
+                f"{path}: {data.where(row)}, {self.chain.limit_note(joint, data.joints[row, joint])}; mend the pose, "
                 "or the column's unit, or take the right --robot"
             )
 

@@ -34,11 +34,11 @@ from lab.simulation.true_robot import GeometryErrors, TrueRobot, before_stations
 
 __all__ = [
     "FRESH_POSES",
-    "asked_conditions",
-    "drawn_conditions",
+    "draw_conditions",
     "fresh_poses",
     "perturbed_arm",
     "poses_to_measure",
+    "requested_conditions",
     "truth_of",
 ]
 
@@ -138,7 +138,7 @@ def _station_columns(robot: Robot, options: VirtualCampaign, stations: NDArray[n
     return station_columns(robot.model, stations)
 
 
-def asked_conditions(robot: Robot, options: VirtualCampaign) -> tuple[str, ...]:
+def requested_conditions(robot: Robot, options: VirtualCampaign) -> tuple[str, ...]:
     """Return the conditions to record at each pose: those that the model may request and those that options set."""
     groups = GROUPS if options.fitting.parametric == "auto" else options.fitting.groups
     asked: dict[str, None] = {}
@@ -152,7 +152,7 @@ def asked_conditions(robot: Robot, options: VirtualCampaign) -> tuple[str, ...]:
     return tuple(asked)
 
 
-def drawn_conditions(
+def draw_conditions(
     real: TrueRobot, options: VirtualCampaign, poses: int, rng: np.random.Generator, asked: Sequence[str]
 ) -> dict[str, Array]:
     """Draw the conditions of each of so many poses of a campaign."""
@@ -165,5 +165,5 @@ def fresh_poses(real: TrueRobot, options: VirtualCampaign, asked: Sequence[str])
     """Simulate the real arm's targets at poses that were never measured, with conditions of their own."""
     rng = rng_for(options.seed, "fresh")
     poses = random_poses(real.robot, FRESH_POSES, rng)
-    conditions = drawn_conditions(real, options, len(poses), rng, asked)
+    conditions = draw_conditions(real, options, len(poses), rng, asked)
     return recorded(real, poses, options.targets, real.points(poses, options.targets, conditions), conditions)

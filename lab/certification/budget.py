@@ -41,12 +41,12 @@ __all__ = [
     "FrameMotion",
     "InputQuantity",
     "KinematicDraws",
-    "KnownSpread",
     "Measurand",
     "Placement",
     "Propagated",
     "Propagation",
     "RandomErrors",
+    "RandomScatter",
     "budget_of",
     "lack_of_fit_of",
     "motion_of",
@@ -440,12 +440,12 @@ LARGEST_SCALE_ERROR = 5e-3  # relative: more makes links longer than manufacture
 _DETECTED = 0.95  # chance with which a move of this size would have been found
 
 _OF_AIR = ("air_temperature", "temperature_gradient")
-_LEAST_FREEDOM = 3.0  # that a budget can state
+_MIN_DOF = 3.0  # that a budget can state
 Placement = Literal["in the noise", "in the residuals", "beside"]
 
 
 @dataclass(frozen=True)
-class KnownSpread:
+class RandomScatter:
     """Random scatter of positions, per axis, and its source.
 
     Attributes:
@@ -462,7 +462,7 @@ class KnownSpread:
     @property
     def uncertainty(self) -> Uncertain:
         """Scatter as an uncertainty with its degrees of freedom."""
-        return Uncertain(self.sigma_m, freedom=max(self.freedom, _LEAST_FREEDOM))
+        return Uncertain(self.sigma_m, freedom=max(self.freedom, _MIN_DOF))
 
 
 @dataclass(frozen=True)
@@ -481,12 +481,12 @@ class RandomErrors:
     """
 
     covariance: Array
-    noise: KnownSpread
+    noise: RandomScatter
     placement: Placement
-    repeatability: KnownSpread | None
+    repeatability: RandomScatter | None
     scatter_counted: bool
-    model: KnownSpread | None
-    in_time: KnownSpread | None = None
+    model: RandomScatter | None
+    in_time: RandomScatter | None = None
 
     @property
     def known(self) -> bool:
@@ -556,7 +556,7 @@ def motion_of(propagation: Propagation, motion: FrameMotion) -> InputQuantity:
     so that a distance between them has it twice.
     """
     each = np.broadcast_to(np.eye(3), (len(propagation.positions), 3, 3))
-    known = Uncertain(motion.offset_m / float(np.sqrt(3)), freedom=max(motion.freedom, _LEAST_FREEDOM))
+    known = Uncertain(motion.offset_m / float(np.sqrt(3)), freedom=max(motion.freedom, _MIN_DOF))
     said = "stability", "stability", motion.source, MICRONS, known
     return InputQuantity(*said, each, anew=True, detail=motion.detail)
 
@@ -564,7 +564,7 @@ def motion_of(propagation: Propagation, motion: FrameMotion) -> InputQuantity:
 def lack_of_fit_of(propagation: Propagation, sigma_m: float, freedom: float, source: str) -> InputQuantity:
     """Return the excess of the validation errors over the rest of the budget, as an input quantity."""
     each = np.broadcast_to(np.eye(3), (len(propagation.positions), 3, 3))
-    known = Uncertain(sigma_m, freedom=max(freedom, _LEAST_FREEDOM))
+    known = Uncertain(sigma_m, freedom=max(freedom, _MIN_DOF))
     detail = "errors on validation poses that the budget does not explain"
     return InputQuantity("model", "lack of fit", source, MICRONS, known, each, anew=True, detail=detail)
 

@@ -23,7 +23,7 @@ from lab.core.significance import CERTIFICATE_VALIDATION
 __all__ = ["LackOfFit", "ValidationErrors", "lack_of_fit"]
 
 _SHARE = 0.95
-_LEAST_FREEDOM = 3.0  # that a budget can state
+_MIN_DOF = 3.0  # that a budget can state
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ def lack_of_fit(found: ValidationErrors) -> LackOfFit:
         length_not_exceeded(squares, freedom),
         p,
         sigma,
-        max(share**2 * found.poses, _LEAST_FREEDOM),
+        max(share**2 * found.poses, _MIN_DOF),
         found.poses,
     )
 

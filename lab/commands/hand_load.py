@@ -8,7 +8,7 @@ import numpy as np
 
 from lab.campaign.robot import Robot
 from lab.commands.result import plain_numbers
-from lab.commands.run_folder import LOAD_FILE, said_of_edits
+from lab.commands.run_folder import LOAD_FILE, check_edits
 from lab.core.errors import LabError
 from lab.core.limits import LENGTH_M, PAYLOAD_KG
 from lab.core.linear_model import refuse_impossible_covariance
@@ -106,5 +106,5 @@ def read_hand_load(folder: Path, *, accept_edited: bool = False) -> HandLoad:
         raise LabError(f"--load {folder}: mass and centre of mass were not identified there; record more poses")
     if np.isfinite(covariance).all():
         refuse_impossible_covariance(f"--load {path}", covariance)
-    said_of_edits(folder, (LOAD_FILE,), accept=accept_edited)
+    check_edits(folder, (LOAD_FILE,), accept=accept_edited)
     return HandLoad(found.mass_kg, centre, covariance)

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from lab.campaign.robot import Robot, load_robot
-from lab.commands.calibrate.run import MeasuringDay, robot_of
+from lab.commands.calibrate.run import MeasurementSession, robot_of
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
@@ -82,7 +82,7 @@ def write_measurements(path: str | Path, measurements: Measurements, robot: str 
         raise LabError(f"{path}: cannot be written ({error.strerror}); give another path") from error
 
 
-def world_frames(of: str | Path | Robot | MeasuringDay) -> WorldFrames:
+def world_frames(of: str | Path | Robot | MeasurementSession) -> WorldFrames:
     """Return the frames of the instrument and of the robot's base in the world of the MuJoCo model.
 
     Args:
@@ -98,7 +98,7 @@ def world_frames(of: str | Path | Robot | MeasuringDay) -> WorldFrames:
         >>> R, t = frames.T_world_instrument[:3, :3], frames.T_world_instrument[:3, 3]
         >>> in_world = day.measurements.points @ R.T + t  # as MuJoCo has the points, up to what is measured with noise
     """
-    if isinstance(of, MeasuringDay):
+    if isinstance(of, MeasurementSession):
         return WorldFrames(of.true_robot.T_world_tracker, of.robot.T_world_frame0)
     robot = load_robot(of)
     return WorldFrames(robot.model.T_world_tracker, robot.T_world_frame0)

@@ -26,7 +26,7 @@ class Command:
         run: ``module:function`` that makes a ``Result`` of them.
         folder: the name of a run's folder, with options in braces (of files and robots their stems); "" for a command
             that writes no run, or looks after its folder itself.
-        writes_if_asked: it has no such name, and writes a run only where ``--out`` names its folder.
+        writes_on_request: it has no such name, and writes a run only where ``--out`` names its folder.
         resumed: it keeps pieces of its work as they are done, and goes on with them where ``--resume`` asks for it.
     """
 
@@ -35,7 +35,7 @@ class Command:
     options: str
     run: str
     folder: str = ""
-    writes_if_asked: bool = False
+    writes_on_request: bool = False
     resumed: bool = False
 
     def load_options(self) -> type[Any]:
@@ -142,7 +142,7 @@ COMMANDS = (
         "Say of every arm of a folder of runs whether it is good, when it was checked, and when it is next due.",
         "lab.commands.status.options:StatusOptions",
         "lab.commands.status.run:status",
-        writes_if_asked=True,
+        writes_on_request=True,
     ),
     Command(
         "migrate",

@@ -51,6 +51,7 @@ __all__ = [
     "SCHEMA",
     "VIA",
     "Stops",
+    "check_edits",
     "command_line",
     "config",
     "free_name",
@@ -62,7 +63,6 @@ __all__ = [
     "refuse_edits",
     "refuse_own_name",
     "run_folder",
-    "said_of_edits",
     "unfinished",
     "versions",
     "write_config",
@@ -248,7 +248,7 @@ def run_folder(out: Path, inputs: Sequence[Path] = (), *, overwrite: bool = Fals
         _refuse_other_files(out)
         with draft_of(place, replacing=overwrite) as draft:
             begun = True
-            with _known_by_name(draft):
+            with _hide_draft_path(draft):
                 yield draft
             (draft / CHECKSUMS).write_text(checksum_lines(draft), encoding="utf-8")
     except OSError as error:
@@ -259,7 +259,7 @@ def run_folder(out: Path, inputs: Sequence[Path] = (), *, overwrite: bool = Fals
 
 
 @contextmanager
-def _known_by_name(draft: Path) -> Iterator[None]:
+def _hide_draft_path(draft: Path) -> Iterator[None]:
     """Raise only the cause if a file in the draft cannot be written: the user does not know the draft's path."""
     try:
         yield
@@ -419,7 +419,7 @@ def _indented(value: Any, level: int) -> Iterator[str]:
 _ACCEPT_EDITED = "--accept-edited"
 
 
-def said_of_edits(folder: Path, names: Sequence[str], *, accept: bool) -> tuple[str, ...]:
+def check_edits(folder: Path, names: Sequence[str], *, accept: bool) -> tuple[str, ...]:
     """Refuse files of a run that were changed since it was written, or tell of them where they are accepted.
 
     A run of an older lab that never had checksums is read with a word about it.
@@ -453,7 +453,7 @@ def refuse_edits(folder: Path) -> None:
         LabError: one was, or the checksums of a run that had some are gone.
     """
     own = (path.relative_to(folder) for path in folder.rglob("*") if path.is_file() and path != folder / CHECKSUMS)
-    said_of_edits(folder, sorted({*(path.as_posix() for path in own), *input_names(folder)}), accept=False)
+    check_edits(folder, sorted({*(path.as_posix() for path in own), *input_names(folder)}), accept=False)
 
 
 def is_older(folder: Path) -> bool:

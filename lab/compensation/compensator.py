@@ -30,7 +30,7 @@ from lab.kinematics.inverse.closed_form import Solutions
 from lab.kinematics.inverse.newton import FREEDOMS, PLACES, PoseTarget, reach, shortest_step, tool_at, within_reach
 from lab.kinematics.joints import JointSpec
 
-__all__ = ["AGREED_M", "ASKED_FOR", "CLEAR_RAD", "NEAR_RAD", "Compensation", "Compensator", "Refusals"]
+__all__ = ["AGREED_M", "CLEAR_RAD", "NEAR_RAD", "REQUESTED_BRANCH", "Compensation", "Compensator", "Refusals"]
 
 CLEAR_RAD = np.deg2rad(5.0)  # of a singularity, where the rotation is free to choose
 _MOST_LEFT_OUT_M = 10e-3  # of a place, by an arm with one or two joints; what is farther off is out of its reach
@@ -38,7 +38,7 @@ _AIMINGS = 3  # of the nominal model's inverse at what the arm misses, before Ne
 _ROUNDS = 50  # of the schemes (b) and (c)
 _SETTLED_M, _SETTLED_RAD = 1e-9, 1e-9  # an error that they leave
 _NO_OTHER = "; no other solution of the inverse is free of that and within limits"
-ASKED_FOR = "the row's joint positions ask for this solution, so leave them empty to have others tried"
+REQUESTED_BRANCH = "the row's joint positions ask for this solution, so leave them empty to have others tried"
 _BLOCK = 2_000  # targets that are worked out at a time
 _TRIED = 20  # random poses, in one of which the arm moves its tool every way if it ever does
 
@@ -196,7 +196,7 @@ class Compensator:
     arm: Arm
     values: Array
     refusals: Refusals | None = None
-    bound: str = ASKED_FOR
+    bound: str = REQUESTED_BRANCH
     progress: Progress = no_progress
     keep: Keep = at_once
 

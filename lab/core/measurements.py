@@ -22,11 +22,11 @@ __all__ = [
     "Visits",
     "asked",
     "copied_rows",
+    "describe_copies",
     "evenly",
     "last_moves",
     "measured",
     "rows_called",
-    "said_of_copies",
     "seen_mask",
     "setups",
     "thinned",
@@ -273,7 +273,7 @@ def copied_rows(numbers: Array) -> list[tuple[int, int]]:
     return [(int(row), int(earlier[row])) for row in np.flatnonzero(earlier != np.arange(len(numbers)))]
 
 
-def said_of_copies(source: object, count: int, row: str, same: str) -> str:
+def describe_copies(source: object, count: int, row: str, same: str) -> str:
     """Describe copied rows, for a warning or an error.
 
     Args:
@@ -302,7 +302,7 @@ def without_copies(path: Path, data: Measurements) -> Measurements:
     copies = [(int(seen[row]), int(seen[same])) for row, same in copied_rows(numbers[seen])]
     if not copies:
         return data
-    said, left = said_of_copies(path, len(copies), *map(data.where, copies[0])), len(data) - len(copies)
+    said, left = describe_copies(path, len(copies), *map(data.where, copies[0])), len(data) - len(copies)
     if left < LEAST_ROWS:
         raise LabError(f"{said}: {counted(left, 'row')} {be(left)} left; measure more poses")
     gone = {row for row, _ in copies}

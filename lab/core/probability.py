@@ -39,7 +39,7 @@ __all__ = [
 ]
 
 DistributionName = Literal["normal", "rectangular", "triangular", "arcsine"]
-_LEAST_FREEDOM = 3.0  # below, Student's t has no variance that a standard uncertainty could be
+_MIN_DOF = 3.0  # below, Student's t has no variance that a standard uncertainty could be
 
 
 @dataclass(frozen=True)
@@ -59,8 +59,8 @@ class Uncertain:
     def __post_init__(self) -> None:
         if not 0 <= self.standard < np.inf:
             raise LabError(f"a standard uncertainty of {self.standard:g}: give a finite one of zero or more")
-        if not self.freedom >= _LEAST_FREEDOM:
-            raise LabError(f"freedom = {self.freedom:g}: give {_LEAST_FREEDOM:g} or more, or leave it out")
+        if not self.freedom >= _MIN_DOF:
+            raise LabError(f"freedom = {self.freedom:g}: give {_MIN_DOF:g} or more, or leave it out")
         if np.isfinite(self.freedom) and self.distribution != "normal":
             raise LabError(f"freedom goes with a normal distribution, not with a {self.distribution} one")
 

@@ -153,7 +153,7 @@ def _as_wished(model: Model, usual: BaseSet, fix: Sequence[int], free: Sequence[
         name = model.names[lost[0]]
         why = f"it is hidden in {', '.join(into)}: fix one of these in its place" if into else "nothing shows it"
         raise LabError(f"--free {name}: {name} is not identifiable; {why}")
-    found = _of_kept(upper, kept)
+    found = _of_retained(upper, kept)
     beyond = [i for i in found.fixed if len(independent_columns(upper, [*kept, i])) > len(kept)]
     return replace(found, held=tuple(beyond))
 
@@ -161,10 +161,10 @@ def _as_wished(model: Model, usual: BaseSet, fix: Sequence[int], free: Sequence[
 def base_set_of(jacobian: Array, order: Sequence[int]) -> BaseSet:
     """The base set of a Jacobian ``(rows, p)``, its columns preferred in ``order``."""
     upper = triangle(jacobian)  # the same inner products, fewer rows
-    return _of_kept(upper, independent_columns(upper, order))
+    return _of_retained(upper, independent_columns(upper, order))
 
 
-def _of_kept(upper: Array, kept: tuple[int, ...]) -> BaseSet:
+def _of_retained(upper: Array, kept: tuple[int, ...]) -> BaseSet:
     return BaseSet(kept, tuple(i for i in range(upper.shape[1]) if i not in kept), upper)
 
 

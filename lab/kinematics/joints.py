@@ -66,7 +66,7 @@ class JointSpec:
         sign: ``(n,)``, +1 or -1, how a joint's position counts.
         lower, upper: ``(n,)`` limits of the joint positions, rad or m.
         speed, acceleration: ``(n,)`` largest ones of the joints, rad or m per s or s^2; NaN where unknown.
-        said_home: ``(n,)`` joint positions to start from, where somebody has said them.
+        given_home: ``(n,)`` joint positions to start from, where somebody has said them.
         encoders: whose whole counts the joint positions are; None for ideal ones.
         jerk: ``(n,)`` largest ones of the joints, rad or m per s^3, infinite where not limited; None where none is.
         gear_ratio: ``(n,)`` turns of each motor for a turn of its joint (rad per m of a slide); None where unknown.
@@ -80,7 +80,7 @@ class JointSpec:
     upper: Array
     speed: Array
     acceleration: Array
-    said_home: Array | None = None
+    given_home: Array | None = None
     encoders: Encoders | None = None
     gear_ratio: Array | None = None
     jerk: Array | None = None
@@ -107,7 +107,7 @@ class JointSpec:
     @property
     def home(self) -> Array:
         """Joint positions ``(n,)`` to start from: those that are said, else nominal ones."""
-        return self.nominal_home if self.said_home is None else self.said_home
+        return self.nominal_home if self.given_home is None else self.given_home
 
     @property
     def nominal_home(self) -> Array:
@@ -158,7 +158,7 @@ class JointSpec:
         """A joint position (rad or m) of a joint (from 0), or its speed, in the unit in which people read it."""
         return self.unit(joint).text(value, 6).replace("-", "−")
 
-    def said_beyond(self, joint: int, reading: float) -> str:
+    def limit_note(self, joint: int, reading: float) -> str:
         """Describe a joint (from 0) that is beyond its limits."""
         low, high = (self.shown(joint, limit[joint]) for limit in (self.lower, self.upper))
         return (

@@ -93,7 +93,7 @@ class ErrorModel:
         return tuple(term.kind for term in self.terms)
 
     @property
-    def is_known(self) -> bool:
+    def is_given(self) -> bool:
         """True if nothing was estimated from residuals: only encoder counts add to the instrument's noise."""
         return self.counts_rad is not None and not self.terms
 
@@ -103,7 +103,7 @@ class ErrorModel:
         return self.size("scatter")
 
     @property
-    def wandering_m(self) -> float:
+    def autocorrelated_m(self) -> float:
         """Standard deviation of a shift that is correlated in time, of one coordinate."""
         return self.size("shift")
 

@@ -137,6 +137,6 @@ class ErrorTerm(ABC):
         """Return the mean variance (m^2) of a coordinate that the base's part of it makes in its own campaign."""
         return size**2
 
-    def changed_at(self, of: ErrorShapes, moves: Sequence[Move], *, another_day: bool) -> ErrorShapes:
+    def changed_at(self, of: ErrorShapes, moves: Sequence[Move], *, another_session: bool) -> ErrorShapes:
         """Return the shapes of errors whose change points are known: as they are, where the term has none."""
         return of

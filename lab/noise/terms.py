@@ -16,9 +16,9 @@ from lab.noise.change_points import ANOTHER_DAY, before_and_after
 from lab.noise.correlation import Correlation
 from lab.noise.error_term import Components, ErrorShapes, ErrorSizes, ErrorTerm, Move
 
-__all__ = ["HARDLY_CORRELATED", "TERMS", "correlation_of", "term_called"]
+__all__ = ["TERMS", "UNCORRELATED", "correlation_of", "term_called"]
 
-HARDLY_CORRELATED = 0.15  # a correlation from one pose to the next that is taken as none: the search ends at 0.1
+UNCORRELATED = 0.15  # a correlation from one pose to the next that is taken as none: the search ends at 0.1
 _CORRELATIONS = 3.0  # how many independent correlations are as good as tried
 
 
@@ -44,7 +44,7 @@ class JointScatter(ErrorTerm):
         return 0.0
 
 
-class Wandering(ErrorTerm):
+class AutocorrelatedShift(ErrorTerm):
     """A shift of the base or the instrument that is correlated in time (AR(1)), of one coordinate."""
 
     name: ClassVar[str] = "shift"
@@ -60,7 +60,7 @@ class Wandering(ErrorTerm):
     def words(self, size: float, of: ErrorSizes) -> tuple[str, ...]:
         """Describe the shift and its correlation."""
         said = f"{MICRONS.text(size, 2)} (1σ per axis)"
-        if of.carry > HARDLY_CORRELATED:
+        if of.carry > UNCORRELATED:
             return (f"errors are correlated in time: {said}, {of.carry:.2g} from one pose to the next",)
         return (f"errors that each pose has of its own: {said}, hardly correlated in time",)
 
@@ -114,12 +114,12 @@ class ChangePoints(ErrorTerm):
         """Return the mean square of the moves about their means over the rows."""
         return sum(move.size_m**2 * move.change.share * (1 - move.change.share) / 3 for move in moves)
 
-    def changed_at(self, of: ErrorShapes, moves: Sequence[Move], *, another_day: bool) -> ErrorShapes:
+    def changed_at(self, of: ErrorShapes, moves: Sequence[Move], *, another_session: bool) -> ErrorShapes:
         """Return the shapes with the change points of the moves; on another day with the same shift in all rows."""
-        return replace(of, changes=(ANOTHER_DAY,) if another_day else tuple(move.change for move in moves))
+        return replace(of, changes=(ANOTHER_DAY,) if another_session else tuple(move.change for move in moves))
 
 
-TERMS: tuple[ErrorTerm, ...] = (JointScatter(), Wandering(), Drift(), ChangePoints())
+TERMS: tuple[ErrorTerm, ...] = (JointScatter(), AutocorrelatedShift(), Drift(), ChangePoints())
 """All terms, in the order in which their covariances are added and written."""
 
 

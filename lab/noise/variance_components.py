@@ -178,7 +178,7 @@ class RestrictedProblem:
         white = (np.concatenate([rows, lasting], axis=2) if count else rows) * weight
         squares, determinant = _gram(white), -2 * float(np.log(weight).sum())
         if components[_IN_TIME.name]:
-            more, extra = self._wandering(white, shift * weight, components)
+            more, extra = self._autocorrelated(white, shift * weight, components)
             squares, determinant = squares - more, determinant + extra
         if not count:
             return squares, determinant
@@ -189,7 +189,7 @@ class RestrictedProblem:
             determinant + float(np.linalg.slogdet(inner)[1]),
         )
 
-    def _wandering(self, white: Array, shift: Array, components: Components) -> tuple[Array, float]:
+    def _autocorrelated(self, white: Array, shift: Array, components: Components) -> tuple[Array, float]:
         """Return an autoregressive (AR(1)) shift's reduction of the products, and its share of log|V| (Woodbury)."""
         order = np.argsort(self.shapes.times, kind="stable")
         white, shift = white[order], shift[order]
@@ -476,7 +476,7 @@ def small_sample(problem: RestrictedProblem, estimate: Estimate) -> SmallSample:
 
 
 @dataclass(frozen=True)
-class _Look:
+class _Evaluation:
     """At some variances: the covariance ``(f, f)`` of the parameters, and the deviance."""
 
     covariance: Array
@@ -509,13 +509,13 @@ class _Point:
                 found["carry"] = float(np.log(carry / (1 - carry)))
         return _Point(tuple(found), np.array(list(found.values())), scale)
 
-    def look(self, problem: RestrictedProblem, values: Array) -> _Look:
+    def look(self, problem: RestrictedProblem, values: Array) -> _Evaluation:
         """Covariance and deviance at other values."""
         found = dict(zip(self.names, np.exp(values).tolist(), strict=True))
         scale, odds = found.pop("scale", self.scale), found.pop("carry", 0.0)
         components = Components({name: value / scale for name, value in found.items()}, odds / (1 + odds))
         there = problem.at(components, scale)
-        return _Look(scale * np.linalg.inv(there.information), there.deviance)
+        return _Evaluation(scale * np.linalg.inv(there.information), there.deviance)
 
 
 def _bounded(covariance: Array, more: Array) -> Array:

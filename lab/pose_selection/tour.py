@@ -35,7 +35,7 @@ __all__ = [
     "RoadmapGraph",
     "Tour",
     "double_bridge",
-    "fastest_way",
+    "fastest_path",
     "improve",
     "lengths",
     "move_seconds",
@@ -304,7 +304,7 @@ class RoadmapGraph:
         return bool(np.isfinite(self._graph[a, b]))
 
 
-def fastest_way(start: Array, end: Array, safe: Array, chain: JointSpec, free: FreePath) -> Array:
+def fastest_path(start: Array, end: Array, safe: Array, chain: JointSpec, free: FreePath) -> Array:
     """The fastest free way between two joint positions ``(n,)``, straight or by way of others.
 
     Args:
@@ -346,8 +346,8 @@ def with_reference(tour: Tour, every: int, safe: Array, chain: JointSpec, free: 
             stops.append(tour.stops[here + 1 : end])
             measured += tour.measured[here + 1 : end].tolist()
             continue
-        there = fastest_way(tour.stops[here], reference, safe, chain, free)[1:]
-        back = fastest_way(reference, tour.stops[end], safe, chain, free)[1:-1]
+        there = fastest_path(tour.stops[here], reference, safe, chain, free)[1:]
+        back = fastest_path(reference, tour.stops[end], safe, chain, free)[1:-1]
         stops += [there, back]
         measured += [-1] * (len(there) - 1) + [int(tour.order[0])] + [-1] * len(back)
     stops.append(tour.stops[-1:])

@@ -75,7 +75,7 @@ class ErrorScene:
         joints: ``(m, joints)`` of the poses, in their order.
         names: of the poses.
         points: ``(m, k, 3)`` m in the instrument's frame: where the errors are drawn from; NaN where there is none.
-        points_words: what these points are.
+        points_label: what these points are.
         errors: of each kind, all drawn with one magnification.
         expected: ``(m,)`` m, how long an error is to be expected (RMS), drawn as a sphere in a view of its own.
     """
@@ -86,7 +86,7 @@ class ErrorScene:
     joints: Array
     names: Sequence[str]
     points: Array
-    points_words: str
+    points_label: str
     errors: Sequence[PointErrors]
     expected: Array
 
@@ -210,7 +210,7 @@ def _mean_lengths(vectors: Array) -> Array:
 def _legend(scene: ErrorScene, factor: float, sphere: float) -> Section:
     """Return the legend: the meaning of the colours, and the magnification of each."""
     arrows = format_magnification(factor)
-    lines: list[Text] = [(Strong("yellow"), f": {scene.points_words}")]
+    lines: list[Text] = [(Strong("yellow"), f": {scene.points_label}")]
     lines += [(Strong(each.colour_name), f": {each.words}, {arrows}") for each in scene.errors]
     lines.append((Strong("violet"), f": the error to expect (RMS) as a sphere, {format_magnification(sphere)}"))
     return Section("What is shown", (Bullets(tuple(lines)),))

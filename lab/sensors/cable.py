@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import fit_base_and_tool
 from lab.calibration.observation import Points
-from lab.calibration.sensor import SensorWords
+from lab.calibration.sensor import SensorTerms
 from lab.core.errors import LabError
 from lab.core.measurements import FIXTURE, Measurements, rows_called
 from lab.core.se3 import Array, inverse, transform
@@ -87,7 +87,7 @@ class CableSensor(FixtureSensor):
     """Lengths of a cable; a session of the file is an anchor."""
 
     name: ClassVar[str] = "cable"
-    words: ClassVar[SensorWords] = SensorWords(
+    words: ClassVar[SensorTerms] = SensorTerms(
         measured="lengths of a cable",
         reading="length of the cable",
         error="error of the cable's length",

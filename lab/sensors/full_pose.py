@@ -17,7 +17,7 @@ from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification, IdentifyOptions, Solve, identify
 from lab.calibration.initial_guess import initial_guess
 from lab.calibration.observation import ROTATION_PARAMETERS, no_extra_residuals, placed_in_instrument_frame
-from lab.calibration.sensor import SensorWords
+from lab.calibration.sensor import SensorTerms
 from lab.calibration.sequential import fit_sequentially
 from lab.calibration.weights import Noise
 from lab.core import se3
@@ -297,7 +297,7 @@ class PoseSensor(VirtualSensor):
     """
 
     name: ClassVar[str] = "pose"
-    words: ClassVar[SensorWords] = SensorWords(
+    words: ClassVar[SensorTerms] = SensorTerms(
         measured="positions and orientations",
         reading="measured pose",
         error="position error",
@@ -358,7 +358,7 @@ class PoseSensor(VirtualSensor):
         assert isinstance(model, Poses)
         return balanced(model, data, nominal, request) if self.ratio is None else model
 
-    def weighed_by(self, instrument: Instrument, data: Measurements) -> Self:
+    def weighted_by(self, instrument: Instrument, data: Measurements) -> Self:
         """Poses with the ratio of the instrument's noises: of a rotation, and of a position, a mean of those seen."""
         points = data.points[data.seen]
         known = isinstance(instrument, PoseInstrument) and instrument.kind != "exact"
@@ -368,7 +368,7 @@ class PoseSensor(VirtualSensor):
         mean = float(np.trace(instrument.covariance(points), axis1=-2, axis2=-1).mean()) / 3
         return replace(self, ratio=instrument.rotation_rad / float(np.sqrt(mean)))
 
-    def weighed_as(self, model: Model) -> Self:
+    def weighted_as(self, model: Model) -> Self:
         """Poses with the ratio of this model."""
         assert isinstance(model, Poses)
         return replace(self, ratio=model.ratio)

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.calibration.sensor import SensorWords
+from lab.calibration.sensor import SensorTerms
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array, exp, left_jacobian, transform
 from lab.formats.measurement_csv import ObservedColumns
@@ -68,7 +68,7 @@ class PlaneSensor(FixtureSensor):
     """Contacts with planes: by location, by session, or one for the whole file."""
 
     name: ClassVar[str] = "plane"
-    words: ClassVar[SensorWords] = SensorWords(
+    words: ClassVar[SensorTerms] = SensorTerms(
         measured="contacts with planes",
         reading="contact with a plane",
         error="distance from the plane",

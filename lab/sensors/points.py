@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from lab.calibration.sensor import SensorWords
+from lab.calibration.sensor import SensorTerms
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import ObservedColumns
@@ -26,7 +26,7 @@ class PointSensor(VirtualSensor):
     """Positions of targets, of which the arm itself is the model (``observation.Points``)."""
 
     name: ClassVar[str] = "points"
-    words: ClassVar[SensorWords] = SensorWords(
+    words: ClassVar[SensorTerms] = SensorTerms(
         measured="points", reading="measured point", error="position error", placed="base and tool", names_targets=True
     )
     columns: ClassVar[ObservedColumns] = ObservedColumns()

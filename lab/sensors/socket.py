@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.calibration.sensor import SensorWords
+from lab.calibration.sensor import SensorTerms
 from lab.core.errors import LabError
 from lab.core.limits import positive
 from lab.core.measurements import FIXTURE, Measurements
@@ -99,7 +99,7 @@ class SocketSensor(FixtureSensor):
     """
 
     name: ClassVar[str] = "socket"
-    words: ClassVar[SensorWords] = SensorWords(
+    words: ClassVar[SensorTerms] = SensorTerms(
         measured="a ball's contacts with sockets",
         reading="location and socket",
         error="distance from the socket",

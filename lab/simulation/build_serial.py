@@ -34,7 +34,7 @@ def table_model(path: Path, table: RobotTable) -> SerialModel:
     reach = reach_of(chain)
     body = base = _add_body(spec.worldbody, tree.base.name, T_world_frame0)
     if table.height_m is not None:
-        _stand_on_floor(spec, base, table.height_m, _PEDESTAL_M * reach)
+        _add_pedestal(spec, base, table.height_m, _PEDESTAL_M * reach)
     bodies = []
     for link in tree.moving:
         assert link.joint is not None
@@ -66,7 +66,7 @@ def _add_body(parent: mujoco.MjsBody, name: str, T_parent_body: Array) -> mujoco
     return parent.add_body(name=name, pos=T_parent_body[:3, 3], quat=quat)
 
 
-def _stand_on_floor(spec: mujoco.MjSpec, base: mujoco.MjsBody, height_m: float, radius_m: float) -> None:
+def _add_pedestal(spec: mujoco.MjSpec, base: mujoco.MjsBody, height_m: float, radius_m: float) -> None:
     """A floor, and a column on it up to frame 0."""
     spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05])
     if height_m > 0:

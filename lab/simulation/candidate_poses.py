@@ -269,7 +269,7 @@ def _refuse_station_in_arm(robot: RobotModel, station: int) -> None:
         normal = np.zeros(3)  # outward: along the ray where it leaves a shape that it began in
         mujoco.mj_ray(model, data, head, up, None, True, body or -1, None, normal)
         hits += touches or bool(normal @ up > 0)
-    if 2 * hits > len(joints) or _stands_in_base(robot, body):
+    if 2 * hits > len(joints) or _touches_base(robot, body):
         where = "in its base" if 2 * hits <= len(joints) else f"in the way in {hits / len(joints):.0%} of its poses"
         place = ", ".join(f"{x:.3g}" for x in head)
         mend = "move it away" if body else "move it away, or draw its shapes in a body of its own"
@@ -277,7 +277,7 @@ def _refuse_station_in_arm(robot: RobotModel, station: int) -> None:
         raise LabError(f"{robot.path}: the tracker{named}, head at ({place}) m, stands inside the arm, {where}; {mend}")
 
 
-def _stands_in_base(robot: RobotModel, body: int) -> bool:
+def _touches_base(robot: RobotModel, body: int) -> bool:
     """MuJoCo sees no contact between two bodies that both stand in the world."""
     model = robot.model
     if not (robot.base_body and body):

@@ -22,7 +22,7 @@ from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.formats.cell_toml import Cell, Obstacle
 from lab.formats.link_tree import free_name
-from lab.simulation.collisions import at_contacts, collisions_in_words, standing
+from lab.simulation.collisions import at_contacts, describe_collisions, standing
 from lab.simulation.meshes import VISUAL_GROUP
 from lab.simulation.model import (
     TRACKER,
@@ -69,7 +69,7 @@ def in_cell(robot: Model, cell: Cell) -> Model:
     if places:
         _place_tracker(robot, spec, places[0])
     lower, upper, home = cell.joint_spec_values(robot.chain)
-    chain = replace(robot.chain, lower=lower, upper=upper, said_home=home)
+    chain = replace(robot.chain, lower=lower, upper=upper, given_home=home)
     acceptance = robot.acceptance_rad if cell.reflector is None else float(np.deg2rad(cell.reflector.degrees))
     model = compiled(cell.path, spec)
     stations = tuple(each.name for each in cell.station)
@@ -79,8 +79,8 @@ def in_cell(robot: Model, cell: Cell) -> Model:
     )  # fmt: skip
     if home is not None:
         if (beyond := np.flatnonzero(chain.beyond_limits(home[None], 1e-9)[0])).size:
-            raise LabError(f"{cell.path}: [home]: {chain.said_beyond(int(beyond[0]), home[beyond[0]])}; start within")
-        if touches := collisions_in_words(placed, home[None])[0]:
+            raise LabError(f"{cell.path}: [home]: {chain.limit_note(int(beyond[0]), home[beyond[0]])}; start within")
+        if touches := describe_collisions(placed, home[None])[0]:
             raise LabError(f"{cell.path}: [home]: {touches} there; start elsewhere, or move that")
     return placed
 
@@ -158,7 +158,7 @@ def _place_tracker(robot: RobotModel, spec: mujoco.MjSpec, T_world_tracker: Arra
     if int(own.bodyid[0]) == 0:
         site.pos, site.quat = T_world_tracker[:3, 3], se3.quaternion_from_rotation(T_world_tracker[:3, :3])
         return
-    T = _stand_pose(robot, T_world_tracker)
+    T = _body_pose_of_tracker(robot, T_world_tracker)
     stand.pos, stand.quat = T[:3, 3], se3.quaternion_from_rotation(T[:3, :3])
 
 
@@ -168,14 +168,14 @@ def _add_station(robot: RobotModel, spec: mujoco.MjSpec, name: str, T_world_stat
         quat = se3.quaternion_from_rotation(T_world_station[:3, :3])
         spec.worldbody.add_site(name=station_suffixed(TRACKER, name), pos=T_world_station[:3, 3], quat=quat)
         return
-    T, spec.copy_during_attach = _stand_pose(robot, T_world_station), True
+    T, spec.copy_during_attach = _body_pose_of_tracker(robot, T_world_station), True
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # MuJoCo's is about names without a prefix: these have a suffix
         stand = spec.worldbody.add_frame().attach_body(spec.site(TRACKER).parent, "", station_suffixed("", name))
     stand.pos, stand.quat = T[:3, 3], se3.quaternion_from_rotation(T[:3, :3])
 
 
-def _stand_pose(robot: RobotModel, T_world_head: Array) -> Array:
+def _body_pose_of_tracker(robot: RobotModel, T_world_head: Array) -> Array:
     """World pose ``(4, 4)`` of the body that carries the tracker, where its head is to be at this one."""
     body = int(robot.model.site(TRACKER).bodyid[0])
     T_body_site = se3.inverse(body_pose(at_zero(robot.model), body)) @ robot.T_world_tracker

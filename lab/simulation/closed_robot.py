@@ -20,7 +20,7 @@ from lab.kinematics.serial.arm import DEFAULT_TOOL
 from lab.simulation.build_closed import BASE_BODY, closed_mjcf, closed_qpos, closed_spec
 from lab.simulation.effects import Effects
 from lab.simulation.model import FLANGE, TRACKER, RobotModel, compiled, coordinates
-from lab.simulation.true_robot import TrueRobot, stand_before_tracker
+from lab.simulation.true_robot import TrueRobot, put_before_tracker
 
 __all__ = ["CLOSED_MJCF", "ClosedModel", "TrueMechanism", "closed_model", "random_values", "true_mechanism"]
 
@@ -149,7 +149,7 @@ class TrueMechanism(TrueRobot):
 def true_mechanism(robot: ClosedModel, values: Array, T_world_tracker: Array) -> TrueMechanism:
     """The robot with other dimensions, before a tracker."""
     model = robot.with_values(values, robot.tool).compile()
-    stand_before_tracker(model, robot, T_world_tracker)
+    put_before_tracker(model, robot, T_world_tracker)
     return TrueMechanism(
         robot=robot,
         model=model,

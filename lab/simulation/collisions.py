@@ -25,7 +25,7 @@ __all__ = [
     "collides",
     "colliding_pairs",
     "collision_flags",
-    "collisions_in_words",
+    "describe_collisions",
     "keeps_clearances",
     "most_frequent",
     "random_poses",
@@ -87,7 +87,7 @@ def collides(robot: RobotModel, joints: Array) -> NDArray[np.bool_]:
     return np.fromiter(collision_flags(robot, joints), bool, len(joints))
 
 
-def collisions_in_words(robot: RobotModel, joints: Array) -> tuple[str, ...]:
+def describe_collisions(robot: RobotModel, joints: Array) -> tuple[str, ...]:
     """Describe the nominal arm's contacts, or violated clearances, at each of the joint positions ``(n, joints)``.
 
     Returns:

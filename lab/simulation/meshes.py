@@ -48,7 +48,7 @@ __all__ = [
     "reach_of",
     "shells",
     "solid_points",
-    "station_stands",
+    "station_body_poses",
 ]
 
 VISUAL_GROUP = 2  # of the geoms that are there to be seen
@@ -139,11 +139,11 @@ def body_poses(robot: RobotModel, arm: RigidArm, values: Array, joints: Array) -
     Ts_world_body = se3.pose(rotations.reshape(*positions.shape, 3), positions)  # (n, bodies, 4, 4)
     poses = {_name(model, body): Ts_world_body[:, body] for body in range(model.nbody)}
     if name := instrument_body(robot):
-        poses[name] = np.broadcast_to(_tracker_stand(robot, arm, values), (len(joints), 4, 4))
+        poses[name] = np.broadcast_to(_tracker_body_pose(robot, arm, values), (len(joints), 4, 4))
     return poses
 
 
-def station_stands(robot: RobotModel, Ts_world_station: Mapping[str, Array]) -> dict[str, Array]:
+def station_body_poses(robot: RobotModel, Ts_world_station: Mapping[str, Array]) -> dict[str, Array]:
     """World poses ``(4, 4)`` (m) of the bodies that carry the instrument at its further stations, by their names.
 
     Args:
@@ -158,7 +158,7 @@ def station_stands(robot: RobotModel, Ts_world_station: Mapping[str, Array]) -> 
     return found
 
 
-def _tracker_stand(robot: RobotModel, arm: RigidArm, values: Array) -> Array:
+def _tracker_body_pose(robot: RobotModel, arm: RigidArm, values: Array) -> Array:
     """World pose ``(4, 4)`` of the tracker's body."""
     nominal = at_zero(robot.model)
     T_world_body = body_pose(nominal, int(robot.model.site(TRACKER).bodyid[0]))

@@ -29,10 +29,10 @@ __all__ = [
     "TrueSerialRobot",
     "before_stations",
     "perturbed_bodies",
+    "put_before_tracker",
     "random_perturbation",
     "random_table",
     "random_tracker",
-    "stand_before_tracker",
     "true_robot",
     "true_robot_from_table",
 ]
@@ -269,7 +269,7 @@ def before_stations(real: Real, Ts_world_station: Array) -> Real:
     return replace(real, model=model, effects=real.effects.having(poses))
 
 
-def stand_before_tracker(model: mujoco.MjModel, robot: RobotModel, T_world_tracker: Array) -> None:
+def put_before_tracker(model: mujoco.MjModel, robot: RobotModel, T_world_tracker: Array) -> None:
     """Let a copy of a robot's model, its bodies moved, stand before a tracker at this pose ``(4, 4)`` in the world."""
     robot.place_tracker(model, T_world_tracker)
     update_constants(model)
@@ -278,7 +278,7 @@ def stand_before_tracker(model: mujoco.MjModel, robot: RobotModel, T_world_track
 def _before_tracker(
     robot: SerialModel, model: mujoco.MjModel, T_world_tracker: Array, offset: Array
 ) -> TrueSerialRobot:
-    stand_before_tracker(model, robot, T_world_tracker)
+    put_before_tracker(model, robot, T_world_tracker)
     return TrueSerialRobot(
         robot=robot,
         model=model,

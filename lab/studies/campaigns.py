@@ -19,7 +19,7 @@ from lab.campaign.design_problem import best_design, pose_problem
 from lab.campaign.option_groups import ArmEffects, Fitting
 from lab.campaign.options import DesignOptions, VirtualCampaign
 from lab.campaign.robot import Robot, load_robot, load_virtual
-from lab.campaign.virtual_robot import drawn_conditions, perturbed_arm, truth_of
+from lab.campaign.virtual_robot import draw_conditions, perturbed_arm, truth_of
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.linear_model import whitening
@@ -229,7 +229,7 @@ def _of_robot(study: Study, fitted: _Fitted, number: int, joints: Array, fresh: 
 
 
 def _conditions(real: TrueRobot, asked: VirtualCampaign, joints: Array, purpose: Purpose) -> dict[str, Array]:
-    return drawn_conditions(real, asked, len(joints), rng_for(asked.seed, purpose), ())
+    return draw_conditions(real, asked, len(joints), rng_for(asked.seed, purpose), ())
 
 
 def _measured(real: TrueRobot, device: Instrument, asked: VirtualCampaign, joints: Array, draws: int) -> Array:

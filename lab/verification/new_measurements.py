@@ -27,7 +27,7 @@ from lab.noise.error_model import ErrorModel
 from lab.noise.variance_components import ComponentErrors
 from lab.verification.prediction import CalibrationPrediction
 
-__all__ = ["MOST_POSES", "STEP", "held_against", "with_estimated_noise"]
+__all__ = ["MOST_POSES", "STEP", "predict_measurements", "with_estimated_noise"]
 
 STEP = 0.1  # of the logarithm of a variance, for differences
 MOST_POSES = 100  # that say the degrees of freedom: of more they are much the same
@@ -35,7 +35,7 @@ _MOST_DOF = 1_000_000
 _MOST_SHARE = 0.5  # of the numbers: what is told so badly that A2 were more is beyond an expansion
 
 
-def held_against(
+def predict_measurements(
     estimate: Estimate, rows: Measurements, noise: Noise, *, given: bool
 ) -> tuple[Observations, CalibrationPrediction]:
     """Weight new measurements, and predict them by an estimate.

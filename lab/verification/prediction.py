@@ -311,7 +311,7 @@ class VerificationProblem:
         far = self.fitted(initial_guess(self.prediction.arm, some, start, groups), directions)
         return far if far.square < near.square else near
 
-    def promised_m(self, fit: RefitSolution) -> float:
+    def expected_m(self, fit: RefitSolution) -> float:
         """Root mean square length of the errors to be expected where ``fit`` was made.
 
         Their covariance is S^1/2 (1 - Q Q') S^1/2, with Q the basis of what was fitted, and S^1/2 Q is J B.

@@ -28,23 +28,27 @@ _MOST_POSES = 200
 
 
 def situation(
-    prediction: CalibrationPrediction, observed: Observations, values: Array, promised_m: float, refit: Sequence[str]
+    prediction: CalibrationPrediction,
+    observed: Observations,
+    values: Array,
+    expected_m: float,
+    refit: Sequence[str],
 ) -> Check | None:
     """Return the check that names the cause of large errors; None where they are small, or nothing explains them.
 
     Args:
         values: ``(p,)`` the arm's, with what was fitted anew.
-        promised_m: root mean square error that the run predicts.
+        expected_m: root mean square error that the run predicts.
         refit: what was fitted anew already.
     """
     trial = _Trial(prediction, observed.thinned(_MOST_POSES), values)
-    if trial.left(()) <= max(_LARGE_M, _LARGE * promised_m):
+    if trial.left(()) <= max(_LARGE_M, _LARGE * expected_m):
         return None
     for kind, groups in (("setup", ("base",)), ("tool", ("tool",)), ("setup_and_tool", PLACED)):
         named = tuple(group for group in PLACED if group in groups or group in refit)
-        if set(named) != set(refit) and (left := trial.left(named)) <= _NORMAL * promised_m:
+        if set(named) != set(refit) and (left := trial.left(named)) <= _NORMAL * expected_m:
             return Check(f"situation.{kind}", "failed", data={"refit": named, "left_m": left})
-    return trial.in_other_numbers() or trial.of_another_arm(promised_m)
+    return trial.in_other_numbers() or trial.of_another_arm(expected_m)
 
 
 def another_unit(prediction: CalibrationPrediction, observed: Observations) -> Check | None:
@@ -70,12 +74,12 @@ class _Trial:
         slides = arm.rigid.chain.prismatic
         return in_other_numbers(arm, slides, observed.inputs, observed.points, self.values)
 
-    def of_another_arm(self, promised_m: float) -> Check | None:
+    def of_another_arm(self, expected_m: float) -> Check | None:
         """An arm that the calibration describes about as badly as the nominal model does."""
         left = self.left(PLACED)
         arm = self.prediction.arm
         nominal = arm.nominal({target: np.zeros(3) for target in arm.targets})
         by_nominal = trimmed_error(arm, self.observed.inputs, self.observed.points, nominal, PLACED)
-        if not np.isfinite(left) or left < max(_ALIEN * promised_m, _LIKE_NOMINAL * by_nominal):
+        if not np.isfinite(left) or left < max(_ALIEN * expected_m, _LIKE_NOMINAL * by_nominal):
             return None
         return Check("situation.another_arm", "failed", data={"left_m": left, "by_nominal_m": by_nominal})

@@ -216,7 +216,7 @@ class Verified:
         test: the parts of the statistic and their p.
         values: ``(p,)`` of the arm as the run has them, with what was fitted anew.
         errors: ``(n, k)`` lengths of measured less predicted (m), NaN where not observed.
-        promised_m: predicted root mean square length of the errors here.
+        expected_m: predicted root mean square length of the errors here.
         hypotheses: the best first; none where the arm is good.
         moved: the kinds among which the measurements cannot choose; none where the arm is good, or nothing explains.
         refit: displacement of what was fitted anew, by its name.
@@ -234,7 +234,7 @@ class Verified:
     test: ChangeTest
     values: Array
     errors: Array
-    promised_m: float
+    expected_m: float
     hypotheses: tuple[Hypothesis, ...]
     moved: tuple[Kind, ...]
     refit: tuple[tuple[str, Displacement], ...]
@@ -281,9 +281,9 @@ def verify(
             "measure more, or refit less"
         )
     test = change_test(prediction, fit)
-    promised = problem.promised_m(fit)
+    promised = problem.expected_m(fit)
     found = _hypotheses(problem, fit, refit, poses) if test.changed else []
-    alike = _not_told_apart(found, fit.numbers)
+    alike = _equivalent(found, fit.numbers)
     explained_small = any(each.kind in ("joint", "reading") for each in alike)
     cause = situation(prediction, observed, fit.values, promised, refit) if found and not explained_small else None
     predicted = (arm.points(each.inputs, fit.values) for each in observed.blocks())
@@ -309,7 +309,7 @@ def verify(
         test=test,
         values=fit.values,
         errors=errors,
-        promised_m=promised,
+        expected_m=promised,
         hypotheses=tuple(found),
         moved=tuple(dict.fromkeys(each.kind for each in alike)),
         refit=_placed_anew(prediction, fit, refit),
@@ -446,7 +446,7 @@ def _judged(
     return Hypothesis(*what, size, told, left.square, left.p, float(bic), not left.changed)
 
 
-def _not_told_apart(found: Sequence[Hypothesis], numbers: int) -> list[Hypothesis]:
+def _equivalent(found: Sequence[Hypothesis], numbers: int) -> list[Hypothesis]:
     """Return the hypotheses equivalent to the best one: the best of each kind, all of joints.
 
     A larger hypothesis does not pay for being larger: a base that turned about the first axis is as simple a thing

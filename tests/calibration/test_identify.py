@@ -145,7 +145,7 @@ def test_an_estimated_sigma_takes_students_t() -> None:
         joints = IRB120.chain.random_joints(12, rng)
         points = ARM.points(joints, truth.values) + 5e-6 * rng.normal(size=(12, 1, 3))
         found = identify(ARM, measured(NAMES, joints, ("p1",), points), ARM.nominal())
-        assert not found.sigma_known and found.dof == 9
+        assert not found.sigma_given and found.dof == 9
         assert found.half_width_95 == pytest.approx(stats.t.ppf(0.975, 9))
         comparison = compare_with_truth(found, truth)
         held.append(comparison.coverage_95)

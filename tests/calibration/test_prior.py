@@ -7,7 +7,7 @@ import pytest
 from helpers.robots import IRB120, data_file, perturbed, somewhere
 
 from lab.calibration.identify import IdentifyOptions, identify
-from lab.calibration.outliers_and_noise import off_among_fitted
+from lab.calibration.outliers_and_noise import outliers_among_fitted
 from lab.calibration.prior import ActingPrior, Directions, Prior, Tolerance, directions_of, prior_of
 from lab.calibration.sequential import fit_sequentially
 from lab.calibration.statistics.linearized import NoiseDistribution
@@ -147,7 +147,7 @@ def test_outliers_are_found_beside_it(noise: Noise) -> None:
     data.points[off] += rng.uniform(5e-3, 50e-3, (7, 1, 1)) * rng.normal(size=(7, 1, 3))
     found = identify(ARM, data, NOMINAL, noise, AUTO)
     assert found.prior is not None and found.prior.acts_in > 3
-    assert sorted(off_among_fitted(found, data, noise, NoiseDistribution(), 0).rows) == off
+    assert sorted(outliers_among_fitted(found, data, noise, NoiseDistribution(), 0).rows) == off
     without = identify(ARM, data.take(np.setdiff1d(np.arange(50), off)), NOMINAL, noise, AUTO)
     assert without.prior is None
 

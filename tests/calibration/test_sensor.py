@@ -7,7 +7,7 @@ import numpy as np
 from helpers.robots import IRB120
 
 from lab.calibration.identify import IdentifyOptions, identify
-from lab.calibration.sensor import Sensor, SensorWords
+from lab.calibration.sensor import Sensor, SensorTerms
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import ObservedColumns
@@ -23,7 +23,7 @@ class ShiftedPoints(Sensor):
     """Points in a frame that is a metre above the instrument's."""
 
     name: ClassVar[str] = "shifted"
-    words: ClassVar[SensorWords] = SensorWords("points", "point", "position error", "base and tool", True)
+    words: ClassVar[SensorTerms] = SensorTerms("points", "point", "position error", "base and tool", True)
     columns: ClassVar[ObservedColumns] = ObservedColumns()
     in_instrument_frame: ClassVar[bool] = True
 
@@ -50,4 +50,4 @@ def test_a_sensor_of_lengths_has_no_weights_and_no_sessions_of_its_own() -> None
     assert sensor.rows(data).tolist() == [False, True, True] and sensor.targets(data) == ("p1", "p2")
     assert sensor.with_sessions(ARM, data, ARM.nominal()) is data and sensor.solve is None
     assert sensor.balanced(ARM, data, ARM.nominal(), IdentifyOptions()) is ARM
-    assert sensor.weighed_by(INSTRUMENTS["exact"], data) is sensor and sensor.weighed_as(ARM) is sensor
+    assert sensor.weighted_by(INSTRUMENTS["exact"], data) is sensor and sensor.weighted_as(ARM) is sensor

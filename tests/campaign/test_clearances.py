@@ -18,11 +18,11 @@ from helpers.dense_check import DenseCheck
 
 from lab.campaign.options import DesignOptions
 from lab.campaign.robot import Robot, load_virtual
-from lab.commands.design.run import planned_day
+from lab.commands.design.run import planned_session
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.noise.instruments import INSTRUMENTS
-from lab.simulation.collisions import collides, collisions_in_words
+from lab.simulation.collisions import collides, describe_collisions
 from lab.simulation.free_path import Clearances, path_check, planning_model
 from lab.simulation.model import RobotModel
 
@@ -84,7 +84,7 @@ def planned(name: str, folder: Path, seed: int) -> tuple[Robot, Array]:
         path.write_text(text)
     robot = load_virtual(name, path)
     poses = -(-ROBOTS[name] // 3) + 2
-    plan = planned_day(
+    plan = planned_session(
         DesignOptions(
             name, path, poses=poses, candidates=200 if name in ("ur10", "panda") else 60, starts=1, seed=seed
         ),
@@ -106,7 +106,7 @@ def check(name: str, folder: Path, plans: int) -> None:
 
 
 def words_at(model: RobotModel, degrees: Sequence[float]) -> str:
-    return collisions_in_words(model, np.deg2rad([degrees]))[0]
+    return describe_collisions(model, np.deg2rad([degrees]))[0]
 
 
 INTO_FLOOR = [0, 45, 53, -120, 11, 105]  # the ball at p1 is 4 mm deep in the floor, and no link touches it
@@ -159,7 +159,7 @@ def test_links_keep_no_more_than_they_have_at_home() -> None:
 @pytest.mark.thorough
 def test_what_is_too_near_names_the_option() -> None:
     with pytest.raises(LabError, match=r"lower --clearance-mm \(from surroundings\), --self-clearance-mm"):
-        planned_day(DesignOptions("irb120", poses=12, candidates=60, starts=1, clearance_mm=600))
+        planned_session(DesignOptions("irb120", poses=12, candidates=60, starts=1, clearance_mm=600))
     with pytest.raises(LabError, match=r"--clearance-mm -1: give a distance"):
         DesignOptions(clearance_mm=-1).refuse_nonsense()
 

@@ -9,7 +9,7 @@ import pytest
 from helpers.cells import PLACES, between_table_and_post
 from helpers.dense_check import DenseCheck
 
-from lab.campaign.design_problem import free_home, reachability, stops_in_order
+from lab.campaign.design_problem import free_home, reachability, waypoints_in_order
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.pose_selection.tour import plan_tour, rated
@@ -33,7 +33,7 @@ def moves(model: RobotModel, count: int) -> Iterator[tuple[Array, Array]]:
             home, safe = access.hubs[0], access.hubs[1:]
             stops = plan_tour(poses[:TOUR], chain.speed, chain.acceleration, access.free, rng, home, safe).stops
         else:
-            stops = stops_in_order(chain, access, poses[: 2 * TOUR])[0]
+            stops = waypoints_in_order(chain, access, poses[: 2 * TOUR])[0]
         for move in pairwise(stops):
             yield move
             made += 1

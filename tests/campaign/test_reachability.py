@@ -7,11 +7,11 @@ import mujoco
 import numpy as np
 from helpers.robots import IRB120
 
-from lab.campaign.design_problem import HUBS, reachability, refusals, stops_in_order
+from lab.campaign.design_problem import HUBS, reachability, refusals, waypoints_in_order
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.pose_selection.tour import rated
-from lab.simulation.collisions import collides, collisions_in_words, random_poses, unchecked
+from lab.simulation.collisions import collides, describe_collisions, random_poses, unchecked
 
 MODEL = IRB120.model
 LOOKS = 500  # between two stops
@@ -35,7 +35,7 @@ def test_all_that_moves_from_stop_to_stop_touches_nothing() -> None:
     poses = poses[access.reachable(poses)]
     assert len(poses) >= 8
     told: list[tuple[int, int]] = []
-    stops, which = stops_in_order(rated(IRB120.chain)[0], access, poses, lambda done, of: told.append((done, of)))
+    stops, which = waypoints_in_order(rated(IRB120.chain)[0], access, poses, lambda done, of: told.append((done, of)))
     assert told == [(i, len(poses) + 1) for i in range(len(poses) + 1)]
     assert which[which >= 0].tolist() == list(range(len(poses))) and which[0] == which[-1] == -1
     np.testing.assert_array_equal(stops[which >= 0], poses)
@@ -49,7 +49,7 @@ def test_all_that_moves_from_stop_to_stop_touches_nothing() -> None:
 
 def test_a_refusal_names_what_touches_what_and_how_deep() -> None:
     joints = np.deg2rad([[0, 0, 0, 0, 0, 0], [0, 110, -60, 0, 30, 0]])  # the second one is through the floor
-    words = collisions_in_words(MODEL, joints)
+    words = describe_collisions(MODEL, joints)
     assert words[0] == "" and "floor" in words[1] and "mm deep" in words[1]
     access = reachability(MODEL, joints[0], joints[:0], lambda q: ~collides(MODEL, q))
     said = refusals(MODEL, access)(joints)

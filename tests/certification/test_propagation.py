@@ -8,7 +8,7 @@ from helpers.robots import IRB120
 
 from lab.calibration.gauss_newton import Observations, fit
 from lab.calibration.observation import observation_of
-from lab.certification.budget import KnownSpread, Propagation, RandomErrors, quantities_of, temperature_of
+from lab.certification.budget import Propagation, RandomErrors, RandomScatter, quantities_of, temperature_of
 from lab.core.linear_model import whitening
 from lab.core.probability import Uncertain
 from lab.core.random import rng_for
@@ -95,7 +95,7 @@ def test_how_the_reflector_is_placed_counts_once(placement: str) -> None:
     noise = part.gain @ part.gain.T
     nest = part.covariance_of(errors.placement_covariance(observed().points))
     whole = noise + nest if placement == "in the noise" else noise
-    noise_m = KnownSpread(5e-6, np.inf, "test")
+    noise_m = RandomScatter(5e-6, np.inf, "test")
     chance = RandomErrors(whole, noise_m, placement, None, False, None)  # type: ignore[arg-type]
     found = quantities_of(part, errors, "test", chance)
     squares = sum(each.uncertainty.standard**2 * each.columns @ np.swapaxes(each.columns, 1, 2) for each in found)

@@ -42,7 +42,7 @@ def test_a_verification_shows_measured_less_predicted(seven_run: Path, seven, tm
     np.testing.assert_allclose(tips - origins, np.array(vectors)[:, 0], atol=1e-6)
     radius = np.array(column(path, "/world/magnified/expected", "Ellipsoids3D:half_sizes")[1])
     np.testing.assert_allclose(
-        radius / factor_of(path, "/world/magnified/expected/factor"), result.verified.promised_m, rtol=1e-4
+        radius / factor_of(path, "/world/magnified/expected/factor"), result.verified.expected_m, rtol=1e-4
     )
     text = statics(path, "/summary", "TextDocument:text")[0]
     assert ("vermilion" in text) is (shift_m > 0) and "What is shown" in text

@@ -17,7 +17,7 @@ from lab.calibration.weights import Noise
 from lab.campaign.robot import load_virtual
 from lab.campaign.virtual_robot import truth_of
 from lab.cli import main
-from lab.commands.calibrate.run import MeasuringDay
+from lab.commands.calibrate.run import MeasurementSession
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
@@ -45,7 +45,7 @@ def cell(folder: Path, stations: tuple[tuple[str, tuple[int, int, int], int], ..
     return path
 
 
-def day_in(path: Path, seed: int = 4, poses: int = 60, instrument: str = "exact") -> MeasuringDay:
+def day_in(path: Path, seed: int = 4, poses: int = 60, instrument: str = "exact") -> MeasurementSession:
     return lab.simulate("irb120", cell=path, poses=poses, seed=seed, instrument=instrument)
 
 

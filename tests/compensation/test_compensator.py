@@ -412,6 +412,6 @@ def test_another_solution_is_taken_before_a_target_is_refused_and_it_is_said_why
     assert np.abs(found.joints - nearest.joints)[other].max(axis=1).min() > 1e-2
     for i in np.flatnonzero(~found.converged & forbidden):
         assert found.reasons[i].startswith("collision: elbow in table; no other solution")
-    asked_for = corrected(replace(free, refusals=refused), wanted, nearest.joints)
-    assert not asked_for.converged[forbidden].any()
-    assert "so leave them empty" in asked_for.reasons[int(np.argmax(forbidden))]
+    requested_solutions = corrected(replace(free, refusals=refused), wanted, nearest.joints)
+    assert not requested_solutions.converged[forbidden].any()
+    assert "so leave them empty" in requested_solutions.reasons[int(np.argmax(forbidden))]

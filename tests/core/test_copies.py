@@ -1,6 +1,6 @@
 import numpy as np
 
-from lab.core.measurements import copied_rows, said_of_copies
+from lab.core.measurements import copied_rows, describe_copies
 
 
 def test_copies_are_found_with_the_first_row_that_is_alike() -> None:
@@ -10,5 +10,7 @@ def test_copies_are_found_with_the_first_row_that_is_alike() -> None:
 
 
 def test_one_and_several_are_told() -> None:
-    assert "day.csv: 1 row is a copy of an earlier one" in said_of_copies("day.csv", 1, "line 9", "line 2")
-    assert "12 rows are copies" in (said := said_of_copies("a", 12, "line 9", "line 2")) and "line 9, of line 2" in said
+    assert "day.csv: 1 row is a copy of an earlier one" in describe_copies("day.csv", 1, "line 9", "line 2")
+    assert (
+        "12 rows are copies" in (said := describe_copies("a", 12, "line 9", "line 2")) and "line 9, of line 2" in said
+    )

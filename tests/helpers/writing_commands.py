@@ -12,7 +12,7 @@ import numpy as np
 
 from helpers.bad_input import run
 from lab.campaign.robot import load_virtual
-from lab.commands.run_folder import said_of_edits
+from lab.commands.run_folder import check_edits
 from lab.core.whole_folder import CHECKSUMS
 from lab.extensions.dynamics.load_files import Mounting, write_loads, write_mounting
 from lab.extensions.dynamics.simulation import LoadBench, RigidLoad, RunErrors
@@ -133,5 +133,5 @@ def whole(place: Path) -> bool:
     assert sorted(names) == sorted(
         path.relative_to(place).as_posix() for path in place.rglob("*") if path.is_file() and path != place / CHECKSUMS
     )
-    assert said_of_edits(place, names, accept=False) == ()
+    assert check_edits(place, names, accept=False) == ()
     return True

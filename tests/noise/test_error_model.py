@@ -25,7 +25,7 @@ def test_names_keys_and_structures_of_terms_are_their_own() -> None:
 
 def test_a_model_has_the_terms_that_are_above_zero() -> None:
     of = sample(wandering=4e-6)
-    assert of.kinds == ("wandering",) and of.sizes == {"shift": 4e-6} and not of.is_known
+    assert of.kinds == ("wandering",) and of.sizes == {"shift": 4e-6} and not of.is_given
     assert of.common_m2 == pytest.approx(16e-12) and of.within_m2 == (pytest.approx(16e-12),)
     np.testing.assert_array_equal(sample(scatter=2e-6).joint_covariance(3), 4e-12 * np.eye(3))
 

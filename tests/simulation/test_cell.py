@@ -16,7 +16,7 @@ from lab.core.se3 import Array
 from lab.formats.cell_toml import read_cell
 from lab.formats.target_csv import Targets
 from lab.simulation.cell import in_cell
-from lab.simulation.collisions import collides, colliding_pairs, collisions_in_words
+from lab.simulation.collisions import collides, colliding_pairs, describe_collisions
 from lab.simulation.model import last_frame
 
 TABLE = """
@@ -88,7 +88,7 @@ def test_an_arm_keeps_the_clearance_from_obstacles_and_from_nothing_else(tmp_pat
     clear = np.abs(distance - 0.02) > 1e-4
     np.testing.assert_array_equal(here[clear], (alone | (distance < 0.02))[clear])
     assert (here & ~alone & (distance > 0.001)).any()  # only too near
-    words = collisions_in_words(robot.model, joints)
+    words = describe_collisions(robot.model, joints)
     assert any("mm from table, nearer than the clearance" in each for each in words)
     pairs = colliding_pairs(robot.model, joints)
     assert sum(count for (_, second), count in pairs.items() if second == "table") >= (distance < 0.0199).sum()

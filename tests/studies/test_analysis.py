@@ -12,7 +12,7 @@ from scipy import stats
 
 from lab.commands.study.document import analysis_sections
 from lab.commands.study.figures import study_pictures, write_figures
-from lab.commands.study.format import comparison_sentence, effect_words, sentences
+from lab.commands.study.format import comparison_sentence, effect_text, sentences
 from lab.commands.study.run import write_csv
 from lab.core.errors import LabError
 from lab.core.se3 import Array
@@ -321,7 +321,7 @@ def test_sentences_say_who_is_best_and_what_cannot_be_told() -> None:
 )
 def test_effects_are_told_to_the_digits_that_are_known(ends: tuple[float, ...], words: str) -> None:
     (pair,) = compare(np.exp(two_levels(2, 5, 2, 14))).pairs
-    assert effect_words(type(pair)(0, 1, *ends, 0.01, 0.01, 10, 0), "ratio") == words
+    assert effect_text(type(pair)(0, 1, *ends, 0.01, 0.01, 10, 0), "ratio") == words
 
 
 def test_tables_read_back_as_they_were(tmp_path: Path) -> None:

@@ -52,7 +52,7 @@ def test_a_verification_block_by_block_is_that_of_all_rows(off: bool, monkeypatc
     assert passed[:5] == [(done, POSES) for done in (20, 40, 60, 80, 90)]
     assert len(passed) == 10 or off  # all rows twice where nothing has changed
     assert whole.good is not off and phrase(parts.check) == phrase(whole.check)
-    for name in ("statistic", "numbers", "promised_m", "p", "p_of_all"):
+    for name in ("statistic", "numbers", "expected_m", "p", "p_of_all"):
         assert getattr(parts, name) == pytest.approx(getattr(whole, name), rel=1e-9)
     np.testing.assert_allclose(parts.errors, whole.errors, rtol=1e-12)
     assert [phrase(each.check) for each in parts.hypotheses] == [phrase(each.check) for each in whole.hypotheses]

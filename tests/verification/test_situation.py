@@ -101,7 +101,7 @@ def named(cell: Cell, case: str) -> str:
     if refit:
         again = verify(cell.prediction, seen, refit)
         assert f"--refit {','.join(refit)}." in phrase(found) and again.situation is None
-        assert np.sqrt(np.nanmean(again.errors**2)) < 2 * again.promised_m
+        assert np.sqrt(np.nanmean(again.errors**2)) < 2 * again.expected_m
     return kind
 
 

@@ -106,7 +106,7 @@ def test_the_statistic_and_the_promise_are_those_of_the_whole_covariance(refit: 
     assert found.test.along.numbers == found.numbers - found.test.rest.numbers > 0
     assert found.test.square == pytest.approx(found.statistic, rel=1e-9)
     left = covariance @ inverse @ covariance
-    assert found.promised_m == pytest.approx(np.sqrt(np.trace(left) / 18), rel=1e-4)
+    assert found.expected_m == pytest.approx(np.sqrt(np.trace(left) / 18), rel=1e-4)
 
 
 def test_the_worst_reading_is_the_one_without_which_least_is_left() -> None:
@@ -193,7 +193,7 @@ def test_an_instrument_set_up_anew_is_a_base_that_is_anywhere() -> None:
     assert found.moved == ("base",) and found.hypotheses[0].extent.turn_rad == pytest.approx(2.92, abs=0.01)
     placed, here = (verify(prediction, seen, ("base",)) for seen in (far, near))
     assert placed.good and placed.statistic == pytest.approx(here.statistic, abs=1e-3)
-    assert placed.promised_m == pytest.approx(here.promised_m, rel=1e-2)
+    assert placed.expected_m == pytest.approx(here.expected_m, rel=1e-2)
 
 
 def test_refit_makes_what_was_set_up_anew_good() -> None:

@@ -355,11 +355,11 @@ def check_alternatives(selection: Selection, data: Measurements) -> list[Check]:
             data={
                 "chosen": each.chosen,
                 "other": each.other,
-                "can_be_told": each.can_be_told,
+                "can_be_told": each.is_distinguishable,
                 "differ_m": each.differ_m,
                 "joints": each.inputs[:size],
                 "payload_kg": dict(zip(conditions, each.inputs[size:], strict=True)).get("payload_kg", 0.0)
-                if each.can_be_told
+                if each.is_distinguishable
                 else 0.0,
             },
         )
@@ -401,7 +401,7 @@ def check_geometry_alone(
     whole = found.model.points(inputs, found.values)[:, :positions]
     alone = rigid.points(inputs[:, : robot.chain.size], found.values[: len(rigid.names)])
     off = float(np.sqrt(((whole - alone) ** 2).sum(axis=2).mean()))
-    return [_noted("export.geometry", file=robot.kept_file, groups=groups, off_m=off)]
+    return [_noted("export.geometry", file=robot.stored_file, groups=groups, off_m=off)]
 
 
 def check_sessions(rows: Measurements) -> list[Check]:

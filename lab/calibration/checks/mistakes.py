@@ -33,7 +33,7 @@ __all__ = [
 ]
 
 _LEAST_RESIDUAL_M = 1e-7  # below, residuals are rounding, and say nothing of the noise
-_LEAST_FREEDOM = 10
+_MIN_DOF = 10
 MANY = 10.0  # times the residuals' noise: what is given hides errors
 _UNIT = 100.0  # times the residuals' noise that a given one may be: a unit is a thousand
 ANOTHER_DAY = 500.0  # the same of an instrument that may be another one
@@ -61,7 +61,7 @@ def noise_in_another_unit(noise_mm: float | None, rows: Measurements, found: Ide
     Raises:
         LabError: it is; with the number that it would be in the right unit.
     """
-    if found.dof < _LEAST_FREEDOM:
+    if found.dof < _MIN_DOF:
         return []
     return noise_beyond(noise_mm, rows, found.residual_sigma_m, "the residuals", _UNIT)
 

@@ -83,7 +83,7 @@ def shared_error_findings(
         return []
     repeated = adequacy.name == "lack_of_fit.repeats" and adequacy.outcome == "passed"
     revisited = repeated and _revisited(rows, labels)
-    stated = found.sigma_known and adequacy.outcome != "failed"
+    stated = found.sigma_given and adequacy.outcome != "failed"
     findings = []  # scatter and correlated errors that the stated noise explains as well are the instrument's
     if shared is not None:
         findings += [finding("step", move.size_m, between=(move.before, move.after)) for move in shared.moves]
@@ -91,9 +91,9 @@ def shared_error_findings(
             fine = revisited and shared.drift_m < _COMMON_DRIFT_M
             whole_m = 2 * float(np.sqrt(3)) * shared.drift_m  # from its beginning to its end, of all three axes
             findings.append(finding("drift", whole_m, supported=fine))
-        if shared.wandering_m:
-            fine = (revisited or stated) and shared.wandering_m < _COMMON_DRIFT_M
-            findings.append(finding("correlated", shared.wandering_m, supported=fine, correlation=shared.carry))
+        if shared.autocorrelated_m:
+            fine = (revisited or stated) and shared.autocorrelated_m < _COMMON_DRIFT_M
+            findings.append(finding("correlated", shared.autocorrelated_m, supported=fine, correlation=shared.carry))
         if shared.scatter_rad:
             slopes = by_joint_positions(
                 found.model, rows.inputs(found.model.conditions), found.values, rows.joints.shape[1]
@@ -102,7 +102,7 @@ def shared_error_findings(
             fine = (repeated or stated) and made < COMMON_SCATTER_M
             findings.append(finding("scatter", made, supported=fine, scatter_rad=shared.scatter_rad))
     sigma = found.sigma_m if shared is None else shared.independent_m
-    if not found.sigma_known and sigma > COMMON_NOISE_M and not repeated:
+    if not found.sigma_given and sigma > COMMON_NOISE_M and not repeated:
         findings.append(finding("noise", sigma))
     return findings
 

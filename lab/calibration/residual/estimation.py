@@ -132,7 +132,7 @@ def bound_factor(errors: Array, covariances: Array, noise: float, prior: Array) 
 _MOST_NUMBERS = 8_400  # that the process is conditioned on: its time grows with the third power
 _MOST_ESTIMATING = 900  # that the variances come from
 _LEAST_SPARE = 30  # numbers beyond the parameters, of which so many variances can be told
-_LEAST_TOLD = 1e-6  # of what is known best: a mixture of variances that is told less well is not told at all
+_MIN_IDENTIFIABLE = 1e-6  # of what is known best: a mixture of variances that is told less well is not told at all
 _CYCLES, _SETTLED = 12, 2e-3
 _LONGEST = 16.0  # of an extrapolated step
 _LEAST_SHARE = 1e-6  # of the residuals' variance, that a component has at least
@@ -321,7 +321,7 @@ def with_residual(found: Identification, data: Measurements, estimated: JointPro
         raise LabError(f"{count} distinct poses are too few for the group residual; measure more, or leave it out")
     rows = _Rows.of(found, data_used)
     if estimated is None:
-        known = found.sigma_m**2 if found.sigma_known else None
+        known = found.sigma_m**2 if found.sigma_given else None
         some = evenly(len(data_used), _MOST_ESTIMATING // per_pose)
         variances, errors, p = _variances((rows if some is None else rows.take(some)).reduced(), known)
     else:
@@ -401,7 +401,7 @@ def _replaced(
         fit=replace(found.fit, values=whole),
         covariance=covariance,
         dof_each=None,
-        sigma_m=found.sigma_m if found.sigma_known else noise,
+        sigma_m=found.sigma_m if found.sigma_given else noise,
         residual_sigma_m=float(np.sqrt(process.upper[0])),
         residuals=data.points - model.points(data.inputs(model.conditions), whole),
         process=PredictedBy(process, base, values, found.fit.free),
@@ -419,7 +419,7 @@ def _variances(numbers: _Numbers, known: float | None) -> tuple[Array, Array, fl
     known_so_well = np.sqrt(np.diag(information)[estimated])
     scale = np.outer(known_so_well, known_so_well)
     relative = information[np.ix_(estimated, estimated)] / scale
-    errors[np.ix_(estimated, estimated)] = np.linalg.pinv(relative, rcond=_LEAST_TOLD, hermitian=True) / scale
+    errors[np.ix_(estimated, estimated)] = np.linalg.pinv(relative, rcond=_MIN_IDENTIFIABLE, hermitian=True) / scale
     ratio = max(alone - deviance, 0.0)
     p = float(scipy.stats.chi2.sf(ratio, count - 2)) / 2 if ratio > 0 else 1.0
     return sizes, errors, p

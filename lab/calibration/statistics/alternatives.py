@@ -45,7 +45,7 @@ class Alternative:
     sigma_m: float
 
     @property
-    def can_be_told(self) -> bool:
+    def is_distinguishable(self) -> bool:
         """Check whether a measurement at that pose would distinguish the two models."""
         return self.differ_m > 3 * self.sigma_m
 
@@ -73,7 +73,7 @@ def alternatives(
 def _misfit(found: Identification) -> float:
     """Return twice the negative log likelihood, but for the terms common to all models of the same measurements."""
     squares, rows = 2 * found.fit.cost_trace[-1], found.dof + len(found.fit.free)
-    return float(squares if found.sigma_known else rows * np.log(max(squares, 1e-300)))
+    return float(squares if found.sigma_given else rows * np.log(max(squares, 1e-300)))
 
 
 def _compared(chosen: str, other: str, rise: float, found: Identification, swapped: Identification) -> Alternative:

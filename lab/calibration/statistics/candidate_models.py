@@ -486,7 +486,7 @@ class FullModel:
             del shown[int(unsure.argmax())]
         return new, tuple(shown)
 
-    def least_known(self, table: NestedModels, found: Identification) -> int | None:
+    def most_uncertain(self, table: NestedModels, found: Identification) -> int | None:
         """Return the parameter of a group that is too uncertain in an identified model; None if there is none."""
         fitted = self.fitted(found)
         effects = {i for group in self.groups.values() for i in group}

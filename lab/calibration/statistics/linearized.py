@@ -43,7 +43,7 @@ FULL_RANK = 1e-8  # of the largest singular value of the column-scaled Jacobian
 _DETERMINED = 1e-6  # share of a direction's variance that other poses must leave to its residual
 _LEAST_KURTOSIS_DOF = 4.5
 _BLOCK = 2_000_000  # numbers drawn or worked out at a time
-_HARDLY = 1e-3  # of a pose in its own prediction: five terms of a series are exact
+_MIN_LEVERAGE = 1e-3  # of a pose in its own prediction: five terms of a series are exact
 _NO_LEVERAGE, _MANY = 0.01, 60_000  # of each number's own error in its prediction, and how many numbers: no matter
 
 
@@ -162,7 +162,7 @@ class LinearizedFit:
         for part, basis in self.basis(model.back):
             own = basis @ np.swapaxes(basis, 1, 2)  # (n, m, m) H_ii
             sign = np.where(inside[part], -1.0, 1.0)[:, None, None]
-            if float(np.einsum("nii->n", own).max()) < _HARDLY:
+            if float(np.einsum("nii->n", own).max()) < _MIN_LEVERAGE:
                 root[part] = _root_near_one(sign * own)
                 continue
             spread, axes = np.linalg.eigh(np.eye(numbers) + sign * own)
@@ -356,7 +356,7 @@ class ClusterTest:
     dof: float
 
     @property
-    def has_freedom(self) -> bool:
+    def can_reject(self) -> bool:
         """True where the clusters are enough for the test to reject anything."""
         return self.dof >= _LEAST_DOF
 

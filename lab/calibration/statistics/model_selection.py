@@ -105,9 +105,9 @@ class Selection:
     @property
     def held(self) -> tuple[str, ...]:
         """Parameters of the chosen groups that are not fitted: to be fixed wherever this model is fitted again."""
-        return self.held_of(self.chosen)
+        return self.fixed_of(self.chosen)
 
-    def held_of(self, groups: Sequence[str]) -> tuple[str, ...]:
+    def fixed_of(self, groups: Sequence[str]) -> tuple[str, ...]:
         """Those of some of the chosen groups alone."""
         return tuple(name for group in self.groups if group.name in groups for name in group.held)
 
@@ -309,7 +309,7 @@ class _Growth:
         """Hold, the worst first, parameters that were well determined when taken and no longer are."""
         while True:
             large = self.large()
-            if (worst := large.least_known(self.around(large), self.found)) is None:
+            if (worst := large.most_uncertain(self.around(large), self.found)) is None:
                 return
             owner = next(name for name in self.taken if worst in large.groups[name])
             held = (*self.rows[owner].held, large.observation.model.names[worst])
@@ -416,7 +416,7 @@ def _by_configurations(test: ClusterTest | None, gain: HeldOutGain, groups: int)
     """Return the objection of the test by configurations to one of so many groups; empty if it has none."""
     if test is None or test.p * groups < MODEL_GROUPS:
         return ""
-    if test.has_freedom:
+    if test.can_reject:
         return f"{_NOT_SIGNIFICANT}: p = {test.p:.1g} by configurations, within which errors may be correlated"
     if gain.p * groups < MODEL_GROUPS:
         return ""

@@ -26,7 +26,7 @@ from lab.core.se3 import Array
 from lab.core.significance import CAMPAIGN_OUTLIERS
 from lab.kinematics.model import Model
 
-__all__ = ["LEAST_SIGMA_M", "HeldOut", "Outliers", "find_outliers", "leave_out", "off_held_out", "would_matter"]
+__all__ = ["LEAST_SIGMA_M", "HeldOut", "Outliers", "find_outliers", "held_out_outliers", "leave_out", "would_matter"]
 
 _MISFIT = 1.5  # times the known sigma: from there on the residuals of most poses are not its noise
 LEAST_SIGMA_M = 1e-6  # an estimated sigma below is no instrument's, but what models leave of each other
@@ -48,7 +48,7 @@ class Outliers:
         p_values: ``(o,)`` of the whole campaign: the chance that noise alone makes any pose stand out as far.
         fit: least squares on all other poses.
         weights: ``(n,)`` Tukey's, where the search started; 1 is a pose like the others, 0 one far out.
-        sigma_known: whether the given sigma was the test's measure. It is not where most residuals are beyond it.
+        sigma_given: whether the given sigma was the test's measure. It is not where most residuals are beyond it.
         level: the chance that a campaign of noise alone has an outlier.
         needed: rows that fail the test, but without which the others do not identify the parameters. They are fitted,
             and the search ended there: the others cannot be judged beside them.
@@ -59,7 +59,7 @@ class Outliers:
     p_values: Array
     fit: Fit
     weights: Array
-    sigma_known: bool
+    sigma_given: bool
     level: float
     needed: NDArray[np.int_]
 
@@ -120,7 +120,7 @@ class HeldOut:
     p_values: Array
 
 
-def off_held_out(
+def held_out_outliers(
     model: Model,
     observed: Observations,
     fitted: int,

@@ -52,7 +52,7 @@ from lab.render.document import (
 )
 from lab.render.phrases.fit import model_name, standing
 from lab.render.phrases.registry import in_one_line, phrases
-from lab.render.phrases.verdict import gate_words, region_words, without_figures
+from lab.render.phrases.verdict import gate_text, region_text, without_figures
 
 __all__ = ["document_of", "parameters_table"]
 
@@ -154,17 +154,17 @@ def _verdict_blocks(result: CalibrationResult) -> tuple[Block, ...]:
     reasons = Bullets(tuple(map(capital, phrases(verdict.reasons))))
     because = (Paragraph("Because:"), reasons) if verdict.reasons else ()
     answers = tuple(
-        (Strong(f"{capital(name)}: {each.standing}."), f" {_answer_words(each, verdict.reasons)}")
+        (Strong(f"{capital(name)}: {each.standing}."), f" {_answer_text(each, verdict.reasons)}")
         for name, each in verdict.answers.items()
     )
     return (
-        Paragraph(("Verdict: ", _VERDICTS[verdict.word], f" ({gate_words(result.options.gate_mm)})")),
+        Paragraph(("Verdict: ", _VERDICTS[verdict.word], f" ({gate_text(result.options.gate_mm)})")),
         *because,
         Bullets(answers),
     )
 
 
-def _answer_words(answer: Answer, reasons: Sequence[Check]) -> str:
+def _answer_text(answer: Answer, reasons: Sequence[Check]) -> str:
     """The figures of an answer, but where a reason above has them already."""
     above = [each.name for each in reasons]
     if "determination.limit" in above:  # whose phrase begins with the predicted errors
@@ -211,7 +211,7 @@ def _predictions(result: CalibrationResult) -> Table:
     region, elsewhere, bounds = result.verdict.region, result.verdict.elsewhere, result.bounds
     rows: list[Row] = []
     if np.isfinite(region.p95_m):
-        rows.append((region_words(region), short(MM.of(region.mean_m)), short(MM.of(region.p95_m)), "", ""))
+        rows.append((region_text(region), short(MM.of(region.mean_m)), short(MM.of(region.p95_m)), "", ""))
     if elsewhere is not None and np.isfinite(elsewhere.p95_m):
         where = f"extrapolated: {100 * elsewhere.extrapolated_share:.0f} % of the workspace"
         rows.append((where, short(MM.of(elsewhere.mean_m)), short(MM.of(elsewhere.p95_m)), "", ""))
@@ -248,18 +248,18 @@ def _noise(result: CalibrationResult) -> str:
     if not np.isfinite(sigma_m):
         return "The noise is unknown, so the parameters have no uncertainty."
     rotations = f" and {short(MRAD.of(rotation))} mrad" if np.isfinite(rotation) else ""
-    how = "given" if found.sigma_known else "estimated from the residuals"
+    how = "given" if found.sigma_given else "estimated from the residuals"
     text = f"The noise per axis is {short(MM.of(sigma_m))} mm{rotations} (1σ, {how})."
     if (shared := result.fit.noise.shared) is not None:
         found_by = f"by restricted likelihood, level {100 * VARIANCE_COMPONENTS:g} %"
-        found_by = "known of the robot's table" if shared.is_known else found_by
+        found_by = "known of the robot's table" if shared.is_given else found_by
         text += f" Beside it ({found_by}): {'; '.join(shared.words)}. Weights, intervals and tests are those of both."
     if result.fit.instrument is not None and result.fit.adequacy.name != "lack_of_fit.distances":
         text += f" {capital(result.fit.instrument.words)}."
     if np.isfinite(region.rms_m):
         text += (
             f" The parameters' covariance alone predicts a position error of {short(MM.of(region.rms_m))} mm "
-            f"(RMS {region_words(region)})."
+            f"(RMS {region_text(region)})."
         )
     return text
 

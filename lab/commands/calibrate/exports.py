@@ -13,12 +13,12 @@ from lab.formats.calibrated_module import largest_difference, module_text, plain
 from lab.kinematics.effects.effect import PAYLOAD
 from lab.render.phrases.fit import listed, model_name
 
-__all__ = ["ArmExport", "comment_of_lacking"]
+__all__ = ["ArmExport", "comment_on_missing_effects"]
 
 _CHECKED, _SAME_M = 3, 1e-9  # poses at which a module is compared with the lab's own arm, and how near it has to be
 
 
-def comment_of_lacking(groups: Sequence[str], off_m: float | None, where: str, *, module: bool) -> str:
+def comment_on_missing_effects(groups: Sequence[str], off_m: float | None, where: str, *, module: bool) -> str:
     """Write the comment of a geometry-only file on the effects it lacks; "" if it holds all identified effects.
 
     Args:

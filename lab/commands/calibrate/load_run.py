@@ -22,7 +22,7 @@ from lab.campaign.robot import Robot, load_robot, load_virtual
 from lab.commands.calibrate.exports import ArmExport
 from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.hand_load import HandLoad, carrying
-from lab.commands.run_folder import LOAD_FILE, said_of_edits
+from lab.commands.run_folder import LOAD_FILE, check_edits
 from lab.core.errors import LabError, error_context
 from lab.core.limits import called
 from lab.core.measurements import LAST_MOVE
@@ -31,7 +31,7 @@ from lab.formats.noise_model import NoiseModel
 from lab.formats.structured import read_structured, structured
 from lab.kinematics.effects.effect import PAYLOAD
 from lab.noise.instruments import Instrument
-from lab.render.phrases.verdict import gate_words
+from lab.render.phrases.verdict import gate_text
 from lab.sensors.registry import sensor_named
 
 if TYPE_CHECKING:
@@ -107,7 +107,7 @@ class RunVerdict:
     @property
     def words(self) -> str:
         """The verdict with its gate, for a person."""
-        return f"{self.verdict}, {gate_words(self.gate_mm)}"
+        return f"{self.verdict}, {gate_text(self.gate_mm)}"
 
     def to_dict(self) -> dict[str, Any]:
         """Return what the result of whoever builds on the run holds of its verdict."""
@@ -269,7 +269,7 @@ def read_calibrated(
     payload_of = load or (folder if (folder / LOAD_FILE).is_file() else None)
     robot, payload = carrying(robot, payload_of, accept_edited=accept_edited)
     estimate = read_estimate(folder, robot, payload)
-    edits = said_of_edits(folder, (*READ_FILES, *input_names(folder)), accept=accept_edited)
+    edits = check_edits(folder, (*READ_FILES, *input_names(folder)), accept=accept_edited)
     return CalibrationRun(folder, robot, estimate, verdict, options, payload, inputs, edits)
 
 

@@ -86,7 +86,7 @@ def parameters_text(outcome: CalibrationResult) -> str:
 
 def _legend(outcome: CalibrationResult, shown: Scene) -> Section:
     """Explain the colours of the recording and their magnifications."""
-    known = outcome.identification.sigma_known
+    known = outcome.identification.sigma_given
     unit = "their effects in standard deviations" if known else "all points have the same weight"
     before, after = format_magnification(shown.factor_before), format_magnification(shown.factor_after)
     vermilion, blue = Strong("vermilion"), Strong("light blue")
@@ -112,7 +112,7 @@ def _legend(outcome: CalibrationResult, shown: Scene) -> Section:
 
 def _blueprint(outcome: CalibrationResult, shown: Scene) -> rrb.Blueprint:
     """The layout of a campaign's recording."""
-    unit = "in σ" if outcome.identification.sigma_known else "in mm"
+    unit = "in σ" if outcome.identification.sigma_given else "in mm"
     controls = eye(shown.origins, shown.all_measured, shown.reach_m, shown.heads[0])
     left = rrb.Vertical(
         main_view("Arm, measured points, errors", controls),
@@ -267,5 +267,5 @@ def convergence(outcome: CalibrationResult) -> Array:
     """Root mean square residual of a coordinate before and after each step: in sigmas, in mm if sigma was estimated."""
     identification = outcome.identification
     squares = 2 * np.array(identification.fit.cost_trace) / (3 * outcome.fitted.seen.sum())
-    rms: Array = np.sqrt(squares) * (1.0 if identification.sigma_known else 1e3)
+    rms: Array = np.sqrt(squares) * (1.0 if identification.sigma_given else 1e3)
     return rms

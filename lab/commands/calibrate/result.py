@@ -27,7 +27,7 @@ from lab.calibration.verdict import Answer, Verdict, rotation_noise_rad
 from lab.calibration.workspace_prediction import Distance, RegionPrediction, ValidationBounds
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot
-from lab.commands.calibrate.exports import ArmExport, comment_of_lacking
+from lab.commands.calibrate.exports import ArmExport, comment_on_missing_effects
 from lab.commands.calibrate.options import MeasuredCampaign
 from lab.commands.hand_load import read_hand_load
 from lab.commands.result import ErrorStatistics, Result, error_statistics, exit_code_of, number
@@ -40,13 +40,13 @@ from lab.core.units import MM, MRAD
 from lab.formats.calibrated_module import MODULE_FILE
 from lab.formats.measurement_csv import write_measurements
 from lab.formats.noise_model import noise_model_to_dict
-from lab.kinematics.effects.registry import said_of_term
+from lab.kinematics.effects.registry import describe_term
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
 from lab.kinematics.parameter import targets_of
 from lab.kinematics.serial.khalil_frames import ANGULAR, SYMBOLS, khalil_frame
 from lab.render.phrases.registry import in_one_line, phrase, phrases
-from lab.render.phrases.verdict import gate_words
+from lab.render.phrases.verdict import gate_text
 from lab.simulation.true_robot import TrueRobot
 
 __all__ = [
@@ -306,7 +306,7 @@ class CalibrationResult(Result):
             "after_without_outliers_mm": None if robust is None else robust.to_dict(),
             "noise_mm": number(MM.of(identification.sigma_m)),
             "noise_mrad": number(MRAD.of(rotation_noise_rad(identification))),
-            "noise_known": identification.sigma_known,
+            "noise_known": identification.sigma_given,
             "cluster_robust": identification.dof_each is not None and self.fit.noise.shared is None,
             "noise_tail_freedom": number(self.fit.tail_dof),
             "noise_model": noise_model_to_dict(self.fit.noise.shared, self.fit.noise.component_errors),
@@ -346,7 +346,7 @@ class CalibrationResult(Result):
     def _export(self) -> ArmExport:
         """The arm as it holds on another day, for ``calibrated.py``."""
         observed = "" if self.kind.in_instrument_frame else self.kind.name
-        verdict = f"{self.verdict.word}, {gate_words(self.options.gate_mm)}"
+        verdict = f"{self.verdict.word}, {gate_text(self.options.gate_mm)}"
         return ArmExport(self.estimate, observed, verdict, self.fitted.inputs(self.estimate.arm.conditions))
 
     @cached_property
@@ -363,10 +363,10 @@ class CalibrationResult(Result):
     def _descriptions(self) -> dict[str, str]:
         """The files that describe the arm's geometry; those in other formats are ``lab compensate``'s."""
         arm, values = self.rigid(self.exported)
-        lacking = comment_of_lacking(
+        lacking = comment_on_missing_effects(
             self.estimate.groups, self._off_m, "at the measured poses", module=self._module[1] is None
         )
-        texts = {name: self.robot.description(name, arm.targets, values, lacking) for name in self.robot.kept_files}
+        texts = {name: self.robot.description(name, arm.targets, values, lacking) for name in self.robot.stored_files}
         return {name: text for name, text in texts.items() if text}
 
     @property
@@ -539,7 +539,7 @@ def _truth_to_dict(result: CalibrationResult, comparison: TruthComparison) -> di
 def _group_to_dict(group: GroupTrial, explained: ExplainedError | None) -> dict[str, Any]:
     return {
         "name": group.name,
-        "words": said_of_term(group.name),
+        "words": describe_term(group.name),
         "parameters": group.parameters,
         "holdout_mm": number(MM.of(group.holdout_m)),
         "f_p": number(group.f_p),

@@ -22,11 +22,11 @@ from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot, load_robot, load_virtual
 from lab.campaign.task_region import task_region
 from lab.campaign.virtual_robot import (
-    asked_conditions,
-    drawn_conditions,
+    draw_conditions,
     fresh_poses,
     perturbed_arm,
     poses_to_measure,
+    requested_conditions,
     truth_of,
 )
 from lab.commands.calibrate.options import MeasuredCampaign
@@ -49,18 +49,18 @@ from lab.simulation.true_robot import TrueRobot
 
 __all__ = [
     "CalibrationResult",
-    "MeasuringDay",
+    "MeasurementSession",
     "calibrate",
     "checked",
     "identify",
-    "measuring_day",
+    "measurement_session",
     "robot_of",
     "simulate",
 ]
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class MeasuringDay:
+class MeasurementSession:
     """A simulated measurement session.
 
     Attributes:
@@ -79,16 +79,18 @@ class MeasuringDay:
     @property
     def validation(self) -> Measurements:
         """Exact points (m, in the instrument's frame) at 1,000 random poses that were not measured."""
-        fresh = fresh_poses(self.true_robot, self.options, asked_conditions(self.robot, self.options))
+        fresh = fresh_poses(self.true_robot, self.options, requested_conditions(self.robot, self.options))
         return replace(fresh, robot=self.robot.source)
 
     def __repr__(self) -> str:
         rows = len(self.measurements)
-        return f"<MeasuringDay: {rows} poses of {self.robot.name}, targets {', '.join(self.measurements.targets)}>"
+        return (
+            f"<MeasurementSession: {rows} poses of {self.robot.name}, targets {', '.join(self.measurements.targets)}>"
+        )
 
 
 @takes(VirtualCampaign)
-def simulate(robot: str | Path | Robot | VirtualCampaign = "irb120", **options: Any) -> MeasuringDay:
+def simulate(robot: str | Path | Robot | VirtualCampaign = "irb120", **options: Any) -> MeasurementSession:
     """Simulate a measuring day: perturb a robot, set up an instrument, and measure poses that touch nothing.
 
     Args:
@@ -110,13 +112,13 @@ def simulate(robot: str | Path | Robot | VirtualCampaign = "irb120", **options: 
         (20, 1, 3)
     """
     if isinstance(robot, VirtualCampaign):
-        return measuring_day(robot, load_virtual(robot.robot, robot.cell))[0]
+        return measurement_session(robot, load_virtual(robot.robot, robot.cell))[0]
     known = load_virtual(robot)
     asked = options_of("lab.simulate", VirtualCampaign, {"robot": known.source, **options})
-    return measuring_day(asked, known.placed_in(asked.cell))[0]
+    return measurement_session(asked, known.placed_in(asked.cell))[0]
 
 
-def measuring_day(options: VirtualCampaign, robot: Robot) -> tuple[MeasuringDay, Mapping[str, Array]]:
+def measurement_session(options: VirtualCampaign, robot: Robot) -> tuple[MeasurementSession, Mapping[str, Array]]:
     """The measuring day of these options, with a robot that ``load_virtual`` gave.
 
     Returns:
@@ -134,12 +136,14 @@ def measuring_day(options: VirtualCampaign, robot: Robot) -> tuple[MeasuringDay,
         raise LabError(f"--plan is not of --observe {options.observe}: where the arm touches follows from the fixtures")
     real = perturbed_arm(robot, options)
     joints, set_there, notes = poses_to_measure(robot, options)
-    asked = asked_conditions(robot, options)
-    conditions = drawn_conditions(real, options, len(joints), rng_for(options.seed, "conditions"), asked) | set_there
+    asked = requested_conditions(robot, options)
+    conditions = draw_conditions(real, options, len(joints), rng_for(options.seed, "conditions"), asked) | set_there
     noise = rng_for(options.seed, "noise")
     found = sensor.simulate(real, joints, options.targets, device, noise, options.readings, conditions, options)
     named = frozenset(np.array(found.measurements.ids)[found.bad].tolist())
-    day = MeasuringDay(options, robot, replace(found.measurements, warnings=notes, robot=robot.source), real, named)
+    day = MeasurementSession(
+        options, robot, replace(found.measurements, warnings=notes, robot=robot.source), real, named
+    )
     return day, found.placed
 
 
@@ -283,13 +287,13 @@ def calibrate(robot: str | Path | Robot | VirtualCampaign = "irb120", **options:
     with status("calibrating") as stage:
         stage("1 of 3, simulating the measurements")
         if isinstance(robot, VirtualCampaign):
-            return _of_a_virtual_robot(*measuring_day(robot, load_virtual(robot.robot, robot.cell)), stage)
+            return _of_a_virtual_robot(*measurement_session(robot, load_virtual(robot.robot, robot.cell)), stage)
         known = load_virtual(robot)
         asked = options_of("lab.calibrate", VirtualCampaign, {"robot": known.source, **options})
-        return _of_a_virtual_robot(*measuring_day(asked, known.placed_in(asked.cell)), stage)
+        return _of_a_virtual_robot(*measurement_session(asked, known.placed_in(asked.cell)), stage)
 
 
-def _of_a_virtual_robot(day: MeasuringDay, placed: Mapping[str, Array], stage: Stage) -> CalibrationResult:
+def _of_a_virtual_robot(day: MeasurementSession, placed: Mapping[str, Array], stage: Stage) -> CalibrationResult:
     """Identify from a measuring day, and validate on poses that were not measured, against the truth."""
     options, robot, data, real = day.options, day.robot, day.measurements, day.true_robot
     device = named_instrument(options.instrument)
@@ -297,7 +301,7 @@ def _of_a_virtual_robot(day: MeasuringDay, placed: Mapping[str, Array], stage: S
     if options.noise_mm is not None:
         noise = Noise(None, MM.to_si(options.noise_mm))
     else:
-        kind = kind.weighed_by(device, data)
+        kind = kind.weighted_by(device, data)
     fitter = Fitter(robot, options.targets, data, kind, noise, options.fitting.of_fit, options.seed)
     state = Fitted(
         fitter, fitter.observed().with_points(), judging=_judging(options), checks=tuple(map(note, robot.warnings))
@@ -314,7 +318,7 @@ def _of_a_virtual_robot(day: MeasuringDay, placed: Mapping[str, Array], stage: S
 
 
 def _against_truth(
-    day: MeasuringDay, placed: Mapping[str, Array], state: Fitted
+    day: MeasurementSession, placed: Mapping[str, Array], state: Fitted
 ) -> tuple[Fitted, TruthComparison | None]:
     """Validate on exact points at poses that were not measured, and compare with the truth where it is single."""
     state, found, real = _judged_by_fresh(day, state), state.identification, day.true_robot
@@ -327,7 +331,7 @@ def _against_truth(
     return state, compare_with_truth(found, truth)
 
 
-def _judged_by_fresh(day: MeasuringDay, state: Fitted) -> Fitted:
+def _judged_by_fresh(day: MeasurementSession, state: Fitted) -> Fitted:
     """On exact points at poses that were not measured; what was measured at fixtures has its base placed there."""
     fresh, found, fitter = day.validation, state.identification, state.fitter
     checks = _impossible("validation poses", fresh)

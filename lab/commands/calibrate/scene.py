@@ -28,7 +28,7 @@ from lab.render.scene import (
     skeleton,
     world_legs,
 )
-from lab.simulation.meshes import Shell, body_poses, instrument_body, shells, station_stands
+from lab.simulation.meshes import Shell, body_poses, instrument_body, shells, station_body_poses
 
 __all__ = ["OutlierPose", "Scene", "scene", "world_of"]
 
@@ -190,7 +190,7 @@ def _bodies(
 ) -> tuple[tuple[Shell, ...], dict[str, Array]]:
     """The bodies that are drawn; the instrument's only where it is known: a virtual one."""
     robot = outcome.robot.model
-    stands = station_stands(robot, stations)
+    stands = station_body_poses(robot, stations)
     hidden = set() if outcome.real is not None else {instrument_body(robot), *stands}
     visible = tuple(shell for shell in shells(robot) if shell.body not in hidden)
     poses = body_poses(robot, arm, values, joints)

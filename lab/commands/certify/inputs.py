@@ -12,7 +12,7 @@ from lab.calibration.observation import observation_of
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M
 from lab.calibration.validation import cv_groups_of, folds, hold_out, hold_out_last
 from lab.calibration.weights import Noise, root_mean_square_sigma, weighed
-from lab.certification.budget import FrameMotion, InputQuantity, KnownSpread, Placement, Propagation, RandomErrors
+from lab.certification.budget import FrameMotion, InputQuantity, Placement, Propagation, RandomErrors, RandomScatter
 from lab.certification.characteristics import Repeats
 from lab.certification.lack_of_fit import ValidationErrors
 from lab.commands.calibrate.load_run import MEASUREMENTS_FILE, CalibrationRun
@@ -332,15 +332,15 @@ def random_errors(
     repeatability = _repeatability(fitted, instrument_m, stated_mm, found, of_residuals=scattered)
     known_m = 0.0 if repeatability is None else repeatability.sigma_m
     left = float(np.sqrt(max(lacking**2 - known_m**2, 0.0)))
-    wandering_m = 0.0 if result.noise_model is None else MM.to_si(result.noise_model.wandering_mm)
+    autocorrelated_m = 0.0 if result.noise_model is None else MM.to_si(result.noise_model.wandering_mm)
     return RandomErrors(
         larger * estimate.free_covariance,
-        KnownSpread(fitted.sigma_m * float(np.sqrt(larger)), freedom, _noise_source(calibrated)),
+        RandomScatter(fitted.sigma_m * float(np.sqrt(larger)), freedom, _noise_source(calibrated)),
         _placement(calibrated, fitted),
         repeatability,
         not estimate.noise_known or larger > 1 or estimate.shared is not None,
-        KnownSpread(left, freedom, _model_source(calibrated, device)) if left else None,
-        KnownSpread(wandering_m, np.inf, _BY_NOISE_MODEL) if wandering_m else None,
+        RandomScatter(left, freedom, _model_source(calibrated, device)) if left else None,
+        RandomScatter(autocorrelated_m, np.inf, _BY_NOISE_MODEL) if autocorrelated_m else None,
     )
 
 
@@ -387,7 +387,7 @@ def _device_sigma(device: Instrument | None, fitted: FittedRows) -> float:
 
 def _repeatability(
     fitted: FittedRows, instrument_m: float, stated_mm: float | None, found: Repeats | None, *, of_residuals: bool
-) -> KnownSpread | None:
+) -> RandomScatter | None:
     """Return the repeatability by the run's noise model, by repeated poses, or as stated; None if there is none.
 
     Args:
@@ -396,12 +396,12 @@ def _repeatability(
     shared = fitted.observed.correlation
     if shared is not None and shared.scatter.size:
         source = f"scatter of the joints, {_BY_NOISE_MODEL}"
-        return KnownSpread(_scatter_m(fitted), np.inf, source, of_residuals)
+        return RandomScatter(_scatter_m(fitted), np.inf, source, of_residuals)
     if found is not None and (more := found.scatter_m**2 - instrument_m**2) > 0:
         freedom = (more / found.scatter_m**2) ** 2 * found.freedom
-        return KnownSpread(float(np.sqrt(more)), freedom, "repeated poses, less the instrument's noise")
+        return RandomScatter(float(np.sqrt(more)), freedom, "repeated poses, less the instrument's noise")
     if stated_mm is not None:
-        return KnownSpread(MM.to_si(stated_mm) / _RP_OVER_SIGMA, np.inf, f"stated RP of {stated_mm:g} mm")
+        return RandomScatter(MM.to_si(stated_mm) / _RP_OVER_SIGMA, np.inf, f"stated RP of {stated_mm:g} mm")
     return None
 
 

@@ -41,7 +41,7 @@ from lab.render.document import (
     short,
 )
 from lab.render.phrases.registry import in_one_line, phrase
-from lab.render.phrases.verdict import gate_words
+from lab.render.phrases.verdict import gate_text
 from lab.render.style import AFTER
 
 if TYPE_CHECKING:
@@ -212,7 +212,7 @@ class Certificate(Result):
             "rule": found.rule,
             "rule_words": found.words,
             "decision": found.decision,
-            "gate": gate_words(self.calibrated.result.gate_mm),
+            "gate": gate_text(self.calibrated.result.gate_mm),
         }
 
     def _iso_to_dict(self) -> dict[str, Any]:
@@ -365,7 +365,7 @@ def _certificate_document(result: Certificate) -> Document:
     return Document(
         f"{result.calibrated.called}: calibration certificate{f' {name}' if name else ''}",
         (
-            Paragraph(("The verdict of the calibration: ", badge, f" ({gate_words(run.gate_mm)}).")),
+            Paragraph(("The verdict of the calibration: ", badge, f" ({gate_text(run.gate_mm)}).")),
             *_withheld(result),
             Paragraph(_lead(result), "lead"),
             Warnings(result.warnings),

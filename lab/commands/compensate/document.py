@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from lab.commands.compensate.program import stated_words
+from lab.commands.compensate.program import stated_positions_note
 from lab.commands.compensate.result import CompensationResult, NearSingular
 from lab.commands.result import joint_values
 from lab.commands.run_folder import VIA
@@ -182,7 +182,7 @@ def _program(result: CompensationResult) -> tuple[Section, ...]:
             (
                 Paragraph(text),
                 tools,
-                Paragraph(() if result.reference is None else stated_words(result.reference)),
+                Paragraph(() if result.reference is None else stated_positions_note(result.reference)),
                 Paragraph(in_base),
                 Table(("line", "what stays as it is, or needs a look"), lines, most_rows=_MOST_LISTED),
                 Table(("line", "ways that are not free"), ways, most_rows=_MOST_LISTED),

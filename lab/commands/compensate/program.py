@@ -15,7 +15,12 @@ from numpy.typing import NDArray
 
 from lab.commands.calibrate.load_run import CalibrationRun
 from lab.commands.compensate.options import CompensateOptions
-from lab.commands.compensate.program_reference import ProgramReference, asked_for, frames_of, program_reference
+from lab.commands.compensate.program_reference import (
+    ProgramReference,
+    frames_of,
+    program_reference,
+    requested_solutions,
+)
 from lab.compensation.compensator import Compensation
 from lab.core import se3
 from lab.core.errors import LabError
@@ -38,10 +43,10 @@ __all__ = [
     "CorrectedProgram",
     "OpenProgram",
     "UsedTool",
+    "flange_note",
     "flange_values",
-    "flange_words",
     "open_program",
-    "stated_words",
+    "stated_positions_note",
     "used_tools",
 ]
 
@@ -302,7 +307,7 @@ def open_program(options: CompensateOptions, run: CalibrationRun) -> OpenProgram
     rows = np.flatnonzero(~beyond)
     Ts = np.array([_T_instrument_last(nominal, read, read.targets[i]) for i in rows]).reshape(-1, 4, 4)
     wanted = PoseTarget(Ts[:, :3, 3], Ts[:, :3, :3])
-    joints, refused = asked_for(nominal, wanted, [read.targets[i] for i in rows])
+    joints, refused = requested_solutions(nominal, wanted, [read.targets[i] for i in rows])
     left += [Uncorrected(read.targets[rows[i]].line, words) for i, words in refused.items()]
     kept = np.array([i for i in range(len(rows)) if i not in refused], dtype=np.int_)
     if not len(kept):
@@ -437,7 +442,7 @@ def used_tools(reference: "ProgramReference", points: NDArray[np.int_]) -> tuple
     return tuple(found)
 
 
-def flange_words(reference: "ProgramReference", flange_95_m: Array) -> str:
+def flange_note(reference: "ProgramReference", flange_95_m: Array) -> str:
     """Explain why the flange's orientation is unknown and the resulting tool error; "" where it is identified.
 
     Args:
@@ -452,7 +457,7 @@ def flange_words(reference: "ProgramReference", flange_95_m: Array) -> str:
     )
 
 
-def stated_words(reference: "ProgramReference") -> str:
+def stated_positions_note(reference: "ProgramReference") -> str:
     """Describe how far the measured points are from their stated positions in the flange, and the consequence."""
     off = [short(MM.of(each)) for each in reference.flange.off_m.tolist()]
     if not reference.stated:

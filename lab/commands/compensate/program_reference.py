@@ -40,18 +40,18 @@ from lab.kinematics.inverse.newton import PoseTarget
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.serial.arm import DEFAULT_TOOL, SerialArm
 from lab.pose_selection.tour import FreePath
-from lab.simulation.collisions import collides, collisions_in_words
+from lab.simulation.collisions import collides, describe_collisions
 from lab.simulation.free_path import path_check
 from lab.simulation.model import RobotModel, at_zero, site_pose
 
 __all__ = [
     "ProgramErrors",
     "ProgramReference",
-    "asked_for",
     "frames_of",
+    "paths_touched",
     "program_errors",
     "program_reference",
-    "ways_touched",
+    "requested_solutions",
 ]
 
 _BASE, _FLANGE = "base", "flange"  # frames of the controller in the lab's frame 0 and last frame
@@ -59,7 +59,7 @@ _GIVEN_DOF = 2  # as many links the tolerances as they are given weigh beside th
 _POSE_M = (
     0.05  # along the axes of a measured pose are points that stand for it: 0.2 mrad where they are stated to 10 um
 )
-_WELL_KNOWN = 0.5  # of its tolerance: a parameter measured better shows how large the arm's tolerances are
+_WELL_DETERMINED = 0.5  # of its tolerance: a parameter measured better shows how large the arm's tolerances are
 
 
 @dataclass(frozen=True)
@@ -198,7 +198,7 @@ def _own_tolerance(run: CalibrationRun) -> tuple[Array, float]:
         if (
             not each.is_link
             or by_name.get(name, 0.0) == 0
-            or not deviations.get(name, np.inf) < _WELL_KNOWN * by_name[name]
+            or not deviations.get(name, np.inf) < _WELL_DETERMINED * by_name[name]
         ):
             continue
         off = estimates[name] - drawn[name]
@@ -390,13 +390,13 @@ def _sizes(slopes: Array) -> Array:
 
 _REACHED_M = 1e-6  # a pose that a solution misses by less is reached
 _STEP_M, _STEP_RAD = 0.01, np.deg2rad(2.0)  # along a line of the tool, between two looks
-_MOST_LOOKS = 400
+_MAX_CHECKS = 400
 _BLOCK = 200  # ways that are looked at, and kept, together
 _LOOKED_AGAIN = 200  # along a way of all joints that is not free, for words
 _JUMP_RAD = 0.5  # of a joint between two looks on a line: it passes a singularity
 
 
-def asked_for(
+def requested_solutions(
     nominal: NominalInverse, wanted: PoseTarget, targets: Sequence[TargetText]
 ) -> tuple[Array, dict[int, str]]:
     """The joint positions at which the controller's arm is at each target, as far as the text says it.
@@ -457,7 +457,7 @@ def _with_turns(chain: JointSpec, joints: Array) -> Array:
     return np.asarray((joints[:, None] + turns).reshape(-1, chain.size))
 
 
-def ways_touched(
+def paths_touched(
     model: RobotModel,
     nominal: NominalInverse,
     joints: Array,
@@ -501,7 +501,7 @@ def _of_joints(model: RobotModel, free: FreePath, start: Array, end: Array) -> s
     if free(start, end):
         return ""
     looks = start + np.linspace(0, 1, _LOOKED_AGAIN)[:, None] * (end - start)
-    return next((words for words in collisions_in_words(model, looks) if words), "something is touched")
+    return next((words for words in describe_collisions(model, looks) if words), "something is touched")
 
 
 def _on_line(model: RobotModel, nominal: NominalInverse, start: Array, end: Array) -> str:
@@ -511,7 +511,7 @@ def _on_line(model: RobotModel, nominal: NominalInverse, start: Array, end: Arra
     if not even:
         return "a straight line of the tool leads through a singularity or out of reach"
     touched = collides(model, looks)
-    return next(iter(collisions_in_words(model, looks[touched][:1])), "")
+    return next(iter(describe_collisions(model, looks[touched][:1])), "")
 
 
 def _line_of_tool(nominal: NominalInverse, start: Array, end: Array) -> Array:
@@ -523,7 +523,7 @@ def _line_of_tool(nominal: NominalInverse, start: Array, end: Array) -> Array:
     turn = se3.log(T_start[:3, :3].T @ T_end[:3, :3])
     along = T_end[:3, 3] - T_start[:3, 3]
     steps = max(np.linalg.norm(along) / _STEP_M, np.linalg.norm(turn) / _STEP_RAD, 1.0)
-    shares = np.linspace(0, 1, min(int(np.ceil(steps)), _MOST_LOOKS) + 1)
+    shares = np.linspace(0, 1, min(int(np.ceil(steps)), _MAX_CHECKS) + 1)
     wanted = PoseTarget(T_start[:3, 3] + shares[:, None] * along, T_start[:3, :3] @ se3.exp(shares[:, None] * turn))
     found = start + shares[:, None] * (end - start)
     if nominal.closed_form is None:

@@ -39,7 +39,7 @@ def record_compensation(path: Path, result: CompensationResult) -> None:
         values,
         joints,
         names,
-        _at_stops(wanted, at_target, len(stops))[:, None],
+        _at_waypoints(wanted, at_target, len(stops))[:, None],
         "the targets, wanted",
         [
             PointErrors(
@@ -47,16 +47,16 @@ def record_compensation(path: Path, result: CompensationResult) -> None:
                 "from the target to where the arm goes with the nominal model's joint positions",
                 RGB_BEFORE,
                 "vermilion",
-                _at_stops(before - wanted, at_target, len(stops))[:, None],
+                _at_waypoints(before - wanted, at_target, len(stops))[:, None],
             ),
         ],
-        _at_stops(result.predicted_m[aimed], at_target, len(stops)),
+        _at_waypoints(result.predicted_m[aimed], at_target, len(stops)),
     )
     digest = hashlib.sha256(run.robot.sha256.encode() + joints.tobytes() + wanted.tobytes() + values.tobytes())
     record_errors(path, run.robot.name, digest.hexdigest()[:32], scene, result.document())
 
 
-def _at_stops(values: Array, at_target: NDArray[np.int_], count: int) -> Array:
+def _at_waypoints(values: Array, at_target: NDArray[np.int_], count: int) -> Array:
     """Values ``(t, …)`` of targets at their stops ``(count, …)``; NaN at those that are only passed."""
     spread = np.full((count, *values.shape[1:]), np.nan)
     spread[at_target] = values

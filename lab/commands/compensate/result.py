@@ -14,10 +14,10 @@ from lab.calibration.extrapolation import MOST_UNCOVERED
 from lab.calibration.prior import Tolerance
 from lab.calibration.verdict import MOST_TOLERANCES
 from lab.calibration.workspace_prediction import tolerance_rms
-from lab.commands.calibrate.exports import comment_of_lacking
+from lab.commands.calibrate.exports import comment_on_missing_effects
 from lab.commands.calibrate.load_run import CalibrationRun
 from lab.commands.compensate.options import CompensateOptions
-from lab.commands.compensate.program import CorrectedProgram, UsedTool, flange_values, flange_words, used_tools
+from lab.commands.compensate.program import CorrectedProgram, UsedTool, flange_note, flange_values, used_tools
 from lab.commands.compensate.program_reference import ProgramErrors, ProgramReference, program_errors
 from lab.commands.result import Result, exit_code_of
 from lab.commands.run_folder import Stops, joint_columns
@@ -317,7 +317,7 @@ class CompensationResult(Result):
         """Explain why the flange's orientation is unknown; "" where it is identified, or no matter."""
         if self.reference is None or self.expected is None:
             return ""
-        return flange_words(self.reference, self.expected.flange_95_m[self.reached])
+        return flange_note(self.reference, self.expected.flange_95_m[self.reached])
 
     def to_dict(self) -> dict[str, Any]:
         """Return the values that ``--json`` prints and ``result.json`` holds: lengths in mm."""
@@ -500,7 +500,7 @@ def _write_files(folder: Path, result: CompensationResult) -> None:
     chain, ids = run.robot.chain, {"id": [result.targets.ids[i] for i in rows]}
     lone = result.extrapolated
     marked = {"extrapolated": _yes(lone[rows])} if lone.any() else {}
-    _write_csv(folder / JOINTS, result, {**result.stops.columns(chain), **_stop_conditions(result)})
+    _write_csv(folder / JOINTS, result, {**result.stops.columns(chain), **_waypoint_conditions(result)})
     at_targets = {**_cartesian_columns(result, rows), **joint_columns(chain, result.found.joints[rows])}
     _write_csv(folder / CARTESIAN, result, {**ids, **at_targets, **_conditions_files(result, rows), **marked})
     nominal_inverse = run.estimate.nominal_inverse(result.target)  # what the corrected targets are for
@@ -510,7 +510,7 @@ def _write_files(folder: Path, result: CompensationResult) -> None:
     arm, values = run.estimate.geometry
     module, refused = run.export(result.arm_inputs[rows]).module()
     off = result.without_effects_m
-    lacking = comment_of_lacking(run.estimate.groups, off, "at the corrected targets", module=refused is None)
+    lacking = comment_on_missing_effects(run.estimate.groups, off, "at the corrected targets", module=refused is None)
     for name in run.robot.description_files:
         if text := run.robot.description(name, arm.targets, values, lacking):
             (folder / name).write_text(text, encoding="utf-8")
@@ -547,7 +547,7 @@ def _conditions_files(result: CompensationResult, rows: NDArray[np.int_]) -> dic
     return {name: column[rows] for name, column in result.targets.conditions.items()}
 
 
-def _stop_conditions(result: CompensationResult) -> dict[str, list[Any]]:
+def _waypoint_conditions(result: CompensationResult) -> dict[str, list[Any]]:
     """Return the conditions of the targets among the waypoints; empty where a waypoint is no target."""
     rows, which = np.flatnonzero(result.found.converged), result.stops.which
     return {

@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lab.campaign.design_problem import ReachabilityGraph, free_home, reachability, refusals, stops_in_order
+from lab.campaign.design_problem import ReachabilityGraph, free_home, reachability, refusals, waypoints_in_order
 from lab.commands.calibrate.load_run import CalibrationRun, calibrated_by, condition_notes, folder_of, read_calibrated
 from lab.commands.command_line import options_of, takes
 from lab.commands.compensate.options import CompensateOptions
 from lab.commands.compensate.program import OpenProgram, open_program
-from lab.commands.compensate.program_reference import ways_touched
+from lab.commands.compensate.program_reference import paths_touched
 from lab.commands.compensate.result import CompensationResult
 from lab.commands.run_folder import Stops
-from lab.compensation.compensator import ASKED_FOR, Compensation, Compensator
+from lab.compensation.compensator import REQUESTED_BRANCH, Compensation, Compensator
 from lab.core.errors import LabError, error_context
 from lab.core.measurements import LAST_MOVE, asked, last_moves
 from lab.core.random import rng_for
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 __all__ = ["compensate"]
 
 _HUBS = 100  # free poses tried as ones to pass through on the way to others
-_AS_ASKED = "the program's configuration asks for this solution"
+_CONFIGURATION_REASON = "the program's configuration asks for this solution"
 _UNTURNED_RAD = 1e-6  # a rotation that is missed by more is told
 _UNPLACED_M = 1e-7  # and a place
 
@@ -110,7 +110,7 @@ def _of_program(options: CompensateOptions, run: CalibrationRun) -> Compensation
     if done.checked:
         names = [each.name for each in program.read.targets]
         with status("checking") as stage:
-            ways = ways_touched(
+            ways = paths_touched(
                 run.robot.model, program.nominal, stands, program.read.moves, names, partial(stage, "ways"),
                 current_keep(),
             )  # fmt: skip
@@ -168,7 +168,7 @@ def _corrected(
     target = run.estimate.arm.targets.index(targets.tool)
     wanted = PoseTarget(targets.positions, targets.rotations @ run.estimate.R_last_tool.T)
     may_not = refusals(run.robot.model, access) if (checked := _is_checked(options, run)) else None
-    keep, bound = current_keep(), ASKED_FOR if program is None else _AS_ASKED
+    keep, bound = current_keep(), REQUESTED_BRANCH if program is None else _CONFIGURATION_REASON
     compensator = Compensator(
         run.estimate.nominal_inverse(target), run.estimate.arm, run.estimate.values, may_not, bound, keep=keep
     )
@@ -189,7 +189,7 @@ def _corrected(
     way, which = found.joints[rows], np.arange(len(rows))
     if access is not None:
         with status("checking") as stage:
-            way, which = stops_in_order(rated(run.robot.chain)[0], access, way, partial(stage, "ways"), keep)
+            way, which = waypoints_in_order(rated(run.robot.chain)[0], access, way, partial(stage, "ways"), keep)
     stops = Stops(way, which, [targets.ids[i] for i in rows], "target")
     done = CompensationResult(options, run, targets, wanted, found, inputs, without, stops, checked, said, corrected)
     if run.load is not None and found.converged.any():
@@ -238,7 +238,7 @@ def _refuse_beyond_limits(run: CalibrationRun, targets: Targets, source: str) ->
     outside = run.robot.chain.beyond_limits(targets.joints, 1e-9)
     if outside.any():
         row, joint = np.argwhere(outside)[0].tolist()
-        said = run.robot.chain.said_beyond(joint, targets.joints[row, joint])
+        said = run.robot.chain.limit_note(joint, targets.joints[row, joint])
         raise LabError(f"{source}: line {targets.lines[row]}, {said}; mend it, or leave the row's joints empty")
 
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.commands.design.result import DesignResult, DesignStep, MeasuringDayLength, PlanCheckResult
+from lab.commands.design.result import DesignResult, DesignStep, PlanCheckResult, SessionDuration
 from lab.commands.design.scene import PlanScene, plan_scene
 from lab.core.se3 import Array
 from lab.core.units import MICRONS
@@ -270,7 +270,7 @@ def design_document(result: DesignResult) -> Document:
                 (
                     Figure("poses-figure", pose_pictures(result), _POSES),
                     Paragraph(_tour(result)),
-                    Paragraph(MeasuringDayLength.of(result.tour).words),
+                    Paragraph(SessionDuration.of(result.tour).words),
                     Paragraph(_candidates(values)),
                     *_reflector(values),
                     *_stations(values),

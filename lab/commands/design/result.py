@@ -32,21 +32,21 @@ from lab.pose_selection.criteria import Indices, PredictedAccuracy
 from lab.pose_selection.exchange import Certificate, Design
 from lab.pose_selection.tour import Tour, rated
 from lab.simulation.candidate_poses import field_of_view, incidence, view_of
-from lab.simulation.collisions import collisions_in_words
+from lab.simulation.collisions import describe_collisions
 from lab.simulation.free_path import path_check, planning_model
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
 
-__all__ = ["DesignResult", "DesignStep", "Fault", "MeasuringDayLength", "PlanCheckResult", "check_plan", "visit_ids"]
+__all__ = ["DesignResult", "DesignStep", "Fault", "PlanCheckResult", "SessionDuration", "check_plan", "visit_ids"]
 
 _WARM_UP_S = 1800.0  # ISO 9283:1998 asks for a warm-up, its length as the maker says; half an hour is common
 REFERENCE_EVERY = 10  # poses after which the reference pose is measured again
 
 
 @dataclass(frozen=True)
-class MeasuringDayLength:
+class SessionDuration:
     """The time that a plan takes.
 
     Attributes:
@@ -190,7 +190,7 @@ class DesignResult(Result):
         return self.problem.robot.sha256
 
     @property
-    def _pool_in_words(self) -> str:
+    def _pool_description(self) -> str:
         """Description of the set of poses that the certificate refers to."""
         candidates = len(self.problem.candidates.joints)
         moved = len(self.certificate.weights) - candidates
@@ -225,7 +225,7 @@ class DesignResult(Result):
         """Waypoints of the tour: home, poses to measure, via poses, and home."""
         which = np.where(self.tour.measured >= 0, np.cumsum(self.tour.measured >= 0) - 1, -1)
         ids = visit_ids(self.tour, self.pose_ids)
-        return Stops(self.tour.stops, which, ids, "measure", stations=self._stations_of_stops)
+        return Stops(self.tour.stops, which, ids, "measure", stations=self._stations_of_waypoints)
 
     @property
     def _parts(self) -> tuple[tuple[str, slice], ...]:
@@ -235,7 +235,7 @@ class DesignResult(Result):
         return tuple((name, slice(a, b + 1)) for name, (a, b) in zip(measuring, pairwise(ends), strict=True))
 
     @property
-    def _stations_of_stops(self) -> tuple[str, ...]:
+    def _stations_of_waypoints(self) -> tuple[str, ...]:
         """The station in whose part each stop is; none where there is one alone."""
         if not self.problem.robot.model.stations:
             return ()
@@ -275,7 +275,7 @@ class DesignResult(Result):
             "indices": self._scaled_indices,
             "d_efficiency": self.d_efficiency,
             "bound_gap": self.certificate.gap,
-            "pool": {"poses": len(self.certificate.weights), "what": self._pool_in_words},
+            "pool": {"poses": len(self.certificate.weights), "what": self._pool_description},
             "predicted_mm": error_statistics(self.prediction.rms).to_dict(),
             "promise_mm": MM.of(self.prediction.coverage_radius),
             "candidates": {
@@ -283,7 +283,7 @@ class DesignResult(Result):
                 "feasible": len(candidates.joints),
                 "rejected": {reason: int(count) for reason, count in candidates.rejected.items()},
             },
-            **MeasuringDayLength.of(tour).to_dict(),
+            **SessionDuration.of(tour).to_dict(),
             "moves": len(tour.stops) - 1,
             "via": self.tour.via,
             "reflector": self._reflector,
@@ -360,7 +360,7 @@ class PlanCheckResult(Result):
     robot: Robot
     stops: Measurements
     faults: tuple[Fault, ...]
-    day: MeasuringDayLength
+    day: SessionDuration
     warnings: tuple[str, ...]
 
     @property
@@ -411,10 +411,10 @@ def check_plan(options: DesignOptions, robot: Robot) -> PlanCheckResult:
     faults: dict[str, str] = {}
     for j, beyond in enumerate(chain.beyond_limits(stops.joints, _SLACK).T):
         for i in np.flatnonzero(beyond):
-            faults.setdefault(stops.ids[i], chain.said_beyond(j, stops.joints[i, j]))
+            faults.setdefault(stops.ids[i], chain.limit_note(j, stops.joints[i, j]))
     robot.refuse_unknown(options.targets)
     model = planning_model(robot.model, options.targets, device, options.clearances)
-    for name, words in zip(stops.ids, collisions_in_words(model, stops.joints), strict=True):
+    for name, words in zip(stops.ids, describe_collisions(model, stops.joints), strict=True):
         if words:
             faults.setdefault(name, words)
     at = stations_in(options.check, stops, robot.model)
@@ -433,5 +433,5 @@ def check_plan(options: DesignOptions, robot: Robot) -> PlanCheckResult:
     found = tuple(Fault(name, faults[name]) for name in sorted(faults, key=lambda name: order[name]))
     moving = rest_to_rest_seconds(np.diff(stops.joints, axis=0), chain.speed, chain.acceleration).sum()
     poses = len(np.unique(stops.joints[measured], axis=0))
-    day = MeasuringDayLength(poses, float(moving), int(measured.sum()) - poses)
+    day = SessionDuration(poses, float(moving), int(measured.sum()) - poses)
     return PlanCheckResult(options, robot, stops, found, day, (*robot.warnings, *stops.warnings, *warnings))

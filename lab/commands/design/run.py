@@ -24,7 +24,7 @@ from lab.pose_selection.exchange import Certificate, Design, certify, informatio
 from lab.pose_selection.tour import Tour, one_after_another, plan_tour, rated, with_reference
 from lab.render.terminal import Stage, status
 
-__all__ = ["design", "planned_day"]
+__all__ = ["design", "planned_session"]
 
 POSES = 30  # where neither a number nor an accuracy is asked for
 _CURVE_STEPS = 10
@@ -61,10 +61,10 @@ def design(robot: str | Path | Robot | DesignOptions = "irb120", **options: Any)
         asked = options_of("lab.design", DesignOptions, {"robot": known.source, **options})
         known = known.placed_in(asked.cell)
     asked.refuse_nonsense()
-    return check_plan(asked, known) if asked.check is not None else planned_day(asked, known)
+    return check_plan(asked, known) if asked.check is not None else planned_session(asked, known)
 
 
-def planned_day(options: DesignOptions, robot: Robot | None = None) -> DesignResult:
+def planned_session(options: DesignOptions, robot: Robot | None = None) -> DesignResult:
     """Choose poses, and order them.
 
     Args:

@@ -19,7 +19,7 @@ from lab.render.document import Block, Figure, Paragraph, Picture, Section, Tabl
 from lab.render.plots import SQUARE, VIEWS
 from lab.render.style import ARM, GATE, INK, INSTRUMENT, TICK
 from lab.simulation.cell import extents_mm, in_words
-from lab.simulation.collisions import collides, colliding_pairs, collisions_in_words
+from lab.simulation.collisions import collides, colliding_pairs, describe_collisions
 from lab.simulation.free_path import CLEARANCE_MM, Clearances, planning_model
 from lab.simulation.meshes import instrument_body, solid_points
 
@@ -112,7 +112,7 @@ def cell_values(robot: Robot, cell: Cell, targets: Sequence[str]) -> dict[str, A
         ],
         "acceptance_deg": None if cell.reflector is None else cell.reflector.degrees,
         "home": (scale * chain.home).round(9).tolist(),
-        "at_home": collisions_in_words(model, chain.home[None])[0],
+        "at_home": describe_collisions(model, chain.home[None])[0],
         "poses": POSES,
         "colliding": int(collides(model, joints).sum()),
         "pairs": [{"first": first, "second": second, "poses": count} for (first, second), count in pairs.items()],

@@ -12,7 +12,7 @@ import numpy as np
 
 from lab.campaign.config_file import CONFIG_FILE, RunConfig, read_config
 from lab.commands.calibrate.load_run import CALIBRATIONS, READ_FILES
-from lab.commands.run_folder import said_of_edits
+from lab.commands.run_folder import check_edits
 from lab.commands.trend.result import TrendResult
 from lab.core.errors import LabError
 from lab.core.limits import called, day
@@ -117,7 +117,7 @@ def _check(folder: Path) -> Check | None:
     config = read_config(folder, _MEND)
     if config.command not in (*CALIBRATIONS, "verify"):
         return None
-    said_of_edits(folder, READ_FILES, accept=False)
+    check_edits(folder, READ_FILES, accept=False)
     found = read_structured(folder / _RESULT, _Summary, _MEND)
     calibrates = config.command in CALIBRATIONS
     verdict = found.verdict or (None if found.good is None else "good" if found.good else "bad")

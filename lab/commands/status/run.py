@@ -16,7 +16,7 @@ from lab.commands.result import Result
 from lab.commands.status.arm import FEWEST_CHECKS, STATES, ArmStatus, Check, LeftOut, checks_of, reason_of
 from lab.commands.status.options import StatusOptions
 from lab.commands.trend.options import TrendOptions
-from lab.commands.trend.result import DatedRun, TrendResult, change_words
+from lab.commands.trend.result import DatedRun, TrendResult, change_text
 from lab.commands.trend.run import content_of, followed
 from lab.core.errors import LabError, counted
 from lab.core.limits import day
@@ -304,7 +304,7 @@ def _changes(arm: ArmStatus) -> Text:
         return ""
     if not arm.trend.changes:
         return f"{arm.called}: no change in {len(arm.trend.runs)} calibrations."
-    count, said = len(arm.trend.changes), change_words(arm.trend, arm.trend.changes[-1])
+    count, said = len(arm.trend.changes), change_text(arm.trend, arm.trend.changes[-1])
     earlier = "" if count == 1 else f" The last of {count} changes in {len(arm.trend.runs)} calibrations (lab trend)."
     return f"{arm.called}: {said}{earlier}"
 

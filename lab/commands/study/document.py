@@ -7,12 +7,12 @@ from typing import Any
 
 from lab.commands.study.figures import study_pictures
 from lab.commands.study.format import (
-    behind_words,
+    behind_text,
     circumstances,
-    level_words,
-    mean_words,
-    metric_words,
-    rank_words,
+    level_text,
+    mean_text,
+    metric_text,
+    rank_text,
     sentences,
     varying,
 )
@@ -88,14 +88,14 @@ def analysis_sections(analysis: Analysis, metrics: Sequence[str]) -> tuple[Secti
     media = [EVERYWHERE if i == 0 else PAGE for i in range(len(metrics))]
     answers = [
         Section(
-            capital(metric_words(metric, unit=False)),
+            capital(metric_text(metric, unit=False)),
             (Bullets(tuple(map(sentence, sentences(analysis, metric)))),),
             shown_in=media[i],
         )
         for i, metric in enumerate(metrics)
     ]
     ranks = [
-        Section(f"By {metric_words(metric)}", tuple(_ranks(analysis, metric)), shown_in=media[i])
+        Section(f"By {metric_text(metric)}", tuple(_ranks(analysis, metric)), shown_in=media[i])
         for i, metric in enumerate(metrics)
     ]
     note = (
@@ -120,15 +120,15 @@ def _means(analysis: Analysis, metrics: Sequence[str]) -> Table:
         rows.append(
             (
                 *(str(getattr(cell, name)) for name in names),
-                mean_words(first),
-                *(mean_words(of[i, metric]) for metric in more),
+                mean_text(first),
+                *(mean_text(of[i, metric]) for metric in more),
                 f"{first.not_converged:,} of {first.campaigns:,}",
             )
         )
     columns: tuple[str | Column, ...] = (
         *names,
-        metric_words(metrics[0]),
-        *(Column(metric_words(metric), PAGE) for metric in more),
+        metric_text(metrics[0]),
+        *(Column(metric_text(metric), PAGE) for metric in more),
         "not converged",
     )
     robots = max(mean.robots for mean in analysis.means if mean.metric == metrics[0])
@@ -146,10 +146,10 @@ def _ranks(analysis: Analysis, metric: str) -> Iterable[Table]:
                 rows.append((f"{where}:", "", "", ""))
             rows += [
                 (
-                    level_words(analysis.cells[rank.cell], free),
-                    rank_words(rank),
+                    level_text(analysis.cells[rank.cell], free),
+                    rank_text(rank),
                     f"{100 * rank.chances[0]:.0f}",
-                    behind_words(each, rank),
+                    behind_text(each, rank),
                 )
                 for rank in each.ranks
             ]

@@ -21,10 +21,10 @@ from matplotlib.ticker import LogLocator, NullLocator
 from lab.commands.study.format import (
     circumstances,
     comparison_sentence,
-    effect_words,
-    factor_words,
-    level_words,
-    metric_words,
+    effect_text,
+    factor_text,
+    level_text,
+    metric_text,
     varying,
 )
 from lab.render.charts.chart import save_figure
@@ -68,7 +68,7 @@ def study_pictures(analysis: Analysis, metric: str) -> dict[str, Picture]:
         answers = ". ".join(capital(comparison_sentence(each, analysis.cells)) for each in comparisons[:_MOST_ANSWERS])
         for kind, figure in draw.items():
             name = f"{metric}-{'-'.join(free)}-{kind}"
-            shown = f"{capital(metric_words(metric, unit=False))} by {' and '.join(map(factor_words, free))}"
+            shown = f"{capital(metric_text(metric, unit=False))} by {' and '.join(map(factor_text, free))}"
             made[name] = Picture(name.replace("_", "-"), f"{shown}, {_KINDS[kind]}. {answers}.", figure)
     return made
 
@@ -105,15 +105,15 @@ def _means_figure(analysis: Analysis, metric: str, factor: str, line: str | None
         axes.set_xlim(-0.1, 1.1)
         axes.set_title(circumstances(group.shared), fontsize=10)
 
-    title = f"{metric_words(metric, unit=False)}: means with 95 % intervals over robots"
+    title = f"{metric_text(metric, unit=False)}: means with 95 % intervals over robots"
     figure = _panels(shown, draw, title, (3.6, 3.6), sharey=True)
-    figure.supxlabel(factor_words(factor), fontsize=10)
-    figure.supylabel(metric_words(metric), fontsize=10)
+    figure.supxlabel(factor_text(factor), fontsize=10)
+    figure.supylabel(metric_text(metric), fontsize=10)
     if line:
         handles = {str(h.get_label()): h for axes in figure.axes for h in axes.get_legend_handles_labels()[0]}
         shown_lines = [handles[name] for name in names]
         figure.legend(
-            shown_lines, names, title=factor_words(line), loc="outside right center", fontsize=9, handlelength=3.5
+            shown_lines, names, title=factor_text(line), loc="outside right center", fontsize=9, handlelength=3.5
         )
     return figure
 
@@ -125,7 +125,7 @@ def _line_factor(cells: Sequence[Cell], factor: str) -> str | None:
 
 
 def _line_name(cell: Cell, line: str | None) -> str:
-    return level_words(cell, [line]) if line else ""
+    return level_text(cell, [line]) if line else ""
 
 
 def _positions(levels: Sequence[Any]) -> dict[Any, float]:
@@ -176,9 +176,7 @@ def _pairs_figure(comparisons: Sequence[Comparison], cells: Sequence[Cell]) -> F
             axes.plot(
                 pair.effect, row, "o", color=colour, markerfacecolor=colour if pair.told else "white", markersize=5
             )
-            axes.text(
-                1.02, row, effect_words(pair, kind), transform=axes.get_yaxis_transform(), va="center", fontsize=8
-            )
+            axes.text(1.02, row, effect_text(pair, kind), transform=axes.get_yaxis_transform(), va="center", fontsize=8)
         axes.plot(1.0 if kind == "ratio" else 0.0, 0, "D", color=REFERENCE, markersize=5)
         axes.text(1.02, 0, "best", transform=axes.get_yaxis_transform(), va="center", fontsize=8)
         _rows(axes, each, cells)
@@ -188,11 +186,11 @@ def _pairs_figure(comparisons: Sequence[Comparison], cells: Sequence[Cell]) -> F
             axes.xaxis.set_major_formatter("{x:g}")
             axes.xaxis.set_minor_locator(NullLocator())
 
-    words = metric_words(comparisons[0].metric, unit=False)
-    title = f"{words} by {factor_words(free[0])}, against the best: same robots, same noise"
+    words = metric_text(comparisons[0].metric, unit=False)
+    title = f"{words} by {factor_text(free[0])}, against the best: same robots, same noise"
     figure = _panels(comparisons, draw, title, (4.6, 0.9 + 0.33 * _most_rows(comparisons)), sharex=True)
     measure = (
-        "ratio to the best" if kind == "ratio" else f"difference from the best, {metric_words(comparisons[0].metric)}"
+        "ratio to the best" if kind == "ratio" else f"difference from the best, {metric_text(comparisons[0].metric)}"
     )
     figure.supxlabel(
         f"{measure}, 95 % interval of each pair; hollow: no significant difference (Holm, 5 %)", fontsize=10
@@ -207,7 +205,7 @@ def _behind(comparison: Comparison) -> list[Pair]:
 
 def _rows(axes: Axes, comparison: Comparison, cells: Sequence[Cell]) -> None:
     """A row a cell, the best at the top."""
-    names = [level_words(cells[rank.cell], comparison.group.free) for rank in comparison.ranks]
+    names = [level_text(cells[rank.cell], comparison.group.free) for rank in comparison.ranks]
     axes.set_yticks(range(len(names)), names)
     axes.set_ylim(len(names) - 0.5, -0.5)
     axes.set_title(circumstances(comparison.group.shared), fontsize=10)
@@ -235,9 +233,9 @@ def _ranks_figure(comparisons: Sequence[Comparison], cells: Sequence[Cell]) -> F
         axes.set_xticks(range(len(chances)), [str(1 + k) for k in range(len(chances))])
         _rows(axes, each, cells)
 
-    words = metric_words(comparisons[0].metric, unit=False)
+    words = metric_text(comparisons[0].metric, unit=False)
     rows = _most_rows(comparisons)
-    title = f"{words}: ranks by {factor_words(free[0])}"
+    title = f"{words}: ranks by {factor_text(free[0])}"
     figure = _panels(comparisons, draw, title, (1.4 + 0.45 * rows, 0.9 + 0.33 * rows))
     figure.supxlabel("rank; per cent of the resamples of robots; framed: 95 % set of ranks", fontsize=10)
     return figure

@@ -8,15 +8,15 @@ from lab.studies.analysis import Analysis, Comparison, Kind, Mean, Pair, Rank
 from lab.studies.grid import ANY, FACTORS, Cell
 
 __all__ = [
-    "behind_words",
+    "behind_text",
     "circumstances",
     "comparison_sentence",
-    "effect_words",
-    "factor_words",
-    "level_words",
-    "mean_words",
-    "metric_words",
-    "rank_words",
+    "effect_text",
+    "factor_text",
+    "level_text",
+    "mean_text",
+    "metric_text",
+    "rank_text",
     "sentences",
     "varying",
 ]
@@ -43,13 +43,13 @@ _MOST_DIGITS = 9  # after the point, to show a bound that is not zero
 _NAMED = {"position_sigma_mm": "σ ", "rotation_sigma_mrad": "σ ", "scaling": "scaling "}
 
 
-def metric_words(metric: str, unit: bool = True) -> str:
+def metric_text(metric: str, unit: bool = True) -> str:
     """A metric as people read it, e.g. "mean error on validation poses, mm"."""
     words, its_unit = METRICS.get(metric, (metric, ""))
     return f"{words}, {its_unit}" if unit and its_unit else words
 
 
-def factor_words(factor: str) -> str:
+def factor_text(factor: str) -> str:
     """A factor as an axis names it."""
     return _AXES.get(factor, factor)
 
@@ -60,7 +60,7 @@ def circumstances(shared: Mapping[str, Any]) -> str:
     return ", ".join(f"{_NAMED.get(name, '')}{level}{_UNITS.get(name, '')}" for name, level in shown)
 
 
-def level_words(cell: Cell, factors: Sequence[str]) -> str:
+def level_text(cell: Cell, factors: Sequence[str]) -> str:
     """A cell's levels of some factors, e.g. "10 poses"."""
     return " ".join(f"{getattr(cell, name)}{_UNITS.get(name, '')}" for name in factors)
 
@@ -70,7 +70,7 @@ def varying(cells: Sequence[Cell]) -> tuple[str, ...]:
     return tuple(name for name in FACTORS if len({getattr(cell, name) for cell in cells}) > 1)
 
 
-def effect_words(pair: Pair, kind: Kind) -> str:
+def effect_text(pair: Pair, kind: Kind) -> str:
     """Format the excess of a pair's second cell over the first, e.g. "4.1 % (3.7 to 4.6)".
 
     A ratio from 2 on, or one with a wide interval, is printed as "2.1 times (2.0 to 2.2)".
@@ -86,7 +86,7 @@ def effect_words(pair: Pair, kind: Kind) -> str:
     return _with_interval(ends, " times") if pair.effect >= 2 else _with_interval([100 * (e - 1) for e in ends], " %")
 
 
-def mean_words(mean: Mean) -> str:
+def mean_text(mean: Mean) -> str:
     """A mean with its interval, e.g. "0.00512 (0.00498 to 0.00526)"."""
     return _with_interval((mean.mean, mean.lower, mean.upper), "")
 
@@ -105,15 +105,15 @@ def _with_interval(ends: Sequence[float], unit: str) -> str:
     return f"{shown[0]}{unit} ({shown[1]} to {shown[2]})".replace("-", "−")
 
 
-def rank_words(rank: Rank) -> str:
+def rank_text(rank: Rank) -> str:
     """A rank with its 95 % set, where that has more than one."""
     return f"{rank.rank} ({rank.lowest} to {rank.highest})" if rank.lowest < rank.highest else str(rank.rank)
 
 
-def behind_words(comparison: Comparison, rank: Rank) -> str:
+def behind_text(comparison: Comparison, rank: Rank) -> str:
     """Format the excess of a cell over the first of its comparison; empty for the first."""
     first = comparison.ranks[0].cell
-    return "" if rank.cell == first else effect_words(comparison.against(first, rank.cell), comparison.kind)
+    return "" if rank.cell == first else effect_text(comparison.against(first, rank.cell), comparison.kind)
 
 
 def sentences(analysis: Analysis, metric: str) -> list[str]:
@@ -125,7 +125,7 @@ def sentences(analysis: Analysis, metric: str) -> list[str]:
 def comparison_sentence(comparison: Comparison, cells: Sequence[Cell]) -> str:
     """Describe which cell of a group is best, by how much, and which do not differ significantly."""
     group = comparison.group
-    names = {i: level_words(cells[i], group.free) for i in group.cells}
+    names = {i: level_text(cells[i], group.free) for i in group.cells}
     where = circumstances(group.shared)
     head = f"{where + ', ' if where else ''}by {' and '.join(group.free)}"
     if not comparison.ranks:
@@ -137,7 +137,7 @@ def comparison_sentence(comparison: Comparison, cells: Sequence[Cell]) -> str:
     for cell in ranked[1:]:
         pair = comparison.against(ranked[0], cell)
         many = comparison.kind == "ratio" and pair.effect >= 2
-        said.append(f"{names[cell]} {effect_words(pair, comparison.kind)} {'as much' if many else 'worse'}{than}")
+        said.append(f"{names[cell]} {effect_text(pair, comparison.kind)} {'as much' if many else 'worse'}{than}")
     same = [(p.first, p.second) for p in comparison.pairs if not p.told and isfinite(p.effect)]
     apart = [f"{names[i]} and {names[j]}" for i, j in same if not {i, j} <= set(leaders)]
     said += [f"no significant difference: {', '.join(apart)}"] if apart else []

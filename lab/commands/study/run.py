@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from lab.commands.command_line import options_of, takes
 from lab.commands.result import Result
 from lab.commands.run_folder import free_name
-from lab.commands.study.format import circumstances, level_words
+from lab.commands.study.format import circumstances, level_text
 from lab.commands.study.options import StudyOptions
 from lab.core.errors import LabError, error_context
 from lab.extension_points import load_reference
@@ -106,7 +106,7 @@ def _mean_rows(analysis: Analysis) -> Iterable[list[Any]]:
 def _pair_rows(analysis: Analysis) -> Iterable[list[Any]]:
     for each in analysis.comparisons:
         for pair in each.pairs:
-            levels = [level_words(analysis.cells[cell], each.group.free) for cell in (pair.first, pair.second)]
+            levels = [level_text(analysis.cells[cell], each.group.free) for cell in (pair.first, pair.second)]
             numbers = [pair.effect, pair.lower, pair.upper, pair.p, pair.p_holm, pair.used, pair.left_out]
             yield [*_group(each), pair.first, pair.second, *levels, each.kind, *numbers]
 
@@ -114,7 +114,7 @@ def _pair_rows(analysis: Analysis) -> Iterable[list[Any]]:
 def _rank_rows(analysis: Analysis) -> Iterable[list[Any]]:
     for each in analysis.comparisons:
         for rank in each.ranks:
-            level = level_words(analysis.cells[rank.cell], each.group.free)
+            level = level_text(analysis.cells[rank.cell], each.group.free)
             yield [*_group(each), rank.cell, level, rank.rank, rank.lowest, rank.highest, *rank.chances]
 
 

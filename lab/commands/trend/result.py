@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
     from lab.render.document import Document
 
-__all__ = ["DatedRun", "DetectableChange", "TrendResult", "change_words", "errors_picture"]
+__all__ = ["DatedRun", "DetectableChange", "TrendResult", "change_text", "errors_picture"]
 
 
 @dataclass(frozen=True)
@@ -318,7 +318,7 @@ def _trend_document(result: TrendResult) -> Document:
         (
             Paragraph((badge, f" {_when(result)} {_LEVEL}")),
             Paragraph(f"The calibrations are of {first.date} to {last.date}.", "note"),
-            Bullets(tuple(change_words(result, each) for each in result.changes)),
+            Bullets(tuple(change_text(result, each) for each in result.changes)),
             Warnings(result.warnings),
             Section("Errors over time", (_runs(result), _errors(result))),
             Section("Parameters over time", _parameters(result)),
@@ -347,7 +347,7 @@ def _first_document(result: TrendResult, name: str) -> Document:
     )
 
 
-def change_words(result: TrendResult, change: ChangePoint) -> str:
+def change_text(result: TrendResult, change: ChangePoint) -> str:
     """Describe a change: what changed, between which days, and by how much."""
     before, after, found = (result.runs[i] for i in (change.after, change.after + 1, change.found_at))
     when = f"Between {before.date} ({before.run.folder.name}) and {after.date} ({after.run.folder.name})"

@@ -31,7 +31,7 @@ def record_verification(path: Path, result: VerificationResult) -> None:
         predicted,
         "where the calibrated arm is predicted to have its targets",
         [PointErrors("observed", words, colour, colour_name, data.points - predicted)],
-        np.full(len(data), found.promised_m),
+        np.full(len(data), found.expected_m),
     )
     digest = hashlib.sha256(calibrated.robot.sha256.encode() + found.values.tobytes())
     digest.update(data.joints.tobytes() + data.points.tobytes())

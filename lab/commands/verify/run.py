@@ -53,7 +53,7 @@ from lab.render.plots import Spread, histograms
 from lab.render.style import AFTER, BEFORE, PREDICTED
 from lab.render.terminal import Stage, status
 from lab.sensors.registry import sensor_named
-from lab.verification.new_measurements import held_against
+from lab.verification.new_measurements import predict_measurements
 from lab.verification.prediction import CalibrationPrediction
 from lab.verification.situation import another_unit
 from lab.verification.test import Displacement, Hypothesis, Verified
@@ -153,7 +153,7 @@ class VerificationResult(Result):
                 "share": float(self._extrapolated.mean()),
                 "ids": [self.measurements.ids[i] for i in np.flatnonzero(self._extrapolated)],
             },
-            "promised_mm": MM.of(found.promised_m),
+            "promised_mm": MM.of(found.expected_m),
             "moved": list(found.moved),
             "situation": _situation(found.situation),
             "words": phrase(found.check),
@@ -247,7 +247,7 @@ def errors_picture(result: VerificationResult) -> Picture:
     observed = MM.to_si(float(result.observed_mm["rms"]))
     spreads = [
         Spread(found.errors, AFTER if found.good else BEFORE, ("observed: rms", observed)),
-        Spread(found.errors[:0], PREDICTED, ("predicted: rms", found.promised_m)),
+        Spread(found.errors[:0], PREDICTED, ("predicted: rms", found.expected_m)),
     ]
     return histograms("errors", spreads, "position error")
 
@@ -257,7 +257,7 @@ def _errors(result: VerificationResult) -> tuple[Block, ...]:
     numbers = [short(observed[key]) for key in ("mean", "rms", "p95", "max")]
     rows = (
         ("observed", *numbers, f"{observed['count']:,}"),
-        ("predicted", "", short(MM.of(result.verified.promised_m)), "", "", ""),
+        ("predicted", "", short(MM.of(result.verified.expected_m)), "", "", ""),
     )
     below = (
         f"{len(measured)} new poses, targets {', '.join(measured.targets)}, against the run "
@@ -411,7 +411,7 @@ def _tested(
         known_m = calibrated.estimate.residual_m
         noisy = noise_beyond(options.noise_mm, rows, known_m, "the run's residuals")
         _refuse_strange(calibrated, rows, options)
-        observations, prediction = held_against(calibrated.estimate, rows, noise, given=stated)
+        observations, prediction = predict_measurements(calibrated.estimate, rows, noise, given=stated)
         _refuse_implausible(prediction, observations)
         names = [rows.where(i) for i in range(len(rows))]
         verified = test(prediction, observations, options.refit, names, _counted(stage, tested))

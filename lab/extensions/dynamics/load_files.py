@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from lab.core import se3
 from lab.core.errors import LabError, error_context
 from lab.core.limits import EARTH_GRAVITY
-from lab.core.measurements import copied_rows, said_of_copies
+from lab.core.measurements import copied_rows, describe_copies
 from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.formats.drives_toml import Drives
@@ -97,7 +97,7 @@ class PayloadSamples:
         if not copies:
             return self
         lines = self.lines or tuple(range(len(self)))
-        said = said_of_copies(source, len(copies), *(f"line {lines[row]}" for row in copies[0]))
+        said = describe_copies(source, len(copies), *(f"line {lines[row]}" for row in copies[0]))
         kept = self.take(np.setdiff1d(np.arange(len(self)), [row for row, _ in copies]))
         return replace(kept, warnings=(*kept.warnings, f"{said}: left out"))
 

@@ -57,7 +57,7 @@ class ChannelSolution:
         return np.asarray(self.covariances.sum(axis=0))
 
     @property
-    def sigma_known(self) -> bool:
+    def sigma_given(self) -> bool:
         """Sigma was given, not estimated."""
         return bool(np.isinf(self.dof).all())
 
@@ -213,7 +213,7 @@ def verdict(
     """Run all applicable lack-of-fit tests; rows in no series are poses, or anything without order."""
     outcomes = [(_added(solution, _slow(suspect.columns, series)), suspect.words) for suspect in suspects]
     outcomes.append((_slowness(solution, series), "something slow without a name, as the load's own torques are slow"))
-    if solution.sigma_known:
+    if solution.sigma_given:
         outcomes.append(
             (_too_large(solution), "more than the noise's given sigma: it is larger, or the model is wrong")
         )
@@ -242,7 +242,7 @@ def _added(solution: ChannelSolution, columns: Array) -> float:
     dof = solution.model.dof - len(pull)
     if len(pull) == 0 or dof < 3:
         return float("nan")
-    if solution.sigma_known:
+    if solution.sigma_given:
         return float(p_value_of_squares(gained, len(pull)))
     noise = max((squares - gained) / dof, 1.0 if solution.rounding else 1e-300)
     return float(p_value_of_squares(gained, len(pull), dof, noise))

@@ -23,7 +23,7 @@ from lab.extensions.dynamics.payload.excitation import (
     design_poses,
     random_path,
 )
-from lab.extensions.dynamics.rehearsal_options import Rehearsal
+from lab.extensions.dynamics.rehearsal_options import SimulationOptions
 from lab.extensions.dynamics.simulation import (
     CarryingArm,
     LoadBench,
@@ -36,7 +36,7 @@ from lab.kinematics.dynamics.rigid_body import LOAD, Dynamics, hand_motion, wren
 from lab.simulation.collisions import collides
 from lab.simulation.model import SerialModel
 
-__all__ = ["MeasuringBench", "load_of_rehearsal"]
+__all__ = ["MeasuringBench", "simulated_load"]
 
 _DRAWN, _TRIES = 20, 200  # random paths to begin with, and to find another one
 _POSES = 20  # at rest, for a wrist sensor
@@ -47,7 +47,7 @@ _SHOWN = 1e-9  # of the largest singular value
 _SPARE = 1.5  # of what a nominal arm needs on random paths: its largest torques, where none are given
 
 
-def load_of_rehearsal(mass_kg: float, options: Rehearsal) -> RigidLoad:
+def simulated_load(mass_kg: float, options: SimulationOptions) -> RigidLoad:
     """An aluminium ball."""
     radius = (0.75 * mass_kg / np.pi / _DENSITY) ** (1 / 3)
     return RigidLoad(mass_kg, MM.to_si(np.array(options.payload_mm)), 0.4 * mass_kg * radius**2 * np.eye(3))
@@ -63,7 +63,7 @@ class MeasuringBench:
     """
 
     robot: Robot
-    options: Rehearsal
+    options: SimulationOptions
     load: RigidLoad | None
     couplings: Array | None = None
 

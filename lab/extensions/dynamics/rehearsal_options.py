@@ -4,13 +4,23 @@ from dataclasses import dataclass
 
 from lab.campaign.option_types import Flag, Numbers
 from lab.core.errors import LabError
-from lab.core.limits import FRICTION_PERCENT, POSES, POSITION_MM, REHEARSED, REHEARSED_S, ROUNDS, SEED, positive, whole
+from lab.core.limits import (
+    FRICTION_PERCENT,
+    POSES,
+    POSITION_MM,
+    ROUNDS,
+    SEED,
+    SIMULATION_S,
+    SIMULATION_SIZE,
+    positive,
+    whole,
+)
 
-__all__ = ["Rehearsal"]
+__all__ = ["SimulationOptions"]
 
 
 @dataclass(frozen=True)
-class Rehearsal:
+class SimulationOptions:
     """The virtual measuring day."""
 
     simulate: Flag = False
@@ -44,13 +54,13 @@ class Rehearsal:
         """Refuse what makes no sense, with a LabError that names the option."""
         for flag in ("seconds", "rate_hz"):
             positive(f"--{flag.replace('_', '-')}", getattr(self, flag))
-        if self.seconds < REHEARSED_S.least:
-            raise LabError(f"--seconds {self.seconds:g}: give {REHEARSED_S.least:g} or more, or too little shows")
+        if self.seconds < SIMULATION_S.least:
+            raise LabError(f"--seconds {self.seconds:g}: give {SIMULATION_S.least:g} or more, or too little shows")
         whole("--seed", self.seed, 0, SEED)
         POSES("--seconds times --rate-hz", round(self.seconds * self.rate_hz))
         whole("--rounds", self.rounds, 0, ROUNDS)
         for flag in ("noise_percent", "friction_percent", "motor_inertia_kgm2", "lag_ms", "filter_hz"):
-            if getattr(self, flag) not in REHEARSED:
+            if getattr(self, flag) not in SIMULATION_SIZE:
                 raise LabError(f"--{flag.replace('_', '-')} {getattr(self, flag):g}: give a number from 0 to 1000")
         if self.friction_percent not in FRICTION_PERCENT:
             raise LabError(f"--friction-percent {self.friction_percent:g}: give 30 at most, or little torque is left")
@@ -73,7 +83,7 @@ class Rehearsal:
         Raises:
             LabError: one is given without --simulate.
         """
-        usual = Rehearsal()
+        usual = SimulationOptions()
         given = [name for name, value in vars(self).items() if value != getattr(usual, name)]
         if not self.simulate and given:
             raise LabError(f"--{given[0].replace('_', '-')} is of a rehearsal: give --simulate too, or leave it out")

@@ -26,8 +26,8 @@ from lab.core.units import MM
 from lab.extensions.programs.steps import (
     SixAxisLanguage,
     Step,
-    ascii_words,
-    checked_words,
+    ascii_text,
+    check_comment,
     move_steps,
     numbers,
     path_steps,
@@ -193,9 +193,9 @@ class FanucLs(SixAxisLanguage):
 
 
 def _listing(name: str, notes: list[str], checked: bool, steps: list[Step]) -> bytes:
-    lines = [f"!{each}" for each in (*notes, *wrap(checked_words(checked), _LONGEST), *_NOTES)]
+    lines = [f"!{each}" for each in (*notes, *wrap(check_comment(checked), _LONGEST), *_NOTES)]
     for i, step in enumerate(steps, start=1):
-        lines.append(f"!{ascii_words(step.words)}")
+        lines.append(f"!{ascii_text(step.words)}")
         if step.kind != "via":
             lines.append(_move(i, step))
         lines += [f"WAIT {step.wait_s:6.2f}(sec)"] if step.wait_s else []

@@ -35,8 +35,8 @@ from lab.core.units import MM
 from lab.extensions.programs.steps import (
     SixAxisLanguage,
     Step,
-    ascii_words,
-    checked_words,
+    ascii_text,
+    check_comment,
     move_steps,
     numbers,
     path_steps,
@@ -243,7 +243,7 @@ def _known(postures: Postures | None) -> Postures:
 
 
 def _checked(checked: bool) -> list[str]:
-    return wrap(checked_words(checked), _LONGEST)
+    return wrap(check_comment(checked), _LONGEST)
 
 
 def _job(name: str, head: list[str], notes: Sequence[str], steps: list[Step], postures: Postures, Ts: Array) -> bytes:
@@ -258,7 +258,7 @@ def _job(name: str, head: list[str], notes: Sequence[str], steps: list[Step], po
     lines += ["//INST", "///DATE 2000/01/01 00:00", "///ATTR SC,RW", "///GROUP1 RB1", "NOP"]
     lines += [f"'{each}" for each in (*notes, *_NOTES)]
     for i, step in enumerate(steps):
-        lines += [f"'{ascii_words(step.words)[: _LONGEST - 1]}", *_move(i, step)]
+        lines += [f"'{ascii_text(step.words)[: _LONGEST - 1]}", *_move(i, step)]
         lines += [f"TIMER T={step.wait_s:.2f}"] if step.wait_s else []
     return ("\r\n".join([*lines, "END"]) + "\r\n").encode("ascii")
 

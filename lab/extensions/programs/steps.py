@@ -11,7 +11,7 @@ from lab.formats.programs.protocol import ANY_DIGITS, PAUSE_S, MeasuringTour, Mo
 from lab.kinematics.joints import JointSpec
 
 __all__ = [
-    "Pace", "SixAxisLanguage", "Step", "ascii_words", "checked_words", "move_notes", "move_steps", "numbers",
+    "Pace", "SixAxisLanguage", "Step", "ascii_text", "check_comment", "move_notes", "move_steps", "numbers",
     "path_notes", "path_steps", "tour_notes", "tour_steps",
 ]  # fmt: skip
 
@@ -61,7 +61,7 @@ def tour_steps(tour: MeasuringTour) -> list[Step]:
     steps, pose = list[Step](), 0
     for i, (joints, measured) in enumerate(zip(tour.stops, tour.measured.tolist(), strict=True)):
         at_end = i in (0, len(tour.stops) - 1)
-        words = "home" if at_end else "via" if measured < 0 else f"pose {ascii_words(tour.ids[pose])}"
+        words = "home" if at_end else "via" if measured < 0 else f"pose {ascii_text(tour.ids[pose])}"
         pose += measured >= 0
         steps.append(Step(joints, words, PAUSE_S if measured >= 0 else 0.0))
     return steps
@@ -70,7 +70,7 @@ def tour_steps(tour: MeasuringTour) -> list[Step]:
 def move_steps(moves: TargetMoves) -> list[Step]:
     """The steps to compensated targets, with the stops that are passed on the way."""
     return [
-        Step(joints, f"target {ascii_words(moves.ids[i])}" if i >= 0 else "via", 0.0)
+        Step(joints, f"target {ascii_text(moves.ids[i])}" if i >= 0 else "via", 0.0)
         for i, joints in zip(moves.which.tolist(), moves.stops, strict=True)
     ]
 
@@ -83,7 +83,7 @@ def path_steps(moves: PathMoves) -> list[Step]:
         if np.isfinite(moves.seconds[i]):
             per_cent = min(max(int(np.ceil(100 * moves.shares[i] - 1e-6)), 1), 100)
             pace = Pace(float(moves.seconds[i]), per_cent, float(np.nan_to_num(MM.of(moves.speeds_m_s[i]))))
-        words = f"{'via' if kind == 'via' else 'point'} {ascii_words(moves.ids[i])}"
+        words = f"{'via' if kind == 'via' else 'point'} {ascii_text(moves.ids[i])}"
         steps.append(Step(moves.stops[i], words, 0.0, kind, pace, moves.Ts_base_tool[i]))
     return steps
 
@@ -104,10 +104,10 @@ class SixAxisLanguage:
 
 def tour_notes(tour: MeasuringTour) -> list[str]:
     """Return comments that describe a measuring tour and whether it was checked."""
-    station = f", from station {ascii_words(tour.station)}" if tour.station else ""
+    station = f", from station {ascii_text(tour.station)}" if tour.station else ""
     return [
-        f"{len(tour.ids)} poses to measure, ids as in plan.csv, of {ascii_words(tour.robot)}{station}.",
-        checked_words(tour.checked),
+        f"{len(tour.ids)} poses to measure, ids as in plan.csv, of {ascii_text(tour.robot)}{station}.",
+        check_comment(tour.checked),
     ]
 
 
@@ -118,8 +118,8 @@ def move_notes(moves: TargetMoves, positions: str = "joints") -> list[str]:
         positions: the language's term for joint positions.
     """
     return [
-        f"{len(moves.ids)} corrected targets of {ascii_words(moves.robot)}. The correction is in the {positions}.",
-        checked_words(moves.checked),
+        f"{len(moves.ids)} corrected targets of {ascii_text(moves.robot)}. The correction is in the {positions}.",
+        check_comment(moves.checked),
     ]
 
 
@@ -127,13 +127,13 @@ def path_notes(moves: PathMoves) -> list[str]:
     """Return comments that describe a trajectory and whether it was checked."""
     took = f"{float(np.nansum(moves.seconds)):.3f} s planned"
     return [
-        f"A path of {ascii_words(moves.robot)} through {len(moves.ids)} points, {took} from its first point.",
+        f"A path of {ascii_text(moves.robot)} through {len(moves.ids)} points, {took} from its first point.",
         *(["The correction is in the joint positions at the points."] if moves.corrected else []),
-        checked_words(moves.checked),
+        check_comment(moves.checked),
     ]
 
 
-def checked_words(checked: bool) -> str:
+def check_comment(checked: bool) -> str:
     """Return a comment on whether waypoints and the paths between them were checked."""
     return _CHECKED if checked else _UNCHECKED
 
@@ -143,6 +143,6 @@ def numbers(values: Array | Sequence[float], digits: int) -> list[str]:
     return [f"{value + 0.0:.{digits}f}" for value in np.round(np.asarray(values), digits)]
 
 
-def ascii_words(text: str) -> str:
+def ascii_text(text: str) -> str:
     """A text as letters, digits and blanks of ASCII alone, for comments and messages of any language."""
     return "".join(each if each.isascii() and (each.isalnum() or each in " ._-") else "_" for each in text)[:32]

@@ -9,7 +9,7 @@ KINEMATICS = Command(
     "Place a robot: direct, inverse (all solutions) and differential models, matrices, singularities.",
     "lab.extensions.robotics.kinematics.options:KinematicsOptions",
     "lab.extensions.robotics.kinematics.run:solve_kinematics",
-    writes_if_asked=True,
+    writes_on_request=True,
 )
 
 WORKSPACE = Command(
@@ -17,7 +17,7 @@ WORKSPACE = Command(
     "Measure what robots reach: volume, sections, voids, and in how many orientations.",
     "lab.extensions.robotics.workspace.options:WorkspaceOptions",
     "lab.extensions.robotics.workspace.run:measure_workspaces",
-    writes_if_asked=True,
+    writes_on_request=True,
     resumed=True,
 )
 

@@ -397,7 +397,7 @@ class Assembly:
     lever_m: Array
     rotational: NDArray[np.bool_]
 
-    def from_known(self, joints: Array, known: SolvedPoses, least_step: float = LEAST_STEP) -> "Closed":
+    def from_solved(self, joints: Array, known: SolvedPoses, least_step: float = LEAST_STEP) -> "Closed":
         """At joint positions ``(n, joints)``, each from a known place of its own.
 
         Args:

@@ -175,12 +175,14 @@ class Mechanism(JointSpec):
         nearest, assembly = self._nearest(joints), self._assembly(values)
         own = slice(len(BASE_PARAMETERS), len(self.names))
         quickly |= bool(np.abs(values[own] - self.nominal_values[own]).max(initial=0.0) > _UNLIKE)
-        found = assembly.from_known(joints, nearest, _QUICK_STEP if quickly else LEAST_STEP)
+        found = assembly.from_solved(joints, nearest, _QUICK_STEP if quickly else LEAST_STEP)
         lost = np.flatnonzero(~np.isfinite(found.configuration.passive).all(axis=0))
         if quickly or not lost.size or values is self.nominal_values:
             return found
-        drawn = self._assembly(self.nominal_values).from_known(joints[lost], nearest.take(lost))
-        again = assembly.from_known(joints[lost], SolvedPoses(joints[lost], drawn.configuration.passive, nearest.sense))
+        drawn = self._assembly(self.nominal_values).from_solved(joints[lost], nearest.take(lost))
+        again = assembly.from_solved(
+            joints[lost], SolvedPoses(joints[lost], drawn.configuration.passive, nearest.sense)
+        )
         passive = found.configuration.passive.copy()
         passive[:, lost] = again.configuration.passive
         found.configuration.move(passive)
@@ -245,12 +247,12 @@ class Mechanism(JointSpec):
         start = self._nearest(joints[None]).passive[:, 0]
         gaps = self._assembly(self.nominal_values).nearest(joints, start)[1]
         if np.abs(gaps).max() > CLOSED_M:
-            return self._said_open(joints, gaps)
+            return self._describe_open(joints, gaps)
         if np.isfinite(found.condition[0]):
             return f"at a parallel singularity: the closures' condition is {found.condition[0]:.2g}"
         return "beyond a parallel singularity: its loops close there only in another assembly mode"
 
-    def _said_open(self, joints: Array, gaps: Array) -> str:
+    def _describe_open(self, joints: Array, gaps: Array) -> str:
         """Describe the closures that stay open at joint positions ``(joints,)``, and by how much, from their gaps."""
         configuration = Configuration.of(
             self.tree, self.dimensions(self.nominal_values), joints[None], self._nominal_passive[:, None]
@@ -303,7 +305,7 @@ class Mechanism(JointSpec):
         if np.abs(gaps).max(initial=0.0) > CLOSED_M:
             at = ", ".join(f"{name} {self.shown(i, self.home[i])}" for i, name in enumerate(self.joint_names))
             raise LabError(
-                f"robot '{self.name}': in the nominal position ({at}) {self._said_open(self.home, gaps)}; mend "
+                f"robot '{self.name}': in the nominal position ({at}) {self._describe_open(self.home, gaps)}; mend "
                 "lengths, places of their ends, or limits: the nominal position is at zero joint positions, or amid "
                 "limits that zero is beyond"
             )
@@ -320,7 +322,7 @@ class Mechanism(JointSpec):
         grown = True
         while grown and len(left):
             nearest = scipy.spatial.cKDTree(known.joints / self._ranges).query(left / self._ranges)[1]
-            found = assembly.from_known(left, known.take(nearest))
+            found = assembly.from_solved(left, known.take(nearest))
             good = found.condition < _STATION  # an imperfect copy may lack what is nearly singular
             known = SolvedPoses(
                 np.concatenate([known.joints, left[good]]),

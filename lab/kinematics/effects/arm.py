@@ -176,11 +176,11 @@ class ArmWithEffects:
         kind = np.result_type(inputs, values)
         total = 0 if alone else len(self.names) - first
         sizes: dict[Moves, int] = {"joints": size, "frame": 7, "links": 6 * len(self.links), "size": 1, "station": 7}
-        asked_for = {"joints", *(effect.moves for effect in self.effects)}
+        requested_solutions = {"joints", *(effect.moves for effect in self.effects)}
         found: _Moved = {
             what: (np.zeros((len(joints), count), dtype=kind), np.zeros((len(joints), count, total), dtype=kind))
             for what, count in sizes.items()
-            if what in asked_for
+            if what in requested_solutions
         }
         found["joints"][0][:] = joints
         at = 0

@@ -377,10 +377,10 @@ class CompensatorSpring(SimulatedEffect, MovesJoints):
     """Gravity compensator of one arm: a spring stretched at all angles, without torque where joint 2 is at zero.
 
     Attributes:
-        gives_rad: how far joint 2 would give way to k a b, the torque of a spring without free length at 90 degrees.
+        deflects_rad: how far joint 2 would give way to k a b, the torque of a spring without free length at 90 degrees.
     """
 
-    gives_rad: float
+    deflects_rad: float
 
     @classmethod
     def none(cls, joints: int) -> Self:
@@ -390,9 +390,11 @@ class CompensatorSpring(SimulatedEffect, MovesJoints):
     def joint_offsets(self, joints: Array, conditions: PoseConditions) -> Array:
         """Joint 2's, by the spring's torque at its angle."""
         offsets: Array = np.zeros(joints.shape)
-        if self.gives_rad:
+        if self.deflects_rad:
             angle = joints[:, _JOINT]
-            offsets[:, _JOINT] = self.gives_rad * np.sin(angle) * (1 - _PRELOAD / np.sqrt(1 - _RATIO * np.cos(angle)))
+            offsets[:, _JOINT] = (
+                self.deflects_rad * np.sin(angle) * (1 - _PRELOAD / np.sqrt(1 - _RATIO * np.cos(angle)))
+            )
         return offsets
 
     def true_parameters(self) -> dict[str, float]:
@@ -404,8 +406,8 @@ class CompensatorSpring(SimulatedEffect, MovesJoints):
 
     def refuse_unfit(self, chain: JointSpec) -> None:
         """The spring sits at joint 2."""
-        if self.gives_rad:
-            _refuse_without(chain, "effects: gives_rad")
+        if self.deflects_rad:
+            _refuse_without(chain, "effects: deflects_rad")
 
 
 @dataclass(frozen=True)

@@ -246,7 +246,7 @@ def _once(other: int) -> str:
     return f"with the sine and cosine of joint {other}"
 
 
-def _link_words(motion: str, link: int, other: int) -> str:
+def _link_description(motion: str, link: int, other: int) -> str:
     return f"the far end of link {link} {motion} {_once(other)}"
 
 
@@ -265,7 +265,7 @@ CROSS_FAMILIES = (
             "the joint whose turn moves it",
             partial(_of_link_end, direction),
             partial(_link_pairs, direction),
-            partial(_link_words, words),
+            partial(_link_description, words),
             owner="link",
         )
         for direction, (_, words) in _DIRECTIONS.items()

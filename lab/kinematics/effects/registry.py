@@ -37,10 +37,10 @@ __all__ = [
     "EFFECTS",
     "GROUPS",
     "EffectOptions",
+    "describe_term",
     "effect",
     "expected_terms",
     "fitted_groups",
-    "said_of_term",
     "searched_terms",
 ]
 
@@ -147,7 +147,7 @@ def expected_terms(facts: ArmFacts) -> tuple[str, ...]:
     return tuple(family.name(*pair) for family in _TERM_FAMILIES for pair in family.expected(facts))
 
 
-def said_of_term(name: str) -> str:
+def describe_term(name: str) -> str:
     """Describe a group of a single joint or link; empty for any other group."""
     if (term := _term(name)) is None:
         return ""

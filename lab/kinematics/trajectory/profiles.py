@@ -530,6 +530,6 @@ def check_within(chain: JointSpec, trajectory: Trajectory) -> None:
     if beyond[side, j] > EXACT:
         ends = f"from {chain.shown(j, trajectory.start[j])} to {chain.shown(j, trajectory.end[j])}"
         raise LabError(
-            f"on its way {ends} {chain.said_beyond(j, (lowest, highest)[side][j])}; lower its speeds at the ends, or "
+            f"on its way {ends} {chain.limit_note(j, (lowest, highest)[side][j])}; lower its speeds at the ends, or "
             "move these away from the limit"
         )

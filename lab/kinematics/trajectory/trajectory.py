@@ -252,7 +252,7 @@ def _checked(chain: JointSpec, points: Sequence[Array] | Array, speeds: Sequence
         reading, speed = rows
         if (beyond := chain.beyond_limits(reading, EXACT)).any():
             j = int(np.argmax(beyond))
-            raise LabError(f"{where}: {chain.said_beyond(j, reading[j])}; move it within them")
+            raise LabError(f"{where}: {chain.limit_note(j, reading[j])}; move it within them")
         if (beyond := np.abs(speed) > chain.speed * (1 + SLACK)).any():
             j = int(np.argmax(beyond))
             raise LabError(

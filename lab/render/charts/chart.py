@@ -461,7 +461,7 @@ class Chart(Sheet):
         return {"x": (self.x,), "y": (self.y,), "both": (self.x, self.y)}[which]
 
     def _set_ticks(self, axis: ChartAxis, ticks: ArrayLike, labels: Sequence[str] | None, turned: float) -> None:
-        axis.ticks, axis.tick_words, axis.turned = np.asarray(ticks, float), labels, turned
+        axis.ticks, axis.tick_labels, axis.turned = np.asarray(ticks, float), labels, turned
         axis.reach(axis.ticks)
 
     def _segments(self, x: Array, y: Array, colours: Any, linewidth: float, alpha: float) -> None:

@@ -42,7 +42,7 @@ __all__ = [
     "round_numbers",
     "shown_number",
     "text_width",
-    "tick_words",
+    "tick_labels",
     "words",
 ]
 
@@ -81,7 +81,7 @@ def round_numbers(low: float, high: float, most: int) -> Array:
     return np.asarray(count * step)
 
 
-def tick_words(values: Sequence[float] | Array) -> list[str]:
+def tick_labels(values: Sequence[float] | Array) -> list[str]:
     """Numbers with as many decimals as tell them apart."""
     given = np.asarray(values, dtype=float)
     largest = float(np.abs(given).max(initial=0.0))
@@ -297,7 +297,7 @@ class ChartAxis:
     limits: tuple[float, float] | None = None
     logarithmic: bool = False
     ticks: Array | None = None
-    tick_words: Sequence[str] | None = None
+    tick_labels: Sequence[str] | None = None
     turned: float = 0.0  # of the ticks' words, degrees
     most: int | None = None  # steps between ticks
     tick_length: float = _TICK
@@ -342,7 +342,7 @@ class ChartAxis:
             at = self.ticks
         slack = 1e-9 * (high - low)
         inside = (at >= low - slack) & (at <= high + slack)
-        said = list(self.tick_words) if self.tick_words is not None else tick_words(at)
+        said = list(self.tick_labels) if self.tick_labels is not None else tick_labels(at)
         return at[inside], [word for word, shown in zip(said, inside, strict=True) if shown]
 
 

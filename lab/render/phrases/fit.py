@@ -6,7 +6,7 @@ from lab.calibration.statistics.model_selection import GroupTrial
 from lab.core.checks import Check
 from lab.core.errors import be, counted
 from lab.core.units import DEGREES, MICRONS, MM
-from lab.kinematics.effects.registry import said_of_term
+from lab.kinematics.effects.registry import describe_term
 
 __all__ = ["PHRASES", "listed", "model_name", "standing"]
 
@@ -15,7 +15,7 @@ _MOST_LISTED = 6  # groups of single joints in a sentence
 
 def listed(groups: Sequence[str]) -> tuple[str, ...]:
     """The names of groups; many groups of single joints as one."""
-    terms = [name for name in groups if said_of_term(name)]
+    terms = [name for name in groups if describe_term(name)]
     if len(terms) <= _MOST_LISTED:
         return tuple(groups)
     return (*(name for name in groups if name not in terms), f"{len(terms)} groups of single joints")
@@ -28,7 +28,7 @@ def model_name(groups: Sequence[str]) -> str:
 
 def standing(group: GroupTrial) -> str:
     """Describe whether a group is in the model, its meaning for the robot, and any objection to it."""
-    said = said_of_term(group.name)
+    said = describe_term(group.name)
     chosen = (f"chosen: {said}" if said else "chosen") if group.chosen else ""
     return ", but ".join(part for part in (chosen, group.infeasibility_reason) if part)
 
@@ -38,7 +38,7 @@ def _note(check: Check) -> str:
     return text
 
 
-def _kept_outliers(check: Check) -> str:
+def _retained_outliers(check: Check) -> str:
     data, several = check.data, check.data["count"] > 1
     first = (
         "" if data["searched"] or not several else "--model auto tries first whether effects of the arm explain them; "
@@ -288,7 +288,7 @@ def _validation_payload(_: Check) -> str:
     return "the validation file has no column payload_kg: the flange is assumed to carry nothing in any pose"
 
 
-def _valley(check: Check) -> str:
+def _stalled(check: Check) -> str:
     weak = ", ".join(check.data["weak"])
     return (
         f"the fit ended after {check.data['iterations']} steps in a valley, along which the measurements say next to "
@@ -376,11 +376,11 @@ def _aliased_truth(_: Check) -> str:
 PHRASES: Mapping[str, Callable[[Check], str]] = {
     "note": _note,
     "mistake.joint_sign": _joint_sign,
-    "convergence.valley": _valley,
+    "convergence.valley": _stalled,
     "convergence.failed": _not_converged,
     "parameters.unobservable": _unobservable,
     "parameters.condition": _condition,
-    "outliers.kept": _kept_outliers,
+    "outliers.kept": _retained_outliers,
     "outliers.held_out": _held_out_outliers,
     "outliers.search": _outlier_search,
     "outliers.excluded": _excluded_outliers,

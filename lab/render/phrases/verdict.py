@@ -10,7 +10,7 @@ from lab.calibration.workspace_prediction import Distance, RegionPrediction
 from lab.core.checks import Check
 from lab.core.units import DEGREES, MM, MRAD, short_length
 
-__all__ = ["PHRASES", "gate_words", "region_words", "without_figures"]
+__all__ = ["PHRASES", "gate_text", "region_text", "without_figures"]
 
 _REGIONS: Mapping[RegionKind, str] = {
     "measured": "where poses were measured",
@@ -20,12 +20,12 @@ _REGIONS: Mapping[RegionKind, str] = {
 }
 
 
-def gate_words(gate_mm: float | None) -> str:
+def gate_text(gate_mm: float | None) -> str:
     """Return the gate (mm) in words."""
     return "no gate was given" if gate_mm is None else f"gate: {gate_mm:g} mm"
 
 
-def region_words(region: RegionPrediction) -> str:
+def region_text(region: RegionPrediction) -> str:
     """Return the name of a region as the end of a sentence."""
     return _REGIONS[region.kind]
 
@@ -302,12 +302,12 @@ def _error(check: Check) -> str:
     region, elsewhere, condition = (check.data[name] for name in ("region", "elsewhere", "condition"))
     of_condition = f", condition number {condition:,.0f}" if np.isfinite(condition) else ""
     if not np.isfinite(region.p95_m):
-        return f"the error {region_words(region)} cannot be predicted{of_condition}"
+        return f"the error {region_text(region)} cannot be predicted{of_condition}"
     there = ""
     if elsewhere is not None and np.isfinite(elsewhere.p95_m):
         share = f"{100 * elsewhere.extrapolated_share:.0f} % of the workspace"
         there = f", in the extrapolated {share} {MM.text(elsewhere.p95_m)}"
-    return f"the predicted 95 % error {region_words(region)} is {MM.text(region.p95_m)}{there}{of_condition}"
+    return f"the predicted 95 % error {region_text(region)} is {MM.text(region.p95_m)}{there}{of_condition}"
 
 
 def _limit(check: Check) -> str:
@@ -323,7 +323,7 @@ def _limit(check: Check) -> str:
 
 def _cover(check: Check) -> str:
     region = check.data["region"]
-    share = f"{100 * region.extrapolated_share:.0f} % of the poses {region_words(region)}"
+    share = f"{100 * region.extrapolated_share:.0f} % of the poses {region_text(region)}"
     return f"{share} are extrapolated: not covered by measured poses"
 
 

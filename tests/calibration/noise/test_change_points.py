@@ -160,7 +160,7 @@ def test_rows_held_out_stand_on_their_side_and_on_another_day_all_are_off_by_one
 
 def test_rows_of_one_time_are_weighed(day: Measurements) -> None:
     timed = replace(day, conditions={"time_s": 10.0 * (np.arange(60) // 2)})
-    assert shared_by(moved(timed, 20e-6 * np.sin(np.arange(60) / 4.0))).wandering_m > 0
+    assert shared_by(moved(timed, 20e-6 * np.sin(np.arange(60) / 4.0))).autocorrelated_m > 0
 
 
 def test_times_of_some_rows_are_those_of_the_campaign(day: Measurements) -> None:

@@ -81,7 +81,7 @@ def test_a_steady_drift_of_the_base_is_told_by_its_size() -> None:
     data = replace(day.measurements, points=day.measurements.points + along)
     found = identify(arm, data, arm.nominal(ROBOT.tool), Noise())
     shared = search_noise(found, data, Noise()).shared
-    assert shared is not None and not shared.wandering_m
+    assert shared is not None and not shared.autocorrelated_m
     assert shared.drift_m * np.sqrt(3) == pytest.approx(30e-6, rel=0.35)  # one draw of three coefficients
     assert "drifts steadily" in shared.words[0]
 

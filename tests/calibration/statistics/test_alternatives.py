@@ -28,7 +28,7 @@ def test_what_cannot_be_told_apart_is_said(ei: float) -> None:
     assert said[0].startswith("compliance and bending cannot be told apart by these poses")
     assert "no pose and payload would tell: they differ by at most" in said[0]
     each = found.alternatives[0]
-    assert each.fit_rise < 10 and not each.can_be_told and each.differ_m < 3 * found.identification.sigma_m
+    assert each.fit_rise < 10 and not each.is_distinguishable and each.differ_m < 3 * found.identification.sigma_m
     assert np.isfinite(each.inputs).all()
 
 

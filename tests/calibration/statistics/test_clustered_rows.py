@@ -43,7 +43,7 @@ def test_the_variance_between_clusters_is_that_of_refits_without_each() -> None:
     scale = len(ADDED) / np.trace(form)
     covariance = scale * np.einsum("ia,ib->ab", *[refitted(made, every)[1]] * 2)
     test = ClusteredRows.of(made, LABELS, 3).test(FITTED, ADDED)
-    assert whole.shape[1] == 8 and test.dof == pytest.approx(dof, rel=1e-9) and test.has_freedom
+    assert whole.shape[1] == 8 and test.dof == pytest.approx(dof, rel=1e-9) and test.can_reject
 
     numbers = np.trace(covariance) ** 2 / np.trace(covariance @ covariance)
     assert test.p == pytest.approx(f.sf(found @ found / np.trace(covariance), numbers, dof), rel=1e-9)
@@ -80,8 +80,8 @@ def test_a_cluster_that_alone_shows_a_column_leaves_no_freedom() -> None:
     made[:, -1] += 1e3 * made[:, 5]
     whole = ClusteredRows.of(made, LABELS, 3)
     alone = whole.test(FITTED, [5])
-    assert (alone.p, alone.dof, alone.has_freedom) == (1.0, 0.0, False)
-    assert whole.test([*FITTED, 5], [6]).has_freedom  # the others are shown by all
+    assert (alone.p, alone.dof, alone.can_reject) == (1.0, 0.0, False)
+    assert whole.test([*FITTED, 5], [6]).can_reject  # the others are shown by all
 
 
 def test_columns_that_the_fitted_ones_hold_are_not_tested() -> None:

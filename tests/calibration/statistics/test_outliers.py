@@ -69,7 +69,7 @@ def test_bad_rows_are_named_and_do_no_harm(known: bool) -> None:
         clean = fit(ARM, seen, found.fit.free, start)
         errors = [fresh_mean(v.values, truth, np.random.default_rng(seed)) for v in (found.fit, clean)]
         ratio.append(errors[0] / errors[1])
-        assert (found.p_values <= 0.01).all() and found.level == 0.01 and found.sigma_known == known
+        assert (found.p_values <= 0.01).all() and found.level == 0.01 and found.sigma_given == known
     assert all(large) and len(large) > 90  # a full study misses none of 826
     assert np.mean(small) >= 0.9
     assert np.mean(ratio) == pytest.approx(np.sqrt(60 / 57), abs=0.05)  # each spreads by 0.07: 3 sigma is 0.033
@@ -196,7 +196,7 @@ def test_a_given_sigma_that_most_poses_are_beyond_is_not_believed() -> None:
     rows = [5, 17]
     spoilt = replace(moved(seen, rows, 1e-3 * directions(rng, 2)), whiten=10 * seen.whiten)
     found = found_in(spoilt, start, rng)
-    assert not found.sigma_known and sorted(found.rows) == rows
+    assert not found.sigma_given and sorted(found.rows) == rows
 
 
 def test_exact_measurements_have_no_outliers() -> None:

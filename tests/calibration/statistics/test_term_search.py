@@ -16,7 +16,7 @@ from lab.core.measurements import Measurements, measured
 from lab.core.significance import TERM_SEARCH
 from lab.kinematics.effects.arm import ArmWithEffects
 from lab.kinematics.effects.effect import ArmFacts, Effect
-from lab.kinematics.effects.registry import expected_terms, said_of_term, searched_terms
+from lab.kinematics.effects.registry import describe_term, expected_terms, searched_terms
 from lab.kinematics.gauge import base_set
 from lab.kinematics.serial.arm import SerialArm
 
@@ -226,11 +226,11 @@ def test_a_joint_that_hardly_moved_says_nothing_of_slow_waves() -> None:
 
 
 def test_terms_are_told_in_words() -> None:
-    assert said_of_term("joint2.harmonic20") == "joint 2 runs out 20 times a turn"
-    assert said_of_term("joint2.harmonic1") == "joint 2 runs out once a turn"
-    assert said_of_term("joint3.gravity4") == "joint 3 gives way to the weight of link 4"
-    assert said_of_term("joint3.coupling1") == "joint 3 follows joint 1"
-    assert said_of_term("harmonics2") == said_of_term("joint0.harmonic2") == said_of_term("joint1.harmonic02") == ""
+    assert describe_term("joint2.harmonic20") == "joint 2 runs out 20 times a turn"
+    assert describe_term("joint2.harmonic1") == "joint 2 runs out once a turn"
+    assert describe_term("joint3.gravity4") == "joint 3 gives way to the weight of link 4"
+    assert describe_term("joint3.coupling1") == "joint 3 follows joint 1"
+    assert describe_term("harmonics2") == describe_term("joint0.harmonic2") == describe_term("joint1.harmonic02") == ""
 
 
 def test_gear_ratios_name_waves_that_the_search_begins_with() -> None:

@@ -11,7 +11,7 @@ from helpers.estimates import nominal_estimate, with_values
 
 import lab
 from lab.campaign.robot import load_virtual
-from lab.commands.calibrate.exports import comment_of_lacking
+from lab.commands.calibrate.exports import comment_on_missing_effects
 from lab.formats.calibrated_module import loaded
 
 
@@ -24,11 +24,11 @@ def test_a_file_of_geometry_says_what_it_lacks() -> None:
     alone = arm.rigid.points(inputs, values[:-6])
     by_hand = np.linalg.norm(arm.points(inputs, values) - alone, axis=2)
     assert off == pytest.approx(np.sqrt((by_hand**2).mean())) and off > 1e-5
-    said = comment_of_lacking(arm.groups, off, "at the measured poses", module=True)
+    said = comment_on_missing_effects(arm.groups, off, "at the measured poses", module=True)
     assert said.startswith(f"Geometry alone: lacks gear; off by {1e3 * off:.2g} mm rms") and "calibrated.py" in said
-    assert "calibrated.py" not in comment_of_lacking(arm.groups, off, "there", module=False)
+    assert "calibrated.py" not in comment_on_missing_effects(arm.groups, off, "there", module=False)
     bare = nominal_estimate(load_virtual("irb120"), ("p1", "p2"), ())
-    assert comment_of_lacking((), bare.geometry_error(inputs), "there", module=True) == ""
+    assert comment_on_missing_effects((), bare.geometry_error(inputs), "there", module=True) == ""
 
 
 @pytest.mark.thorough

@@ -276,11 +276,11 @@ def test_what_cannot_be_certified_is_refused_in_a_line(here: Path, capsys, tmp_p
         )
         with pytest.raises(LabError, match="was changed since the run was written"):
             certify(CertifyOptions(edited))
-        asked_for = CertifyOptions(edited, accept_edited=True)
+        requested_solutions = CertifyOptions(edited, accept_edited=True)
         if doubts:
             with pytest.raises(LabError, match=f"verdict of this run is '{word}'"):
-                certify(asked_for)
-        told = certify(replace(asked_for, force=doubts)).to_dict()
+                certify(requested_solutions)
+        told = certify(replace(requested_solutions, force=doubts)).to_dict()
         assert told["run_verdict"]["verdict"] == word and told["run_verdict"]["reasons"] == ["a doubt"]
     measured = (edited / "config.json").read_text()
     reasons = {

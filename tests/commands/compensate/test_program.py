@@ -28,7 +28,7 @@ from lab.cli import main
 from lab.commands.calibrate.load_run import CalibrationRun, calibrated_by
 from lab.commands.calibrate.result import CalibrationResult
 from lab.commands.compensate.options import CompensateOptions
-from lab.commands.compensate.program import open_program, stated_words
+from lab.commands.compensate.program import open_program, stated_positions_note
 from lab.commands.compensate.result import CompensationResult
 from lab.commands.compensate.run import compensate
 from lab.commands.run_folder import _refuse_other_files
@@ -425,6 +425,6 @@ def test_the_default_tool_is_no_statement_where_it_disagrees(
     for run in (far, calibrated):
         result, _ = corrected_urscript(["0,0,0.05,0,0,0"], run, tmp_path, monkeypatch)
         assert result.reference is not None
-        words.append(stated_words(result.reference))
+        words.append(stated_positions_note(result.reference))
     assert words[0] == "No place of a measured point in the flange is stated."
     assert words[1].startswith("The measured points (p1) are 0.")

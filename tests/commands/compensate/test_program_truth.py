@@ -11,7 +11,7 @@ import pytest
 from helpers.controller_programs import LANGUAGES
 from helpers.hidden_robots import Day, Trial, calibrated_day, hidden_cell, tried
 
-from lab.commands.compensate.program import flange_words
+from lab.commands.compensate.program import flange_note
 
 pytestmark = pytest.mark.thorough
 
@@ -38,7 +38,7 @@ def test_stated_targets_make_the_program_true_to_its_tool(name: str, days: dict[
     assert done.before.shape.mean() > 0.5e-3
     assert done.after.shape.mean() < 0.05e-3 and done.after.shape.max() < 0.12e-3
     assert done.within_shape.all() and done.within_base.all()
-    assert flange_words(done.result.reference, done.result.expected.flange_95_m) == ""
+    assert flange_note(done.result.reference, done.result.expected.flange_95_m) == ""
 
 
 @pytest.mark.parametrize("name", ["elsewhere", "one"])

@@ -10,8 +10,8 @@ from helpers.drawing import nothing_drawn
 from lab.campaign.options import DesignOptions
 from lab.cli import main
 from lab.commands.calibrate.run import simulate
-from lab.commands.design.result import MeasuringDayLength
-from lab.commands.design.run import planned_day
+from lab.commands.design.result import SessionDuration
+from lab.commands.design.run import planned_session
 from lab.formats.programs.protocol import PAUSE_S
 
 BOX = """[[obstacle]]
@@ -50,7 +50,7 @@ def checked(plan: Path, capsys: pytest.CaptureFixture[str], *flags: str) -> tupl
 @pytest.mark.thorough
 def test_a_plan_can_be_run_where_it_was_made(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with nothing_drawn():
-        made = planned_day(DesignOptions("course2r", candidates=40, starts=1, poses=8))
+        made = planned_session(DesignOptions("course2r", candidates=40, starts=1, poses=8))
         made.save(tmp_path / "run")
         told = ("--robot", "course2r", "--out", str(tmp_path / "again"))
         code, found = checked(tmp_path / "run", capsys, *told)
@@ -65,10 +65,10 @@ def test_a_plan_with_its_reference_pose_is_measured_and_checked(
 ) -> None:
     """Its rows are named, its program waits as often, the day counts them once, and a simulated day has them all."""
     with nothing_drawn():
-        made = planned_day(DesignOptions("irb120", candidates=60, starts=1, poses=12, reference_every=5))
+        made = planned_session(DesignOptions("irb120", candidates=60, starts=1, poses=12, reference_every=5))
         made.save(tmp_path / "run")
         code, found = checked(tmp_path / "run", capsys, "--out", str(tmp_path / "again"))
-        day, length = simulate("irb120", plan=tmp_path / "run" / "plan.csv"), MeasuringDayLength.of(made.tour)
+        day, length = simulate("irb120", plan=tmp_path / "run" / "plan.csv"), SessionDuration.of(made.tour)
     ids = [name for name, stop in zip(made.columns()["id"], made.columns()["stop"], strict=True) if stop == "measure"]
     assert [name for name in ids if "_" in name] == ["1_2", "1_3", "1_4"] and ids.index("1_2") == 5 and ids[-1] == "1_4"
     assert code == 0 and found["poses"] == 12 and length.references == found["reference_measurements"] == 4
@@ -123,7 +123,7 @@ def test_mistakes_are_told_in_one_line(plan: Path, capfd, flags: str, told: str)
 
 
 def test_a_day_is_warm_up_moves_pauses_and_references() -> None:
-    day = MeasuringDayLength(30, 62.0)
+    day = SessionDuration(30, 62.0)
     assert day.references == 4  # first, after 10 and 20, and last
     assert day.seconds == pytest.approx(1800 + 62 + 30 * PAUSE_S + 4 * (2 * 2.0 + PAUSE_S))
-    assert np.isclose(MeasuringDayLength(1, 4.0).references, 2) and "warm-up" in day.words
+    assert np.isclose(SessionDuration(1, 4.0).references, 2) and "warm-up" in day.words

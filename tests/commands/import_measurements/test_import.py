@@ -13,7 +13,7 @@ from helpers.tracker_files import plain, polyworks, rows_of_joints, spatial_anal
 
 from lab.campaign.robot import load_robot
 from lab.cli import main
-from lab.commands.calibrate.run import MeasuringDay, simulate
+from lab.commands.calibrate.run import MeasurementSession, simulate
 from lab.commands.import_measurements.options import ImportOptions
 from lab.commands.import_measurements.run import import_measurements
 from lab.core.errors import LabError
@@ -23,12 +23,12 @@ POSES = 30
 
 
 @pytest.fixture(scope="module")
-def day() -> MeasuringDay:
+def day() -> MeasurementSession:
     return simulate("irb120", poses=POSES, seed=3, instrument="uniform-8um")
 
 
 @pytest.fixture
-def files(tmp_path: Path, day: MeasuringDay) -> tuple[Path, Path]:
+def files(tmp_path: Path, day: MeasurementSession) -> tuple[Path, Path]:
     """A tracker's export and the poses, both with names, the poses in another order."""
     names, data = [f"P{i}" for i in range(POSES)], day.measurements
     points = spatial_analyzer(tmp_path / "sa.txt", names, data.points[:, 0], np.full((POSES, 3), 8e-6))
@@ -36,7 +36,7 @@ def files(tmp_path: Path, day: MeasuringDay) -> tuple[Path, Path]:
     return points, joints
 
 
-def test_names_bring_points_and_poses_together(files: tuple[Path, Path], day: MeasuringDay) -> None:
+def test_names_bring_points_and_poses_together(files: tuple[Path, Path], day: MeasurementSession) -> None:
     result = import_measurements(ImportOptions(*files))
     assert result.matching.by == "name" and result.measurements.ids[0] == f"P{POSES - 1}"
     np.testing.assert_allclose(result.measurements.joints[::-1], day.measurements.joints, atol=1e-10)
@@ -67,7 +67,7 @@ def test_files_of_two_stations_are_joined_line_by_line(files: tuple[Path, Path],
     assert data.ids[0] == f"west P{POSES - 1}" and len(set(data.ids)) == 2 * POSES
 
 
-def test_order_brings_them_together(tmp_path: Path, day: MeasuringDay) -> None:
+def test_order_brings_them_together(tmp_path: Path, day: MeasurementSession) -> None:
     data = day.measurements
     points = plain(tmp_path / "p.txt", [f"x{i}" for i in range(POSES)], data.points[:, 0])
     joints = rows_of_joints(tmp_path / "j.csv", [f"y{i}" for i in range(POSES)], data.joints)
@@ -75,7 +75,7 @@ def test_order_brings_them_together(tmp_path: Path, day: MeasuringDay) -> None:
     np.testing.assert_allclose(result.measurements.points, data.points, atol=1e-9)
 
 
-def test_a_tool_of_three_targets_by_name_and_in_order(tmp_path: Path, day: MeasuringDay) -> None:
+def test_a_tool_of_three_targets_by_name_and_in_order(tmp_path: Path, day: MeasurementSession) -> None:
     data, targets = day.measurements, ("p1", "p2", "p3")
     shifted = np.stack([data.points[:, 0] + 0.01 * k for k in range(3)], axis=1)
     names = [f"P{i}_{t}" for i in range(POSES) for t in targets]
@@ -87,7 +87,7 @@ def test_a_tool_of_three_targets_by_name_and_in_order(tmp_path: Path, day: Measu
 
 
 @pytest.mark.parametrize("lost", [(), (4, 17)], ids=["all", "some lost"])
-def test_times_find_the_settled_poses_of_a_log(tmp_path: Path, day: MeasuringDay, lost: tuple[int, ...]) -> None:
+def test_times_find_the_settled_poses_of_a_log(tmp_path: Path, day: MeasurementSession, lost: tuple[int, ...]) -> None:
     data = day.measurements
     middles = controller_log(tmp_path / "log.txt", data.joints, start=1000.0)
     kept = [i for i in range(POSES) if i not in lost]
@@ -105,7 +105,7 @@ def test_times_find_the_settled_poses_of_a_log(tmp_path: Path, day: MeasuringDay
     assert [each.why for each in result.matching.left_out] == ["no point was measured there"] * len(lost)
 
 
-def test_a_point_measured_while_the_arm_moves_is_left_out(tmp_path: Path, day: MeasuringDay) -> None:
+def test_a_point_measured_while_the_arm_moves_is_left_out(tmp_path: Path, day: MeasurementSession) -> None:
     data = day.measurements
     middles = controller_log(tmp_path / "log.txt", data.joints)
     seconds = middles - middles[0]
@@ -126,7 +126,7 @@ def test_another_unit_is_refused_by_the_size_of_the_arm(files: tuple[Path, Path]
         import_measurements(ImportOptions(tmp_path / "m.txt", files[1]))
 
 
-def test_rows_of_other_poses_are_suspected(tmp_path: Path, day: MeasuringDay) -> None:
+def test_rows_of_other_poses_are_suspected(tmp_path: Path, day: MeasurementSession) -> None:
     data = day.measurements
     points = plain(tmp_path / "p.txt", [f"x{i}" for i in range(POSES)], np.roll(data.points[:, 0], 5, axis=0))
     joints = rows_of_joints(tmp_path / "j.csv", [f"y{i}" for i in range(POSES)], data.joints)
@@ -213,7 +213,7 @@ def test_mistakes_are_told_in_one_line(
 
 
 @pytest.mark.figures
-def test_the_page_shows_both_files_on_one_clock(tmp_path: Path, day: MeasuringDay) -> None:
+def test_the_page_shows_both_files_on_one_clock(tmp_path: Path, day: MeasurementSession) -> None:
     data = day.measurements
     middles = controller_log(tmp_path / "log.txt", data.joints)
     points = leica(tmp_path / "l.csv", [f"L{i}" for i in range(POSES)], data.points[:, 0], np.full((POSES, 3), 1e-5),

@@ -5,7 +5,7 @@ import pytest
 from helpers.robots import IRB120, VERSATRAN
 
 from lab.kinematics.effects.backlash import approached_groups
-from lab.kinematics.effects.registry import effect, said_of_term
+from lab.kinematics.effects.registry import describe_term, effect
 
 
 @pytest.mark.parametrize(
@@ -30,5 +30,5 @@ def test_one_joint_is_fitted_as_all_are() -> None:
     widths = np.array([0, 3e-4, 0, 0, 0, 0])
     np.testing.assert_array_equal(moved, every.offsets(joints, sides, widths)[0])
     np.testing.assert_array_equal(derivative[..., 0], every.offsets(joints, sides, widths)[1][..., 1])
-    assert said_of_term("joint2.backlash") == "joint 2 has play" and not said_of_term("joint2.backlash3")
+    assert describe_term("joint2.backlash") == "joint 2 has play" and not describe_term("joint2.backlash3")
     assert effect("joint2.backlash", VERSATRAN, None).parameters[0].unit.si == "m"

@@ -11,7 +11,7 @@ from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
 from lab.kinematics.effects.effect import ArmFacts
 from lab.kinematics.effects.harmonics import CROSS_FAMILIES, CrossHarmonics
-from lab.kinematics.effects.registry import effect, said_of_term, searched_terms
+from lab.kinematics.effects.registry import describe_term, effect, searched_terms
 from lab.kinematics.gauge import base_set
 
 FACTS = ArmFacts(IRB120.chain, IRB120.loads)
@@ -51,7 +51,7 @@ def test_points_move_as_the_derivatives_say(name: str) -> None:
         step = 1e-6 * (np.arange(len(values)) == len(values) + i)
         slope = (arm.points(joints, values + step) - arm.points(joints, values - step)) / 2e-6
         assert np.allclose(slope, jacobian[..., i], atol=1e-8) and np.abs(slope).max() > 1e-6
-    assert said_of_term(name)
+    assert describe_term(name)
 
 
 @pytest.mark.parametrize(

@@ -57,7 +57,7 @@ def test_known_counts_are_weighed_and_are_no_lack_of_fit(tx40: Path, tmp_path: P
     for name, noise in ways.items():
         known = lab.identify(day.measurements, robot=tx40, validate=day.validation, **noise)
         said = known.to_dict()
-        assert known.fit.noise.shared.is_known and said["adequate"]
+        assert known.fit.noise.shared.is_given and said["adequate"]
         assert said["noise_mm"] == pytest.approx(0.008 / np.sqrt(3), rel=0.1 if name == "estimated" else 1e-9)
         assert said["noise_model"]["words"] == ["joint positions are whole counts of the encoders"]
         assert said["after_mm"]["rms"] < 2 * said["predicted_mm"]

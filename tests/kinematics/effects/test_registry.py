@@ -15,9 +15,9 @@ from lab.kinematics.effects.registry import (
     EFFECTS,
     GROUPS,
     EffectOptions,
+    describe_term,
     effect,
     fitted_groups,
-    said_of_term,
     searched_terms,
 )
 from lab.simulation.effects import random_effects
@@ -139,7 +139,7 @@ def test_a_simulated_effect_is_what_single_joints_groups_fit(options: dict[str, 
         if set(own) & set(truth):
             values = np.array([truth[each] for each in own])
             fitted += group.offsets(joints, np.zeros((30, 0)), values)[0]
-            assert said_of_term(name)
+            assert describe_term(name)
     conditions = PoseConditions({}, 30, IRB120.chain.joint_names)
     np.testing.assert_allclose(part.joint_offsets(joints, conditions), fitted, atol=1e-18)
     assert np.abs(fitted).max() > 2e-5 and (np.abs(fitted).max(axis=0) > 0).all()

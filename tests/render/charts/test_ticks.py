@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lab.render.charts.marks import Scale, round_numbers, tick_words
+from lab.render.charts.marks import Scale, round_numbers, tick_labels
 
 
 def test_scales_are_straight_lines_in_the_value_or_in_its_logarithm() -> None:
@@ -29,7 +29,7 @@ def test_round_numbers_are_round_even_and_few(seed: int) -> None:
 
 
 def test_numbers_are_written_alike() -> None:
-    assert tick_words([-0.5, 0.0, 0.25]) == ["−0.50", "0.00", "0.25"]
-    assert tick_words([0, 500, 1000]) == ["0", "500", "1000"]
-    assert tick_words([2e-6, 1e-5]) == ["2e−06", "1e−05"] and tick_words([3e7]) == ["3e+07"]
-    assert tick_words([]) == []
+    assert tick_labels([-0.5, 0.0, 0.25]) == ["−0.50", "0.00", "0.25"]
+    assert tick_labels([0, 500, 1000]) == ["0", "500", "1000"]
+    assert tick_labels([2e-6, 1e-5]) == ["2e−06", "1e−05"] and tick_labels([3e7]) == ["3e+07"]
+    assert tick_labels([]) == []

@@ -8,7 +8,7 @@ import tyro
 from lab.campaign.option_types import Flag, Names, NoRecording
 from lab.core.errors import LabError
 from lab.core.limits import HOLDOUT, check_serial, positive
-from lab.extensions.dynamics.rehearsal_options import Rehearsal
+from lab.extensions.dynamics.rehearsal_options import SimulationOptions
 
 __all__ = ["PARTS", "DynamicsOptions"]
 
@@ -46,7 +46,7 @@ class DynamicsOptions:
     """The serial number of the arm."""
 
     no_recording: NoRecording = False
-    rehearsal: Rehearsal = field(default_factory=Rehearsal)
+    rehearsal: SimulationOptions = field(default_factory=SimulationOptions)
     """The measuring day, where it is rehearsed."""
 
     def check(self) -> None:

@@ -48,14 +48,14 @@ from lab.render.style import MEASURED, PREDICTED
 if TYPE_CHECKING:
     from lab.render.document import Document
 
-__all__ = ["DynamicsResult", "RehearsedDay", "estimate_to_dict", "singular_values_picture"]
+__all__ = ["DynamicsResult", "SimulatedSession", "estimate_to_dict", "singular_values_picture"]
 
 MOTION_CSV, ANOTHER_CSV = "motion.csv", "another.csv"  # of a rehearsed day, in the run's folder
 STATES = 200  # over which the conditioning is looked at
 
 
 @dataclass(frozen=True)
-class RehearsedDay:
+class SimulatedSession:
     """A simulated measurement session with its true parameters.
 
     Attributes:
@@ -96,7 +96,7 @@ class DynamicsResult(Result):
     arm: ArmDynamics
     base: BaseParameters
     drives: Drives | None
-    day: RehearsedDay | None
+    day: SimulatedSession | None
     samples: PayloadSamples | None
     estimate: DynamicsEstimate | None
     physical: PhysicalFit | None

@@ -16,10 +16,10 @@ from lab.extensions.dynamics.arm.base_parameters import base_parameters
 from lab.extensions.dynamics.arm.identify import DynamicModel, DynamicsEstimate, identify_dynamics, nearest_physical_arm
 from lab.extensions.dynamics.arm.options import DynamicsOptions
 from lab.extensions.dynamics.arm.plausibility import implausible_dynamics
-from lab.extensions.dynamics.arm.result import DynamicsResult, RehearsedDay
+from lab.extensions.dynamics.arm.result import DynamicsResult, SimulatedSession
 from lab.extensions.dynamics.load_files import PayloadSamples, read_load, read_motion, read_mounting
 from lab.extensions.dynamics.payload.plausibility import ArmSize, Implausibility, stuck_channels
-from lab.extensions.dynamics.rehearsal import MeasuringBench, load_of_rehearsal
+from lab.extensions.dynamics.rehearsal import MeasuringBench, simulated_load
 from lab.extensions.dynamics.simulation import drawn_mounting
 from lab.formats.drives_toml import Drives, drives_in, read_drives
 from lab.formats.structured import read_toml
@@ -81,7 +81,7 @@ def _identified(options: DynamicsOptions, robot: Robot) -> DynamicsResult:
     base = base_parameters(arm, rng_for(0, "structure"))
     described = DynamicsResult(options, robot, arm, base, drives, None, None, None, None, tuple(robot.warnings))
     if options.rehearsal.simulate:
-        day = _rehearsed(described)
+        day = _simulated(described)
         return _measured(replace(described, day=day), day.samples, day.other)
     if options.file is None:
         return described
@@ -97,10 +97,10 @@ def _drives(options: DynamicsOptions, robot: Robot) -> Drives | None:
     return drives_in(path, read_toml(path), size) if path.suffix == ".toml" else None
 
 
-def _rehearsed(described: DynamicsResult) -> RehearsedDay:
+def _simulated(described: DynamicsResult) -> SimulatedSession:
     """A virtual measuring day: the designed path and another one, with the load if one is asked for."""
     robot, asked, base = described.robot, described.options.rehearsal, described.base
-    load = None if asked.payload_kg is None else load_of_rehearsal(asked.payload_kg, asked)
+    load = None if asked.payload_kg is None else simulated_load(asked.payload_kg, asked)
     bench = MeasuringBench(robot, asked, load, described.arm.couplings)
     model = DynamicModel(robot.serial_model.chain, described.arm, base)
 
@@ -111,7 +111,7 @@ def _rehearsed(described: DynamicsResult) -> RehearsedDay:
     other = replace(bench, load=None).driven(bench.another(), 1)
     others = {name: value for name, value in bench.truth().items() if name in base.names}
     truth = base.projection @ described.arm.standard(link_inertias(robot.serial_model), others)
-    return RehearsedDay(samples, other, truth, None if load is None else load.phi)
+    return SimulatedSession(samples, other, truth, None if load is None else load.phi)
 
 
 def _measured(described: DynamicsResult, samples: PayloadSamples, other: PayloadSamples | None) -> DynamicsResult:

@@ -9,7 +9,7 @@ import tyro
 from lab.campaign.option_types import Flag, NoRecording
 from lab.core.errors import LabError
 from lab.core.limits import check_serial, positive
-from lab.extensions.dynamics.rehearsal_options import Rehearsal
+from lab.extensions.dynamics.rehearsal_options import SimulationOptions
 
 __all__ = ["PayloadOptions"]
 
@@ -48,7 +48,7 @@ class PayloadOptions:
     """The serial number of the arm; refused where --run is of another one."""
 
     no_recording: NoRecording = False
-    rehearsal: Rehearsal = field(default_factory=Rehearsal)
+    rehearsal: SimulationOptions = field(default_factory=SimulationOptions)
     """The measuring day, where it is rehearsed."""
 
     def check(self) -> None:

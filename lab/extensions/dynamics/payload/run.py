@@ -12,7 +12,7 @@ from lab.commands.calibrate.load_run import CalibrationRun, RunLike, calibrated_
 from lab.commands.command_line import options_of, takes
 from lab.core.errors import LabError, error_context
 from lab.core.limits import one_serial
-from lab.core.measurements import Measurements, copied_rows, said_of_copies
+from lab.core.measurements import Measurements, copied_rows, describe_copies
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.extensions.dynamics.load_files import WRENCH, Mounting, PayloadSamples, read_loads, read_mounting
@@ -29,7 +29,7 @@ from lab.extensions.dynamics.payload.plausibility import (
     stuck_channels,
 )
 from lab.extensions.dynamics.payload.result import PayloadResult, UncertaintyCost, wild_sample
-from lab.extensions.dynamics.rehearsal import MeasuringBench, load_of_rehearsal
+from lab.extensions.dynamics.rehearsal import MeasuringBench, simulated_load
 from lab.extensions.dynamics.simulation import drawn_mounting, own_dynamics
 from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.dynamics.rigid_body import sag_uncertainty, torque_regressor
@@ -38,7 +38,7 @@ from lab.simulation.collisions import random_poses
 
 __all__ = ["payload"]
 
-_REHEARSED_KG = 1.0
+_SIMULATED_KG = 1.0
 _LEAST_LEVER = 0.1  # m, times gravity: a drive whose torque a load changes by less may stand still
 COSTED = 200  # poses over which the cost of an uncertain load is averaged
 _SAME_RAD = 1e-6  # rad or m: joint positions of one pose
@@ -86,7 +86,7 @@ def _payload(options: PayloadOptions, nominal: str | Robot, run: CalibrationRun 
     robot = load_virtual(nominal, options.cell) if options.rehearsal.simulate else load_robot(nominal, options.cell)
     truth = None
     if options.file is None:
-        samples, mounting, truth = _rehearsed(options, robot)
+        samples, mounting, truth = _simulated(options, robot)
     else:
         samples, mounting = _read(options, options.file, robot)
     method = options.method or ("torques" if samples.wrench is None else "wrench")
@@ -127,10 +127,10 @@ def _read(options: PayloadOptions, file: Path, robot: Robot) -> tuple[PayloadSam
     return samples, drawn_mounting(robot.serial_model)
 
 
-def _rehearsed(options: PayloadOptions, robot: Robot) -> tuple[PayloadSamples, Mounting, Array]:
+def _simulated(options: PayloadOptions, robot: Robot) -> tuple[PayloadSamples, Mounting, Array]:
     """A virtual measuring day: what is read, how arm and sensor are thought to stand, and the load's phi ``(10,)``."""
     asked = options.rehearsal
-    load = load_of_rehearsal(asked.payload_kg or _REHEARSED_KG, asked)
+    load = simulated_load(asked.payload_kg or _SIMULATED_KG, asked)
     bench = MeasuringBench(robot, asked, load)
     if options.method == "wrench":
         return bench.at_rest(), bench.mounting, load.phi
@@ -242,7 +242,7 @@ def _paired(options: PayloadOptions, data: Measurements) -> tuple[Array, Array, 
     copies = copied_rows(np.concatenate([each.reshape(len(with_it), -1) for each in parts], axis=1))
     kept = np.setdiff1d(np.arange(len(with_it)), [row for row, _ in copies])
     where = [data.where(int(with_it[row])) for row in copies[0]] if copies else []
-    said = [f"{said_of_copies(options.file, len(copies), *where)}: left out"] if copies else []
+    said = [f"{describe_copies(options.file, len(copies), *where)}: left out"] if copies else []
     return parts[0][kept], parts[1][kept], parts[2][kept], said
 
 

@@ -56,12 +56,12 @@ def record_kinematics(path: Path, result: KinematicsResult) -> None:
         _draw_frames(recording, "world/frames", at, frames, _AXIS * reach)
         names = [each.name for each in shown[:MOST_DRAWN]]  # its configuration stands in the summary
         for i, name in enumerate(names):
-            _stand_beside(recording, result, arm, i, name, reach, {k: T[i] for k, T in bodies.items()}, legs.ends[i])
+            _draw_beside(recording, result, arm, i, name, reach, {k: T[i] for k, T in bodies.items()}, legs.ends[i])
             _draw_frames(recording, f"{_GALLERY}/placement{i + 1}/frames", [], frames[i : i + 1], _AXIS * reach)
         recording.send_blueprint(_blueprint(origins, reach, len(names)))
 
 
-def _stand_beside(
+def _draw_beside(
     recording: rr.RecordingStream,
     result: KinematicsResult,
     arm: RigidArm,

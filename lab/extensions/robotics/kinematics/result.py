@@ -419,7 +419,7 @@ def _beyond(arm: RigidArm, joints: Array, closes: bool) -> str:
         return arm.chain.infeasibility_reason(joints)
     excess = arm.chain.excess(joints)
     j = int(np.argmax(excess))
-    return arm.chain.said_beyond(j, joints[j]) if excess[j] > _LEAST else ""
+    return arm.chain.limit_note(j, joints[j]) if excess[j] > _LEAST else ""
 
 
 @dataclass(frozen=True)
@@ -631,7 +631,7 @@ def _kinematics_document(result: KinematicsResult) -> Document:
     )
 
 
-def _side_words(configuration: Mapping[str, str]) -> str:
+def _configuration_text(configuration: Mapping[str, str]) -> str:
     """A configuration as ``elbow +, wrist −``."""
     return ", ".join(f"{name} {sign.replace('-', '−')}" for name, sign in configuration.items())
 
@@ -647,7 +647,9 @@ def _placement_pictures(result: KinematicsResult) -> tuple[Picture, ...]:
     lines, frames = skeleton(arm, values, rows).lines, frames_of(arm, values, rows)
     Ts = np.array([each.T_base_tool for each in shown])[:, None]
     frames = np.concatenate([frames, Ts], axis=1)
-    titles = [f"{each.name}: {_side_words(each.configuration)}" if each.configuration else each.name for each in shown]
+    titles = [
+        f"{each.name}: {_configuration_text(each.configuration)}" if each.configuration else each.name for each in shown
+    ]
     return tuple(placement_picture(i, titles[i], lines, frames) for i in range(len(shown)))
 
 
@@ -698,7 +700,7 @@ def _placements(result: KinematicsResult) -> tuple[Block, ...]:
     point = f"({numbers}) mm in its frame" if numbers else "its frame's origin"
     caption = f"The tool is the {'platform' if chain.has_loops else 'last frame'}; its point is {point}."
     poses = tuple((each.name, *_pose_cells(each.T_base_tool)) for each in placed)
-    told = tuple((each.name, _side_words(each.configuration), _note(each)) for each in placed)
+    told = tuple((each.name, _configuration_text(each.configuration), _note(each)) for each in placed)
     said: list[Block] = [Table(("", *names), joints, "Joint positions", most_rows=MOST_ROWS, rest_in="--json")]
     if not result.reached:
         said.append(Table(("", *_POSE), poses, caption, most_rows=MOST_ROWS, rest_in="--json"))

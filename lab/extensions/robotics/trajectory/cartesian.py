@@ -394,6 +394,6 @@ def _refuse_beyond(chain: JointSpec, joints: Array) -> None:
     row, joint = np.unravel_index(int(np.argmax(excess)), excess.shape)
     if excess[row, joint] > _LEAST_M:
         raise LabError(
-            f"at {row / (len(joints) - 1):.0%} of the path {chain.said_beyond(int(joint), joints[row, joint])}; move "
+            f"at {row / (len(joints) - 1):.0%} of the path {chain.limit_note(int(joint), joints[row, joint])}; move "
             "the path, or start in another configuration"
         )

@@ -218,7 +218,7 @@ class _Planner:
         excess = self.chain.excess(joints)
         if excess.max() > 1e-9:
             j = int(np.argmax(excess))
-            raise LabError(f"point {name}: {self.chain.said_beyond(j, joints[j])}; move it within them")
+            raise LabError(f"point {name}: {self.chain.limit_note(j, joints[j])}; move it within them")
         return np.asarray(joints)
 
     def joint_leg(self, i: int) -> int:
@@ -477,7 +477,9 @@ def bent_links(links: LinkLoads, joints: Array, sag: Array, torsors: Torsors, fa
     for j in range(chain.size):
         far = placed.end if j == chain.size - 1 else placed.anchors[:, j + 1]
         rotation, end = placed.rotations[:, j], links.ends[j]
-        carried = carried @ _given_way(placed.axes[:, j], placed.anchors[:, j], factor * sag[:, j], chain.prismatic[j])
+        carried = carried @ _deflected_by(
+            placed.axes[:, j], placed.anchors[:, j], factor * sag[:, j], chain.prismatic[j]
+        )
         torsor = factor * torsors.get(j, np.zeros((len(joints), 6)))
         turn = se3.exp(torsor[:, 3:])
         shift = (turn @ torsor[:, :3, None])[..., 0]  # T_flex = Rot Trans
@@ -505,7 +507,7 @@ def _deflection(line: Array, end: Array, shift: Array, turn: Array) -> Array:
     return shape
 
 
-def _given_way(axes: Array, anchors: Array, by: Array, slides: bool) -> Array:
+def _deflected_by(axes: Array, anchors: Array, by: Array, slides: bool) -> Array:
     """Motions ``(k, 4, 4)`` of joints that give way."""
     if slides:
         return se3.pose(np.tile(np.eye(3), (len(by), 1, 1)), axes * by[:, None])

@@ -31,7 +31,7 @@ from lab.render.charts.marks import Axes
 from lab.render.document import Document, Figure, Paragraph, Picture, Section, Table, Warnings, fixed, sentence
 from lab.render.phrases.fit import listed
 from lab.render.style import SERIES
-from lab.simulation.collisions import collides, collisions_in_words
+from lab.simulation.collisions import collides, describe_collisions
 
 if TYPE_CHECKING:
     from lab.render.document import Document
@@ -545,7 +545,7 @@ def refuse_collisions(result: TrajectoryResult) -> None:
     seconds = float(np.interp(looks[touched[0]], travel, result.sampled.times))
     leg = result.legs[min(int(np.searchsorted(result.motion.starts, seconds, side="right")) - 1, len(result.legs) - 1)]
     kind = {"joint": "move", "line": "line", "circle": "circle"}[leg.kind]
-    words = collisions_in_words(model, stands[touched[:1]])[0] or "something is touched"
+    words = describe_collisions(model, stands[touched[:1]])[0] or "something is touched"
     raise LabError(
         f"{result.options.points}: on the {kind} from point {leg.points[0]} to {leg.points[-1]}, at {seconds:.3f} s, "
         f"{words}; move the points, pass by another one, or give --no-check"
