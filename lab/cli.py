@@ -62,7 +62,7 @@ def _ended(arguments: list[str]) -> int:
         if program.was_interrupted(error) and not isinstance(error, LabError):
             program.say("interrupted; nothing was written")
             return program.INTERRUPTED
-        said, code = _told(arguments, error)
+        said, code = _report_error(arguments, error)
         program.say(said)
         if "--json" in arguments:
             program.say_as_json(said, code)
@@ -72,7 +72,7 @@ def _ended(arguments: list[str]) -> int:
         return program.INTERRUPTED
 
 
-def _told(arguments: list[str], error: Exception) -> tuple[str, int]:
+def _report_error(arguments: list[str], error: Exception) -> tuple[str, int]:
     """Print an error, and return the exit code."""
     from lab.commands.program import DEFECT, drop_output, write_log
     from lab.core.errors import LabError

@@ -52,7 +52,7 @@ from lab.studies import executors
 
 POSES, FRESH = 50, 1000
 DEVICE = Instrument("gaussian-5um", "gaussian", radial_m=5e-6)
-OFF, OFF_SIX = (0.5, 1.0), (0.1, 0.1)  # mm and mrad
+OFFSETS, OFF_SIX = (0.5, 1.0), (0.1, 0.1)  # mm and mrad
 LONGER_M = 1e-4  # one rod than its twin
 ROUNDING = 1e-10  # of the largest singular value
 SAME = 1e-9  # m and rad
@@ -161,7 +161,7 @@ def drawn_real(robot: str, seed: int, off: tuple[float, float], gear_ppm: float 
 def one_robot(name: str, seed: int, noiseless: bool = False) -> Row:
     """A case of the table."""
     case, device = CASES[name], instrument("exact") if noiseless else DEVICE
-    robot, real = robot_of(case.robot), drawn_real(case.robot, seed, OFF, 1e3 if case.groups else 0.0)
+    robot, real = robot_of(case.robot), drawn_real(case.robot, seed, OFFSETS, 1e3 if case.groups else 0.0)
     if case.tracker != "anywhere":
         assert isinstance(real, TrueMechanism)
         x, y, turn = rng_for(seed, "tracker").uniform(-1, 1, 3) * (case.tracker == "in the plane")

@@ -517,7 +517,7 @@ def _estimated_parameters(found: Identification, exported: Array) -> tuple[Estim
 def _status(found: Identification, parameter: int) -> str:
     if parameter in found.fit.free:
         return "identified"
-    if parameter in found.base_set.held:
+    if parameter in found.base_set.fixed_observable:
         return "held"
     return "not seen" if parameter in found.unobservable else "fixed"
 

@@ -136,7 +136,7 @@ class Fitted:
 
     fitter: Fitter
     given: Measurements
-    held: Measurements | None = None
+    held_out: Measurements | None = None
     judging: Judging = field(default_factory=Judging)
     progress: Progress = field(default=no_progress, repr=False, compare=False)
     checks: tuple[Check, ...] = ()

@@ -166,11 +166,11 @@ class Fitter:
 
     def _arm_with(self, groups: Sequence[str]) -> Arm:
         if (key := tuple(groups)) not in self._arms:
-            self._arms[key] = self.robot.arm_with(self.targets, groups, self.course)
+            self._arms[key] = self.robot.arm_with(self.targets, groups, self.session)
         return self._arms[key]
 
     @cached_property
-    def course(self) -> SessionInfo:
+    def session(self) -> SessionInfo:
         """Session metadata of the measurements to be fitted."""
         rows = self.data.only("calibrate")
         rows = rows.take(np.flatnonzero(self.kind.rows(rows)))
@@ -296,7 +296,7 @@ class Fitter:
         Args:
             selection: of the model's groups; None for geometry alone.
         """
-        groups, held = (selection.chosen, selection.held) if selection else ((), ())
+        groups, held = (selection.chosen, selection.fixed) if selection else ((), ())
         others = [name for name in self.approached(CANDIDATES) if name not in groups]
         request, some = self.modelled(groups, held)[1], thinned(rows, _MOST_TESTED)
         plain = self.knowing(self.noise.independent.shared)
@@ -319,7 +319,7 @@ class Fitter:
         Args:
             enough: how many groups end the search; None where nothing does.
         """
-        facts = ArmFacts(self.robot.chain, self.robot.loads, self.course)
+        facts = ArmFacts(self.robot.chain, self.robot.loads, self.session)
         return select(
             model_with,
             rows,
@@ -373,7 +373,7 @@ class Fitter:
         other = self._chosen(found, rows)  # a few poses that alone show an effect look like outliers without it
         if set(other.chosen) == set(selection.chosen):
             return selection
-        kept = [len(self.identified(rows, s.chosen, s.held)[1]) for s in (selection, other)]
+        kept = [len(self.identified(rows, s.chosen, s.fixed)[1]) for s in (selection, other)]
         return other if kept[1] > kept[0] else selection
 
     def _chosen(self, found: Identification, rows: Measurements) -> Selection:
@@ -388,7 +388,7 @@ class Fitter:
             selection = self._searched(weighed_so.model_with, rows, self.request, tried)
             if weighed_so is self or (before and before.chosen == selection.chosen):
                 break
-            found, _, _ = self.identified(rows, selection.chosen, selection.held)
+            found, _, _ = self.identified(rows, selection.chosen, selection.fixed)
         assert selection is not None
         return selection
 
@@ -442,12 +442,12 @@ class _OneModel:
 
     fitter: Fitter = field(compare=False)
     groups: tuple[str, ...]
-    held: tuple[str, ...]
+    fixed: tuple[str, ...]
 
     @staticmethod
     def of(fitter: Fitter, selection: Selection | None) -> "_OneModel":
         """Build the model that a selection ended with; geometry alone without one."""
-        return _OneModel(fitter, *((selection.chosen, selection.held) if selection else ((), ())))
+        return _OneModel(fitter, *((selection.chosen, selection.fixed) if selection else ((), ())))
 
     @property
     def noise(self) -> Noise:
@@ -461,7 +461,7 @@ class _OneModel:
 
     def fitted(self, rows: Measurements, shared: ErrorModel | None) -> Identification:
         """The identification from all these rows."""
-        return self.fitter.knowing(shared).identified_with(rows, self.groups, self.held)
+        return self.fitter.knowing(shared).identified_with(rows, self.groups, self.fixed)
 
     def outliers(self, found: Identification, rows: Measurements, shared: ErrorModel | None) -> Outliers:
         """The poses that are off."""

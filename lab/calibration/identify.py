@@ -191,7 +191,7 @@ class Identification:
     @property
     def unobservable(self) -> tuple[int, ...]:
         """Identifiable parameters that these poses do not determine, held at nominal."""
-        return tuple(i for i in self.base_set.kept if i not in self.fit.free)
+        return tuple(i for i in self.base_set.identifiable if i not in self.fit.free)
 
 
 def fit_base_and_tool(observation: Observation, observed: Observations, nominal: Array) -> Array:
@@ -237,7 +237,7 @@ def identify(
     known_rows = observation.extra_residuals(model.rank_point(aligned))[1]
     structure = base_set(model, aligned, fix=request.fix, free=request.free, known=known_rows)
     free = _identifiable(model, observed, aligned, structure, known_rows)
-    if (request.tolerance is None or request.automatic) and len(free) < len(structure.kept):
+    if (request.tolerance is None or request.automatic) and len(free) < len(structure.identifiable):
         _refuse_few_poses(model, data, aligned, structure)
     start = _start(model, aligned, nominal, structure, free, request.near)
     solve = request.solve or partial(_all_at_once, extra_residuals)
@@ -306,17 +306,17 @@ class _MAPProblem:
     structure: BaseSet
     constraints: ExtraResiduals
     start: Array
-    known: bool
+    sigma_given: bool
 
     def with_whole(self, prior: Prior, dof: int, sigma: float) -> _MAPFit:
         """Fit with a prior in all directions, as wide as the given tolerances."""
-        if not (self.known or np.isfinite(sigma)):
+        if not (self.sigma_given or np.isfinite(sigma)):
             raise LabError("--prior: the measurements leave no residuals to say what the noise is; give --noise-mm")
-        model, weight = self.observation.model, 1.0 if self.known else sigma
+        model, weight = self.observation.model, 1.0 if self.sigma_given else sigma
         rows = np.zeros((len(prior.of), len(model.names)))
         rows[:, list(prior.of)] = prior.whiten
         acting = ActingPrior(model.names, prior.mean, rows, 1.0, 0, len(rows), float("nan"), automatic=False)
-        kept = self.structure.kept
+        kept = self.structure.identifiable
         solution = self._fitted(acting, weight, kept, self.start)
         acting = replace(acting, plain_condition=scaled_condition(self._linear(kept, solution.values)[0]))
         return _MAPFit(acting, solution, dof, sigma, weight)
@@ -330,8 +330,8 @@ class _MAPProblem:
             plain: the fit without a prior.
             dof, sigma: of its residuals; a sigma of NaN where nothing is left over.
         """
-        kept, usable = self.structure.kept, plain.status == "converged"
-        if not prior.of or not (self.known or sigma > 0):
+        kept, usable = self.structure.identifiable, plain.status == "converged"
+        if not prior.of or not (self.sigma_given or sigma > 0):
             return None
         if usable and set(plain.free) == set(kept):  # with every direction well measured it stays exactly as it is
             weight = self._weight(sigma)
@@ -377,7 +377,13 @@ class _MAPProblem:
 
     def _weight(self, sigma: float) -> float:
         """Return the sigma by which a prior is weighted: where given, more if the residuals are."""
-        return max(sigma, 1.0) if self.known and np.isfinite(sigma) else 1.0 if self.known else max(sigma, _LEAST_SIGMA)
+        return (
+            max(sigma, 1.0)
+            if self.sigma_given and np.isfinite(sigma)
+            else 1.0
+            if self.sigma_given
+            else max(sigma, _LEAST_SIGMA)
+        )
 
     def _fitted(self, acting: ActingPrior, weight: float, columns: Sequence[int], start: Array) -> Fit:
         extra = joined(self.constraints, acting.rows(weight))
@@ -413,7 +419,7 @@ def _refuse_few_poses(model: Model, data: Measurements, aligned: Array, structur
     needed = poses_needed(model, aligned, structure)
     if len(data) < needed:
         raise LabError(
-            f"{len(data)} poses, but the {len(structure.kept)} identifiable parameters "
+            f"{len(data)} poses, but the {len(structure.identifiable)} identifiable parameters "
             f"need at least {needed}: measure more"
         )
 
@@ -462,7 +468,7 @@ def _identifiable(
     model: Model, observed: Observations, aligned: Array, structure: BaseSet, known: Array
 ) -> tuple[int, ...]:
     """Return the parameters of the base set that are identifiable from the measured poses, at the nominal links."""
-    kept, at = set(structure.kept), model.rank_point(aligned)
+    kept, at = set(structure.identifiable), model.rank_point(aligned)
     order = [i for i in model.column_priority() if i in kept]
     few = observed.thinned(_FIRST_POSES)
     for some in (few, observed):
@@ -614,7 +620,7 @@ def most_likely_parameters(identification: Identification, nominal: Array, toler
     """
     model, structure = identification.model, identification.base_set
     links = list(indices_of_groups(model.parameters, ["link"]))
-    if set(structure.held) & set(links):
+    if set(structure.fixed_observable) & set(links):
         return identification.values
     inputs = model.structure_joints(STRUCTURE_POSES, rng_for(0, "structure"))
     wanted = model.points(inputs, identification.values)

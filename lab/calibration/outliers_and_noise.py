@@ -128,7 +128,7 @@ class _Explanation:
     """
 
     search: NoiseSearch
-    off: frozenset[int]
+    outliers: frozenset[int]
     deviance: float
 
 
@@ -178,7 +178,7 @@ def _settled(
     for _ in range(_ROUNDS):
         shared = here.search.shared
         off = _rows(fits.outliers(fits.fitted(rows, shared), rows, shared))
-        if off == here.off:
+        if off == here.outliers:
             break
         here = _without(fits, rows, off, reach, counts)
     return here

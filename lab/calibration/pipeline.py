@@ -178,10 +178,10 @@ def _hold_poses_out(state: Fitted) -> Fitted:
     judging, model = state.judging, partial(state.fitter.model_with, ())
     if judging.holdout is not None:
         rows, held = hold_out(model(), state.given, judging.holdout, state.fitter.seed)
-        return replace(state, given=rows, held=held)
+        return replace(state, given=rows, held_out=held)
     if judging.holdout_last is not None:
         rows, held = hold_out_last(model(), state.given, judging.holdout_last)
-        return replace(state, given=rows, held=held)
+        return replace(state, given=rows, held_out=held)
     return state
 
 
@@ -191,7 +191,7 @@ def _select_model(state: Fitted) -> Fitted:
     Needs: ``given``. Adds: ``selection``, ``groups``, ``unshown``, ``noise``; ``fitter`` weights by that noise.
     """
     fitter, selection, search = state.fitter.selected_with_noise(state.given)
-    groups, unshown = (selection.chosen, selection.held) if selection else ((), ())
+    groups, unshown = (selection.chosen, selection.fixed) if selection else ((), ())
     return replace(state, fitter=fitter, selection=selection, groups=groups, unshown=unshown, noise=search)
 
 
@@ -213,9 +213,9 @@ def find_outliers(state: Fitted) -> Fitted:
     found, noise = state.weighted, state.fitter.noise
     search = state.outlier_search or state.fitter.outliers_of(found, state.given)
     off, tail = named_poses(state.given, search), tail_of(found, state.rows, noise)
-    if state.held is not None and observation_of(found.model).positions:
+    if state.held_out is not None and observation_of(found.model).positions:
         off += named_poses(
-            state.held, outliers_among_held_out(found, state.rows, state.held, noise, tail), held_out=True
+            state.held_out, outliers_among_held_out(found, state.rows, state.held_out, noise, tail), held_out=True
         )
     return replace(state, outlier_search=search, outliers=off, tail_dof=tail)
 
@@ -225,7 +225,7 @@ def _check_lack_of_fit(state: Fitted) -> Fitted:
 
     Needs: ``weighted``; a robust fit leaves the ``outliers`` out of the rows held out. Adds: ``adequacy``.
     """
-    held = state.held
+    held = state.held_out
     if held is not None and state.left_out:
         held = held.without([pose.id for pose in state.outliers])
     found = adequacy_of(state.weighted, state.rows, held, state.fitter.noise, state.fitter.noise_shape)
@@ -286,7 +286,7 @@ def _check_fit(state: Fitted) -> Fitted:
     if only_positions(observation_of(found.model)):
         checks += check_instrument(fitter.noise.instrument, state.rows.points)
         inputs = state.observations.inputs
-        checks += check_setup(robot, fitter.kind, fitter.targets, state.groups, found, inputs, fitter.course)
+        checks += check_setup(robot, fitter.kind, fitter.targets, state.groups, found, inputs, fitter.session)
     moves = moves_before(fitter.data, state.rows.ids)
     omitted = partial(fitter.derivatives_by_others, found, state.groups)
     checks += check_joints(found, state.observations, state.rows, moves, robot.chain.encoders, omitted)
@@ -365,8 +365,8 @@ def validate(state: Fitted) -> Fitted:
     """
     if state.judging.other is not None:
         found, checks = _by_other(state, state.judging.other)
-    elif state.held is not None:
-        found, checks = _by_held(state, state.held)
+    elif state.held_out is not None:
+        found, checks = _by_held(state, state.held_out)
     else:
         again = partial(state.fitter.predicting, groups=state.groups, held=state.unshown, process=state.process)
         found = validate_folds(again, state.identification, state.given, state.fitter.seed, state.progress)
@@ -376,7 +376,7 @@ def validate(state: Fitted) -> Fitted:
 
 def _by_held(state: Fitted, held: Measurements) -> tuple[Validation, list[Check]]:
     """Validate on rows held out, of which outliers are errors like the others: also where they are not fitted."""
-    course, placed = state.fitter.course, []
+    course, placed = state.fitter.session, []
     if course.stations:
         placed.append(("station", held.stations, course.stations))
     if "sessions" in state.groups:
@@ -417,7 +417,7 @@ def _stations_of(other: Measurements, state: Fitted) -> SessionInfo:
     Raises:
         LabError: a station of the file was not fitted, and no base is placed anew for it.
     """
-    known, named = state.fitter.course.stations, set(other.stations)
+    known, named = state.fitter.session.stations, set(other.stations)
     if "base" in state.judging.refit or (len(known) < 2 and len(named) < 2):
         return SessionInfo()
     if strange := sorted(named - set(known)):
@@ -464,7 +464,7 @@ def judge(state: Fitted) -> Fitted:
 
 def _measured_from_one_place(fitter: Fitter) -> bool:
     """Return whether points were measured from one place of the instrument."""
-    return fitter.kind.name == "points" and len(fitter.course.stations) < 2
+    return fitter.kind.name == "points" and len(fitter.session.stations) < 2
 
 
 def _judged(state: Fitted) -> Validation:
@@ -528,7 +528,7 @@ def _check_validation(state: Fitted) -> Fitted:
     fitter, kind, validation = state.fitter, state.fitter.kind, state.validation
     checks, blank = list[Check](), int((~kind.rows(fitter.data)).sum())
     if blank:
-        data = {"blank": blank, "count": len(fitter.data), "reading": kind.words.reading}
+        data = {"blank": blank, "count": len(fitter.data), "reading": kind.terms.reading}
         checks.append(Check("rows.blank", "noted", data=data))
     checks += check_limits(fitter.robot.chain, fitter.data)
     checks += check_validation_poses(state.identification, state.measured, validation.rows)

@@ -38,7 +38,7 @@ class Placed:
     """
 
     values: Array
-    held: tuple[str, ...]
+    fixed: tuple[str, ...]
 
 
 def placed_anew(

@@ -289,7 +289,7 @@ def validate_folds(
     labels, numbers = cv_groups_of(identification.model, data), data.points.shape[2]
     rows = folds(labels, seed)
     count = int(rows.max()) + 1
-    kept, points = len(identification.base_set.kept), data.seen.sum(axis=1)
+    kept, points = len(identification.base_set.identifiable), data.seen.sum(axis=1)
     enough = all(numbers * points[rows != fold].sum() >= ROWS_PER_PARAMETER * kept for fold in range(count))
     for fold in range(count):
         if why := few_points_of_a_station(identification.model, data.take(np.flatnonzero(rows != fold))):
@@ -363,8 +363,8 @@ def validate_file(identification: Identification, model: Model, data: Measuremen
                 where = _setup_name(setup) or "the validation file"
                 found = placed_anew(model, part.take(reference), part.take(test), moved, refit, where)
                 moved = found.values
-                if found.held:
-                    held[where] = found.held
+                if found.fixed:
+                    held[where] = found.fixed
             errors.append(np.linalg.norm(model.points(inputs, moved) - points, axis=2))
     checks += [
         Check("validation.placement", "noted", data={"where": where, "parameters": names})

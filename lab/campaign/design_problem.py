@@ -14,7 +14,7 @@ from lab.campaign.options import DesignOptions
 from lab.campaign.robot import Robot, load_virtual
 from lab.campaign.stations import refuse_idle_stations, stations_in
 from lab.core.errors import LabError
-from lab.core.limits import STOPS
+from lab.core.limits import WAYPOINTS
 from lab.core.linear_model import whitening
 from lab.core.progress import Progress, no_progress
 from lab.core.random import rng_for
@@ -162,7 +162,7 @@ def waypoints_in_order(
 
     nodes = np.concatenate([home[None], joints, home[None]])
 
-    def ways(first: int, last: int) -> Columns:
+    def paths(first: int, last: int) -> Columns:
         stops, which = [], []
         for i in range(first, last):
             progress(i, len(joints) + 1)
@@ -174,7 +174,7 @@ def waypoints_in_order(
     stops, which = [home[None]], [np.array([-1])]
     for first in range(0, len(joints) + 1, _BLOCK):
         last = min(first + _BLOCK, len(joints) + 1)
-        piece = keep("ways", [np.array([first]), nodes[first : last + 1], access.hubs], partial(ways, first, last))
+        piece = keep("ways", [np.array([first]), nodes[first : last + 1], access.hubs], partial(paths, first, last))
         stops.append(piece["stops"])
         which.append(piece["which"])
     return np.concatenate(stops), np.concatenate(which)
@@ -251,7 +251,7 @@ def pose_problem(options: DesignOptions, robot: Robot | None = None, progress: P
     values = model.values_before(arm, model.T_world_tracker)
     all_values = np.concatenate([values, *station_parameters(model.Ts_world_station)])
     structure = base_set(seen, all_values)
-    kept = list(structure.kept)
+    kept = list(structure.identifiable)
     candidates = draw_candidates(
         model,
         options.targets,
@@ -407,7 +407,7 @@ def _measured_before(options: DesignOptions, robot: Robot) -> Array:
     chain = robot.chain
     if options.extend is None:
         return _inputs(robot.model, np.empty((0, chain.size)))
-    plan = read_measurements(options.extend, chain.joint_names, chain.prismatic, points=False, most=STOPS)
+    plan = read_measurements(options.extend, chain.joint_names, chain.prismatic, points=False, most=WAYPOINTS)
     rows = plan.only("calibrate")
     robot.refuse_beyond_limits(options.extend, rows, _MEASURED_SLACK)
     robot.refuse_impossible(options.extend, rows)

@@ -388,8 +388,8 @@ def _read(path: Path, sha256: str) -> Robot:
     if model.overlapping:
         pairs = ", ".join(f"{first} and {second}" for first, second in model.overlapping)
         warnings = (*warnings, f"{pairs} touch by construction: their contacts are not checked")
-    if model.held:
-        warnings = (*warnings, f"{', '.join(model.held)} are taken for a gripper's, and held at zero")
+    if model.fixed_joints:
+        warnings = (*warnings, f"{', '.join(model.fixed_joints)} are taken for a gripper's, and held at zero")
     loads = None if model.masses_assumed else _some(loads_of(model))
     if model.links is not None:
         with error_context(path):

@@ -14,7 +14,7 @@ from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot
 from lab.campaign.stations import refuse_idle_stations, station_columns, stations_in
 from lab.core.errors import LabError
-from lab.core.limits import STOPS
+from lab.core.limits import WAYPOINTS
 from lab.core.measurements import Measurements, measured
 from lab.core.random import rng_for
 from lab.core.se3 import Array
@@ -68,7 +68,7 @@ def truth_of(real: TrueRobot, arm: RigidArm) -> Truth | None:
     joints = arm.structure_joints(STRUCTURE_POSES, rng_for(0, "structure"))
     rigid = real.with_effects(Effects.none(arm.chain.size))
     exact = measured(arm.chain.joint_names, joints, arm.targets, rigid.points(joints, arm.targets))
-    found = fit(arm, Observations.unweighted(exact), structure.kept, values, tolerance_m=1e-12).values
+    found = fit(arm, Observations.unweighted(exact), structure.identifiable, values, tolerance_m=1e-12).values
     missed = np.nanmax(np.abs(arm.points(joints, found) - exact.points))
     return Truth(arm, found, structure) if missed < SAME_M else None
 
@@ -97,7 +97,7 @@ def poses_to_measure(robot: Robot, options: VirtualCampaign) -> tuple[Array, dic
         joints = random_poses(model, options.poses, rng_for(options.seed, "poses"))
         return joints, _station_columns(robot, options, _seeing(robot, options, joints)), ()
     chain = robot.chain
-    plan = read_measurements(options.plan, chain.joint_names, chain.prismatic, points=False, most=STOPS)
+    plan = read_measurements(options.plan, chain.joint_names, chain.prismatic, points=False, most=WAYPOINTS)
     plan = plan.only("calibrate")
     if not len(plan):
         raise LabError(f"{options.plan}: no row has use = calibrate; mark some")

@@ -95,7 +95,7 @@ class InputQuantity:
     placed: bool = False
 
     @property
-    def words(self) -> str:
+    def label(self) -> str:
         """The name with its detail."""
         return f"{self.name}: {self.detail}" if self.detail else self.name
 
@@ -151,7 +151,7 @@ class Budget:
     measurand: Measurand
     lines: tuple[BudgetLine, ...]
     combined_m: float
-    freedom: float
+    dof: float
     propagated_m: float
     drawn_m: float
     drawn_std_m: float
@@ -203,7 +203,7 @@ class Propagated:
     quantities: tuple[InputQuantity, ...]
     columns: tuple[Array, ...]
     variances: Array
-    freedom: float
+    dof: float
     expanded_m: float
 
     @property
@@ -228,7 +228,7 @@ def propagated(
         columns = _of_distances(kept, positions, rng)
     squares = [each.uncertainty.standard**2 * c @ np.swapaxes(c, 1, 2) for each, c in zip(kept, columns, strict=True)]
     variances = np.array([np.trace(square, axis1=1, axis2=2).mean() for square in squares])
-    freedoms = np.array([each.uncertainty.freedom for each in kept])
+    freedoms = np.array([each.uncertainty.dof for each in kept])
     spread = float((variances**2 / freedoms).sum())  # an infinite one adds nothing
     freedom = float(variances.sum() ** 2 / spread) if spread else np.inf
     expanded = length_not_exceeded(np.sum(squares, axis=0), None if np.isinf(freedom) else freedom)
@@ -260,7 +260,7 @@ def budget_of(
     ]
     kinematics = _through_kinematics(measurand, found.quantities, positions, moved, rng)
     return Budget(
-        measurand, tuple(lines), found.combined_m, found.freedom, found.expanded_m, drawn, std, lengths.size, kinematics
+        measurand, tuple(lines), found.combined_m, found.dof, found.expanded_m, drawn, std, lengths.size, kinematics
     )
 
 
@@ -344,9 +344,9 @@ def _fewest(columns: Array) -> Array:
 def _together(quantity: InputQuantity, rng: np.random.Generator, shape: tuple[int, int, int]) -> Array:
     """Values of all components; where the spread was estimated, it is one for all of them."""
     uncertainty = quantity.uncertainty
-    if np.isinf(uncertainty.freedom):
+    if np.isinf(uncertainty.dof):
         return uncertainty.sample(rng, shape)
-    spread = np.sqrt(uncertainty.freedom / rng.chisquare(uncertainty.freedom, (*shape[:2], 1)))
+    spread = np.sqrt(uncertainty.dof / rng.chisquare(uncertainty.dof, (*shape[:2], 1)))
     return np.asarray(uncertainty.standard * spread * rng.standard_normal(shape))
 
 
@@ -455,14 +455,14 @@ class RandomScatter:
     """
 
     sigma_m: float
-    freedom: float
+    dof: float
     source: str
     of_residuals: bool = False
 
     @property
     def uncertainty(self) -> Uncertain:
         """Scatter as an uncertainty with its degrees of freedom."""
-        return Uncertain(self.sigma_m, freedom=max(self.freedom, _MIN_DOF))
+        return Uncertain(self.sigma_m, dof=max(self.dof, _MIN_DOF))
 
 
 @dataclass(frozen=True)
@@ -489,7 +489,7 @@ class RandomErrors:
     in_time: RandomScatter | None = None
 
     @property
-    def known(self) -> bool:
+    def all_given(self) -> bool:
         """Check that no random error was estimated from the residuals."""
         estimated = self.repeatability is not None and self.repeatability.of_residuals
         return self.model is None and self.in_time is None and not estimated
@@ -508,7 +508,7 @@ class FrameMotion:
     detail: str
     source: str
     offset_m: float
-    freedom: float = np.inf
+    dof: float = np.inf
 
 
 def quantities_of(
@@ -556,7 +556,7 @@ def motion_of(propagation: Propagation, motion: FrameMotion) -> InputQuantity:
     so that a distance between them has it twice.
     """
     each = np.broadcast_to(np.eye(3), (len(propagation.positions), 3, 3))
-    known = Uncertain(motion.offset_m / float(np.sqrt(3)), freedom=max(motion.freedom, _MIN_DOF))
+    known = Uncertain(motion.offset_m / float(np.sqrt(3)), dof=max(motion.dof, _MIN_DOF))
     said = "stability", "stability", motion.source, MICRONS, known
     return InputQuantity(*said, each, anew=True, detail=motion.detail)
 
@@ -564,7 +564,7 @@ def motion_of(propagation: Propagation, motion: FrameMotion) -> InputQuantity:
 def lack_of_fit_of(propagation: Propagation, sigma_m: float, freedom: float, source: str) -> InputQuantity:
     """Return the excess of the validation errors over the rest of the budget, as an input quantity."""
     each = np.broadcast_to(np.eye(3), (len(propagation.positions), 3, 3))
-    known = Uncertain(sigma_m, freedom=max(freedom, _MIN_DOF))
+    known = Uncertain(sigma_m, dof=max(freedom, _MIN_DOF))
     detail = "errors on validation poses that the budget does not explain"
     return InputQuantity("model", "lack of fit", source, MICRONS, known, each, anew=True, detail=detail)
 
@@ -603,7 +603,7 @@ def _systematic(propagation: Propagation, errors: TrackerErrors, source: str, te
     """A systematic error of the instrument, through the fit."""
     group = "temperature" if term.name in _OF_AIR else "reflector" if term.name == "centring_depth" else "misalignment"
     shifts = propagation.shifts_by(errors.displacements(term, _seen(propagation)))
-    return _fitted(propagation, shifts, group, term.words, source, term.unit, errors.quantity(term))
+    return _fitted(propagation, shifts, group, term.description, source, term.unit, errors.quantity(term))
 
 
 def _placements(propagation: Propagation, errors: TrackerErrors, source: str) -> Iterator[tuple[InputQuantity, Array]]:
@@ -613,7 +613,7 @@ def _placements(propagation: Propagation, errors: TrackerErrors, source: str) ->
         group = "misalignment" if term.name == "lock_on" else "reflector"
         covariance = propagation.covariance_of(errors.placement_covariance(_seen(propagation), (term,)))
         shifts = covariance_root(covariance) / quantity.standard
-        said = group, term.words, source, term.unit, quantity
+        said = group, term.description, source, term.unit, quantity
         yield _fitted(propagation, shifts, *said, placed=True), covariance
 
 

@@ -89,7 +89,7 @@ class Repeats:
     poses: int
     cycles: tuple[int, int]
     scatter_m: float
-    freedom: int
+    dof: int
     span: float
 
 
@@ -161,7 +161,7 @@ def distance_errors(measured: Array, commanded: Array, labels: NDArray[np.int_],
 
 DecisionRule = Literal["guard-band", "simple"]
 Decision = Literal["conforms", "does not conform", "not decided"]
-_WORDS = {
+_RULES = {
     "simple": (
         "simple acceptance (JCGM 106:2012, 8.2): it conforms where the value is not above the tolerance; the risk of a "
         "wrong statement is shared, and is up to 50 % for a value at the tolerance"
@@ -191,9 +191,9 @@ class Conformity:
     decision: Decision
 
     @property
-    def words(self) -> str:
+    def rule_text(self) -> str:
         """The rule, for a person."""
-        return _WORDS[self.rule]
+        return _RULES[self.rule]
 
 
 def conformity_of(value_m: float, tolerance_m: float, expanded_m: float, rule: DecisionRule) -> Conformity:

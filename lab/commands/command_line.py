@@ -183,7 +183,7 @@ def _configured(command: Command, kind: type[Any], arguments: Sequence[str]) -> 
 
 def _with_switches_on(kind: type[Any], arguments: Sequence[str]) -> list[str]:
     """The arguments, where options that may be ``on`` and are given without a value have that one."""
-    choices = {f"--{name.replace('_', '-')}": words for name, words in _words(kind) if "on" in words}
+    choices = {f"--{name.replace('_', '-')}": words for name, words in _choices(kind) if "on" in words}
     found = list[str]()
     for argument, following in zip_longest(arguments, arguments[1:]):
         found.append(argument)
@@ -192,13 +192,13 @@ def _with_switches_on(kind: type[Any], arguments: Sequence[str]) -> list[str]:
     return found
 
 
-def _words(kind: Any) -> Iterator[tuple[str, tuple[str, ...]]]:
+def _choices(kind: Any) -> Iterator[tuple[str, tuple[str, ...]]]:
     """The options that take one of some words, with these; those of groups among them."""
     hints = get_type_hints(kind)
     for each in fields(kind):
         hint = hints[each.name]
         if is_dataclass(hint):
-            yield from _words(hint)
+            yield from _choices(hint)
         elif get_origin(hint) is Literal:
             yield each.name, get_args(hint)
 

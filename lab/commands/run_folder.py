@@ -50,7 +50,7 @@ __all__ = [
     "LOAD_FILE",
     "SCHEMA",
     "VIA",
-    "Stops",
+    "Waypoints",
     "check_edits",
     "command_line",
     "config",
@@ -559,8 +559,8 @@ _BLOCK = 10_000  # stops that are made plain values at a time
 
 
 @dataclass(frozen=True)
-class Stops:
-    """Stops of a robot's way, each reached in a straight line of all joints.
+class Waypoints:
+    """Waypoints of a robot's way, each reached in a straight line of all joints.
 
     Attributes:
         joints: ``(s, n)`` rad or m.
@@ -629,7 +629,7 @@ _SHOWN = ("robot", "instrument", "seed")  # also where they are at their default
 
 def command_line(name: str, options: "DataclassInstance") -> str:
     """Write the command line for these options, without those at their defaults."""
-    given, words, flags = dict(_asked(options)), ["lab", name], []
+    given, words, flags = dict(_given_options(options)), ["lab", name], []
     for option in positional(type(options)):
         value, told = getattr(options, option), given.pop(option, "")
         several = map(str, value) if isinstance(value, tuple) else (told,)
@@ -645,13 +645,13 @@ def positional(kind: type[Any]) -> list[str]:
     return [option for option, hint in hints.items() if _POSITIONAL in get_args(hint)]
 
 
-def _asked(options: Any) -> Iterator[tuple[str, str]]:
+def _given_options(options: Any) -> Iterator[tuple[str, str]]:
     """Options that are not at their defaults, those of groups among them; no text for one that is only switched on."""
     for field in fields(options):
         value = getattr(options, field.name)
         default = field.default if field.default_factory is MISSING else field.default_factory()
         if is_dataclass(value):
-            yield from _asked(value)
+            yield from _given_options(value)
         elif value != default:
             yield field.name, _written(value)
 

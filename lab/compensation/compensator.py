@@ -295,7 +295,7 @@ class Compensator:
     ) -> tuple[Attempts, Array]:
         """The identified arm's inverse, by the nominal model's first solution within limits, else the best."""
         chain = self.nominal.arm.chain
-        ways = self.nominal.ways(wanted, reference)
+        ways = self.nominal.solutions(wanted, reference)
         starts, order = ordered(chain, ways, reference, self._near_singular(wanted, ways), before)
         order[~wanted.turned] = -1  # found by search: of no branch
         free = np.asarray(~np.isfinite(reference).all(axis=1))

@@ -26,7 +26,7 @@ _STATED_DOF = 1  # as many residuals that weighs
 _LEVEL = 0.01  # chance, of each of two tests, that places stated rightly are not believed
 _SPREAD_M = 1e-3  # of points about a line: below, they do not turn about it
 _RANK = 1e-6  # of the largest singular value: below, points show no such motion
-_KNOWN = 0.5  # of its tolerance: a rotation known better than that is identified
+_DETERMINED = 0.5  # of its tolerance: a rotation known better than that is identified
 
 
 @dataclass(frozen=True)
@@ -47,9 +47,9 @@ class Flange:
     gain: Array
     covariance: Array
     dof: float
-    believed: bool
+    uses_stated: bool
     turned: bool
-    off_m: Array
+    deviation_m: Array
 
 
 def point_rows(points: Array) -> Array:
@@ -85,7 +85,7 @@ def located_flange(
     gain = np.asarray(np.linalg.solve(whole, rows @ prior).T)
     motion, left = gain @ off, np.eye(6) - gain @ rows
     found = left @ prior @ left.T + variance * gain @ gain.T
-    turned = bool(np.linalg.eigvalsh(found[3:, 3:]).max() < _KNOWN**2 * _least(prior[3:, 3:]))
+    turned = bool(np.linalg.eigvalsh(found[3:, 3:]).max() < _DETERMINED**2 * _least(prior[3:, 3:]))
     T = se3.pose(se3.exp(motion[3:]), motion[:3])
     return Flange(T, gain, np.asarray(found), shape_dof if turned else dof, True, turned, distances)
 

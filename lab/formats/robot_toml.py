@@ -273,7 +273,7 @@ def written_base_and_tool(base: Array, tool: dict[str, Array], where: str) -> li
     return [*lines, *(f"{quoted(name)} = [{', '.join(repr(float(v)) for v in point)}]" for name, point in tool.items())]
 
 
-_KNOWN = (
+_LINK_KEYS = (
     "number, material (or young_gpa, shear_gpa) with tube_mm, or ei_nm2 (or ei_y_nm2, ei_z_nm2), gj_nm2, ea_n; path_mm"
 )
 _MODULI = {"gpa": 1e9}
@@ -316,7 +316,7 @@ def links_of(path: Path, sections: Any, size: int) -> LinkSections:
         compliances[number - 1] = _compliances(section)
         if (line := _path(section)) is not None:
             paths[number - 1] = line
-        section.refuse_the_rest(_KNOWN)
+        section.refuse_the_rest(_LINK_KEYS)
     return LinkSections(compliances, paths)
 
 
@@ -335,7 +335,7 @@ def _compliances(section: Section) -> Array:
     bending = [y, z] if np.isnan(both) else [both, both]
     stiffness = np.array([*bending, twist, extension])
     if np.isnan(stiffness).all() and "path_mm" not in section.content:
-        raise LabError(f"{section.where}: nothing says how stiff it is; known are {_KNOWN}")
+        raise LabError(f"{section.where}: nothing says how stiff it is; known are {_LINK_KEYS}")
     return np.nan_to_num(1 / stiffness)
 
 

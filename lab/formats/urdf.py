@@ -210,7 +210,7 @@ class UrdfSource:
     text: str
     assets: dict[str, bytes]
     missing: str
-    held: tuple[str, ...]
+    fixed_joints: tuple[str, ...]
 
 
 def is_urdf(path: Path) -> bool:

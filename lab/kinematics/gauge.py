@@ -48,10 +48,10 @@ class BaseSet:
             because others are.
     """
 
-    kept: tuple[int, ...]
+    identifiable: tuple[int, ...]
     fixed: tuple[int, ...]
     triangle: Array
-    held: tuple[int, ...] = ()
+    fixed_observable: tuple[int, ...] = ()
 
     @cached_property
     def alias(self) -> Array:
@@ -59,13 +59,13 @@ class BaseSet:
 
         Units: those of kept per fixed, in SI.
         """
-        kept, fixed = list(self.kept), list(self.fixed)
+        kept, fixed = list(self.identifiable), list(self.fixed)
         scaled, scale = unit_columns(self.triangle)
         found = np.linalg.lstsq(scaled[:, kept], scaled[:, fixed], rcond=None)[0]
         found[:, np.linalg.norm(self.triangle[:, fixed], axis=0) < _INDEPENDENT] = (
             0.0  # of what moves nothing, rounding
         )
-        found[:, [self.fixed.index(i) for i in self.held]] = 0.0
+        found[:, [self.fixed.index(i) for i in self.fixed_observable]] = 0.0
         return np.asarray(found * scale[fixed] / scale[kept][:, None])
 
 
@@ -141,21 +141,21 @@ def _as_wished(model: Model, usual: BaseSet, fix: Sequence[int], free: Sequence[
     if both := set(fix) & set(free):
         raise LabError(f"--fix and --free both name {model.names[min(both)]}: name it once")
     upper = usual.triangle
-    left = [i for i in usual.kept if i not in fix]
-    wished = [*left, *(i for i in free if i not in usual.kept)]
+    left = [i for i in usual.identifiable if i not in fix]
+    wished = [*left, *(i for i in free if i not in usual.identifiable)]
     if not wished:
         raise LabError("--fix leaves no parameter to identify: fix fewer")
     kept = independent_columns(upper, wished)
     if lost := [i for i in wished if i not in kept]:
         alias = usual.alias[:, usual.fixed.index(lost[0])]
         strong = np.abs(alias) > 1e-9 * max(np.abs(alias).max(), 1e-300)
-        into = [model.names[i] for i, big in zip(usual.kept, strong, strict=True) if big and i in left]
+        into = [model.names[i] for i, big in zip(usual.identifiable, strong, strict=True) if big and i in left]
         name = model.names[lost[0]]
         why = f"it is hidden in {', '.join(into)}: fix one of these in its place" if into else "nothing shows it"
         raise LabError(f"--free {name}: {name} is not identifiable; {why}")
     found = _of_retained(upper, kept)
     beyond = [i for i in found.fixed if len(independent_columns(upper, [*kept, i])) > len(kept)]
-    return replace(found, held=tuple(beyond))
+    return replace(found, fixed_observable=tuple(beyond))
 
 
 def base_set_of(jacobian: Array, order: Sequence[int]) -> BaseSet:

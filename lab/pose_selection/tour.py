@@ -183,7 +183,7 @@ class Tour:
     """
 
     order: Indices
-    stops: Array
+    waypoints: Array
     measured: Indices
     seconds: float
     breaks: tuple[int, ...] = ()
@@ -200,9 +200,9 @@ class Tour:
 
 def one_after_another(tours: Sequence[Tour]) -> Tour:
     """Several tours from home to home as one, which comes home between them: of the same poses, in their parts."""
-    stops = np.concatenate([tours[0].stops, *(tour.stops[1:] for tour in tours[1:])])
+    stops = np.concatenate([tours[0].waypoints, *(tour.waypoints[1:] for tour in tours[1:])])
     measured = np.concatenate([tours[0].measured, *(tour.measured[1:] for tour in tours[1:])])
-    breaks = np.cumsum([len(tour.stops) - 1 for tour in tours[:-1]], dtype=np.int_).tolist()
+    breaks = np.cumsum([len(tour.waypoints) - 1 for tour in tours[:-1]], dtype=np.int_).tolist()
     order, seconds = np.concatenate([tour.order for tour in tours]), sum(tour.seconds for tour in tours)
     return Tour(order, stops, measured, seconds, tuple(breaks))
 
@@ -336,21 +336,21 @@ def with_reference(tour: Tour, every: int, safe: Array, chain: JointSpec, free: 
         LabError: there is no free way.
     """
     places = np.flatnonzero(tour.measured >= 0)
-    reference = tour.stops[places[0]]
-    stops, measured = [tour.stops[: places[0]]], tour.measured[: places[0]].tolist()
-    ends = [*places[1:].tolist(), len(tour.stops) - 1]
+    reference = tour.waypoints[places[0]]
+    stops, measured = [tour.waypoints[: places[0]]], tour.measured[: places[0]].tolist()
+    ends = [*places[1:].tolist(), len(tour.waypoints) - 1]
     for count, (here, end) in enumerate(zip(places.tolist(), ends, strict=True), start=1):
-        stops.append(tour.stops[here : here + 1])
+        stops.append(tour.waypoints[here : here + 1])
         measured.append(int(tour.measured[here]))
         if (count % every and count < len(places)) or len(places) == 1:
-            stops.append(tour.stops[here + 1 : end])
+            stops.append(tour.waypoints[here + 1 : end])
             measured += tour.measured[here + 1 : end].tolist()
             continue
-        there = fastest_path(tour.stops[here], reference, safe, chain, free)[1:]
-        back = fastest_path(reference, tour.stops[end], safe, chain, free)[1:-1]
+        there = fastest_path(tour.waypoints[here], reference, safe, chain, free)[1:]
+        back = fastest_path(reference, tour.waypoints[end], safe, chain, free)[1:-1]
         stops += [there, back]
         measured += [-1] * (len(there) - 1) + [int(tour.order[0])] + [-1] * len(back)
-    stops.append(tour.stops[-1:])
+    stops.append(tour.waypoints[-1:])
     every_stop = np.concatenate(stops)
     seconds = rest_to_rest_seconds(np.diff(every_stop, axis=0), chain.speed, chain.acceleration).sum()
     return Tour(tour.order, every_stop, np.array([*measured, -1]), float(seconds))

@@ -61,7 +61,7 @@ Times = list[rr.TimeColumn]
 LEGS = "world/arm/rods_and_legs"
 _ROD: tuple[Colour, float] = RGB_ROD, 0.004  # and its radius, of the reach
 _LEG: tuple[Colour, float] = RGB_LEG, 0.01
-_LEGS_M, _STAND_M = 0.3, 1.2  # height of a tracker's tripod and how far its feet reach; of a usual stand
+_LEGS_M, _TRACKER_HEIGHT_M = 0.3, 1.2  # height of a tracker's tripod and how far its feet reach; of a usual stand
 _AXES = np.array(RGB_AXES, dtype=np.uint8)
 
 
@@ -171,7 +171,7 @@ def draw_tracker(recording: rr.RecordingStream, head: Array) -> None:
     Args:
         head: ``(3,)`` m in the world.
     """
-    floor = head[2] if head[2] > _LEGS_M else _STAND_M
+    floor = head[2] if head[2] > _LEGS_M else _TRACKER_HEIGHT_M
     waist, foot = head - (0.0, 0.0, floor - _LEGS_M), head - (0.0, 0.0, floor)
     angles = 2 * np.pi / 3 * np.arange(3)
     feet = foot + _LEGS_M * np.stack([np.cos(angles), np.sin(angles), np.zeros(3)], axis=1)

@@ -89,7 +89,7 @@ class RobotModel(ABC):
     masses_assumed: bool = False
     missing: str = ""
     overlapping: tuple[tuple[str, str], ...] = ()
-    held: tuple[str, ...] = ()
+    fixed_joints: tuple[str, ...] = ()
     acceptance_rad: float | None = None
     stations: tuple[str, ...] = ()
     obstacles: Mapping[str, float | None] = field(default_factory=dict)

@@ -299,7 +299,7 @@ def load_model(path: Path) -> SerialModel:
     return SerialModel(
         path=path, spec=spec, model=model, chain=chain, T_world_frame0=T_world_frame0, bodies=bodies,
         base_body=base_body, tool=tool | spare, shapes_assumed=shapeless, masses_assumed=weighed, missing=missing,
-        overlapping=overlapping, held=() if urdf is None else urdf.held,
+        overlapping=overlapping, fixed_joints=() if urdf is None else urdf.fixed_joints,
     )  # fmt: skip
 
 

@@ -278,7 +278,7 @@ class Pair:
     left_out: int
 
     @property
-    def told(self) -> bool:
+    def is_significant(self) -> bool:
         """True where the pair differs significantly, corrected for all pairs of the comparison."""
         return self.p_holm <= STUDY_COMPARISON
 
@@ -397,7 +397,7 @@ def _ranks(
     alive = np.flatnonzero(np.abs(signs[known]).sum(axis=0))
     scores = np.linalg.pinv(signs[known])[alive].T  # (pairs, cells)
     at, drawn = _placed(found.mean[None, known] @ scores)[0], _placed(found.means[:, known] @ scores)
-    told = np.array([pair.told for pair in pairs], dtype=bool)
+    told = np.array([pair.is_significant for pair in pairs], dtype=bool)
     behind = signs * np.sign(np.where(told, found.mean, 0.0))[:, None]  # 1 where a cell surely has more
     ranks = []
     for k, cell in enumerate(alive):

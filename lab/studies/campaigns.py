@@ -175,7 +175,7 @@ class _Fitted:
             raise LabError(f"parameters.{cell.parameters}: a study fits geometry alone, by fix and free")
         arm, model = robot.arm(study.targets), robot.model
         nominal = model.values_before(arm, model.T_world_tracker)
-        free = base_set(arm, nominal, fix=asked.fix, free=asked.free).kept
+        free = base_set(arm, nominal, fix=asked.fix, free=asked.free).identifiable
         effects = ArmEffects() if cell.effects == NONE else study.effects[cell.effects]
         device = _noisy(observing(instrument(cell.instrument), "points"), cell.noise)
         if study.frozen and not is_isotropic(device):
@@ -298,7 +298,7 @@ def _before(fitted: _Fitted, joints: Array, exact: Array, fresh: Array, there: A
     campaigns = align(fitted.stacked, joints, exact[None], fitted.nominal)
     placing = base_set(
         fitted.stacked.arm, fitted.nominal, fix=names_of(each for each in fitted.stacked.arm.parameters if each.is_link)
-    ).kept
+    ).identifiable
     found = fit_points(campaigns, fitted.nominal, placing, block=1)
     return float(_errors(fitted, fresh, found.values, in_nominal_frame(there, campaigns.Ts_instrument_nominal)).mean())
 

@@ -230,7 +230,7 @@ class Verified:
     statistic: float
     p_of_all: float
     numbers: int
-    sigma_freedom: int | None
+    sigma_dof: int | None
     test: ChangeTest
     values: Array
     errors: Array
@@ -305,7 +305,7 @@ def verify(
         statistic=fit.square,
         p_of_all=prediction.p(fit.square, fit.dof),
         numbers=fit.dof,
-        sigma_freedom=prediction.dof,
+        sigma_dof=prediction.dof,
         test=test,
         values=fit.values,
         errors=errors,

@@ -21,7 +21,7 @@ from lab.kinematics.gauge import base_set
 from lab.kinematics.serial.arm import SerialArm
 
 ARM = SerialArm(IRB120.chain)
-FREE = base_set(ARM, ARM.nominal()).kept
+FREE = base_set(ARM, ARM.nominal()).identifiable
 POSES, SIGMA = 240, 8e-6
 
 

@@ -36,7 +36,7 @@ _LEAST_RESIDUAL_M = 1e-7  # below, residuals are rounding, and say nothing of th
 _MIN_DOF = 10
 MANY = 10.0  # times the residuals' noise: what is given hides errors
 _UNIT = 100.0  # times the residuals' noise that a given one may be: a unit is a thousand
-ANOTHER_DAY = 500.0  # the same of an instrument that may be another one
+ANOTHER_INSTRUMENT = 500.0  # the same of an instrument that may be another one
 LENGTH = re.compile(r"link\d+\.(a|d)")
 _LONG_M = 0.05  # a link that tells a scale: of shorter ones tolerances are as large
 _LEAST_LENGTHS = 3
@@ -67,7 +67,7 @@ def noise_in_another_unit(noise_mm: float | None, rows: Measurements, found: Ide
 
 
 def noise_beyond(
-    noise_mm: float | None, rows: Measurements, known_m: float, whose: str, times: float = ANOTHER_DAY
+    noise_mm: float | None, rows: Measurements, known_m: float, whose: str, times: float = ANOTHER_INSTRUMENT
 ) -> list[Check]:
     """Refuse a noise that is far more than plausible for the robot and its instrument.
 

@@ -245,7 +245,7 @@ class ExpectedGain:
     poses: int
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """For a person."""
         return (
             "The group residual would lower the error at poses that are left out from "

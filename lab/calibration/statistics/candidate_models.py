@@ -133,7 +133,7 @@ class NestedModels:
     away: Array
     whole: Array
     training: tuple[Array, ...]
-    held: tuple[Array, ...]
+    held_out: tuple[Array, ...]
     cluster: Labels
     rows: int
     floor: float
@@ -148,7 +148,7 @@ class NestedModels:
         squares = float(np.sum(self._left(self.whole, fitted)[1] ** 2))
         lengths = [
             np.linalg.norm(held @ self._left(triangle, fitted)[0], axis=1)
-            for triangle, held in zip(self.training, self.held, strict=True)
+            for triangle, held in zip(self.training, self.held_out, strict=True)
         ]
         return Score(len(fitted), squares, np.concatenate(lengths), self._bic(squares, len(fitted)))
 
@@ -262,7 +262,7 @@ def _nested_at(
         away=(values[index] - nominal) * scale[:-1],
         whole=_stacked([*parts, beside]),
         training=tuple(_stacked([*parts[:f], *parts[f + 1 :], beside]) for f in range(count)),
-        held=tuple(in_m[part] / scale for part in inside),
+        held_out=tuple(in_m[part] / scale for part in inside),
         cluster=np.concatenate([clusters[np.nonzero(part)[0]] for part in inside]),
         rows=len(rows) + len(residual),
         floor=floor,
@@ -429,7 +429,7 @@ class FullModel:
             clusters=clusters,
             configurations=configurations(task.data.joints),
             loads=np.nan_to_num(task.data.conditions.get(PAYLOAD, np.zeros(len(task.data)))),
-            extra_residuals=_known(task, observation, observed, start, at, alone, alone.sigma_m if not known else 1.0),
+            extra_residuals=_prior(task, observation, observed, start, at, alone, alone.sigma_m if not known else 1.0),
             floor=1.0 if known else LEAST_SIGMA_M,
         )
 
@@ -477,7 +477,7 @@ class FullModel:
         linear, for nothing.
         """
         fitted = self.fitted(found)
-        new = self._new(self.structure, self._indices(found, found.base_set.kept), self.groups[group])
+        new = self._new(self.structure, self._indices(found, found.base_set.identifiable), self.groups[group])
         shown = list(self._new(self.measured, fitted, new))
         while shown:
             unsure = table.std([*fitted, *shown])[len(fitted) :] / self._useful[shown]
@@ -510,7 +510,7 @@ class FullModel:
         return tuple(i for i in wanted if i in kept)
 
 
-def _known(
+def _prior(
     task: SelectionTask,
     observation: Observation,
     observed: Observations,

@@ -36,7 +36,7 @@ __all__ = [
     "upper_tolerance_bound",
 ]
 
-_TOLD = 1e-3  # of a column that the model does not say already
+_MIN_INDEPENDENT = 1e-3  # of a column that the model does not say already
 _TOO_SMALL = 1 - 1e-4  # a p-value that says that the given noise is too large
 _MOST_POSES = 8_000  # by which residuals are held against the joints
 
@@ -212,7 +212,7 @@ def _varying(linear: LinearizedFit, slopes: Array, joints: Array) -> Check | Non
     columns[: len(periodic)] = periodic
     left = within.residuals(np.moveaxis(columns, 2, 0)).reshape(periodic.shape[2], -1).T
     sizes = np.linalg.norm(columns.reshape(left.shape), axis=0)
-    told = LinearModel.of(left[:, np.linalg.norm(left, axis=0) > _TOLD * sizes], _TOLD)
+    told = LinearModel.of(left[:, np.linalg.norm(left, axis=0) > _MIN_INDEPENDENT * sizes], _MIN_INDEPENDENT)
     dof = within.dof - told.rank
     if told.rank < 1 or dof < 1:
         return None

@@ -182,7 +182,7 @@ class _Test:
         floor: least sigma, whitened.
     """
 
-    known: bool
+    sigma_given: bool
     critical: float
     reference: Array
     poses: int
@@ -191,7 +191,7 @@ class _Test:
     def judge(self, within: SubsetFit, errors: Array) -> tuple[Array, Array]:
         """The poses' own p-values and squared distances ``(n,)``."""
         distance, total = within.squares(within.residuals(errors))
-        return within.p_values(distance, total, self.known, self.floor), distance
+        return within.p_values(distance, total, self.sigma_given, self.floor), distance
 
     def campaign(self, p: Array) -> Array:
         """The p-values of a whole campaign: Bonferroni's, or the share of draws with as small a one."""

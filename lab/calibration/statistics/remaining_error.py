@@ -85,7 +85,7 @@ class RemainingError:
         return bool(np.isfinite(self.instrument_m) and self.rest_m**2 <= _SMALL * self.total_m**2)
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """Describe the shares of the remaining error."""
         said = [f"What remains is {MM.text(self.total_m, 2)} per axis (root mean square)"]
         if np.isfinite(self.instrument_m):

@@ -555,7 +555,7 @@ def uncertainty_map(result: CalibrationResult, range_m: tuple[float, float] | No
 
 def where_figures(result: CalibrationResult) -> tuple[Block, ...]:
     """Errors before and after calibration where they are, and the predicted ones over the workspace."""
-    found = error_maps(result, result.kind.words.error)
+    found = error_maps(result, result.kind.terms.error)
     predicted = _predicted_map(result, None if found is None else found.sizes[0].range_m)
     if found is None:
         return predicted

@@ -105,7 +105,7 @@ class RunVerdict:
         return self.verdict in ("good", "doubtful")
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """The verdict with its gate, for a person."""
         return f"{self.verdict}, {gate_text(self.gate_mm)}"
 
@@ -160,7 +160,7 @@ class CalibrationRun:
         """Return the arm for ``calibrated.py``, which is checked at inputs ``(n, joints + conditions)``."""
         kind = sensor_named(self.options.observe)
         observed = "" if kind.in_instrument_frame else kind.name
-        return ArmExport(self.estimate, observed, self.result.words, inputs)
+        return ArmExport(self.estimate, observed, self.result.description, inputs)
 
     @property
     def prior_took_part(self) -> bool:

@@ -215,7 +215,7 @@ def _read_rows(
         read = checked(path, given, robot, points=positions)
     robot.refuse_impossible(path, read.take([i for i, use in enumerate(read.use) if use != "skip"]))
     read = without_copies(path, read) if positions else read
-    return read if load is None else load.weighed(read)
+    return read if load is None else load.with_payload(read)
 
 
 def checked(what: str | Path, data: Measurements, robot: Robot, *, points: bool = True) -> Measurements:

@@ -207,7 +207,7 @@ def validation_errors(
         return None
     rms_m, p95_m = found["rms"] / 1e3, found["p95"] / 1e3
     shown = [each for each in quantities if each.group in _SHOWN or each.placed]
-    freedom, known = chance.noise.freedom, chance.known
+    freedom, known = chance.noise.dof, chance.all_given
     if by == "cross-validation":
         poses, own, shared = _by_folds(calibrated, fitted, shown, instrument_m)
         return ValidationErrors(rms_m, p95_m, poses, own, shared, freedom, known)
@@ -398,7 +398,7 @@ def _repeatability(
         source = f"scatter of the joints, {_BY_NOISE_MODEL}"
         return RandomScatter(_scatter_m(fitted), np.inf, source, of_residuals)
     if found is not None and (more := found.scatter_m**2 - instrument_m**2) > 0:
-        freedom = (more / found.scatter_m**2) ** 2 * found.freedom
+        freedom = (more / found.scatter_m**2) ** 2 * found.dof
         return RandomScatter(float(np.sqrt(more)), freedom, "repeated poses, less the instrument's noise")
     if stated_mm is not None:
         return RandomScatter(MM.to_si(stated_mm) / _RP_OVER_SIGMA, np.inf, f"stated RP of {stated_mm:g} mm")

@@ -103,7 +103,7 @@ def _certified(options: CertifyOptions, stage: Stage) -> Certificate:
     validation = None if shown is None else lack_of_fit(shown)
     if validation is not None and validation.sigma_m:
         where = f"validation on {validation.poses:,} poses, {calibrated.result.judged_by}"
-        quantities.append(lack_of_fit_of(propagation, validation.sigma_m, validation.freedom, where))
+        quantities.append(lack_of_fit_of(propagation, validation.sigma_m, validation.dof, where))
     budgets = []
     for i, each in enumerate(MEASURANDS):
         stage("3 of 3, budgets, propagated and drawn", i, len(MEASURANDS))

@@ -123,7 +123,7 @@ def _comparison_document(result: ComparisonResult) -> Document:
     word = "the links have moved" if changed else "no change of the links detected"
     rate = f"(an unchanged arm fails this test in {100 * VERIFICATION:g} % of all cases)"
     sections = tuple(
-        Section(str(run.folder), (Paragraph(_words(result, each)), _table(result, each)))
+        Section(str(run.folder), (Paragraph(_sentence(result, each)), _table(result, each)))
         for run, each in zip(result.runs[1:], result.differences, strict=True)
     )
     caption = (
@@ -134,7 +134,7 @@ def _comparison_document(result: ComparisonResult) -> Document:
         f"{called(result.runs[0].robot.name, result.serial)}: {word}",
         (
             Paragraph((Badge("changed", "bad") if changed else Badge("unchanged", "good"), f" {rate}")),
-            Paragraph(f"Compared with {result.runs[0].folder} ({result.runs[0].result.words}).", "lead"),
+            Paragraph(f"Compared with {result.runs[0].folder} ({result.runs[0].result.description}).", "lead"),
             Warnings(result.warnings),
             *sections,
             Section("The last run against the first", (Figure("moved", (_differences_picture(result),), caption),)),
@@ -161,7 +161,7 @@ def _differences_picture(result: ComparisonResult) -> Picture:
     return axes_picture("moved", label, (5.6, 0.95 + 0.2 * len(sizes)), draw, (1.35, 0.5, 0.15, 0.15))
 
 
-def _words(result: ComparisonResult, difference: Difference) -> str:
+def _sentence(result: ComparisonResult, difference: Difference) -> str:
     """Describe in a sentence what has moved."""
     p = f"p = {difference.p:.2g}" if difference.p > 0 else "p < 1e-300"
     if not difference.changed:

@@ -82,12 +82,12 @@ class CorrectedProgram:
     uncorrected: tuple[Uncorrected, ...]
     rounding_mm: float | None
     rounding_deg: float | None
-    ways: tuple[tuple[int, str], ...]
+    touching_paths: tuple[tuple[int, str], ...]
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings for the reader."""
-        said = [f"line {line}: {words}" for line, words in self.ways]
+        said = [f"line {line}: {words}" for line, words in self.touching_paths]
         rounding = np.array([self.rounding_mm or 0.0, self.rounding_deg or 0.0])
         if (rounding > _COARSE).any():
             said.append(
@@ -404,7 +404,7 @@ class UsedTool:
         }
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """Description of the tool, its number of targets, and its distance from a measured point."""
         place = ", ".join(short(MM.of(each)) for each in self.position_m)
         if not self.name:
@@ -459,11 +459,11 @@ def flange_note(reference: "ProgramReference", flange_95_m: Array) -> str:
 
 def stated_positions_note(reference: "ProgramReference") -> str:
     """Describe how far the measured points are from their stated positions in the flange, and the consequence."""
-    off = [short(MM.of(each)) for each in reference.flange.off_m.tolist()]
+    off = [short(MM.of(each)) for each in reference.flange.deviation_m.tolist()]
     if not reference.stated:
         return "No place of a measured point in the flange is stated."
     said = f"The measured points ({', '.join(reference.stated)}) are {', '.join(off)} mm from their stated places"
-    if not reference.flange.believed:
+    if not reference.flange.uses_stated:
         return f"{said}, more than the tolerances of the last link explain, so these places are not used."
     return (
         f"{said}. The tolerances of the last link explain that, so it is taken for the flange's own error; if the "
@@ -474,13 +474,13 @@ def stated_positions_note(reference: "ProgramReference") -> str:
 def _why(reference: "ProgramReference") -> str:
     """Explain why the measured points do not determine the flange's orientation."""
     measured = reference.measured_targets
-    if not reference.flange.believed and reference.run.options.observe == "pose":
+    if not reference.flange.uses_stated and reference.run.options.observe == "pose":
         return ", since the measured pose of the tool is not the one that is stated"
-    if reference.flange.believed or len(measured) < 3:
+    if reference.flange.uses_stated or len(measured) < 3:
         points = f"{len(measured)} measured point{'s do' if len(measured) > 1 else ' does'}"
         return f", since {points} not show it"
     if reference.stated:
-        off = [short(MM.of(each)) for each in reference.flange.off_m.tolist()]
+        off = [short(MM.of(each)) for each in reference.flange.deviation_m.tolist()]
         return (
             f", since the measured points are {', '.join(off)} mm from their stated places, more than the tolerances "
             "of the last link explain"
@@ -493,8 +493,8 @@ def flange_values(reference: "ProgramReference") -> Mapping[str, Any]:
     flange = reference.flange
     return {
         "orientation_known": flange.turned,
-        "stated_places_used": flange.believed,
-        "off_stated_mm": dict(zip(reference.stated, MM.of(flange.off_m).tolist(), strict=False)),
+        "stated_places_used": flange.uses_stated,
+        "off_stated_mm": dict(zip(reference.stated, MM.of(flange.deviation_m).tolist(), strict=False)),
         "tolerance_mm": MM.of(float(reference.sigma[0])),
         "tolerance_mrad": MRAD.of(float(reference.sigma[3])),
     }

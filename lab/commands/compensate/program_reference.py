@@ -123,7 +123,7 @@ class ProgramReference:
         default = all(
             name in DEFAULT_TOOL and np.allclose(tool[name], DEFAULT_TOOL[name], rtol=0, atol=1e-9) for name in names
         )
-        return () if default and not self.flange.believed else names
+        return () if default and not self.flange.uses_stated else names
 
 
 def program_reference(run: CalibrationRun, read: ProgramText) -> ProgramReference:
@@ -188,7 +188,7 @@ def _own_tolerance(run: CalibrationRun) -> tuple[Array, float]:
     spread = standard_deviations(arm, tolerance)
     spread[~np.isfinite(spread)] = 0.0
     wide = np.sqrt(((alias_matrix(structure, len(arm.names)) * spread) ** 2).sum(axis=1))
-    by_name = dict(zip((arm.names[i] for i in structure.kept), wide.tolist(), strict=True))
+    by_name = dict(zip((arm.names[i] for i in structure.identifiable), wide.tolist(), strict=True))
     deviation = np.sqrt(np.diag(run.estimate.free_covariance))
     deviations = dict(zip(run.estimate.free_names, deviation.tolist(), strict=True))
     estimates, drawn = {name: row.estimate for name, row in run.estimate.params.items()}, _by_name(run, nominal)
@@ -230,7 +230,7 @@ def _flange(run: CalibrationRun, sigma: Array, dof: float) -> tuple[Flange, Arra
         places = np.concatenate([places, places + ends @ _stated_turn(run, known[0]).T])
         moved = np.tile(moved, (4, 1))
     flange = located_flange(points, moved @ covariance @ moved.T, places, _prior(run, sigma), dof, posed=posed)
-    flange = replace(flange, gain=flange.gain @ moved, off_m=flange.off_m[: len(known)])
+    flange = replace(flange, gain=flange.gain @ moved, deviation_m=flange.deviation_m[: len(known)])
     gain = np.zeros((6, len(run.estimate.free_names)))
     gain[:, at] = flange.gain[:, kept]
     return flange, gain
@@ -417,7 +417,7 @@ def requested_solutions(
     nominal_chain = nominal.arm.dh_chain(nominal.values)
     assert nominal_chain is not None
     shape, last = ArmShape.of(nominal_chain), chain.home
-    ways = nominal.ways(wanted, np.broadcast_to(chain.home, found.shape))
+    ways = nominal.solutions(wanted, np.broadcast_to(chain.home, found.shape))
     for i, target in enumerate(targets):
         if target.spelling is None:
             found[i] = last = target.joints
@@ -528,7 +528,7 @@ def _line_of_tool(nominal: NominalInverse, start: Array, end: Array) -> Array:
     found = start + shares[:, None] * (end - start)
     if nominal.closed_form is None:
         return nominal.again(wanted, found, np.full(len(found), -1))[0]
-    ways = nominal.ways(wanted, found)
+    ways = nominal.solutions(wanted, found)
     last = start
     for i, some in enumerate(ways.joints):
         turned = nearest_whole_turns(nominal.arm.chain, some[ways.gap_m[i] < _REACHED_M], last)

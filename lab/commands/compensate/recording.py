@@ -21,10 +21,10 @@ def record_compensation(path: Path, result: CompensationResult) -> None:
     Only targets that are reached are among the stops; there has to be one.
     """
     run, rows = result.run, result.reached
-    stops = drawn_rows(len(result.stops.joints))
-    every = result.stops.names
-    joints, names = result.stops.joints[stops], [every[i] for i in stops]
-    which = result.stops.which[stops]
+    stops = drawn_rows(len(result.waypoints.joints))
+    every = result.waypoints.names
+    joints, names = result.waypoints.joints[stops], [every[i] for i in stops]
+    which = result.waypoints.which[stops]
     at_target = np.flatnonzero(which >= 0)
     aimed = rows[which[at_target]]
     wanted, found = result.wanted.positions[aimed], result.found

@@ -14,7 +14,7 @@ from lab.commands.compensate.options import CompensateOptions
 from lab.commands.compensate.program import OpenProgram, open_program
 from lab.commands.compensate.program_reference import paths_touched
 from lab.commands.compensate.result import CompensationResult
-from lab.commands.run_folder import Stops
+from lab.commands.run_folder import Waypoints
 from lab.compensation.compensator import REQUESTED_BRANCH, Compensation, Compensator
 from lab.core.errors import LabError, error_context
 from lab.core.measurements import LAST_MOVE, asked, last_moves
@@ -115,7 +115,7 @@ def _of_program(options: CompensateOptions, run: CalibrationRun) -> Compensation
                 current_keep(),
             )  # fmt: skip
     assert done.program is not None
-    return replace(done, program=replace(done.program, ways=ways))
+    return replace(done, program=replace(done.program, touching_paths=ways))
 
 
 def _corrected_program(options: CompensateOptions, program: OpenProgram) -> CompensationResult:
@@ -190,7 +190,7 @@ def _corrected(
     if access is not None:
         with status("checking") as stage:
             way, which = waypoints_in_order(rated(run.robot.chain)[0], access, way, partial(stage, "ways"), keep)
-    stops = Stops(way, which, [targets.ids[i] for i in rows], "target")
+    stops = Waypoints(way, which, [targets.ids[i] for i in rows], "target")
     done = CompensationResult(options, run, targets, wanted, found, inputs, without, stops, checked, said, corrected)
     if run.load is not None and found.converged.any():
         size = float(np.sqrt((done.load_m[found.converged] ** 2).mean()))

@@ -270,7 +270,7 @@ def design_document(result: DesignResult) -> Document:
                 (
                     Figure("poses-figure", pose_pictures(result), _POSES),
                     Paragraph(_tour(result)),
-                    Paragraph(SessionDuration.of(result.tour).words),
+                    Paragraph(SessionDuration.of(result.tour).description),
                     Paragraph(_candidates(values)),
                     *_reflector(values),
                     *_stations(values),
@@ -323,7 +323,7 @@ def _tour(result: DesignResult) -> str:
     language = None if refusal(chain, controller) else language_of(chain, controller)
     moving = f" {PLAN}{language.suffix} moves at {language.speed}, which takes longer." if language else ""
     return (
-        f"The tour has {len(tour.stops) - 1} moves{via}. It takes {float(tour.seconds):.1f} s at full speed and "
+        f"The tour has {len(tour.waypoints) - 1} moves{via}. It takes {float(tour.seconds):.1f} s at full speed and "
         f"acceleration, home to home, and {PAUSE_S} s of waiting at each pose.{moving} {_checked(result)}"
     )
 
@@ -426,17 +426,17 @@ def check_document(result: PlanCheckResult) -> Document:
     cell = f" in {result.options.cell}" if result.options.cell else ""
     badge = Badge("the plan can be run", "good") if not count else Badge("the plan cannot be run", "bad")
     said = (
-        f" All {len(result.stops)} stops and the ways between them are free{cell}."
+        f" All {len(result.waypoints)} stops and the ways between them are free{cell}."
         if not count
-        else f" {count} of {len(result.stops)} stops{cell} are not allowed, or the way to them is not; plan anew."
+        else f" {count} of {len(result.waypoints)} stops{cell} are not allowed, or the way to them is not; plan anew."
     )
-    rows = tuple((fault.stop, fault.why) for fault in result.faults)
+    rows = tuple((fault.waypoint, fault.why) for fault in result.faults)
     return Document(
         f"{result.robot.name}: {badge.text}",
         (
             Paragraph((badge, f".{said}"), "lead"),
             Warnings(result.warnings),
             Section("Faults", (Table(("stop", "why"), rows),)),
-            Section("The day", (Paragraph(result.day.words),)),
+            Section("The day", (Paragraph(result.duration.description),)),
         ),
     )

@@ -16,9 +16,9 @@ from lab.campaign.options import DesignOptions
 from lab.campaign.robot import Robot
 from lab.campaign.stations import stations_in
 from lab.commands.result import Result, error_statistics, number
-from lab.commands.run_folder import VIA, Stops
+from lab.commands.run_folder import VIA, Waypoints
 from lab.core.errors import LabError
-from lab.core.limits import STOPS
+from lab.core.limits import WAYPOINTS
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
 from lab.core.units import MM
@@ -89,7 +89,7 @@ class SessionDuration:
         }
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """Description of the measurement session's needs, in sentences."""
         reference = (
             "The plan measures its reference pose again (--reference-every)."
@@ -221,16 +221,16 @@ class DesignResult(Result):
         }
 
     @property
-    def stops(self) -> Stops:
+    def waypoints(self) -> Waypoints:
         """Waypoints of the tour: home, poses to measure, via poses, and home."""
         which = np.where(self.tour.measured >= 0, np.cumsum(self.tour.measured >= 0) - 1, -1)
         ids = visit_ids(self.tour, self.pose_ids)
-        return Stops(self.tour.stops, which, ids, "measure", stations=self._stations_of_waypoints)
+        return Waypoints(self.tour.waypoints, which, ids, "measure", stations=self._stations_of_waypoints)
 
     @property
     def _parts(self) -> tuple[tuple[str, slice], ...]:
         """Named slices of the tour's waypoints by station, from home to home; unnamed for a single station."""
-        names, ends = self.problem.robot.model.stations or ("",), [0, *self.tour.breaks, len(self.tour.stops) - 1]
+        names, ends = self.problem.robot.model.stations or ("",), [0, *self.tour.breaks, len(self.tour.waypoints) - 1]
         measuring = [names[i] for i in dict.fromkeys(self.stations.tolist())]
         return tuple((name, slice(a, b + 1)) for name, (a, b) in zip(measuring, pairwise(ends), strict=True))
 
@@ -245,7 +245,7 @@ class DesignResult(Result):
     @property
     def table(self) -> Measurements:
         """Table of all waypoints in tour order, with nothing measured yet; via poses are not for use."""
-        names, stops, n = self.problem.robot.chain.joint_names, self.stops, len(self.tour.stops)
+        names, stops, n = self.problem.robot.chain.joint_names, self.waypoints, len(self.tour.waypoints)
         points = np.full((n, len(self.options.targets), 3), np.nan)
         data = measured(names, stops.joints, self.options.targets, points)
         use = tuple("skip" if purpose == VIA else "calibrate" for purpose in stops.purposes)
@@ -270,7 +270,7 @@ class DesignResult(Result):
             "measured_already": len(self.problem.already),
             "targets": list(options.targets),
             "instrument": options.instrument,
-            "parameters": len(self.problem.structure.kept),
+            "parameters": len(self.problem.structure.identifiable),
             "criterion": options.criterion,
             "indices": self._scaled_indices,
             "d_efficiency": self.d_efficiency,
@@ -284,7 +284,7 @@ class DesignResult(Result):
                 "rejected": {reason: int(count) for reason, count in candidates.rejected.items()},
             },
             **SessionDuration.of(tour).to_dict(),
-            "moves": len(tour.stops) - 1,
+            "moves": len(tour.waypoints) - 1,
             "via": self.tour.via,
             "reflector": self._reflector,
             "stations": [
@@ -292,7 +292,7 @@ class DesignResult(Result):
                 for i, (name, T) in enumerate(zip(model.stations, model.Ts_world_station, strict=False))
             ],
             "checked": not self.options.no_check,
-            "stops": list(self.stops.rows(self.problem.robot.chain)),
+            "stops": list(self.waypoints.rows(self.problem.robot.chain)),
             "curve_of": "designs" if self.options.curve else "continuous design",
             "curve": [step.to_dict() for step in self.curve],
             **plan_or_refusal(self.problem.robot.chain, self.options.controller, model.stations),
@@ -302,7 +302,7 @@ class DesignResult(Result):
 
     def columns(self) -> Mapping[str, Sequence[Any] | Array]:
         """Return waypoint columns: ``id``, ``stop`` (measure, via), and joint positions in ``_deg`` or ``_mm``."""
-        return self.stops.columns(self.problem.robot.chain)
+        return self.waypoints.columns(self.problem.robot.chain)
 
     def write_files(self, folder: Path) -> None:
         """Write the plan and the programs that drive it.
@@ -315,7 +315,7 @@ class DesignResult(Result):
         arm = robot.arm(tuple(robot.tool))
         nominal, ids, done = arm.nominal(robot.tool), visit_ids(self.tour, self.pose_ids), 0
         for station, part in self._parts:
-            stops, measured = self.tour.stops[part], self.tour.measured[part]
+            stops, measured = self.tour.waypoints[part], self.tour.measured[part]
             count = int((measured >= 0).sum())
             tour = MeasuringTour(
                 robot.name,
@@ -338,7 +338,7 @@ _SLACK = 1e-9  # rad or m
 class Fault:
     """A stop that the arm may not take, or a way to one that is not free: its id, and why."""
 
-    stop: str
+    waypoint: str
     why: str
 
 
@@ -358,9 +358,9 @@ class PlanCheckResult(Result):
 
     options: DesignOptions
     robot: Robot
-    stops: Measurements
+    waypoints: Measurements
     faults: tuple[Fault, ...]
-    day: SessionDuration
+    duration: SessionDuration
     warnings: tuple[str, ...]
 
     @property
@@ -378,17 +378,17 @@ class PlanCheckResult(Result):
         return {
             "robot": self.robot.name,
             "plan": str(self.options.check),
-            "stops": len(self.stops),
-            "poses": self.day.poses,
+            "stops": len(self.waypoints),
+            "poses": self.duration.poses,
             "good": not self.faults,
-            "faults": [{"stop": fault.stop, "why": fault.why} for fault in self.faults],
-            **self.day.to_dict(),
+            "faults": [{"stop": fault.waypoint, "why": fault.why} for fault in self.faults],
+            **self.duration.to_dict(),
             "warnings": list(self.warnings),
         }
 
     def columns(self) -> "Mapping[str, Sequence[Any]]":
         """A row for each fault."""
-        return {"stop": [fault.stop for fault in self.faults], "why": [fault.why for fault in self.faults]}
+        return {"stop": [fault.waypoint for fault in self.faults], "why": [fault.why for fault in self.faults]}
 
 
 def check_plan(options: DesignOptions, robot: Robot) -> PlanCheckResult:
@@ -403,7 +403,7 @@ def check_plan(options: DesignOptions, robot: Robot) -> PlanCheckResult:
     """
     assert options.check is not None
     chain, warnings = rated(robot.chain)
-    stops = read_measurements(options.check, chain.joint_names, chain.prismatic, points=False, most=STOPS)
+    stops = read_measurements(options.check, chain.joint_names, chain.prismatic, points=False, most=WAYPOINTS)
     measured = np.array([use != "skip" for use in stops.use])
     if not measured.any():
         raise LabError(f"{options.check}: no stop is to be measured; give the plan.csv of lab design")

@@ -120,7 +120,7 @@ class Timeline:
     starts: Array
     ends: Array
     placed: PlacedPoints
-    kept: NDArray[np.bool_]
+    retained: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,7 @@ class Matching:
     by: By
     poses: tuple[MatchedPose, ...]
     left_out: tuple[LeftOut, ...]
-    said: tuple[str, ...]
+    description: tuple[str, ...]
     timeline: Timeline | None = None
 
 

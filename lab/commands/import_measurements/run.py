@@ -123,7 +123,7 @@ class ImportResult(Result):
 
 
 _MOST = 20  # things left out that are listed
-_STOPS = 400  # of a log that are drawn, from the first
+_MAX_WINDOWS = 400  # of a log that are drawn, from the first
 _WIDE = (7.0, 2.4)  # inches
 
 
@@ -134,7 +134,7 @@ def _import_document(result: ImportResult) -> Document:
     return Document(
         f"{result.robot.name}: {len(data)} poses, {int(data.seen.sum())} points",
         (
-            Paragraph(" ".join(result.matching.said), "lead"),
+            Paragraph(" ".join(result.matching.description), "lead"),
             Warnings(result.warnings),
             *_match(result),
             Section("Uncertainty", (Paragraph(_uncertainty(result)),)),
@@ -152,10 +152,10 @@ def _match(result: ImportResult) -> tuple[Section, ...]:
         return ()
     placed = line.placed
     checked = (
-        f"Points are compared with the nominal arm, with base and tool fitted: {placed.words}."
+        f"Points are compared with the nominal arm, with base and tool fitted: {placed.description}."
         if placed.rms_m is not None
-        else f"{placed.words} points are placed. Fewer than {LEAST_POSES} distinct poses were met, so the nominal arm "
-        "does not check the offset of the clocks."
+        else f"{placed.description} points are placed. Fewer than {LEAST_POSES} distinct poses were met, so the "
+        "nominal arm does not check the offset of the clocks."
     )
     caption = (
         "Above: when the arm stood still (grey) and when points were measured (blue; vermilion: left out), on the "
@@ -168,9 +168,11 @@ def _match(result: ImportResult) -> tuple[Section, ...]:
 
 def _timeline_picture(line: Timeline) -> Picture:
     """When the arm stood still and when points were measured, on the controller's clock from its first stop on."""
-    first, inside = line.starts[0], line.kept
-    starts, ends = line.starts[:_STOPS] - first, line.ends[:_STOPS] - first
-    shown = (line.at >= first) & (line.at <= first + ends[-1]) if len(line.starts) > _STOPS else np.isfinite(line.at)
+    first, inside = line.starts[0], line.retained
+    starts, ends = line.starts[:_MAX_WINDOWS] - first, line.ends[:_MAX_WINDOWS] - first
+    shown = (
+        (line.at >= first) & (line.at <= first + ends[-1]) if len(line.starts) > _MAX_WINDOWS else np.isfinite(line.at)
+    )
 
     def draw(axes: Axes) -> None:
         for start, end in zip(starts, ends, strict=True):

@@ -215,11 +215,13 @@ def _inspected(options: InspectOptions, robot: Robot) -> Inspection:
     structure = base_set(arm, nominal, fix=options.fix, free=options.free)
     hidden = aliases(arm, structure, column_scale(arm, nominal))
     inputs = arm.structure_joints(POSES, rng_for(0, "structure"))
-    jacobian = arm.observe(inputs, arm.rank_point(nominal))[1].reshape(-1, len(arm.names))[:, list(structure.kept)]
-    names = [arm.names[i] for i in structure.kept]
+    jacobian = arm.observe(inputs, arm.rank_point(nominal))[1].reshape(-1, len(arm.names))[
+        :, list(structure.identifiable)
+    ]
+    names = [arm.names[i] for i in structure.identifiable]
     condition, usual = scaled_condition(jacobian), not (options.fix or options.free)
     asked = named(arm.names, "--fix", options.fix)
-    held = [arm.names[i] for i in structure.held]
+    held = [arm.names[i] for i in structure.fixed_observable]
     nominal_model, shape = _described(robot.chain)
     if robot.chain.has_loops:  # how many parameters --fix leaves is said of a mechanism
         shape["not_fixed"] = len(arm.names) - len(asked)
@@ -228,10 +230,10 @@ def _inspected(options: InspectOptions, robot: Robot) -> Inspection:
         **nominal_model,
         "targets": list(options.targets),
         "parameters": len(arm.names),
-        "rank": len(structure.kept),
+        "rank": len(structure.identifiable),
         "identifiable": names,
-        "held": [arm.names[i] for i in structure.held if i in asked],
-        "told_apart": [arm.names[i] for i in structure.held if i not in asked],
+        "held": [arm.names[i] for i in structure.fixed_observable if i in asked],
+        "told_apart": [arm.names[i] for i in structure.fixed_observable if i not in asked],
         "aliases": {alias.name: dict(alias.into) for alias in hidden if alias.name not in held},
         "condition": number(condition),
         "weak_directions": [direction_to_dict(each) for each in weak_directions(names, jacobian)],

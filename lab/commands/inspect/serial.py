@@ -54,7 +54,7 @@ class SerialShape:
     """
 
     reach_m: float
-    ways: int | None
+    branches: int | None
     determinant: str
     singularities: tuple[Singularity, ...]
     moved: str = ""
@@ -120,7 +120,7 @@ def serial_shape(chain: Chain) -> dict[str, Any]:
     scale = np.where(chain.prismatic, 1e3, 180 / np.pi)
     return {
         "reach_mm": tidy(MM.of(shape.reach_m)),
-        "ways": shape.ways,
+        "ways": shape.branches,
         "freedoms": _freedoms(chain),
         "determinant": shape.determinant or None,
         "determinant_of": shape.moved or None,
@@ -148,7 +148,7 @@ def _freedoms(chain: Chain) -> dict[str, Any]:
         "redundancy": found.redundancy,
         "free": [name for name, moves in zip(chain.joint_names, found.moving, strict=True) if moves],
         "planar": found.planar,
-        "missing_displacements": len(found.held),
+        "missing_displacements": len(found.fixed_directions),
         "missing_turns": len(found.still),
     }
 
@@ -162,7 +162,7 @@ def _joint(chain: Chain, i: int) -> dict[str, Any]:
     return {**joint_kind(chain, i), **cells, **joint_limits(chain, i)}
 
 
-_ASKED = "a pose is met in its place, and in its rotation as near as these can"
+_NEAREST = "a pose is met in its place, and in its rotation as near as these can"
 _ORDERS = {"distal": "Rz(θ) Tz(d) Tx(a) Rx(α)", "craig": "Rx(α) Tx(a) Rz(θ) Tz(d)"}
 
 
@@ -194,8 +194,8 @@ def _freedoms_text(values: Mapping[str, Any]) -> str:
     lacks = [f"{count} {name}" for count, name in ((values["missing_displacements"], "of its displacements"),
                                                    (values["missing_turns"], "of its turns")) if count]  # fmt: skip
     if not lacks:
-        return said if freedoms >= 6 or index >= 6 else f"{said}; {_ASKED}"
-    return f"{said}; no joint makes {' and '.join(lacks)}; {_ASKED}"
+        return said if freedoms >= 6 or index >= 6 else f"{said}; {_NEAREST}"
+    return f"{said}; no joint makes {' and '.join(lacks)}; {_NEAREST}"
 
 
 def _rows(joints: list[dict[str, Any]]) -> tuple[tuple[str, ...], ...]:

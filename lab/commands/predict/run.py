@@ -411,7 +411,7 @@ def _predicted(options: PredictOptions, run: CalibrationRun, rows: Measurements)
     estimate = run.estimate
     notes = [*run.warnings, *rows.warnings, *phrases(check_limits(run.robot.chain, rows))]
     notes += condition_notes(run, options.file, list(rows.conditions), "pose", "predicted")
-    rows = rows if run.load is None else run.load.weighed(rows)
+    rows = rows if run.load is None else run.load.with_payload(rows)
     with error_context(options.file):
         inputs = rows.inputs(estimate.arm.conditions)
     Ts, _ = estimate.arm.tool(inputs, estimate.values)

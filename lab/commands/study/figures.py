@@ -171,10 +171,15 @@ def _pairs_figure(comparisons: Sequence[Comparison], cells: Sequence[Cell]) -> F
     def draw(axes: Axes, each: Comparison) -> None:
         axes.axvline(1.0 if kind == "ratio" else 0.0, color=REFERENCE, linewidth=1)
         for row, pair in enumerate(_behind(each), start=1):
-            colour = PREDICTED if pair.told else MUTED
+            colour = PREDICTED if pair.is_significant else MUTED
             axes.hlines(row, pair.lower, pair.upper, color=colour, linewidth=2)
             axes.plot(
-                pair.effect, row, "o", color=colour, markerfacecolor=colour if pair.told else "white", markersize=5
+                pair.effect,
+                row,
+                "o",
+                color=colour,
+                markerfacecolor=colour if pair.is_significant else "white",
+                markersize=5,
             )
             axes.text(1.02, row, effect_text(pair, kind), transform=axes.get_yaxis_transform(), va="center", fontsize=8)
         axes.plot(1.0 if kind == "ratio" else 0.0, 0, "D", color=REFERENCE, markersize=5)

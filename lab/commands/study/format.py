@@ -138,7 +138,7 @@ def comparison_sentence(comparison: Comparison, cells: Sequence[Cell]) -> str:
         pair = comparison.against(ranked[0], cell)
         many = comparison.kind == "ratio" and pair.effect >= 2
         said.append(f"{names[cell]} {effect_text(pair, comparison.kind)} {'as much' if many else 'worse'}{than}")
-    same = [(p.first, p.second) for p in comparison.pairs if not p.told and isfinite(p.effect)]
+    same = [(p.first, p.second) for p in comparison.pairs if not p.is_significant and isfinite(p.effect)]
     apart = [f"{names[i]} and {names[j]}" for i, j in same if not {i, j} <= set(leaders)]
     said += [f"no significant difference: {', '.join(apart)}"] if apart else []
     said += [f"{names[i]} never converged where another did" for i in group.cells if i not in ranked]

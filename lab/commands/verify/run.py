@@ -143,7 +143,7 @@ class VerificationResult(Result):
             "level": VERIFICATION,
             "statistic": found.statistic,
             "freedom": found.numbers,
-            "sigma_freedom": found.sigma_freedom,
+            "sigma_freedom": found.sigma_dof,
             "tests": {
                 name: {"statistic": part.square, "freedom": part.numbers, "p": part.p, "level": found.test.level}
                 for name, part in (("parameters", found.test.along), ("rest", found.test.rest))
@@ -231,7 +231,7 @@ def _verification_document(result: VerificationResult) -> Document:
         (
             Paragraph((Badge("good" if found.good else "bad", "good" if found.good else "bad"), f" {rate}")),
             Paragraph(sentence(phrase(found.check)), "lead"),
-            Paragraph(f"The run that calibrated the arm is {result.calibrated.result.words}."),
+            Paragraph(f"The run that calibrated the arm is {result.calibrated.result.description}."),
             Warnings(result.warnings),
             Section("Errors, observed and predicted", (*_errors(result), _histogram(result))),
             Section("What alone would explain it", (_hypotheses(result), *_advice(result))),
@@ -386,7 +386,7 @@ def _tested(
     else:
         read = checked("measurements in memory", given, calibrated.robot)
     if calibrated.load is not None and "payload_kg" in calibrated.estimate.arm.conditions:
-        read = calibrated.load.weighed(read)
+        read = calibrated.load.with_payload(read)
     read = without_copies(Path(options.file), read)
     rows = read.only("calibrate", "reference", "test")
     rows = rows.with_points()

@@ -170,7 +170,7 @@ class BiasCandidate:
     """
 
     columns: Array
-    words: str
+    description: str
 
 
 @dataclass(frozen=True)
@@ -204,14 +204,14 @@ class ResidualVerdict:
 
     adequate: bool | None
     p: float
-    words: str
+    description: str
 
 
 def verdict(
     solution: ChannelSolution, suspects: Sequence[BiasCandidate], series: Sequence[Series] = ()
 ) -> ResidualVerdict:
     """Run all applicable lack-of-fit tests; rows in no series are poses, or anything without order."""
-    outcomes = [(_added(solution, _slow(suspect.columns, series)), suspect.words) for suspect in suspects]
+    outcomes = [(_added(solution, _slow(suspect.columns, series)), suspect.description) for suspect in suspects]
     outcomes.append((_slowness(solution, series), "something slow without a name, as the load's own torques are slow"))
     if solution.sigma_given:
         outcomes.append(

@@ -329,7 +329,7 @@ def _module(name: str, head: list[str], frames: list[str], steps: list[Step]) ->
     lines += frames
     via = ""
     for step in steps:
-        lines.append(f"; {step.words}")
+        lines.append(f"; {step.comment}")
         if step.kind == "via":
             via = _place(step)
             continue

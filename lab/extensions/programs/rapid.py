@@ -348,7 +348,7 @@ class Rapid:
                 f"    WaitTime {PAUSE_S};",
             ]
             pose += 1
-        targets = [_joint_target(name, row) for name, row in zip(names, _degrees(tour.stops), strict=False)]
+        targets = [_joint_target(name, row) for name, row in zip(names, _degrees(tour.waypoints), strict=False)]
         moves += [_move("home", "tool0"), '    TPWrite "All poses measured";']
         head = [
             f"  ! {len(ids)} poses to measure, ids as in plan.csv, in an order that is short at full joint speed.",
@@ -377,7 +377,7 @@ class Rapid:
         ]
         names = _target_names(ids)
         targets, lines, via = [], ["    TPErase;"], 0
-        for i, degrees in zip(moves.which.tolist(), _degrees(moves.stops), strict=True):
+        for i, degrees in zip(moves.which.tolist(), _degrees(moves.waypoints), strict=True):
             via += i < 0
             name = names[i] if i >= 0 else f"via{via:03d}"
             targets += [f"  ! id {_shortened(ids[i])!a}"] if i >= 0 and name != _PREFIX + ids[i] else []
@@ -398,7 +398,7 @@ class Rapid:
         ]
         targets, lines, via = [], list[str](), ""
         names = _target_names([f"{i + 1}_{each}" for i, each in enumerate(moves.ids)])
-        for step, name, degrees in zip(path_steps(moves), names, _degrees(moves.stops), strict=True):
+        for step, name, degrees in zip(path_steps(moves), names, _degrees(moves.waypoints), strict=True):
             targets.append(_joint_target(name, degrees))
             robtarget = f"CalcRobT({name},{_PATH_TOOL})"
             if step.kind == "via":

@@ -255,7 +255,7 @@ def _program(name: str, local: dict[str, str], head: list[str], steps: list[Step
     lines = ["begin", *head, _NOTE]
     for step in steps:
         joints = ",".join(numbers(np.rad2deg(step.joints), _DIGITS))
-        lines += [f"  // {step.words}", f"  jTo={{{joints}}}", *(f"  {each}" for each in _move(step))]
+        lines += [f"  // {step.comment}", f"  jTo={{{joints}}}", *(f"  {each}" for each in _move(step))]
         lines += [f"  delay({step.wait_s:.1f})"] if step.wait_s else []
     code = "\n".join([*lines, "end"])
     variables = [f'      <Local name="{key}" type="{kind}" xsi:type="array" size="1" />' for key, kind in local.items()]

@@ -175,7 +175,7 @@ def _title(result: ReproductionResult) -> str:
         blank = sum(mark.state == "blank" for mark in result.marks)
         return f"{name}: {right} of {len(result.marks)} answers right, {blank} blank"
     if result.options.exercise:
-        count = sum(answer.asked for answer in result.answers)
+        count = sum(answer.in_exercise for answer in result.answers)
         return f"{name}: an exercise of {count} answers"
     printed = [answer for answer in result.answers if answer.agrees is not None]
     agree, errata = sum(answer.agrees is True for answer in printed), sum(bool(answer.erratum) for answer in printed)
@@ -244,7 +244,7 @@ def _values(answers: tuple[Answer, ...]) -> Table:
 
 
 def _questions(answers: tuple[Answer, ...]) -> Table:
-    return Table(("asked", "answer", "unit"), tuple((a.name, "", a.unit) for a in answers if a.asked))
+    return Table(("asked", "answer", "unit"), tuple((a.name, "", a.unit) for a in answers if a.in_exercise))
 
 
 def _figure(item: Item) -> tuple[Block, ...]:

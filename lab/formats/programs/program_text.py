@@ -68,7 +68,7 @@ class PoseSpelling:
     parts: int
     rotation: Callable[[Array], Array]
     near: Callable[[Array, Array], Array]
-    words: str
+    description: str
 
     def pose(self, values: Array) -> Array:
         """The pose ``(4, 4)`` (m) of numbers."""
@@ -376,7 +376,7 @@ class Outside:
             if len(values) != 3 + spelling.parts:
                 raise LabError(
                     f"--frames: {name} has {len(values)} numbers; this controller writes {3 + spelling.parts}: "
-                    f"{spelling.words}"
+                    f"{spelling.description}"
                 )
             if spelling.parts == 4 and float(np.linalg.norm(values[3:])) not in ROUNDED_NORM:
                 raise LabError(f"--frames: the quaternion of {name} has the length {np.linalg.norm(values[3:]):.3g}")
@@ -473,7 +473,7 @@ def refuse_unknown_frames(read: ProgramText, spelling: PoseSpelling) -> None:
     example = ",".join("xyz") + "," + ",".join(("q1", "q2", "q3", "q4") if spelling.parts == 4 else ("a", "b", "c"))
     given = _listed([f"{name}={example}" for name in names], "; ")
     raise LabError(
-        f"{', and '.join(said)}; give --frames '{given}' ({spelling.words}"
+        f"{', and '.join(said)}; give --frames '{given}' ({spelling.description}"
         f"{', as the controller shows it when that line has run' if made else ''})"
     )
 

@@ -37,7 +37,7 @@ class MeasuringTour:
     """
 
     robot: str
-    stops: Array
+    waypoints: Array
     measured: NDArray[np.int_]
     ids: Sequence[str]
     checked: bool = True
@@ -66,7 +66,7 @@ class TargetMoves:
 
     robot: str
     ids: Sequence[str]
-    stops: Array
+    waypoints: Array
     which: NDArray[np.int_]
     T_last_tool: Array
     T_frame0_instrument: Array
@@ -97,7 +97,7 @@ class PathMoves:
     robot: str
     ids: Sequence[str]
     kinds: Sequence[MoveKind]
-    stops: Array
+    waypoints: Array
     Ts_base_tool: Array
     seconds: Array
     shares: Array

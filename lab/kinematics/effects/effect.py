@@ -277,7 +277,7 @@ class TermFamily:
     number: str
     fitted: Callable[[ArmFacts, int, int], Effect]
     searched: Callable[[ArmFacts], Sequence[tuple[int, int]]]
-    words: Callable[[int, int], str]
+    describe: Callable[[int, int], str]
     expected: Callable[[ArmFacts], Sequence[tuple[int, int]]] = lambda _: ()
     owner: Literal["joint", "link"] = "joint"
 

@@ -46,7 +46,7 @@ class NominalInverse:
         form = None if chain is None else closed_form_of(chain, self.tools[self.target])
         object.__setattr__(self, "closed_form", form)
 
-    def ways(self, wanted: PoseTarget, reference: Array) -> Solutions:
+    def solutions(self, wanted: PoseTarget, reference: Array) -> Solutions:
         """Return IK solutions ``(n, k, joints)`` of each target, all of them if a closed form exists.
 
         A target with fewer ways than others has the rest at joint positions zero, with an infinite gap.

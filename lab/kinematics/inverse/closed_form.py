@@ -56,7 +56,7 @@ class Term:
         turned = np.sin(angle) if self.function == "sin" else np.cos(angle)  # cos 0 where there is no function
         return np.asarray(self.coefficient * turned * joints[..., list(self.slides)].prod(axis=-1))
 
-    def words(self, names: tuple[str, ...]) -> str:
+    def text(self, names: tuple[str, ...]) -> str:
         """Its size for a person, without the coefficient's sign; empty for 1."""
         words = [] if abs(self.size - 1) < NONE and (self.function or self.slides) else [number(self.size)]
         words += [names[joint] for joint in self.slides]
@@ -97,7 +97,7 @@ class Factor:
         text = ""
         for term in self.terms:
             sign = ("" if term.coefficient > 0 else "-") if not text else (" + " if term.coefficient > 0 else " - ")
-            text += sign + term.words(self.names)
+            text += sign + term.text(self.names)
         return text or "0"
 
 

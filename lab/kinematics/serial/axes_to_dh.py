@@ -163,7 +163,7 @@ def parameters_from_axes(arm: SerialArm, axes: JointAxes, start: Array) -> Truth
         LabError: the axes are too far from the nominal for a chain of its kind.
     """
     chosen = base_set(arm, start)
-    kept = list(chosen.kept)
+    kept = list(chosen.identifiable)
     values = start.copy()
 
     def step(unknowns: Array, _: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:

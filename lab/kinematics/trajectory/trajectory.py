@@ -79,7 +79,7 @@ def own_phases(
     spans = possible_spans(axes if chain.jerk is None else limited)
     lasting = spans[0][0] if seconds is None else seconds
     if not (lasts(spans, lasting) and lasting < math.inf):
-        raise LabError(f"the move cannot take {lasting:g} s; give {_told(spans)}")
+        raise LabError(f"the move cannot take {lasting:g} s; give {_durations(spans)}")
     if chain.jerk is None:
         found = _lasting(chain, axes, points[0], speeds, lasting)
     else:
@@ -103,7 +103,7 @@ def _lasting(chain: JointSpec, axes: Sequence[Axis], start: Array, speeds: Array
     return Trajectory(np.diff(knots), signs * chain.acceleration, start, speeds[0])
 
 
-def _told(spans: Sequence[Span]) -> str:
+def _durations(spans: Sequence[Span]) -> str:
     """Durations in words, rounded so that they are possible."""
     rounded = [(f"{math.ceil(1e6 * low) / 1e6:.6f}", high) for low, high in spans]
     bounded = "".join(f"{low} to {math.floor(1e6 * high) / 1e6:.6f} s, or " for low, high in rounded[:-1])

@@ -93,7 +93,7 @@ class Sheet:
         self.left, self.bottom, self.right, self.top = (_POINTS * each for each in margins)
         self.x, self.y = ChartAxis(), ChartAxis()
         self.points: list[tuple[Array, Array]] = []  # that a legend should not hide
-        self.words: list[Draw] = []  # which may lie beyond the axes
+        self.labels: list[Draw] = []  # which may lie beyond the axes
         self.shown_legend: Legend | None = None
         self.title, self.equal, self.hidden = "", "", False
         self._marks: list[tuple[float, Draw]] = []
@@ -153,7 +153,7 @@ class Sheet:
             parts.append(below(self.x, across, ticks[0], up.start, middle[0]))
             parts.append(beside(self.y, up, ticks[1], across.start, middle[1]))
         parts.append(heading(self.title, across, up))
-        parts += [draw(across, up) for draw in self.words]
+        parts += [draw(across, up) for draw in self.labels]
         if self.shown_legend is not None and self._entries:
             parts.append(self.shown_legend.drawn(self._entries, across, up, self._drawn_points(across, up)))
         return "".join([*parts, "</g>"])
@@ -393,7 +393,7 @@ class Chart(Sheet):
             behind = "" if bbox is None else backdrop(text, *at, fontsize, ha, va, bbox["facecolor"], bbox["boxstyle"])
             return behind + words(text, *at, fontsize, tint, ha, va, bold=fontweight == "bold")
 
-        self.words.append(draw)
+        self.labels.append(draw)
 
     def legend(self, **options: Any) -> None:
         """Show a legend of the labelled marks; the options are those of ``Legend``."""

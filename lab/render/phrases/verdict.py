@@ -57,7 +57,7 @@ def without_figures(check: Check) -> str:
     if check.outcome == "failed":
         return "lack of fit"
     if "shared" in check.data:
-        return "; ".join(check.data["shared"].words)
+        return "; ".join(check.data["shared"].descriptions)
     if check.name == "lack_of_fit.nothing":
         return _NOT_TESTED[check.data["why"]][0]
     return "no lack of fit detected" if check.outcome == "passed" else _signs(check)
@@ -97,7 +97,7 @@ def _chi2(check: Check) -> str:
     said = f"lack of fit: the residuals are {check.statistic:.3g} times the noise {test}"
     if "shared" not in check.data:
         return said
-    shared = "; ".join(check.data["shared"].words)
+    shared = "; ".join(check.data["shared"].descriptions)
     return f"{said}, as if {shared}; only repeats could tell that from what the model lacks"
 
 
@@ -108,7 +108,7 @@ def _repeats(check: Check) -> str:
 
 
 def _distances(check: Check) -> str:
-    words = check.data["instrument"].words
+    words = check.data["instrument"].description
     if check.outcome == "passed":
         return f"no lack of fit detected: {words}, and the other residuals are consistent with that {_figures(check)}"
     return f"lack of fit: {words}, and the other residuals are {check.statistic:.3g} times that {_figures(check)}"
@@ -125,7 +125,7 @@ def _joints(check: Check) -> str:
     """Word the test of the joints' positions, alone or beside shared errors."""
     if "shared" not in check.data:
         return _unknown_noise(check)
-    shared = "; ".join(check.data["shared"].words)
+    shared = "; ".join(check.data["shared"].descriptions)
     if check.outcome == "failed":
         return f"lack of fit: beside errors at random ({shared}) {_seen(check)}"
     return f"{shared}: {_not_seen(check)}; only repeats could show that nothing is lacking"
@@ -133,7 +133,7 @@ def _joints(check: Check) -> str:
 
 def _nothing(check: Check) -> str:
     if "shared" in check.data:
-        return f"{'; '.join(check.data['shared'].words)}: lack of fit cannot be tested beside that"
+        return f"{'; '.join(check.data['shared'].descriptions)}: lack of fit cannot be tested beside that"
     return "".join(_NOT_TESTED[check.data["why"]])
 
 

@@ -76,8 +76,8 @@ def test_a_base_that_moved_is_told_with_its_rows_and_size(day: Measurements) -> 
     (move,) = shared.moves
     assert (move.before, move.after) == ("40", "41") and move.size_m == pytest.approx(50e-6, rel=0.1)
     assert shared.step_m * np.sqrt(3) == pytest.approx(50e-6, rel=0.15)  # three coefficients of one variance
-    assert shared.words[0].startswith("the base or the instrument moved by ")
-    assert shared.words[0].endswith(" µm between poses 40 and 41")
+    assert shared.descriptions[0].startswith("the base or the instrument moved by ")
+    assert shared.descriptions[0].endswith(" µm between poses 40 and 41")
 
 
 def test_beside_errors_that_wander_a_change_counts_as_equally_likely_at_every_row(day: Measurements) -> None:

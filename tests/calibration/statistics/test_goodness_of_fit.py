@@ -20,7 +20,7 @@ from lab.noise.instruments import INSTRUMENTS, Instrument, TrackerErrors
 from lab.render.phrases.registry import phrase
 
 ARM = SerialArm(IRB120.chain)
-FREE = base_set(ARM, ARM.nominal()).kept
+FREE = base_set(ARM, ARM.nominal()).identifiable
 UNIFORM, GAUSSIAN, PRESET = (INSTRUMENTS[name] for name in ("uniform-8um", "optical-cmm", "leica-at960"))
 TRACKER = replace(PRESET, errors=TrackerErrors())  # what its readings draw: nest and range are found in each pose
 

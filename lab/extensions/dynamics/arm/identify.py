@@ -87,7 +87,7 @@ class DynamicModel:
         """``(n, J, 10 + b)``: of a load at the flange, and of the base parameters."""
         standard = self.arm.regressor(joints, speeds, accelerations)
         load = standard[..., self.arm.bodies()[-1]] @ self._load
-        return np.concatenate([load, standard[..., self.base.kept]], axis=2)
+        return np.concatenate([load, standard[..., self.base.independent]], axis=2)
 
     def torques(self, values: Array, motion: tuple[Array, Array, Array]) -> Array:
         """The drives' torques ``(n, J)`` by base parameters ``(b,)`` along a motion, part by part."""
@@ -96,7 +96,7 @@ class DynamicModel:
         for first in range(0, len(joints), _PART):
             at = slice(first, first + _PART)
             regressor = self.arm.regressor(joints[at], speeds[at], accelerations[at])
-            found[at] = regressor[..., self.base.kept] @ values
+            found[at] = regressor[..., self.base.independent] @ values
         return found
 
 
@@ -125,7 +125,7 @@ class ThinnedRun:
 
     def measured(self, late_s: float = 0.0) -> Array:
         """The torques ``(k, J)``, if they are so much later than the positions."""
-        return self.band.kept(self.torques, late_s)[self.first : self.last]
+        return self.band.decimated(self.torques, late_s)[self.first : self.last]
 
     def rows(self, order: int = 0) -> Array:
         """The columns ``(k, J, 10 + b)``, or their derivative in time."""
@@ -140,7 +140,7 @@ class ThinnedRun:
 
     def thinned(self, values: Array) -> Array:
         """Anything at the rows of ``motion`` ``(n, ...)``, thinned."""
-        return self.band.kept(values)[self.first : self.last]
+        return self.band.decimated(values)[self.first : self.last]
 
     def split(self, share: float) -> tuple["ThinnedRun", "ThinnedRun"]:
         """The beginning of the run, and the share of it at its end.
@@ -175,7 +175,7 @@ def thinned_run(model: DynamicModel, samples: PayloadSamples, loaded: bool, band
         last = min(first + step, count)
         at = slice(first * band.every, (last - 1) * band.every + reach)
         columns = model.columns(*(each[at] for each in motion))
-        parts.append(np.array([band.kept(columns, order=order) for order in range(3)]))
+        parts.append(np.array([band.decimated(columns, order=order) for order in range(3)]))
     columns = np.concatenate(parts, axis=1)
     assert columns.shape[3] == len(LOAD) + model.base.size
     return ThinnedRun(loaded, band, columns, band.trimmed(run.torques), motion[1], float(run.time_s[0]))

@@ -82,7 +82,7 @@ def _identified(options: DynamicsOptions, robot: Robot) -> DynamicsResult:
     described = DynamicsResult(options, robot, arm, base, drives, None, None, None, None, tuple(robot.warnings))
     if options.rehearsal.simulate:
         day = _simulated(described)
-        return _measured(replace(described, day=day), day.samples, day.other)
+        return _measured(replace(described, session=day), day.samples, day.other)
     if options.file is None:
         return described
     other = None if options.validate is None else _read(robot, options.validate, drives)
@@ -162,9 +162,9 @@ def _read(robot: Robot, file: Path, drives: Drives | None) -> PayloadSamples:
 
 def _warnings(estimate: DynamicsEstimate, strange: Sequence[Implausibility]) -> list[str]:
     """Return the warnings for an estimate."""
-    warnings = [f"not plausible: {each.words}" for each in strange]
+    warnings = [f"not plausible: {each.description}" for each in strange]
     if estimate.verdict.adequate is False:
-        warnings.append(estimate.verdict.words)
+        warnings.append(estimate.verdict.description)
     hidden = [name for name, seen in zip(estimate.names, estimate.identified, strict=True) if not seen]
     if hidden:
         more = f" and {len(hidden) - _MOST_NAMED} more" if len(hidden) > _MOST_NAMED else ""

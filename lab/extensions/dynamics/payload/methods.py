@@ -141,7 +141,7 @@ class SharedFilter:
 
     def _thinned(self, values: Array, lead_s: float, order: int) -> Array:
         cut = round(SETTLING_S / self.band.step_s) if self.came_through else 0
-        thin = self.band.kept(values[cut : len(values) - cut], lead_s, order)
+        thin = self.band.decimated(values[cut : len(values) - cut], lead_s, order)
         if self.whiten is None:
             return thin
         white: Array = np.tensordot(self.whiten, thin, axes=1)
@@ -175,7 +175,7 @@ def _common_of(band: Band, rows: int, came_through: Filter | None) -> SharedFilt
     passed = came_through(impulse)
     response = np.convolve(passed, band.impulse)
     gain = float(np.linalg.norm(response) / np.linalg.norm(passed))
-    kept = len(band.kept(np.zeros(rows - 2 * settled)))
+    kept = len(band.decimated(np.zeros(rows - 2 * settled)))
     lags = np.correlate(response, response, "full")[len(response) - 1 :: band.every][:kept]
     lags = np.pad(lags, (0, kept - len(lags))) / (response @ response)
     factor = np.linalg.cholesky(scipy.linalg.toeplitz(lags))
@@ -464,7 +464,7 @@ class _Readings:
 
     def seen(self, late_s: float) -> Array:
         """The wrench ``(k, 6)``, if it is so much later than the positions."""
-        return self.raw if self.band is None else self.band.kept(self.raw, late_s)
+        return self.raw if self.band is None else self.band.decimated(self.raw, late_s)
 
 
 def from_wrench(
@@ -532,8 +532,8 @@ def _readings(arm: SerialArm, values: Array, records: PayloadSamples, mounting: 
     regressors = _regressors(hand_motion(arm, values, *band.motion(loaded.joints)))
     if len(unloaded) and unloaded.time_s is not None:
         _same_step(band, unloaded)
-        still = band_of(unloaded.time_s, band_hz).kept(still)
-    parts = (np.array([band.kept(part, order=order) for order in range(3)]) for part in regressors)
+        still = band_of(unloaded.time_s, band_hz).decimated(still)
+    parts = (np.array([band.decimated(part, order=order) for order in range(3)]) for part in regressors)
     return _Readings(band, band.trimmed(raw), still, *parts)
 
 

@@ -120,7 +120,7 @@ class ArmSize:
 class Implausibility:
     """A reason why a payload is implausible, with a remedy if one was found."""
 
-    words: str
+    description: str
 
 
 def stuck_channels(

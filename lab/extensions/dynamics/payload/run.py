@@ -187,7 +187,7 @@ def _refuse_senseless(found: LoadEstimate, strange: Sequence[Implausibility]) ->
     if found.mass_kg + found.mass_half_width_kg < 0:
         cause = "loaded and unloaded rows are exchanged, or the sensor's sign is the other one"
         if len(strange) > 1:
-            cause = strange[-1].words
+            cause = strange[-1].description
         raise LabError(f"the load would weigh {found.mass_kg:.4g} kg: {cause}; mend that")
 
 
@@ -267,10 +267,10 @@ def _cost(
 
 def _warnings(estimate: LoadEstimate, strange: Sequence[Implausibility]) -> list[str]:
     """Return the warnings for an estimate."""
-    warnings = [f"not plausible: {each.words}" for each in strange]
+    warnings = [f"not plausible: {each.description}" for each in strange]
     warnings += [] if (wild := wild_sample(estimate)) is None else [wild]
     if estimate.adequate is False:
-        warnings.append(estimate.verdict.words)
+        warnings.append(estimate.verdict.description)
     if estimate.physical is False:
         warnings.append("no body has these parameters (its pseudo-inertia is not positive definite): --physical")
     return warnings

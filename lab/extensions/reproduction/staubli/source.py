@@ -130,13 +130,15 @@ def _identifiable() -> tuple[Answer, ...]:
     joints = arm.chain.random_joints(200, rng_for(0, "structure"))
     J = arm.observe(joints, values)[1].reshape(-1, len(values))
     names = list(arm.names)
-    kept = len(base_set_of(J, range(len(names))).kept)
+    kept = len(base_set_of(J, range(len(names))).identifiable)
     without = [i for i, name in enumerate(names) if name != "link3.beta"]
     turned = ", ".join(name.removeprefix("link").removesuffix(".beta") for name in names if name.endswith(".beta"))
     return (
         word("neighbouring axes with a β: of joint", "", turned),
         number("identifiable with β3, one target", "", kept, digits=0),
-        number("identifiable without β3", "", len(base_set_of(J[:, without], range(len(without))).kept), digits=0),
+        number(
+            "identifiable without β3", "", len(base_set_of(J[:, without], range(len(without))).identifiable), digits=0
+        ),
     )
 
 

@@ -360,7 +360,7 @@ class WorkingMode:
     """
 
     joints: Array
-    ways: tuple[int, ...]
+    branches: tuple[int, ...]
 
 
 def assembly_modes(mechanism: Mechanism, course: ClassicalModel, joints: Array) -> Array:

@@ -185,7 +185,7 @@ class Solver:
         if legs is not None:
             return [self._by_legs(*legs, wanted.take(np.array([i])), reference[i]) for i in range(len(wanted))]
         inverse = NominalInverse(self.arm, self.values)
-        found = inverse.ways(wanted, reference)
+        found = inverse.solutions(wanted, reference)
         joints, branches = ordered(self.arm.chain, found, reference, np.zeros(found.gap_m.shape, dtype=np.bool_))
         form, closed = inverse.closed_form, inverse.exact(wanted)
         out = []
@@ -243,11 +243,11 @@ class Solver:
         near = reference if np.isfinite(reference).all() else mechanism.home
         modes.sort(key=lambda mode: float(np.abs(mode.joints - near).max()))
         none = np.zeros(mechanism.size, dtype=np.bool_)
-        names, several = mechanism.joint_names, any(any(mode.ways) for mode in modes)
+        names, several = mechanism.joint_names, any(any(mode.branches) for mode in modes)
         ways = tuple(
             Solution(
                 nearest_whole_turns(mechanism, mode.joints, near),
-                {name: "+-"[way] for name, way in zip(names, mode.ways, strict=True)} if several else {},
+                {name: "+-"[way] for name, way in zip(names, mode.branches, strict=True)} if several else {},
                 none,
             )
             for mode in modes

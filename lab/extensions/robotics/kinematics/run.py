@@ -98,7 +98,7 @@ def _solved(options: KinematicsOptions, robot: NominalRobot) -> KinematicsResult
             f"--between {options.between[0]} {options.between[1]}: give two frames of 0 to {len(links)}, the one "
             "nearer to the base first"
         )
-    warnings = (*robot.warnings, *said, *model.told(placed, reached))
+    warnings = (*robot.warnings, *said, *model.warnings(placed, reached))
     matrices = Matrices(links, model.letters(), options.between)
     asked = replace(options, out=None, overwrite=False)  # where it is written is no part of the result
     found = KinematicsResult(asked, robot, placed, reached, model.assembly_modes(placed), matrices, tuple(warnings))
@@ -203,13 +203,13 @@ class _Model:
             return None
         return symbolic_chain(self.arm.chain)
 
-    def told(self, placed: Sequence[Placement], reached: Sequence[Reached]) -> list[str]:
+    def warnings(self, placed: Sequence[Placement], reached: Sequence[Reached]) -> list[str]:
         """Poses without a solution, rotations that are missed, and joint positions that the robot cannot have."""
         said = []
         for each in reached:
             if not each.solutions:
                 far = f": {each.away}" if each.away else ""
-                far = self._off_plane(each) or far
+                far = self._distance_from_plane(each) or far
                 far = f" of --of {','.join(self.options.of)}" if self.options.of and each.gap_m == 0 else far
                 said.append(f"{_called(each)} has no solution{far}")
             if len(each.solutions) and (tilt := max(placed[i].tilt_rad for i in each.solutions)) > _TILTED_RAD:
@@ -227,13 +227,13 @@ class _Model:
         axis = miss / max(float(np.linalg.norm(miss)), 1e-300)
         return " about ({:.2f}, {:.2f}, {:.2f}) of the base".format(*(axis + 0.0)).replace("-", "−")
 
-    def _off_plane(self, wanted: Reached) -> str:
+    def _distance_from_plane(self, wanted: Reached) -> str:
         """Describe a place's distance from the plane in which a planar arm moves; empty where it is in it."""
         chain = self.arm.dh_chain(self.values)
         if chain is None or not (found := mobility_of(chain)).planar:
             return ""
         T = self.arm.tool(chain.home[None], self.values)[0][0]
-        normal = self.arm.T_tracker_frame0(self.values)[:3, :3] @ found.held[0]
+        normal = self.arm.T_tracker_frame0(self.values)[:3, :3] @ found.fixed_directions[0]
         off = float(normal @ (wanted.position - T[:3, 3]))
         if abs(off) <= _REACHED_M:
             return ""

@@ -159,7 +159,7 @@ class Leg:
 
     kind: Literal["joint", "line", "circle"]
     points: tuple[str, ...]
-    stops: Array
+    waypoints: Array
     move: Move
     length_m: float = float("nan")
     turn_rad: float = float("nan")

@@ -242,12 +242,12 @@ class TrajectoryResult(Result):
             "seconds": number(self.motion.seconds),
             "joints": list(chain.joint_names),
             "units": ["mm" if slides else "deg" for slides in chain.prismatic],
-            "peak_speeds": _told(chain, peaks[0]),
-            "speed_limits": _told(chain, self.chain.speed),
-            "peak_accelerations": _told(chain, peaks[1]),
-            "acceleration_limits": _told(chain, self.chain.acceleration),
-            "peak_jerks": None if self.chain.jerk is None else _told(chain, self.motion.peak_jerk),
-            "jerk_limits": None if self.chain.jerk is None else _told(chain, self.chain.jerk),
+            "peak_speeds": _joint_list(chain, peaks[0]),
+            "speed_limits": _joint_list(chain, self.chain.speed),
+            "peak_accelerations": _joint_list(chain, peaks[1]),
+            "acceleration_limits": _joint_list(chain, self.chain.acceleration),
+            "peak_jerks": None if self.chain.jerk is None else _joint_list(chain, self.motion.peak_jerk),
+            "jerk_limits": None if self.chain.jerk is None else _joint_list(chain, self.chain.jerk),
             "legs": [
                 {
                     "move": leg.kind,
@@ -255,7 +255,7 @@ class TrajectoryResult(Result):
                     "seconds": number(leg.move.seconds),
                     "length_mm": number(MM.of(leg.length_m)),
                     "turn_deg": number(np.rad2deg(leg.turn_rad)),
-                    "stops": [_told(chain, row) for row in leg.stops[[0, -1]]],
+                    "stops": [_joint_list(chain, row) for row in leg.waypoints[[0, -1]]],
                 }
                 for leg in self.legs
             ],
@@ -276,7 +276,7 @@ class TrajectoryResult(Result):
             "error_mm": _mean_and_max(self.tracking.total),
             "parts_mm": {name: _mean_and_max(part) for name, part in self.tracking.parts.items()},
             "left_mm": _mean_and_max(corrected.left),
-            "largest_corrections": _told(self.chain, np.abs(corrected.joints - joints).max(axis=0)),
+            "largest_corrections": _joint_list(self.chain, np.abs(corrected.joints - joints).max(axis=0)),
             "not_made_up_for": [name for name, made in zip(AXES, corrected.made, strict=True) if not made],
         }
 
@@ -343,7 +343,7 @@ def _mean_and_max(error: Array) -> dict[str, float | None]:
     return {"mean": number(float(lengths.mean())), "max": number(float(lengths.max()))}
 
 
-def _told(chain: JointSpec, values: Array) -> list[float | None]:
+def _joint_list(chain: JointSpec, values: Array) -> list[float | None]:
     return [tidy(value) if np.isfinite(value) else None for value in joint_values(chain.prismatic, values)]
 
 
@@ -559,12 +559,12 @@ def path_moves(result: TrajectoryResult) -> PathMoves:
     """
     first = result.legs[0]
     ids, kinds = [first.points[0]], list[MoveKind](["joint"])
-    stops, seconds, shares, speeds = [first.stops[0]], [np.nan], [0.0], [np.nan]
+    stops, seconds, shares, speeds = [first.waypoints[0]], [np.nan], [0.0], [np.nan]
     for leg in result.legs:
         share = float((leg.move.peaks[0] / _rated(result)).max())
         count = len(leg.points) - 1
         reached: list[MoveKind] = ["via", "circle"] if leg.kind == "circle" else [leg.kind] * count
-        for name, kind, stop in zip(leg.points[1:], reached, leg.stops[1:], strict=True):
+        for name, kind, stop in zip(leg.points[1:], reached, leg.waypoints[1:], strict=True):
             ids.append(name)
             kinds.append(kind)
             stops.append(stop)
@@ -593,7 +593,7 @@ def _moves(result: TrajectoryResult, ids: list[str], kinds: list[MoveKind], stop
         robot=result.robot.name,
         ids=ids,
         kinds=kinds,
-        stops=corrected,
+        waypoints=corrected,
         Ts_base_tool=arm.tool(corrected, values)[0],
         seconds=rates[0],
         shares=rates[1],

@@ -44,7 +44,7 @@ class RobotWorkspace:
     reach_m: tuple[float, float] | None
     shared: Array
     shares: Array
-    asked: Array
+    checked: Array
     free: NDArray[np.bool_]
 
     @property
@@ -151,7 +151,7 @@ def robot_workspace(robot: Robot, options: WorkspaceOptions, stage: Stage = no_s
     asked, free = np.empty((0, 3)), np.zeros(0, dtype=np.bool_)
     if robot.cell is not None:
         asked = space.domain.spread(space.measured.drawn(_IN_CELL, rng), rng)
-        free = _free(robot, space.by_place.ways(anyhow(asked)))
+        free = _free(robot, space.by_place.solutions(anyhow(asked)))
     return RobotWorkspace(robot, options, space, reach, shared, shares, asked, free)
 
 

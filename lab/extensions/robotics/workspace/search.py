@@ -66,7 +66,7 @@ class Search:
             found[rows] = _first(self._from(wanted.take(rows), some[rows]))
         return ~np.isnan(found[:, 0]), found
 
-    def ways(self, wanted: PoseTarget) -> Array:
+    def solutions(self, wanted: PoseTarget) -> Array:
         """Joint positions ``(n, k, joints)`` from every start, NaN where it does not arrive."""
         found: Array = self._from(wanted, self._starts(wanted))
         return found
