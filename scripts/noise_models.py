@@ -210,14 +210,14 @@ def _named(case: Case, arm: _LinearArm, observed: Observations, rng: np.random.G
     single, model, free = observed.pose_by_pose(), cast(Model, arm), range(arm.parameters)
     known = case.known and observed.correlation is None
     start = np.zeros(arm.parameters)
-    found = find_outliers(model, single, free, start, known=known, rng=rng)
+    found = find_outliers(model, single, free, start, sigma_given=known, rng=rng)
     if not len(found.rows):
         return found.rows
     tail = tail_dof(linearized(model, single, found.fit.values, found.fit.free))
     if np.isinf(tail):
         return found.rows
     shape = NoiseDistribution("student", dof=tail)
-    return find_outliers(model, single, free, start, known=known, rng=rng, shape=shape).rows
+    return find_outliers(model, single, free, start, sigma_given=known, rng=rng, shape=shape).rows
 
 
 def _alarmed(

@@ -26,7 +26,7 @@ from lab.calibration.identify import Identification, IdentifyOptions, identify
 from lab.calibration.observation import observation_of
 from lab.calibration.prior import Tolerance
 from lab.calibration.statistics.goodness_of_fit import goodness_of_fit
-from lab.calibration.weights import Noise, weighed
+from lab.calibration.weights import Noise, weigh
 from lab.campaign.model_files import models_folder
 from lab.campaign.option_groups import ArmEffects
 from lab.campaign.options import VirtualCampaign
@@ -131,8 +131,8 @@ class Bench:
         """With this model of the robot, and how good that is."""
         data = track(self.real, self.joints, self.targets, device, rng_for(seed, "noise"))
         found = identify(model, data, model.nominal(self.real.robot.tool), Noise(device), request)
-        seen, known = weighed(observation_of(model), data, Noise(device))
-        judged = goodness_of_fit(model, seen, found.fit, known=known, extra_residuals=found.extra_residuals)
+        seen, known = weigh(observation_of(model), data, Noise(device))
+        judged = goodness_of_fit(model, seen, found.fit, sigma_given=known, extra_residuals=found.extra_residuals)
         row = {"converged": found.status == "converged", "inadequate": judged.outcome == "failed"}
         return found, {**row, **self.errors(model, found.values)}
 
@@ -199,7 +199,7 @@ def six_rods(seed: int, every: bool = True) -> Row:
     row["exact"] = bench.identified(arm, IdentifyOptions(), instrument("exact"), seed)[1]
     if every:  # takes 12 s
         data = track(real, bench.joints, ("p1",), DEVICE, rng_for(seed, "noise"))
-        seen = weighed(observation_of(arm), data, Noise(DEVICE))[0]
+        seen = weigh(observation_of(arm), data, Noise(DEVICE))[0]
         done = fit(arm, seen, range(len(nominal)), plain.nominal_aligned)
         row["every"] = {"converged": done.status == "converged", **bench.errors(arm, done.values)}
     row["three rods"] = bench.identified(robot_of("delta").arm(("p1",)), IdentifyOptions(), DEVICE, seed)[1]

@@ -470,14 +470,14 @@ class Estimate:
             return none
         (arm, values), size = self.geometry, self.rigid.chain.size
         assert isinstance(arm, SerialArm)  # the conditions are those of effects of gravity
-        off = [
+        errors = [
             sag_uncertainty(
                 arm, values, self.compliance, inputs[:, :size], self.loads.gravity, self.load.covariance, target
             )
             for target in targets
         ]
         carried = inputs[:, size + self.arm.conditions.index(PAYLOAD)] > 0
-        return np.asarray(np.where(carried[:, None], np.stack(off, axis=1), none))
+        return np.asarray(np.where(carried[:, None], np.stack(errors, axis=1), none))
 
 
 def _estimated_parameters(found: Identification, exported: Array) -> tuple[EstimatedParameter, ...]:

@@ -180,7 +180,7 @@ class LinearRows:
     Attributes:
         columns: ``(n, m, f)`` derivatives by the parameters that were fitted.
         residual: ``(n, m)`` what the fit leaves.
-        known: ``(r, f)`` derivatives of what else is known of the parameters.
+        prior_rows: ``(r, f)`` derivatives of what else is known of the parameters.
         by_joints: ``(n, m, joints)`` derivatives by joint positions: rad of a hinge, as much at a lever of a slide.
         numbers: ``(n,)`` how many numbers each pose has.
         sigma_given: whether the rows' variance is one at least.
@@ -201,14 +201,14 @@ class LinearRows:
 
     def without(self, left_out: NDArray[np.bool_], values: Array) -> "LinearRows":
         """The problem fitted without some parameters ``(f,)``, which had these values ``(left_out,)``."""
-        kept = self.columns[..., ~left_out]
+        retained = self.columns[..., ~left_out]
         before = self.residual + self.columns[..., left_out] @ values
-        flat, target = kept.reshape(-1, kept.shape[2]), before.ravel()
+        flat, target = retained.reshape(-1, retained.shape[2]), before.ravel()
         whole = np.concatenate([flat, self.prior_rows[:, ~left_out]])
         units, scale = unit_columns(whole)
         back = np.linalg.lstsq(units, np.concatenate([target, np.zeros(len(self.prior_rows))]), rcond=None)[0] / scale
         residual = (target - flat @ back).reshape(self.residual.shape)
-        return replace(self, columns=kept, residual=residual, prior_rows=self.prior_rows[:, ~left_out])
+        return replace(self, columns=retained, residual=residual, prior_rows=self.prior_rows[:, ~left_out])
 
 
 @dataclass(frozen=True)
@@ -476,16 +476,16 @@ def _slopes(found: Identification, model: Model, observed: Observations, joints:
     whole[: len(residual) - len(known)] = observed.apply(columns)
     left = fitted.residual(whole)
     weights = (left**2).sum(axis=0)
-    told = weights > _MIN_SHARE * (whole**2).sum(axis=0)
-    if told.sum() < _LEAST_SLOPES:
+    significant = weights > _MIN_SHARE * (whole**2).sum(axis=0)
+    if significant.sum() < _LEAST_SLOPES:
         return nothing
-    estimates = (left.T @ residual)[told] / weights[told]
+    estimates = (left.T @ residual)[significant] / weights[significant]
     variance = max(float(residual @ residual) / dof, 1.0 if found.sigma_given else 0.0)
-    errors = variance / weights[told]
+    errors = variance / weights[significant]
     if not (shared := _shared_variance(estimates, errors, dof)):
         return nothing
     trust = shared**2 / (shared**2 + errors)  # an edge that says little says what all of them do (empirical Bayes)
-    joint = np.array([joint for joint, _ in edges])[told]
+    joint = np.array([joint for joint, _ in edges])[significant]
     own = np.bincount(joint, (trust * estimates) ** 2 + trust * errors, joints.shape[1])
     count = np.bincount(joint, minlength=len(nothing))
     return np.asarray(np.sqrt(np.maximum(own / np.maximum(count, 1), shared**2)))

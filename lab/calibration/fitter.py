@@ -72,7 +72,7 @@ class NominalRobot(Protocol):
     def arm(self, targets: tuple[str, ...]) -> RigidArm:
         """Return the arm's geometry, with these targets."""
 
-    def arm_with(self, targets: tuple[str, ...], groups: Sequence[str], course: SessionInfo = ...) -> Arm:
+    def arm_with(self, targets: tuple[str, ...], groups: Sequence[str], session: SessionInfo = ...) -> Arm:
         """Return the arm with groups of effects, for measurements of such sessions."""
 
 
@@ -205,22 +205,22 @@ class Fitter:
         """Manufacturing tolerance."""
         return self.options.tolerance
 
-    def modelled(self, groups: Sequence[str], held: Sequence[str]) -> tuple[Model, IdentifyOptions]:
+    def modelled(self, groups: Sequence[str], fixed: Sequence[str]) -> tuple[Model, IdentifyOptions]:
         """Return the arm with these groups less the parameters held, and the options of its identification."""
         model = self.model_with(groups)
         request = self.request if self.options.geometric else self.request.of(model.names)
-        return model, replace(request, fix=(*request.fix, *held))
+        return model, replace(request, fix=(*request.fix, *fixed))
 
     def identified(
-        self, rows: Measurements, groups: Sequence[str], held: Sequence[str] = ()
+        self, rows: Measurements, groups: Sequence[str], fixed: Sequence[str] = ()
     ) -> tuple[Identification, Measurements, Outliers | None]:
         """Identify the arm with these groups; return also the fitted rows and the outliers that were left out.
 
         Args:
-            held: parameters of the groups that the selection found not to be observable in these poses.
+            fixed: parameters of the groups that the selection found not to be observable in these poses.
         """
-        found, clean, outliers = self.identified_with(rows, groups, held), rows, None
-        model, request = self.modelled(groups, held)
+        found, clean, outliers = self.identified_with(rows, groups, fixed), rows, None
+        model, request = self.modelled(groups, fixed)
         for _ in range(_CLEANINGS if self.options.robust else 0):  # a prior weighs by a sigma that outliers inflate
             before, outliers = outliers, self.outliers_of(found, rows)
             if before is not None and set(before.rows) == set(outliers.rows):
@@ -229,14 +229,14 @@ class Fitter:
             found = self.identified_from(model, clean, request)
         return found, clean, outliers
 
-    def identified_with(self, rows: Measurements, groups: Sequence[str], held: Sequence[str]) -> Identification:
+    def identified_with(self, rows: Measurements, groups: Sequence[str], fixed: Sequence[str]) -> Identification:
         """Identify the arm with these groups from all these rows."""
 
         def make() -> Identification:
-            model, request = self.modelled(groups, held)
+            model, request = self.modelled(groups, fixed)
             return self.identified_from(model, rows, request)
 
-        return self._last_fit(make, rows, groups, held, self.kind, self.noise.shared)
+        return self._last_fit(make, rows, groups, fixed, self.kind, self.noise.shared)
 
     def selected_with_noise(self, rows: Measurements) -> tuple["Fitter", Selection | None, NoiseSearch]:
         """The model that the rows call for, and their noise: each is chosen with the other."""
@@ -296,9 +296,9 @@ class Fitter:
         Args:
             selection: of the model's groups; None for geometry alone.
         """
-        groups, held = (selection.chosen, selection.fixed) if selection else ((), ())
+        groups, fixed = (selection.chosen, selection.fixed) if selection else ((), ())
         others = [name for name in self.approached(CANDIDATES) if name not in groups]
-        request, some = self.modelled(groups, held)[1], thinned(rows, _MOST_TESTED)
+        request, some = self.modelled(groups, fixed)[1], thinned(rows, _MOST_TESTED)
         plain = self.knowing(self.noise.independent.shared)
         try:
             beside = plain._searched(lambda more: self.model_with((*groups, *more)), some, request, others, _MOST_NAMED)
@@ -344,14 +344,14 @@ class Fitter:
         return made
 
     def predicting(
-        self, rows: Measurements, groups: Sequence[str], held: Sequence[str], process: JointProcess | None = None
+        self, rows: Measurements, groups: Sequence[str], fixed: Sequence[str], process: JointProcess | None = None
     ) -> Identification:
         """Identify the arm, without outliers on request, and add the residual process on request.
 
         Args:
             process: of all rows, whose variances are taken.
         """
-        found, clean, _ = self.identified(rows, groups, held)
+        found, clean, _ = self.identified(rows, groups, fixed)
         return with_residual(found, clean, process) if self.options.residual else found
 
     def _selected(self, rows: Measurements) -> Selection | None:

@@ -141,29 +141,29 @@ def _station_columns(robot: Robot, options: VirtualCampaign, stations: NDArray[n
 def requested_conditions(robot: Robot, options: VirtualCampaign) -> tuple[str, ...]:
     """Return the conditions to record at each pose: those that the model may request and those that options set."""
     groups = GROUPS if options.fitting.parametric == "auto" else options.fitting.groups
-    asked: dict[str, None] = {}
+    requested: dict[str, None] = {}
     for group in groups:
         with suppress(LabError):  # what cannot be built says so when it is to be fitted
-            asked |= dict.fromkeys(robot.arm_with(options.targets, [group]).conditions)
+            requested |= dict.fromkeys(robot.arm_with(options.targets, [group]).conditions)
     if any(options.effects.payload_kg):
-        asked["payload_kg"] = None
+        requested["payload_kg"] = None
     if options.effects.hours is not None:
-        asked["time_s"] = None
-    return tuple(asked)
+        requested["time_s"] = None
+    return tuple(requested)
 
 
 def draw_conditions(
-    real: TrueRobot, options: VirtualCampaign, poses: int, rng: np.random.Generator, asked: Sequence[str]
+    real: TrueRobot, options: VirtualCampaign, poses: int, rng: np.random.Generator, requested: Sequence[str]
 ) -> dict[str, Array]:
     """Draw the conditions of each of so many poses of a campaign."""
     hours = _USUAL_HOURS if options.effects.hours is None else options.effects.hours
     chain, loads = real.robot.chain, options.effects.payload_kg
-    return random_conditions(chain, real.effects, poses, rng, loads, hours * HOUR_S, asked)
+    return random_conditions(chain, real.effects, poses, rng, loads, hours * HOUR_S, requested)
 
 
-def fresh_poses(real: TrueRobot, options: VirtualCampaign, asked: Sequence[str]) -> Measurements:
+def fresh_poses(real: TrueRobot, options: VirtualCampaign, requested: Sequence[str]) -> Measurements:
     """Simulate the real arm's targets at poses that were never measured, with conditions of their own."""
     rng = rng_for(options.seed, "fresh")
     poses = random_poses(real.robot, FRESH_POSES, rng)
-    conditions = draw_conditions(real, options, len(poses), rng, asked)
+    conditions = draw_conditions(real, options, len(poses), rng, requested)
     return recorded(real, poses, options.targets, real.points(poses, options.targets, conditions), conditions)

@@ -81,7 +81,7 @@ class Repeats:
         repeatability: RP, mean and three standard deviations of the distances from the mean of a pose's positions.
         poses: how many were repeated.
         cycles: the fewest and the most visits to one of these.
-        scatter_m: standard deviation of one coordinate between visits to a pose, with ``freedom``.
+        scatter_m: standard deviation of one coordinate between visits to a pose, with ``dof``.
         span: the largest share of the campaign, by place in the file, between two visits to one pose.
     """
 
@@ -118,12 +118,12 @@ def repeats_of(errors: Array, labels: NDArray[np.int_], places: Array) -> Repeat
     if not found:
         return None
     lengths = np.array([iso9283.repeatability(off[:, None])[0] for _, off in found])
-    counts, freedom = [len(off) for _, off in found], sum(3 * (len(off) - 1) for _, off in found)
+    counts, dof = [len(off) for _, off in found], sum(3 * (len(off) - 1) for _, off in found)
     squares = sum(float(3 * off.var(axis=0).mean() * len(off)) for _, off in found)
     span = max(float(np.ptp(places[rows])) for rows, _ in found)
-    scatter = float(np.sqrt(squares / freedom))
+    scatter = float(np.sqrt(squares / dof))
     poses = len({int(labels[rows[0]]) for rows, _ in found})
-    return Repeats(Accuracy.of(lengths), poses, (min(counts), max(counts)), scatter, freedom, span)
+    return Repeats(Accuracy.of(lengths), poses, (min(counts), max(counts)), scatter, dof, span)
 
 
 def _visits(errors: Array, labels: NDArray[np.int_]) -> Iterator[tuple[NDArray[np.int_], Array]]:

@@ -49,7 +49,7 @@ class Uncertain:
     Attributes:
         standard: its standard uncertainty, in the quantity's SI unit.
         distribution: its form. A normal one whose uncertainty is itself uncertain is drawn as Student's t.
-        freedom: degrees of freedom of the standard uncertainty; infinite where that is taken as exact.
+        dof: degrees of freedom of the standard uncertainty; infinite where that is taken as exact.
     """
 
     standard: float = 0.0

@@ -119,10 +119,10 @@ class Section:
         Raises:
             LabError: it is neither true nor false.
         """
-        said = self.take(key, False)
-        if not isinstance(said, bool):
-            raise LabError(f"{self.where}: {key} is {said!r}; write true or false")
-        return said
+        value = self.take(key, False)
+        if not isinstance(value, bool):
+            raise LabError(f"{self.where}: {key} is {value!r}; write true or false")
+        return value
 
     def refuse_the_rest(self, known: str) -> None:
         """A LabError for a key that nothing has asked for."""
@@ -303,15 +303,15 @@ def links_of(path: Path, sections: Any, size: int) -> LinkSections:
     """
     if not isinstance(sections, list) or not sections:
         raise LabError(f"{path}: no links; give each elastic link a [[link]] section")
-    compliances, paths, said = np.zeros((size, 4)), {}, set()
+    compliances, paths, numbers = np.zeros((size, 4)), {}, set()
     for i, content in enumerate(sections):
         section = Section(f"{path}, [[link]] {i + 1}", content)
         number = section.take("number")
         if not isinstance(number, int) or isinstance(number, bool) or not 1 <= number <= size:
             raise LabError(f"{section.where}: number is {number!r}; give a link's, from 1 to {size}")
-        if number in said:
+        if number in numbers:
             raise LabError(f"{section.where}: link {number} has a section already; keep one")
-        said.add(number)
+        numbers.add(number)
         section.where = f"{path}, link {number}"
         compliances[number - 1] = _compliances(section)
         if (line := _path(section)) is not None:

@@ -77,7 +77,7 @@ class Move:
         change: when.
         before, after: ids of the rows between which it did.
         size_m: how far.
-        words: for a person.
+        description: for a person.
     """
 
     change: ChangePoint

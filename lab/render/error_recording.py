@@ -53,7 +53,7 @@ class PointErrors:
 
     Attributes:
         name: of the kind, a word.
-        words: what an arrow leads from and to.
+        description: what an arrow leads from and to.
         colour_name: its colour, in words.
         vectors: ``(m, k, 3)`` m in the instrument's frame, NaN where there are none.
     """

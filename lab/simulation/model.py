@@ -98,8 +98,8 @@ class RobotModel(ABC):
     @property
     def assumed(self) -> str:
         """Description of the parts of the arm that the lab assumed; "" if none."""
-        said = ["its links are drawn as rods"] if self.shapes_assumed else []
-        return " and ".join([*said, "weigh what rods would"] if self.masses_assumed else said)
+        messages = ["its links are drawn as rods"] if self.shapes_assumed else []
+        return " and ".join([*messages, "weigh what rods would"] if self.masses_assumed else messages)
 
     @abstractmethod
     def qpos(self, joints: Array) -> Array:

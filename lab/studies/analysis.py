@@ -87,11 +87,11 @@ def resampled(values: Array, weights: Array, level: float) -> Resampled:
     shifts, stds = _moments(weights, finite, left, floor)
     sizes = np.sort(_quotient(np.abs(shifts), stds), axis=0)
     total = len(weights) + 1
-    known = count > 1
+    drawn = count > 1
     reach = sizes[total - round(level * total) - 1]
-    far = np.where(known & np.isfinite(reach), reach * std[0], np.nan)
+    far = np.where(drawn & np.isfinite(reach), reach * std[0], np.nan)
     larger = (sizes >= _quotient(np.abs(mean), std[0])).sum(axis=0)
-    return Resampled(mean, mean - far, mean + far, np.where(known, (1 + larger) / total, np.nan), mean + shifts)
+    return Resampled(mean, mean - far, mean + far, np.where(drawn, (1 + larger) / total, np.nan), mean + shifts)
 
 
 def _moments(weights: Array, finite: Array, left: Array, floor: Array) -> tuple[Array, Array]:

@@ -157,7 +157,7 @@ def test_an_estimated_sigma_takes_students_t() -> None:
 @pytest.mark.thorough
 def test_spherical_weights_beat_equal_ones() -> None:
     """leica-at960 has ranges 30 times better than directions: its weights use that."""
-    weighed, plain = [], []
+    weighted, plain = [], []
     device = INSTRUMENTS["leica-at960"]
     for seed in range(25):
         rng = np.random.default_rng(seed)
@@ -166,9 +166,9 @@ def test_spherical_weights_beat_equal_ones() -> None:
         data = measured(NAMES, joints, ("p1",), device.sample(ARM.points(joints, truth.values), rng))
         fresh = IRB120.chain.random_joints(200, rng)
         exact = ARM.points(fresh, truth.values)
-        weighed.append(errors_at(identify(ARM, data, ARM.nominal(), Noise(device)), fresh, exact).after.mean())
+        weighted.append(errors_at(identify(ARM, data, ARM.nominal(), Noise(device)), fresh, exact).after.mean())
         plain.append(errors_at(identify(ARM, data, ARM.nominal()), fresh, exact).after.mean())
-    assert np.mean(weighed) < 0.8 * np.mean(plain)
+    assert np.mean(weighted) < 0.8 * np.mean(plain)
 
 
 def test_a_rows_own_sigma_counts() -> None:

@@ -39,7 +39,7 @@ from lab.calibration.prior import prior_of
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.statistics.linearized import ClusteredRows, ClusterTest, cluster_sums, clusters_first, jackknifed
 from lab.calibration.validation import configurations, cv_groups_of, folds
-from lab.calibration.weights import Noise, joined, weighed, weighted_constraints
+from lab.calibration.weights import Noise, joined, weigh, weighted_constraints
 from lab.core.errors import LabError
 from lab.core.linear_model import LinearModel, p_value_of_squares, unit_columns
 from lab.core.measurements import Measurements
@@ -321,7 +321,7 @@ class SelectionTask:
     request: IdentifyOptions
 
     def identified(
-        self, groups: Sequence[str], held: Sequence[str] = (), near: Identification | None = None
+        self, groups: Sequence[str], fixed: Sequence[str] = (), near: Identification | None = None
     ) -> Identification:
         """Identify with these groups less the parameters held; requests for other groups are left out.
 
@@ -331,8 +331,8 @@ class SelectionTask:
         model = self.model_with(groups)
         request = self.request.of(observation_of(model).within(self.data).model.names)
         start = {} if near is None else dict(zip(near.model.names, near.values.tolist(), strict=True))
-        held_too = replace(request, fix=(*request.fix, *held), near=start)
-        return identify(model, self.data, self.nominal_of(model), self.noise, held_too)
+        also_fixed = replace(request, fix=(*request.fix, *fixed), near=start)
+        return identify(model, self.data, self.nominal_of(model), self.noise, also_fixed)
 
     def refusal(self, group: str) -> LabError | None:
         """Return the reason why a group cannot be tried; None if it can."""
@@ -367,7 +367,7 @@ class SelectionTask:
         model = observation.model
         values = _filled(observation.nominal(self.nominal_of(made)), model, near.model, near.values)
         own = [i for i, name in enumerate(model.names) if name not in near.model.names]
-        inputs = weighed(observation, self.data, self.noise)[0].inputs
+        inputs = weigh(observation, self.data, self.noise)[0].inputs
         return np.asarray(model.observe(inputs, values)[1][..., own])
 
 
@@ -407,7 +407,7 @@ class FullModel:
         made = task.model_with(groups)
         observation = observation_of(made).within(task.data)
         model, start = observation.model, observation.nominal(task.nominal_of(made))
-        observed, known = weighed(observation, task.data, task.noise)
+        observed, known = weigh(observation, task.data, task.noise)
         at = model.rank_point(_filled(start, model, alone.model, alone.nominal_aligned))
         anywhere = model.structure_joints(STRUCTURE_POSES, rng_for(0, "structure"))
         structure, measured = (model.observe(inputs, at)[1] for inputs in (anywhere, observed.inputs))
@@ -528,7 +528,7 @@ def _prior(
         return beside
     if task.request.automatic:
         return beside if alone.prior is None else joined(beside, alone.prior.rows(sigma, observation.model.names))
-    structure = base_set(observation.model, at, known=observation.extra_residuals(at)[1])
+    structure = base_set(observation.model, at, prior_rows=observation.extra_residuals(at)[1])
     return joined(beside, prior_of(observation.model, structure, start, task.request.tolerance).rows(sigma))
 
 

@@ -35,7 +35,7 @@ from lab.calibration.statistics.candidate_models import (
 )
 from lab.calibration.statistics.linearized import ClusterTest
 from lab.calibration.validation import ROWS_PER_PARAMETER, configurations
-from lab.calibration.weights import Noise, weighed
+from lab.calibration.weights import Noise, weigh
 from lab.core.errors import IncompleteColumnError
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
@@ -68,7 +68,7 @@ class GroupTrial:
         chosen: whether it is in the final model; the others are tried beside that.
         infeasibility_reason: why it is not; empty where it is.
         incomplete_data: whether that is because a column that it needs has gaps.
-        held: its parameters that are not fitted, as they are not or only weakly observable in these poses.
+        fixed: its parameters that are not fitted, as they are not or only weakly observable in these poses.
     """
 
     name: str
@@ -329,7 +329,7 @@ class _Growth:
 
     def _search_at(self, table: TermTable) -> TermSearch:
         task, found = self.task, self.found
-        observed, known = weighed(observation_of(task.model_with(self.taken)).within(task.data), task.data, task.noise)
+        observed, known = weigh(observation_of(task.model_with(self.taken)).within(task.data), task.data, task.noise)
         ends = (table.names[group] for group in table.showing_ends.values())
         with_ends = observation_of(task.model_with(tuple(dict.fromkeys((*self.taken, *ends))))).within(task.data)
         return TermSearch.at(

@@ -118,13 +118,13 @@ def _title(result: CalibrationResult) -> str:
 
 
 def _lead(result: CalibrationResult) -> Paragraph:
-    words = result.kind.terms
+    terms = result.kind.terms
     fit, before, after, targets = result.identification.fit, result.before, result.after, result.fitted.targets
-    of = f" of target{'s' * (len(targets) > 1)} {', '.join(targets)}" if words.names_targets else ""
+    of = f" of target{'s' * (len(targets) > 1)} {', '.join(targets)}" if terms.names_targets else ""
     after_or_in = "after" if fit.status == "in a valley" else "in"
     steps = counted(fit.iterations, "step")
     begun = (
-        f"From {words.measured}{of} measured in {len(result.fitted):,} poses, {fit.rank} of "
+        f"From {terms.measured}{of} measured in {len(result.fitted):,} poses, {fit.rank} of "
         f"{len(result.parameters)} parameters were identified ({fit.status} {after_or_in} {steps})."
     )
     if before is None or after is None:

@@ -501,28 +501,28 @@ def _validated(result: Certificate) -> tuple[Block, ...]:
         ("95 %", short(MM.of(found.observed_95_m)), short(MM.of(found.expected_95_m))),
     ]
     poses = f"{found.poses:,} poses {_VALIDATED.get(result.calibrated.result.judged_by or '', '')}"
-    words = (
+    text = (
         f"On {poses} the errors are as large as the budget predicts, with the noise of their measurements "
         f"(p = {found.p:.2g})."
     )
     if found.sigma_m:
-        words = (
+        text = (
             f"On {poses} the errors are larger than the rest of the budget predicts (p = {found.p:.2g}). The budget "
             f"has a line for this lack of fit: {short(MM.of(found.sigma_m))} mm in each coordinate."
         )
     caption = "Errors, mm. Predicted by the budget without the line for lack of fit"
-    return Table(("error", "observed", "predicted"), tuple(rows), caption), Paragraph(words)
+    return Table(("error", "observed", "predicted"), tuple(rows), caption), Paragraph(text)
 
 
 def _unseen(result: Certificate) -> tuple[Block, ...]:
     """Tabulate the effects that nothing in the run covers, U including them, and the remedies."""
     rows: tuple[Row, ...] = tuple((each.description, each.remedy) for each in result.unseen)
     digits = [short(MM.of(each)) for each in result.with_unseen_m]
-    words = (
+    text = (
         "Neither the measurements nor the statements on the instrument show this. With it the expanded uncertainty "
         f"would be {digits[0]} mm of a position and {digits[1]} mm of a distance."
     )
-    return Table(("not contained in U", "what would show it"), rows), Paragraph(words)
+    return Table(("not contained in U", "what would show it"), rows), Paragraph(text)
 
 
 def _comparison(result: Certificate, found: Conformity) -> str:
@@ -546,7 +546,7 @@ def _budget(budget: Budget) -> tuple[Block, ...]:
     )
     rows = tuple(_line(line) for line in budget.lines)
     drawn = digits_of(MM.of(budget.tolerance_m), _MOST_DIGITS)
-    words = (
+    parts = (
         f"Combined standard uncertainty {short(MM.of(budget.combined_m))} mm, effective degrees of freedom "
         f"{_dof_text(budget.dof)}, "
         f"k = {budget.coverage_factor:.2f}: ",
@@ -560,7 +560,7 @@ def _budget(budget: Budget) -> tuple[Block, ...]:
         f"Standard uncertainty u, contribution in µm, degrees of freedom ν (∞: over {_ENDLESS:,}), "
         "share of the variance in %"
     )
-    return Table(tuple(columns), rows, caption), Paragraph(words), figure
+    return Table(tuple(columns), rows, caption), Paragraph(parts), figure
 
 
 def _of_kinematics(budget: Budget) -> str:

@@ -217,8 +217,8 @@ def _quantities(
     found += [motion_of(propagation, motion) for motion in motions]
     if (known := details.robot_temperature) is not None:
         values = dict(zip(calibrated.estimate.arm.names, calibrated.estimate.values.tolist(), strict=True))
-        foot = np.array([values.get(f"base.{axis}", 0.0) for axis in "xyz"])
-        found.append(temperature_of(propagation, foot, *known))
+        base = np.array([values.get(f"base.{axis}", 0.0) for axis in "xyz"])
+        found.append(temperature_of(propagation, base, *known))
     if details.scale is not None:
         found.append(scale_of(propagation, details.scale, "scale_ppm of [instrument]"))
     return found

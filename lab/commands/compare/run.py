@@ -70,7 +70,7 @@ class ComparisonResult(Result):
     @property
     def warnings(self) -> tuple[str, ...]:
         """Those of the runs."""
-        return tuple(dict.fromkeys(said for run in self.runs for said in run.named_warnings))
+        return tuple(dict.fromkeys(messages for run in self.runs for messages in run.named_warnings))
 
     @property
     def exit_code(self) -> int:
@@ -169,8 +169,8 @@ def _sentence(result: ComparisonResult, difference: Difference) -> str:
     if not difference.moved:
         return f"The links have changed, but no single parameter is surely the one that did ({p})."
     figures = _figures(result, difference)
-    said = ", ".join("{0} by {2} {3} {1}".format(name, *figures[name]) for name in difference.moved)
-    return f"Moved: {said} ({p})."
+    text = ", ".join("{0} by {2} {3} {1}".format(name, *figures[name]) for name in difference.moved)
+    return f"Moved: {text} ({p})."
 
 
 def _table(result: ComparisonResult, difference: Difference) -> Table:
@@ -220,11 +220,11 @@ def compare(runs: "Sequence[str | Path | CalibrationResult] | CompareOptions", *
         found = [read_calibrated(run, accept_edited=runs.accept_edited) for run in runs.runs]
         return _compared(runs, found)
     names = [str(run) if isinstance(run, str | Path) else f"run-{i + 1}-in-memory" for i, run in enumerate(runs)]
-    asked = options_of("lab.compare", CompareOptions, {"runs": names, **options})
-    asked.check()
-    accept = asked.accept_edited
+    requested = options_of("lab.compare", CompareOptions, {"runs": names, **options})
+    requested.check()
+    accept = requested.accept_edited
     return _compared(
-        asked, [calibrated_by(run, Path(n), accept_edited=accept) for run, n in zip(runs, names, strict=True)]
+        requested, [calibrated_by(run, Path(n), accept_edited=accept) for run, n in zip(runs, names, strict=True)]
     )
 
 

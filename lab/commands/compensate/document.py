@@ -177,7 +177,7 @@ def _program(result: CompensationResult) -> tuple[Section, ...]:
     )
     tools = Bullets(tuple(capital(each.description) + "." for each in result.tools))
     lines = tuple((str(each.line), each.reason) for each in program.uncorrected)
-    ways = tuple((str(line), words) for line, words in program.touching_paths)
+    paths = tuple((str(line), words) for line, words in program.touching_paths)
     return (
         Section(
             "The program",
@@ -187,7 +187,7 @@ def _program(result: CompensationResult) -> tuple[Section, ...]:
                 Paragraph(() if result.reference is None else stated_positions_note(result.reference)),
                 Paragraph(in_base),
                 Table(("line", "what stays as it is, or needs a look"), lines, most_rows=_MOST_LISTED),
-                Table(("line", "ways that are not free"), ways, most_rows=_MOST_LISTED),
+                Table(("line", "ways that are not free"), paths, most_rows=_MOST_LISTED),
             ),
         ),
     )

@@ -71,7 +71,7 @@ class CorrectedProgram:
         uncorrected: lines that stay as they are, and why, by line.
         rounding_mm, rounding_deg: how far the written numbers bring the controller's arm from the exact ones at most;
             None where no target is corrected.
-        ways: what the arm touches on its way from target to target, in words, by line.
+        touching_paths: what the arm touches on its way from target to target, in words, by line.
     """
 
     name: str
@@ -87,18 +87,20 @@ class CorrectedProgram:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings for the reader."""
-        said = [f"line {line}: {words}" for line, words in self.touching_paths]
+        messages = [f"line {line}: {text}" for line, text in self.touching_paths]
         rounding = np.array([self.rounding_mm or 0.0, self.rounding_deg or 0.0])
         if (rounding > _COARSE).any():
-            said.append(
+            messages.append(
                 f"the digits of {self.name} round targets by up to {rounding[0]:.2g} mm and {rounding[1]:.2g}°, and "
                 f"{self.language} takes no more"
             )
         if self.uncorrected:
             lines = ", ".join(str(each.line) for each in self.uncorrected[:_LISTED])
             more = ", …" if len(self.uncorrected) > _LISTED else ""
-            said.append(f"{self.name}: what lines {lines}{more} say stays as it is or needs a look, see uncorrected")
-        return tuple(said)
+            messages.append(
+                f"{self.name}: what lines {lines}{more} say stays as it is or needs a look, see uncorrected"
+            )
+        return tuple(messages)
 
 
 @dataclass(frozen=True)
@@ -139,11 +141,11 @@ class OpenProgram:
         Raises:
             LabError: none is left to be corrected.
         """
-        more = [Uncorrected(self.read.targets[self.rows[i]].line, words) for i, words in left.items()]
-        kept = np.array([i for i in range(len(self.rows)) if i not in left], dtype=np.int_)
-        if not len(kept):
+        more = [Uncorrected(self.read.targets[self.rows[i]].line, text) for i, text in left.items()]
+        retained = np.array([i for i in range(len(self.rows)) if i not in left], dtype=np.int_)
+        if not len(retained):
             raise LabError(f"{self.path}: no target can be corrected; line {more[0].line}: {more[0].reason}")
-        return replace(self, rows=self.rows[kept], targets=self.targets.take(kept), left=(*self.left, *more))
+        return replace(self, rows=self.rows[retained], targets=self.targets.take(retained), left=(*self.left, *more))
 
     def rewritten(self, found: Compensation, digits: int | None) -> tuple[CorrectedProgram, Compensation]:
         """Write the corrected targets into the text; a target whose correction its digits would lose stays as it is.
@@ -309,18 +311,18 @@ def open_program(options: CompensateOptions, run: CalibrationRun) -> OpenProgram
     wanted = PoseTarget(Ts[:, :3, 3], Ts[:, :3, :3])
     joints, refused = requested_solutions(nominal, wanted, [read.targets[i] for i in rows])
     left += [Uncorrected(read.targets[rows[i]].line, words) for i, words in refused.items()]
-    kept = np.array([i for i in range(len(rows)) if i not in refused], dtype=np.int_)
-    if not len(kept):
+    retained = np.array([i for i in range(len(rows)) if i not in refused], dtype=np.int_)
+    if not len(retained):
         raise LabError(f"{path}: no target can be corrected; line {left[0].line}: {left[0].reason}")
     targets = Targets(
         reference.run.estimate.arm.targets[reference.target],
-        _names(read.targets, rows[kept]),
-        wanted.positions[kept],
-        wanted.rotations[kept],
-        joints[kept],
-        lines=tuple(read.targets[i].line for i in rows[kept]),
+        _names(read.targets, rows[retained]),
+        wanted.positions[retained],
+        wanted.rotations[retained],
+        joints[retained],
+        lines=tuple(read.targets[i].line for i in rows[retained]),
     )
-    return OpenProgram(path, text, language, read, reference, rows[kept], targets, tuple(left))
+    return OpenProgram(path, text, language, read, reference, rows[retained], targets, tuple(left))
 
 
 def _names(targets: Sequence[TargetText], rows: NDArray[np.int_]) -> tuple[str, ...]:
@@ -329,9 +331,9 @@ def _names(targets: Sequence[TargetText], rows: NDArray[np.int_]) -> tuple[str, 
     for i in rows.tolist():
         name = targets[i].name
         counts[name] += 1
-        while (said := name if counts[name] == 1 else f"{name} ({counts[name]})") in names:
+        while (text := name if counts[name] == 1 else f"{name} ({counts[name]})") in names:
             counts[name] += 1
-        names[said] = None
+        names[text] = None
     return tuple(names)
 
 
@@ -462,11 +464,11 @@ def stated_positions_note(reference: "ProgramReference") -> str:
     off = [short(MM.of(each)) for each in reference.flange.deviation_m.tolist()]
     if not reference.stated:
         return "No place of a measured point in the flange is stated."
-    said = f"The measured points ({', '.join(reference.stated)}) are {', '.join(off)} mm from their stated places"
+    text = f"The measured points ({', '.join(reference.stated)}) are {', '.join(off)} mm from their stated places"
     if not reference.flange.uses_stated:
-        return f"{said}, more than the tolerances of the last link explain, so these places are not used."
+        return f"{text}, more than the tolerances of the last link explain, so these places are not used."
     return (
-        f"{said}. The tolerances of the last link explain that, so it is taken for the flange's own error; if the "
+        f"{text}. The tolerances of the last link explain that, so it is taken for the flange's own error; if the "
         "points sit on an adapter, it is not, and the expected errors by the flange are too small."
     )
 

@@ -142,13 +142,13 @@ class CompensationResult(Result):
     def _beyond(self) -> tuple[str, ...]:
         """Warnings on targets outside the measured range of the run."""
         sizes, ids = self.beyond_m[self.reached], [self.targets.ids[i] for i in np.flatnonzero(self.extrapolated)]
-        said = list(phrases(check_extrapolated("targets", ids, len(sizes))))
+        messages = list(phrases(check_extrapolated("targets", ids, len(sizes))))
         if count := int((sizes > 0).sum()):
-            said.append(
+            messages.append(
                 f"{count} of {len(sizes)} targets are beyond what the run measured: of their expected errors, up to "
                 f"{MM.text(sizes.max(), 2)} (1σ) is what the model may lack there"
             )
-        return tuple(said)
+        return tuple(messages)
 
     @cached_property
     def extrapolated(self) -> NDArray[np.bool_]:
@@ -195,12 +195,12 @@ class CompensationResult(Result):
         if not (far := moved > MOST_TOLERANCES * usual).any():
             return tuple(run)
         worst = int(np.argmax(moved / usual))
-        words = (
+        text = (
             f"{int(far.sum())} targets are moved by more than {MOST_TOLERANCES:g} tolerances, "
             f"{self.targets.ids[self.reached[worst]]} by {MM.text(moved[worst])}, which is "
             f"{moved[worst] / usual[worst]:.3g}: is the nominal model that of this robot?"
         )
-        return (words, *run)
+        return (text, *run)
 
     @cached_property
     def _tolerance_m(self) -> Array:
@@ -381,7 +381,7 @@ class CompensationResult(Result):
                 for i in self.reached
             ],
             "uncorrected": [{"line": each.line, "reason": each.reason} for each in program.uncorrected],
-            "ways": [{"line": line, "reason": words} for line, words in program.touching_paths],
+            "ways": [{"line": line, "reason": text} for line, text in program.touching_paths],
             "tools": [each.to_dict() for each in self.tools],
             "flange": flange_values(reference),
             "expected_95_mm": {
@@ -528,11 +528,18 @@ def _target_moves(result: CompensationResult) -> TargetMoves:
     """Return the moves of a controller's program, with the base and tool for the controller's nominal links."""
     run, nominal_inverse = result.run, result.run.estimate.nominal_inverse(result.target)
     T_instrument_frame0 = nominal_inverse.arm.T_tracker_frame0(nominal_inverse.values)
-    T_last_tool, stops = se3.pose(run.estimate.R_last_tool, nominal_inverse.tools[result.target]), result.waypoints
+    T_last_tool, waypoints = se3.pose(run.estimate.R_last_tool, nominal_inverse.tools[result.target]), result.waypoints
     T_frame0_instrument = se3.inverse(T_instrument_frame0)
-    postures = postures_of(nominal_inverse.arm, nominal_inverse.values, stops.joints)
+    postures = postures_of(nominal_inverse.arm, nominal_inverse.values, waypoints.joints)
     return TargetMoves(
-        run.robot.name, stops.ids, stops.joints, stops.which, T_last_tool, T_frame0_instrument, result.checked, postures
+        run.robot.name,
+        waypoints.ids,
+        waypoints.joints,
+        waypoints.which,
+        T_last_tool,
+        T_frame0_instrument,
+        result.checked,
+        postures,
     )
 
 

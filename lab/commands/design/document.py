@@ -113,10 +113,10 @@ def _draw_errors(axes: Axes, curve: Sequence[DesignStep], chosen: tuple[int, flo
         drawn.append(MICRONS.of(np.array(values)))
         axes.plot(poses, drawn[-1], style, color=tint, label=label, markersize=5)
     if chosen is not None:
-        said = f"this plan: {chosen[0]} poses, {short(MICRONS.of(chosen[1]))} µm"
+        text = f"this plan: {chosen[0]} poses, {short(MICRONS.of(chosen[1]))} µm"
         drawn.append(np.array([MICRONS.of(chosen[1])]))
         axes.axvline(chosen[0], color=REFERENCE, linewidth=1)
-        axes.plot([chosen[0]], drawn[-1], "D", color=REFERENCE, markersize=8, label=said, zorder=4)
+        axes.plot([chosen[0]], drawn[-1], "D", color=REFERENCE, markersize=8, label=text, zorder=4)
     every = np.concatenate(drawn)
     low, high = float(every.min()) / 1.2, float(every.max()) * 1.2
     ticks = [m * 10.0**e for e in range(-9, 9) for m in _TICKS if low <= m * 10.0**e <= high]
@@ -188,8 +188,10 @@ def _targets(axes: Axes, shown: PlanScene, plane: tuple[int, int]) -> None:
     if via.any():
         passed = mm * shown.points[via, 0]
         axes.plot(passed[:, i], passed[:, j], "x", color=REFERENCE, label="passed only", zorder=3)
-    head, said = _at_edge(mm * shown.head - middle, half, plane)
-    axes.plot([middle[i] + head[0]], [middle[j] + head[1]], "P", color=INSTRUMENT, markersize=12, label=said, zorder=4)
+    head, reasons = _at_edge(mm * shown.head - middle, half, plane)
+    axes.plot(
+        [middle[i] + head[0]], [middle[j] + head[1]], "P", color=INSTRUMENT, markersize=12, label=reasons, zorder=4
+    )
     if j == 2:
         axes.axhline(0.0, color=TICK, linewidth=1)
     axes.legend(loc="best", frameon=True)
@@ -425,7 +427,7 @@ def check_document(result: PlanCheckResult) -> Document:
     count = len(result.faults)
     cell = f" in {result.options.cell}" if result.options.cell else ""
     badge = Badge("the plan can be run", "good") if not count else Badge("the plan cannot be run", "bad")
-    said = (
+    text = (
         f" All {len(result.waypoints)} stops and the ways between them are free{cell}."
         if not count
         else f" {count} of {len(result.waypoints)} stops{cell} are not allowed, or the way to them is not; plan anew."
@@ -434,7 +436,7 @@ def check_document(result: PlanCheckResult) -> Document:
     return Document(
         f"{result.robot.name}: {badge.text}",
         (
-            Paragraph((badge, f".{said}"), "lead"),
+            Paragraph((badge, f".{text}"), "lead"),
             Warnings(result.warnings),
             Section("Faults", (Table(("stop", "why"), rows),)),
             Section("The day", (Paragraph(result.duration.description),)),

@@ -194,10 +194,10 @@ class DesignResult(Result):
         """Description of the set of poses that the certificate refers to."""
         candidates = len(self.problem.candidates.joints)
         moved = len(self.certificate.weights) - candidates
-        words = f"any {len(self.joints)} of {candidates} feasible candidates"
+        text = f"any {len(self.joints)} of {candidates} feasible candidates"
         if len(self.problem.already):
-            words += f" added to the {len(self.problem.already)} measured already"
-        return words + (f" and the {moved} poses that the ascent moved off them" if moved else "")
+            text += f" added to the {len(self.problem.already)} measured already"
+        return text + (f" and the {moved} poses that the ascent moved off them" if moved else "")
 
     @property
     def pose_ids(self) -> tuple[str, ...]:
@@ -245,13 +245,13 @@ class DesignResult(Result):
     @property
     def table(self) -> Measurements:
         """Table of all waypoints in tour order, with nothing measured yet; via poses are not for use."""
-        names, stops, n = self.problem.robot.chain.joint_names, self.waypoints, len(self.tour.waypoints)
+        names, waypoints, n = self.problem.robot.chain.joint_names, self.waypoints, len(self.tour.waypoints)
         points = np.full((n, len(self.options.targets), 3), np.nan)
-        data = measured(names, stops.joints, self.options.targets, points)
-        use = tuple("skip" if purpose == VIA else "calibrate" for purpose in stops.purposes)
-        marks = {"stop": stops.purposes} | ({"station": stops.stations} if stops.stations else {})
+        data = measured(names, waypoints.joints, self.options.targets, points)
+        use = tuple("skip" if purpose == VIA else "calibrate" for purpose in waypoints.purposes)
+        marks = {"stop": waypoints.purposes} | ({"station": waypoints.stations} if waypoints.stations else {})
         marks |= {"checked": ("no",) * n} if self.options.no_check else {}
-        return replace(data, ids=stops.names, use=use, other=marks)
+        return replace(data, ids=waypoints.names, use=use, other=marks)
 
     @property
     def _scaled_indices(self) -> dict[str, dict[str, Any]]:
@@ -315,15 +315,15 @@ class DesignResult(Result):
         arm = robot.arm(tuple(robot.tool))
         nominal, ids, done = arm.nominal(robot.tool), visit_ids(self.tour, self.pose_ids), 0
         for station, part in self._parts:
-            stops, measured = self.tour.waypoints[part], self.tour.measured[part]
+            waypoints, measured = self.tour.waypoints[part], self.tour.measured[part]
             count = int((measured >= 0).sum())
             tour = MeasuringTour(
                 robot.name,
-                stops,
+                waypoints,
                 measured,
                 ids[done : done + count],
                 not self.options.no_check,
-                postures_of(arm, nominal, stops),
+                postures_of(arm, nominal, waypoints),
                 station,
             )
             done += count
@@ -403,35 +403,37 @@ def check_plan(options: DesignOptions, robot: Robot) -> PlanCheckResult:
     """
     assert options.check is not None
     chain, warnings = rated(robot.chain)
-    stops = read_measurements(options.check, chain.joint_names, chain.prismatic, points=False, most=WAYPOINTS)
-    measured = np.array([use != "skip" for use in stops.use])
+    waypoints = read_measurements(options.check, chain.joint_names, chain.prismatic, points=False, most=WAYPOINTS)
+    measured = np.array([use != "skip" for use in waypoints.use])
     if not measured.any():
         raise LabError(f"{options.check}: no stop is to be measured; give the plan.csv of lab design")
     device = observing(named_instrument(options.instrument), "points")
     faults: dict[str, str] = {}
-    for j, beyond in enumerate(chain.beyond_limits(stops.joints, _SLACK).T):
+    for j, beyond in enumerate(chain.beyond_limits(waypoints.joints, _SLACK).T):
         for i in np.flatnonzero(beyond):
-            faults.setdefault(stops.ids[i], chain.limit_note(j, stops.joints[i, j]))
+            faults.setdefault(waypoints.ids[i], chain.limit_note(j, waypoints.joints[i, j]))
     robot.refuse_unknown(options.targets)
     model = planning_model(robot.model, options.targets, device, options.clearances)
-    for name, words in zip(stops.ids, describe_collisions(model, stops.joints), strict=True):
-        if words:
-            faults.setdefault(name, words)
-    at = stations_in(options.check, stops, robot.model)
+    for name, message in zip(waypoints.ids, describe_collisions(model, waypoints.joints), strict=True):
+        if message:
+            faults.setdefault(name, message)
+    at = stations_in(options.check, waypoints, robot.model)
     for station, name in enumerate(robot.model.stations or ("",)):
         here = np.flatnonzero(measured & (at == station))
-        sees = field_of_view(robot.model, options.targets, device, station)(stops.joints[here])
+        sees = field_of_view(robot.model, options.targets, device, station)(waypoints.joints[here])
         who = f"the instrument at station '{name}'" if name else "the instrument"
         for i in here[~sees]:
-            faults.setdefault(stops.ids[i], f"{who} does not see {', '.join(options.targets)} there")
+            faults.setdefault(waypoints.ids[i], f"{who} does not see {', '.join(options.targets)} there")
     free = path_check(model)
-    for end in range(1, len(stops)):
-        ends = {stops.ids[end - 1], stops.ids[end]}
-        if not ends & set(faults) and not free(stops.joints[end - 1], stops.joints[end]):
-            faults.setdefault(stops.ids[end], f"the path to it from {stops.ids[end - 1]} does not keep the clearances")
-    order = {name: i for i, name in enumerate(stops.ids)}
+    for end in range(1, len(waypoints)):
+        ends = {waypoints.ids[end - 1], waypoints.ids[end]}
+        if not ends & set(faults) and not free(waypoints.joints[end - 1], waypoints.joints[end]):
+            faults.setdefault(
+                waypoints.ids[end], f"the path to it from {waypoints.ids[end - 1]} does not keep the clearances"
+            )
+    order = {name: i for i, name in enumerate(waypoints.ids)}
     found = tuple(Fault(name, faults[name]) for name in sorted(faults, key=lambda name: order[name]))
-    moving = rest_to_rest_seconds(np.diff(stops.joints, axis=0), chain.speed, chain.acceleration).sum()
-    poses = len(np.unique(stops.joints[measured], axis=0))
+    moving = rest_to_rest_seconds(np.diff(waypoints.joints, axis=0), chain.speed, chain.acceleration).sum()
+    poses = len(np.unique(waypoints.joints[measured], axis=0))
     day = SessionDuration(poses, float(moving), int(measured.sum()) - poses)
-    return PlanCheckResult(options, robot, stops, found, day, (*robot.warnings, *stops.warnings, *warnings))
+    return PlanCheckResult(options, robot, waypoints, found, day, (*robot.warnings, *waypoints.warnings, *warnings))

@@ -81,7 +81,7 @@ class NominalFit:
         fitted, best, most = np.flatnonzero(possible), np.full((n, 3), np.nan), -1
         if len(fitted) < LEAST_POSES:
             return best
-        kept = max(LEAST_POSES, int(np.ceil(_BEST_SHARE * len(fitted))))
+        retained = max(LEAST_POSES, int(np.ceil(_BEST_SHARE * len(fitted))))
         for _ in range(1 + _REFITS):
             some = Observations(joints[fitted], seen[fitted], np.ones((len(fitted), self._count)))
             values = initial_guess(self._arm, some, self._nominal)
@@ -90,7 +90,7 @@ class NominalFit:
             apart = np.nan_to_num(np.linalg.norm(here - points, axis=1), nan=np.inf)
             if (follow := int((apart <= self.tolerance_m).sum())) > most:
                 best, most = here, follow
-            nearest = np.sort(np.argsort(apart, kind="stable")[:kept])
+            nearest = np.sort(np.argsort(apart, kind="stable")[:retained])
             if follow == possible.sum() or np.array_equal(nearest, fitted):
                 break
             fitted = nearest
@@ -182,11 +182,11 @@ class PlacedPoints:
     @property
     def description(self) -> str:
         """Description of how many points are placed, and how well the nominal arm follows them."""
-        said = f"{self.placed} of {len(self.where)}"
+        text = f"{self.placed} of {len(self.where)}"
         if self.rms_m is None:
-            return said
+            return text
         number = "" if self.follows.sum() == self.placed else f"{int(self.follows.sum())} of them "
-        return f"{said}, {number}within {MM.text(self.rms_m, 2)} (rms) of the nominal arm"
+        return f"{text}, {number}within {MM.text(self.rms_m, 2)} (rms) of the nominal arm"
 
 
 @dataclass(frozen=True)
@@ -285,18 +285,18 @@ class ClockComparison:
             key=lambda each: (-each[0], each[1].drift_ppm != near.drift_ppm, -each[2]),
         )
         least = _FEW * maxima[0][0] if maxima else 0.0
-        kept, wheres = list[ClockOffset](), np.zeros((0, len(self.at)), dtype=np.int_)
+        retained, wheres = list[ClockOffset](), np.zeros((0, len(self.at)), dtype=np.int_)
         for count, offset, _ in maxima:
-            if count < least or len(kept) >= _MAX_OFFSETS:
+            if count < least or len(retained) >= _MAX_OFFSETS:
                 break
             where = self.window_of(offset.on_log(self.at))
             if not len(wheres) or _conflicts(wheres, where).any(axis=1).all():
-                kept.append(offset)
+                retained.append(offset)
                 wheres = np.vstack([wheres, where])
-        if len(kept) > _MAX_FITS:
+        if len(retained) > _MAX_FITS:
             chosen = np.sort(np.argsort(-self._alike(wheres), kind="stable")[:_MAX_FITS])
-            kept, wheres = [kept[i] for i in chosen], wheres[chosen]
-        return [self._compared(offset, where) for offset, where in zip(kept, wheres, strict=True)]
+            retained, wheres = [retained[i] for i in chosen], wheres[chosen]
+        return [self._compared(offset, where) for offset, where in zip(retained, wheres, strict=True)]
 
     def _drifts(self, given: float) -> list[float]:
         """Return drifts (ppm) to try: none, the given one, and others whose effects differ."""

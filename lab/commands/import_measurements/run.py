@@ -177,9 +177,9 @@ def _timeline_picture(line: Timeline) -> Picture:
     def draw(axes: Axes) -> None:
         for start, end in zip(starts, ends, strict=True):
             axes.fill_between([start, max(end, start + 1e-3)], [0, 0], [1, 1], color=GRID, linewidth=0)
-        for chosen, colour, words in ((inside & shown, AFTER, "placed"), (~inside & shown, BEFORE, "left out")):
+        for chosen, colour, text in ((inside & shown, AFTER, "placed"), (~inside & shown, BEFORE, "left out")):
             if chosen.any():
-                axes.scatter(line.at[chosen] - first, np.full(chosen.sum(), 0.5), s=14, color=colour, label=words)
+                axes.scatter(line.at[chosen] - first, np.full(chosen.sum(), 0.5), s=14, color=colour, label=text)
         axes.set(xlabel="time from the first stop, s", ylim=(-0.1, 1.7))
         axes.set_yticks([], [])
         axes.legend(loc="upper right")
@@ -346,11 +346,11 @@ def _doubts(options: ImportOptions, robot: Robot, data: Measurements, nominal: N
     one, two = np.array(pairs).T
     expected = np.linalg.norm(flange[one] - flange[two], axis=1)
     apart = np.linalg.norm(shown.points[one] - shown.points[two], axis=2)
-    kept = np.isfinite(apart) & (expected[:, None] > 1e-6)
-    if kept.sum() < 3:
+    retained = np.isfinite(apart) & (expected[:, None] > 1e-6)
+    if retained.sum() < 3:
         return ()
-    k = int(np.argmax(kept.sum(axis=0)))
-    expected, apart = expected[kept[:, k]], apart[kept[:, k], k]
+    k = int(np.argmax(retained.sum(axis=0)))
+    expected, apart = expected[retained[:, k]], apart[retained[:, k], k]
     ratio = float(np.median(apart) / np.median(expected))
     if not 1 / _OTHER_UNIT < ratio < _OTHER_UNIT:
         raise LabError(

@@ -48,7 +48,7 @@ class SerialShape:
 
     Attributes:
         reach_m: largest distance of the last frame from axis 1, within the limits; from frame 0 where joint 1 slides.
-        ways: number of IK solutions of a pose; None where no closed form is implemented.
+        branches: number of IK solutions of a pose; None where no closed form is implemented.
         determinant: of the Jacobian, in words; "" where no closed form is implemented.
         moved: the motions that the determinant refers to, in words.
     """
@@ -183,19 +183,19 @@ def serial_blocks(values: Mapping[str, Any]) -> tuple[Block, ...]:
 def _freedoms_text(values: Mapping[str, Any]) -> str:
     """Joints and degrees of freedom, what is free and what cannot be moved, in a sentence."""
     index, freedoms = values["index"], values["degrees_of_freedom"]
-    said = f"mobility index {index}, {freedoms} degrees of freedom of the last frame"
+    text = f"mobility index {index}, {freedoms} degrees of freedom of the last frame"
     if values["redundancy"]:
-        said += f": redundant by {values['redundancy']}; {', '.join(values['free'])} can move while it stands still"
+        text += f": redundant by {values['redundancy']}; {', '.join(values['free'])} can move while it stands still"
     else:
-        said += ": not redundant but at singularities"
+        text += ": not redundant but at singularities"
     if values["planar"]:
         turns = " and turns about its normal" if freedoms > 2 else ", and its turn follows from its place"
-        return f"{said}; it moves in a plane{turns}"
+        return f"{text}; it moves in a plane{turns}"
     lacks = [f"{count} {name}" for count, name in ((values["missing_displacements"], "of its displacements"),
                                                    (values["missing_turns"], "of its turns")) if count]  # fmt: skip
     if not lacks:
-        return said if freedoms >= 6 or index >= 6 else f"{said}; {_NEAREST}"
-    return f"{said}; no joint makes {' and '.join(lacks)}; {_NEAREST}"
+        return text if freedoms >= 6 or index >= 6 else f"{text}; {_NEAREST}"
+    return f"{text}; no joint makes {' and '.join(lacks)}; {_NEAREST}"
 
 
 def _rows(joints: list[dict[str, Any]]) -> tuple[tuple[str, ...], ...]:

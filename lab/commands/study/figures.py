@@ -191,8 +191,8 @@ def _pairs_figure(comparisons: Sequence[Comparison], cells: Sequence[Cell]) -> F
             axes.xaxis.set_major_formatter("{x:g}")
             axes.xaxis.set_minor_locator(NullLocator())
 
-    words = metric_text(comparisons[0].metric, unit=False)
-    title = f"{words} by {factor_text(free[0])}, against the best: same robots, same noise"
+    text = metric_text(comparisons[0].metric, unit=False)
+    title = f"{text} by {factor_text(free[0])}, against the best: same robots, same noise"
     figure = _panels(comparisons, draw, title, (4.6, 0.9 + 0.33 * _most_rows(comparisons)), sharex=True)
     measure = (
         "ratio to the best" if kind == "ratio" else f"difference from the best, {metric_text(comparisons[0].metric)}"
@@ -238,9 +238,9 @@ def _ranks_figure(comparisons: Sequence[Comparison], cells: Sequence[Cell]) -> F
         axes.set_xticks(range(len(chances)), [str(1 + k) for k in range(len(chances))])
         _rows(axes, each, cells)
 
-    words = metric_text(comparisons[0].metric, unit=False)
+    text = metric_text(comparisons[0].metric, unit=False)
     rows = _most_rows(comparisons)
-    title = f"{words}: ranks by {factor_text(free[0])}"
+    title = f"{text}: ranks by {factor_text(free[0])}"
     figure = _panels(comparisons, draw, title, (1.4 + 0.45 * rows, 0.9 + 0.33 * rows))
     figure.supxlabel("rank; per cent of the resamples of robots; framed: 95 % set of ranks", fontsize=10)
     return figure

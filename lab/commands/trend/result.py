@@ -111,8 +111,8 @@ class TrendResult(Result):
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings on runs that were left out, and those of the runs."""
-        said = [words for each in self.runs for words in each.run.named_warnings]
-        return tuple(dict.fromkeys([*self.left_out, *said]))
+        messages = [text for each in self.runs for text in each.run.named_warnings]
+        return tuple(dict.fromkeys([*self.left_out, *messages]))
 
     @property
     def exit_code(self) -> int:

@@ -41,7 +41,7 @@ class Step:
 
     Attributes:
         joints: ``(n,)`` rad, m of a slide.
-        words: what the stop is, for a comment: letters, digits and blanks.
+        comment: what the stop is, for a comment: letters, digits and blanks.
         wait_s: how long to stand there.
         kind: how it is reached; a ``via`` is passed on the circle to the next one.
         pace: how fast; None at the language's own, careful speed.
@@ -61,9 +61,9 @@ def tour_steps(tour: MeasuringTour) -> list[Step]:
     steps, pose = list[Step](), 0
     for i, (joints, measured) in enumerate(zip(tour.waypoints, tour.measured.tolist(), strict=True)):
         at_end = i in (0, len(tour.waypoints) - 1)
-        words = "home" if at_end else "via" if measured < 0 else f"pose {ascii_text(tour.ids[pose])}"
+        comment = "home" if at_end else "via" if measured < 0 else f"pose {ascii_text(tour.ids[pose])}"
         pose += measured >= 0
-        steps.append(Step(joints, words, PAUSE_S if measured >= 0 else 0.0))
+        steps.append(Step(joints, comment, PAUSE_S if measured >= 0 else 0.0))
     return steps
 
 
@@ -83,8 +83,8 @@ def path_steps(moves: PathMoves) -> list[Step]:
         if np.isfinite(moves.seconds[i]):
             per_cent = min(max(int(np.ceil(100 * moves.shares[i] - 1e-6)), 1), 100)
             pace = Pace(float(moves.seconds[i]), per_cent, float(np.nan_to_num(MM.of(moves.speeds_m_s[i]))))
-        words = f"{'via' if kind == 'via' else 'point'} {ascii_text(moves.ids[i])}"
-        steps.append(Step(moves.waypoints[i], words, 0.0, kind, pace, moves.Ts_base_tool[i]))
+        comment = f"{'via' if kind == 'via' else 'point'} {ascii_text(moves.ids[i])}"
+        steps.append(Step(moves.waypoints[i], comment, 0.0, kind, pace, moves.Ts_base_tool[i]))
     return steps
 
 

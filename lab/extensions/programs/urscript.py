@@ -198,7 +198,7 @@ def _read_urscript(text: str, outside: Outside) -> ProgramText:
     Raises:
         LabError: frames that are given have not the numbers of URScript's.
     """
-    code = masked(masked(text, r"#[^\r\n]*"), '"[^"\r\n]*"', kept="$^")
+    code = masked(masked(text, r"#[^\r\n]*"), '"[^"\r\n]*"', retained="$^")
     return _Reader(text, outside, code).read()
 
 

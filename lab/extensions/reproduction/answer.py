@@ -177,7 +177,7 @@ class Answer:
         agrees: whether the printed value equals ours; None where nothing is printed.
         erratum: why the printed value is wrong; "" where it is right.
         check: whether an answer that a reader gives is right; a LabError where it cannot be read.
-        asked: whether an exercise asks for it.
+        in_exercise: whether an exercise asks for it.
     """
 
     name: str

@@ -119,16 +119,16 @@ def marked(path: Path, computed: Sequence[Computed]) -> tuple[Mark, ...]:
     labels, values = table.texts("item"), table.texts("value")
     if labels is None or values is None:
         raise LabError(f"{path}: has no columns item and value; fill in the CSV that --exercise writes")
-    asked = dict(_in_exercise(computed))
+    requested = dict(_in_exercise(computed))
     given: dict[str, str] = {}
     for row, (cell, value) in enumerate(zip(labels, values, strict=True)):
         label = " ".join(cell.split())
-        if label not in asked:
+        if label not in requested:
             raise table.fail(row, "item", f"'{label}' is no answer of this source; keep the labels of --exercise")
         if label in given:
             raise table.fail(row, "item", f"'{label}' is there twice; keep one")
         given[label] = value.strip()
-    return tuple(_mark(label, given.get(label, ""), answer) for label, answer in asked.items())
+    return tuple(_mark(label, given.get(label, ""), answer) for label, answer in requested.items())
 
 
 def _mark(label: str, text: str, answer: Answer) -> Mark:

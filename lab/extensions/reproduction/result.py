@@ -111,10 +111,10 @@ class ReproductionResult(Result):
         return found
 
     def _values(self, answer: Answer) -> dict[str, Any]:
-        asked = {"name": answer.name, "unit": answer.unit}
+        requested = {"name": answer.name, "unit": answer.unit}
         if self.options.exercise:
-            return asked
-        return asked | {
+            return requested
+        return requested | {
             "printed": answer.printed, "ours": answer.ours, "difference": answer.difference, "agrees": answer.agrees,
             "erratum": answer.erratum,
         }  # fmt: skip
@@ -198,12 +198,12 @@ def _errata(result: ReproductionResult) -> tuple[Block, ...]:
     """The reasons, each once."""
     if result.options.exercise or result.marks is not None:
         return ()
-    said: dict[str, None] = {}
+    errata: dict[str, None] = {}
     for each in result.computed:
         for answer in each.answers:
             if answer.erratum:
-                said.setdefault(f"{each.item.number}: {answer.erratum}")
-    return (Bullets(tuple(said)),)
+                errata.setdefault(f"{each.item.number}: {answer.erratum}")
+    return (Bullets(tuple(errata)),)
 
 
 def _section(result: ReproductionResult, each: Computed) -> Section:

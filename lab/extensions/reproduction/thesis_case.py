@@ -240,7 +240,7 @@ class Reproduced:
     """The thesis' campaign, done again with many draws of the noise.
 
     Attributes:
-        off: errors ``(draws, 19)`` by criterion, mm and rad, of which the first draw is what a table would show.
+        errors: errors ``(draws, 19)`` by criterion, mm and rad, of which the first draw is what a table would show.
         clean: the same without the hidden values.
         beyond: ``(19,)`` by how much the hidden values move the errors beyond the linear model, by O1's poses.
     """

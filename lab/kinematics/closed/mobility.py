@@ -160,7 +160,7 @@ class Mobility:
         moving: ``(n,)`` which joints take part in motions that leave the last frame where it is, at positions in
             general; none of an arm that is not redundant.
         still: ``(k, 3)`` the turns of the last frame, as unit vectors in frame 0, that no joint makes at any position.
-        held: ``(k, 3)`` the same of its origin's displacements.
+        fixed_directions: ``(k, 3)`` the same of its origin's displacements.
     """
 
     index: int

@@ -329,7 +329,7 @@ class MovesArm(ABC):
     """An effect that moves the arm's points in the world."""
 
     @abstractmethod
-    def moved(self, points: Array, foot: Array, conditions: PoseConditions) -> Array:
+    def moved(self, points: Array, base: Array, conditions: PoseConditions) -> Array:
         """Points of the arm ``(m, k, 3)`` after it moved, its foot ``(3,)`` in the same frame."""
 
 

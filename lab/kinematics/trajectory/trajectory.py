@@ -206,10 +206,12 @@ def _in_phases(chain: JointSpec, durations: Array, ramps: Array, start: Array, s
     rounded = (rounding > 0)[:, None]
     hard, none = np.where(rounded, level / np.where(rounded, rounding[:, None], 1.0), 0.0), np.zeros_like(level)
     three = np.stack([rounding, each - 2 * rounding, rounding], axis=1).ravel()
-    kept = three > SLACK * durations.sum()
+    retained = three > SLACK * durations.sum()
     accelerations, jerks = np.stack([none, level, level], axis=1), np.stack([hard, none, -hard], axis=1)
     shape = (len(three), len(start))
-    return Trajectory(three[kept], accelerations.reshape(shape)[kept], start, start_speed, jerks.reshape(shape)[kept])
+    return Trajectory(
+        three[retained], accelerations.reshape(shape)[retained], start, start_speed, jerks.reshape(shape)[retained]
+    )
 
 
 def _axes(chain: JointSpec, points: Array, speeds: Array) -> list[Axis]:

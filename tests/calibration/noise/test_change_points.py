@@ -10,7 +10,7 @@ import lab
 from lab.calibration.identify import identify
 from lab.calibration.noise.search import NoiseSearch, search_noise
 from lab.calibration.observation import observation_of
-from lab.calibration.weights import Noise, weighed
+from lab.calibration.weights import Noise, weigh
 from lab.campaign.robot import load_robot
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
@@ -134,7 +134,7 @@ def test_a_new_session_is_no_change_and_one_within_it_lasts(day: Measurements) -
 
 def covariance(data: Measurements, shared: ErrorModel) -> np.ndarray:
     """Of the x of these rows, m^2, the instrument's noise left out."""
-    observed = weighed(observation_of(ARM), data, Noise(shared=shared))[0].correlation
+    observed = weigh(observation_of(ARM), data, Noise(shared=shared))[0].correlation
     assert observed is not None
     return observed.trend[:, 0] @ observed.trend[:, 0].T * shared.sigma_m**2
 

@@ -12,7 +12,7 @@ from lab.calibration.noise.search import search_noise
 from lab.calibration.observation import observation_of
 from lab.calibration.outliers_and_noise import noise_of
 from lab.calibration.statistics.outliers import Outliers
-from lab.calibration.weights import Noise, weighed
+from lab.calibration.weights import Noise, weigh
 from lab.campaign.robot import load_robot
 from lab.core.measurements import Measurements
 from lab.noise.error_model import Clock, ErrorModel, row_times
@@ -95,8 +95,8 @@ def sample(scatter: float = 0.0, wandering: float = 0.0, drift: float = 0.0) -> 
 def test_weights_hold_the_shared_errors_whether_the_instrument_is_known_or_not() -> None:
     day = lab.simulate("irb120", seed=3, poses=6, targets=TARGETS)
     observation, shared = observation_of(ARM), sample(scatter=30e-6, drift=20e-6)
-    known, _ = weighed(observation, day.measurements, Noise(sigma_m=5e-6, shared=shared))
-    free, _ = weighed(observation, day.measurements, Noise(shared=shared))
+    known, _ = weigh(observation, day.measurements, Noise(sigma_m=5e-6, shared=shared))
+    free, _ = weigh(observation, day.measurements, Noise(shared=shared))
     rows = np.random.default_rng(0).standard_normal(day.measurements.points.shape)
     assert np.allclose(known.apply(rows) * 5e-6, free.apply(rows))  # the same shape, in other units
 

@@ -45,7 +45,7 @@ def directions(rng: np.random.Generator, count: int) -> Array:
 
 def found_in(seen, start, rng, arm=ARM, known=True, shape=UNIFORM, **more) -> Outliers:
     free = base_set(arm, arm.nominal()).identifiable
-    return find_outliers(arm, seen, free, start, known=known, rng=rng, shape=shape, **more)
+    return find_outliers(arm, seen, free, start, sigma_given=known, rng=rng, shape=shape, **more)
 
 
 def fresh_mean(values: Array, truth: Array, rng: np.random.Generator) -> float:

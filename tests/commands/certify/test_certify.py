@@ -14,7 +14,7 @@ from helpers.robots import ROOT
 import lab
 from lab.cli import main
 from lab.commands.certify.options import CertifyOptions
-from lab.commands.certify.result import Certificate, _freedom
+from lab.commands.certify.result import Certificate, _dof_text
 from lab.commands.certify.run import certify
 from lab.compensation.iso9283 import repeatability
 from lab.core.errors import LabError
@@ -95,7 +95,7 @@ def groups(found: Certificate) -> set[str]:
 
 @pytest.mark.parametrize(("count", "words"), [(12.0, "12.0"), (127_010_271.0, "∞"), (np.inf, "∞")])
 def test_degrees_of_freedom_without_end_are_infinite(count: float, words: str) -> None:
-    assert _freedom(count) == words
+    assert _dof_text(count) == words
 
 
 @thorough

@@ -101,9 +101,9 @@ def test_load_at_once_and_by_difference(found: DynamicsEstimate) -> None:
 @pytest.mark.thorough
 def test_a_load_that_is_known_is_taken_off() -> None:
     records = runs(NOISY)
-    known = identify_dynamics(MODEL, records, known_load=LOAD.phi)
+    known = identify_dynamics(MODEL, records, given_load=LOAD.phi)
     assert known.load is None and known.verdict.p > BY_CHANCE
-    wrong = identify_dynamics(MODEL, records, known_load=1.1 * LOAD.phi)
+    wrong = identify_dynamics(MODEL, records, given_load=1.1 * LOAD.phi)
     assert wrong.verdict.adequate is False and "load" in wrong.verdict.description
 
 

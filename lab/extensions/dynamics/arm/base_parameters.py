@@ -31,7 +31,7 @@ class BaseParameters:
 
     Attributes:
         names: of the standard parameters, p of them.
-        kept: ``(b,)`` indices of the columns that stay; ``grouped`` ``(g,)`` of those that depend on them.
+        independent: ``(b,)`` indices of the columns that stay; ``grouped`` ``(g,)`` of those that depend on them.
         without_effect: indices of those that no torque depends on.
         regrouping: K ``(b, g)``.
     """
@@ -159,15 +159,15 @@ def regrouping_formulas(arm: ArmDynamics, base: BaseParameters, rng: np.random.G
         LabError: the regrouping of this arm is no polynomial of its lengths.
     """
     letters = _letters(arm.chain)
-    words = [word for degree in range(3) for word in combinations_with_replacement(sorted(letters), degree)]
-    lengths = rng.uniform(0.5, 1.5, (len(words) + 2, len(letters)))
+    products = [word for degree in range(3) for word in combinations_with_replacement(sorted(letters), degree)]
+    lengths = rng.uniform(0.5, 1.5, (len(products) + 2, len(letters)))
     samples = [dict(zip(letters, row, strict=True)) for row in lengths.tolist()]
     found = [_regrouping(arm, base, each, rng) for each in samples]
-    monomials = np.array([[np.prod([each[letter] for letter in word]) for word in words] for each in samples])
+    monomials = np.array([[np.prod([each[letter] for letter in word]) for word in products] for each in samples])
     flat = np.array(found).reshape(len(samples), -1)
     factors = np.linalg.lstsq(monomials[1:], flat[1:], rcond=None)[0]  # the first takes no part
     factors = np.where(np.abs(factors - np.round(factors)) < _NOTHING, np.round(factors), factors)
-    own = np.array([np.prod([letters[letter] for letter in word]) for word in words]) @ factors
+    own = np.array([np.prod([letters[letter] for letter in word]) for word in products]) @ factors
     size = max(1.0, float(np.abs(flat).max(initial=0.0)))
     wrong = max(
         float(np.abs(monomials[0] @ factors - flat[0]).max(initial=0.0)),
@@ -175,9 +175,9 @@ def regrouping_formulas(arm: ArmDynamics, base: BaseParameters, rng: np.random.G
     )
     if wrong > _SAME * size:
         raise LabError(f"robot '{arm.chain.name}': its regrouping is no polynomial of its lengths (off by {wrong:.2g})")
-    table = factors.reshape(len(words), *base.regrouping.shape)
+    table = factors.reshape(len(products), *base.regrouping.shape)
     return tuple(
-        Formula(label, base.names[kept], _terms(words, table[:, i], [base.names[j] for j in base.grouped]))
+        Formula(label, base.names[kept], _terms(products, table[:, i], [base.names[j] for j in base.grouped]))
         for i, (label, kept) in enumerate(zip(base.labels, base.independent.tolist(), strict=True))
     )
 
@@ -204,11 +204,11 @@ def _regrouping(arm: ArmDynamics, base: BaseParameters, letters: dict[str, float
     return other.regrouping
 
 
-def _terms(words: Sequence[tuple[str, ...]], factors: Array, names: Sequence[str]) -> tuple[Term, ...]:
+def _terms(products: Sequence[tuple[str, ...]], factors: Array, names: Sequence[str]) -> tuple[Term, ...]:
     """Terms of one formula, parameters with one coefficient together; ``factors`` ``(words, names)``."""
     grouped: dict[tuple[tuple[tuple[str, ...], float], ...], list[str]] = {}
     for column, name in zip(factors.T, names, strict=True):
-        pairs = zip(words, column.tolist(), strict=True)
+        pairs = zip(products, column.tolist(), strict=True)
         coefficient = tuple((word, round(factor, 9)) for word, factor in pairs if abs(factor) > _NOTHING)
         if coefficient:
             grouped.setdefault(coefficient, []).append(name)

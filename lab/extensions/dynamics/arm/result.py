@@ -398,8 +398,8 @@ def _torque_pictures(result: DynamicsResult) -> tuple[Picture, ...]:
             if j == 0:
                 axes.legend(loc="best")
 
-        words = f"Torque of {name}, measured and explained"
-        pictures.append(axes_picture(f"torque{j}", words, (4.4, 2.3), draw, (0.7, 0.45, 0.1, 0.3)))
+        text = f"Torque of {name}, measured and explained"
+        pictures.append(axes_picture(f"torque{j}", text, (4.4, 2.3), draw, (0.7, 0.45, 0.1, 0.3)))
     return tuple(pictures)
 
 
@@ -412,8 +412,8 @@ def singular_values_picture(result: DynamicsResult) -> Picture:
         log_ticks(axes, "y", relative.min() / 1.6, 1.7)
         axes.set(xlabel="direction, from the best determined to the worst", ylabel="relative singular value")
 
-    words = "Singular values of the base regressor with unit columns"
-    return axes_picture("singular-values", words, (5.6, 2.8), draw, (0.8, 0.5, 0.2, 0.15))
+    text = "Singular values of the base regressor with unit columns"
+    return axes_picture("singular-values", text, (5.6, 2.8), draw, (0.8, 0.5, 0.2, 0.15))
 
 
 def _counts(result: DynamicsResult) -> str:

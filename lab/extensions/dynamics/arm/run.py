@@ -122,7 +122,7 @@ def _measured(described: DynamicsResult, samples: PayloadSamples, other: Payload
     model = DynamicModel(robot.serial_model.chain, described.arm, described.base)
     with error_context(file), np.errstate(all="ignore"):  # numbers of a nonsensical file may overflow
         estimate = identify_dynamics(
-            model, samples, known_load=known, delay=options.delay, holdout=options.holdout, other=other,
+            model, samples, given_load=known, delay=options.delay, holdout=options.holdout, other=other,
             band_hz=options.band_hz,
         )  # fmt: skip
         if not estimate.identified.any():
@@ -138,8 +138,10 @@ def _measured(described: DynamicsResult, samples: PayloadSamples, other: Payload
     names = [f"the torque of {name}" for name in robot.chain.joint_names]
     stuck = stuck_channels(replace(samples, wrench=None), names, every)
     strange = (*stuck, *implausible_dynamics(estimate, model, size, nominal, bodies))
-    said = (*described.warnings, *samples.warnings, *_warnings(estimate, strange))
-    return replace(described, samples=samples, estimate=estimate, physical=bodies, warnings=said, implausible=strange)
+    messages = (*described.warnings, *samples.warnings, *_warnings(estimate, strange))
+    return replace(
+        described, samples=samples, estimate=estimate, physical=bodies, warnings=messages, implausible=strange
+    )
 
 
 def _nominal(model: DynamicModel, links: Array) -> Array:

@@ -177,14 +177,14 @@ def _retained() -> tuple[Answer, ...]:
     joints = case.arm.chain.random_joints(200, rng_for(0, "structure"))
     order = [case.arm.names.index(name) for name in (*OFFSETS, *DROPPED)]
     J = case.arm.observe(joints, case.nominal)[1].reshape(-1, len(case.arm.names))[:, order]
-    kept = base_set_of(J, range(len(order))).identifiable
+    identifiable = base_set_of(J, range(len(order))).identifiable
     names = (*_SYMBOLS, "δr2", "δl5", "δr5", "δθ6", "δα6")
-    dropped = [name for i, name in enumerate(names) if i not in kept]
+    dropped = [name for i, name in enumerate(names) if i not in identifiable]
     ranks = [int(np.linalg.matrix_rank(J[: 3 * poses, : len(OFFSETS)] / np.linalg.norm(J[:, : len(OFFSETS)], axis=0)))
              for poses in range(1, 9)]  # fmt: skip
     return (
-        number("parameters retained of 24", "19", len(kept)),
-        *(word(f"retained {i + 1}", symbol, names[kept[i]]) for i, symbol in enumerate(_SYMBOLS)),
+        number("parameters retained of 24", "19", len(identifiable)),
+        *(word(f"retained {i + 1}", symbol, names[identifiable[i]]) for i, symbol in enumerate(_SYMBOLS)),
         word("left out", "δr2, δr5, δl5, δθ6, δα6", ", ".join(dropped)),
         number("poses needed at least", "8", 1 + ranks.index(len(OFFSETS)),
                erratum="7 poses have 21 rows and rank 19 (6 have rank 18)"),

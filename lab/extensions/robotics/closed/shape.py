@@ -37,17 +37,17 @@ def closed_form_shape(mechanism: Mechanism, joints: Array, passive: Array) -> Cl
         joints: ``(n, joints)`` rad or m of some poses in the drawn mode.
         passive: ``(n, z)`` passive values there.
     """
-    course = classical_model_of(mechanism)
-    if course is None:
+    classical = classical_model_of(mechanism)
+    if classical is None:
         return None
     home = mechanism.assembled(mechanism.home[None], mechanism.nominal_values).configuration
-    search = _Search(mechanism, course, joints, passive)
-    modes = np.isfinite(course.modes(mechanism.home[None])).all(axis=2).sum()
-    ways = course.inverse_solutions(home.passive.T)[..., course.order]
+    search = _Search(mechanism, classical, joints, passive)
+    modes = np.isfinite(classical.modes(mechanism.home[None])).all(axis=2).sum()
+    ways = classical.inverse_solutions(home.passive.T)[..., classical.order]
     working = np.isfinite(ways).sum(axis=1).prod()
     found = search.singularities()
-    flat, sizes = course.is_planar, course.dimensions
-    return ClosedFormShape(course.name, flat, sizes, int(modes), int(working), search.reachable(), found)
+    flat, sizes = classical.is_planar, classical.dimensions
+    return ClosedFormShape(classical.name, flat, sizes, int(modes), int(working), search.reachable(), found)
 
 
 @dataclass(frozen=True)

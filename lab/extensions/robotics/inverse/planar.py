@@ -55,7 +55,7 @@ class PlanarJoints:
     Attributes:
         joints: which of the arm's they are.
         turning: of each 1 where a hinge's axis points as the plane's normal does, else -1; 1 of a slide.
-        places: of each hinge (m), from the plane's origin; ``ways`` of each slide, of unit length.
+        places: of each hinge (m), from the plane's origin; ``directions`` of each slide, of unit length.
         hand: the point that is brought somewhere (m).
         turned: whether a turn is asked for beside the place.
     """

@@ -163,18 +163,20 @@ class _Model:
 
     def solved(self, targets: _Targets) -> tuple[tuple[Placement, ...], tuple[Reached, ...]]:
         """The robot in each solution of each pose, and what came of the poses."""
-        several, ways, ids = len(targets.ids) > 1, list[Solution](), list[str]()
+        several, solutions, ids = len(targets.ids) > 1, list[Solution](), list[str]()
         reached = []
         for i, found in enumerate(Solver(self.arm, self.values)(targets.poses, targets.near)):
-            kept = matching(found, self.options.of)
-            numbers = tuple(range(len(ways), len(ways) + len(kept.solutions)))
+            retained = matching(found, self.options.of)
+            numbers = tuple(range(len(solutions), len(solutions) + len(retained.solutions)))
             name, poses = targets.ids[i], targets.poses
-            ways += kept.solutions
+            solutions += retained.solutions
             ids += [f"{name}-{k + 1}" if several else f"{k + 1}" for k in range(len(numbers))]
             place = poses.positions[i], poses.rotations[i]
-            reached.append(Reached(name, *place, numbers, kept.gap_m, kept.how, kept.reassembled, kept.others))
-        rows = np.array([way.joints for way in ways]).reshape(-1, self.robot.chain.size)
-        return self.placed(rows, ids, ways), tuple(reached)
+            reached.append(
+                Reached(name, *place, numbers, retained.gap_m, retained.how, retained.reassembled, retained.others)
+            )
+        rows = np.array([way.joints for way in solutions]).reshape(-1, self.robot.chain.size)
+        return self.placed(rows, ids, solutions), tuple(reached)
 
     def assembly_modes(self, placed: Sequence[Placement]) -> Array:
         """Return every pose of the platform of a mechanism with a closed form, at the first joint positions."""
@@ -205,21 +207,21 @@ class _Model:
 
     def warnings(self, placed: Sequence[Placement], reached: Sequence[Reached]) -> list[str]:
         """Poses without a solution, rotations that are missed, and joint positions that the robot cannot have."""
-        said = []
+        messages = []
         for each in reached:
             if not each.solutions:
                 far = f": {each.away}" if each.away else ""
                 far = self._distance_from_plane(each) or far
                 far = f" of --of {','.join(self.options.of)}" if self.options.of and each.gap_m == 0 else far
-                said.append(f"{_called(each)} has no solution{far}")
+                messages.append(f"{_called(each)} has no solution{far}")
             if len(each.solutions) and (tilt := max(placed[i].tilt_rad for i in each.solutions)) > _TILTED_RAD:
-                said.append(
+                messages.append(
                     f"{_called(each)} asks for a turn that an arm of {self.robot.chain.size} joints does not have: its "
                     f"place is met, its rotation missed by {DEGREES.text(tilt)}"
                     f"{self._axis_of_miss(each, [placed[i] for i in each.solutions])}"
                 )
-        said += [f"{each.name}: {each.beyond}" for each in placed if each.beyond and not reached]
-        return said
+        messages += [f"{each.name}: {each.beyond}" for each in placed if each.beyond and not reached]
+        return messages
 
     def _axis_of_miss(self, wanted: Reached, ways: Sequence[Placement]) -> str:
         """About which axis of the base the rotation is missed the least, in words."""
@@ -238,8 +240,8 @@ class _Model:
         if abs(off) <= _REACHED_M:
             return ""
         across = ", ".join(f"{each:.6g}" for each in normal + 0.0)
-        words = f": it is {MM.text(abs(off), 6)} off the plane across ({across}) in which the arm moves"
-        return words.replace("-", "−")
+        text = f": it is {MM.text(abs(off), 6)} off the plane across ({across}) in which the arm moves"
+        return text.replace("-", "−")
 
 
 def _called(each: Reached) -> str:

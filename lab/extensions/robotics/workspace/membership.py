@@ -151,14 +151,14 @@ def memberships(arm: RigidArm, values: Array) -> tuple[Membership, Membership]:
         return (exact if form.by_point else search), (search if form.by_point else exact)
     mechanism = arm.chain
     assert isinstance(mechanism, Mechanism)
-    course, search = classical_model_of(mechanism), Search(arm, values, _STARTS_WITH_LOOPS)
+    classical, search = classical_model_of(mechanism), Search(arm, values, _STARTS_WITH_LOOPS)
     if (rods := ByRods.of(mechanism, values[-3:])) is not None:
         return search, rods
-    if course is None or any(mechanism.tree.step(*step).is_turn for step in mechanism.tree.passive):
+    if classical is None or any(mechanism.tree.step(*step).is_turn for step in mechanism.tree.passive):
         return search, search
-    if values[-3:].any() and len(course.order) < mechanism.size:  # a joint beside those of the legs carries the tool
+    if values[-3:].any() and len(classical.order) < mechanism.size:  # a joint beside those of the legs carries the tool
         return search, search
-    return _ByPlatform(mechanism, ByLegs(mechanism, course), values[-3:]), search
+    return _ByPlatform(mechanism, ByLegs(mechanism, classical), values[-3:]), search
 
 
 def turns_about_z(chain: Chain) -> bool:
