@@ -91,7 +91,7 @@ def stiffnesses(identification: Identification, chain: JointSpec) -> tuple[Joint
     for i, std in zip(identification.fit.free, identification.std, strict=True):
         parameter, compliance = identification.model.parameters[i], float(identification.values[i])
         joint = parameter.joint
-        if parameter.kind == "compliance" and joint is not None and compliance > 0 and not chain.prismatic[joint]:
+        if parameter.symbol == "compliance" and joint is not None and compliance > 0 and not chain.prismatic[joint]:
             found.append(JointStiffness(chain.joint_names[joint], 1 / compliance, float(std) / compliance**2))
     return tuple(found)
 

@@ -10,7 +10,7 @@ import importlib
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import wraps
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+from typing import Any, ParamSpec, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +18,6 @@ from numpy.typing import NDArray
 from lab.core.se3 import Array
 from lab.kinematics.compiled import numpy_kernels
 from lab.kinematics.serial.chain import Chain
-
-if TYPE_CHECKING:
-    from lab.kinematics.serial.arm import SerialArm
 
 __all__ = [
     "CompiledChain",
@@ -63,7 +60,7 @@ def compiled() -> bool:
 
 
 def with_fallback(
-    fallback: Callable[P, R], when: Callable[..., bool] | None = None
+    fallback: Callable[..., R], when: Callable[..., bool] | None = None
 ) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Run a function that needs machine code where there is some, else ``fallback``, which does the same in numpy.
 
@@ -245,8 +242,16 @@ def solve_positive(matrices: Array, right: Array) -> Array:
     return numpy_kernels.solve_systems(matrices, right)
 
 
+class CompilableArm(numpy_kernels.WalkedArm, Protocol):
+    """A serial arm with what the compiled functions take of it: ``serial.arm.SerialArm``."""
+
+    @property
+    def compiled(self) -> CompiledChain:
+        """The chain and its targets for the compiled functions."""
+
+
 @with_fallback(numpy_kernels.settle)
-def settle(arm: "SerialArm", values: Array, Ts: Array, joints: Array) -> tuple[Array, Array]:
+def settle(arm: CompilableArm, values: Array, Ts: Array, joints: Array) -> tuple[Array, Array]:
     """Candidates ``(n, k, 5)`` after a few steps of Gauss and Newton where they are near; none leads away.
 
     Returns:

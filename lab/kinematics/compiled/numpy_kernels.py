@@ -7,7 +7,7 @@ chain gives all columns, and a joint's derivative is that of its theta or d.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.kinematics.parameter import BASE_PARAMETERS
+from lab.kinematics.serial.chain import Chain
 from lab.kinematics.serial.walk import RIGID, Axes, Displaced, Motion, Torsors, along, chunks, fill, padded, some_poses
 
-if TYPE_CHECKING:
-    from lab.kinematics.serial.arm import SerialArm, StackedArm
-
 __all__ = [
+    "ManyArms",
+    "WalkedArm",
     "flange",
     "innovations",
     "joint_jacobian",
@@ -42,8 +42,46 @@ _NEAR = 1e-2  # of a pose (m, rad): a candidate farther off is no solution
 _EXACTLY = 1e-13
 
 
+class WalkedArm(Protocol):
+    """A serial arm as the kernels take it: ``serial.arm.SerialArm``."""
+
+    @property
+    def chain(self) -> Chain:
+        """The links and joints."""
+
+    @property
+    def targets(self) -> tuple[str, ...]:
+        """Names of the targets."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters."""
+
+    @property
+    def table_rows(self) -> NDArray[np.int_]:
+        """Row of each parameter of the table."""
+
+    @property
+    def table_columns(self) -> NDArray[np.int_]:
+        """Column of each parameter of the table."""
+
+    def split(self, values: Array) -> tuple[Array, Array, Array]:
+        """Base ``(6,)``, table ``(n, 5)`` and targets ``(k, 3)`` of a parameter vector."""
+
+    def joint_derivatives(self, jacobian: Array) -> Array:
+        """Derivatives ``(..., joints)`` by the joint positions, of those by the parameters."""
+
+
+class ManyArms(Protocol):
+    """Arms of one nominal model: ``serial.arm.StackedArm``."""
+
+    @property
+    def arm(self) -> WalkedArm:
+        """The nominal model."""
+
+
 def walk(
-    arm: "SerialArm", joints: Array, values: Array, torsors: Torsors = RIGID
+    arm: WalkedArm, joints: Array, values: Array, torsors: Torsors = RIGID
 ) -> tuple[list[Motion], tuple[Array, Array, Array], Array]:
     """Return all elementary motions, then the last frame's axes and origin, each ``(5, n)``."""
     base, table, _ = arm.split(values)
@@ -56,13 +94,13 @@ def walk(
     return motions + links, last, end
 
 
-def flange(arm: "SerialArm", joints: Array, values: Array) -> Array:
+def flange(arm: WalkedArm, joints: Array, values: Array) -> Array:
     """Poses ``(n, 4, 4)`` of the last frame."""
     _, frame, origin = walk(arm, joints, values)
     return _poses(frame, origin, len(joints))
 
 
-def points(arm: "SerialArm", /, joints: Array, values: Array, torsors: Torsors = RIGID) -> Array:
+def points(arm: WalkedArm, /, joints: Array, values: Array, torsors: Torsors = RIGID) -> Array:
     """``SerialArm.points``."""
     out = np.empty((3, len(arm.targets), len(joints)), dtype=np.result_type(joints, values, *torsors.values()))
     for part in chunks(len(joints), len(arm.targets)):
@@ -71,7 +109,7 @@ def points(arm: "SerialArm", /, joints: Array, values: Array, torsors: Torsors =
     return out.transpose(2, 1, 0)
 
 
-def observe(arm: "SerialArm", /, joints: Array, values: Array, torsors: Torsors = RIGID) -> tuple[Array, Array]:
+def observe(arm: WalkedArm, /, joints: Array, values: Array, torsors: Torsors = RIGID) -> tuple[Array, Array]:
     """``SerialArm.observe``."""
     kind, count = np.result_type(joints, values, *torsors.values()), len(arm.targets)
     out = np.empty((3, count, len(joints)), dtype=kind)
@@ -88,13 +126,13 @@ def observe(arm: "SerialArm", /, joints: Array, values: Array, torsors: Torsors 
     return out.transpose(2, 1, 0), jacobian.transpose(3, 2, 1, 0)
 
 
-def joint_jacobian(arm: "SerialArm", /, joints: Array, values: Array) -> Array:
+def joint_jacobian(arm: WalkedArm, /, joints: Array, values: Array) -> Array:
     """``SerialArm.joint_jacobian``."""
     return arm.joint_derivatives(observe(arm, joints, values)[1])
 
 
 def tool(
-    arm: "SerialArm", /, joints: Array, values: Array, target: int = 0, torsors: Torsors = RIGID
+    arm: WalkedArm, /, joints: Array, values: Array, target: int = 0, torsors: Torsors = RIGID
 ) -> tuple[Array, Array]:
     """``SerialArm.tool``."""
     kind = np.result_type(joints, values, *torsors.values())
@@ -116,7 +154,7 @@ def tool(
     return Ts, jacobian.transpose(2, 0, 1)
 
 
-def _targets(arm: "SerialArm", frame: Sequence[Array], origin: Array, values: Array) -> Array:
+def _targets(arm: WalkedArm, frame: Sequence[Array], origin: Array, values: Array) -> Array:
     """Target positions ``(5, k, n)`` from the last frame."""
     x, y, z = frame
     return np.stack([origin + px * x + py * y + pz * z for px, py, pz in arm.split(values)[2]], axis=1)
@@ -134,7 +172,7 @@ def _poses(frame: Sequence[Array], origin: Array, count: int) -> Array:
 # Many arms
 
 
-def walk_stacked(arm: "SerialArm", joints: Array, values: Array, rows: int) -> tuple[list[Motion], Array, Axes]:
+def walk_stacked(arm: WalkedArm, joints: Array, values: Array, rows: int) -> tuple[list[Motion], Array, Axes]:
     """Return all motions, targets ``(rows, k, b, n)``, and the last frame's axes ``(rows, b, n)``: x y z (x y).
 
     Args:
@@ -164,12 +202,12 @@ def walk_stacked(arm: "SerialArm", joints: Array, values: Array, rows: int) -> t
     return motions + links, there, frame
 
 
-def points_stacked(many: "StackedArm", /, joints: Array, values: Array) -> Array:
+def points_stacked(many: ManyArms, /, joints: Array, values: Array) -> Array:
     """``StackedArm.points``."""
     return walk_stacked(many.arm, joints, values, 3)[1].transpose(2, 1, 0, 3)
 
 
-def observe_stacked(many: "StackedArm", /, joints: Array, values: Array, free: Sequence[int]) -> tuple[Array, Array]:
+def observe_stacked(many: ManyArms, /, joints: Array, values: Array, free: Sequence[int]) -> tuple[Array, Array]:
     """``StackedArm.observe``."""
     motions, there, frame = walk_stacked(many.arm, joints, values, 5)
     slot = {parameter: i for i, parameter in enumerate(free)}
@@ -188,7 +226,7 @@ def observe_stacked(many: "StackedArm", /, joints: Array, values: Array, free: S
 # Candidates of five joints
 
 
-def settle(arm: "SerialArm", /, values: Array, Ts: Array, joints: Array) -> tuple[Array, Array]:
+def settle(arm: WalkedArm, /, values: Array, Ts: Array, joints: Array) -> tuple[Array, Array]:
     """``kernels.settle``."""
     count, many = joints.shape[:2]
     flat, each = joints.reshape(-1, 5).copy(), np.repeat(np.arange(count), many)
