@@ -62,17 +62,17 @@ def _ended(arguments: list[str]) -> int:
         if program.was_interrupted(error) and not isinstance(error, LabError):
             program.say("interrupted; nothing was written")
             return program.INTERRUPTED
-        said, code = _told(arguments, error)
-        program.say(said)
+        message, code = _report_error(arguments, error)
+        program.say(message)
         if "--json" in arguments:
-            program.say_as_json(said, code)
+            program.say_as_json(message, code)
         return code
     except KeyboardInterrupt as stop:
         program.say(f"interrupted; {str(stop) or 'nothing was written'}")
         return program.INTERRUPTED
 
 
-def _told(arguments: list[str], error: Exception) -> tuple[str, int]:
+def _report_error(arguments: list[str], error: Exception) -> tuple[str, int]:
     """Print an error, and return the exit code."""
     from lab.commands.program import DEFECT, drop_output, write_log
     from lab.core.errors import LabError
@@ -150,14 +150,14 @@ def _run_command(command: "Command", arguments: list[str]) -> int:
         from lab.commands.command_line import parsed
 
         command.load_options()
-    asked = parsed(command, arguments)
-    options = asked.options  # lab design has an option --check, so its own refusals are called otherwise
+    requested = parsed(command, arguments)
+    options = requested.options  # lab design has an option --check, so its own refusals are called otherwise
     if (check := getattr(options, "refuse_nonsense", None) or getattr(options, "check", None)) is not None:
         check()  # before there is a folder
     own = getattr(options, "out", None)  # some commands write only where they are asked to
     before: list[tuple[Path, bytes]] = [] if own is None else [(own, _checksums(own))]
     try:
-        return _done(command, asked, before)
+        return _done(command, requested, before)
     except KeyboardInterrupt as stop:
         for place, checksums in before:
             if _checksums(place) not in (checksums, b""):  # it came too late
@@ -175,7 +175,7 @@ def _checksums(place: "Path") -> bytes:
         return b""
 
 
-def _done(command: "Command", asked: "Arguments", before: "list[tuple[Path, bytes]]") -> int:
+def _done(command: "Command", requested: "Arguments", before: "list[tuple[Path, bytes]]") -> int:
     """Run the command, and return the exit code.
 
     Args:
@@ -193,30 +193,32 @@ def _done(command: "Command", asked: "Arguments", before: "list[tuple[Path, byte
 
     with contextlib.ExitStack() as stack:
         stack.enter_context(threadpool_limits(1))  # small matrices: more threads wait for each other
-        place = asked.out
+        place = requested.out
         if command.resumed:
-            own = place or getattr(asked.options, "out", None)
-            stack.enter_context(unfinished(command.name, asked.options, own, resume=asked.resume))
+            own = place or getattr(requested.options, "out", None)
+            stack.enter_context(unfinished(command.name, requested.options, own, resume=requested.resume))
         if place is None and command.folder:
-            place = free_name(Path("runs"), command.folder_name(asked.options))
+            place = free_name(Path("runs"), command.folder_name(requested.options))
         if place is not None:
             before.append((place, _checksums(place)))
-            folder = stack.enter_context(run_folder(place, input_files(asked.options), overwrite=asked.overwrite))
+            folder = stack.enter_context(
+                run_folder(place, input_files(requested.options), overwrite=requested.overwrite)
+            )
         with starting(f"lab {command.name}"):  # its libraries take longer than its options
             run = command.load_run()
-        result: Result = run(asked.options)
+        result: Result = run(requested.options)
         if place is not None:
             with status("writing the page and the other files"):
                 result.write(folder)
     for warning in result.warnings:
         say(f"warning: {warning}")
     with output_may_close():
-        if asked.json:
+        if requested.json:
             print(json.dumps(result.to_dict(), allow_nan=False))
         else:
             from lab.render.terminal import print_document
 
             print_document(result.document(), warnings=False)
-            if (written := asked.options.out if command.writes_on_request else place) is not None:
+            if (written := requested.options.out if command.writes_on_request else place) is not None:
                 print("\n".join(_where(written)))
     return result.exit_code

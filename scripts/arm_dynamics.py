@@ -190,7 +190,7 @@ def coverage(study: Study) -> tuple[list[Row], Row]:
         ratios.append(predicted.total_noise_ratio)
         relative.append(predicted.total_relative)
     covered, sigma = np.mean(hits, axis=0), np.sqrt(np.mean(np.square(sigmas), axis=0))
-    names = [study.model.base.names[i] for i in study.model.base.kept.tolist()]
+    names = [study.model.base.names[i] for i in study.model.base.independent.tolist()]
     rows: list[Row] = [
         {"parameter": label, "unit": unit, "true": float(true), "sigma": float(spread), "covered": float(share),
          "relative_sigma": float(spread / abs(true)) if abs(true) > 1e-9 else float("inf")}

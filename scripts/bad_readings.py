@@ -140,7 +140,7 @@ def outliers_of(arm: SerialArm, data: Measurements, known: bool, seed: int) -> t
     seen = Observations(data.joints, data.points, np.full(data.seen.shape, weight))
     rng, shape = np.random.default_rng((seed, 2)), NoiseDistribution("uniform")
     return plain.values, find_outliers(
-        arm, seen, plain.fit.free, plain.nominal_aligned, known=known, rng=rng, shape=shape
+        arm, seen, plain.fit.free, plain.nominal_aligned, sigma_given=known, rng=rng, shape=shape
     )
 
 

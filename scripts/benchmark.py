@@ -28,7 +28,7 @@ from lab.calibration.observation import Points
 from lab.calibration.statistics.linearized import NoiseDistribution
 from lab.calibration.statistics.model_selection import select
 from lab.calibration.statistics.outliers import find_outliers
-from lab.calibration.weights import Noise, weighed
+from lab.calibration.weights import Noise, weigh
 from lab.campaign.design_problem import best_design, pose_problem
 from lab.campaign.option_groups import ArmEffects
 from lab.campaign.options import DesignOptions, VirtualCampaign
@@ -259,12 +259,12 @@ def effects() -> dict[str, float]:
 
     one = robot.serial_arm(("p1",))
     rigid = perturbed_arm(robot, VirtualCampaign(seed=7, effects=ArmEffects(bad_share=0.05)))
-    seen, _ = weighed(Points(one), track(rigid, poses, ("p1",), tracker, rng), Noise(tracker))
-    free, start = base_set(one, one.nominal(robot.tool)).kept, one.nominal(robot.tool)
+    seen, _ = weigh(Points(one), track(rigid, poses, ("p1",), tracker, rng), Noise(tracker))
+    free, start = base_set(one, one.nominal(robot.tool)).identifiable, one.nominal(robot.tool)
 
     def robust() -> None:
         before = fit_base_and_tool(Points(one), seen, start)
-        find_outliers(one, seen, free, before, known=True, rng=rng, shape=NoiseDistribution("uniform"))
+        find_outliers(one, seen, free, before, sigma_given=True, rng=rng, shape=NoiseDistribution("uniform"))
 
     def auto() -> None:
         chosen = select(fitter.model_with, data, fitter.nominal, Noise(tracker)).chosen
@@ -281,7 +281,7 @@ def stacked() -> dict[str, float]:
     robot = load_robot("irb120")
     arm, tracker = robot.serial_arm(("p1",)), instrument("uniform-8um")
     nominal, many = arm.nominal(robot.tool), StackedArm(arm)
-    free, joints = base_set(arm, nominal).kept, robot.chain.random_joints(30, rng_for(7, "poses"))
+    free, joints = base_set(arm, nominal).identifiable, robot.chain.random_joints(30, rng_for(7, "poses"))
     exact = perturbed_arm(robot, VirtualCampaign(seed=7)).points(joints, ("p1",))
     points = np.array([tracker.sample(exact, rng_for(7, "noise", draw)) for draw in range(1000)])
 

@@ -43,7 +43,7 @@ CASES: tuple[Case, ...] = ("known noise", "estimated noise", "systematic errors 
 MICRON = 1e-6
 ERRORS = TrackerErrors(
     transit_offset=Uncertain(5 * MICRON),
-    transit_tilt=Uncertain(5 * MICRON, freedom=8),
+    transit_tilt=Uncertain(5 * MICRON, dof=8),
     collimation=Uncertain(5 * MICRON),
     beam_offset=Uncertain.within(5 * MICRON),
     elevation_index=Uncertain(5 * MICRON),
@@ -170,7 +170,7 @@ def _bench(case: Case, seed: int) -> _Bench:
     assert truth is not None
     poses = random_poses(real.robot, POSES[case], rng_for(seed, "poses"))
     asked = arm.structure_joints(2 * ASKED, rng_for(seed, "fresh"))
-    return _Bench(arm, truth.values, base_set(arm, truth.values).kept, poses, asked, case)
+    return _Bench(arm, truth.values, base_set(arm, truth.values).identifiable, poses, asked, case)
 
 
 def _covered(bench: _Bench, values: Array, expanded: dict[str, float], rng: np.random.Generator) -> dict[str, Array]:

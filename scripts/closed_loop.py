@@ -151,7 +151,7 @@ def reachable_cube(robot: Robot, target: str) -> Cube:
 def _clear(model: RobotModel, nominal: NominalInverse, wanted: PoseTarget) -> bool:
     """Whether the nominal model reaches all poses, clear of its limits, of singularities and of collisions."""
     chain, anywhere = nominal.arm.chain, np.full((len(wanted), nominal.arm.chain.size), np.nan)
-    ways = nominal.ways(wanted, anywhere)
+    ways = nominal.solutions(wanted, anywhere)
     joints = ordered(chain, ways, anywhere, np.zeros(ways.gap_m.shape, dtype=np.bool_))[0][:, 0]
     if ways.gap_m.min(axis=1).max() > 0 or chain.beyond_limits(joints, -MARGIN_RAD).any():
         return False

@@ -65,7 +65,7 @@ class DesignedCampaign:
         inputs = np.concatenate([np.insert(drawn, drawn.shape[1], mass, axis=1) for mass in self.payloads_kg])
         rigid = model.values_before(self.robot.arm(self.targets), model.T_world_tracker)
         values = np.concatenate([rigid, np.zeros(len(arm.names) - len(rigid))])
-        kept = list(base_set(arm, values).kept)
+        kept = list(base_set(arm, values).identifiable)
         jacobian = arm.observe(inputs, values)[1][..., kept].reshape(len(inputs), -1, len(kept))
         pool = jacobian / np.linalg.norm(jacobian, axis=(0, 1))
         design = exchange(inputs, pool, POSES, criterion("O1", len(kept)), rng_for(0, "design"), starts=1)

@@ -95,7 +95,7 @@ def absorbed(robot: Robot, joints: Array, cause: str, payload: str) -> dict[str,
     for name, value in CAUSES[cause].items():
         elastic[names.index(name)] = value
     rigid = robot.arm(("p1", "p2", "p3"))
-    whole = list(base_set(rigid, values[: len(rigid.names)]).kept)
+    whole = list(base_set(rigid, values[: len(rigid.names)]).identifiable)
     setup = [i for i in whole if rigid.parameters[i].group in ("base", "tool")]
     half = len(joints) // 2
     errors, columns = [], []

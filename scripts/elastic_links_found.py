@@ -135,7 +135,7 @@ def left_um(ei: float) -> float:
     """What geometry and joint springs leave (µm, root mean square of a point) of links with this EI, noise apart."""
     arm = DAY.robot.arm_with(TARGETS, DAY.groups)
     rigid, values = arm.rigid, arm.nominal(DAY.robot.tool)
-    kept = list(base_set(rigid, rigid.nominal(DAY.robot.tool)).kept)
+    kept = list(base_set(rigid, rigid.nominal(DAY.robot.tool)).identifiable)
     kept += [i for i, name in enumerate(arm.names) if name.endswith(".compliance")]
     elastic = values.copy()
     elastic[[arm.names.index(f"link{link}.ei_{axis}") for link in (2, 4) for axis in "yz"]] = 1 / ei

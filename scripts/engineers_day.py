@@ -230,7 +230,7 @@ def _touched(robot: lab.Robot, corrected: lab.CompensationResult) -> tuple[int, 
     assert program is not None
     joints = np.full((len(program.targets), robot.chain.size), np.nan)
     joints[program.rows[found.converged]] = found.joints[found.converged]
-    share, said = np.linspace(0.0, 1.0, LOOKS)[:, None], {line for line, _ in program.ways}
+    share, said = np.linspace(0.0, 1.0, LOOKS)[:, None], {line for line, _ in program.touching_paths}
     untold = [
         target.name
         for target, (start, end) in zip(program.targets[1:], pairwise(joints), strict=True)

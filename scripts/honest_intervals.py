@@ -16,7 +16,7 @@ from lab.calibration.observation import observation_of
 from lab.calibration.statistics.goodness_of_fit import goodness_of_fit, isotropy, sandwich
 from lab.calibration.statistics.linearized import NoiseDistribution, linearized
 from lab.calibration.validation import compare_with_truth, error_tangent
-from lab.calibration.weights import Noise, weighed
+from lab.calibration.weights import Noise, weigh
 from lab.campaign.option_groups import ArmEffects
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import load_robot
@@ -32,7 +32,7 @@ NOISES = {
     "Gaussian, known": (GAUSSIAN, Noise(GAUSSIAN)),
     "Gaussian, estimated": (GAUSSIAN, Noise()),
     "uniform, known": (instrument("uniform-8um"), Noise(instrument("uniform-8um"))),
-    "spherical, weighed": (instrument("leica-at960"), Noise(instrument("leica-at960"))),
+    "spherical, weighted": (instrument("leica-at960"), Noise(instrument("leica-at960"))),
     "spherical taken for isotropic": (instrument("leica-at960"), Noise()),
 }
 COMPLIANT = "compliance missing"
@@ -66,7 +66,7 @@ def of_one_robot(case: str, seed: int, options: Options) -> dict[str, np.ndarray
     poses = random_poses(real.robot, options.poses, rng_for(seed, "poses"))
     shape = NoiseDistribution("uniform") if device.kind == "uniform" else NoiseDistribution()
     exact = track(real, poses, arm.targets, instrument("exact"), rng_for(seed, "noise"))
-    weights = weighed(observation_of(arm), exact, Noise(device))[0]
+    weights = weigh(observation_of(arm), exact, Noise(device))[0]
     bound = None
     rows = []
     for draw in rng_for(seed, "noise").spawn(options.draws):
@@ -79,8 +79,8 @@ def of_one_robot(case: str, seed: int, options: Options) -> dict[str, np.ndarray
             rates = weights.apply(arm.observe(poses, truth.values)[1][..., free])
             local = error_tangent(arm, truth.values)[np.ix_(free, free)]
             bound = np.diag(local @ np.linalg.inv(rates.T @ rates) @ local.T)
-        seen, known = weighed(observation_of(arm), data, noise)
-        judged = goodness_of_fit(arm, seen, found.fit, known=known, shape=shape)
+        seen, known = weigh(observation_of(arm), data, noise)
+        judged = goodness_of_fit(arm, seen, found.fit, sigma_given=known, shape=shape)
         row = {
             "covered": np.abs(compared.z) <= found.half_width_95,
             "nees": compared.nees_per_parameter,

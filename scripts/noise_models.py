@@ -26,7 +26,7 @@ from lab.core.se3 import Array
 from lab.kinematics.effects.arm import Arm
 from lab.kinematics.gauge import base_set
 from lab.kinematics.model import Model
-from lab.noise.change_points import ANOTHER_DAY
+from lab.noise.change_points import ANOTHER_SESSION
 from lab.noise.error_term import Components, ErrorShapes
 from lab.noise.terms import correlation_of
 from lab.noise.variance_components import Estimate, RestrictedProblem, SmallSample, chosen_components, small_sample
@@ -116,7 +116,7 @@ def linear_arm(case: Case, seed: int, poses: int) -> _LinearArm:
     robot = load_robot("irb120")
     arm = robot.arm(("p1", "p2", "p3")[: case.targets])
     nominal = arm.nominal(robot.tool)
-    free = list(base_set(arm, nominal).kept)
+    free = list(base_set(arm, nominal).identifiable)
     inputs = arm.structure_joints(poses, rng_for(seed, "poses"))
     slopes = arm.observe(inputs, nominal)[1][..., free]
     scatter = by_joint_positions(arm, inputs, nominal, robot.chain.size)
@@ -210,14 +210,14 @@ def _named(case: Case, arm: _LinearArm, observed: Observations, rng: np.random.G
     single, model, free = observed.pose_by_pose(), cast(Model, arm), range(arm.parameters)
     known = case.known and observed.correlation is None
     start = np.zeros(arm.parameters)
-    found = find_outliers(model, single, free, start, known=known, rng=rng)
+    found = find_outliers(model, single, free, start, sigma_given=known, rng=rng)
     if not len(found.rows):
         return found.rows
     tail = tail_dof(linearized(model, single, found.fit.values, found.fit.free))
     if np.isinf(tail):
         return found.rows
     shape = NoiseDistribution("student", dof=tail)
-    return find_outliers(model, single, free, start, known=known, rng=rng, shape=shape).rows
+    return find_outliers(model, single, free, start, sigma_given=known, rng=rng, shape=shape).rows
 
 
 def _alarmed(
@@ -234,7 +234,7 @@ def _alarmed(
     rows = rng.permutation(case.poses)[: rng.integers(*_CHECKED)]
     made = errors(case, arm, rows, rng)
     shapes = _shapes(case, arm, rows)
-    another_session = replace(shapes, along=np.ones(len(rows)), changes=(ANOTHER_DAY,))
+    another_session = replace(shapes, along=np.ones(len(rows)), changes=(ANOTHER_SESSION,))
     scale = 1.0 if case.known and not estimate.kinds else estimate.likelihood.scale
     observed = _weighed(case, rows, made, estimate.components, scale, another_session)
     tail = tail_dof(linear)

@@ -14,7 +14,7 @@ from shared import Answer, Document, Flag, Section, named_values, paragraphs, ru
 
 from lab.calibration.identify import Identification, identify
 from lab.calibration.observation import observation_of
-from lab.calibration.weights import Noise, weighed
+from lab.calibration.weights import Noise, weigh
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import load_virtual
 from lab.campaign.virtual_robot import truth_of
@@ -195,7 +195,7 @@ def _floor(arm: MeasuredArm, found: Identification) -> tuple[float, float]:
 def _standardized(arm: MeasuredArm, model: Model, data: Measurements) -> tuple[Array, float]:
     """Errors ``(f,)`` of the estimates in standard deviations, and e' C^-1 e / f."""
     free = list(arm.exact.fit.free)
-    observed, _ = weighed(observation_of(model), data, Noise(arm.device))
+    observed, _ = weigh(observation_of(model), data, Noise(arm.device))
     predicted, jacobian = model.observe(observed.inputs, arm.truth)
     extra, slopes = arm.exact.extra_residuals(arm.truth)
     rows = np.concatenate([observed.apply(jacobian[..., free]), slopes[:, free]])

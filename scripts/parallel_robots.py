@@ -26,7 +26,7 @@ from lab.calibration.identify import Identification, IdentifyOptions, identify
 from lab.calibration.observation import observation_of
 from lab.calibration.prior import Tolerance
 from lab.calibration.statistics.goodness_of_fit import goodness_of_fit
-from lab.calibration.weights import Noise, weighed
+from lab.calibration.weights import Noise, weigh
 from lab.campaign.model_files import models_folder
 from lab.campaign.option_groups import ArmEffects
 from lab.campaign.options import VirtualCampaign
@@ -52,7 +52,7 @@ from lab.studies import executors
 
 POSES, FRESH = 50, 1000
 DEVICE = Instrument("gaussian-5um", "gaussian", radial_m=5e-6)
-OFF, OFF_SIX = (0.5, 1.0), (0.1, 0.1)  # mm and mrad
+OFFSETS, OFF_SIX = (0.5, 1.0), (0.1, 0.1)  # mm and mrad
 LONGER_M = 1e-4  # one rod than its twin
 ROUNDING = 1e-10  # of the largest singular value
 SAME = 1e-9  # m and rad
@@ -131,8 +131,8 @@ class Bench:
         """With this model of the robot, and how good that is."""
         data = track(self.real, self.joints, self.targets, device, rng_for(seed, "noise"))
         found = identify(model, data, model.nominal(self.real.robot.tool), Noise(device), request)
-        seen, known = weighed(observation_of(model), data, Noise(device))
-        judged = goodness_of_fit(model, seen, found.fit, known=known, extra_residuals=found.extra_residuals)
+        seen, known = weigh(observation_of(model), data, Noise(device))
+        judged = goodness_of_fit(model, seen, found.fit, sigma_given=known, extra_residuals=found.extra_residuals)
         row = {"converged": found.status == "converged", "inadequate": judged.outcome == "failed"}
         return found, {**row, **self.errors(model, found.values)}
 
@@ -161,7 +161,7 @@ def drawn_real(robot: str, seed: int, off: tuple[float, float], gear_ppm: float 
 def one_robot(name: str, seed: int, noiseless: bool = False) -> Row:
     """A case of the table."""
     case, device = CASES[name], instrument("exact") if noiseless else DEVICE
-    robot, real = robot_of(case.robot), drawn_real(case.robot, seed, OFF, 1e3 if case.groups else 0.0)
+    robot, real = robot_of(case.robot), drawn_real(case.robot, seed, OFFSETS, 1e3 if case.groups else 0.0)
     if case.tracker != "anywhere":
         assert isinstance(real, TrueMechanism)
         x, y, turn = rng_for(seed, "tracker").uniform(-1, 1, 3) * (case.tracker == "in the plane")
@@ -199,7 +199,7 @@ def six_rods(seed: int, every: bool = True) -> Row:
     row["exact"] = bench.identified(arm, IdentifyOptions(), instrument("exact"), seed)[1]
     if every:  # takes 12 s
         data = track(real, bench.joints, ("p1",), DEVICE, rng_for(seed, "noise"))
-        seen = weighed(observation_of(arm), data, Noise(DEVICE))[0]
+        seen = weigh(observation_of(arm), data, Noise(DEVICE))[0]
         done = fit(arm, seen, range(len(nominal)), plain.nominal_aligned)
         row["every"] = {"converged": done.status == "converged", **bench.errors(arm, done.values)}
     row["three rods"] = bench.identified(robot_of("delta").arm(("p1",)), IdentifyOptions(), DEVICE, seed)[1]

@@ -14,7 +14,7 @@ from shared import Answer, Document, Flag, Paragraph, Section, Table, run_script
 from lab.calibration.gauss_newton import Fit, fit
 from lab.calibration.observation import observation_of
 from lab.calibration.sequential import fit_sequentially
-from lab.calibration.weights import Noise, weighed
+from lab.calibration.weights import Noise, weigh
 from lab.core.errors import LabError
 from lab.core.limits import positive
 from lab.core.linear_model import half_width_95
@@ -68,7 +68,7 @@ def identified(arm: MeasuredArm, rng: np.random.Generator) -> tuple[Fit, Fit]:
     """
     model, data = arm.noisy(rng)
     observation = observation_of(model)
-    observed, _ = weighed(observation, data, Noise(arm.device))
+    observed, _ = weigh(observation, data, Noise(arm.device))
     free, start = arm.exact.fit.free, arm.exact.nominal_aligned
     both = fit(model, observed, free, start), fit_sequentially(observation, observed, free, start)
     if any(each.status != "converged" for each in both):

@@ -40,7 +40,7 @@ from lab.extensions.reproduction.thesis_case import (
     CRITERIA,
     HIDDEN,
     INTO,
-    OFF,
+    OFFSETS,
     PRINTED,
     Reproduced,
     aliasing,
@@ -182,7 +182,7 @@ def _over_all(answer: CriterionComparison, criterion: str) -> str:
         ]
         return f"{criterion}: among the best in {len(first)} of {len(answer.compared)} comparisons"
     effects = np.array([pair.effect for pair in pairs])
-    better, worse = (sum(pair.told and sign * np.log(pair.effect) > 0 for pair in pairs) for sign in (-1, 1))
+    better, worse = (sum(pair.is_significant and sign * np.log(pair.effect) > 0 for pair in pairs) for sign in (-1, 1))
     name = "O2, condition" if criterion == "O2" else criterion
     return (
         f"{name}: surely better than {BASELINE} in {better} of {len(pairs)} comparisons, worse in {worse}; "
@@ -219,7 +219,7 @@ def predicted_rms(study: Study, designs: Sequence[Array]) -> Array:
     robot = load_virtual(study.robot)
     model, arm = robot.model, robot.arm(study.targets)
     values = model.values_before(arm, model.T_world_tracker)
-    kept = list(base_set(arm, values).kept)
+    kept = list(base_set(arm, values).identifiable)
 
     def rates(joints: Array) -> Array:
         return arm.observe(joints, values)[1][..., kept].reshape(-1, len(kept))
@@ -348,13 +348,13 @@ NAMES = {name: "cond." if name == "condition" else name for name in CRITERIA}
 
 def thesis_summary(found: Reproduced) -> dict[str, Any]:
     """What ``--json`` prints of it, mm and rad."""
-    rms = {name: rows_of_table(off)["RMS"] for name, off in found.off.items()}
+    rms = {name: rows_of_table(off)["RMS"] for name, off in found.errors.items()}
     return {
         "draws": len(rms["O1"]),
         "aliasing": aliasing(),
         "hidden": dict(HIDDEN),
-        "truth": dict(OFF),
-        "first_draw_errors": {name: off[0].tolist() for name, off in found.off.items()},
+        "truth": dict(OFFSETS),
+        "first_draw_errors": {name: off[0].tolist() for name, off in found.errors.items()},
         "rows": {
             row: {
                 name: {
@@ -362,15 +362,15 @@ def thesis_summary(found: Reproduced) -> dict[str, Any]:
                     "first_draw": float(rows_of_table(off)[row][0]),
                     "spread_95": found.spread(row)[name].tolist(),
                 }
-                for i, (name, off) in enumerate(found.off.items())
+                for i, (name, off) in enumerate(found.errors.items())
             }
             for row in PRINTED
         },
         "rms_sd_over_draws": {name: float(each.std()) for name, each in rms.items()},
-        "rms_without_the_three": {name: _median(without(off)) for name, off in found.off.items()},
+        "rms_without_the_three": {name: _median(without(off)) for name, off in found.errors.items()},
         "rms_without_hidden": {name: _median(off) for name, off in found.clean.items()},
         "least_rms_share": found.chances(),
-        "d6_beyond_linear_mm": float(found.beyond[list(OFF).index("link6.d")]),
+        "d6_beyond_linear_mm": float(found.beyond[list(OFFSETS).index("link6.d")]),
     }
 
 
@@ -381,9 +381,9 @@ def thesis_blocks(found: Reproduced) -> tuple[Block, ...]:
 
 def _estimates(found: Reproduced) -> Table:
     rows: list[Row] = []
-    for i, (name, true) in enumerate(OFF.items()):
+    for i, (name, true) in enumerate(OFFSETS.items()):
         form = ".5f" if thesis_case().parameter(name).is_angle else ".4f"
-        cells = [f"{true + off[0, i]:{form}}" for off in found.off.values()]
+        cells = [f"{true + off[0, i]:{form}}" for off in found.errors.values()]
         marked = [Strong(cell) if name in INTO.values() else cell for cell in cells]
         unit = "rad" if thesis_case().parameter(name).is_angle else "mm"
         rows.append((f"{name} ({unit})", f"{true:{form}}", *marked))
@@ -392,16 +392,16 @@ def _estimates(found: Reproduced) -> Table:
 
 
 def _rows(found: Reproduced) -> Table:
-    draws = len(found.off["O1"])
+    draws = len(found.errors["O1"])
     rows: list[Row] = []
     for row, printed in PRINTED.items():
         rows.append((row, "the thesis", *(f"{each:.4f}" for each in printed)))
-        rows.append(("", "one draw here", *(f"{rows_of_table(off)[row][0]:.4f}" for off in found.off.values())))
+        rows.append(("", "one draw here", *(f"{rows_of_table(off)[row][0]:.4f}" for off in found.errors.values())))
         spread = list(found.spread(row).values())
         for words, k in ((f"2.5 % of {draws:,} draws are below", 0), ("2.5 % are above", 2)):
             rows.append(("", words, *(f"{each[k]:.4f}" for each in spread)))
     for words, parts in (
-        ("without three rows", {name: without(off) for name, off in found.off.items()}),
+        ("without three rows", {name: without(off) for name, off in found.errors.items()}),
         ("without what is hidden", found.clean),
     ):
         rows.append(("RMS", f"{words}, median", *(f"{_median(off):.4f}" for off in parts.values())))
@@ -415,7 +415,7 @@ def _aliases(found: Reproduced) -> Table:
         if not columns:
             rows.append((name, "any", "nothing: it moves nothing", "", "", ""))
         for into, share in columns.items():
-            mean = np.mean([off[:, list(OFF).index(into)].mean() for off in found.off.values()])
+            mean = np.mean([off[:, list(OFFSETS).index(into)].mean() for off in found.errors.values()])
             unit, form = ("rad", "+.5f") if thesis_case().parameter(into).is_angle else ("mm", "+.4f")
             one = f"{share:+.6f} rad" if thesis_case().parameter(into).is_angle else f"{share:+.3f} mm"
             error = f"{share * HIDDEN[name]:{form}} {unit}"
@@ -426,10 +426,10 @@ def _aliases(found: Reproduced) -> Table:
 
 def said(found: Reproduced) -> list[str]:
     """What the tables say, in sentences."""
-    rms = {name: rows_of_table(off)["RMS"] for name, off in found.off.items()}
+    rms = {name: rows_of_table(off)["RMS"] for name, off in found.errors.items()}
     draws, least = len(rms["O1"]), found.chances()
     same = np.allclose(rms["O2"], rms["condition"])
-    beyond = found.beyond[list(OFF).index("link6.d")]
+    beyond = found.beyond[list(OFFSETS).index("link6.d")]
     apart = max(PRINTED["RMS"]) - min(PRINTED["RMS"])
     spread = np.mean([each.std() for each in rms.values()])
     inside = sum(
@@ -445,7 +445,7 @@ def said(found: Reproduced) -> list[str]:
     )
     return [
         f"The RMS is what is hidden, not what was estimated: {HIDDEN['link2.d']:.2f} mm of d2 in d3, over √19, is "
-        f"{HIDDEN['link2.d'] / np.sqrt(len(OFF)):.4f}, whatever chose the poses.",
+        f"{HIDDEN['link2.d'] / np.sqrt(len(OFFSETS)):.4f}, whatever chose the poses.",
         f"{inside} of the thesis' 18 numbers are within 95 % of the draws here. From one draw to the next the RMS "
         f"varies by {spread:.4f} (1σ); the thesis' six are {apart:.4f} apart.",
         f"So which criterion has the least RMS is chance. Of {draws:,} draws it was: {shares}.",

@@ -70,7 +70,7 @@ class Months:
         robot = load_robot("irb120")
         arm, rng = robot.arm(TARGETS), rng_for(seed, "poses")
         values = arm.nominal(robot.tool)
-        free = list(base_set(arm, values).kept)
+        free = list(base_set(arm, values).identifiable)
         links = [k for k, i in enumerate(free) if arm.parameters[i].group not in ("base", "tool")]
         gains = []
         for _ in range(sets):

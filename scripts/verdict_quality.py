@@ -129,7 +129,7 @@ class _MeasurementSession:
         self.true = ARM.nominal()
         self.true[:3] += rng.normal(size=3)
         scale = np.array([TOLERANCE_RAD if each.is_angle else TOLERANCE_M for each in ARM.parameters])
-        links = [i for i in base_set(ARM, self.true).kept if ARM.parameters[i].is_link]
+        links = [i for i in base_set(ARM, self.true).identifiable if ARM.parameters[i].is_link]
         self.true[links] += (scale * rng.normal(size=len(scale)))[links]
         self.lacking_rad = 10 ** rng.uniform(-5, -3) * (rng.random() < _LACKING)
         self.phases = rng.uniform(0, 2 * np.pi, (2, chain.size))

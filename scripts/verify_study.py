@@ -15,7 +15,7 @@ from shared import Answer, Document, Flag, Section, named_values, paragraphs, ru
 
 from lab.calibration.identify import Identification, identify
 from lab.calibration.observation import observation_of
-from lab.calibration.weights import Noise, weighed
+from lab.calibration.weights import Noise, weigh
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import load_robot
 from lab.campaign.virtual_robot import perturbed_arm
@@ -80,7 +80,7 @@ def checked(
     """A verification by what the tracker sees of the arm at some new poses."""
     data = track(real, poses, TARGETS, device, rng)
     noise = Noise(device) if found.sigma_given else Noise(sigma_m=found.sigma_m)
-    return verify(prediction_of(found), weighed(observation_of(found.model), data, noise)[0])
+    return verify(prediction_of(found), weigh(observation_of(found.model), data, noise)[0])
 
 
 def changed(real: TrueRobot, case: str, options: Options, rng: np.random.Generator) -> TrueRobot:

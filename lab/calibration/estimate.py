@@ -470,14 +470,14 @@ class Estimate:
             return none
         (arm, values), size = self.geometry, self.rigid.chain.size
         assert isinstance(arm, SerialArm)  # the conditions are those of effects of gravity
-        off = [
+        errors = [
             sag_uncertainty(
                 arm, values, self.compliance, inputs[:, :size], self.loads.gravity, self.load.covariance, target
             )
             for target in targets
         ]
         carried = inputs[:, size + self.arm.conditions.index(PAYLOAD)] > 0
-        return np.asarray(np.where(carried[:, None], np.stack(off, axis=1), none))
+        return np.asarray(np.where(carried[:, None], np.stack(errors, axis=1), none))
 
 
 def _estimated_parameters(found: Identification, exported: Array) -> tuple[EstimatedParameter, ...]:
@@ -517,7 +517,7 @@ def _estimated_parameters(found: Identification, exported: Array) -> tuple[Estim
 def _status(found: Identification, parameter: int) -> str:
     if parameter in found.fit.free:
         return "identified"
-    if parameter in found.base_set.held:
+    if parameter in found.base_set.fixed_observable:
         return "held"
     return "not seen" if parameter in found.unobservable else "fixed"
 

@@ -280,8 +280,8 @@ def read_estimate_files(folder: Path) -> EstimateFiles:
     for row in rows:
         for key in ("nominal", "exported", "estimate"):
             if abs(value := getattr(row, key)) not in LENGTH_M:
-                said = f"{row.name}: {key} is {value:g}; no parameter is larger than {LENGTH_M.most:g}"
-                raise LabError(f"{path}: does not hold what the lab writes: {said}; {_MEND}")
+                text = f"{row.name}: {key} is {value:g}; no parameter is larger than {LENGTH_M.most:g}"
+                raise LabError(f"{path}: does not hold what the lab writes: {text}; {_MEND}")
     return EstimateFiles(content, rows, *_read_covariance(folder / COVARIANCE_FILE))
 
 

@@ -180,7 +180,7 @@ class LinearRows:
     Attributes:
         columns: ``(n, m, f)`` derivatives by the parameters that were fitted.
         residual: ``(n, m)`` what the fit leaves.
-        known: ``(r, f)`` derivatives of what else is known of the parameters.
+        prior_rows: ``(r, f)`` derivatives of what else is known of the parameters.
         by_joints: ``(n, m, joints)`` derivatives by joint positions: rad of a hinge, as much at a lever of a slide.
         numbers: ``(n,)`` how many numbers each pose has.
         sigma_given: whether the rows' variance is one at least.
@@ -188,7 +188,7 @@ class LinearRows:
 
     columns: Array
     residual: Array
-    known: Array
+    prior_rows: Array
     by_joints: Array
     numbers: NDArray[np.int_]
     sigma_given: bool
@@ -201,14 +201,14 @@ class LinearRows:
 
     def without(self, left_out: NDArray[np.bool_], values: Array) -> "LinearRows":
         """The problem fitted without some parameters ``(f,)``, which had these values ``(left_out,)``."""
-        kept = self.columns[..., ~left_out]
+        retained = self.columns[..., ~left_out]
         before = self.residual + self.columns[..., left_out] @ values
-        flat, target = kept.reshape(-1, kept.shape[2]), before.ravel()
-        whole = np.concatenate([flat, self.known[:, ~left_out]])
+        flat, target = retained.reshape(-1, retained.shape[2]), before.ravel()
+        whole = np.concatenate([flat, self.prior_rows[:, ~left_out]])
         units, scale = unit_columns(whole)
-        back = np.linalg.lstsq(units, np.concatenate([target, np.zeros(len(self.known))]), rcond=None)[0] / scale
+        back = np.linalg.lstsq(units, np.concatenate([target, np.zeros(len(self.prior_rows))]), rcond=None)[0] / scale
         residual = (target - flat @ back).reshape(self.residual.shape)
-        return replace(self, columns=kept, residual=residual, known=self.known[:, ~left_out])
+        return replace(self, columns=retained, residual=residual, prior_rows=self.prior_rows[:, ~left_out])
 
 
 @dataclass(frozen=True)
@@ -242,7 +242,7 @@ def _growth_beyond_cover(rows: LinearRows, joints: Array, turning: NDArray[np.bo
     if len(PoseCover.of(joints, turning).poses) < _MIN_REGION_POSES:
         return 0.0
     columns, scale = unit_columns(rows.columns.reshape(-1, rows.columns.shape[2]))
-    scaled = replace(rows, columns=columns.reshape(rows.columns.shape), known=rows.known / scale)
+    scaled = replace(rows, columns=columns.reshape(rows.columns.shape), prior_rows=rows.prior_rows / scale)
     labels = joint_regions(joints, turning, _REGIONS, 0)
     tried = [_left_out(scaled, joints, turning, labels == region) for region in range(_REGIONS)]
     parts = [part for part in tried if part is not None]
@@ -260,7 +260,7 @@ def _left_out(rows: LinearRows, joints: Array, turning: NDArray[np.bool_], out: 
     if not len(far) or dof < 1:
         return None
     rest, left = rows.columns[~out].reshape(-1, size), rows.residual[~out].ravel()
-    information = rest.T @ rest + rows.known.T @ rows.known + _RIDGE * np.eye(size)
+    information = rest.T @ rest + rows.prior_rows.T @ rows.prior_rows + _RIDGE * np.eye(size)
     removed = rows.columns[out].reshape(-1, size).T @ rows.residual[out].ravel()
     inverse: Array = np.asarray(np.linalg.inv(information), dtype=np.float64)
     moved = inverse @ -removed  # at the whole fit the scores of all rows add up to nothing
@@ -302,7 +302,7 @@ def _together(chances: list[float]) -> float:
 def _excess(parts: list[_LeftOut]) -> float:
     """The variance that makes the weighted squares of all errors as large as expected."""
 
-    def lacking(size: float) -> float:
+    def excess(size: float) -> float:
         found = 0.0
         for part in parts:
             whole = part.covariance + size * part.by_joints @ np.swapaxes(part.by_joints, 1, 2)
@@ -310,13 +310,13 @@ def _excess(parts: list[_LeftOut]) -> float:
         return found
 
     low, high = 0.0, 1e-10
-    if lacking(low) <= 0:
+    if excess(low) <= 0:
         return 0.0
-    while lacking(high) > 0:
+    while excess(high) > 0:
         if high > 1.0:  # more than a radian is no error of a calibration
             return high
         low, high = high, 10 * high
-    return float(scipy.optimize.brentq(lacking, low, high, rtol=1e-3))
+    return float(scipy.optimize.brentq(excess, low, high, rtol=1e-3))
 
 
 _EDGE = 0.1  # of the measured positions of a joint, at either end of its range
@@ -331,7 +331,9 @@ _LEAST_SLOPES = 4
 _GEOMETRY = ("base", "tool", "link", *CAMPAIGN_SPECIFIC)  # all others are effects that vary with the joints
 _ROUNDING = 1e-9  # rad or m: a pose at the edge is not beyond it
 _TOLERANCE = 1e-8  # of the largest singular value of unit columns
-_TOLD = 1e-2  # of an edge's squares that the fit leaves: an edge that it can follow says nothing of how it leaves it
+_MIN_SHARE = (
+    1e-2  # of an edge's squares that the fit leaves: an edge that it can follow says nothing of how it leaves it
+)
 
 
 @dataclass(frozen=True)
@@ -385,12 +387,12 @@ class MeasuredRange:
             values: ``(p,)`` of the model.
         """
         size = len(self.lower)
-        off = self._off(inputs[:, :size]) if self.is_worse_beyond else np.zeros((len(inputs), size))
+        off = self._joint_errors(inputs[:, :size]) if self.is_worse_beyond else np.zeros((len(inputs), size))
         if not off.any():
             return np.zeros((*model.points(inputs, values).shape, size))
         return np.asarray(by_joint_positions(model, inputs, values, size) * off[:, None, None, :])
 
-    def _off(self, joints: Array) -> Array:
+    def _joint_errors(self, joints: Array) -> Array:
         """Return standard deviations ``(n, joints)`` of joint errors (rad, m of a slide) at some positions."""
         beyond, away = self.beyond(joints), self._away(joints)[:, None]
         sloped = self.slope * np.minimum(beyond * np.sqrt(1 + beyond / self.edge), _MAX_BEYOND)
@@ -474,16 +476,16 @@ def _slopes(found: Identification, model: Model, observed: Observations, joints:
     whole[: len(residual) - len(known)] = observed.apply(columns)
     left = fitted.residual(whole)
     weights = (left**2).sum(axis=0)
-    told = weights > _TOLD * (whole**2).sum(axis=0)
-    if told.sum() < _LEAST_SLOPES:
+    significant = weights > _MIN_SHARE * (whole**2).sum(axis=0)
+    if significant.sum() < _LEAST_SLOPES:
         return nothing
-    estimates = (left.T @ residual)[told] / weights[told]
+    estimates = (left.T @ residual)[significant] / weights[significant]
     variance = max(float(residual @ residual) / dof, 1.0 if found.sigma_given else 0.0)
-    errors = variance / weights[told]
+    errors = variance / weights[significant]
     if not (shared := _shared_variance(estimates, errors, dof)):
         return nothing
     trust = shared**2 / (shared**2 + errors)  # an edge that says little says what all of them do (empirical Bayes)
-    joint = np.array([joint for joint, _ in edges])[told]
+    joint = np.array([joint for joint, _ in edges])[significant]
     own = np.bincount(joint, (trust * estimates) ** 2 + trust * errors, joints.shape[1])
     count = np.bincount(joint, minlength=len(nothing))
     return np.asarray(np.sqrt(np.maximum(own / np.maximum(count, 1), shared**2)))

@@ -29,7 +29,7 @@ from lab.calibration.statistics.remaining_error import (
 )
 from lab.calibration.validation import Validation, configurations
 from lab.calibration.verdict import Verdict
-from lab.calibration.weights import weighed
+from lab.calibration.weights import weigh
 from lab.calibration.workspace_prediction import ValidationBounds
 from lab.core.checks import Check
 from lab.core.errors import LabError
@@ -136,7 +136,7 @@ class Fitted:
 
     fitter: Fitter
     given: Measurements
-    held: Measurements | None = None
+    held_out: Measurements | None = None
     judging: Judging = field(default_factory=Judging)
     progress: Progress = field(default=no_progress, repr=False, compare=False)
     checks: tuple[Check, ...] = ()
@@ -170,7 +170,7 @@ class Fitted:
 
     def with_fit(self, found: Identification, rows: Measurements) -> "Fitted":
         """Return the state with a fit of these rows."""
-        observations = weighed(observation_of(found.model), rows, self.fitter.noise)[0]
+        observations = weigh(observation_of(found.model), rows, self.fitter.noise)[0]
         state = replace(self, rows=rows, weighted=found, observations=observations, identification=found)
         return state.with_checks(found.checks)
 

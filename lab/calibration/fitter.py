@@ -72,7 +72,7 @@ class NominalRobot(Protocol):
     def arm(self, targets: tuple[str, ...]) -> RigidArm:
         """Return the arm's geometry, with these targets."""
 
-    def arm_with(self, targets: tuple[str, ...], groups: Sequence[str], course: SessionInfo = ...) -> Arm:
+    def arm_with(self, targets: tuple[str, ...], groups: Sequence[str], session: SessionInfo = ...) -> Arm:
         """Return the arm with groups of effects, for measurements of such sessions."""
 
 
@@ -166,11 +166,11 @@ class Fitter:
 
     def _arm_with(self, groups: Sequence[str]) -> Arm:
         if (key := tuple(groups)) not in self._arms:
-            self._arms[key] = self.robot.arm_with(self.targets, groups, self.course)
+            self._arms[key] = self.robot.arm_with(self.targets, groups, self.session)
         return self._arms[key]
 
     @cached_property
-    def course(self) -> SessionInfo:
+    def session(self) -> SessionInfo:
         """Session metadata of the measurements to be fitted."""
         rows = self.data.only("calibrate")
         rows = rows.take(np.flatnonzero(self.kind.rows(rows)))
@@ -205,22 +205,22 @@ class Fitter:
         """Manufacturing tolerance."""
         return self.options.tolerance
 
-    def modelled(self, groups: Sequence[str], held: Sequence[str]) -> tuple[Model, IdentifyOptions]:
+    def modelled(self, groups: Sequence[str], fixed: Sequence[str]) -> tuple[Model, IdentifyOptions]:
         """Return the arm with these groups less the parameters held, and the options of its identification."""
         model = self.model_with(groups)
         request = self.request if self.options.geometric else self.request.of(model.names)
-        return model, replace(request, fix=(*request.fix, *held))
+        return model, replace(request, fix=(*request.fix, *fixed))
 
     def identified(
-        self, rows: Measurements, groups: Sequence[str], held: Sequence[str] = ()
+        self, rows: Measurements, groups: Sequence[str], fixed: Sequence[str] = ()
     ) -> tuple[Identification, Measurements, Outliers | None]:
         """Identify the arm with these groups; return also the fitted rows and the outliers that were left out.
 
         Args:
-            held: parameters of the groups that the selection found not to be observable in these poses.
+            fixed: parameters of the groups that the selection found not to be observable in these poses.
         """
-        found, clean, outliers = self.identified_with(rows, groups, held), rows, None
-        model, request = self.modelled(groups, held)
+        found, clean, outliers = self.identified_with(rows, groups, fixed), rows, None
+        model, request = self.modelled(groups, fixed)
         for _ in range(_CLEANINGS if self.options.robust else 0):  # a prior weighs by a sigma that outliers inflate
             before, outliers = outliers, self.outliers_of(found, rows)
             if before is not None and set(before.rows) == set(outliers.rows):
@@ -229,14 +229,14 @@ class Fitter:
             found = self.identified_from(model, clean, request)
         return found, clean, outliers
 
-    def identified_with(self, rows: Measurements, groups: Sequence[str], held: Sequence[str]) -> Identification:
+    def identified_with(self, rows: Measurements, groups: Sequence[str], fixed: Sequence[str]) -> Identification:
         """Identify the arm with these groups from all these rows."""
 
         def make() -> Identification:
-            model, request = self.modelled(groups, held)
+            model, request = self.modelled(groups, fixed)
             return self.identified_from(model, rows, request)
 
-        return self._last_fit(make, rows, groups, held, self.kind, self.noise.shared)
+        return self._last_fit(make, rows, groups, fixed, self.kind, self.noise.shared)
 
     def selected_with_noise(self, rows: Measurements) -> tuple["Fitter", Selection | None, NoiseSearch]:
         """The model that the rows call for, and their noise: each is chosen with the other."""
@@ -296,9 +296,9 @@ class Fitter:
         Args:
             selection: of the model's groups; None for geometry alone.
         """
-        groups, held = (selection.chosen, selection.held) if selection else ((), ())
+        groups, fixed = (selection.chosen, selection.fixed) if selection else ((), ())
         others = [name for name in self.approached(CANDIDATES) if name not in groups]
-        request, some = self.modelled(groups, held)[1], thinned(rows, _MOST_TESTED)
+        request, some = self.modelled(groups, fixed)[1], thinned(rows, _MOST_TESTED)
         plain = self.knowing(self.noise.independent.shared)
         try:
             beside = plain._searched(lambda more: self.model_with((*groups, *more)), some, request, others, _MOST_NAMED)
@@ -319,7 +319,7 @@ class Fitter:
         Args:
             enough: how many groups end the search; None where nothing does.
         """
-        facts = ArmFacts(self.robot.chain, self.robot.loads, self.course)
+        facts = ArmFacts(self.robot.chain, self.robot.loads, self.session)
         return select(
             model_with,
             rows,
@@ -344,14 +344,14 @@ class Fitter:
         return made
 
     def predicting(
-        self, rows: Measurements, groups: Sequence[str], held: Sequence[str], process: JointProcess | None = None
+        self, rows: Measurements, groups: Sequence[str], fixed: Sequence[str], process: JointProcess | None = None
     ) -> Identification:
         """Identify the arm, without outliers on request, and add the residual process on request.
 
         Args:
             process: of all rows, whose variances are taken.
         """
-        found, clean, _ = self.identified(rows, groups, held)
+        found, clean, _ = self.identified(rows, groups, fixed)
         return with_residual(found, clean, process) if self.options.residual else found
 
     def _selected(self, rows: Measurements) -> Selection | None:
@@ -373,7 +373,7 @@ class Fitter:
         other = self._chosen(found, rows)  # a few poses that alone show an effect look like outliers without it
         if set(other.chosen) == set(selection.chosen):
             return selection
-        kept = [len(self.identified(rows, s.chosen, s.held)[1]) for s in (selection, other)]
+        kept = [len(self.identified(rows, s.chosen, s.fixed)[1]) for s in (selection, other)]
         return other if kept[1] > kept[0] else selection
 
     def _chosen(self, found: Identification, rows: Measurements) -> Selection:
@@ -388,7 +388,7 @@ class Fitter:
             selection = self._searched(weighed_so.model_with, rows, self.request, tried)
             if weighed_so is self or (before and before.chosen == selection.chosen):
                 break
-            found, _, _ = self.identified(rows, selection.chosen, selection.held)
+            found, _, _ = self.identified(rows, selection.chosen, selection.fixed)
         assert selection is not None
         return selection
 
@@ -442,12 +442,12 @@ class _OneModel:
 
     fitter: Fitter = field(compare=False)
     groups: tuple[str, ...]
-    held: tuple[str, ...]
+    fixed: tuple[str, ...]
 
     @staticmethod
     def of(fitter: Fitter, selection: Selection | None) -> "_OneModel":
         """Build the model that a selection ended with; geometry alone without one."""
-        return _OneModel(fitter, *((selection.chosen, selection.held) if selection else ((), ())))
+        return _OneModel(fitter, *((selection.chosen, selection.fixed) if selection else ((), ())))
 
     @property
     def noise(self) -> Noise:
@@ -461,7 +461,7 @@ class _OneModel:
 
     def fitted(self, rows: Measurements, shared: ErrorModel | None) -> Identification:
         """The identification from all these rows."""
-        return self.fitter.knowing(shared).identified_with(rows, self.groups, self.held)
+        return self.fitter.knowing(shared).identified_with(rows, self.groups, self.fixed)
 
     def outliers(self, found: Identification, rows: Measurements, shared: ErrorModel | None) -> Outliers:
         """The poses that are off."""

@@ -99,7 +99,7 @@ def condition_of(model: Model, values: Array, inputs: Array) -> float:
     """
     structure = base_set(model, values)
     _, jacobian = model.observe(inputs, model.rank_point(values))
-    return scaled_condition(jacobian.reshape(-1, len(model.names))[:, list(structure.kept)])
+    return scaled_condition(jacobian.reshape(-1, len(model.names))[:, list(structure.identifiable)])
 
 
 def aliases(model: Model, structure: BaseSet, jacobian_scale: Array | None = None) -> tuple[Alias, ...]:
@@ -116,10 +116,12 @@ def aliases(model: Model, structure: BaseSet, jacobian_scale: Array | None = Non
     result = []
     for column, fixed in enumerate(structure.fixed):
         coefficients = structure.alias[:, column]
-        effects = np.abs(coefficients) * scale[list(structure.kept)]
+        effects = np.abs(coefficients) * scale[list(structure.identifiable)]
         strong = effects > _ALIAS_FLOOR * max(effects.max(initial=0.0), 1e-300)
         into = tuple(
-            (model.names[i], float(c)) for i, c, keep in zip(structure.kept, coefficients, strong, strict=True) if keep
+            (model.names[i], float(c))
+            for i, c, keep in zip(structure.identifiable, coefficients, strong, strict=True)
+            if keep
         )
         result.append(Alias(model.names[fixed], into))
     return tuple(result)
@@ -134,8 +136,8 @@ def column_scale(model: Model, values: Array) -> Array:
 def poses_needed(model: Model, values: Array, structure: BaseSet | None = None) -> int:
     """The least number of generic poses that identify the whole base set."""
     structure = structure or base_set(model, values)
-    jacobian = structure_jacobian(model, values, 5 * len(structure.kept))
-    return enough_poses(jacobian.reshape(len(jacobian), -1, len(model.names))[..., list(structure.kept)])
+    jacobian = structure_jacobian(model, values, 5 * len(structure.identifiable))
+    return enough_poses(jacobian.reshape(len(jacobian), -1, len(model.names))[..., list(structure.identifiable)])
 
 
 def enough_poses(jacobian: Array, measured: Array | None = None) -> int:

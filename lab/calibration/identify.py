@@ -32,7 +32,7 @@ from lab.calibration.prior import (
     standard_deviations,
 )
 from lab.calibration.stations import few_points_of_a_station
-from lab.calibration.weights import Noise, joined, root_mean_square_sigma, weighed, weighted_constraints
+from lab.calibration.weights import Noise, joined, root_mean_square_sigma, weigh, weighted_constraints
 from lab.core import se3
 from lab.core.checks import Check
 from lab.core.errors import LabError
@@ -191,7 +191,7 @@ class Identification:
     @property
     def unobservable(self) -> tuple[int, ...]:
         """Identifiable parameters that these poses do not determine, held at nominal."""
-        return tuple(i for i in self.base_set.kept if i not in self.fit.free)
+        return tuple(i for i in self.base_set.identifiable if i not in self.fit.free)
 
 
 def fit_base_and_tool(observation: Observation, observed: Observations, nominal: Array) -> Array:
@@ -230,14 +230,14 @@ def identify(
     """
     noise, request, observation = noise or Noise(), request or IdentifyOptions(), observation_of(arm).within(data)
     model, nominal = observation.model, observation.nominal(nominal)
-    observed, known = weighed(observation, data, noise)
+    observed, sigma_given = weigh(observation, data, noise)
     _refuse_impossible_or_few(observation, data, observed, nominal)
     aligned = fit_base_and_tool(observation, observed.alike, nominal)
     extra_residuals = weighted_constraints(observation, observed)
     known_rows = observation.extra_residuals(model.rank_point(aligned))[1]
-    structure = base_set(model, aligned, fix=request.fix, free=request.free, known=known_rows)
+    structure = base_set(model, aligned, fix=request.fix, free=request.free, prior_rows=known_rows)
     free = _identifiable(model, observed, aligned, structure, known_rows)
-    if (request.tolerance is None or request.automatic) and len(free) < len(structure.kept):
+    if (request.tolerance is None or request.automatic) and len(free) < len(structure.identifiable):
         _refuse_few_poses(model, data, aligned, structure)
     start = _start(model, aligned, nominal, structure, free, request.near)
     solve = request.solve or partial(_all_at_once, extra_residuals)
@@ -246,7 +246,7 @@ def identify(
     dof, estimated = _residual_sigma(observation, observed, solution, residuals)
     acting = None
     if request.tolerance is not None and request.solve is None:
-        problem = _MAPProblem(observation, observed, structure, extra_residuals, start, known)
+        problem = _MAPProblem(observation, observed, structure, extra_residuals, start, sigma_given)
         if request.automatic:
             prior = prior_of(model, structure, nominal, request.tolerance, links_alone=True)
             found = problem.automatically(prior, solution, dof, estimated)
@@ -256,18 +256,18 @@ def identify(
             acting, solution, dof, estimated = found.prior, found.fit, found.dof, found.sigma
             extra_residuals = joined(extra_residuals, acting.rows(found.weight))
             residuals = data.points - model.points(observed.inputs, solution.values)
-    given = root_mean_square_sigma(observed, observation.positions) if known else 1.0
+    given = root_mean_square_sigma(observed, observation.positions) if sigma_given else 1.0
     identified = Identification(
         model,
         aligned,
         solution.values,
         base_set=structure,
         fit=solution,
-        sigma_m=given if known else estimated,
-        sigma_given=known,
+        sigma_m=given if sigma_given else estimated,
+        sigma_given=sigma_given,
         residual_sigma_m=given * estimated,
         dof=dof,
-        covariance=solution.unit_covariance() * (1.0 if known else estimated**2),
+        covariance=solution.unit_covariance() * (1.0 if sigma_given else estimated**2),
         residuals=residuals,
         spread=_relative_spread(observation, observed, aligned, nominal),
         checks=tuple(Check("note", "noted", data={"text": text}) for text in data.warnings),
@@ -283,7 +283,7 @@ class _MAPFit:
 
     Attributes:
         sigma: that the residuals say, in units of the weights.
-        weight: the sigma by which the prior is weighed.
+        weight: the sigma by which the prior is weighted.
     """
 
     prior: ActingPrior
@@ -306,17 +306,17 @@ class _MAPProblem:
     structure: BaseSet
     constraints: ExtraResiduals
     start: Array
-    known: bool
+    sigma_given: bool
 
     def with_whole(self, prior: Prior, dof: int, sigma: float) -> _MAPFit:
         """Fit with a prior in all directions, as wide as the given tolerances."""
-        if not (self.known or np.isfinite(sigma)):
+        if not (self.sigma_given or np.isfinite(sigma)):
             raise LabError("--prior: the measurements leave no residuals to say what the noise is; give --noise-mm")
-        model, weight = self.observation.model, 1.0 if self.known else sigma
+        model, weight = self.observation.model, 1.0 if self.sigma_given else sigma
         rows = np.zeros((len(prior.of), len(model.names)))
         rows[:, list(prior.of)] = prior.whiten
         acting = ActingPrior(model.names, prior.mean, rows, 1.0, 0, len(rows), float("nan"), automatic=False)
-        kept = self.structure.kept
+        kept = self.structure.identifiable
         solution = self._fitted(acting, weight, kept, self.start)
         acting = replace(acting, plain_condition=scaled_condition(self._linear(kept, solution.values)[0]))
         return _MAPFit(acting, solution, dof, sigma, weight)
@@ -330,10 +330,12 @@ class _MAPProblem:
             plain: the fit without a prior.
             dof, sigma: of its residuals; a sigma of NaN where nothing is left over.
         """
-        kept, usable = self.structure.kept, plain.status == "converged"
-        if not prior.of or not (self.known or sigma > 0):
+        identifiable, usable = self.structure.identifiable, plain.status == "converged"
+        if not prior.of or not (self.sigma_given or sigma > 0):
             return None
-        if usable and set(plain.free) == set(kept):  # with every direction well measured it stays exactly as it is
+        if usable and set(plain.free) == set(
+            identifiable
+        ):  # with every direction well measured it stays exactly as it is
             weight = self._weight(sigma)
             if condition_bound(plain.triangle) < WELL_CONDITIONED:
                 links = [plain.free.index(i) for i in prior.of]
@@ -344,7 +346,7 @@ class _MAPProblem:
             found = directions_of(prior, triangle, np.zeros(len(triangle)), plain.free, plain.values)
             if not found.weak(found.scale()[0]).any():
                 return None
-        columns = tuple(i for i in kept if i in plain.free or i in prior.of)
+        columns = tuple(i for i in identifiable if i in plain.free or i in prior.of)
         values = plain.values if usable else self.start
         best: _MAPFit | None = None
         for _ in range(_PRIOR_ROUNDS):
@@ -377,7 +379,13 @@ class _MAPProblem:
 
     def _weight(self, sigma: float) -> float:
         """Return the sigma by which a prior is weighted: where given, more if the residuals are."""
-        return max(sigma, 1.0) if self.known and np.isfinite(sigma) else 1.0 if self.known else max(sigma, _LEAST_SIGMA)
+        return (
+            max(sigma, 1.0)
+            if self.sigma_given and np.isfinite(sigma)
+            else 1.0
+            if self.sigma_given
+            else max(sigma, _LEAST_SIGMA)
+        )
 
     def _fitted(self, acting: ActingPrior, weight: float, columns: Sequence[int], start: Array) -> Fit:
         extra = joined(self.constraints, acting.rows(weight))
@@ -413,7 +421,7 @@ def _refuse_few_poses(model: Model, data: Measurements, aligned: Array, structur
     needed = poses_needed(model, aligned, structure)
     if len(data) < needed:
         raise LabError(
-            f"{len(data)} poses, but the {len(structure.kept)} identifiable parameters "
+            f"{len(data)} poses, but the {len(structure.identifiable)} identifiable parameters "
             f"need at least {needed}: measure more"
         )
 
@@ -459,17 +467,17 @@ def _residual_sigma(
 
 
 def _identifiable(
-    model: Model, observed: Observations, aligned: Array, structure: BaseSet, known: Array
+    model: Model, observed: Observations, aligned: Array, structure: BaseSet, prior_rows: Array
 ) -> tuple[int, ...]:
     """Return the parameters of the base set that are identifiable from the measured poses, at the nominal links."""
-    kept, at = set(structure.kept), model.rank_point(aligned)
-    order = [i for i in model.column_priority() if i in kept]
+    identifiable, at = set(structure.identifiable), model.rank_point(aligned)
+    order = [i for i in model.column_priority() if i in identifiable]
     few = observed.thinned(_FIRST_POSES)
     for some in (few, observed):
         parts = (model.observe(each.inputs, at)[1][each.seen].reshape(-1, len(model.names)) for each in some.blocks())
-        rows = np.concatenate([next(parts) if some.in_one_block else triangle_of(parts), known])
+        rows = np.concatenate([next(parts) if some.in_one_block else triangle_of(parts), prior_rows])
         found = independent_columns(rows, order)
-        if some is observed or len(found) == len(kept):
+        if some is observed or len(found) == len(identifiable):
             break
     return found
 
@@ -614,7 +622,7 @@ def most_likely_parameters(identification: Identification, nominal: Array, toler
     """
     model, structure = identification.model, identification.base_set
     links = list(indices_of_groups(model.parameters, ["link"]))
-    if set(structure.held) & set(links):
+    if set(structure.fixed_observable) & set(links):
         return identification.values
     inputs = model.structure_joints(STRUCTURE_POSES, rng_for(0, "structure"))
     wanted = model.points(inputs, identification.values)

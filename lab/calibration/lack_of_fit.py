@@ -20,7 +20,7 @@ from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.statistics.linearized import NoiseDistribution, linearized
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M
 from lab.calibration.validation import configurations
-from lab.calibration.weights import Noise, weighed
+from lab.calibration.weights import Noise, weigh
 from lab.core.checks import Check
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.probability import f_isf
@@ -44,7 +44,7 @@ def _beside_shared_errors(
     them: without repeats nothing shows that these are not what the model lacks.
 
     Args:
-        instrument: the observations weighed by the instrument alone, and the shape of its noise; None where sigma was
+        instrument: the observations weighted by the instrument alone, and the shape of its noise; None where sigma was
             estimated.
     """
     linear = linearized(found.model, observations, found.values, found.fit.free, found.extra_residuals)
@@ -55,7 +55,7 @@ def _beside_shared_errors(
         return judged
     extra = found.extra_residuals
     alone = goodness_of_fit(
-        found.model, instrument[0], found.fit, known=True, shape=instrument[1], extra_residuals=extra
+        found.model, instrument[0], found.fit, sigma_given=True, shape=instrument[1], extra_residuals=extra
     )
     if alone.outcome != "failed":
         return judged
@@ -79,7 +79,7 @@ def _by_distances(found: Identification, observations: Observations, rows: Measu
 
 
 def with_own_intervals(
-    found: Identification, observations: Observations, noise: Noise, *, searched: bool, believed: bool
+    found: Identification, observations: Observations, noise: Noise, *, searched: bool, plausible: bool
 ) -> tuple[Identification, list[Check]]:
     """Return the identification with the poses' own intervals, and the test of that, where directions are uneven.
 
@@ -88,7 +88,7 @@ def with_own_intervals(
 
     Args:
         searched: whether effects of the arm were searched.
-        believed: whether the weights stand on a known sigma or on a prior.
+        plausible: whether the weights stand on a known sigma or on a prior.
     """
     device = noise.instrument
     if (device is not None and not is_isotropic(device)) or found.sigma_m < LEAST_SIGMA_M:
@@ -96,7 +96,7 @@ def with_own_intervals(
     seen = isotropy(found.model, observations, found.fit)
     if seen.outcome != "failed":
         return found, []
-    clustered = not believed and len(np.unique(_clusters(found, observations))) > len(found.fit.free)
+    clustered = not plausible and len(np.unique(_clusters(found, observations))) > len(found.fit.free)
     of_instrument = _is_of_the_instrument(found, observations)
     data = {"of_instrument": of_instrument, "clustered": clustered, "searched": searched}
     check = Check("intervals.uneven", "failed", seen.statistic, seen.p, UNSOLICITED_WARNING, data)
@@ -160,33 +160,33 @@ def _uneven(numbers: float) -> float:
 
 
 def adequacy_of(
-    found: Identification, rows: Measurements, held: Measurements | None, noise: Noise, shape: NoiseDistribution
+    found: Identification, rows: Measurements, held_out: Measurements | None, noise: Noise, shape: NoiseDistribution
 ) -> Check:
     """Test whether a model fits its rows, by the best test that the data allow.
 
     Args:
-        held: poses that were not fitted; None, or without rows, where there are none to test by.
+        held_out: poses that were not fitted; None, or without rows, where there are none to test by.
         shape: of the instrument's noise.
     """
     observation = observation_of(found.model)
-    observations, known = weighed(observation, rows, noise)
+    observations, sigma_given = weigh(observation, rows, noise)
     shared = noise.shared if noise.shared is None or not noise.shared.is_given else None
-    labels = repeats(rows) if shared is not None or not known else None
+    labels = repeats(rows) if shared is not None or not sigma_given else None
     unrepeated = labels is not None and len(np.unique(labels)) == len(labels)
     if shared is not None and unrepeated:
-        alone = weighed(observation, rows, replace(noise, shared=None))[0]
-        instrument = (alone, shape) if known else None
+        alone = weigh(observation, rows, replace(noise, shared=None))[0]
+        instrument = (alone, shape) if sigma_given else None
         return _beside_shared_errors(found, observations, rows, shared, instrument)
     if unrepeated and (judged := _by_distances(found, observations, rows)) is not None:
         return judged
-    judging = held if held is not None and len(held) and observation.positions else None
+    judging = held_out if held_out is not None and len(held_out) and observation.positions else None
     return goodness_of_fit(
         found.model,
         observations,
         found.fit,
-        known=known and shared is None,
+        sigma_given=sigma_given and shared is None,
         shape=shape,
         labels=labels,
-        held=None if judging is None else weighed(observation, judging, noise)[0],
+        held_out=None if judging is None else weigh(observation, judging, noise)[0],
         extra_residuals=found.extra_residuals,
     )

@@ -24,7 +24,7 @@ __all__ = ["PLACED", "in_other_numbers", "trimmed_error"]
 PLACED = ("base", "tool")
 _NEAR = 0.02  # of the points' spread: a model of this kind of arm in the right unit and frame
 _CLEARLY = 5.0  # times less than as they are
-_KEPT = 0.7  # of the points that are fitted
+_FITTED_SHARE = 0.7  # of the points that are fitted
 _TRIMS = 4
 _MIN_DOF = 3
 _FACTORS = (1e3, 25.4, 1e-3, 25.4e-3)  # to the expected unit, of lengths
@@ -76,8 +76,8 @@ def trimmed_error(model: Model, inputs: Array, points: Array, values: Array, gro
     """
     seen = seen_mask(points)
     columns, count = list(columns_of(model, groups)) if groups else [], int(seen.sum())
-    kept = max(int(np.ceil(_KEPT * count)), -(-(len(columns) + _MIN_DOF) // 3))
-    if kept > count or np.isnan(model.points(inputs, values)).any():
+    retained = max(int(np.ceil(_FITTED_SHARE * count)), -(-(len(columns) + _MIN_DOF) // 3))
+    if retained > count or np.isnan(model.points(inputs, values)).any():
         return float("inf")
     fitted, least = seen, float("inf")
     for _ in range(_TRIMS if columns else 1):
@@ -88,12 +88,12 @@ def trimmed_error(model: Model, inputs: Array, points: Array, values: Array, gro
             if len(groups) > 1:
                 placed = fit(model, some, columns, placed, tolerance_m=1e-7, most_steps=20).values
         errors = np.where(seen, ((points - model.points(inputs, placed)) ** 2).sum(axis=2), np.inf)
-        best = errors <= np.partition(errors[seen], kept - 1)[kept - 1]
+        best = errors <= np.partition(errors[seen], retained - 1)[retained - 1]
         square = float(errors[best].sum())
         if not square < least:
             break
         least, fitted = square, best
-    return float(np.sqrt(3 * least / (3 * kept - len(columns))))
+    return float(np.sqrt(3 * least / (3 * retained - len(columns))))
 
 
 def _only(observed: Observations, seen: NDArray[np.bool_]) -> Observations:

@@ -13,7 +13,7 @@ from lab.calibration.noise.tails import tail_dof
 from lab.calibration.observation import observation_of, only_positions
 from lab.calibration.statistics.linearized import NoiseDistribution, linearized
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M, HeldOut, Outliers, find_outliers, held_out_outliers
-from lab.calibration.weights import Noise, joined, weighed, weighted_constraints
+from lab.calibration.weights import Noise, joined, weigh, weighted_constraints
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.random import rng_for
 from lab.kinematics.joints import Encoders
@@ -34,7 +34,7 @@ def outliers_among_fitted(
         seed: of the draws that the level stands on.
     """
     observation = observation_of(start.model)
-    observations, known = weighed(observation, rows, noise)
+    observations, sigma_given = weigh(observation, rows, noise)
     alone, extra = observations.pose_by_pose(), start.extra_residuals
     searched = partial(
         find_outliers,
@@ -42,12 +42,12 @@ def outliers_among_fitted(
         alone,
         start.fit.free,
         start.nominal_aligned,
-        known=known,
+        sigma_given=sigma_given,
         things=observation.positions or None,
     )
     if start.prior is not None and start.prior.automatic:  # the fit weighs it by a sigma that outliers inflate
         beside, sigma = weighted_constraints(observation, observations), 1.0
-        if not known:
+        if not sigma_given:
             unweighted = joined(beside, start.prior.rows(LEAST_SIGMA_M))
             sigma = _sigma_without(searched(extra_residuals=unweighted, rng=rng_for(seed, "null"), shape=shape), alone)
         extra = joined(beside, start.prior.rows(sigma))
@@ -70,7 +70,7 @@ def _sigma_without(found: Outliers, observations: Observations) -> float:
 
 
 def outliers_among_held_out(
-    found: Identification, rows: Measurements, held: Measurements, noise: Noise, tail: float
+    found: Identification, rows: Measurements, held_out: Measurements, noise: Noise, tail: float
 ) -> HeldOut:
     """The poses held out that are off, by an identification from ``rows``.
 
@@ -78,14 +78,14 @@ def outliers_among_held_out(
         tail: of ``tail_of``.
     """
     observation = observation_of(found.model)
-    parts = [weighed(observation, part, noise) for part in (rows, held)]
+    parts = [weigh(observation, part, noise) for part in (rows, held_out)]
     both = parts[0][0].pose_by_pose().joined(parts[1][0].pose_by_pose())
     return held_out_outliers(
         found.model,
         both,
         len(rows),
         found.fit,
-        known=parts[0][1],
+        sigma_given=parts[0][1],
         extra_residuals=found.extra_residuals,
         things=observation.positions,
         tail_dof=tail,
@@ -96,7 +96,7 @@ def tail_of(found: Identification, rows: Measurements, noise: Noise) -> float:
     """Degrees of freedom of the noise's tails; infinite where they may be Gaussian."""
     if not only_positions(observation := observation_of(found.model)):
         return float("inf")
-    alone = weighed(observation, rows, noise)[0].pose_by_pose()
+    alone = weigh(observation, rows, noise)[0].pose_by_pose()
     return tail_dof(linearized(found.model, alone, found.values, found.fit.free, found.extra_residuals))
 
 
@@ -123,12 +123,12 @@ class _Explanation:
     """Errors that are shared, and poses that are off.
 
     Attributes:
-        off: ``(o,)`` rows.
+        outliers: ``(o,)`` rows.
         deviance: minus twice the log-likelihood, with outliers anywhere among the residuals.
     """
 
     search: NoiseSearch
-    off: frozenset[int]
+    outliers: frozenset[int]
     deviance: float
 
 
@@ -137,7 +137,7 @@ def noise_of(fits: Fits, rows: Measurements) -> NoiseSearch:
 
     Bad readings look like scatter, and scatter looks like bad readings. Both are tried first; where the explanations
     differ, that of the larger likelihood is taken, in which a bad reading is equally likely everywhere among the
-    residuals. What whole counts of known encoders make is weighed before anything is looked for. Of a fit that ended
+    residuals. What whole counts of known encoders make is weighted before anything is looked for. Of a fit that ended
     in a valley nothing is: its parameters are not to be used, and what it leaves is not the noise. Of very many rows
     some stretches tell.
     """
@@ -148,16 +148,16 @@ def noise_of(fits: Fits, rows: Measurements) -> NoiseSearch:
     if whole.status == "in a valley":
         return NoiseSearch(counts, (), float("nan"))
     search = search_noise(whole, rows, replace(fits.noise, shared=counts))
-    off = _rows(fits.outliers(whole, rows, counts))
-    if not off and search.shared is counts:
+    outliers = _rows(fits.outliers(whole, rows, counts))
+    if not outliers and search.shared is counts:
         return search
     reach = _reach(whole, rows, fits.noise)
     explanations = []
     if search.shared is not counts:
         first = _Explanation(search, frozenset(), search.deviance)
         explanations.append(_settled(fits, rows, first, reach, counts))
-    if off:
-        explanations.append(_settled(fits, rows, _without(fits, rows, off, reach, counts), reach, counts))
+    if outliers:
+        explanations.append(_settled(fits, rows, _without(fits, rows, outliers, reach, counts), reach, counts))
     return min(explanations, key=lambda each: each.deviance).search
 
 
@@ -177,21 +177,21 @@ def _settled(
     here = first
     for _ in range(_ROUNDS):
         shared = here.search.shared
-        off = _rows(fits.outliers(fits.fitted(rows, shared), rows, shared))
-        if off == here.off:
+        outliers = _rows(fits.outliers(fits.fitted(rows, shared), rows, shared))
+        if outliers == here.outliers:
             break
-        here = _without(fits, rows, off, reach, counts)
+        here = _without(fits, rows, outliers, reach, counts)
     return here
 
 
 def _without(
-    fits: Fits, rows: Measurements, off: frozenset[int], reach: float, counts: ErrorModel | None
+    fits: Fits, rows: Measurements, outliers: frozenset[int], reach: float, counts: ErrorModel | None
 ) -> _Explanation:
     """The noise of the other rows; all rows' where these are too few."""
-    clean = rows.take(np.setdiff1d(np.arange(len(rows)), sorted(off)))
+    clean = rows.take(np.setdiff1d(np.arange(len(rows)), sorted(outliers)))
     search = search_noise(fits.fitted(clean, counts), clean, replace(fits.noise, shared=counts))
-    numbers = 3 * int(rows.seen[sorted(off)].sum())
-    return _Explanation(search, off, search.deviance + numbers * (2 * np.log(2 * reach) - np.log(2 * np.pi)))
+    numbers = 3 * int(rows.seen[sorted(outliers)].sum())
+    return _Explanation(search, outliers, search.deviance + numbers * (2 * np.log(2 * reach) - np.log(2 * np.pi)))
 
 
 def _rows(found: Outliers) -> frozenset[int]:
@@ -200,7 +200,7 @@ def _rows(found: Outliers) -> frozenset[int]:
 
 def _reach(found: Identification, rows: Measurements, noise: Noise) -> float:
     """The largest residual of a number, in units of the instrument's noise as it is assumed."""
-    observed, _ = weighed(observation_of(found.model), rows, replace(noise, shared=None))
+    observed, _ = weigh(observation_of(found.model), rows, replace(noise, shared=None))
     residuals = observed.points - found.model.points(observed.inputs, found.values)
     white = observed.in_units_of_noise(np.where(seen_mask(observed.points)[..., None], residuals, 0.0))
     return float(max(np.abs(white).max(), 1e-300))

@@ -70,7 +70,7 @@ from lab.calibration.validation import (
     validate_rows,
 )
 from lab.calibration.verdict import verdict
-from lab.calibration.weights import Noise, weighed
+from lab.calibration.weights import Noise, weigh
 from lab.calibration.workspace_prediction import bounds_at, own_tolerance
 from lab.core.checks import Check
 from lab.core.errors import LabError
@@ -177,11 +177,11 @@ def _hold_poses_out(state: Fitted) -> Fitted:
     """
     judging, model = state.judging, partial(state.fitter.model_with, ())
     if judging.holdout is not None:
-        rows, held = hold_out(model(), state.given, judging.holdout, state.fitter.seed)
-        return replace(state, given=rows, held=held)
+        rows, held_out = hold_out(model(), state.given, judging.holdout, state.fitter.seed)
+        return replace(state, given=rows, held_out=held_out)
     if judging.holdout_last is not None:
-        rows, held = hold_out_last(model(), state.given, judging.holdout_last)
-        return replace(state, given=rows, held=held)
+        rows, held_out = hold_out_last(model(), state.given, judging.holdout_last)
+        return replace(state, given=rows, held_out=held_out)
     return state
 
 
@@ -191,7 +191,7 @@ def _select_model(state: Fitted) -> Fitted:
     Needs: ``given``. Adds: ``selection``, ``groups``, ``unshown``, ``noise``; ``fitter`` weights by that noise.
     """
     fitter, selection, search = state.fitter.selected_with_noise(state.given)
-    groups, unshown = (selection.chosen, selection.held) if selection else ((), ())
+    groups, unshown = (selection.chosen, selection.fixed) if selection else ((), ())
     return replace(state, fitter=fitter, selection=selection, groups=groups, unshown=unshown, noise=search)
 
 
@@ -212,12 +212,12 @@ def find_outliers(state: Fitted) -> Fitted:
     """
     found, noise = state.weighted, state.fitter.noise
     search = state.outlier_search or state.fitter.outliers_of(found, state.given)
-    off, tail = named_poses(state.given, search), tail_of(found, state.rows, noise)
-    if state.held is not None and observation_of(found.model).positions:
-        off += named_poses(
-            state.held, outliers_among_held_out(found, state.rows, state.held, noise, tail), held_out=True
+    outliers, tail = named_poses(state.given, search), tail_of(found, state.rows, noise)
+    if state.held_out is not None and observation_of(found.model).positions:
+        outliers += named_poses(
+            state.held_out, outliers_among_held_out(found, state.rows, state.held_out, noise, tail), held_out=True
         )
-    return replace(state, outlier_search=search, outliers=off, tail_dof=tail)
+    return replace(state, outlier_search=search, outliers=outliers, tail_dof=tail)
 
 
 def _check_lack_of_fit(state: Fitted) -> Fitted:
@@ -225,10 +225,10 @@ def _check_lack_of_fit(state: Fitted) -> Fitted:
 
     Needs: ``weighted``; a robust fit leaves the ``outliers`` out of the rows held out. Adds: ``adequacy``.
     """
-    held = state.held
-    if held is not None and state.left_out:
-        held = held.without([pose.id for pose in state.outliers])
-    found = adequacy_of(state.weighted, state.rows, held, state.fitter.noise, state.fitter.noise_shape)
+    held_out = state.held_out
+    if held_out is not None and state.left_out:
+        held_out = held_out.without([pose.id for pose in state.outliers])
+    found = adequacy_of(state.weighted, state.rows, held_out, state.fitter.noise, state.fitter.noise_shape)
     state = replace(state, adequacy=found)
     if found.outcome == "failed" and not state.fitter.options.residual:
         state = state.with_checks([found])
@@ -251,10 +251,10 @@ def _choose_intervals(state: Fitted) -> Fitted:
     if state.noise.undecided and found.prior is None and not fitter.options.residual:
         trusted, checks = with_intervals_of_poses(found, state.observations, searched=searched)
     elif only_positions(observation) and state.noise.shared is None:
-        known = weighed(observation, state.rows, fitter.noise)[1]
-        believed = known or found.prior is not None
+        known = weigh(observation, state.rows, fitter.noise)[1]
+        plausible = known or found.prior is not None
         trusted, checks = with_own_intervals(
-            found, state.observations, fitter.noise, searched=searched, believed=believed
+            found, state.observations, fitter.noise, searched=searched, plausible=plausible
         )
     return replace(state, identification=trusted).with_checks(checks)
 
@@ -286,7 +286,7 @@ def _check_fit(state: Fitted) -> Fitted:
     if only_positions(observation_of(found.model)):
         checks += check_instrument(fitter.noise.instrument, state.rows.points)
         inputs = state.observations.inputs
-        checks += check_setup(robot, fitter.kind, fitter.targets, state.groups, found, inputs, fitter.course)
+        checks += check_setup(robot, fitter.kind, fitter.targets, state.groups, found, inputs, fitter.session)
     moves = moves_before(fitter.data, state.rows.ids)
     omitted = partial(fitter.derivatives_by_others, found, state.groups)
     checks += check_joints(found, state.observations, state.rows, moves, robot.chain.encoders, omitted)
@@ -314,7 +314,7 @@ def _fit_residual(state: Fitted) -> Fitted:
         state = replace(
             state,
             identification=with_residual(state.weighted, state.rows),
-            observations=weighed(observation_of(state.weighted.model), state.rows, fitter.noise)[0],
+            observations=weigh(observation_of(state.weighted.model), state.rows, fitter.noise)[0],
             adequacy=lack_of_fit_not_tested("residual"),
             noise=replace(state.noise, shared=None),
             fitter=fitter,
@@ -339,7 +339,7 @@ def _check_noise(state: Fitted) -> Fitted:
     beside = None if tested else fitter.with_missing_effects(rows, state.selection)
     if not any(each.name in _IN_TIME for each in findings):
         fullest = found if beside is None else beside.identification  # what an effect explains did not change
-        observed, _ = weighed(observation_of(fullest.model), rows, fitter.noise.independent)
+        observed, _ = weigh(observation_of(fullest.model), rows, fitter.noise.independent)
         findings += changes_in_time(fullest, observed, rows)
     first = [each for each in findings if "between" in each.data] + ([] if beside is None else [_missing(beside)])
     first.sort(key=lambda each: -each.data["size_m"])
@@ -365,38 +365,38 @@ def validate(state: Fitted) -> Fitted:
     """
     if state.judging.other is not None:
         found, checks = _by_other(state, state.judging.other)
-    elif state.held is not None:
-        found, checks = _by_held(state, state.held)
+    elif state.held_out is not None:
+        found, checks = _by_held_out(state, state.held_out)
     else:
-        again = partial(state.fitter.predicting, groups=state.groups, held=state.unshown, process=state.process)
+        again = partial(state.fitter.predicting, groups=state.groups, fixed=state.unshown, process=state.process)
         found = validate_folds(again, state.identification, state.given, state.fitter.seed, state.progress)
         found, checks = found.naming([pose.id for pose in state.outliers]), []
     return replace(state, validation=found).with_checks([*found.checks, *checks])
 
 
-def _by_held(state: Fitted, held: Measurements) -> tuple[Validation, list[Check]]:
+def _by_held_out(state: Fitted, held_out: Measurements) -> tuple[Validation, list[Check]]:
     """Validate on rows held out, of which outliers are errors like the others: also where they are not fitted."""
-    course, placed = state.fitter.course, []
-    if course.stations:
-        placed.append(("station", held.stations, course.stations))
+    session, placed = state.fitter.session, []
+    if session.stations:
+        placed.append(("station", held_out.stations, session.stations))
     if "sessions" in state.groups:
-        placed.append(("session", held.sessions, course.sessions))
-    judged, strange = np.ones(len(held), dtype=bool), list[tuple[str, str]]()
+        placed.append(("session", held_out.sessions, session.sessions))
+    judged, strange = np.ones(len(held_out), dtype=bool), list[tuple[str, str]]()
     for what, names, known in placed:
         judged &= [name in known for name in names]
         strange += [(what, name) for name in set(names) - set(known)]
     checks = [Check("validation.unplaced", "noted", data={"what": w, "name": name}) for w, name in sorted(strange)]
     if not judged.any():
         return Validation(None, None), checks
-    found = validate_rows(state.identification, held.take(np.flatnonzero(judged)))
+    found = validate_rows(state.identification, held_out.take(np.flatnonzero(judged)))
     return found.naming([pose.id for pose in state.outliers if pose.held_out]), checks
 
 
 def _by_other(state: Fitted, other: Measurements) -> tuple[Validation, list[Check]]:
     """Validate on measurements of another file, by the groups that last from one campaign to another."""
-    course, refit = _stations_of(other, state), state.judging.refit
+    session, refit = _stations_of(other, state), state.judging.refit
     lasting = [group for group in state.groups if group not in CAMPAIGN_SPECIFIC]
-    arm = state.fitter.robot.arm_with(other.targets, lasting, course)
+    arm = state.fitter.robot.arm_with(other.targets, lasting, session)
     model = arm if state.process is None else state.process.added_to(arm)
     found = validate_file(state.identification, model, other, refit)
     found, checks = replace(found, fitted_share=shared_rows(other, state.rows)), list[Check]()
@@ -417,7 +417,7 @@ def _stations_of(other: Measurements, state: Fitted) -> SessionInfo:
     Raises:
         LabError: a station of the file was not fitted, and no base is placed anew for it.
     """
-    known, named = state.fitter.course.stations, set(other.stations)
+    known, named = state.fitter.session.stations, set(other.stations)
     if "base" in state.judging.refit or (len(known) < 2 and len(named) < 2):
         return SessionInfo()
     if strange := sorted(named - set(known)):
@@ -464,7 +464,7 @@ def judge(state: Fitted) -> Fitted:
 
 def _measured_from_one_place(fitter: Fitter) -> bool:
     """Return whether points were measured from one place of the instrument."""
-    return fitter.kind.name == "points" and len(fitter.course.stations) < 2
+    return fitter.kind.name == "points" and len(fitter.session.stations) < 2
 
 
 def _judged(state: Fitted) -> Validation:
@@ -528,7 +528,7 @@ def _check_validation(state: Fitted) -> Fitted:
     fitter, kind, validation = state.fitter, state.fitter.kind, state.validation
     checks, blank = list[Check](), int((~kind.rows(fitter.data)).sum())
     if blank:
-        data = {"blank": blank, "count": len(fitter.data), "reading": kind.words.reading}
+        data = {"blank": blank, "count": len(fitter.data), "reading": kind.terms.reading}
         checks.append(Check("rows.blank", "noted", data=data))
     checks += check_limits(fitter.robot.chain, fitter.data)
     checks += check_validation_poses(state.identification, state.measured, validation.rows)

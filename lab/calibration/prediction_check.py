@@ -11,7 +11,7 @@ from lab.calibration.extrapolation import MeasuredRange
 from lab.calibration.identify import Identification
 from lab.calibration.observation import observation_of, only_positions
 from lab.calibration.validation import FOLDS, Validation
-from lab.calibration.weights import Noise, weighed
+from lab.calibration.weights import Noise, weigh
 from lab.core.checks import Check
 from lab.core.linear_model import covariance_root
 from lab.core.measurements import Measurements, evenly
@@ -105,7 +105,7 @@ def _errors_of_parameters(
 
 def _errors_of_noise(found: Identification, noise: Noise, rows: Measurements, rng: np.random.Generator) -> Array:
     """``(n, k, 3, draws)`` errors (m) of the measured points."""
-    observed, known = weighed(observation_of(found.model), rows, noise)
+    observed, known = weigh(observation_of(found.model), rows, noise)
     drawn = np.zeros((*observed.points.shape, DRAWS))
     white = rng.standard_normal((3 * int(observed.seen.sum()), DRAWS))
     drawn[observed.seen] = observed.in_metres(white).reshape(-1, 3, DRAWS)

@@ -208,9 +208,9 @@ def prior_of(
     sigma = standard_deviations(model, tolerance)
     if links_alone:
         sigma[[not each.is_link for each in model.parameters]] = np.inf
-    of = tuple(i for i in structure.kept if np.isfinite(sigma[i]))
+    of = tuple(i for i in structure.identifiable if np.isfinite(sigma[i]))
     drawn = np.isfinite(sigma)
-    wide = alias_matrix(structure, len(model.names))[[structure.kept.index(i) for i in of]][:, drawn]
+    wide = alias_matrix(structure, len(model.names))[[structure.identifiable.index(i) for i in of]][:, drawn]
     covariance = (wide * sigma[drawn] ** 2) @ wide.T
     size = np.sqrt(np.diag(covariance))
     factor = np.linalg.cholesky(covariance / np.outer(size, size))
@@ -219,7 +219,7 @@ def prior_of(
 
 def alias_matrix(structure: BaseSet, count: int) -> Array:
     """Return B ``(kept, p)``, the effect of all parameters' errors on the kept ones, ``z = B x``."""
-    wide = np.zeros((len(structure.kept), count))
-    wide[:, list(structure.kept)] = np.eye(len(structure.kept))
+    wide = np.zeros((len(structure.identifiable), count))
+    wide[:, list(structure.identifiable)] = np.eye(len(structure.identifiable))
     wide[:, list(structure.fixed)] = structure.alias
     return wide

@@ -34,11 +34,11 @@ class Placed:
 
     Attributes:
         values: ``(p,)`` of the arm.
-        held: names of the parameters that those poses do not determine, and that stay as they were.
+        fixed: names of the parameters that those poses do not determine, and that stay as they were.
     """
 
     values: Array
-    held: tuple[str, ...]
+    fixed: tuple[str, ...]
 
 
 def placed_anew(
@@ -68,14 +68,16 @@ def placed_anew(
             return Placed(found.values, ())
     best: tuple[float, Placed] | None = None
     for share, felt in _SHARES:  # the fewest parameters first: from there the others are near
-        held = tuple(free[j] for j in dependent_columns(slopes[:, free], share))
-        kept = tuple(column for column in free if column not in held)
-        found = fit(model, observed, kept, start if best is None else best[1].values, most_steps=_STEPS)
+        fixed = tuple(free[j] for j in dependent_columns(slopes[:, free], share))
+        retained = tuple(column for column in free if column not in fixed)
+        found = fit(model, observed, retained, start if best is None else best[1].values, most_steps=_STEPS)
         slopes = observed.apply(model.observe(observed.inputs, found.values)[1])
         there = model.observe(test.inputs(model.conditions), found.values)[1].reshape(-1, len(values))
-        sure = _is_determined(found, len(kept), reference, linear=False) and _unfelt(slopes, there, kept, held, felt)
+        sure = _is_determined(found, len(retained), reference, linear=False) and _unfelt(
+            slopes, there, retained, fixed, felt
+        )
         if sure and (best is None or found.cost_trace[-1] < best[0]):
-            best = found.cost_trace[-1], Placed(found.values, tuple(model.names[i] for i in held))
+            best = found.cost_trace[-1], Placed(found.values, tuple(model.names[i] for i in fixed))
     if best is None:
         raise _too_few(where, reference, refit, found.rank, len(free))
     return best[1]
@@ -111,12 +113,12 @@ def dependent_columns(columns: Array, tolerance: float) -> tuple[int, ...]:
     return tuple(found)
 
 
-def _unfelt(slopes: Array, there: Array, kept: Sequence[int], held: Sequence[int], felt: float) -> bool:
+def _unfelt(slopes: Array, there: Array, retained: Sequence[int], fixed: Sequence[int], felt: float) -> bool:
     """Check whether predictions hardly change with a held parameter when the others are refitted."""
-    if not held:
+    if not fixed:
         return True
     known = ~np.isnan(there).any(axis=1)
-    make_up = np.linalg.lstsq(slopes[:, list(kept)], slopes[:, list(held)], rcond=1e-12)[0]
-    alone = there[known][:, list(held)]
-    left = alone - there[known][:, list(kept)] @ make_up
+    make_up = np.linalg.lstsq(slopes[:, list(retained)], slopes[:, list(fixed)], rcond=1e-12)[0]
+    alone = there[known][:, list(fixed)]
+    left = alone - there[known][:, list(retained)] @ make_up
     return bool((np.linalg.norm(left, axis=0) <= felt * np.linalg.norm(alone, axis=0)).all())

@@ -178,18 +178,18 @@ def region_of_points(
     inputs, there = inputs[np.isfinite(there).all(axis=1)], there[np.isfinite(there).all(axis=1)]
     nearest = ((points[:, None] - there) ** 2).sum(axis=2).argmin(axis=1)
     size, found = joints.size, inputs[nearest].copy()
-    off = points - model.points(found, values)[:, 0]
+    distance = points - model.points(found, values)[:, 0]
     for _ in range(_STEPS):
         slopes = by_joint_positions(model, found, values, size)[:, 0]
         square = slopes @ np.swapaxes(slopes, 1, 2)
         damping = _DAMPING * np.trace(square, axis1=1, axis2=2)[:, None, None] * np.eye(3)
-        step = (np.swapaxes(slopes, 1, 2) @ np.linalg.solve(square + damping, off[..., None]))[..., 0]
+        step = (np.swapaxes(slopes, 1, 2) @ np.linalg.solve(square + damping, distance[..., None]))[..., 0]
         longest = np.abs(step).max(axis=1, keepdims=True)
         found[:, :size] += step * np.minimum(1.0, _LONGEST_STEP / np.maximum(longest, 1e-300))
-        off = points - model.points(found, values)[:, 0]
-        if np.nanmax(np.abs(off), initial=0.0) < _REACHED:
+        distance = points - model.points(found, values)[:, 0]
+        if np.nanmax(np.abs(distance), initial=0.0) < _REACHED:
             break
-    reached = (np.abs(off) < _REACHED).all(axis=1) & ~joints.beyond_limits(found[:, :size], _REACHED).any(axis=1)
+    reached = (np.abs(distance) < _REACHED).all(axis=1) & ~joints.beyond_limits(found[:, :size], _REACHED).any(axis=1)
     if not reached.any():
         raise LabError(
             f"{name}: the arm reaches none of its {len(points)} points near the measured poses; name another"

@@ -120,12 +120,12 @@ def for_later_rows(
         squares[i], numbers[i] = error @ error, linear.mask[block].sum()
         expected[i] = variance * (numbers[i] + float(np.einsum("nf,fg,ng->", own, inverse, own)))
 
-    def lacking(more: float) -> float:
+    def excess(more: float) -> float:
         return float((squares / (expected + more * numbers)).sum()) - _BLOCKS
 
-    if lacking(0.0) <= 0:
+    if excess(0.0) <= 0:
         return left
-    more = float(scipy.optimize.brentq(lacking, 0.0, float((squares / numbers).sum())))
+    more = float(scipy.optimize.brentq(excess, 0.0, float((squares / numbers).sum())))
     unit_m = found.sigma_m if found.sigma_given else found.residual_sigma_m / np.sqrt(variance)
     added = min(more * _BLOCKS / (_BLOCKS - 2) * unit_m**2, most_m**2)
     sizes = (float(np.sqrt(size**2 + added)) for size in (left.total_m, left.of_arm_m))

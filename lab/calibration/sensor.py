@@ -56,7 +56,7 @@ class Sensor(ABC):
     """
 
     name: ClassVar[str]
-    words: ClassVar[SensorTerms]
+    terms: ClassVar[SensorTerms]
     columns: ClassVar[ObservedColumns]
     in_instrument_frame: ClassVar[bool]
 

@@ -218,10 +218,10 @@ def hold_out(model: Model, data: Measurements, share: float, seed: int) -> tuple
     """
     if not 0 < share < 1:
         raise LabError(f"--holdout {share:g}: give a share between 0 and 1, e.g. 0.3")
-    fitted, held = split_by_label(cv_groups_of(model, data), share, seed)
-    if not len(held) or not len(fitted):
+    fitted, held_out = split_by_label(cv_groups_of(model, data), share, seed)
+    if not len(held_out) or not len(fitted):
         raise LabError(f"--holdout {share:g}: {len(data)} poses leave too few to fit or to validate; change the share")
-    return data.take(fitted), data.take(held)
+    return data.take(fitted), data.take(held_out)
 
 
 def rows_in_time(data: Measurements) -> Rows:
@@ -289,14 +289,14 @@ def validate_folds(
     labels, numbers = cv_groups_of(identification.model, data), data.points.shape[2]
     rows = folds(labels, seed)
     count = int(rows.max()) + 1
-    kept, points = len(identification.base_set.kept), data.seen.sum(axis=1)
-    enough = all(numbers * points[rows != fold].sum() >= ROWS_PER_PARAMETER * kept for fold in range(count))
+    identifiable, points = len(identification.base_set.identifiable), data.seen.sum(axis=1)
+    enough = all(numbers * points[rows != fold].sum() >= ROWS_PER_PARAMETER * identifiable for fold in range(count))
     for fold in range(count):
         if why := few_points_of_a_station(identification.model, data.take(np.flatnonzero(rows != fold))):
             return Validation(None, None, (_not_without_a_fold(why),))
     if count < LEAST_FOLDS or not enough:
         per_pose = points.mean()
-        wanted = int(np.ceil(ROWS_PER_PARAMETER * kept / (numbers * per_pose) * FOLDS / (FOLDS - 1)))
+        wanted = int(np.ceil(ROWS_PER_PARAMETER * identifiable / (numbers * per_pose) * FOLDS / (FOLDS - 1)))
         return Validation(None, None, (Check("validation.poses", "not tested", data={"wanted": wanted}),))
     shape = errors_of(identification, data).after.shape
     before, after = np.full(shape, np.nan), np.full(shape, np.nan)
@@ -348,7 +348,7 @@ def validate_file(identification: Identification, model: Model, data: Measuremen
         checks.append(Check("validation.references", "noted"))
     before: list[Array] = []
     after: list[Array] = []
-    held: dict[str, tuple[str, ...]] = {}
+    held_out: dict[str, tuple[str, ...]] = {}
     order: list[int] = []
     together = setups(data) if refit else tuple((name, "") for name in data.sessions)  # stations known, or placed anew
     for setup in dict.fromkeys(together):
@@ -363,12 +363,12 @@ def validate_file(identification: Identification, model: Model, data: Measuremen
                 where = _setup_name(setup) or "the validation file"
                 found = placed_anew(model, part.take(reference), part.take(test), moved, refit, where)
                 moved = found.values
-                if found.held:
-                    held[where] = found.held
+                if found.fixed:
+                    held_out[where] = found.fixed
             errors.append(np.linalg.norm(model.points(inputs, moved) - points, axis=2))
     checks += [
         Check("validation.placement", "noted", data={"where": where, "parameters": names})
-        for where, names in held.items()
+        for where, names in held_out.items()
     ]
     comparable = not refit and model.names == identification.model.names
     return Validation(
@@ -431,8 +431,8 @@ def _reference_and_test(part: Measurements, refit: Sequence[str]) -> tuple[list[
         reference = rows[::REFERENCE_EVERY] if refit else []
     chosen = set(reference)
     test = [i for i in rows if i not in chosen]
-    words = _setup_name(setups(part)[0] if refit else (part.sessions[0], ""))
-    where = f"{words} of the validation file" if words else "the validation file"
+    setup = _setup_name(setups(part)[0] if refit else (part.sessions[0], ""))
+    where = f"{setup} of the validation file" if setup else "the validation file"
     if refit and not reference:
         raise LabError(f"{where} has no row with use = reference to refit {', '.join(refit)}; mark one")
     if not test:

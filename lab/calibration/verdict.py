@@ -266,8 +266,8 @@ def verdict(
         region: where the arm has to be known; ``poses`` where not given.
         left: what the fit left of the measurements; worked out as if no pose was repeated where not given.
     """
-    lacking = goodness is not None and goodness.outcome == "failed"
-    left = left or residual_spread(identification, lack_of_fit=lacking)
+    missing = goodness is not None and goodness.outcome == "failed"
+    left = left or residual_spread(identification, lack_of_fit=missing)
     poses = poses or workspace_region(identification.model, identification.values)
     own = own_tolerance(identification, tolerance, poses)
     calibration = _Calibration(
@@ -276,7 +276,7 @@ def verdict(
         gate_m,
         goodness,
         tolerance,
-        predict_over_workspace(identification, tolerance, lack_of_fit=lacking, measured=measured),
+        predict_over_workspace(identification, tolerance, lack_of_fit=missing, measured=measured),
         predict_over_region(identification, own, region or poses, left, measured=measured),
         None if measured is None else predict_elsewhere(identification, own, left, measured),
         distances_from_nominal(identification, tolerance),
@@ -489,14 +489,14 @@ class _Calibration:
         """
         region = self.region
         if self.gate_m is None:
-            limit, lacking = _UNINFORMATIVE * region.uncalibrated_rms_m, False
+            limit, missing = _UNINFORMATIVE * region.uncalibrated_rms_m, False
             failed = region.p95_m > limit > 0
             times = region.p95_m / limit if failed else 0.0
         else:
-            limit, lacking = self.gate_m, self.goodness is not None and is_doubted(self.goodness)
-            times = region.p95_m / limit if lacking else region.mean_m / limit / _ROUGHLY
+            limit, missing = self.gate_m, self.goodness is not None and is_doubted(self.goodness)
+            times = region.p95_m / limit if missing else region.mean_m / limit / _ROUGHLY
             failed = times > 1
-        data = {**predicted, "limit_m": limit, "gate": self.gate_m is not None, "lack_of_fit": lacking}
+        data = {**predicted, "limit_m": limit, "gate": self.gate_m is not None, "lack_of_fit": missing}
         return [Check("determination.limit", "failed", times, data=data)] if failed else []
 
 

@@ -17,7 +17,15 @@ from lab.noise.error_term import Components, ErrorShapes
 from lab.noise.instruments import Instrument, is_isotropic
 from lab.noise.terms import UNCORRELATED, correlation_of
 
-__all__ = ["Noise", "correlated", "error_shapes", "joined", "root_mean_square_sigma", "weighed", "weighted_constraints"]
+__all__ = [
+    "Noise",
+    "correlated",
+    "error_shapes",
+    "joined",
+    "root_mean_square_sigma",
+    "weigh",
+    "weighted_constraints",
+]
 
 
 @dataclass(frozen=True)
@@ -39,7 +47,7 @@ class Noise:
         return self if self.shared is None or self.shared.is_given else replace(self, shared=None)
 
 
-def weighed(observation: Observation, data: Measurements, noise: Noise) -> tuple[Observations, bool]:
+def weigh(observation: Observation, data: Measurements, noise: Noise) -> tuple[Observations, bool]:
     """Return the points with their weights, and whether these are from a given sigma.
 
     Raises:

@@ -360,7 +360,7 @@ def distances_from_nominal(identification: Identification, tolerance: Tolerance)
         if parameter.is_angle:
             size = float(np.remainder(size + np.pi, 2 * np.pi) - np.pi)
         sure = max(abs(size) - 2 * float(deviation), 0.0)
-        wide = spread[structure.kept.index(i)]
+        wide = spread[structure.identifiable.index(i)]
         far = abs(size) / wide, sure / wide
         found.append(Distance(parameter.name, abs(size), sure, *far, parameter.is_angle, abs(size) * float(effect)))
     return tuple(sorted(found, key=lambda each: -each.tolerances))

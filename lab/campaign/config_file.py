@@ -70,14 +70,14 @@ class RunInputs:
         Raises:
             LabError: the run keeps no copy, and the file is gone, is another one, or has no checksum in the run.
         """
-        path, known = Path(str(given)), self.config.inputs_sha256.get(str(given))
+        path, valid = Path(str(given)), self.config.inputs_sha256.get(str(given))
         if (copy := self.copy(given)) is not None:
             return copy
-        if known is None and path.suffix not in _FILES:
+        if valid is None and path.suffix not in _FILES:
             return path
         what = "config.json has no checksum of it"
-        if known is not None:
-            if path.is_file() and file_digest(path) == known:
+        if valid is not None:
+            if path.is_file() and file_digest(path) == valid:
                 return path
             what = f"the file of that name is {'another one' if path.is_file() else 'not there'}"
         raise LabError(

@@ -14,7 +14,7 @@ from lab.campaign.options import DesignOptions
 from lab.campaign.robot import Robot, load_virtual
 from lab.campaign.stations import refuse_idle_stations, stations_in
 from lab.core.errors import LabError
-from lab.core.limits import STOPS
+from lab.core.limits import WAYPOINTS
 from lab.core.linear_model import whitening
 from lab.core.progress import Progress, no_progress
 from lab.core.random import rng_for
@@ -97,13 +97,13 @@ def reachability(
         if any(free(hub, pose) for hub in found):
             found.append(pose)
 
-    known: dict[bytes, bool] = {}  # designs of other sizes ask for the same candidates again
+    stored: dict[bytes, bool] = {}  # designs of other sizes ask for the same candidates again
 
     def leads_to(pose: Array) -> bool:
         key = pose.tobytes()
-        if key not in known:
-            known[key] = any(free(hub, pose) for hub in found)
-        return known[key]
+        if key not in stored:
+            stored[key] = any(free(hub, pose) for hub in found)
+        return stored[key]
 
     def reachable(joints: Array) -> NDArray[np.bool_]:
         return np.array([leads_to(pose) for pose in joints[:, : model.chain.size]], dtype=bool)
@@ -124,11 +124,11 @@ def refusals(model: RobotModel, access: ReachabilityGraph | None) -> Callable[[A
     """
 
     def refused(joints: Array) -> list[str]:
-        said = [f"collision: {words}" if words else "" for words in describe_collisions(model, joints)]
-        for i, words in enumerate(said):
-            if access is not None and not words and not access.reachable(joints[i : i + 1])[0]:
-                said[i] = "no way that is free of collisions was found from home to it"
-        return said
+        messages = [f"collision: {message}" if message else "" for message in describe_collisions(model, joints)]
+        for i, message in enumerate(messages):
+            if access is not None and not message and not access.reachable(joints[i : i + 1])[0]:
+                messages[i] = "no way that is free of collisions was found from home to it"
+        return messages
 
     return refused
 
@@ -152,32 +152,32 @@ def waypoints_in_order(
         Joint positions ``(s, joints)`` to move to one after the other, each in a straight line of all joints, and
         ``(s,)`` which of the poses each one is, -1 for home and for what is only passed.
     """
-    home, known = access.hubs[0], dict[bytes, bool]()
+    home, stored = access.hubs[0], dict[bytes, bool]()
 
     def free(start: Array, end: Array) -> bool:
         key = start.tobytes() + end.tobytes()
-        if key not in known:
-            known[key] = access.free(start, end)
-        return known[key]
+        if key not in stored:
+            stored[key] = access.free(start, end)
+        return stored[key]
 
     nodes = np.concatenate([home[None], joints, home[None]])
 
-    def ways(first: int, last: int) -> Columns:
-        stops, which = [], []
+    def paths(first: int, last: int) -> Columns:
+        waypoints, which = [], []
         for i in range(first, last):
             progress(i, len(joints) + 1)
             way = fastest_path(nodes[i], nodes[i + 1], access.hubs, chain, free)[1:]
-            stops.append(way)
+            waypoints.append(way)
             which.append(np.append(np.full(len(way) - 1, -1), i if i < len(joints) else -1))
-        return {"stops": np.concatenate(stops), "which": np.concatenate(which)}
+        return {"stops": np.concatenate(waypoints), "which": np.concatenate(which)}
 
-    stops, which = [home[None]], [np.array([-1])]
+    waypoints, which = [home[None]], [np.array([-1])]
     for first in range(0, len(joints) + 1, _BLOCK):
         last = min(first + _BLOCK, len(joints) + 1)
-        piece = keep("ways", [np.array([first]), nodes[first : last + 1], access.hubs], partial(ways, first, last))
-        stops.append(piece["stops"])
+        piece = keep("ways", [np.array([first]), nodes[first : last + 1], access.hubs], partial(paths, first, last))
+        waypoints.append(piece["stops"])
         which.append(piece["which"])
-    return np.concatenate(stops), np.concatenate(which)
+    return np.concatenate(waypoints), np.concatenate(which)
 
 
 _TEST_POSES = 500
@@ -251,7 +251,7 @@ def pose_problem(options: DesignOptions, robot: Robot | None = None, progress: P
     values = model.values_before(arm, model.T_world_tracker)
     all_values = np.concatenate([values, *station_parameters(model.Ts_world_station)])
     structure = base_set(seen, all_values)
-    kept = list(structure.kept)
+    identifiable = list(structure.identifiable)
     candidates = draw_candidates(
         model,
         options.targets,
@@ -262,12 +262,12 @@ def pose_problem(options: DesignOptions, robot: Robot | None = None, progress: P
         keep=current_keep(),
     )
     inputs = _assigned(options, model, device, candidates.joints)
-    unweighted, whitened = _sensitivities(seen, all_values, kept, device)
+    unweighted, whitened = _sensitivities(seen, all_values, identifiable, device)
     jacobians = whitened if scaling.kind == "whitened" else unweighted
     pool = jacobians(inputs)
-    factors = scaling.columns([seen.parameters[i] for i in kept], pool)
+    factors = scaling.columns([seen.parameters[i] for i in identifiable], pool)
     fresh = random_poses(robot.model, _TEST_POSES // len(arm.targets), rng_for(options.seed, "fresh"))
-    test = unweighted(_inputs(model, fresh)).reshape(-1, 3, len(kept))  # every target counts
+    test = unweighted(_inputs(model, fresh)).reshape(-1, 3, len(identifiable))  # every target counts
     home, warnings = _home(options, robot.chain, model, candidates.joints)
     already = _measured_before(options, robot)
     return PoseProblem(
@@ -281,7 +281,7 @@ def pose_problem(options: DesignOptions, robot: Robot | None = None, progress: P
         whitened=whitened,
         sensitivity=lambda joints: jacobians(joints) * factors,
         pool=pool * factors,
-        goal=criterion(options.criterion, len(kept), test[::5] * factors),
+        goal=criterion(options.criterion, len(identifiable), test[::5] * factors),
         scaling=scaling,
         test=test,
         access=reachability(model, home, candidates.joints, _feasible(model, options.targets, device)),
@@ -292,11 +292,11 @@ def pose_problem(options: DesignOptions, robot: Robot | None = None, progress: P
 
 
 def _sensitivities(
-    seen: Arm, values: Array, kept: Sequence[int], device: Instrument
+    seen: Arm, values: Array, retained: Sequence[int], device: Instrument
 ) -> tuple[Sensitivity, Sensitivity]:
     """Inputs to Jacobians ``(n, r, f)`` of the base set, in m, and in standard deviations of the device's noise."""
     everywhere = whitening(device.covariance(np.ones(3)))  # of a device whose noise is the same at every point
-    further, columns = len(seen.conditions), list(kept)
+    further, columns = len(seen.conditions), list(retained)
 
     def observed(inputs: Array) -> tuple[Array, Array]:
         """Points and their Jacobian of the base set; zeros for a pose that the arm cannot take."""
@@ -389,16 +389,16 @@ def _home(
 
 def _home_option(given: Sequence[float], chain: JointSpec, model: RobotModel) -> Array:
     """The joint positions ``(n,)`` that ``--home`` says."""
-    said = f"--home {','.join(f'{number:g}' for number in given)}"
+    text = f"--home {','.join(f'{number:g}' for number in given)}"
     if len(given) != chain.size or not np.isfinite(given).all():
-        raise LabError(f"{said}: give one finite number for each of {', '.join(chain.joint_names)}")
+        raise LabError(f"{text}: give one finite number for each of {', '.join(chain.joint_names)}")
     home = joints_to_si(np.array(given), chain.prismatic)
     if (beyond := np.flatnonzero(chain.beyond_limits(home[None], 1e-9)[0])).size:
-        raise LabError(f"{said}: {chain.limit_note(int(beyond[0]), home[beyond[0]])}; start within")
+        raise LabError(f"{text}: {chain.limit_note(int(beyond[0]), home[beyond[0]])}; start within")
     if why := chain.infeasibility_reason(home):
-        raise LabError(f"{said}: {why}; start elsewhere")
+        raise LabError(f"{text}: {why}; start elsewhere")
     if touches := describe_collisions(model, home[None])[0]:
-        raise LabError(f"{said}: {touches} there; start elsewhere, or {LOWER_CLEARANCE}")
+        raise LabError(f"{text}: {touches} there; start elsewhere, or {LOWER_CLEARANCE}")
     return home
 
 
@@ -407,7 +407,7 @@ def _measured_before(options: DesignOptions, robot: Robot) -> Array:
     chain = robot.chain
     if options.extend is None:
         return _inputs(robot.model, np.empty((0, chain.size)))
-    plan = read_measurements(options.extend, chain.joint_names, chain.prismatic, points=False, most=STOPS)
+    plan = read_measurements(options.extend, chain.joint_names, chain.prismatic, points=False, most=WAYPOINTS)
     rows = plan.only("calibrate")
     robot.refuse_beyond_limits(options.extend, rows, _MEASURED_SLACK)
     robot.refuse_impossible(options.extend, rows)

@@ -154,7 +154,7 @@ class Robot(ABC):
         self,
         targets: tuple[str, ...],
         groups: Sequence[str],
-        course: SessionInfo = SessionInfo(),  # noqa: B008
+        session: SessionInfo = SessionInfo(),  # noqa: B008
         moving: bool = False,
     ) -> Arm:
         """The arm with groups of effects, by name, for measurements of such a course, or moving, under inertia too.
@@ -162,8 +162,8 @@ class Robot(ABC):
         Raises:
             LabError: there is no such group, or no masses or sessions for it, or two do not go together.
         """
-        named = [effect(name, self.chain, self.loads, course, moving=moving) for name in groups]
-        return affected(self.arm(targets), [*stations(course.stations), *named])
+        named = [effect(name, self.chain, self.loads, session, moving=moving) for name in groups]
+        return affected(self.arm(targets), [*stations(session.stations), *named])
 
     @abstractmethod
     def _simulated_loads(self) -> Loads | None:
@@ -388,8 +388,8 @@ def _read(path: Path, sha256: str) -> Robot:
     if model.overlapping:
         pairs = ", ".join(f"{first} and {second}" for first, second in model.overlapping)
         warnings = (*warnings, f"{pairs} touch by construction: their contacts are not checked")
-    if model.held:
-        warnings = (*warnings, f"{', '.join(model.held)} are taken for a gripper's, and held at zero")
+    if model.fixed_joints:
+        warnings = (*warnings, f"{', '.join(model.fixed_joints)} are taken for a gripper's, and held at zero")
     loads = None if model.masses_assumed else _some(loads_of(model))
     if model.links is not None:
         with error_context(path):
@@ -425,8 +425,10 @@ def load_virtual(robot: str | Path | Robot, cell: Path | None = None) -> Robot:
     found = load_robot(robot, cell)
     if found.model.missing:
         raise LabError(f"{found.model.missing}, but a virtual arm needs them: put them there, or take out what asks")
-    said = (*found.warnings, f"robot {found.name}: {found.model.assumed}") if found.model.assumed else found.warnings
-    return replace(found, loads=found._simulated_loads(), warnings=tuple(dict.fromkeys(said)))
+    messages = (
+        (*found.warnings, f"robot {found.name}: {found.model.assumed}") if found.model.assumed else found.warnings
+    )
+    return replace(found, loads=found._simulated_loads(), warnings=tuple(dict.fromkeys(messages)))
 
 
 def _some(loads: Loads) -> Loads | None:

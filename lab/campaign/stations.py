@@ -26,12 +26,12 @@ def stations_in(path: Path, rows: Measurements, model: RobotModel) -> NDArray[np
     """
     if len(model.stations) < 2:
         return np.zeros(len(rows), dtype=np.int_)
-    known = {name: i for i, name in enumerate(model.stations)}
+    valid = {name: i for i, name in enumerate(model.stations)}
     for i, name in enumerate(rows.stations):
-        if name not in known:
-            said = f"station '{name}' is none of the cell's" if name else "the station is missing"
-            raise LabError(f"{path}: {rows.where(i)}: {said}; write one of {', '.join(known)} into the column station")
-    return np.array([known[name] for name in rows.stations], dtype=np.int_)
+        if name not in valid:
+            text = f"station '{name}' is none of the cell's" if name else "the station is missing"
+            raise LabError(f"{path}: {rows.where(i)}: {text}; write one of {', '.join(valid)} into the column station")
+    return np.array([valid[name] for name in rows.stations], dtype=np.int_)
 
 
 def station_columns(model: RobotModel, stations: NDArray[np.int_]) -> dict[str, Array]:

@@ -14,7 +14,7 @@ from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot
 from lab.campaign.stations import refuse_idle_stations, station_columns, stations_in
 from lab.core.errors import LabError
-from lab.core.limits import STOPS
+from lab.core.limits import WAYPOINTS
 from lab.core.measurements import Measurements, measured
 from lab.core.random import rng_for
 from lab.core.se3 import Array
@@ -68,7 +68,7 @@ def truth_of(real: TrueRobot, arm: RigidArm) -> Truth | None:
     joints = arm.structure_joints(STRUCTURE_POSES, rng_for(0, "structure"))
     rigid = real.with_effects(Effects.none(arm.chain.size))
     exact = measured(arm.chain.joint_names, joints, arm.targets, rigid.points(joints, arm.targets))
-    found = fit(arm, Observations.unweighted(exact), structure.kept, values, tolerance_m=1e-12).values
+    found = fit(arm, Observations.unweighted(exact), structure.identifiable, values, tolerance_m=1e-12).values
     missed = np.nanmax(np.abs(arm.points(joints, found) - exact.points))
     return Truth(arm, found, structure) if missed < SAME_M else None
 
@@ -97,7 +97,7 @@ def poses_to_measure(robot: Robot, options: VirtualCampaign) -> tuple[Array, dic
         joints = random_poses(model, options.poses, rng_for(options.seed, "poses"))
         return joints, _station_columns(robot, options, _seeing(robot, options, joints)), ()
     chain = robot.chain
-    plan = read_measurements(options.plan, chain.joint_names, chain.prismatic, points=False, most=STOPS)
+    plan = read_measurements(options.plan, chain.joint_names, chain.prismatic, points=False, most=WAYPOINTS)
     plan = plan.only("calibrate")
     if not len(plan):
         raise LabError(f"{options.plan}: no row has use = calibrate; mark some")
@@ -141,29 +141,29 @@ def _station_columns(robot: Robot, options: VirtualCampaign, stations: NDArray[n
 def requested_conditions(robot: Robot, options: VirtualCampaign) -> tuple[str, ...]:
     """Return the conditions to record at each pose: those that the model may request and those that options set."""
     groups = GROUPS if options.fitting.parametric == "auto" else options.fitting.groups
-    asked: dict[str, None] = {}
+    requested: dict[str, None] = {}
     for group in groups:
         with suppress(LabError):  # what cannot be built says so when it is to be fitted
-            asked |= dict.fromkeys(robot.arm_with(options.targets, [group]).conditions)
+            requested |= dict.fromkeys(robot.arm_with(options.targets, [group]).conditions)
     if any(options.effects.payload_kg):
-        asked["payload_kg"] = None
+        requested["payload_kg"] = None
     if options.effects.hours is not None:
-        asked["time_s"] = None
-    return tuple(asked)
+        requested["time_s"] = None
+    return tuple(requested)
 
 
 def draw_conditions(
-    real: TrueRobot, options: VirtualCampaign, poses: int, rng: np.random.Generator, asked: Sequence[str]
+    real: TrueRobot, options: VirtualCampaign, poses: int, rng: np.random.Generator, requested: Sequence[str]
 ) -> dict[str, Array]:
     """Draw the conditions of each of so many poses of a campaign."""
     hours = _USUAL_HOURS if options.effects.hours is None else options.effects.hours
     chain, loads = real.robot.chain, options.effects.payload_kg
-    return random_conditions(chain, real.effects, poses, rng, loads, hours * HOUR_S, asked)
+    return random_conditions(chain, real.effects, poses, rng, loads, hours * HOUR_S, requested)
 
 
-def fresh_poses(real: TrueRobot, options: VirtualCampaign, asked: Sequence[str]) -> Measurements:
+def fresh_poses(real: TrueRobot, options: VirtualCampaign, requested: Sequence[str]) -> Measurements:
     """Simulate the real arm's targets at poses that were never measured, with conditions of their own."""
     rng = rng_for(options.seed, "fresh")
     poses = random_poses(real.robot, FRESH_POSES, rng)
-    conditions = draw_conditions(real, options, len(poses), rng, asked)
+    conditions = draw_conditions(real, options, len(poses), rng, requested)
     return recorded(real, poses, options.targets, real.points(poses, options.targets, conditions), conditions)

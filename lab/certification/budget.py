@@ -95,7 +95,7 @@ class InputQuantity:
     placed: bool = False
 
     @property
-    def words(self) -> str:
+    def label(self) -> str:
         """The name with its detail."""
         return f"{self.name}: {self.detail}" if self.detail else self.name
 
@@ -151,7 +151,7 @@ class Budget:
     measurand: Measurand
     lines: tuple[BudgetLine, ...]
     combined_m: float
-    freedom: float
+    dof: float
     propagated_m: float
     drawn_m: float
     drawn_std_m: float
@@ -203,7 +203,7 @@ class Propagated:
     quantities: tuple[InputQuantity, ...]
     columns: tuple[Array, ...]
     variances: Array
-    freedom: float
+    dof: float
     expanded_m: float
 
     @property
@@ -222,17 +222,19 @@ def propagated(
         positions: ``(w, 3)`` m.
         rng: of the pairs.
     """
-    kept = [each for each in quantities if each.uncertainty.standard and each.columns.any()]
-    columns = [each.columns for each in kept]
+    retained = [each for each in quantities if each.uncertainty.standard and each.columns.any()]
+    columns = [each.columns for each in retained]
     if measurand == "distance":
-        columns = _of_distances(kept, positions, rng)
-    squares = [each.uncertainty.standard**2 * c @ np.swapaxes(c, 1, 2) for each, c in zip(kept, columns, strict=True)]
+        columns = _of_distances(retained, positions, rng)
+    squares = [
+        each.uncertainty.standard**2 * c @ np.swapaxes(c, 1, 2) for each, c in zip(retained, columns, strict=True)
+    ]
     variances = np.array([np.trace(square, axis1=1, axis2=2).mean() for square in squares])
-    freedoms = np.array([each.uncertainty.freedom for each in kept])
+    freedoms = np.array([each.uncertainty.dof for each in retained])
     spread = float((variances**2 / freedoms).sum())  # an infinite one adds nothing
-    freedom = float(variances.sum() ** 2 / spread) if spread else np.inf
-    expanded = length_not_exceeded(np.sum(squares, axis=0), None if np.isinf(freedom) else freedom)
-    return Propagated(tuple(kept), tuple(columns), variances, freedom, expanded)
+    dof = float(variances.sum() ** 2 / spread) if spread else np.inf
+    expanded = length_not_exceeded(np.sum(squares, axis=0), None if np.isinf(dof) else dof)
+    return Propagated(tuple(retained), tuple(columns), variances, dof, expanded)
 
 
 def budget_of(
@@ -260,7 +262,7 @@ def budget_of(
     ]
     kinematics = _through_kinematics(measurand, found.quantities, positions, moved, rng)
     return Budget(
-        measurand, tuple(lines), found.combined_m, found.freedom, found.expanded_m, drawn, std, lengths.size, kinematics
+        measurand, tuple(lines), found.combined_m, found.dof, found.expanded_m, drawn, std, lengths.size, kinematics
     )
 
 
@@ -344,9 +346,9 @@ def _fewest(columns: Array) -> Array:
 def _together(quantity: InputQuantity, rng: np.random.Generator, shape: tuple[int, int, int]) -> Array:
     """Values of all components; where the spread was estimated, it is one for all of them."""
     uncertainty = quantity.uncertainty
-    if np.isinf(uncertainty.freedom):
+    if np.isinf(uncertainty.dof):
         return uncertainty.sample(rng, shape)
-    spread = np.sqrt(uncertainty.freedom / rng.chisquare(uncertainty.freedom, (*shape[:2], 1)))
+    spread = np.sqrt(uncertainty.dof / rng.chisquare(uncertainty.dof, (*shape[:2], 1)))
     return np.asarray(uncertainty.standard * spread * rng.standard_normal(shape))
 
 
@@ -406,14 +408,14 @@ class Propagation:
         inputs = model.structure_joints(_POSES, rng_for(0, "structure"))
         points, there = model.observe(inputs, values)
         there, points = there[:, 0][..., list(free)], points[:, 0]
-        kept = np.isfinite(there).all(axis=(1, 2)) & np.isfinite(points).all(axis=1)
+        retained = np.isfinite(there).all(axis=(1, 2)) & np.isfinite(points).all(axis=1)
 
         def moved(shift: Array) -> Array:
             shifted = values.copy()
             shifted[list(free)] += shift
-            return model.points(inputs[kept], shifted)[:, 0]
+            return model.points(inputs[retained], shifted)[:, 0]
 
-        return cls(observed, gain, points[kept], there[kept], moved)
+        return cls(observed, gain, points[retained], there[retained], moved)
 
     def shifts_by(self, displacements: Array) -> Array:
         """Shifts ``(f, c)`` of the identified parameters where the measured points are off by ``(n, k, 3, c)`` m."""
@@ -450,19 +452,19 @@ class RandomScatter:
 
     Attributes:
         sigma_m: standard deviation of one coordinate.
-        freedom: its degrees of freedom.
+        dof: its degrees of freedom.
         of_residuals: whether it was estimated from what the model leaves.
     """
 
     sigma_m: float
-    freedom: float
+    dof: float
     source: str
     of_residuals: bool = False
 
     @property
     def uncertainty(self) -> Uncertain:
         """Scatter as an uncertainty with its degrees of freedom."""
-        return Uncertain(self.sigma_m, freedom=max(self.freedom, _MIN_DOF))
+        return Uncertain(self.sigma_m, dof=max(self.dof, _MIN_DOF))
 
 
 @dataclass(frozen=True)
@@ -489,7 +491,7 @@ class RandomErrors:
     in_time: RandomScatter | None = None
 
     @property
-    def known(self) -> bool:
+    def all_given(self) -> bool:
         """Check that no random error was estimated from the residuals."""
         estimated = self.repeatability is not None and self.repeatability.of_residuals
         return self.model is None and self.in_time is None and not estimated
@@ -502,13 +504,13 @@ class FrameMotion:
     Attributes:
         detail: what moved, and when.
         offset_m: from where the calibrated positions are to where they were at one end of the campaign.
-        freedom: degrees of freedom of that.
+        dof: degrees of freedom of that.
     """
 
     detail: str
     source: str
     offset_m: float
-    freedom: float = np.inf
+    dof: float = np.inf
 
 
 def quantities_of(
@@ -528,24 +530,24 @@ def quantities_of(
     if chance.placement == "in the noise" and placed:  # it has a line of its own
         covariance = covariance - np.sum([part for _, part in placed], axis=0)
     sigma = chance.noise.uncertainty
-    said = "parameters", "identified parameters", chance.noise.source, MICRONS, sigma
+    messages = "parameters", "identified parameters", chance.noise.source, MICRONS, sigma
     shifts = covariance_root(covariance) / sigma.standard
-    found.append(_fitted(propagation, shifts, *said, detail="random errors of the measurements"))
+    found.append(_fitted(propagation, shifts, *messages, detail="random errors of the measurements"))
     each = np.broadcast_to(np.eye(3), (len(propagation.positions), 3, 3))
     if (robot := chance.repeatability) is not None:
-        said = "repeatability", "repeatability of the robot", robot.source, MICRONS, robot.uncertainty
-        found.append(InputQuantity(*said, each, anew=True))
+        messages = "repeatability", "repeatability of the robot", robot.source, MICRONS, robot.uncertainty
+        found.append(InputQuantity(*messages, each, anew=True))
         if not chance.scatter_counted:
             alike = np.broadcast_to(np.eye(3), (*propagation.observed.points.shape, 3))
             shifts = covariance_root(propagation.covariance_of(alike))
-            said = "repeatability", "repeatability in the measurements", *said[2:]
-            found.append(_fitted(propagation, shifts, *said))
+            messages = "repeatability", "repeatability in the measurements", *messages[2:]
+            found.append(_fitted(propagation, shifts, *messages))
     if (lack := chance.model) is not None:
-        said = "model", "model", lack.source, MICRONS, lack.uncertainty
-        found.append(InputQuantity(*said, each, anew=True, detail="errors of the robot that it leaves"))
+        messages = "model", "model", lack.source, MICRONS, lack.uncertainty
+        found.append(InputQuantity(*messages, each, anew=True, detail="errors of the robot that it leaves"))
     if (slow := chance.in_time) is not None:
-        said = "stability", "stability", slow.source, MICRONS, slow.uncertainty
-        found.append(InputQuantity(*said, each, anew=True, detail="errors that come and go over the poses"))
+        messages = "stability", "stability", slow.source, MICRONS, slow.uncertainty
+        found.append(InputQuantity(*messages, each, anew=True, detail="errors that come and go over the poses"))
     return tuple(found)
 
 
@@ -556,15 +558,15 @@ def motion_of(propagation: Propagation, motion: FrameMotion) -> InputQuantity:
     so that a distance between them has it twice.
     """
     each = np.broadcast_to(np.eye(3), (len(propagation.positions), 3, 3))
-    known = Uncertain(motion.offset_m / float(np.sqrt(3)), freedom=max(motion.freedom, _MIN_DOF))
-    said = "stability", "stability", motion.source, MICRONS, known
-    return InputQuantity(*said, each, anew=True, detail=motion.detail)
+    known = Uncertain(motion.offset_m / float(np.sqrt(3)), dof=max(motion.dof, _MIN_DOF))
+    messages = "stability", "stability", motion.source, MICRONS, known
+    return InputQuantity(*messages, each, anew=True, detail=motion.detail)
 
 
-def lack_of_fit_of(propagation: Propagation, sigma_m: float, freedom: float, source: str) -> InputQuantity:
+def lack_of_fit_of(propagation: Propagation, sigma_m: float, dof: float, source: str) -> InputQuantity:
     """Return the excess of the validation errors over the rest of the budget, as an input quantity."""
     each = np.broadcast_to(np.eye(3), (len(propagation.positions), 3, 3))
-    known = Uncertain(sigma_m, freedom=max(freedom, _MIN_DOF))
+    known = Uncertain(sigma_m, dof=max(dof, _MIN_DOF))
     detail = "errors on validation poses that the budget does not explain"
     return InputQuantity("model", "lack of fit", source, MICRONS, known, each, anew=True, detail=detail)
 
@@ -588,13 +590,13 @@ def unseen_move_of(propagation: Propagation, sigma_m: float) -> InputQuantity:
     level = VARIANCE_COMPONENTS / (2 * len(propagation.observed.points))
     limit = float(normal_ppf(1 - level) + normal_ppf(_DETECTED)) * sigma_m / float(np.sqrt(points))
     each = np.broadcast_to(np.eye(3), (len(propagation.positions), 3, 3))
-    words, source = "a move of base or instrument during the campaign", "too small to be found by these poses"
-    return InputQuantity("stability", words, source, MICRONS, Uncertain.within(limit), each)
+    text, source = "a move of base or instrument during the campaign", "too small to be found by these poses"
+    return InputQuantity("stability", text, source, MICRONS, Uncertain.within(limit), each)
 
 
-def temperature_of(propagation: Propagation, foot: Array, kelvin: Uncertain, expansion_per_k: float) -> InputQuantity:
+def temperature_of(propagation: Propagation, base: Array, kelvin: Uncertain, expansion_per_k: float) -> InputQuantity:
     """Temperature of the robot: all lengths grow with it about the robot's base ``(3,)`` m."""
-    columns = expansion_per_k * (propagation.positions - foot)[..., None]
+    columns = expansion_per_k * (propagation.positions - base)[..., None]
     source = f"stated, expansion {PPM.of(expansion_per_k):g} ppm/K"
     return InputQuantity("temperature", "temperature of the robot", source, KELVIN, kelvin, columns)
 
@@ -603,7 +605,7 @@ def _systematic(propagation: Propagation, errors: TrackerErrors, source: str, te
     """A systematic error of the instrument, through the fit."""
     group = "temperature" if term.name in _OF_AIR else "reflector" if term.name == "centring_depth" else "misalignment"
     shifts = propagation.shifts_by(errors.displacements(term, _seen(propagation)))
-    return _fitted(propagation, shifts, group, term.words, source, term.unit, errors.quantity(term))
+    return _fitted(propagation, shifts, group, term.description, source, term.unit, errors.quantity(term))
 
 
 def _placements(propagation: Propagation, errors: TrackerErrors, source: str) -> Iterator[tuple[InputQuantity, Array]]:
@@ -613,8 +615,8 @@ def _placements(propagation: Propagation, errors: TrackerErrors, source: str) ->
         group = "misalignment" if term.name == "lock_on" else "reflector"
         covariance = propagation.covariance_of(errors.placement_covariance(_seen(propagation), (term,)))
         shifts = covariance_root(covariance) / quantity.standard
-        said = group, term.words, source, term.unit, quantity
-        yield _fitted(propagation, shifts, *said, placed=True), covariance
+        blocks = group, term.description, source, term.unit, quantity
+        yield _fitted(propagation, shifts, *blocks, placed=True), covariance
 
 
 def _fitted(
@@ -631,8 +633,8 @@ def _fitted(
 ) -> InputQuantity:
     """A quantity that comes through the fit, by its shifts ``(f, c)`` of the identified parameters."""
     columns = propagation.columns_of(shifts)
-    said = group, name, source, unit, uncertainty
-    return InputQuantity(*said, columns, shifts=shifts, detail=detail, placed=placed)
+    messages = group, name, source, unit, uncertainty
+    return InputQuantity(*messages, columns, shifts=shifts, detail=detail, placed=placed)
 
 
 def _seen(propagation: Propagation) -> Array:

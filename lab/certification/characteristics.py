@@ -81,7 +81,7 @@ class Repeats:
         repeatability: RP, mean and three standard deviations of the distances from the mean of a pose's positions.
         poses: how many were repeated.
         cycles: the fewest and the most visits to one of these.
-        scatter_m: standard deviation of one coordinate between visits to a pose, with ``freedom``.
+        scatter_m: standard deviation of one coordinate between visits to a pose, with ``dof``.
         span: the largest share of the campaign, by place in the file, between two visits to one pose.
     """
 
@@ -89,7 +89,7 @@ class Repeats:
     poses: int
     cycles: tuple[int, int]
     scatter_m: float
-    freedom: int
+    dof: int
     span: float
 
 
@@ -118,12 +118,12 @@ def repeats_of(errors: Array, labels: NDArray[np.int_], places: Array) -> Repeat
     if not found:
         return None
     lengths = np.array([iso9283.repeatability(off[:, None])[0] for _, off in found])
-    counts, freedom = [len(off) for _, off in found], sum(3 * (len(off) - 1) for _, off in found)
+    counts, dof = [len(off) for _, off in found], sum(3 * (len(off) - 1) for _, off in found)
     squares = sum(float(3 * off.var(axis=0).mean() * len(off)) for _, off in found)
     span = max(float(np.ptp(places[rows])) for rows, _ in found)
-    scatter = float(np.sqrt(squares / freedom))
+    scatter = float(np.sqrt(squares / dof))
     poses = len({int(labels[rows[0]]) for rows, _ in found})
-    return Repeats(Accuracy.of(lengths), poses, (min(counts), max(counts)), scatter, freedom, span)
+    return Repeats(Accuracy.of(lengths), poses, (min(counts), max(counts)), scatter, dof, span)
 
 
 def _visits(errors: Array, labels: NDArray[np.int_]) -> Iterator[tuple[NDArray[np.int_], Array]]:
@@ -161,7 +161,7 @@ def distance_errors(measured: Array, commanded: Array, labels: NDArray[np.int_],
 
 DecisionRule = Literal["guard-band", "simple"]
 Decision = Literal["conforms", "does not conform", "not decided"]
-_WORDS = {
+_RULES = {
     "simple": (
         "simple acceptance (JCGM 106:2012, 8.2): it conforms where the value is not above the tolerance; the risk of a "
         "wrong statement is shared, and is up to 50 % for a value at the tolerance"
@@ -191,9 +191,9 @@ class Conformity:
     decision: Decision
 
     @property
-    def words(self) -> str:
+    def rule_text(self) -> str:
         """The rule, for a person."""
-        return _WORDS[self.rule]
+        return _RULES[self.rule]
 
 
 def conformity_of(value_m: float, tolerance_m: float, expanded_m: float, rule: DecisionRule) -> Conformity:

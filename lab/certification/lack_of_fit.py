@@ -45,8 +45,8 @@ class ValidationErrors:
     poses: int
     own: Array
     shared: Array
-    freedom: float = np.inf
-    known: bool = True
+    dof: float = np.inf
+    all_given: bool = True
 
     def covariances(self, more_m: float = 0.0) -> Array:
         """Covariances ``(n, 3, 3)`` m^2 of the points' errors, with so much more per coordinate."""
@@ -62,7 +62,7 @@ class LackOfFit:
         observed_95_m, expected_95_m: the length that 95 % of the errors do not exceed, likewise.
         p: the chance of a larger mean square, if the budget is right.
         sigma_m: what the budget lacks, of one coordinate; 0 where chance explains the difference.
-        freedom: degrees of freedom of that.
+        dof: degrees of freedom of that.
         poses: by how many distinct poses.
     """
 
@@ -72,7 +72,7 @@ class LackOfFit:
     expected_95_m: float
     p: float
     sigma_m: float
-    freedom: float
+    dof: float
     poses: int
 
 
@@ -83,19 +83,19 @@ def lack_of_fit(found: ValidationErrors) -> LackOfFit:
         The comparison; ``sigma_m`` is above zero where the mean square, or the largest errors, are more than chance
         allows at the level ``CERTIFICATE_VALIDATION``; where the noise is not known, more than predicted.
     """
-    squares, freedom = found.covariances(), None if np.isinf(found.freedom) else found.freedom
+    squares, dof = found.covariances(), None if np.isinf(found.dof) else found.dof
     expected = float(np.trace(squares, axis1=1, axis2=2).mean())
     observed = found.rms_m**2
     numbers = np.minimum(matched_dof(expected, _variance_of_mean(found)), 3.0 * found.poses)
-    p = float(p_value_of_squares(observed / expected, numbers, freedom, 1 / numbers))
-    excess = max(observed - expected, 0.0) if p < CERTIFICATE_VALIDATION or not found.known else 0.0
+    p = float(p_value_of_squares(observed / expected, numbers, dof, 1 / numbers))
+    excess = max(observed - expected, 0.0) if p < CERTIFICATE_VALIDATION or not found.all_given else 0.0
     sigma = max(float(np.sqrt(excess / 3)), _for_the_largest(found, expected + excess))
     share = 3 * sigma**2 / (3 * sigma**2 + expected)
     return LackOfFit(
         found.rms_m,
         float(np.sqrt(expected)),
         found.p95_m,
-        length_not_exceeded(squares, freedom),
+        length_not_exceeded(squares, dof),
         p,
         sigma,
         max(share**2 * found.poses, _MIN_DOF),
@@ -120,17 +120,17 @@ def _for_the_largest(found: ValidationErrors, mean_square: float) -> float:
     Args:
         mean_square: of the errors, by the budget with the lack of fit that it shows (m^2).
     """
-    squares, freedom = found.covariances(), None if np.isinf(found.freedom) else found.freedom
+    squares, dof = found.covariances(), None if np.isinf(found.dof) else found.dof
     expected = float(np.trace(squares, axis1=1, axis2=2).mean())
     sigma = float(np.sqrt((mean_square - expected) / 3)) if mean_square > expected else 0.0
-    by_chance = found.known and not sigma  # a lack of fit is no draw from a normal distribution
+    by_chance = found.all_given and not sigma  # a lack of fit is no draw from a normal distribution
     realised = max(found.rms_m / float(np.sqrt(mean_square)), 1.0) if by_chance else 1.0
     share = _share_by_chance(found.poses) if by_chance else _SHARE
-    if found.p95_m <= realised * length_not_exceeded(found.covariances(sigma), freedom, share):
+    if found.p95_m <= realised * length_not_exceeded(found.covariances(sigma), dof, share):
         return 0.0
 
     def lacks(more_m: float) -> float:
-        return found.p95_m - length_not_exceeded(found.covariances(more_m), freedom)
+        return found.p95_m - length_not_exceeded(found.covariances(more_m), dof)
 
     high = found.p95_m
     if lacks(sigma) <= 0 or lacks(high) > 0:

@@ -148,8 +148,8 @@ def parsed(command: Command, arguments: Sequence[str]) -> Arguments:
     common: list[Any] = [("json", _JSON, field(default=False))]
     if "out" not in _names(kind):  # of a command that looks after its folder itself
         default_folder = f"The run's folder: runs/{command.folder} by default, numbered if taken."
-        said = default_folder if command.folder else "A folder for the page and the result; by default none is written."
-        out = ("out", Annotated[Path | None, tyro.conf.arg(help=said)], field(default=None))
+        text = default_folder if command.folder else "A folder for the page and the result; by default none is written."
+        out = ("out", Annotated[Path | None, tyro.conf.arg(help=text)], field(default=None))
         common = [out, ("overwrite", _OVERWRITE, field(default=False)), *common]
     if command.resumed:
         common = [*common, ("resume", _RESUME, field(default=False))]
@@ -183,7 +183,7 @@ def _configured(command: Command, kind: type[Any], arguments: Sequence[str]) -> 
 
 def _with_switches_on(kind: type[Any], arguments: Sequence[str]) -> list[str]:
     """The arguments, where options that may be ``on`` and are given without a value have that one."""
-    choices = {f"--{name.replace('_', '-')}": words for name, words in _words(kind) if "on" in words}
+    choices = {f"--{name.replace('_', '-')}": values for name, values in _choices(kind) if "on" in values}
     found = list[str]()
     for argument, following in zip_longest(arguments, arguments[1:]):
         found.append(argument)
@@ -192,13 +192,13 @@ def _with_switches_on(kind: type[Any], arguments: Sequence[str]) -> list[str]:
     return found
 
 
-def _words(kind: Any) -> Iterator[tuple[str, tuple[str, ...]]]:
+def _choices(kind: Any) -> Iterator[tuple[str, tuple[str, ...]]]:
     """The options that take one of some words, with these; those of groups among them."""
     hints = get_type_hints(kind)
     for each in fields(kind):
         hint = hints[each.name]
         if is_dataclass(hint):
-            yield from _words(hint)
+            yield from _choices(hint)
         elif get_origin(hint) is Literal:
             yield each.name, get_args(hint)
 
@@ -237,10 +237,10 @@ def _numbers() -> tyro.constructors.ConstructorRegistry:
 
 def _one_of(kinds: Sequence[Any]) -> "tyro.constructors.PrimitiveConstructorSpec[Any] | None":
     """Return the parser of an optional choice of words; None for any other type."""
-    words = [each for each in kinds if get_origin(each) is Literal]
-    if len(words) != 1 or len(kinds) != 2 or NoneType not in kinds:
+    values = [each for each in kinds if get_origin(each) is Literal]
+    if len(values) != 1 or len(kinds) != 2 or NoneType not in kinds:
         return None
-    choices = tuple(str(each) for each in get_args(words[0]))
+    choices = tuple(str(each) for each in get_args(values[0]))
     return tyro.constructors.PrimitiveConstructorSpec(
         nargs=1,
         metavar="{" + ",".join(choices) + "}",

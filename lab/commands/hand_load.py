@@ -52,7 +52,7 @@ class HandLoad:
             raise LabError(f"--load: robot {robot.name} has no masses, so nothing bends under a load; give its masses")
         return replace(robot, loads=replace(robot.loads, payload_at_m=self.centre_m))
 
-    def weighed(self, data: Measurements) -> Measurements:
+    def with_payload(self, data: Measurements) -> Measurements:
         """Rows that carry it, where they do not say what they carry."""
         if "payload_kg" in data.conditions:
             return data

@@ -67,9 +67,9 @@ def _nowhere(number: int) -> int:
     return number
 
 
-def say(words: str) -> None:
+def say(message: str) -> None:
     """Print one line on standard error: control characters are escaped, the middle of a long line is cut."""
-    line = " ".join(words.split())
+    line = " ".join(message.split())
     line = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
     if len(line) > _LONGEST_LINE:
         line = f"{line[: _LONGEST_LINE // 2]} … {line[-_LONGEST_LINE // 2 :]}"
@@ -77,10 +77,10 @@ def say(words: str) -> None:
         print(f"lab: {line}", file=sys.stderr, flush=True)
 
 
-def say_as_json(words: str, code: int) -> None:
+def say_as_json(message: str, code: int) -> None:
     """An error as one JSON object on standard output, for programs that read results there."""
     with suppress(OSError):
-        print(json.dumps({"error": {"message": words, "exit_code": code}}), flush=True)
+        print(json.dumps({"error": {"message": message, "exit_code": code}}), flush=True)
 
 
 @contextmanager

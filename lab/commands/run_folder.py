@@ -50,7 +50,7 @@ __all__ = [
     "LOAD_FILE",
     "SCHEMA",
     "VIA",
-    "Stops",
+    "Waypoints",
     "check_edits",
     "command_line",
     "config",
@@ -254,8 +254,8 @@ def run_folder(out: Path, inputs: Sequence[Path] = (), *, overwrite: bool = Fals
     except OSError as error:
         why = error.strerror or error
         mend = "nothing was kept, make room and run again" if begun else "give --out another folder"
-        said = f"writing failed ({why})" if begun else f"cannot be written ({why})"
-        raise LabError(f"{out}: {said}; {mend}") from error
+        text = f"writing failed ({why})" if begun else f"cannot be written ({why})"
+        raise LabError(f"{out}: {text}; {mend}") from error
 
 
 @contextmanager
@@ -513,10 +513,10 @@ def _beside(out: Path) -> Path:
 
 def _work(command: str, options: Any) -> dict[str, Any]:
     """Return what pieces depend on: options, content of the files that they name, and versions; JSON types."""
-    asked = {name: value for name, value in asdict(options).items() if name not in _NO_PART}
+    requested = {name: value for name, value in asdict(options).items() if name not in _NO_PART}
     own = getattr(options, "out", None)
     files = {str(path): _content(path) for path in input_files(options) if path != own}
-    work = {"command": command, "options": asked, "files": files, "versions": versions()}
+    work = {"command": command, "options": requested, "files": files, "versions": versions()}
     plain: dict[str, Any] = json.loads(json.dumps(work, default=str))
     return plain
 
@@ -539,10 +539,10 @@ def _refuse_other(out: Path, folder: Path, work: dict[str, Any]) -> None:
     there = read_json(folder / _LABEL, "leave out --resume to begin anew")
     if there == work:
         return
-    said: dict[str, Any] = there if isinstance(there, dict) else {}
-    for part, words in _PARTS.items():
-        if said.get(part) != work[part]:
-            what = f"another {words}{_other(said.get(part), work[part])}"
+    stated: dict[str, Any] = there if isinstance(there, dict) else {}
+    for part, description in _PARTS.items():
+        if stated.get(part) != work[part]:
+            what = f"another {description}{_other(stated.get(part), work[part])}"
             raise LabError(f"{out}: was interrupted with {what}; give the same, or leave out --resume to begin anew")
     raise LabError(f"{out}: what was kept of it is damaged; leave out --resume to begin anew")
 
@@ -559,8 +559,8 @@ _BLOCK = 10_000  # stops that are made plain values at a time
 
 
 @dataclass(frozen=True)
-class Stops:
-    """Stops of a robot's way, each reached in a straight line of all joints.
+class Waypoints:
+    """Waypoints of a robot's way, each reached in a straight line of all joints.
 
     Attributes:
         joints: ``(s, n)`` rad or m.
@@ -629,14 +629,14 @@ _SHOWN = ("robot", "instrument", "seed")  # also where they are at their default
 
 def command_line(name: str, options: "DataclassInstance") -> str:
     """Write the command line for these options, without those at their defaults."""
-    given, words, flags = dict(_asked(options)), ["lab", name], []
+    given, parts, flags = dict(_given_options(options)), ["lab", name], []
     for option in positional(type(options)):
         value, told = getattr(options, option), given.pop(option, "")
         several = map(str, value) if isinstance(value, tuple) else (told,)
-        words += map(shlex.quote, several if told else ())
+        parts += map(shlex.quote, several if told else ())
     for option, value in given.items():
         flags.append(f"--{option.replace('_', '-')}" + (f" {shlex.quote(value)}" if value else ""))
-    return " ".join([*words, *flags])
+    return " ".join([*parts, *flags])
 
 
 def positional(kind: type[Any]) -> list[str]:
@@ -645,13 +645,13 @@ def positional(kind: type[Any]) -> list[str]:
     return [option for option, hint in hints.items() if _POSITIONAL in get_args(hint)]
 
 
-def _asked(options: Any) -> Iterator[tuple[str, str]]:
+def _given_options(options: Any) -> Iterator[tuple[str, str]]:
     """Options that are not at their defaults, those of groups among them; no text for one that is only switched on."""
     for field in fields(options):
         value = getattr(options, field.name)
         default = field.default if field.default_factory is MISSING else field.default_factory()
         if is_dataclass(value):
-            yield from _asked(value)
+            yield from _given_options(value)
         elif value != default:
             yield field.name, _written(value)
 
@@ -678,11 +678,11 @@ def provenance_section(
     rows: list[Row] = [(key, str(made["options"][key])) for key in _SHOWN if made["options"].get(key) is not None]
     rows += [("serial", serial)] if serial is not None else []
     rows += [("versions", versions), ("model (SHA-256)", Code(model_sha256))]
-    words = "All other options were at their defaults"
+    text = "All other options were at their defaults"
     if command_named(name).folder:
-        words += f"; config.json holds every one; lab {name} --config config.json gives the same numbers again"
+        text += f"; config.json holds every one; lab {name} --config config.json gives the same numbers again"
     return Section(
         "What was done",
-        (Command(command_line(name, options)), Paragraph(f"{words}."), Table(("", ""), tuple(rows))),
+        (Command(command_line(name, options)), Paragraph(f"{text}."), Table(("", ""), tuple(rows))),
         shown_in=PAGE,
     )

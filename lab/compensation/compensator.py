@@ -252,9 +252,9 @@ class Compensator:
         Args:
             before: those for the target before the first.
         """
-        chain, asked = self.nominal.arm.chain, wanted
+        chain, requested = self.nominal.arm.chain, wanted
         if chain.size < PLACES:
-            wanted = PoseTarget(asked.positions, np.full_like(asked.rotations, np.nan))
+            wanted = PoseTarget(requested.positions, np.full_like(requested.rotations, np.nan))
         found, last = self._first_that_fits(wanted, conditions, reference, before)
         fits = np.flatnonzero(found.fits)
         given = conditions[fits]
@@ -269,7 +269,7 @@ class Compensator:
         apart = self._apart(given, some.turned, found.joints[fits], *schemes)
         apart[chain.beyond_limits(by_space, _LIMIT_SLACK).any(axis=1)] = np.nan  # the controller would refuse it
         apart = _spread(apart, fits, (len(wanted),))
-        unplaced, unturned = self._left_out(asked, found.joints, conditions)
+        unplaced, unturned = self._left_out(requested, found.joints, conditions)
         rigid = self.arm.rigid
         distance, joint = rigid.singular_distance(found.joints, self.values[: len(rigid.names)], self.nominal.target)
         done = Compensation(
@@ -295,7 +295,7 @@ class Compensator:
     ) -> tuple[Attempts, Array]:
         """The identified arm's inverse, by the nominal model's first solution within limits, else the best."""
         chain = self.nominal.arm.chain
-        ways = self.nominal.ways(wanted, reference)
+        ways = self.nominal.solutions(wanted, reference)
         starts, order = ordered(chain, ways, reference, self._near_singular(wanted, ways), before)
         order[~wanted.turned] = -1  # found by search: of no branch
         free = np.asarray(~np.isfinite(reference).all(axis=1))
@@ -321,10 +321,10 @@ class Compensator:
         missing = asked.errors(self._tool(joints, conditions)[0])
         return np.linalg.norm(missing[:, :3], axis=1), np.linalg.norm(missing[:, 3:], axis=1)
 
-    def _near_singular(self, wanted: PoseTarget, ways: Solutions) -> NDArray[np.bool_]:
+    def _near_singular(self, wanted: PoseTarget, solutions: Solutions) -> NDArray[np.bool_]:
         """Check ``(n, k)``, where any rotation will do, which IK solutions are too near to a singularity."""
-        near, rows = np.zeros(ways.gap_m.shape, dtype=np.bool_), np.flatnonzero(~wanted.turned)
-        joints = ways.joints[rows]
+        near, rows = np.zeros(solutions.gap_m.shape, dtype=np.bool_), np.flatnonzero(~wanted.turned)
+        joints = solutions.joints[rows]
         distance, _ = self.nominal.arm.singular_distance(
             joints.reshape(-1, joints.shape[2]), self.nominal.values, self.nominal.target
         )

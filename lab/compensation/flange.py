@@ -26,7 +26,7 @@ _STATED_DOF = 1  # as many residuals that weighs
 _LEVEL = 0.01  # chance, of each of two tests, that places stated rightly are not believed
 _SPREAD_M = 1e-3  # of points about a line: below, they do not turn about it
 _RANK = 1e-6  # of the largest singular value: below, points show no such motion
-_KNOWN = 0.5  # of its tolerance: a rotation known better than that is identified
+_DETERMINED = 0.5  # of its tolerance: a rotation known better than that is identified
 
 
 @dataclass(frozen=True)
@@ -38,18 +38,18 @@ class Flange:
         gain: ``(6, 3 k)`` derivative of the estimated motion (m, rad) by the k measured points.
         covariance: ``(6, 6)`` of the motion's errors that are not those of the measured points.
         dof: degrees of freedom of the covariance's size.
-        believed: whether the stated positions take part.
+        uses_stated: whether the stated positions take part.
         turned: whether they determine the flange's rotation.
-        off_m: ``(k,)`` distance of each measured point from its stated position in the nominal flange.
+        deviation_m: ``(k,)`` distance of each measured point from its stated position in the nominal flange.
     """
 
     T_last_flange: Array
     gain: Array
     covariance: Array
     dof: float
-    believed: bool
+    uses_stated: bool
     turned: bool
-    off_m: Array
+    deviation_m: Array
 
 
 def point_rows(points: Array) -> Array:
@@ -72,25 +72,27 @@ def located_flange(
         posed: whether the points stand for a measured pose: distances between them then show nothing.
     """
     count = 3 * len(stated)
-    off = (measured - stated).ravel()
+    deviation = (measured - stated).ravel()
     distances = np.asarray(np.linalg.norm(measured - stated, axis=1))
     nothing = Flange(np.eye(4), np.zeros((6, count)), prior, dof, False, False, distances)
     if not count:
         return nothing
     rows = point_rows(stated).reshape(count, 6)
-    variance, shape_dof = (_STATED_M**2, dof) if posed else _stated_variance(rows, stated, off, _least(prior[:3, :3]))
+    variance, shape_dof = (
+        (_STATED_M**2, dof) if posed else _stated_variance(rows, stated, deviation, _least(prior[:3, :3]))
+    )
     whole = rows @ prior @ rows.T + covariance + variance * np.eye(count)
-    if _is_elsewhere(whole, rows, off):
+    if _is_elsewhere(whole, rows, deviation):
         return nothing
     gain = np.asarray(np.linalg.solve(whole, rows @ prior).T)
-    motion, left = gain @ off, np.eye(6) - gain @ rows
+    motion, left = gain @ deviation, np.eye(6) - gain @ rows
     found = left @ prior @ left.T + variance * gain @ gain.T
-    turned = bool(np.linalg.eigvalsh(found[3:, 3:]).max() < _KNOWN**2 * _least(prior[3:, 3:]))
+    turned = bool(np.linalg.eigvalsh(found[3:, 3:]).max() < _DETERMINED**2 * _least(prior[3:, 3:]))
     T = se3.pose(se3.exp(motion[3:]), motion[:3])
     return Flange(T, gain, np.asarray(found), shape_dof if turned else dof, True, turned, distances)
 
 
-def _is_elsewhere(whole: Array, rows: Array, off: Array) -> bool:
+def _is_elsewhere(whole: Array, rows: Array, deviation: Array) -> bool:
     """Decide whether points are moved together farther than errors of this covariance explain.
 
     Distances between them have no part in it: it is a test of what they have in common with a rigid motion, and one of
@@ -98,10 +100,10 @@ def _is_elsewhere(whole: Array, rows: Array, off: Array) -> bool:
     """
     motions, sizes, _ = np.linalg.svd(rows, full_matrices=False)
     motions = motions[:, sizes > _RANK * sizes[0]]
-    mean = np.tile(np.eye(3), (len(off) // 3, 1))
+    mean = np.tile(np.eye(3), (len(deviation) // 3, 1))
     chances = []
     for basis in (motions, mean):
-        along = basis.T @ off
+        along = basis.T @ deviation
         square = along @ np.linalg.solve(basis.T @ whole @ basis, along)
         chances.append(float(chi2_sf(square, basis.shape[1])))
     return min(chances) < _LEVEL
@@ -112,11 +114,11 @@ def _least(covariance: Array) -> float:
     return float(np.linalg.eigvalsh(covariance)[0])
 
 
-def _stated_variance(rows: Array, stated: Array, off: Array, as_a_link: float) -> tuple[float, float]:
+def _stated_variance(rows: Array, stated: Array, deviation: Array, as_a_link: float) -> tuple[float, float]:
     """Variance (m^2) of a stated coordinate and its degrees of freedom; as of a link where no distances show it."""
     apart = np.linalg.svd(stated - stated.mean(axis=0), compute_uv=False)
     if len(stated) < 3 or apart[1] < _SPREAD_M:
         return as_a_link, 1.0
-    left = off - rows @ np.linalg.lstsq(rows, off, rcond=None)[0]
-    dof = len(off) - 6 + _STATED_DOF
+    left = deviation - rows @ np.linalg.lstsq(rows, deviation, rcond=None)[0]
+    dof = len(deviation) - 6 + _STATED_DOF
     return float((left @ left + _STATED_DOF * _STATED_M**2) / dof), float(dof)

@@ -94,13 +94,13 @@ __all__ = [
     "SIMULATION_S",
     "SIMULATION_SIZE",
     "STARTS",
-    "STOPS",
     "TABLE_BYTES",
     "TARGETS",
     "TEXT_BYTES",
     "TOML_BYTES",
     "UNCERTAINTY",
     "VALUES",
+    "WAYPOINTS",
     "WORKERS",
     "Limit",
     "Range",
@@ -174,7 +174,7 @@ JOINTS = Limit("joints of a robot", 40, "the work grows with their cube")
 FRAMES = Limit("frames, rods or pins of a mechanism", 100, "six legs have some twenty; the work grows with their cube")
 TARGETS = Limit("targets of a tool", 100, "the work grows with their square")
 POSES = Limit("poses", 100_000, "a robot measures some hundred in a day")
-STOPS = Limit("stops of a plan", 10_000, "every way between them is checked")
+WAYPOINTS = Limit("stops of a plan", 10_000, "every way between them is checked")
 PASSED = Limit("points of a motion", 2_000, "what lies between them is planned and drawn")
 MOMENTS = Limit("times of a motion", 100_000, "each is a row; --step-ms sets how far they are apart")
 PLACED = Limit("poses of a robot's models", 10_000, "each is told in full, with every solution")

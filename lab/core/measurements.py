@@ -302,9 +302,9 @@ def without_copies(path: Path, data: Measurements) -> Measurements:
     copies = [(int(seen[row]), int(seen[same])) for row, same in copied_rows(numbers[seen])]
     if not copies:
         return data
-    said, left = describe_copies(path, len(copies), *map(data.where, copies[0])), len(data) - len(copies)
+    message, left = describe_copies(path, len(copies), *map(data.where, copies[0])), len(data) - len(copies)
     if left < LEAST_ROWS:
-        raise LabError(f"{said}: {counted(left, 'row')} {be(left)} left; measure more poses")
+        raise LabError(f"{message}: {counted(left, 'row')} {be(left)} left; measure more poses")
     gone = {row for row, _ in copies}
     kept = data.take([row for row in range(len(data)) if row not in gone])
-    return replace(kept, warnings=(*kept.warnings, f"{said}: left out"))
+    return replace(kept, warnings=(*kept.warnings, f"{message}: left out"))

@@ -49,19 +49,19 @@ class Uncertain:
     Attributes:
         standard: its standard uncertainty, in the quantity's SI unit.
         distribution: its form. A normal one whose uncertainty is itself uncertain is drawn as Student's t.
-        freedom: degrees of freedom of the standard uncertainty; infinite where that is taken as exact.
+        dof: degrees of freedom of the standard uncertainty; infinite where that is taken as exact.
     """
 
     standard: float = 0.0
     distribution: DistributionName = "normal"
-    freedom: float = np.inf
+    dof: float = np.inf
 
     def __post_init__(self) -> None:
         if not 0 <= self.standard < np.inf:
             raise LabError(f"a standard uncertainty of {self.standard:g}: give a finite one of zero or more")
-        if not self.freedom >= _MIN_DOF:
-            raise LabError(f"freedom = {self.freedom:g}: give {_MIN_DOF:g} or more, or leave it out")
-        if np.isfinite(self.freedom) and self.distribution != "normal":
+        if not self.dof >= _MIN_DOF:
+            raise LabError(f"freedom = {self.dof:g}: give {_MIN_DOF:g} or more, or leave it out")
+        if np.isfinite(self.dof) and self.distribution != "normal":
             raise LabError(f"freedom goes with a normal distribution, not with a {self.distribution} one")
 
     @classmethod
@@ -79,9 +79,9 @@ class Uncertain:
     def sample(self, rng: np.random.Generator, shape: int | tuple[int, ...]) -> Array:
         """Values of this shape."""
         if self.distribution == "normal":
-            if np.isinf(self.freedom):
+            if np.isinf(self.dof):
                 return self.standard * rng.standard_normal(shape)
-            return np.asarray(self.standard * rng.standard_t(self.freedom, shape))
+            return np.asarray(self.standard * rng.standard_t(self.dof, shape))
         if self.distribution == "rectangular":
             return rng.uniform(-self.limit, self.limit, shape)
         if self.distribution == "triangular":

@@ -164,12 +164,12 @@ def edited_files(folder: Path, text: str, names: Sequence[str]) -> tuple[str, ..
         text: the lines.
         names: of the files that are looked at.
     """
-    said: dict[str, str] = {}
+    digests: dict[str, str] = {}
     for line in text.splitlines():
         digest, _, name = line.partition("  ")
-        said[name] = digest
+        digests[name] = digest
     found = {name: file_digest(folder / name) for name in names if (folder / name).is_file()}
-    return tuple(name for name in names if found.get(name) != said.get(name))
+    return tuple(name for name in names if found.get(name) != digests.get(name))
 
 
 def file_digest(path: Path) -> str:
@@ -396,10 +396,10 @@ def read_checked(path: Path) -> bytes | None:
     """Return the content of a file with a checksum; None if the file is missing or altered."""
     try:
         content = path.read_bytes()
-        said = path.with_suffix(_SUM).read_bytes()
+        stated = path.with_suffix(_SUM).read_bytes()
     except OSError:
         return None
-    return content if said == _sum_line(content, path).encode() else None
+    return content if stated == _sum_line(content, path).encode() else None
 
 
 def _sum_line(content: bytes, path: Path) -> str:

@@ -137,8 +137,8 @@ def module_text(title: str, about: str, frame: str, model: Mapping[str, Any]) ->
         f"{name!r} ({'must be given' if usual is None else f'{usual:g} if not given'})"
         for name, usual in model["conditions"].items()
     ]
-    said = f"Conditions of a pose, as in forward(q, **{{'name': value}}): {', '.join(needs)}." if needs else ""
-    filled = (each.format(frame=frame, joints=", ".join(model["joint_names"]), conditions=said) for each in _USE)
+    text = f"Conditions of a pose, as in forward(q, **{{'name': value}}): {', '.join(needs)}." if needs else ""
+    filled = (each.format(frame=frame, joints=", ".join(model["joint_names"]), conditions=text) for each in _USE)
     head = "\n\n".join([title, *(fill(each, _WIDTH) for each in (about, *filled) if each)]) + "\n"
     source = (files("lab") / "formats" / "plain_arm.py").read_text(encoding="utf-8")
     code = re.sub(r'^""".*?"""\n', "", source, count=1, flags=re.DOTALL)

@@ -49,9 +49,9 @@ class StatedUncertainty:
         Raises:
             LabError: limits and distribution, or distribution and degrees of freedom, contradict each other.
         """
-        freedom = np.inf if self.freedom is None else self.freedom
+        dof = np.inf if self.freedom is None else self.freedom
         if self.standard is not None:
-            return Uncertain(self.standard / factor, self.distribution or "normal", freedom)
+            return Uncertain(self.standard / factor, self.distribution or "normal", dof)
         if self.freedom is not None:
             raise LabError("freedom goes with standard, not with limit")
         assert self.limit is not None

@@ -155,12 +155,12 @@ def _refuse_other_unit(path: Path, joints: Array, prismatic: tuple[bool, ...], s
     if not turning:
         return
     largest = float(np.abs(joints[:, turning]).max())
-    said = [scales[j] for j in turning]
-    if all(scale == 1.0 for scale in said) and largest > _FULL_TURNS * 2 * np.pi:
+    messages = [scales[j] for j in turning]
+    if all(scale == 1.0 for scale in messages) and largest > _FULL_TURNS * 2 * np.pi:
         raise LabError(f"{path}: joints reach {largest:.4g} rad, which are degrees; give --joint-unit deg")
     in_degrees = np.rad2deg(largest)
     if (
-        all(scale != 1.0 for scale in said)
+        all(scale != 1.0 for scale in messages)
         and len(joints) > 2
         and in_degrees < 2 * np.pi
         and np.ptp(joints, axis=0).max()

@@ -134,9 +134,9 @@ class LooseTable:
             for mark in {",", "."} & set(cell):
                 marks.setdefault(mark, self.lines[i])
             if len(marks) > 1:
-                said = f"written with '.' in line {marks['.']} and with ',' in line {marks[',']}"
+                text = f"written with '.' in line {marks['.']} and with ',' in line {marks[',']}"
                 raise LabError(
-                    f"{self._where(i, column)}: numbers are {said}; use one decimal mark and none for thousands"
+                    f"{self._where(i, column)}: numbers are {text}; use one decimal mark and none for thousands"
                 )
             found[i] = float(cell.replace(",", "."))
             if abs(found[i]) not in NUMBER_SIZE:
@@ -154,12 +154,12 @@ class LooseTable:
     @property
     def stated_unit(self) -> str:
         """The unit of length that a title says, e.g. ``// Units: mm``; "" where none or several do."""
-        said = set()
+        units = set()
         for _, text in self.titles:
             if "unit" in text.lower():
                 words = re.findall(r"[A-Za-zµμ]+", text.lower())
-                said |= {_UNITS[word] for word in words if _UNITS.get(word) in ("mm", "m", "in")}
-        return said.pop() if len(said) == 1 else ""
+                units |= {_UNITS[word] for word in words if _UNITS.get(word) in ("mm", "m", "in")}
+        return units.pop() if len(units) == 1 else ""
 
 
 def heading_of(text: str) -> Heading:

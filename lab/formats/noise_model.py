@@ -25,7 +25,7 @@ def noise_model_to_dict(shared: ErrorModel | None, errors: ComponentErrors | Non
     if shared is None:
         return None
     known = None if errors is None else errors.to_dict()
-    return {**shared.to_dict(), "component_errors": known, "words": list(shared.words)}
+    return {**shared.to_dict(), "component_errors": known, "words": list(shared.descriptions)}
 
 
 @dataclass(frozen=True)

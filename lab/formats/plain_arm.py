@@ -106,13 +106,13 @@ def _placed(model: dict[str, Any], joints: list[float], given: dict[str, float])
     if len(joints) != n or not all(map(math.isfinite, joints)):
         raise ValueError(f"joints {joints}: give {n} finite positions, in rad (m of a slide)")
     offsets, ends, growth = _effects(model, joints, given)
-    stands = [q + offset for q, offset in zip(joints, offsets)]
+    poses = [q + offset for q, offset in zip(joints, offsets)]
     base = model["base"]
     frame, at = _transposed([row[:3] for row in base[:3]]), [row[3] for row in base[:3]]  # axes as rows
     motions: list[Any] = []
     distal = model["convention"] == "distal"
     for i, (theta, d, a, alpha, beta) in enumerate(model["table"]):
-        reading, slides = model["sign"][i] * stands[i], model["prismatic"][i]
+        reading, slides = model["sign"][i] * poses[i], model["prismatic"][i]
         angle, slide = (theta, d + reading) if slides else (theta + reading, d)
         if not distal:
             if i:

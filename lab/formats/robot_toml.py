@@ -119,10 +119,10 @@ class Section:
         Raises:
             LabError: it is neither true nor false.
         """
-        said = self.take(key, False)
-        if not isinstance(said, bool):
-            raise LabError(f"{self.where}: {key} is {said!r}; write true or false")
-        return said
+        value = self.take(key, False)
+        if not isinstance(value, bool):
+            raise LabError(f"{self.where}: {key} is {value!r}; write true or false")
+        return value
 
     def refuse_the_rest(self, known: str) -> None:
         """A LabError for a key that nothing has asked for."""
@@ -273,7 +273,7 @@ def written_base_and_tool(base: Array, tool: dict[str, Array], where: str) -> li
     return [*lines, *(f"{quoted(name)} = [{', '.join(repr(float(v)) for v in point)}]" for name, point in tool.items())]
 
 
-_KNOWN = (
+_LINK_KEYS = (
     "number, material (or young_gpa, shear_gpa) with tube_mm, or ei_nm2 (or ei_y_nm2, ei_z_nm2), gj_nm2, ea_n; path_mm"
 )
 _MODULI = {"gpa": 1e9}
@@ -303,20 +303,20 @@ def links_of(path: Path, sections: Any, size: int) -> LinkSections:
     """
     if not isinstance(sections, list) or not sections:
         raise LabError(f"{path}: no links; give each elastic link a [[link]] section")
-    compliances, paths, said = np.zeros((size, 4)), {}, set()
+    compliances, paths, numbers = np.zeros((size, 4)), {}, set()
     for i, content in enumerate(sections):
         section = Section(f"{path}, [[link]] {i + 1}", content)
         number = section.take("number")
         if not isinstance(number, int) or isinstance(number, bool) or not 1 <= number <= size:
             raise LabError(f"{section.where}: number is {number!r}; give a link's, from 1 to {size}")
-        if number in said:
+        if number in numbers:
             raise LabError(f"{section.where}: link {number} has a section already; keep one")
-        said.add(number)
+        numbers.add(number)
         section.where = f"{path}, link {number}"
         compliances[number - 1] = _compliances(section)
         if (line := _path(section)) is not None:
             paths[number - 1] = line
-        section.refuse_the_rest(_KNOWN)
+        section.refuse_the_rest(_LINK_KEYS)
     return LinkSections(compliances, paths)
 
 
@@ -335,7 +335,7 @@ def _compliances(section: Section) -> Array:
     bending = [y, z] if np.isnan(both) else [both, both]
     stiffness = np.array([*bending, twist, extension])
     if np.isnan(stiffness).all() and "path_mm" not in section.content:
-        raise LabError(f"{section.where}: nothing says how stiff it is; known are {_KNOWN}")
+        raise LabError(f"{section.where}: nothing says how stiff it is; known are {_LINK_KEYS}")
     return np.nan_to_num(1 / stiffness)
 
 

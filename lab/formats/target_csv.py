@@ -103,17 +103,17 @@ class _TargetReader(PoseReader):
             raise self.fail(row, self._coordinate_column(names[0], "x"), "empty; give every target a position")
         ids, use, conditions = self._ids(self.texts("id")), self._uses(self.texts("use")), self._conditions()
         rotations = self._rotations(names[0], positions, meaning)
-        kept = np.array([i for i, each in enumerate(use) if each != "skip"], dtype=np.int_)
-        if not len(kept):
+        retained = np.array([i for i, each in enumerate(use) if each != "skip"], dtype=np.int_)
+        if not len(retained):
             raise LabError(f"{self.path}: every row has use = skip; leave one to correct")
         return Targets(
             names[0],
-            tuple(ids[i] for i in kept),
-            positions[kept],
-            rotations[kept],
-            joints[kept],
-            {name: column[kept] for name, column in conditions.items()},
-            tuple(self.lines[i] for i in kept),
+            tuple(ids[i] for i in retained),
+            positions[retained],
+            rotations[retained],
+            joints[retained],
+            {name: column[retained] for name, column in conditions.items()},
+            tuple(self.lines[i] for i in retained),
             tuple(self.warnings),
         )
 

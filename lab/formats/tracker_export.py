@@ -221,8 +221,8 @@ class _Reader:
         seen = np.isfinite(positions)
         for i in np.flatnonzero(seen.any(axis=1) & ~seen.all(axis=1)):
             raise LabError(f"{table.path}: line {table.lines[i]}: a coordinate is missing; give all three or none")
-        kept = np.flatnonzero(seen.all(axis=1)).tolist()
-        if not kept:
+        retained = np.flatnonzero(seen.all(axis=1)).tolist()
+        if not retained:
             raise LabError(f"{table.path}: every point is empty; export the measured coordinates")
         left = [
             LeftOut(str(table.path), table.lines[i], _cell(table, name, i), "no coordinates")
@@ -232,16 +232,16 @@ class _Reader:
         rest = [c for c in range(table.width) if c not in self.used and c not in blank]
         return TrackerPoints(
             table.path,
-            tuple(_cell(table, name, i) for i in kept),
-            tuple(_cell(table, target, i) for i in kept),
-            tuple(table.lines[i] for i in kept),
-            positions[kept],
-            sigma[kept],
-            times[kept],
+            tuple(_cell(table, name, i) for i in retained),
+            tuple(_cell(table, target, i) for i in retained),
+            tuple(table.lines[i] for i in retained),
+            positions[retained],
+            sigma[retained],
+            times[retained],
             clock,
-            temperature[kept],
-            pressure[kept],
-            humidity[kept],
+            temperature[retained],
+            pressure[retained],
+            humidity[retained],
             {what: table.name(column) for column, what in self.used.items()},
             tuple(table.name(c) for c in rest),
             tuple(self.notes),
@@ -297,10 +297,10 @@ class _Reader:
 
     def _length_unit(self, at: list[int]) -> str:
         headings = self.table.headings
-        said = {headings[column].unit for column in at} - {""} if headings is not None else set[str]()
-        if len(said) > 1:
-            raise LabError(f"{self.table.path}: x, y and z have different units ({', '.join(sorted(said))}); fix that")
-        stated = said.pop() if said else self.table.stated_unit
+        units = {headings[column].unit for column in at} - {""} if headings is not None else set[str]()
+        if len(units) > 1:
+            raise LabError(f"{self.table.path}: x, y and z have different units ({', '.join(sorted(units))}); fix that")
+        stated = units.pop() if units else self.table.stated_unit
         if stated and stated not in LENGTHS:
             raise LabError(f"{self.table.path}: coordinates in {stated} are no lengths; export Cartesian coordinates")
         given = self.unit or self.given.unit

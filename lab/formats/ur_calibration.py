@@ -91,8 +91,8 @@ def read_corrections(path: Path) -> Array:
     try:
         parser.read_string(read_text(path, TEXT_BYTES), str(path))
     except configparser.Error as error:
-        said = " ".join(str(error).split())
-        raise LabError(f"{path}: is no calibration.conf of a Universal Robots controller ({said})") from error
+        text = " ".join(str(error).split())
+        raise LabError(f"{path}: is no calibration.conf of a Universal Robots controller ({text})") from error
     if not parser.has_section("mounting"):
         raise LabError(f"{path}: has no section [mounting]; give the controller's calibration.conf")
     columns = [_list(path, key, parser.get("mounting", key, fallback="")) for key in _KEYS]

@@ -204,13 +204,13 @@ class UrdfSource:
         text: the URDF, with meshes named as in ``assets``.
         assets: the content of each mesh, as STL or OBJ.
         missing: a mesh that is absent or unreadable, and where it was searched for; "" if all are read.
-        held: joints of a gripper, fixed at zero.
+        fixed_joints: joints of a gripper, fixed at zero.
     """
 
     text: str
     assets: dict[str, bytes]
     missing: str
-    held: tuple[str, ...]
+    fixed_joints: tuple[str, ...]
 
 
 def is_urdf(path: Path) -> bool:

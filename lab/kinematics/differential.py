@@ -52,10 +52,10 @@ def rates(jacobian: Array, twists: Array, least_m: float = SINGULAR_M) -> Rates:
     """
     u, sizes, vt = np.linalg.svd(WEIGHTS[:, None] * jacobian)
     count = sizes.shape[1]
-    kept = sizes > least_m
+    retained = sizes > least_m
     along = np.einsum("nik,ni->nk", u, WEIGHTS * twists)  # of the twist, in each direction
-    by_size = np.where(kept, along[:, :count], 0.0) / np.where(kept, sizes, 1.0)
-    rank = kept.sum(axis=1)
+    by_size = np.where(retained, along[:, :count], 0.0) / np.where(retained, sizes, 1.0)
+    rank = retained.sum(axis=1)
     free = _last_rows(vt, rank)
     lost = _last_rows(u.swapaxes(1, 2), rank)
     missing = np.einsum("nki,nk->ni", lost, np.einsum("nki,ni->nk", lost, WEIGHTS * twists)) / WEIGHTS

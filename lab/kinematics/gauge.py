@@ -41,32 +41,32 @@ class BaseSet:
     """The identifiable parameters, and what each of the others is hidden in.
 
     Attributes:
-        kept: indices of the identifiable parameters, ascending.
+        identifiable: indices of the identifiable parameters, ascending.
         fixed: indices of the others, ascending.
         triangle: ``(r, p)`` R of the Jacobian that says so.
-        held: those of the fixed that could be identified, hidden in nothing: held on request, or told apart only
-            because others are.
+        fixed_observable: those of the fixed that could be identified: fixed on request, or observable only because
+            others are fixed.
     """
 
-    kept: tuple[int, ...]
+    identifiable: tuple[int, ...]
     fixed: tuple[int, ...]
     triangle: Array
-    held: tuple[int, ...] = ()
+    fixed_observable: tuple[int, ...] = ()
 
     @cached_property
     def alias(self) -> Array:
-        """``(kept, fixed)``: an error of 1 in a fixed parameter looks just like errors of its column in the kept ones.
+        """``(identifiable, fixed)``: errors of identifiable parameters that equal an error of 1 in a fixed one.
 
-        Units: those of kept per fixed, in SI.
+        Units: those of identifiable per fixed, in SI.
         """
-        kept, fixed = list(self.kept), list(self.fixed)
+        identifiable, fixed = list(self.identifiable), list(self.fixed)
         scaled, scale = unit_columns(self.triangle)
-        found = np.linalg.lstsq(scaled[:, kept], scaled[:, fixed], rcond=None)[0]
+        found = np.linalg.lstsq(scaled[:, identifiable], scaled[:, fixed], rcond=None)[0]
         found[:, np.linalg.norm(self.triangle[:, fixed], axis=0) < _INDEPENDENT] = (
             0.0  # of what moves nothing, rounding
         )
-        found[:, [self.fixed.index(i) for i in self.held]] = 0.0
-        return np.asarray(found * scale[fixed] / scale[kept][:, None])
+        found[:, [self.fixed.index(i) for i in self.fixed_observable]] = 0.0
+        return np.asarray(found * scale[fixed] / scale[identifiable][:, None])
 
 
 def base_set(
@@ -76,7 +76,7 @@ def base_set(
     *,
     fix: Sequence[str] = (),
     free: Sequence[str] = (),
-    known: Array | None = None,
+    prior_rows: Array | None = None,
 ) -> BaseSet:
     """The identifiable parameters at ``values``, from ``inputs`` or random ones in the limits, at most 200.
 
@@ -86,7 +86,7 @@ def base_set(
     Args:
         fix: parameters to hold at nominal, names or patterns (``tool.*``).
         free: parameters to keep that would be fixed, in the place of fixed ones.
-        known: ``(r, p)`` derivatives of what is known beside the measurements, in m.
+        prior_rows: ``(r, p)`` derivatives of what is known beside the measurements, in m.
 
     Raises:
         LabError: a name is unknown, or a parameter to free cannot be told apart from the others.
@@ -96,8 +96,8 @@ def base_set(
     else:
         jacobian = model.observe(inputs, model.rank_point(values))[1]
     flat, order = jacobian.reshape(-1, len(model.names)), model.column_priority()
-    if known is not None:
-        flat = np.concatenate([flat, known])
+    if prior_rows is not None:
+        flat = np.concatenate([flat, prior_rows])
     if not (fix or free):
         return base_set_of(flat, order)
     fixed, freed = named(model.names, "--fix", fix), named(model.names, "--free", free)
@@ -141,21 +141,21 @@ def _as_wished(model: Model, usual: BaseSet, fix: Sequence[int], free: Sequence[
     if both := set(fix) & set(free):
         raise LabError(f"--fix and --free both name {model.names[min(both)]}: name it once")
     upper = usual.triangle
-    left = [i for i in usual.kept if i not in fix]
-    wished = [*left, *(i for i in free if i not in usual.kept)]
+    left = [i for i in usual.identifiable if i not in fix]
+    wished = [*left, *(i for i in free if i not in usual.identifiable)]
     if not wished:
         raise LabError("--fix leaves no parameter to identify: fix fewer")
-    kept = independent_columns(upper, wished)
-    if lost := [i for i in wished if i not in kept]:
+    retained = independent_columns(upper, wished)
+    if lost := [i for i in wished if i not in retained]:
         alias = usual.alias[:, usual.fixed.index(lost[0])]
         strong = np.abs(alias) > 1e-9 * max(np.abs(alias).max(), 1e-300)
-        into = [model.names[i] for i, big in zip(usual.kept, strong, strict=True) if big and i in left]
+        into = [model.names[i] for i, big in zip(usual.identifiable, strong, strict=True) if big and i in left]
         name = model.names[lost[0]]
         why = f"it is hidden in {', '.join(into)}: fix one of these in its place" if into else "nothing shows it"
         raise LabError(f"--free {name}: {name} is not identifiable; {why}")
-    found = _of_retained(upper, kept)
-    beyond = [i for i in found.fixed if len(independent_columns(upper, [*kept, i])) > len(kept)]
-    return replace(found, held=tuple(beyond))
+    found = _of_retained(upper, retained)
+    beyond = [i for i in found.fixed if len(independent_columns(upper, [*retained, i])) > len(retained)]
+    return replace(found, fixed_observable=tuple(beyond))
 
 
 def base_set_of(jacobian: Array, order: Sequence[int]) -> BaseSet:
@@ -175,20 +175,20 @@ def independent_columns(jacobian: Array, order: Sequence[int]) -> tuple[int, ...
     """
     norms = np.linalg.norm(jacobian, axis=0)
     basis = np.empty((len(jacobian), len(order)), order="F")
-    kept: list[int] = []
+    retained: list[int] = []
     for column in order:
         if norms[column] <= _INDEPENDENT:
             continue
-        rest, known = jacobian[:, column] / norms[column], basis[:, : len(kept)]
+        rest, known = jacobian[:, column] / norms[column], basis[:, : len(retained)]
         for _ in range(2):
             rest = rest - known @ (known.T @ rest)
             size = np.sqrt(rest @ rest)
             if size > _MUCH:
                 break
         if size > _INDEPENDENT:
-            basis[:, len(kept)] = rest / size
-            kept.append(column)
-    return tuple(sorted(kept))
+            basis[:, len(retained)] = rest / size
+            retained.append(column)
+    return tuple(sorted(retained))
 
 
 def preferred_columns(chain: Chain, parameters: Sequence[Parameter]) -> tuple[int, ...]:

@@ -16,7 +16,7 @@ from lab.core.probability import f_sf
 from lab.core.se3 import Array
 
 __all__ = [
-    "ANOTHER_DAY",
+    "ANOTHER_SESSION",
     "APART",
     "ChangePoint",
     "Found",
@@ -45,7 +45,7 @@ class ChangePoint:
     share: float
 
 
-ANOTHER_DAY = ChangePoint(-np.inf, 0.0)
+ANOTHER_SESSION = ChangePoint(-np.inf, 0.0)
 """On another day nobody knows where the base is left: it is off by the same shift in all rows."""
 
 

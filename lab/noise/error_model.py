@@ -153,11 +153,11 @@ class ErrorModel:
         return float(self.sigma_m * np.sqrt(self.independent_share))
 
     @property
-    def words(self) -> tuple[str, ...]:
+    def descriptions(self) -> tuple[str, ...]:
         """Describe each of the errors."""
-        said = ["joint positions are whole counts of the encoders"] if self.counts_rad is not None else []
+        messages = ["joint positions are whole counts of the encoders"] if self.counts_rad is not None else []
         beside = ErrorSizes(self.carry, self.moves)
-        return (*said, *(text for term in self.terms for text in term.words(self.size(term.name), beside)))
+        return (*messages, *(text for term in self.terms for text in term.describe(self.size(term.name), beside)))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the model as ``result.json`` holds it, without what is of that campaign alone."""

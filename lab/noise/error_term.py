@@ -77,14 +77,14 @@ class Move:
         change: when.
         before, after: ids of the rows between which it did.
         size_m: how far.
-        words: for a person.
+        description: for a person.
     """
 
     change: ChangePoint
     before: str
     after: str
     size_m: float
-    words: str = ""
+    description: str = ""
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ class ErrorTerm(ABC):
         """Return the effect ``(n, m, c)`` of its coefficients on the numbers of each pose."""
 
     @abstractmethod
-    def words(self, size: float, of: ErrorSizes) -> tuple[str, ...]:
+    def describe(self, size: float, of: ErrorSizes) -> tuple[str, ...]:
         """Describe errors of this standard deviation (above zero, in SI units) for a person."""
 
     def p_value(self, ratio: float) -> float:

@@ -69,7 +69,7 @@ class SystematicError:
 
     name: str
     unit: Unit
-    words: str
+    description: str
     components: int = 1
 
     @property

@@ -12,7 +12,7 @@ import numpy as np
 from lab.core.probability import chi2_sf
 from lab.core.se3 import Array
 from lab.core.units import MICRONS, MRAD, Unit
-from lab.noise.change_points import ANOTHER_DAY, before_and_after
+from lab.noise.change_points import ANOTHER_SESSION, before_and_after
 from lab.noise.correlation import Correlation
 from lab.noise.error_term import Components, ErrorShapes, ErrorSizes, ErrorTerm, Move
 
@@ -35,7 +35,7 @@ class JointScatter(ErrorTerm):
         """Return the effect of the joints' positions."""
         return of.scatter
 
-    def words(self, size: float, of: ErrorSizes) -> tuple[str, ...]:
+    def describe(self, size: float, of: ErrorSizes) -> tuple[str, ...]:
         """Describe the scatter."""
         return (f"joints scatter by {MRAD.text(size, 2)} from pose to pose",)
 
@@ -57,12 +57,12 @@ class AutocorrelatedShift(ErrorTerm):
         """Return the effect of a shift."""
         return of.shift
 
-    def words(self, size: float, of: ErrorSizes) -> tuple[str, ...]:
+    def describe(self, size: float, of: ErrorSizes) -> tuple[str, ...]:
         """Describe the shift and its correlation."""
-        said = f"{MICRONS.text(size, 2)} (1σ per axis)"
+        text = f"{MICRONS.text(size, 2)} (1σ per axis)"
         if of.carry > UNCORRELATED:
-            return (f"errors are correlated in time: {said}, {of.carry:.2g} from one pose to the next",)
-        return (f"errors that each pose has of its own: {said}, hardly correlated in time",)
+            return (f"errors are correlated in time: {text}, {of.carry:.2g} from one pose to the next",)
+        return (f"errors that each pose has of its own: {text}, hardly correlated in time",)
 
     def p_value(self, ratio: float) -> float:
         """Return the p-value of a likelihood ratio that was the largest over the correlations."""
@@ -82,7 +82,7 @@ class Drift(ErrorTerm):
         """Return the effect of the shift at the end."""
         return of.trend
 
-    def words(self, size: float, of: ErrorSizes) -> tuple[str, ...]:
+    def describe(self, size: float, of: ErrorSizes) -> tuple[str, ...]:
         """Describe the drift from the first pose to the last."""
         return (f"the base or the instrument drifts steadily, by {2e6 * size:.2g} µm over the campaign",)
 
@@ -106,9 +106,9 @@ class ChangePoints(ErrorTerm):
         along = before_and_after(of.times, of.changes)
         return np.asarray((along[:, None, :, None] * of.shift[:, :, None]).reshape(*of.shift.shape[:2], -1))
 
-    def words(self, size: float, of: ErrorSizes) -> tuple[str, ...]:
+    def describe(self, size: float, of: ErrorSizes) -> tuple[str, ...]:
         """Describe each move."""
-        return tuple(move.words for move in of.moves)
+        return tuple(move.description for move in of.moves)
 
     def variance_within(self, size: float, moves: Sequence[Move]) -> float:
         """Return the mean square of the moves about their means over the rows."""
@@ -116,7 +116,7 @@ class ChangePoints(ErrorTerm):
 
     def changed_at(self, of: ErrorShapes, moves: Sequence[Move], *, another_session: bool) -> ErrorShapes:
         """Return the shapes with the change points of the moves; on another day with the same shift in all rows."""
-        return replace(of, changes=(ANOTHER_DAY,) if another_session else tuple(move.change for move in moves))
+        return replace(of, changes=(ANOTHER_SESSION,) if another_session else tuple(move.change for move in moves))
 
 
 TERMS: tuple[ErrorTerm, ...] = (JointScatter(), AutocorrelatedShift(), Drift(), ChangePoints())

@@ -96,7 +96,7 @@ class RestrictedProblem:
     rows: Array
     numbers: int
     shapes: ErrorShapes
-    known: bool
+    sigma_given: bool
 
     @property
     def dof(self) -> int:
@@ -134,7 +134,7 @@ class RestrictedProblem:
         A known instrument's variance is an upper bound: some of its own error may wander. But it is not left aside.
         """
         information, left, determinant = self._solved(components)
-        scale = float(np.clip(left / self.dof, LEAST_SHARE, 1.0)) if self.known else left / self.dof
+        scale = float(np.clip(left / self.dof, LEAST_SHARE, 1.0)) if self.sigma_given else left / self.dof
         deviance = determinant + self.dof * np.log(scale) + left / scale - _slowness(components)
         return Likelihood(float(deviance), scale, information)
 
@@ -447,10 +447,10 @@ def small_sample(problem: RestrictedProblem, estimate: Estimate) -> SmallSample:
 
     Derivatives are differences in the logarithms of the variances and in the correlation's odds.
     """
-    at = _Point.of(estimate, known=problem.known)
-    count, middle = len(at.values), at.look(problem, at.values)
+    at = _Point.of(estimate, known=problem.sigma_given)
+    count, middle = len(at.values), at.evaluate(problem, at.values)
     steps = _STEP * np.eye(count)
-    ahead, behind = ([at.look(problem, at.values + sign * step) for step in steps] for sign in (1, -1))
+    ahead, behind = ([at.evaluate(problem, at.values + sign * step) for step in steps] for sign in (1, -1))
     first = [(plus.covariance - minus.covariance) / (2 * _STEP) for plus, minus in zip(ahead, behind, strict=True)]
     bend = np.zeros((count, count))
     second = np.zeros((count, count, *middle.covariance.shape))
@@ -459,7 +459,7 @@ def small_sample(problem: RestrictedProblem, estimate: Estimate) -> SmallSample:
         second[i, i] = (ahead[i].covariance + behind[i].covariance - 2 * middle.covariance) / _STEP**2 - first[i]
         for j in range(i):
             for a, b in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
-                corner = at.look(problem, at.values + a * steps[i] + b * steps[j])
+                corner = at.evaluate(problem, at.values + a * steps[i] + b * steps[j])
                 bend[i, j] += a * b * corner.deviance / (4 * _STEP**2)
                 second[i, j] += a * b * corner.covariance / (4 * _STEP**2)
             bend[j, i], second[j, i] = bend[i, j], second[i, j]
@@ -509,7 +509,7 @@ class _Point:
                 found["carry"] = float(np.log(carry / (1 - carry)))
         return _Point(tuple(found), np.array(list(found.values())), scale)
 
-    def look(self, problem: RestrictedProblem, values: Array) -> _Evaluation:
+    def evaluate(self, problem: RestrictedProblem, values: Array) -> _Evaluation:
         """Covariance and deviance at other values."""
         found = dict(zip(self.names, np.exp(values).tolist(), strict=True))
         scale, odds = found.pop("scale", self.scale), found.pop("carry", 0.0)

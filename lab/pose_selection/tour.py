@@ -183,7 +183,7 @@ class Tour:
     """
 
     order: Indices
-    stops: Array
+    waypoints: Array
     measured: Indices
     seconds: float
     breaks: tuple[int, ...] = ()
@@ -200,11 +200,11 @@ class Tour:
 
 def one_after_another(tours: Sequence[Tour]) -> Tour:
     """Several tours from home to home as one, which comes home between them: of the same poses, in their parts."""
-    stops = np.concatenate([tours[0].stops, *(tour.stops[1:] for tour in tours[1:])])
+    waypoints = np.concatenate([tours[0].waypoints, *(tour.waypoints[1:] for tour in tours[1:])])
     measured = np.concatenate([tours[0].measured, *(tour.measured[1:] for tour in tours[1:])])
-    breaks = np.cumsum([len(tour.stops) - 1 for tour in tours[:-1]], dtype=np.int_).tolist()
+    breaks = np.cumsum([len(tour.waypoints) - 1 for tour in tours[:-1]], dtype=np.int_).tolist()
     order, seconds = np.concatenate([tour.order for tour in tours]), sum(tour.seconds for tour in tours)
-    return Tour(order, stops, measured, seconds, tuple(breaks))
+    return Tour(order, waypoints, measured, seconds, tuple(breaks))
 
 
 class RoadmapGraph:
@@ -258,13 +258,13 @@ class RoadmapGraph:
 
     def tour(self, order: Indices) -> Tour:
         """The tour that measures the poses in this order, detours included."""
-        seconds, stops, measured = self.seconds(order), [0], [-1]
+        seconds, waypoints, measured = self.seconds(order), [0], [-1]
         nodes = [0, *(np.asarray(order) + 1).tolist(), 0]
         for a, b in pairwise(nodes):
             route = self._routes.get((min(a, b), max(a, b)), (a, b))
-            stops += route[1:] if route[0] == a else route[-2::-1]
+            waypoints += route[1:] if route[0] == a else route[-2::-1]
             measured += [-1] * (len(route) - 2) + [b - 1]
-        return Tour(np.asarray(order), self.nodes[stops], np.array(measured), seconds)
+        return Tour(np.asarray(order), self.nodes[waypoints], np.array(measured), seconds)
 
     def fastest(self, a: int, b: int) -> tuple[int, ...]:
         """The places on the fastest free way; looks only at moves on ways that would be the fastest."""
@@ -336,22 +336,22 @@ def with_reference(tour: Tour, every: int, safe: Array, chain: JointSpec, free: 
         LabError: there is no free way.
     """
     places = np.flatnonzero(tour.measured >= 0)
-    reference = tour.stops[places[0]]
-    stops, measured = [tour.stops[: places[0]]], tour.measured[: places[0]].tolist()
-    ends = [*places[1:].tolist(), len(tour.stops) - 1]
+    reference = tour.waypoints[places[0]]
+    waypoints, measured = [tour.waypoints[: places[0]]], tour.measured[: places[0]].tolist()
+    ends = [*places[1:].tolist(), len(tour.waypoints) - 1]
     for count, (here, end) in enumerate(zip(places.tolist(), ends, strict=True), start=1):
-        stops.append(tour.stops[here : here + 1])
+        waypoints.append(tour.waypoints[here : here + 1])
         measured.append(int(tour.measured[here]))
         if (count % every and count < len(places)) or len(places) == 1:
-            stops.append(tour.stops[here + 1 : end])
+            waypoints.append(tour.waypoints[here + 1 : end])
             measured += tour.measured[here + 1 : end].tolist()
             continue
-        there = fastest_path(tour.stops[here], reference, safe, chain, free)[1:]
-        back = fastest_path(reference, tour.stops[end], safe, chain, free)[1:-1]
-        stops += [there, back]
+        there = fastest_path(tour.waypoints[here], reference, safe, chain, free)[1:]
+        back = fastest_path(reference, tour.waypoints[end], safe, chain, free)[1:-1]
+        waypoints += [there, back]
         measured += [-1] * (len(there) - 1) + [int(tour.order[0])] + [-1] * len(back)
-    stops.append(tour.stops[-1:])
-    every_stop = np.concatenate(stops)
+    waypoints.append(tour.waypoints[-1:])
+    every_stop = np.concatenate(waypoints)
     seconds = rest_to_rest_seconds(np.diff(every_stop, axis=0), chain.speed, chain.acceleration).sum()
     return Tour(tour.order, every_stop, np.array([*measured, -1]), float(seconds))
 
@@ -367,8 +367,8 @@ def rated(chain: JointSpec) -> tuple[JointSpec, tuple[str, ...]]:
         notes.append(f"no speed for {_named(chain, slow)}: {assumed} is assumed")
     if sudden.any():
         notes.append(f"no acceleration for {_named(chain, sudden)}: full speed in {FULL_SPEED_S:g} s is assumed")
-    words = (f"robot {chain.name} gives {'; '.join(notes)}",) if notes else ()
-    return replace(chain, speed=speed, acceleration=acceleration), words
+    changed = (f"robot {chain.name} gives {'; '.join(notes)}",) if notes else ()
+    return replace(chain, speed=speed, acceleration=acceleration), changed
 
 
 def _named(chain: JointSpec, which: NDArray[np.bool_]) -> str:
@@ -380,16 +380,16 @@ def move_seconds(joints: Array, speed: Array, acceleration: Array) -> Array:
     return rest_to_rest_seconds(joints[:, None] - joints[None], speed, acceleration)
 
 
-def tour_trajectory(chain: JointSpec, stops: Array, waiting: Array) -> tuple[Trajectory, Array]:
+def tour_trajectory(chain: JointSpec, waypoints: Array, waiting: Array) -> tuple[Trajectory, Array]:
     """Motion of the joints through waypoints, with the arrival time at each ``(s,)`` s.
 
     Args:
         chain: with known rates.
-        stops: joint positions ``(s, n)``, from rest to rest.
+        waypoints: joint positions ``(s, n)``, from rest to rest.
         waiting: ``(s,)`` s, how long the arm stands at each.
     """
     parts, arrivals = [], [0.0]
-    for (start, end), stand in zip(pairwise(stops), waiting, strict=False):
+    for (start, end), stand in zip(pairwise(waypoints), waiting, strict=False):
         still = np.zeros((1, chain.size))
         wait = Trajectory(np.array([stand]), still, start, still[0])
         move = common_phases(chain, start, end)

@@ -224,12 +224,12 @@ class Table(Block):
     def _reduced(self, medium: Medium) -> Iterable[Block]:
         if not self.rows:
             return ()
-        kept = [i for i, each in enumerate(self.columns) if isinstance(each, str) or medium in each.shown_in]
+        retained = [i for i, each in enumerate(self.columns) if isinstance(each, str) or medium in each.shown_in]
         count = len(self.rows) if self.most_rows is None else self.most_rows
         part = replace(
             self,
-            columns=tuple(self.columns[i] for i in kept),
-            rows=tuple(tuple(row[i] for i in kept) for row in self.rows[:count]),
+            columns=tuple(self.columns[i] for i in retained),
+            rows=tuple(tuple(row[i] for i in retained) for row in self.rows[:count]),
             row_kinds=self.row_kinds[:count],
         )
         more = (len(self.rows) if self.count is None else self.count) - count

@@ -53,13 +53,13 @@ class PointErrors:
 
     Attributes:
         name: of the kind, a word.
-        words: what an arrow leads from and to.
+        description: what an arrow leads from and to.
         colour_name: its colour, in words.
         vectors: ``(m, k, 3)`` m in the instrument's frame, NaN where there are none.
     """
 
     name: str
-    words: str
+    description: str
     colour: Colour
     colour_name: str
     vectors: Array
@@ -211,7 +211,7 @@ def _legend(scene: ErrorScene, factor: float, sphere: float) -> Section:
     """Return the legend: the meaning of the colours, and the magnification of each."""
     arrows = format_magnification(factor)
     lines: list[Text] = [(Strong("yellow"), f": {scene.points_label}")]
-    lines += [(Strong(each.colour_name), f": {each.words}, {arrows}") for each in scene.errors]
+    lines += [(Strong(each.colour_name), f": {each.description}, {arrows}") for each in scene.errors]
     lines.append((Strong("violet"), f": the error to expect (RMS) as a sphere, {format_magnification(sphere)}"))
     return Section("What is shown", (Bullets(tuple(lines)),))
 

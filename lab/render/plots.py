@@ -120,8 +120,8 @@ def histograms(name: str, spreads: Sequence[Spread], axis: str, gate_mm: float |
             axes.set(yticks=[], ylim=(0.6 - len(spreads), 0.6))
         axes.grid(visible=False, axis="x")
 
-    said = "; ".join(f"{spread.mark[0]} {short(mark)} mm" for spread, mark in zip(spreads, marks, strict=True))
-    return axes_picture(name, f"{capital(axis)}: {said}", (5.6, 2.2 if few else 3), draw, (0.6, 0.5, 0.2, 0.5))
+    text = "; ".join(f"{spread.mark[0]} {short(mark)} mm" for spread, mark in zip(spreads, marks, strict=True))
+    return axes_picture(name, f"{capital(axis)}: {text}", (5.6, 2.2 if few else 3), draw, (0.6, 0.5, 0.2, 0.5))
 
 
 def size_maps(shown: SizeMap) -> tuple[Picture, ...]:

@@ -61,7 +61,7 @@ Times = list[rr.TimeColumn]
 LEGS = "world/arm/rods_and_legs"
 _ROD: tuple[Colour, float] = RGB_ROD, 0.004  # and its radius, of the reach
 _LEG: tuple[Colour, float] = RGB_LEG, 0.01
-_LEGS_M, _STAND_M = 0.3, 1.2  # height of a tracker's tripod and how far its feet reach; of a usual stand
+_LEGS_M, _TRACKER_HEIGHT_M = 0.3, 1.2  # height of a tracker's tripod and how far its feet reach; of a usual stand
 _AXES = np.array(RGB_AXES, dtype=np.uint8)
 
 
@@ -171,10 +171,10 @@ def draw_tracker(recording: rr.RecordingStream, head: Array) -> None:
     Args:
         head: ``(3,)`` m in the world.
     """
-    floor = head[2] if head[2] > _LEGS_M else _STAND_M
-    waist, foot = head - (0.0, 0.0, floor - _LEGS_M), head - (0.0, 0.0, floor)
+    floor = head[2] if head[2] > _LEGS_M else _TRACKER_HEIGHT_M
+    waist, base = head - (0.0, 0.0, floor - _LEGS_M), head - (0.0, 0.0, floor)
     angles = 2 * np.pi / 3 * np.arange(3)
-    feet = foot + _LEGS_M * np.stack([np.cos(angles), np.sin(angles), np.zeros(3)], axis=1)
+    feet = base + _LEGS_M * np.stack([np.cos(angles), np.sin(angles), np.zeros(3)], axis=1)
     shoulder = head - (0.0, 0.0, 0.12)
     strips = [np.stack([shoulder, waist]), *(np.stack([waist, each]) for each in feet)]
     stand = rr.LineStrips3D(strips, colors=RGB_TRACKER, radii=[0.035, 0.012, 0.012, 0.012])
@@ -310,8 +310,8 @@ def eye(origins: Array, points: Array, reach_m: float, head: Array) -> rrb.EyeCo
         points: ``(k, 3)`` further ones to show.
         head: ``(3,)`` the instrument's.
     """
-    foot = origins[0, 0] + 0.25 * reach_m * np.array([[1, 1, 0], [1, -1, 0], [-1, 1, 0], [-1, -1, 0]])
-    arm = np.concatenate([foot, origins.reshape(-1, 3), points])
+    base = origins[0, 0] + 0.25 * reach_m * np.array([[1, 1, 0], [1, -1, 0], [-1, 1, 0], [-1, -1, 0]])
+    arm = np.concatenate([base, origins.reshape(-1, 3), points])
     middle = (arm.min(axis=0) + arm.max(axis=0)) / 2
     towards = (head - middle) * np.array([1.0, 1.0, 0.0])
     distance = float(np.linalg.norm(towards))

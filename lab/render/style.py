@@ -251,7 +251,7 @@ def explained(texts: Iterable[str]) -> tuple[tuple[str, str], ...]:
     """The terms that texts use, each with its explanation, in alphabetical order."""
     whole = "\n".join(texts)
     return tuple(
-        (term, words)
-        for term, words in sorted(_TERMS.items(), key=lambda pair: pair[0].casefold())
+        (term, meaning)
+        for term, meaning in sorted(_TERMS.items(), key=lambda pair: pair[0].casefold())
         if re.search(rf"(?<!\w){re.escape(term)}s?(?!\w)", whole)
     )

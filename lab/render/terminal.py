@@ -126,11 +126,11 @@ _ERASE = "\r\x1b[K"
 class Stage(Protocol):
     """Takes what work is at: in words, and where parts of it are counted, how many are done of how many."""
 
-    def __call__(self, words: str, done: int = 0, of: int = 0) -> None:
+    def __call__(self, name: str, done: int = 0, of: int = 0) -> None:
         """Show it."""
 
 
-def no_stage(words: str, done: int = 0, of: int = 0) -> None:
+def no_stage(name: str, done: int = 0, of: int = 0) -> None:
     """Show nothing."""
 
 
@@ -161,13 +161,13 @@ def status(work: str) -> Iterator[Stage]:
     with Progress(*columns, console=Console(stderr=True), transient=True) as shown:
         task = shown.add_task(work, total=None)
 
-        def stage(words: str, done: int = 0, of: int = 0) -> None:
-            name = words[:_NAMED]
+        def stage(name: str, done: int = 0, of: int = 0) -> None:
+            key = name[:_NAMED]
             if not done:  # it begins, or begins anew
-                begun[name] = time.monotonic()
-            since = time.monotonic() - begun.setdefault(name, time.monotonic())
+                begun[key] = time.monotonic()
+            since = time.monotonic() - begun.setdefault(key, time.monotonic())
             count = f" ({done:,} of {of:,}{time_left(since, done, of)})" if of else ""
-            shown.update(task, description=f"{work}: {words}{count}")
+            shown.update(task, description=f"{work}: {name}{count}")
 
         yield stage
 
@@ -194,8 +194,8 @@ def bars() -> Iterator[Callable[[str, int, int], None]]:
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
     shown_bars: dict[str, tuple[Any, int, float]] = {}
-    words = TextColumn("{task.description}", markup=False), TextColumn("{task.fields[left]}", markup=False)
-    columns = (words[0], BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), words[1])
+    texts = TextColumn("{task.description}", markup=False), TextColumn("{task.fields[left]}", markup=False)
+    columns = (texts[0], BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), texts[1])
     with Progress(*columns, console=Console(stderr=True)) as shown:
 
         def progress(what: str, there: int, all_of_them: int) -> None:

@@ -87,7 +87,7 @@ class CableSensor(FixtureSensor):
     """Lengths of a cable; a session of the file is an anchor."""
 
     name: ClassVar[str] = "cable"
-    words: ClassVar[SensorTerms] = SensorTerms(
+    terms: ClassVar[SensorTerms] = SensorTerms(
         measured="lengths of a cable",
         reading="length of the cable",
         error="error of the cable's length",

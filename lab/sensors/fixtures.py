@@ -407,7 +407,7 @@ class FixtureSensor(VirtualSensor, ABC):
         if not isinstance(truth.arm, SerialArm):
             return None
         scale, at = 1.0, model.scale_link
-        if model.contact and at not in found.base_set.kept:
+        if model.contact and at not in found.base_set.identifiable:
             scale = float(model.nominal_arm[at] / truth.of([model.names[at]])[0])
             truth = replace(_scaled(truth, scale), effects=truth.effects)
         arm, values = truth.arm, truth.values.copy()

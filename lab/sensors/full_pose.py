@@ -297,7 +297,7 @@ class PoseSensor(VirtualSensor):
     """
 
     name: ClassVar[str] = "pose"
-    words: ClassVar[SensorTerms] = SensorTerms(
+    terms: ClassVar[SensorTerms] = SensorTerms(
         measured="positions and orientations",
         reading="measured pose",
         error="position error",

@@ -68,7 +68,7 @@ class PlaneSensor(FixtureSensor):
     """Contacts with planes: by location, by session, or one for the whole file."""
 
     name: ClassVar[str] = "plane"
-    words: ClassVar[SensorTerms] = SensorTerms(
+    terms: ClassVar[SensorTerms] = SensorTerms(
         measured="contacts with planes",
         reading="contact with a plane",
         error="distance from the plane",

@@ -26,7 +26,7 @@ class PointSensor(VirtualSensor):
     """Positions of targets, of which the arm itself is the model (``observation.Points``)."""
 
     name: ClassVar[str] = "points"
-    words: ClassVar[SensorTerms] = SensorTerms(
+    terms: ClassVar[SensorTerms] = SensorTerms(
         measured="points", reading="measured point", error="position error", placed="base and tool", names_targets=True
     )
     columns: ClassVar[ObservedColumns] = ObservedColumns()

@@ -99,7 +99,7 @@ class SocketSensor(FixtureSensor):
     """
 
     name: ClassVar[str] = "socket"
-    words: ClassVar[SensorTerms] = SensorTerms(
+    terms: ClassVar[SensorTerms] = SensorTerms(
         measured="a ball's contacts with sockets",
         reading="location and socket",
         error="distance from the socket",

@@ -82,7 +82,7 @@ def closed_spec(
     for place in tool.values():
         _add_stretch(spec.body(platform), np.zeros(3), place, _SPOKE * size, 0)
     if height_m is not None:
-        _stand(spec, bodies, height_m, size, hangs=bool(rest.frames[tree.platform][1][2, 0] < 0))
+        _add_support(spec, bodies, height_m, size, hangs=bool(rest.frames[tree.platform][1][2, 0] < 0))
     _close(spec, mechanism, dimensions, size)
     return spec
 
@@ -231,7 +231,7 @@ def _dress(spec: mujoco.MjSpec, mechanism: Mechanism, bodies: list[_Body], size:
         _add_stretch(spec.body(body.on), np.zeros(3), place, thick * size, driven[body.on])
 
 
-def _stand(spec: mujoco.MjSpec, bodies: list[_Body], height_m: float, size: float, hangs: bool) -> None:
+def _add_support(spec: mujoco.MjSpec, bodies: list[_Body], height_m: float, size: float, hangs: bool) -> None:
     """A floor, and what holds the base above it: a column, or a plate if the mechanism hangs."""
     spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05])
     if height_m > 0:

@@ -52,11 +52,11 @@ def table_model(path: Path, table: RobotTable) -> SerialModel:
     hand.add_site(name=FLANGE)
     add_targets(hand, np.eye(4), tool)
     add_tracker(spec, max(1.0, reach / _SMALL_M))
-    weighed = dress(path, spec, chain, T_world_frame0, bodies, tool, table.mass_kg)
+    weighted = dress(path, spec, chain, T_world_frame0, bodies, tool, table.mass_kg)
     model = compiled(path, spec)
     return SerialModel(
         path=path, spec=spec, model=model, chain=chain, T_world_frame0=T_world_frame0, bodies=tuple(bodies),
-        base_body=tree.base.name, tool=tool, shapes_assumed=True, masses_assumed=weighed,
+        base_body=tree.base.name, tool=tool, shapes_assumed=True, masses_assumed=weighted,
         links=table.links,
     )  # fmt: skip
 

@@ -278,11 +278,11 @@ def _of_tools(cell: Cell, reach: float) -> Iterator[str]:
         lengths[f"plate '{plate.name}'"] = max([*plate.size_mm, plate.radius_mm, plate.height_mm])
     for what, length in lengths.items():
         doubted, refused = (MM.of(share * reach) for share in _WIDE_TOOL)
-        words = f"{cell.path}: {what}: {length:.4g} mm on a robot that reaches {MM.text(reach, 4)}"
+        text = f"{cell.path}: {what}: {length:.4g} mm on a robot that reaches {MM.text(reach, 4)}"
         if length > refused:
-            raise LabError(f"{words}; give lengths in mm")
+            raise LabError(f"{text}; give lengths in mm")
         if length > doubted:
-            yield f"{words}; give lengths in mm"
+            yield f"{text}; give lengths in mm"
 
 
 def _of_positions(cell: Cell) -> Iterator[str]:
@@ -317,12 +317,12 @@ def _of_contacts(robot: RobotModel, cell: Cell, joints: Array) -> Iterator[str]:
     for name, count in counts.items():
         clearance_mm = MM.of(robot.obstacles[name] or 0.0)
         kept = f", or nearer than its clearance of {clearance_mm:g} mm," if clearance_mm else ""
-        words = f"{cell.path}: the arm is in '{name}'{kept} in {count} of {len(joints)} random poses"
+        text = f"{cell.path}: the arm is in '{name}'{kept} in {count} of {len(joints)} random poses"
         mend = "mend its size, its position, or that of [robot]"
         if count >= _ALWAYS * len(joints):
-            raise LabError(f"{words}; {mend}")
+            raise LabError(f"{text}; {mend}")
         if count >= _MOSTLY * len(joints):
-            yield f"{words}; {mend}"
+            yield f"{text}; {mend}"
 
 
 def _of_instrument(robot: RobotModel, cell: Cell, reach: float) -> Iterator[str]:

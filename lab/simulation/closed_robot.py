@@ -24,7 +24,7 @@ from lab.simulation.true_robot import TrueRobot, put_before_tracker
 
 __all__ = ["CLOSED_MJCF", "ClosedModel", "TrueMechanism", "closed_model", "random_values", "true_mechanism"]
 
-_LOOKS = 1000  # random poses
+_SAMPLES = 1000  # random poses
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,7 +50,7 @@ class ClosedModel(RobotModel):
     def travel_per_joint(self) -> Array:
         """Return the largest motion of a target per joint (m per m or rad), over many random poses."""
         arm = ClosedArm(self.chain, tuple(self.tool))
-        joints = arm.structure_joints(_LOOKS, rng_for(0, "structure"))
+        joints = arm.structure_joints(_SAMPLES, rng_for(0, "structure"))
         moved = arm.joint_derivatives(arm.observe(joints, arm.nominal(self.tool))[1])
         return np.asarray(np.linalg.norm(moved, axis=2).max(axis=(0, 1)))
 

@@ -108,16 +108,16 @@ class Effects:
     def driven(self, joints: Array, conditions: PoseConditions) -> Array:
         """Return the joint positions ``(m, n)`` driven without a load, from measured ones ``(m, n)``."""
         moving = sorted((part for part in self.parts if isinstance(part, MovesJoints)), key=lambda p: p.addition_order)
-        off: Array = np.zeros(joints.shape)
+        error: Array = np.zeros(joints.shape)
         for part in moving:
-            off = off + part.joint_offsets(joints, conditions)
-        return joints + off
+            error = error + part.joint_offsets(joints, conditions)
+        return joints + error
 
-    def moved(self, points: Array, foot: Array, conditions: PoseConditions) -> Array:
+    def moved(self, points: Array, base: Array, conditions: PoseConditions) -> Array:
         """Points of the arm ``(m, k, 3)`` in the world, its foot ``(3,)`` there too, after what moves the whole arm."""
         for part in self.parts:
             if isinstance(part, MovesArm):
-                points = part.moved(points, foot, conditions)
+                points = part.moved(points, base, conditions)
         return points
 
     def seen_after(self, points: Array, conditions: PoseConditions) -> Array:
@@ -190,7 +190,7 @@ def random_conditions(
     rng: np.random.Generator,
     payload_kg: Sequence[float] = (0.0,),
     duration_s: float = 0.0,
-    asked: Sequence[str] = (),
+    requested: Sequence[str] = (),
 ) -> dict[str, Array]:
     """Draw the conditions of a campaign's poses, ``(poses,)`` a column: those that affect the arm or are requested.
 
@@ -202,12 +202,12 @@ def random_conditions(
     loading, approaching = rng.spawn(2)
     sides = np.where(approaching.random((poses, chain.size)) < 0.5, -1.0, 1.0)
     columns = {approach_of(name): sides[:, i] for i, name in enumerate(chain.joint_names)}
-    if any(payload_kg) or PAYLOAD in asked:
+    if any(payload_kg) or PAYLOAD in requested:
         columns[PAYLOAD] = np.array(payload_kg, dtype=np.float64)[loading.integers(len(payload_kg), size=poses)]
     columns[BUMPED] = np.where(np.arange(poses) < poses / 2, 0.0, 1.0)
     columns[TIME] = np.linspace(0.0, duration_s, poses)
     columns[TEMPERATURE] = REFERENCE_C + _WARMING_K * -np.expm1(-_TIMES * np.linspace(0.0, 1.0, poses))
-    wanted = dict.fromkeys([*effects.columns(chain.joint_names), *asked])
+    wanted = dict.fromkeys([*effects.columns(chain.joint_names), *requested])
     return {name: columns[name] for name in wanted if name in columns}
 
 

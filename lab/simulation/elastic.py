@@ -30,7 +30,7 @@ from lab.kinematics.dynamics.gravity import link_loads
 from lab.simulation.model import SerialModel, at_zero, body_pose, last_frame
 from lab.simulation.model_files import bodies_of_links, loads_of
 
-__all__ = ["AT_REST", "BeamChain", "FlexibleArm", "JointMotion", "Stand", "along_the_line"]
+__all__ = ["AT_REST", "BeamChain", "Deflection", "FlexibleArm", "JointMotion", "along_the_line"]
 
 _STILL = 1e-13  # rad or m; what a step this small changes in the loads moves nothing beyond rounding
 _MOST_STEPS = 100
@@ -48,7 +48,7 @@ AT_REST = JointMotion()
 
 
 @dataclass(frozen=True)
-class Stand:
+class Deflection:
     """Deflected configuration of an arm at each of m poses.
 
     Attributes:
@@ -91,9 +91,9 @@ class FlexibleArm:
             along_the_line(self._model, robot, tuple(self._links.beams))
         self._payload = _Payload.carried_by(self._model, robot, np.zeros(3) if payload_at_m is None else payload_at_m)
 
-    def straight(self, joints: Array) -> Stand:
+    def straight(self, joints: Array) -> Deflection:
         """The arm at joints ``(m, n)``, no link bent."""
-        return Stand(joints, np.zeros((*joints.shape, 6)))
+        return Deflection(joints, np.zeros((*joints.shape, 6)))
 
     def settled(
         self,
@@ -102,7 +102,7 @@ class FlexibleArm:
         payload_kg: Array,
         motion: JointMotion = AT_REST,
         cubic: Array | float = 0.0,
-    ) -> Stand:
+    ) -> Deflection:
         """Solve the arm's equilibrium under its weight and a payload, and in motion under their inertia.
 
         A fixed point, not Newton's method: the loads that the bent arm bears are worked out anew by MuJoCo, without
@@ -118,34 +118,34 @@ class FlexibleArm:
         Raises:
             LabError: no equilibrium is found, as the arm is too soft.
         """
-        stand, last = self.straight(driven), np.zeros((*driven.shape, 7))
+        deflected, last = self.straight(driven), np.zeros((*driven.shape, 7))
         for _ in range(_MOST_STEPS):
-            torques, loads = self.loads(stand, payload_kg, motion)
+            torques, loads = self.loads(deflected, payload_kg, motion)
             sag, torsors = compliance * torques + cubic * torques**3, self._links.torsors(loads)
-            stand = Stand(driven - sag, torsors)
+            deflected = Deflection(driven - sag, torsors)
             given = np.concatenate([sag[..., None], torsors], axis=2)
             if np.abs(given - last).max(initial=0.0) <= _STILL:
-                return stand
+                return deflected
             last = given
         raise LabError(
             f"no equilibrium under the load in {_MOST_STEPS} steps: the arm is too soft; lower its compliances"
         )
 
-    def loads(self, stand: Stand, payload_kg: Array, motion: JointMotion = AT_REST) -> tuple[Array, Array]:
+    def loads(self, deflected: Deflection, payload_kg: Array, motion: JointMotion = AT_REST) -> tuple[Array, Array]:
         """Torques ``(m, n)`` Nm (N for a slide) that hold the arm, and loads ``(m, n, 18)`` on its links.
 
         The loads are those of ``beam.loads_on``; on links that do not bend they are zero.
         """
-        m, n = stand.joints.shape
+        m, n = deflected.joints.shape
         torques, loads = np.empty((m, n)), np.zeros((m, n, 18))
         model, data, held = self._model, self._data, np.empty(self._model.nv)
-        placed = self._links.placed(stand.torsors)
+        placed = self._links.placed(deflected.torsors)
         data.qvel[:], data.qacc[:] = 0.0, 0.0
         for i in range(m):
             self._payload.hang(model, payload_kg[i])
             if motion.speeds is not None and motion.accelerations is not None:
                 data.qvel[self._dof], data.qacc[self._dof] = motion.speeds[i], motion.accelerations[i]
-            self._kinematics(stand.joints[i], placed[i])
+            self._kinematics(deflected.joints[i], placed[i])
             mujoco.mj_comPos(model, data)
             mujoco.mj_comVel(model, data)
             mujoco.mj_rne(model, data, 1, held)
@@ -156,17 +156,17 @@ class FlexibleArm:
                     loads[i, link] = self._on_link(link, payload_kg[i])
         return torques, loads
 
-    def positions(self, stand: Stand, sites: Sequence[int]) -> Array:
+    def positions(self, deflected: Deflection, sites: Sequence[int]) -> Array:
         """World positions ``(m, k, 3)`` m of the sites."""
-        world = np.empty((len(stand.joints), len(sites), 3))
-        placed, last = self._links.placed(stand.torsors), len(self._bodies) - 1
+        world = np.empty((len(deflected.joints), len(sites), 3))
+        placed, last = self._links.placed(deflected.torsors), len(self._bodies) - 1
         for i in range(len(world)):
-            self._kinematics(stand.joints[i], placed[i])
+            self._kinematics(deflected.joints[i], placed[i])
             world[i] = self._data.site_xpos[sites]
             if last in self._links.beams:  # which has no next body to be moved
                 T_world_end = self._links.T_world_end(self._data, last)
                 local = se3.transform(se3.inverse(T_world_end), world[i])
-                world[i] = se3.transform(T_world_end @ _flexed(stand.torsors[i, last]), local)
+                world[i] = se3.transform(T_world_end @ _flexed(deflected.torsors[i, last]), local)
         return world
 
     def _kinematics(self, joints: Array, placed: Array) -> None:

@@ -193,10 +193,10 @@ def planning_model(robot: Model, targets: Sequence[str], instrument: Instrument,
     _mesh_boxes(spec)
     bare = compiled(robot.path, spec)
     shapes = _Shapes.of(bare, robot.base_body)
-    around_m, own_m = (_kept(robot, each) for each in (clearances.surroundings_m, clearances.own_m))
+    around_m, own_m = (_required_clearance(robot, each) for each in (clearances.surroundings_m, clearances.own_m))
     stated = [name for name, clearance_m in robot.obstacles.items() if clearance_m is not None]
     for geom in shapes.around:
-        name, margin = bare.geom(geom).name, _kept(robot, float(bare.geom_margin[geom]))
+        name, margin = bare.geom(geom).name, _required_clearance(robot, float(bare.geom_margin[geom]))
         spec.geom(name).margin = margin if name in stated else max(margin, around_m)
     own, first = shapes.own_pairs(), shapes.first_link_pairs(stated)
     wanted = np.array([own_m] * len(own) + [around_m] * len(first))
@@ -217,7 +217,7 @@ def planning_model(robot: Model, targets: Sequence[str], instrument: Instrument,
     )
 
 
-def _kept(robot: RobotModel, clearance_m: float) -> float:
+def _required_clearance(robot: RobotModel, clearance_m: float) -> float:
     """A clearance with what two shapes may close between two places of a path that are checked; none stays none."""
     return clearance_m + path_step(robot) / 2 if clearance_m else 0.0
 

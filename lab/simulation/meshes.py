@@ -386,12 +386,12 @@ def dress(
     let_weigh_nothing(bare)
     model = compiled(path, bare)
     data = at_zero(model)
-    rods, known = link_rods(chain), np.full(chain.size, np.nan) if mass_kg is None else mass_kg
+    rods, owners = link_rods(chain), np.full(chain.size, np.nan) if mass_kg is None else mass_kg
     volume = np.zeros(chain.size)
     for rod in rods:
         if rod.joint >= 0:
             volume[rod.joint] += _volume(rod)
-    density = np.where(np.isnan(known), DENSITY, known / volume)
+    density = np.where(np.isnan(owners), DENSITY, owners / volume)
     heavy = model.body_mass[[model.body(name).id for name in bodies]] > _SOME_KG
     density[heavy] = 0.0
     base = model.body(int(model.body(bodies[0]).parentid[0])).name
@@ -409,7 +409,7 @@ def dress(
             _add(spec.body(hand), Rod(chain.size, T_frame0_last[:3, 3], tip, _SPOKE_M), T_body_frame0, 0.0)
     named = [*bodies, hand, base]  # -1 is the base
     _let_touch(path, spec, chain, {(named[guide], named[carried]) for guide, carried in _drawn_in(chain)})
-    return bool((np.isnan(known) & ~heavy).any())
+    return bool((np.isnan(owners) & ~heavy).any())
 
 
 def _volume(rod: Rod) -> float:

@@ -89,7 +89,7 @@ class RobotModel(ABC):
     masses_assumed: bool = False
     missing: str = ""
     overlapping: tuple[tuple[str, str], ...] = ()
-    held: tuple[str, ...] = ()
+    fixed_joints: tuple[str, ...] = ()
     acceptance_rad: float | None = None
     stations: tuple[str, ...] = ()
     obstacles: Mapping[str, float | None] = field(default_factory=dict)
@@ -98,8 +98,8 @@ class RobotModel(ABC):
     @property
     def assumed(self) -> str:
         """Description of the parts of the arm that the lab assumed; "" if none."""
-        said = ["its links are drawn as rods"] if self.shapes_assumed else []
-        return " and ".join([*said, "weigh what rods would"] if self.masses_assumed else said)
+        messages = ["its links are drawn as rods"] if self.shapes_assumed else []
+        return " and ".join([*messages, "weigh what rods would"] if self.masses_assumed else messages)
 
     @abstractmethod
     def qpos(self, joints: Array) -> Array:

@@ -148,8 +148,8 @@ def _root(file: Path) -> ET.Element:
     try:
         root = ET.fromstring(content)
     except (ET.ParseError, LookupError, ValueError) as error:  # the last two of an encoding that there is not
-        said = error if content.strip() else "an empty file"
-        raise LabError(f"{file}: not a readable MJCF or URDF, mend it there: {said}") from error
+        text = error if content.strip() else "an empty file"
+        raise LabError(f"{file}: not a readable MJCF or URDF, mend it there: {text}") from error
     try:
         content.decode("utf-8")
     except UnicodeDecodeError as error:  # MuJoCo takes names as bytes
@@ -166,9 +166,9 @@ def _refuse_numbers(path: Path, element: ET.Element) -> None:
 
 def _product(element: ET.Element, names: Sequence[str]) -> int:
     """Return the product of all numbers in some attributes; MuJoCo reports texts that are no numbers."""
-    words = [word for name in names for word in element.get(name, "1").split()]
+    factors = [word for name in names for word in element.get(name, "1").split()]
     try:
-        return prod(max(1, int(float(word))) for word in words)
+        return prod(max(1, int(float(word))) for word in factors)
     except (ValueError, OverflowError):
         return 1
 
@@ -292,14 +292,14 @@ def load_model(path: Path) -> SerialModel:
         add_tracker(spec)
     solid = model.geom_bodyid[(model.geom_contype | model.geom_conaffinity) != 0]
     shapeless = not missing and not np.isin(solid, _beyond(model, bodies[0])).any()
-    weighed = shapeless and dress(path, spec, chain, T_world_frame0, bodies, tool | spare)
+    weighted = shapeless and dress(path, spec, chain, T_world_frame0, bodies, tool | spare)
     model = compiled(path, spec)
     overlapping = _exclude_overlaps(spec, model, chain, (base_body, bodies[0]))
     model = compiled(path, spec) if overlapping else model
     return SerialModel(
         path=path, spec=spec, model=model, chain=chain, T_world_frame0=T_world_frame0, bodies=bodies,
-        base_body=base_body, tool=tool | spare, shapes_assumed=shapeless, masses_assumed=weighed, missing=missing,
-        overlapping=overlapping, held=() if urdf is None else urdf.held,
+        base_body=base_body, tool=tool | spare, shapes_assumed=shapeless, masses_assumed=weighted, missing=missing,
+        overlapping=overlapping, fixed_joints=() if urdf is None else urdf.fixed_joints,
     )  # fmt: skip
 
 

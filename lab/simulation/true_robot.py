@@ -152,7 +152,7 @@ class TrueRobot(ABC):
         sites = [self.model.site(name).id for name in targets]
         there = PoseConditions(conditions, len(joints), self.robot.chain.joint_names)
         driven = self.effects.driven(joints, there) + scatter
-        world = self._stand(driven, sites, there.column(PAYLOAD))
+        world = self._site_positions(driven, sites, there.column(PAYLOAD))
         world = self.effects.moved(world, self.robot.T_world_frame0[:3, 3], there)
         first = se3.transform(se3.inverse(self.T_world_tracker), world.reshape(-1, 3)).reshape(world.shape)
         return self.effects.seen_after(first, there)
@@ -164,7 +164,7 @@ class TrueRobot(ABC):
         None where axes do not tell them: of a mechanism with loops.
         """
 
-    def _stand(self, driven: Array, sites: list[int], payload_kg: Array) -> Array:
+    def _site_positions(self, driven: Array, sites: list[int], payload_kg: Array) -> Array:
         """World positions ``(m, k, 3)`` m of the sites where the motors put the joints ``(m, n)``."""
         data = mujoco.MjData(self.model)
         world = np.full((len(driven), len(sites), 3), np.nan)
@@ -191,9 +191,9 @@ class TrueSerialRobot(TrueRobot):
     robot: SerialModel
     joint_offset: Array
 
-    def _stand(self, driven: Array, sites: list[int], payload_kg: Array) -> Array:
+    def _site_positions(self, driven: Array, sites: list[int], payload_kg: Array) -> Array:
         if not self.effects.is_elastic:
-            return super()._stand(driven, sites, payload_kg)
+            return super()._site_positions(driven, sites, payload_kg)
         springs = self.effects.part(JointSprings)
         arm = FlexibleArm(self.model, self.robot, springs.payload_at_m, self.effects.part(ElasticLinks).compliances)
         hard = self.effects.part(HardeningSprings).cubic_rad_per_nm3

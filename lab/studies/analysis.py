@@ -87,11 +87,11 @@ def resampled(values: Array, weights: Array, level: float) -> Resampled:
     shifts, stds = _moments(weights, finite, left, floor)
     sizes = np.sort(_quotient(np.abs(shifts), stds), axis=0)
     total = len(weights) + 1
-    known = count > 1
+    drawn = count > 1
     reach = sizes[total - round(level * total) - 1]
-    far = np.where(known & np.isfinite(reach), reach * std[0], np.nan)
+    far = np.where(drawn & np.isfinite(reach), reach * std[0], np.nan)
     larger = (sizes >= _quotient(np.abs(mean), std[0])).sum(axis=0)
-    return Resampled(mean, mean - far, mean + far, np.where(known, (1 + larger) / total, np.nan), mean + shifts)
+    return Resampled(mean, mean - far, mean + far, np.where(drawn, (1 + larger) / total, np.nan), mean + shifts)
 
 
 def _moments(weights: Array, finite: Array, left: Array, floor: Array) -> tuple[Array, Array]:
@@ -278,7 +278,7 @@ class Pair:
     left_out: int
 
     @property
-    def told(self) -> bool:
+    def is_significant(self) -> bool:
         """True where the pair differs significantly, corrected for all pairs of the comparison."""
         return self.p_holm <= STUDY_COMPARISON
 
@@ -397,7 +397,7 @@ def _ranks(
     alive = np.flatnonzero(np.abs(signs[known]).sum(axis=0))
     scores = np.linalg.pinv(signs[known])[alive].T  # (pairs, cells)
     at, drawn = _placed(found.mean[None, known] @ scores)[0], _placed(found.means[:, known] @ scores)
-    told = np.array([pair.told for pair in pairs], dtype=bool)
+    told = np.array([pair.is_significant for pair in pairs], dtype=bool)
     behind = signs * np.sign(np.where(told, found.mean, 0.0))[:, None]  # 1 where a cell surely has more
     ranks = []
     for k, cell in enumerate(alive):

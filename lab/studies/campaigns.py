@@ -105,7 +105,7 @@ def cell_poses(study: Study, cell: Cell) -> Array:
     _refuse_few_poses(cell, _Fitted.of(study, cell, robot), study)
     if cell.criterion == RANDOM:
         return random_poses(robot.model, cell.poses, rng_for(study.seed, "poses"))
-    asked = DesignOptions(
+    requested = DesignOptions(
         robot=study.robot,
         poses=cell.poses,
         criterion=cell.criterion,
@@ -116,7 +116,7 @@ def cell_poses(study: Study, cell: Cell) -> Array:
         starts=STARTS,
         seed=study.seed,
     )
-    return _designed(asked).copy()
+    return _designed(requested).copy()
 
 
 def _refuse_few_poses(cell: Cell, fitted: "_Fitted", study: Study) -> None:
@@ -126,10 +126,10 @@ def _refuse_few_poses(cell: Cell, fitted: "_Fitted", study: Study) -> None:
 
 
 @lru_cache(maxsize=16)
-def _designed(asked: DesignOptions) -> Array:
+def _designed(requested: DesignOptions) -> Array:
     """Kept, because cells that differ in the arm alone have the same."""
-    assert asked.poses is not None
-    return best_design(asked, pose_problem(asked), asked.poses).joints
+    assert requested.poses is not None
+    return best_design(requested, pose_problem(requested), requested.poses).joints
 
 
 def run_task(study: Study, task: Task, joints: Array) -> Columns:
@@ -170,12 +170,15 @@ class _Fitted:
 
     @classmethod
     def of(cls, study: Study, cell: Cell, robot: Robot) -> "_Fitted":
-        asked = Fitting() if cell.parameters == USUAL else study.parameters[cell.parameters]
-        if asked != Fitting(fix=asked.fix, free=asked.free, prior=asked.prior) or asked.prior == "on":
+        requested = Fitting() if cell.parameters == USUAL else study.parameters[cell.parameters]
+        if (
+            requested != Fitting(fix=requested.fix, free=requested.free, prior=requested.prior)
+            or requested.prior == "on"
+        ):
             raise LabError(f"parameters.{cell.parameters}: a study fits geometry alone, by fix and free")
         arm, model = robot.arm(study.targets), robot.model
         nominal = model.values_before(arm, model.T_world_tracker)
-        free = base_set(arm, nominal, fix=asked.fix, free=asked.free).kept
+        free = base_set(arm, nominal, fix=requested.fix, free=requested.free).identifiable
         effects = ArmEffects() if cell.effects == NONE else study.effects[cell.effects]
         device = _noisy(observing(instrument(cell.instrument), "points"), cell.noise)
         if study.frozen and not is_isotropic(device):
@@ -205,7 +208,7 @@ def _noisy(device: Instrument, noise: float) -> Instrument:
 def _of_robot(study: Study, fitted: _Fitted, number: int, joints: Array, fresh: Array) -> Columns:
     """The campaigns with one robot, a row each."""
     seed, cell = seed_of(study.seed, "robots", number), fitted.cell
-    asked = VirtualCampaign(
+    requested = VirtualCampaign(
         robot=study.robot,
         seed=seed,
         targets=study.targets,
@@ -214,10 +217,10 @@ def _of_robot(study: Study, fitted: _Fitted, number: int, joints: Array, fresh: 
         rotation_sigma_mrad=cell.rotation_sigma_mrad,
         effects=fitted.effects,
     )
-    real = perturbed_arm(fitted.robot, asked)
-    measured = _measured(real, fitted.device, asked, joints, study.draws)
-    exact = real.points(joints, study.targets, _conditions(real, asked, joints, "conditions"))
-    there = real.points(fresh, study.targets, _conditions(real, asked, fresh, "fresh"))
+    real = perturbed_arm(fitted.robot, requested)
+    measured = _measured(real, fitted.device, requested, joints, study.draws)
+    exact = real.points(joints, study.targets, _conditions(real, requested, joints, "conditions"))
+    there = real.points(fresh, study.targets, _conditions(real, requested, fresh, "fresh"))
     taken, met = (np.isfinite(points).all(axis=(1, 2)) for points in (exact, there))
     measured, exact, joints, there, fresh = measured[:, taken], exact[taken], joints[taken], there[met], fresh[met]
     campaigns = _turned(fitted, real, joints, measured)
@@ -232,15 +235,15 @@ def _conditions(real: TrueRobot, asked: VirtualCampaign, joints: Array, purpose:
     return draw_conditions(real, asked, len(joints), rng_for(asked.seed, purpose), ())
 
 
-def _measured(real: TrueRobot, device: Instrument, asked: VirtualCampaign, joints: Array, draws: int) -> Array:
+def _measured(real: TrueRobot, device: Instrument, requested: VirtualCampaign, joints: Array, draws: int) -> Array:
     """Simulate the tracker's readings of each draw, ``(draws, n, k, 3)`` m; what draws share is computed once."""
     effects = real.effects
-    conditions = _conditions(real, asked, joints, "conditions")
-    noises = [rng_for(asked.seed, "noise", draw) for draw in range(draws)]
+    conditions = _conditions(real, requested, joints, "conditions")
+    noises = [rng_for(requested.seed, "noise", draw) for draw in range(draws)]
     if effects.varies:
-        points = [track(real, joints, asked.targets, device, rng, conditions=conditions).points for rng in noises]
+        points = [track(real, joints, requested.targets, device, rng, conditions=conditions).points for rng in noises]
         return np.array(points)
-    exact = real.points(joints, asked.targets, conditions)
+    exact = real.points(joints, requested.targets, conditions)
     noisy = np.array([device.sample(exact, rng) for rng in noises])
     if not device.errors.stated:
         return noisy
@@ -298,7 +301,7 @@ def _before(fitted: _Fitted, joints: Array, exact: Array, fresh: Array, there: A
     campaigns = align(fitted.stacked, joints, exact[None], fitted.nominal)
     placing = base_set(
         fitted.stacked.arm, fitted.nominal, fix=names_of(each for each in fitted.stacked.arm.parameters if each.is_link)
-    ).kept
+    ).identifiable
     found = fit_points(campaigns, fitted.nominal, placing, block=1)
     return float(_errors(fitted, fresh, found.values, in_nominal_frame(there, campaigns.Ts_instrument_nominal)).mean())
 

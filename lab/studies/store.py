@@ -93,7 +93,7 @@ class Store:
         rows = [",".join(map(repr, row)) for row in joints.tolist()]
         content = ("\n".join([",".join(self.columns), *rows]) + "\n").encode()
         path = self._poses(cell)
-        with _told(path):
+        with _write_errors(path):
             keep_checked(path, content)
 
     def has(self, task: Task) -> bool:
@@ -119,7 +119,7 @@ class Store:
             write_page_checksum=True,
         )
         path = self._campaigns(task)
-        with _told(path):
+        with _write_errors(path):
             write_whole(path, buffer.getvalue())
 
     def read(self) -> pa.Table:
@@ -230,7 +230,7 @@ def read_campaigns(folder: Path) -> pa.Table:
 
 
 @contextmanager
-def _told(path: Path) -> Iterator[None]:
+def _write_errors(path: Path) -> Iterator[None]:
     """A file that cannot be written stops the study, and what is kept stays.
 
     Raises:

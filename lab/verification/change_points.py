@@ -173,8 +173,8 @@ class Series:
         """
         before = self._pooled(start, len(self._levels) - 1).information
         level = self._next_level / (len(self.directions.names) * (len(self._levels) - start))
-        freedom = min(self._freedom[start:])
-        needed = t_isf(level / 2, freedom) + t_isf(1 - POWER, freedom)
+        dof = min(self._freedom[start:])
+        needed = t_isf(level / 2, dof) + t_isf(1 - POWER, dof)
         columns = directions / self._scale[:, None]
         known = np.einsum("ic,ij,jc->c", columns, _of_difference(before, self._information[-1]), columns)
         with np.errstate(divide="ignore"):
@@ -188,8 +188,8 @@ class Series:
     def _alarm(self, start: int, last: int) -> tuple[int, float] | None:
         """The likeliest change point, and its p, where the test after calibration ``last`` rejects."""
         z = self._scores(start, last)
-        freedom, tried = min(self._freedom[start : last + 1]), z.size
-        p = min(1.0, float(tried * 2 * t_sf(np.abs(z).max(), freedom)))
+        dof, tried = min(self._freedom[start : last + 1]), z.size
+        p = min(1.0, float(tried * 2 * t_sf(np.abs(z).max(), dof)))
         return (start + int(np.abs(z).max(axis=1).argmax()), p) if p < self._levels[last] else None
 
     def _scores(self, start: int, last: int) -> Array:
@@ -222,17 +222,17 @@ class Series:
             covariance = np.linalg.inv(information)
             own = np.diag(covariance)
             chance = 2 * t_sf(np.abs(d) / np.sqrt(own), freedom) * len(d)
-            kept = [i for i in np.argsort(chance, kind="stable").tolist() if chance[i] < level]
+            retained = [i for i in np.argsort(chance, kind="stable").tolist() if chance[i] < level]
             sizes, variance = d * self._scale, own * self._scale**2  # the first directions are the parameters
         else:
-            kept = [i for i in np.argsort(-squares, kind="stable").tolist() if best - squares[i] < _APART]
+            retained = [i for i in np.argsort(-squares, kind="stable").tolist() if best - squares[i] < _APART]
         halves = half_width_95(freedom) * np.sqrt(variance)
         return ChangePoint(
             after,
             found_at,
-            tuple(self.directions.names[i] for i in kept),
-            tuple(float(sizes[i]) for i in kept),
-            tuple(float(halves[i]) for i in kept),
+            tuple(self.directions.names[i] for i in retained),
+            tuple(float(sizes[i]) for i in retained),
+            tuple(float(halves[i]) for i in retained),
             several,
             p,
             level,

@@ -18,7 +18,7 @@ from lab.calibration.gauss_newton import Observations
 from lab.calibration.observation import observation_of
 from lab.calibration.residual.process import PredictedBy
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M
-from lab.calibration.weights import Noise, root_mean_square_sigma, weighed
+from lab.calibration.weights import Noise, root_mean_square_sigma, weigh
 from lab.core.linear_model import whitening
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.se3 import Array
@@ -53,22 +53,22 @@ def predict_measurements(
     strange = tuple(target for target in rows.targets if target not in estimate.arm.targets)
     named = dict(zip(estimate.arm.names, estimate.values, strict=True))
     values = np.array([named.get(name, 0.0) for name in arm.names])
-    kept = [i for i, name in enumerate(estimate.identified) if name in arm.names]
-    free = tuple(arm.names.index(estimate.identified[i]) for i in kept)
-    covariance = estimate.covariance[np.ix_(kept, kept)]
-    observations, _ = weighed(observation_of(arm), rows, noise)
-    lacking, inflation, dof = estimate.discrepancy(root_mean_square_sigma(observations, 0))
+    retained = [i for i, name in enumerate(estimate.identified) if name in arm.names]
+    free = tuple(arm.names.index(estimate.identified[i]) for i in retained)
+    covariance = estimate.covariance[np.ix_(retained, retained)]
+    observations, _ = weigh(observation_of(arm), rows, noise)
+    discrepancy, inflation, dof = estimate.discrepancy(root_mean_square_sigma(observations, 0))
     prediction = CalibrationPrediction(arm, values, free, inflation * covariance, dof, strange, estimate.tail_dof)
     if (by := estimate.predicted_by) is not None:
         prediction = replace(prediction, covariance=0.0 * covariance)
-        beside = _beside_process(_widened(observations, lacking), by, rows.targets)
+        beside = _beside_process(_widened(observations, discrepancy), by, rows.targets)
         return _beyond_range(beside, prediction, estimate.measured), prediction
     errors = estimate.component_errors
     if errors is None:
-        return _beyond_range(_widened(observations, lacking), prediction, estimate.measured), prediction
+        return _beyond_range(_widened(observations, discrepancy), prediction, estimate.measured), prediction
     if given or estimate.noise_m < LEAST_SIGMA_M:  # of what is hardly there nothing is estimated
         errors = errors.without("scale")
-    return _of_estimated_noise(estimate, rows, noise, prediction, errors.of(kept))
+    return _of_estimated_noise(estimate, rows, noise, prediction, errors.of(retained))
 
 
 def _of_estimated_noise(
@@ -79,7 +79,7 @@ def _of_estimated_noise(
     assert shared is not None
 
     def by(some: Measurements, its: ErrorModel) -> Observations:
-        observations, _ = weighed(observation, some, replace(noise, shared=its))
+        observations, _ = weigh(observation, some, replace(noise, shared=its))
         return _beyond_range(observations, prediction, estimate.measured)
 
     first = rows.take(np.arange(min(len(rows), MOST_POSES)))
@@ -97,9 +97,9 @@ def with_estimated_noise(
     """A prediction and measurements whose test keeps its level although the variances were estimated.
 
     Args:
-        observed: the measurements, weighed by the estimated variances.
+        observed: the measurements, weighted by the estimated variances.
         errors: of these; its slopes are of the prediction's free parameters.
-        moved: for each variance the first ``MOST_POSES`` measurements, weighed by it ``STEP`` larger and smaller.
+        moved: for each variance the first ``MOST_POSES`` measurements, weighted by it ``STEP`` larger and smaller.
     """
     some = observed.take(np.arange(min(len(observed.inputs), MOST_POSES)))
     mask = seen_mask(some.points)
@@ -177,11 +177,11 @@ def _beyond_range(
     return replace(observations, correlation=replace(found, scatter=np.concatenate([found.scatter, scatter], axis=2)))
 
 
-def _widened(observations: Observations, lacking_m: float) -> Observations:
+def _widened(observations: Observations, discrepancy_m: float) -> Observations:
     """Return the observations with their noise increased by the model discrepancy."""
-    if lacking_m == 0:
+    if discrepancy_m == 0:
         return observations
     if observations.whiten.ndim == 2:
-        return replace(observations, whiten=1 / np.sqrt(1 / observations.whiten**2 + lacking_m**2))
+        return replace(observations, whiten=1 / np.sqrt(1 / observations.whiten**2 + discrepancy_m**2))
     root = np.linalg.inv(observations.whiten)
-    return replace(observations, whiten=whitening(root @ np.swapaxes(root, -1, -2) + lacking_m**2 * np.eye(3)))
+    return replace(observations, whiten=whitening(root @ np.swapaxes(root, -1, -2) + discrepancy_m**2 * np.eye(3)))

@@ -181,7 +181,7 @@ class WhitenedSystem:
     jacobian: Array
     axes: Array
     sizes: Array
-    known: Array
+    prior_rows: Array
 
     def white(self, rows: Array) -> Array:
         """S^-1/2 of rows ``(m, ...)``."""
@@ -235,7 +235,7 @@ class RefitSolution:
     @property
     def taken(self) -> Array:
         """``(p, f + rank)`` T, for which S^-1 less what is fitted is 1 - J T (J T)'."""
-        gained = self.there.known / np.sqrt(1 + self.there.sizes**2)
+        gained = self.there.prior_rows / np.sqrt(1 + self.there.sizes**2)
         shared = (self.there.jacobian @ gained).T @ (self.there.jacobian @ self.back)
         return np.concatenate([gained, self.back - gained @ shared], axis=1)
 
@@ -317,7 +317,7 @@ class VerificationProblem:
         Their covariance is S^1/2 (1 - Q Q') S^1/2, with Q the basis of what was fitted, and S^1/2 Q is J B.
         """
         rows = triangle_of(each.in_metres(jacobian) for each, _, jacobian in self.parts(fit.values))
-        known, taken = (float(((rows @ part) ** 2).sum()) for part in (fit.there.known, fit.back))
+        known, taken = (float(((rows @ part) ** 2).sum()) for part in (fit.there.prior_rows, fit.back))
         noise = self.numbers * root_mean_square_sigma(self.observed, 0) ** 2 + self._shared_squares()
         return float(np.sqrt(max(noise + known - taken, 0.0) * 3 / self.numbers))
 

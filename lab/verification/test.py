@@ -230,7 +230,7 @@ class Verified:
     statistic: float
     p_of_all: float
     numbers: int
-    sigma_freedom: int | None
+    sigma_dof: int | None
     test: ChangeTest
     values: Array
     errors: Array
@@ -270,27 +270,27 @@ def verify(
     arm, problem = prediction.arm, VerificationProblem(prediction, observed, progress)
     anew = refitted(arm, refit)
     fit = problem.placed(prediction.values, anew, refit)
-    asked = _structural_rank(prediction, anew) if refit else 0
-    held = dependent_columns(fit.there.jacobian @ anew, FULL_RANK) if refit and fit.rank < asked else ()
-    if held:  # what these poses do not determine stays as the run has it, and nothing here depends on it
-        fit = problem.placed(prediction.values, np.delete(anew, held, axis=1), refit)
-    if refit and (fit.dof < 1 or fit.numbers <= asked):
+    requested = _structural_rank(prediction, anew) if refit else 0
+    whitened = dependent_columns(fit.there.jacobian @ anew, FULL_RANK) if refit and fit.rank < requested else ()
+    if whitened:  # what these poses do not determine stays as the run has it, and nothing here depends on it
+        fit = problem.placed(prediction.values, np.delete(anew, whitened, axis=1), refit)
+    if refit and (fit.dof < 1 or fit.numbers <= requested):
         count = counted(len(observed.points), "pose")
         raise LabError(
             f"{count} cannot place {' and '.join(refit)} anew and still say whether the arm is good: "
             "measure more, or refit less"
         )
     test = change_test(prediction, fit)
-    promised = problem.expected_m(fit)
+    expected = problem.expected_m(fit)
     found = _hypotheses(problem, fit, refit, poses) if test.changed else []
     alike = _equivalent(found, fit.numbers)
     explained_small = any(each.kind in ("joint", "reading") for each in alike)
-    cause = situation(prediction, observed, fit.values, promised, refit) if found and not explained_small else None
+    cause = situation(prediction, observed, fit.values, expected, refit) if found and not explained_small else None
     predicted = (arm.points(each.inputs, fit.values) for each in observed.blocks())
     errors = np.linalg.norm(observed.points - np.concatenate(list(predicted)), axis=2)
-    said = {
+    data = {
         "rms_m": float(np.sqrt(np.nanmean(errors**2))),
-        "predicted_m": promised,
+        "predicted_m": expected,
         "parts": tuple((part.numbers, part.p) for part in (test.along, test.rest) if part.numbers > 0),
         "sigma_dof": prediction.dof,
         "tail_dof": prediction.tail_dof,
@@ -305,18 +305,18 @@ def verify(
         statistic=fit.square,
         p_of_all=prediction.p(fit.square, fit.dof),
         numbers=fit.dof,
-        sigma_freedom=prediction.dof,
+        sigma_dof=prediction.dof,
         test=test,
         values=fit.values,
         errors=errors,
-        expected_m=promised,
+        expected_m=expected,
         hypotheses=tuple(found),
         moved=tuple(dict.fromkeys(each.kind for each in alike)),
         refit=_placed_anew(prediction, fit, refit),
-        undetermined=tuple(arm.names[int(np.argmax(anew[:, j]))] for j in held),
+        undetermined=tuple(arm.names[int(np.argmax(anew[:, j]))] for j in whitened),
         would_notice=_would_notice(prediction, fit, test, refit),
         situation=cause,
-        check=Check("verification", outcome, fit.square, test.p, VERIFICATION, said),
+        check=Check("verification", outcome, fit.square, test.p, VERIFICATION, data),
     )
 
 
@@ -345,13 +345,13 @@ def _tried(
     directions = np.concatenate([refitted(arm, refit), movement.directions], axis=1)
     anywhere = movement.kind == "base" and movement.turns > 0
     moved = problem.placed(fit.values, directions, (*refit, "base") if anywhere else (), fit.there)
-    told = moved.rank - fit.rank
-    if told < 1:
+    fitted_columns = moved.rank - fit.rank
+    if fitted_columns < 1:
         return None
-    whole = told == np.linalg.matrix_rank(movement.directions)
+    whole = fitted_columns == np.linalg.matrix_rank(movement.directions)
     size = extent(arm, movement, fit.values, moved.values, moved.covariance) if whole else Displacement()
     left, what = change_test(problem.prediction, moved), (movement.kind, movement.change, movement.of)
-    return _judged(problem, what, size, told, left, movement.alike)
+    return _judged(problem, what, size, fitted_columns, left, movement.alike)
 
 
 def _bad_reading(problem: VerificationProblem, fit: RefitSolution, poses: Sequence[str]) -> list[Hypothesis]:
@@ -377,11 +377,11 @@ def _bad_reading(problem: VerificationProblem, fit: RefitSolution, poses: Sequen
             rows_there = residual[of_pose], jacobian[of_pose]
             least = float(drops[i]), first + i, inverse[i][there], pulls[i][mask[i]], _metres_of(block, of_pose)
     assert least is not None
-    drop, i, freedom, pull, metres = least
-    told = int(np.linalg.matrix_rank(freedom, hermitian=True))
+    drop, i, dof, pull, metres = least
+    told = int(np.linalg.matrix_rank(dof, hermitian=True))
     if told < 1:
         return []
-    size = Displacement(*sized(metres @ freedom @ pull, metres @ freedom @ metres.T))
+    size = Displacement(*sized(metres @ dof @ pull, metres @ dof @ metres.T))
     pose = poses[i] if poses else f"pose {i}"
     left = _without_reading(problem.prediction, fit, (drop, told), rows_there)
     return [_judged(problem, ("reading", "reading", (pose,)), size, told, left, count)]

@@ -19,7 +19,7 @@ from lab.studies.grid import Cell, Study, Task, study_from
 
 ARM = IRB120.arm(("p1",))
 NOMINAL = ARM.nominal(IRB120.tool)
-FREE = base_set(ARM, NOMINAL).kept
+FREE = base_set(ARM, NOMINAL).identifiable
 STACKED = StackedArm(ARM)
 
 

@@ -52,9 +52,9 @@ def test_another_representative_predicts_the_same() -> None:
 def test_a_parameter_held_lowers_the_rank_and_is_hidden_in_nothing() -> None:
     found = identified(campaign(1), IdentifyOptions(fix=("link4.d", "link2.a")))
     assert found.fit.rank == 25 and not found.unobservable
-    held = [ARM.names[i] for i in found.base_set.held]
+    held = [ARM.names[i] for i in found.base_set.fixed_observable]
     assert held == ["link2.a", "link4.d"]
-    columns = [found.base_set.fixed.index(i) for i in found.base_set.held]
+    columns = [found.base_set.fixed.index(i) for i in found.base_set.fixed_observable]
     assert not found.base_set.alias[:, columns].any()
     assert found.values[ARM.names.index("link4.d")] == NOMINAL[ARM.names.index("link4.d")]
     assert np.abs(found.residuals).max() > 20 * SIGMA  # it was off, and nothing else can take it over
@@ -134,10 +134,12 @@ def test_the_thesis_case() -> None:
     flange = ARM.assemble(np.zeros(6), IRB120.chain.table, np.zeros((1, 3)))
     fix = ("base.*", "tool.*", "link2.beta", "link5.d", "link5.a")
     found = base_set(ARM, flange, fix=fix, free=("link1.*", "link5.alpha", "link6.d", "link6.a"))
-    assert len(found.kept) == 19
+    assert len(found.identifiable) == 19
 
     def coefficient(fixed: str, kept: str) -> float:
-        return float(found.alias[found.kept.index(ARM.names.index(kept)), found.fixed.index(ARM.names.index(fixed))])
+        return float(
+            found.alias[found.identifiable.index(ARM.names.index(kept)), found.fixed.index(ARM.names.index(fixed))]
+        )
 
     assert coefficient("link2.d", "link3.d") == pytest.approx(1.0, abs=1e-9)
     assert coefficient("link5.a", "link5.theta") == pytest.approx(-1 / 0.072, rel=1e-9)
@@ -172,7 +174,7 @@ def test_the_prior_of_the_base_set_is_that_of_the_drawing() -> None:
     covariance = np.linalg.inv(prior.whiten.T @ prior.whiten)
     sigma, wide = standard_deviations(ARM, Tolerance()), alias_matrix(structure, len(ARM.names))
     drawn = np.isfinite(sigma)
-    rows = wide[[structure.kept.index(i) for i in prior.of]][:, drawn]
+    rows = wide[[structure.identifiable.index(i) for i in prior.of]][:, drawn]
     expected = (rows * sigma[drawn] ** 2) @ rows.T
     size = np.sqrt(np.diag(expected))
     np.testing.assert_allclose(covariance / np.outer(size, size), expected / np.outer(size, size), atol=1e-6)
@@ -216,8 +218,8 @@ def test_a_target_on_the_last_axis_leaves_two_directions() -> None:
     values = ARM.assemble(np.zeros(6), IRB120.chain.table, np.array([[1e-3, 0.0, 0.1]]))
     inputs = IRB120.chain.random_joints(200, np.random.default_rng(0))
     structure = base_set(ARM, values)
-    names = [ARM.names[i] for i in structure.kept]
-    jacobian = ARM.observe(inputs, values)[1].reshape(-1, len(values))[:, list(structure.kept)]
+    names = [ARM.names[i] for i in structure.identifiable]
+    jacobian = ARM.observe(inputs, values)[1].reshape(-1, len(values))[:, list(structure.identifiable)]
     found = weak_directions(names, jacobian)
     assert len(found) == 2
     for direction in found:
@@ -244,7 +246,7 @@ def test_a_posterior_is_where_measurements_and_prior_balance() -> None:
     off = (NOMINAL - found.values)[list(prior.of)]
     by_prior = np.zeros(len(ARM.names))
     by_prior[list(prior.of)] = prior.whiten.T @ prior.whiten @ off
-    kept = list(found.base_set.kept)
+    kept = list(found.base_set.identifiable)
     size = np.linalg.norm(jacobian.reshape(-1, len(ARM.names)), axis=0)[kept] / 2e-4
     np.testing.assert_allclose((by_points + by_prior)[kept] / size, 0, atol=1e-6)
     assert np.abs(by_prior[kept] / size).max() > 0.1  # and the prior does pull

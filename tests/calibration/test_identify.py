@@ -41,7 +41,7 @@ def test_exact_measurements_give_the_truth(chain) -> None:
         data = measured(chain.joint_names, joints, ("p1",), arm.points(joints, truth.values))
         found = identify(arm, data, arm.nominal())
         assert found.status == "converged" and found.fit.iterations <= 8
-        assert found.base_set.kept == truth.base_set.kept
+        assert found.base_set.identifiable == truth.base_set.identifiable
         assert np.abs(compare_with_truth(found, truth).error).max() < 1e-11
         fresh = chain.random_joints(500, rng)
         np.testing.assert_allclose(arm.points(fresh, found.values), arm.points(fresh, truth.values), atol=1e-12)
@@ -157,7 +157,7 @@ def test_an_estimated_sigma_takes_students_t() -> None:
 @pytest.mark.thorough
 def test_spherical_weights_beat_equal_ones() -> None:
     """leica-at960 has ranges 30 times better than directions: its weights use that."""
-    weighed, plain = [], []
+    weighted, plain = [], []
     device = INSTRUMENTS["leica-at960"]
     for seed in range(25):
         rng = np.random.default_rng(seed)
@@ -166,9 +166,9 @@ def test_spherical_weights_beat_equal_ones() -> None:
         data = measured(NAMES, joints, ("p1",), device.sample(ARM.points(joints, truth.values), rng))
         fresh = IRB120.chain.random_joints(200, rng)
         exact = ARM.points(fresh, truth.values)
-        weighed.append(errors_at(identify(ARM, data, ARM.nominal(), Noise(device)), fresh, exact).after.mean())
+        weighted.append(errors_at(identify(ARM, data, ARM.nominal(), Noise(device)), fresh, exact).after.mean())
         plain.append(errors_at(identify(ARM, data, ARM.nominal()), fresh, exact).after.mean())
-    assert np.mean(weighed) < 0.8 * np.mean(plain)
+    assert np.mean(weighted) < 0.8 * np.mean(plain)
 
 
 def test_a_rows_own_sigma_counts() -> None:
@@ -225,12 +225,12 @@ def test_an_unidentifiable_parameter_left_in_is_reported() -> None:
     start[list(truth.base_set.fixed)] = ARM.nominal()[list(truth.base_set.fixed)]
     rank_point = ARM.rank_point(somewhere(ARM, rng))
     seen = Observations.unweighted(measured(NAMES, joints, ("p1",), ARM.points(joints, rank_point)))
-    free = sorted([*truth.base_set.kept, ARM.names.index("link2.d")])
+    free = sorted([*truth.base_set.identifiable, ARM.names.index("link2.d")])
     solution = fit(ARM, seen, free, rank_point)
     assert solution.rank == 27 < len(free)
     assert solution.condition > 1e9 and solution.ill_conditioned
     assert np.isfinite(solution.values).all()
-    whole = fit(ARM, Observations.unweighted(data), truth.base_set.kept, start)
+    whole = fit(ARM, Observations.unweighted(data), truth.base_set.identifiable, start)
     assert whole.rank == 27 and whole.condition < 1e3 and not whole.ill_conditioned
 
 
@@ -315,7 +315,7 @@ def test_another_rotation_vector_has_the_covariance_of_a_fit_from_there() -> Non
     joints = IRB120.chain.random_joints(40, rng)
     np.testing.assert_allclose(ARM.points(joints, short), ARM.points(joints, long), atol=1e-13)
     seen = Observations.unweighted(measured(NAMES, joints, ("p1",), ARM.points(joints, short)))
-    there, here = (fit(ARM, seen, truth.base_set.kept, values) for values in (long, short))
+    there, here = (fit(ARM, seen, truth.base_set.identifiable, values) for values in (long, short))
     assert np.linalg.norm(there.values[3:6]) > np.pi
     canonical = _canonical(ARM, there)
     np.testing.assert_allclose(canonical.values, here.values, atol=1e-9)

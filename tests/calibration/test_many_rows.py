@@ -21,7 +21,7 @@ from lab.kinematics.gauge import base_set
 from lab.kinematics.serial.arm import SerialArm
 
 ARM = SerialArm(IRB120.chain)
-FREE = base_set(ARM, ARM.nominal()).kept
+FREE = base_set(ARM, ARM.nominal()).identifiable
 POSES, SIGMA = 240, 8e-6
 
 
@@ -107,7 +107,7 @@ def test_the_sandwich_s_freedom_is_that_of_the_products_of_all_pairs() -> None:
 def test_outliers_among_many_are_found() -> None:
     observed, start = seen()
     observed.points[[20, 150, 230], 0, 0] += [1e-3, -2e-4, 5e-4]
-    found = find_outliers(ARM, observed, FREE, start, known=True, rng=np.random.default_rng(0))
+    found = find_outliers(ARM, observed, FREE, start, sigma_given=True, rng=np.random.default_rng(0))
     assert found.rows.tolist() == [20, 230, 150]
 
 
@@ -120,7 +120,7 @@ def test_outliers_among_many_leave_together(monkeypatch: pytest.MonkeyPatch) -> 
     observed, start = seen()
     off = np.arange(6, POSES, 5)
     observed.points[off, 0] += np.random.default_rng(1).choice([-1, 1], (len(off), 3)) * 6 * SIGMA
-    found = find_outliers(ARM, observed, FREE, start, known=True, rng=np.random.default_rng(0))
+    found = find_outliers(ARM, observed, FREE, start, sigma_given=True, rng=np.random.default_rng(0))
     assert set(found.rows.tolist()) == set(off.tolist())
     assert len(asked) < len(off)
 
@@ -155,7 +155,7 @@ def test_lack_of_fit_by_repeats_holds_no_table_of_groups() -> None:
     observed = Observations(observed.inputs, observed.points, np.ones((8_000, 1)))
     found = fit(ARM, observed, FREE, start)
     tracemalloc.start()
-    judged = goodness_of_fit(ARM, observed, found, known=False, labels=rng.permutation(8_000) // 2)
+    judged = goodness_of_fit(ARM, observed, found, sigma_given=False, labels=rng.permutation(8_000) // 2)
     most = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert judged.name == "lack_of_fit.repeats" and judged.outcome == "passed" and most < 60e6

@@ -39,7 +39,7 @@ def simulated(groups, sizes, joints, conditions, seed: int, sessions=None) -> Me
     rigid = arm.rigid
     values = arm.nominal(IRB120.tool)
     values[: len(rigid.names)] = somewhere(rigid, rng)
-    kept = list(base_set(rigid, values[: len(rigid.names)]).kept)
+    kept = list(base_set(rigid, values[: len(rigid.names)]).identifiable)
     values[kept] += 5e-4 * rng.normal(size=len(kept))
     for i in range(len(rigid.names), len(arm.names)):
         values[i] = sizes.get(arm.names[i], sizes.get(arm.names[i].rpartition(".")[2], 0.0))
@@ -283,15 +283,15 @@ def test_a_step_is_left_out() -> None:
 def test_the_state_is_looked_at_after_a_step() -> None:
     data = simulated((), {}, random_joints(40, 9), {}, 9)
     first = start(IRB120, data, PipelineOptions(PointSensor(), judging=Judging(holdout=0.25)))
-    assert first.held is None and len(first.given) == 40 and not first.checks
+    assert first.held_out is None and len(first.given) == 40 and not first.checks
     names = list(STEPS)
     held = run_steps(first, {name: STEPS[name] for name in names[: names.index("fit")]})
-    assert len(held.given) == 30 and held.held is not None and len(held.held) == 10
+    assert len(held.given) == 30 and held.held_out is not None and len(held.held_out) == 10
     with pytest.raises(LabError, match="the pipeline has no fit yet: run the step 'fit' before this one"):
         STEPS["choose intervals"](held)
     fit = STEPS["fit"](held)
     assert fit.weighted is fit.identification and fit.identification.status == "converged"
-    assert first.held is None  # a step changes no state, it makes a new one
+    assert first.held_out is None  # a step changes no state, it makes a new one
     judged = run_steps(fit, {name: STEPS[name] for name in names[names.index("fit") + 1 :]})
     assert judged.validation.judged_by == "holdout" and judged.verdict.word in ("good", "doubtful")
     whole = identify_robot(IRB120, data, PipelineOptions(PointSensor(), judging=Judging(holdout=0.25)))

@@ -11,7 +11,7 @@ from lab.calibration.gauss_newton import Fit, fit
 from lab.calibration.identify import IdentifyOptions, identify
 from lab.calibration.sequential import fit_sequentially, split_of
 from lab.calibration.statistics.goodness_of_fit import goodness_of_fit
-from lab.calibration.weights import Noise, weighed
+from lab.calibration.weights import Noise, weigh
 from lab.campaign.robot import load_robot
 from lab.core.errors import LabError
 from lab.core.se3 import Array
@@ -35,7 +35,7 @@ def both_ways(seed: int, sigma_m: float, sigma_rad: float, arm: SerialArm = ARM)
     observation = Poses(arm, "p1", sigma_rad / sigma_m if sigma_m else 1.0)
     noise = Noise(sigma_m=sigma_m or None)
     found = identify(observation, data, arm.nominal(), noise)
-    seen, _ = weighed(observation, data, noise)
+    seen, _ = weigh(observation, data, noise)
     return observation, found.fit, fit_sequentially(observation, seen, found.fit.free, found.nominal_aligned), true
 
 
@@ -58,7 +58,7 @@ def test_exact_poses_come_out_exactly(arm: SerialArm) -> None:
 def test_orientations_see_fifteen_angles_and_not_the_sixteenth() -> None:
     observation, data, _ = measured_poses(ARM, 60, 0)
     found = identify(observation, data, ARM.nominal())
-    seen, _ = weighed(observation, data, Noise())
+    seen, _ = weigh(observation, data, Noise())
     split = split_of(observation, seen, found.fit.free, found.nominal_aligned)
     assert len(split.angles) == 15 == 7 * 3 - 6 and split.rest.shape == (37, 15)
     hidden = [column for column in split.rest.T if (column != 0).sum() > 1]
@@ -77,7 +77,7 @@ def test_the_table_of_noises(sigma_rad: float) -> None:
     for seed in range(12):
         observation, data, true = measured_poses(ARM, 60, seed, SIGMA, sigma_rad)
         observation = Poses(ARM, "p1", sigma_rad / SIGMA)
-        seen, _ = weighed(observation, data, Noise(sigma_m=SIGMA))
+        seen, _ = weigh(observation, data, Noise(sigma_m=SIGMA))
         found = identify(observation, data, ARM.nominal(), Noise(sigma_m=SIGMA))
         first = fit_sequentially(observation, seen, found.fit.free, found.nominal_aligned)
         assert first.status == "converged" and first.rank == 30
@@ -103,7 +103,7 @@ def test_it_takes_orientations() -> None:
                  ARM.nominal(), request=IdentifyOptions(solve=fit_sequentially))  # fmt: skip
     blind = data.points.copy()
     blind[:, 1] = np.nan
-    seen, _ = weighed(observation, type(data)(**{**data.__dict__, "points": blind}), Noise())
+    seen, _ = weigh(observation, type(data)(**{**data.__dict__, "points": blind}), Noise())
     with pytest.raises(LabError, match="no orientation was seen"):
         fit_sequentially(observation, seen, range(30), observation.nominal(ARM.nominal()))
 
@@ -134,7 +134,7 @@ def test_its_covariance_is_that_of_its_own_errors() -> None:
     sigma_rad = 1e-3
     observation, data, true = measured_poses(ARM, 10, 2)
     observation = Poses(ARM, "p1", sigma_rad / SIGMA)
-    seen, _ = weighed(observation, data, Noise(sigma_m=SIGMA))
+    seen, _ = weigh(observation, data, Noise(sigma_m=SIGMA))
     free = identify(observation, data, ARM.nominal(), Noise(sigma_m=SIGMA)).fit.free
     found = fit_sequentially(observation, seen, free, true)
     moved = []
@@ -158,8 +158,8 @@ def test_noise_and_goodness_are_those_of_least_squares() -> None:
     observation, noise = Poses(ARM, "p1", sigma_rad / SIGMA), Noise(sigma_m=SIGMA)
     found = identify(observation, data, ARM.nominal(), noise, IdentifyOptions(solve=fit_sequentially))
     together = identify(observation, data, ARM.nominal(), noise)
-    seen, _ = weighed(observation, data, noise)
+    seen, _ = weigh(observation, data, noise)
     assert (seen.apply(found.residuals) ** 2).sum() > 1.5 * (seen.apply(together.residuals) ** 2).sum()
     assert found.residual_sigma_m == pytest.approx(together.residual_sigma_m, rel=1e-3)
-    judged = [goodness_of_fit(observation, seen, each.fit, known=True) for each in (found, together)]
+    judged = [goodness_of_fit(observation, seen, each.fit, sigma_given=True) for each in (found, together)]
     assert judged[0].outcome == "passed" and judged[0].p == pytest.approx(judged[1].p, abs=5e-3)

@@ -11,7 +11,7 @@ from helpers.truths import truth_of
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification, identify
 from lab.calibration.observation import observation_of
-from lab.calibration.weights import Noise, weighed
+from lab.calibration.weights import Noise, weigh
 from lab.core.measurements import Measurements, measured
 from lab.core.probability import Uncertain
 from lab.kinematics.serial.arm import SerialArm
@@ -60,10 +60,8 @@ def test_the_nominal_model_has_the_least_errors_that_its_base_and_tool_allow() -
     rows = slopes[..., columns].reshape(-1, len(columns))
     gradient = rows.T @ residual.ravel() / np.linalg.norm(rows, axis=0)
     assert np.abs(gradient).max() < 1e-6 * np.linalg.norm(residual)  # stationary: residuals are across all columns
-    white = weighed(observation_of(ARM), data, Noise(RAY_ONLY))[0].in_units_of_noise(slopes)[..., columns]
-    weighted = white.reshape(-1, len(columns)).T @ weighed(observation_of(ARM), data, Noise(RAY_ONLY))[0].apply(
-        residual
-    )
+    white = weigh(observation_of(ARM), data, Noise(RAY_ONLY))[0].in_units_of_noise(slopes)[..., columns]
+    weighted = white.reshape(-1, len(columns)).T @ weigh(observation_of(ARM), data, Noise(RAY_ONLY))[0].apply(residual)
     assert (
         np.abs(weighted / np.linalg.norm(white.reshape(-1, len(columns)), axis=0)).max() > 1.0
     )  # where weights differ
@@ -93,7 +91,7 @@ def test_the_nominal_model_of_full_poses_weighs_a_milliradian_as_a_millimetre(ra
 def test_points_are_weighed_by_readings_nest_and_range(readings: int) -> None:
     """Whitened by the covariance of each point: along the ray by the constants, which no number of readings reduces."""
     data = session(5)
-    observed, known = weighed(observation_of(ARM), data, Noise(TRACKER, readings=readings))
+    observed, known = weigh(observation_of(ARM), data, Noise(TRACKER, readings=readings))
     ray = data.points / np.linalg.norm(data.points, axis=-1, keepdims=True)
     reach = np.linalg.norm(data.points, axis=-1)
     white = observed.in_units_of_noise(ray[..., None])[..., 0]
@@ -104,13 +102,13 @@ def test_points_are_weighed_by_readings_nest_and_range(readings: int) -> None:
 
 def test_an_isotropic_instrument_weighs_its_nest() -> None:
     device = Instrument("camera", "gaussian", radial_m=4e-6, errors=TrackerErrors(nest=Uncertain(3e-6)))
-    observed, _ = weighed(observation_of(ARM), session(6), Noise(device, readings=4))
+    observed, _ = weigh(observation_of(ARM), session(6), Noise(device, readings=4))
     np.testing.assert_allclose(observed.whiten, 1 / np.hypot(2e-6, 3e-6))
 
 
 @pytest.mark.parametrize("device", [TRACKER, INSTRUMENTS["uniform-8um"]], ids=lambda device: device.name)
 def test_rows_come_back_from_units_of_noise(device: Instrument) -> None:
-    observed = weighed(observation_of(ARM), session(7), Noise(device))[0]
+    observed = weigh(observation_of(ARM), session(7), Noise(device))[0]
     vectors = np.random.default_rng(0).normal(size=(*observed.points.shape, 6))
     back = observed.in_units_of_points(observed.in_units_of_noise(vectors))
     np.testing.assert_allclose(back, vectors, atol=1e-12)
@@ -119,7 +117,7 @@ def test_rows_come_back_from_units_of_noise(device: Instrument) -> None:
 
 
 def test_numbers_that_are_alike_have_weight_one() -> None:
-    observed = weighed(observation_of(ARM), session(8), Noise(TRACKER))[0]
+    observed = weigh(observation_of(ARM), session(8), Noise(TRACKER))[0]
     alike = observed.alike
     assert isinstance(alike, Observations) and alike.correlation is None and (alike.whiten == 1).all()
     assert alike.typical_weight == 1.0 and alike.points is observed.points

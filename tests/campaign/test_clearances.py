@@ -90,7 +90,7 @@ def planned(name: str, folder: Path, seed: int) -> tuple[Robot, Array]:
         ),
         robot,
     )
-    return robot, plan.tour.stops
+    return robot, plan.tour.waypoints
 
 
 def check(name: str, folder: Path, plans: int) -> None:

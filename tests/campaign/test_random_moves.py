@@ -31,7 +31,7 @@ def moves(model: RobotModel, count: int) -> Iterator[tuple[Array, Array]]:
         poses = poses[access.reachable(poses)]
         if seed % 2:
             home, safe = access.hubs[0], access.hubs[1:]
-            stops = plan_tour(poses[:TOUR], chain.speed, chain.acceleration, access.free, rng, home, safe).stops
+            stops = plan_tour(poses[:TOUR], chain.speed, chain.acceleration, access.free, rng, home, safe).waypoints
         else:
             stops = waypoints_in_order(chain, access, poses[: 2 * TOUR])[0]
         for move in pairwise(stops):

@@ -25,7 +25,7 @@ def budget(measurand: Measurand, *quantities: InputQuantity) -> Budget:
 
 def test_one_normal_number_has_the_factor_of_the_normal() -> None:
     found = budget("position", quantity(Uncertain(2e-6), X))
-    assert found.combined_m == pytest.approx(2e-6) and np.isinf(found.freedom)
+    assert found.combined_m == pytest.approx(2e-6) and np.isinf(found.dof)
     assert found.coverage_factor == pytest.approx(1.96, abs=1e-3) and found.agrees
     assert found.drawn_m == pytest.approx(found.propagated_m, abs=5 * found.drawn_std_m)
     assert found.lines[0].sensitivity == pytest.approx(1.0) and found.lines[0].share == pytest.approx(1.0)
@@ -50,8 +50,8 @@ def test_degrees_of_freedom_are_those_of_welch_and_satterthwaite() -> None:
 
     By Supplement 1 the first is Student's t, whose tails are longer than this allows for.
     """
-    found = budget("position", quantity(Uncertain(1e-6, freedom=5), X), quantity(Uncertain(1e-6), X))
-    assert found.freedom == pytest.approx(20)
+    found = budget("position", quantity(Uncertain(1e-6, dof=5), X), quantity(Uncertain(1e-6), X))
+    assert found.dof == pytest.approx(20)
     assert found.propagated_m / found.combined_m == pytest.approx(stats.t.ppf(0.975, 20), rel=1e-3)
     tail = stats.t.ppf((np.arange(100_000) + 0.5) / 100_000, 5)
     within = found.drawn_m / 1e-6
@@ -61,7 +61,7 @@ def test_degrees_of_freedom_are_those_of_welch_and_satterthwaite() -> None:
 
 def test_an_estimated_spread_is_one_for_all_components() -> None:
     """The length of three numbers of one estimated variance: 3 F(3, 6)."""
-    found = budget("position", quantity(Uncertain(1e-6, freedom=6), EACH))
+    found = budget("position", quantity(Uncertain(1e-6, dof=6), EACH))
     exact = 1e-6 * np.sqrt(3 * stats.f.ppf(0.95, 3, 6))
     assert found.propagated_m == pytest.approx(exact, rel=1e-4)
     assert found.drawn_m == pytest.approx(exact, abs=5 * found.drawn_std_m)

@@ -14,7 +14,7 @@ def test_accuracy_and_repeatability_by_hand() -> None:
     assert (found.accuracy.mean_m, found.accuracy.largest_m) == pytest.approx((3.5e-6, 4e-6))
     assert (found.poses, found.cycles) == (2, (1, 2))
     assert repeated is not None and repeated.repeatability.mean_m == pytest.approx(1e-6)
-    assert (repeated.poses, repeated.cycles, repeated.freedom, repeated.span) == (1, (2, 2), 3, 0.6)
+    assert (repeated.poses, repeated.cycles, repeated.dof, repeated.span) == (1, (2, 2), 3, 0.6)
     assert repeated.scatter_m == pytest.approx(np.sqrt(2e-12 / 3))
 
 
@@ -22,7 +22,7 @@ def test_scatter_is_that_of_the_draws() -> None:
     rng = np.random.default_rng(0)
     errors = rng.normal(size=(20, 1, 2, 3)) + 5e-6 * rng.normal(size=(20, 30, 2, 3))
     found = repeats_of(errors.reshape(600, 2, 3), np.repeat(np.arange(20), 30), np.linspace(0, 1, 600))
-    assert found is not None and found.scatter_m == pytest.approx(5e-6, rel=0.05) and found.freedom == 3 * 29 * 40
+    assert found is not None and found.scatter_m == pytest.approx(5e-6, rel=0.05) and found.dof == 3 * 29 * 40
     assert found.repeatability.mean_m == pytest.approx(3.615 * 5e-6, rel=0.05) and found.poses == 20
 
 
@@ -70,4 +70,4 @@ def test_visits_to_one_pose_have_no_distance() -> None:
 )
 def test_a_tolerance_of_one_with_an_uncertainty_of_a_fifth(value: float, rule, decision: str) -> None:
     found = conformity_of(value, 1.0, 0.2, rule)
-    assert found.decision == decision and "JCGM 106" in found.words
+    assert found.decision == decision and "JCGM 106" in found.rule_text

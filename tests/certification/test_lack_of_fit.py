@@ -36,7 +36,7 @@ def test_an_excess_is_the_variance_that_is_missing() -> None:
     assert found.p < 1e-6 and found.sigma_m >= np.sqrt(whole - SIGMA_M**2) * (1 - 1e-9)
     contained = length_not_exceeded((SIGMA_M**2 + found.sigma_m**2) * np.eye(3)[None], None)
     assert contained >= found.observed_95_m * (1 - 1e-5)
-    assert 3 <= found.freedom <= POSES
+    assert 3 <= found.dof <= POSES
 
 
 def test_what_all_points_share_may_be_large_once() -> None:
@@ -63,5 +63,5 @@ def test_residuals_taken_for_noise_are_given_no_chance() -> None:
     slightly = validated(1.05 * SIGMA_M * rng.standard_normal((POSES, 3)))
     slightly = replace(slightly, rms_m=1.05 * np.sqrt(3) * SIGMA_M)
     assert lack_of_fit(slightly).sigma_m == 0
-    found = lack_of_fit(replace(slightly, known=False))
+    found = lack_of_fit(replace(slightly, all_given=False))
     assert found.sigma_m >= SIGMA_M * np.sqrt(1.05**2 - 1) * (1 - 1e-9)

@@ -20,7 +20,7 @@ from lab.noise.instruments import SYSTEMATIC_ERRORS, TrackerErrors, instrument
 ARM = SerialArm(IRB120.chain, ("p1", "p2"))
 TRUTH = ARM.nominal({"p1": (0.03, 0.02, 0.1), "p2": (-0.025, 0.03, 0.08)})
 TRUTH[:3] = 2.0, 1.0, 0.3
-FREE = base_set(ARM, TRUTH).kept
+FREE = base_set(ARM, TRUTH).identifiable
 ASKED = ARM.structure_joints(200, rng_for(0, "structure"))
 
 

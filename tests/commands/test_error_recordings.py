@@ -50,7 +50,7 @@ def test_a_verification_shows_measured_less_predicted(seven_run: Path, seven, tm
 
 
 def test_corrected_targets_show_what_the_arm_would_miss(seven_run: Path, tmp_path: Path) -> None:
-    """Stops that are only passed have no target; the arrows are what the nominal model's joints would miss."""
+    """Waypoints that are only passed have no target; the arrows are what the nominal model's joints would miss."""
     calibrated = read_calibrated(seven_run)
     arm, values = calibrated.estimate.geometry
     points = 1e3 * arm.points(0.6 * arm.chain.random_joints(6, np.random.default_rng(1)), values)[:, 0]
@@ -59,13 +59,13 @@ def test_corrected_targets_show_what_the_arm_would_miss(seven_run: Path, tmp_pat
     result = compensate(file, run=str(seven_run))
     path = tmp_path / "recording.rrd"
     record_compensation(path, result)
-    at_targets = np.flatnonzero(result.stops.which >= 0).tolist()
+    at_targets = np.flatnonzero(result.waypoints.which >= 0).tolist()
     rows, vectors = column(path, "/world/errors/uncorrected", VECTORS)
     shown = [(row, value) for row, value in zip(rows, vectors, strict=True) if value]
     factor = factor_of(path, "/world/errors/uncorrected/factor")
     lengths = np.linalg.norm([value[0] for _, value in shown], axis=1) / factor
-    assert [row for row, _ in shown] == at_targets and len(rows) == len(result.stops.joints)
-    aimed = result.reached[result.stops.which[at_targets]]
+    assert [row for row, _ in shown] == at_targets and len(rows) == len(result.waypoints.joints)
+    aimed = result.reached[result.waypoints.which[at_targets]]
     missed = arm.points(result.found.uncorrected, values)[:, 0] - result.wanted.positions
     np.testing.assert_allclose(lengths, np.linalg.norm(missed, axis=1)[aimed], rtol=1e-4)
     np.testing.assert_allclose(lengths, result.correction_m[aimed], rtol=0.05)  # as far as the targets are moved

@@ -40,7 +40,7 @@ COMMANDS: dict[str, tuple[str, str]] = {  # the kind of the file, and the comman
     "inspect a URDF": ("URDF", "inspect {}"),
     "inspect a cell": ("cell", "inspect arm.toml --cell {}"),
     "payload": ("payload", "payload {} --robot tx40 --sensor sensor.toml"),
-    "payload by a sensor": ("mounting", "payload weighed.csv --robot tx40 --sensor {}"),
+    "payload by a sensor": ("mounting", "payload weighted.csv --robot tx40 --sensor {}"),
     "dynamics": ("motion", "dynamics {} --robot heavy.toml"),
     "dynamics of drives": ("drives", "dynamics currents.csv --robot heavy.toml --drives {}"),
     "dynamics with a load": ("rigid load", "dynamics motion.csv --robot heavy.toml --load {}"),
@@ -106,7 +106,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
     torques, currents = "tau1_nm,tau2_nm,f3_n", "current1_a,current2_a,current3_a"
     texts = {"arm.toml": ARM_TOML, "heavy.toml": heavy, "arm.xml": ARM_XML, "arm.urdf": ARM_URDF, "good.csv": csv()}
-    texts |= {"weighed.csv": weighing()["runs.csv"], "sensor.toml": weighing()["sensor.toml"]}
+    texts |= {"weighted.csv": weighing()["runs.csv"], "sensor.toml": weighing()["sensor.toml"]}
     texts |= {"motion.csv": LONG_RUNS, "currents.csv": LONG_RUNS.replace(torques, currents)}
     texts |= {"export.txt": KINDS["export"].text(), "log.csv": KINDS["log"].text()}
     texts |= {"moves.csv": "q1_deg,q2_deg,rail_mm\n0,0,10\n10,20,30\n"}
@@ -124,8 +124,8 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     shutil.copytree(folder / "irb", folder / "old")
     (folder / "old" / "SHA256SUMS").unlink()
     (folder / "old" / "config.json").write_text(older((folder / "irb" / "config.json").read_text()))
-    (folder / "weighed").mkdir()
-    (folder / "weighed" / "config.json").write_text('{"options": {}}')
+    (folder / "weighted").mkdir()
+    (folder / "weighted" / "config.json").write_text('{"options": {}}')
     return folder
 
 
@@ -147,7 +147,7 @@ def given(name: str, seed: str | None, place: Path) -> str:
         (folder / KINDS[kind].name).write_bytes(content)
         return command.format("changed")
     if kind == "load":
-        shutil.copytree(place / "weighed", place / "changed")
+        shutil.copytree(place / "weighted", place / "changed")
         (place / "changed" / KINDS[kind].name).write_bytes(content)
         return command.format("changed")
     (place / f"changed_{KINDS[kind].name}").write_bytes(content)

@@ -133,10 +133,10 @@ def test_a_plan_assigns_poses_to_stations_and_is_measured_and_checked_so(
     named = plan.columns()["station"]
     measured = plan.tour.measured >= 0
     assert set(named) == {"west", "east"} and sum(a != b for a, b in pairwise(named)) == 1
-    assert plan.columns()["id"].count("home_between1") == 1 and (plan.tour.stops[plan.tour.breaks[0]] == 0).all()
+    assert plan.columns()["id"].count("home_between1") == 1 and (plan.tour.waypoints[plan.tour.breaks[0]] == 0).all()
     arm = plan.problem.robot.arm(("p1",))
     values = arm.nominal(plan.problem.robot.tool)
-    Ts = model.T_world_frame0 @ arm.tool(plan.tour.stops, values)[0]
+    Ts = model.T_world_frame0 @ arm.tool(plan.tour.waypoints, values)[0]
     for T, name, is_measured in zip(Ts, named, measured, strict=True):
         if not is_measured:
             continue

@@ -26,7 +26,7 @@ def test_three_stated_places_show_how_the_flange_is_turned() -> None:
     motion = np.array([0.5e-3, -0.3e-3, 0.6e-3, 2e-3, -1e-3, 1.5e-3])
     flange = located(measured(motion, STATED), STATED)
     T = se3.inverse(se3.pose(se3.exp(motion[3:]), motion[:3])) @ flange.T_last_flange
-    assert flange.believed and flange.turned
+    assert flange.uses_stated and flange.turned
     assert np.abs(T[:3, 3]).max() < 5e-6 and np.abs(se3.log(T[:3, :3])).max() < 5e-5  # shrunk to the prior by so much
     assert np.sqrt(np.diag(flange.covariance))[:3].max() < 20e-6
 
@@ -35,10 +35,10 @@ def test_targets_on_an_adapter_say_nothing_of_the_flange() -> None:
     """Their distances are right, all of them are 5 mm away: no tolerance explains that."""
     motion = np.array([0.1e-3, 0.1e-3, 0.1e-3, 1e-3, 0, 0])
     flange = located(measured(motion, STATED + np.array([0, 3e-3, 4e-3])), STATED)
-    assert not flange.believed and not flange.turned
+    assert not flange.uses_stated and not flange.turned
     assert (flange.T_last_flange == np.eye(4)).all() and not flange.gain.any()
     np.testing.assert_allclose(flange.covariance, np.diag(SIGMA**2))
-    np.testing.assert_allclose(flange.off_m, 5e-3, atol=0.3e-3)
+    np.testing.assert_allclose(flange.deviation_m, 5e-3, atol=0.3e-3)
 
 
 def test_distances_show_that_places_are_stated_badly() -> None:
@@ -59,7 +59,7 @@ def test_errors_are_as_large_as_their_covariance(count: int) -> None:
         points = measured(motion, stated + off * rng.standard_normal(stated.shape), 0.0)
         points += NOISE_M * rng.standard_normal(points.shape)
         flange = located(points, stated)
-        if not flange.believed:  # one in a hundred, rightly stated, and tested by its own level
+        if not flange.uses_stated:  # one in a hundred, rightly stated, and tested by its own level
             continue
         T = flange.T_last_flange
         error = np.concatenate([T[:3, 3] - motion[:3], se3.log(T[:3, :3]) - motion[3:]])

@@ -77,7 +77,7 @@ class Spoken:
         return None if joints.size == 2 else f"no spoken program for {joints.size} joints"
 
     def measuring_tour(self, tour):
-        return f"{tour.robot}: {len(tour.stops)} stops".encode()
+        return f"{tour.robot}: {len(tour.waypoints)} stops".encode()
 '''
 
 

@@ -31,7 +31,7 @@ def test_a_file_is_read_in_si_units(tmp_path: Path) -> None:
     assert errors.two_face and [term.name for term in errors.stated] == [
         "transit_tilt", "azimuth_eccentricity", "temperature_gradient", "nest",
     ]  # fmt: skip
-    assert (errors.transit_tilt.standard, errors.transit_tilt.freedom) == (5e-6, 20)
+    assert (errors.transit_tilt.standard, errors.transit_tilt.dof) == (5e-6, 20)
     assert errors.azimuth_eccentricity.limit == pytest.approx(6e-6)
     assert errors.temperature_gradient.standard == pytest.approx(0.5 / np.sqrt(3))
 

@@ -14,7 +14,7 @@ from helpers.bad_input import ARM_TOML, ARM_URDF, ARM_XML, csv
 from helpers.controller_programs import END, LANGUAGES, PULSES, Written, posed, program
 from helpers.robots import IRB120, ROOT
 from helpers.tracker_files import spatial_analyzer
-from helpers.writing_commands import weighed
+from helpers.writing_commands import weighted
 from lab.campaign.config_file import read_options
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import load_robot
@@ -263,7 +263,7 @@ def _read_program(language: str, path: Path) -> object:
 def weighing() -> dict[str, str]:
     """The files of a payload that a wrist sensor of a TX 40 feels at rest."""
     with TemporaryDirectory() as folder:
-        weighed(Path(folder))
+        weighted(Path(folder))
         return {path.name: path.read_text() for path in Path(folder).iterdir()}
 
 

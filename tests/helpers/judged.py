@@ -13,7 +13,7 @@ from lab.calibration.observation import observation_of
 from lab.calibration.regions import Region, measured_region
 from lab.calibration.statistics.goodness_of_fit import goodness_of_fit
 from lab.calibration.validation import Errors, Validation, errors_at
-from lab.calibration.weights import Noise, weighed
+from lab.calibration.weights import Noise, weigh
 from lab.core.checks import Check
 from lab.core.measurements import measured
 from lab.core.se3 import Array
@@ -74,8 +74,10 @@ def campaign(
     data = measured(chain.joint_names, joints_as(joints), ARM.targets, points)
     noise = Noise(sigma_m=sigma_m or SIGMA_M) if known else Noise()
     found = identify(model, data, model.nominal(), noise, request)
-    seen, weighted_by = weighed(observation_of(model), data, noise)
-    goodness = goodness_of_fit(model, Observations(seen.inputs, seen.points, seen.whiten), found.fit, known=weighted_by)
+    seen, weighted_by = weigh(observation_of(model), data, noise)
+    goodness = goodness_of_fit(
+        model, Observations(seen.inputs, seen.points, seen.whiten), found.fit, sigma_given=weighted_by
+    )
     elsewhere = middle + validated_share * (chain.random_joints(200, rng) - middle)
     errors = errors_at(found, joints_as(elsewhere), ARM.points(elsewhere, true))
     turning = ~np.array(chain.prismatic, dtype=np.bool_)

@@ -184,9 +184,9 @@ def sag_answer(record: Sag) -> list[str]:
         return [f"refused: {error}"]
     strange = misplaced_points(arm.points(record.joints, values), record.unloaded, record.loaded)
     strange += implausibilities(found, ArmSize.of(robot.chain, robot.loads))
-    said = [each.words for each in strange]
+    said = [each.description for each in strange]
     said += [] if np.isfinite(found.phi[:4]).all() else ["not identified"]
-    said += [found.verdict.words] if found.adequate is False else []
+    said += [found.verdict.description] if found.adequate is False else []
     return said + ([] if (wild := wild_sample(found)) is None else [wild])
 
 

@@ -18,7 +18,7 @@ def off_by(
     """The identifiable parameters of the links and the tool off by normal draws; a true arm in its gauge."""
     angular = np.array([each.is_angle for each in observation.parameters])
     draws = np.where(angular, radians, metres) * rng.normal(size=len(values))
-    links = [i for i in base_set(observation, values).kept if observation.names[i].startswith(("link", "tool"))]
+    links = [i for i in base_set(observation, values).identifiable if observation.names[i].startswith(("link", "tool"))]
     true = values.copy()
     true[links] += draws[links]
     return true

@@ -17,6 +17,6 @@ def truth_of(arm: SerialArm, rng: np.random.Generator, base: bool = True):
         start[3:6] = se3.log(se3.exp(3 * rng.normal(size=3)))
     structure = base_set(arm, arm.nominal())
     true = start.copy()
-    kept = list(structure.kept)
+    kept = list(structure.identifiable)
     true[kept] = perturbed(arm, start, rng, 0.5e-3, 1.5e-3)[kept]
     return Truth(arm, true, structure)

@@ -18,7 +18,7 @@ from lab.extensions.dynamics.load_files import Mounting, write_loads, write_moun
 from lab.extensions.dynamics.simulation import LoadBench, RigidLoad, RunErrors
 from lab.simulation.collisions import random_poses
 
-__all__ = ["COMMANDS", "MIGRATE", "ended", "forked", "inputs_of_commands", "older_run", "weighed", "whole"]
+__all__ = ["COMMANDS", "MIGRATE", "ended", "forked", "inputs_of_commands", "older_run", "weighted", "whole"]
 
 STUDY = """\
 name = "small"
@@ -79,12 +79,12 @@ def inputs_of_commands(folder: Path) -> Path:
     joints = (f"P{i},{','.join(row[:6])}\n" for i, row in enumerate(cells))
     header = ",".join(f"J{j + 1} (rad)" for j in range(6))
     (folder / "joints.csv").write_text(f"Pose,{header}\n" + "".join(joints))
-    weighed(folder)
+    weighted(folder)
     (folder / "study.toml").write_text(STUDY)
     return folder
 
 
-def weighed(folder: Path) -> None:
+def weighted(folder: Path) -> None:
     """A file of a loaded and an unloaded run at rest, and how the sensor stands."""
     robot, rng = load_virtual("tx40"), np.random.default_rng(2)
     load = RigidLoad(1.5, np.array([0.010, -0.005, 0.060]), 1e-3 * np.eye(3))

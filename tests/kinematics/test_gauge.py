@@ -52,7 +52,7 @@ def test_the_aliases_of_the_thesis_case() -> None:
     assert [arm.names[links[i]] for i in found.fixed] == dropped
 
     def coefficient(kept: str, fixed: str) -> float:
-        names = [arm.names[links[i]] for i in found.kept]
+        names = [arm.names[links[i]] for i in found.identifiable]
         return float(found.alias[names.index(kept), dropped.index(fixed)])
 
     assert coefficient("link3.d", "link2.d") == pytest.approx(1)
@@ -64,7 +64,7 @@ def test_the_aliases_of_the_thesis_case() -> None:
 @pytest.mark.parametrize(("targets", "rank"), [(1, 27), (2, 30), (3, 33)])
 def test_the_gauge_of_the_irb120(targets: int, rank: int) -> None:
     arm = SerialArm(IRB120.chain, ("p1", "p2", "p3")[:targets])
-    kept = [arm.names[i] for i in base_set(arm, arm.nominal()).kept]
+    kept = [arm.names[i] for i in base_set(arm, arm.nominal()).identifiable]
     assert len(kept) == rank
     links = [name for name in kept if name.startswith("link")]
     inner = [f"link{i}.{c}" for i in (3, 4, 5) for c in ("theta", "d", "a", "alpha")]
@@ -87,21 +87,27 @@ def test_the_counts_of_other_arms(chain, rank: int, condition: float) -> None:
     """facts: 4R + 2P + 3 for each; the condition to a half, for other limits and lengths than ours may be meant."""
     arm = SerialArm(chain)
     structure = base_set(arm, arm.nominal())
-    assert len(structure.kept) == rank
+    assert len(structure.identifiable) == rank
     _, jacobian = arm.observe(chain.random_joints(1000, np.random.default_rng(0)), arm.nominal())
-    columns = jacobian.reshape(-1, len(arm.names))[:, structure.kept]
+    columns = jacobian.reshape(-1, len(arm.names))[:, structure.identifiable]
     assert np.linalg.cond(columns / np.linalg.norm(columns, axis=0)) == pytest.approx(condition, rel=0.5)
 
 
 def test_the_gauges_of_scara_and_versatran() -> None:
     scara = SerialArm(SCARA)
-    links = {scara.names[i] for i in base_set(scara, scara.nominal()).kept if scara.names[i][:4] in ("link", "tool")}
+    links = {
+        scara.names[i] for i in base_set(scara, scara.nominal()).identifiable if scara.names[i][:4] in ("link", "tool")
+    }
     assert links == {
         *(f"link2.{c}" for c in ("alpha", "a", "beta", "theta")), "link3.alpha", "link3.beta",
         *(f"link4.{c}" for c in ("alpha", "a", "beta")), "tool.p1.x", "tool.p1.y",
     }  # fmt: skip
     versatran = SerialArm(VERSATRAN)
-    links = {versatran.names[i] for i in base_set(versatran, versatran.nominal()).kept if "link" in versatran.names[i]}
+    links = {
+        versatran.names[i]
+        for i in base_set(versatran, versatran.nominal()).identifiable
+        if "link" in versatran.names[i]
+    }
     assert links == {
         "link2.alpha", "link2.beta", "link3.alpha", *(f"link4.{c}" for c in ("alpha", "a", "beta", "theta", "d")),
         *(f"link5.{c}" for c in ("alpha", "a", "theta", "d")), "link6.alpha", "link6.a",
@@ -112,7 +118,7 @@ def test_the_gauges_of_scara_and_versatran() -> None:
 def test_the_counts_of_measured_arms(name: str, rank: int) -> None:
     robot = load_robot(name)
     arm = robot.arm(("p1",))
-    assert len(base_set(arm, arm.nominal()).kept) == rank
+    assert len(base_set(arm, arm.nominal()).identifiable) == rank
 
 
 def random_chain(rng: np.random.Generator, *, special: bool = True):
@@ -153,7 +159,7 @@ def test_any_arm_has_one_vector_near_its_drawing() -> None:
         _, jacobian = arm.observe(joints, arm.rank_point(start))
         columns = jacobian.reshape(-1, len(arm.names))
         sizes = np.linalg.svd(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-12), compute_uv=False)
-        assert len(structure.kept) == int((sizes > 1e-9 * sizes[0]).sum())
+        assert len(structure.identifiable) == int((sizes > 1e-9 * sizes[0]).sum())
         true = perturbed(arm, start, rng, 1 * MM, 2 * MM)
         truth = parameters_from_axes(arm, axes_of(arm, true), start)
         np.testing.assert_allclose(arm.points(joints, truth.values), arm.points(joints, true), atol=1e-12)
@@ -195,7 +201,7 @@ def test_the_gauge_fixes_what_the_rules_fix() -> None:
     for _ in range(200):
         chain = random_chain(rng, special=False)
         arm = SerialArm(chain)
-        kept = {arm.names[i] for i in base_set(arm, arm.nominal()).kept}
+        kept = {arm.names[i] for i in base_set(arm, arm.nominal()).identifiable}
         assert not kept & left_out(chain), chain
 
 
@@ -272,7 +278,7 @@ def test_a_beta_of_zero_where_there_is_none_changes_nothing(tmp_path) -> None:
     path = tmp_path / "table.toml"
     path.write_text("\n".join(lines).replace("np.float64(", "").replace(")", ""))
     arm = SerialArm(read_table(path).chain)
-    assert len(arm.names) == 34 and len(base_set(arm, arm.nominal()).kept) == 27
+    assert len(arm.names) == 34 and len(base_set(arm, arm.nominal()).identifiable) == 27
     path.write_text(path.read_text().replace("beta_deg = 0", "beta_deg = 1", 1))
     with pytest.raises(LabError, match="beta is for links between nearly parallel axes"):
         read_table(path)

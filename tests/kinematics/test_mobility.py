@@ -36,6 +36,6 @@ def test_a_planar_arm_is_told_with_its_normal() -> None:
     found = mobility_of(PLANAR)
     assert found.planar and not mobility_of(SEVEN).planar and not mobility_of(load_robot("scara").chain).planar
     normal = np.array([0.0, -np.sin(np.pi / 6), np.cos(np.pi / 6)])
-    assert abs(found.held[0] @ normal) == pytest.approx(1) and np.abs(found.still @ normal).max() < 1e-9
+    assert abs(found.fixed_directions[0] @ normal) == pytest.approx(1) and np.abs(found.still @ normal).max() < 1e-9
     scara = mobility_of(load_robot("scara").chain)
-    assert len(scara.still) == 2 and len(scara.held) == 0
+    assert len(scara.still) == 2 and len(scara.fixed_directions) == 0

@@ -165,11 +165,11 @@ def test_what_lies_between_limits_has_its_standard_uncertainty(distribution: str
 
 
 def test_degrees_of_freedom_make_tails_and_contradictions_are_refused() -> None:
-    drawn = Uncertain(1.0, freedom=5.0).sample(np.random.default_rng(0), 100_000)
+    drawn = Uncertain(1.0, dof=5.0).sample(np.random.default_rng(0), 100_000)
     assert drawn.var() == pytest.approx(5 / 3, rel=0.05)
     for wrong in (
         lambda: Uncertain(-1.0),
-        lambda: Uncertain(1.0, freedom=1.0),
+        lambda: Uncertain(1.0, dof=1.0),
         lambda: Uncertain.within(1.0, "normal"),
     ):
         with pytest.raises(LabError):

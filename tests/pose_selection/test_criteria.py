@@ -10,7 +10,7 @@ from lab.kinematics.serial.arm import SerialArm
 from lab.pose_selection.criteria import CRITERIA, Scaling, criterion, indices
 
 ARM = SerialArm(IRB120.chain)
-KEPT = list(base_set(ARM, ARM.nominal()).kept)
+KEPT = list(base_set(ARM, ARM.nominal()).identifiable)
 PARAMETERS = [ARM.parameters[i] for i in KEPT]
 NAMES = [parameter.name for parameter in PARAMETERS]
 

@@ -28,7 +28,7 @@ from lab.simulation.free_path import path_check
 from lab.simulation.tracking import track
 
 ARM = SerialArm(IRB120.chain)
-KEPT = list(base_set(ARM, ARM.nominal()).kept)
+KEPT = list(base_set(ARM, ARM.nominal()).identifiable)
 SCALE = Scaling("length").columns([ARM.parameters[i] for i in KEPT], np.empty((0, 3, 27)))
 CHAIN = IRB120.chain
 MODEL = IRB120.model
@@ -320,9 +320,9 @@ def test_a_plan_is_feasible_path_and_all(twenty: DesignResult) -> None:
     plan = twenty
     assert feasibility(MODEL, ("p1",), instrument("uniform-8um"), margin=0.0)(plan.joints).all()
     free = path_check(MODEL)
-    assert all(free(a, b) for a, b in zip(plan.tour.stops[:-1], plan.tour.stops[1:], strict=True))
-    np.testing.assert_array_equal(plan.tour.stops[[0, -1]], np.zeros((2, 6)))
-    visited = plan.tour.stops[plan.tour.measured >= 0]
+    assert all(free(a, b) for a, b in zip(plan.tour.waypoints[:-1], plan.tour.waypoints[1:], strict=True))
+    np.testing.assert_array_equal(plan.tour.waypoints[[0, -1]], np.zeros((2, 6)))
+    visited = plan.tour.waypoints[plan.tour.measured >= 0]
     np.testing.assert_array_equal(visited, plan.joints)
     assert 0.5 < plan.d_efficiency <= 1 and plan.certificate.gap <= 1e-3
 

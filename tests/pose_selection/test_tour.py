@@ -84,9 +84,9 @@ def assert_consistent(tour: Tour, joints: np.ndarray, rates: tuple[np.ndarray, n
     """Every pose once, home at both ends, every move free, and the time that of the stops."""
     np.testing.assert_array_equal(np.sort(tour.order), np.arange(len(joints)))
     np.testing.assert_array_equal(tour.measured[tour.measured >= 0], tour.order)
-    np.testing.assert_array_equal(tour.stops[tour.measured >= 0], joints[tour.order])
-    np.testing.assert_array_equal(tour.stops[[0, -1]], 0)
-    moves = list(itertools.pairwise(tour.stops))
+    np.testing.assert_array_equal(tour.waypoints[tour.measured >= 0], joints[tour.order])
+    np.testing.assert_array_equal(tour.waypoints[[0, -1]], 0)
+    moves = list(itertools.pairwise(tour.waypoints))
     assert all(free(a, b) for a, b in moves)
     assert tour.seconds == pytest.approx(sum(rest_to_rest_seconds(b - a, *rates) for a, b in moves))
 
@@ -104,14 +104,14 @@ def test_the_day_moves_the_joints_through_all_stops() -> None:
     joints = np.array([[0.3, 0.5, 0.5, 0], [-1, 0.2, 0.3, 1], [1, -2, 0.9, 0.5]])
     tour = plan_tour(joints, chain.speed, chain.acceleration, anywhere, rng_for(0, "tour"), np.array([0, 0, 0.3, 0]))
     waiting = np.where(tour.measured >= 0, 3.0, 0.0)
-    day, arrivals = tour_trajectory(chain, tour.stops, waiting)
+    day, arrivals = tour_trajectory(chain, tour.waypoints, waiting)
     assert day.seconds == pytest.approx(tour.seconds + 9) and arrivals[-1] == pytest.approx(day.seconds)
     for times in (arrivals, arrivals + waiting):
         readings, speeds, _ = day.at(times)
-        np.testing.assert_allclose(readings, tour.stops, atol=1e-12)
+        np.testing.assert_allclose(readings, tour.waypoints, atol=1e-12)
         np.testing.assert_allclose(speeds, 0.0, atol=1e-12)
     between = day.at(0.7 * (arrivals[:-1] + waiting[:-1]) + 0.3 * arrivals[1:])[0]
-    for at, start, end in zip(between, tour.stops, tour.stops[1:], strict=False):
+    for at, start, end in zip(between, tour.waypoints, tour.waypoints[1:], strict=False):
         share = (at - start) @ (end - start) / ((end - start) @ (end - start))
         np.testing.assert_allclose(at, start + share * (end - start), atol=1e-12)
 
@@ -165,10 +165,10 @@ def test_a_plan_holds_when_looked_at_again_in_mujoco(tmp_path: Path) -> None:
     joints, free = random_poses(robot, 20, np.random.default_rng(0)), path_check(robot)
     tour = plan_tour(joints, *RATES, free, rng_for(0, "tour"), safe=random_poses(robot, 10, np.random.default_rng(1)))
     as_given = RoadmapGraph(joints, *RATES, free).tour(np.arange(20))
-    assert len(as_given.stops) > 20 + 2 + 3  # several moves go around a post
+    assert len(as_given.waypoints) > 20 + 2 + 3  # several moves go around a post
     for plan in (tour, as_given):
         assert_consistent(plan, joints, RATES, free)
-        paths = np.concatenate([np.linspace(a, b, 1000) for a, b in itertools.pairwise(plan.stops)])
+        paths = np.concatenate([np.linspace(a, b, 1000) for a, b in itertools.pairwise(plan.waypoints)])
         assert not collides(robot, paths).any()
 
 
@@ -184,7 +184,7 @@ def test_an_arm_goes_around_a_pillar(tmp_path: Path) -> None:
     assert roads.cost[1, 2] == pytest.approx(2 * (np.deg2rad(110) + 0.25))  # 0.25 s a ramp
     tour = roads.tour(np.array([0, 1]))
     assert tour.measured.tolist() == [-1, 0, -1, 1, -1, -1]  # and the way home is blocked too
-    np.testing.assert_array_equal(tour.stops[[2, 4]], up[[0, 0]])
+    np.testing.assert_array_equal(tour.waypoints[[2, 4]], up[[0, 0]])
     assert_consistent(tour, joints, FLAT, free)
 
 
@@ -195,7 +195,7 @@ def test_the_fastest_detour_is_taken_and_costs_what_it_takes() -> None:
     roads.settle(2, 1)
     assert roads.cost[1, 2] == pytest.approx(0.8 + 1.6 + 0.8 + 3 * 0.25)  # by two safe poses; (1, 3) takes 4.5
     tour = roads.tour(np.array([1, 0]))
-    np.testing.assert_array_equal(tour.stops[-5:-1], [[1.8, 1.0], [1.8, 1.8], [0.2, 1.8], [0.2, 1.0]])
+    np.testing.assert_array_equal(tour.waypoints[-5:-1], [[1.8, 1.0], [1.8, 1.8], [0.2, 1.8], [0.2, 1.0]])
     assert tour.measured[-5:].tolist() == [1, -1, -1, 0, -1]
 
 
@@ -292,11 +292,11 @@ def test_the_first_pose_is_measured_again(count: int, every: int, visits: list[i
     found = with_reference(tour, every, safe, chain, around_a_disc)
     order = list(tour.order)
     assert [order.index(pose) for pose in found.measured[found.measured >= 0]] == visits
-    np.testing.assert_allclose(found.stops[found.measured >= 0], poses[found.measured[found.measured >= 0]])
-    assert not found.stops[[0, -1]].any() and len(found.stops) == len(found.measured)
-    assert all(around_a_disc(a, b) for a, b in itertools.pairwise(found.stops))
+    np.testing.assert_allclose(found.waypoints[found.measured >= 0], poses[found.measured[found.measured >= 0]])
+    assert not found.waypoints[[0, -1]].any() and len(found.waypoints) == len(found.measured)
+    assert all(around_a_disc(a, b) for a, b in itertools.pairwise(found.waypoints))
     assert found.seconds == pytest.approx(
-        sum(move_seconds(np.array(m), *FLAT)[0, 1] for m in itertools.pairwise(found.stops))
+        sum(move_seconds(np.array(m), *FLAT)[0, 1] for m in itertools.pairwise(found.waypoints))
     )
     assert found.order.tolist() == order
 

@@ -77,7 +77,7 @@ def test_y3_is_a_slide_after_a3_that_changes_nothing_else() -> None:
 def test_fifteen_angles_and_fifteen_lengths_make_thirty(few) -> None:
     assert list(script.ranks(few).values()) == [15, 15, 15, 30]
     observation = Poses(ARM, "p1")
-    names = {observation.names[i] for i in base_set(observation, observation.nominal(ARM.nominal())).kept}
+    names = {observation.names[i] for i in base_set(observation, observation.nominal(ARM.nominal())).identifiable}
     assert len(names) == 30 == len(set(script.ALL)) and script.OFFSET in names and script.OFFSET not in script.ALL
 
 

@@ -40,7 +40,7 @@ longer_rod = cache(script.longer_rod)
 def test_the_ranks_of_the_other_robots(name: str):
     robot = load_robot(script.CASES[name].robot)
     arm = robot.arm(script.THREE)
-    assert (len(arm.names), len(base_set(arm, arm.nominal(robot.tool)).kept)) == OTHERS[name]
+    assert (len(arm.names), len(base_set(arm, arm.nominal(robot.tool)).identifiable)) == OTHERS[name]
 
 
 @pytest.mark.slow

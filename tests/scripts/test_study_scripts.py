@@ -15,7 +15,7 @@ from lab.extensions.reproduction.thesis_case import (
     CRITERIA,
     HIDDEN,
     INTO,
-    OFF,
+    OFFSETS,
     PRINTED,
     Reproduced,
     aliasing,
@@ -28,7 +28,7 @@ from lab.noise.instruments import instrument
 from lab.studies.campaigns import cell_poses, run_task
 from lab.studies.grid import Study, Task, read_study
 
-ROW = list(OFF).index
+ROW = list(OFFSETS).index
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ from lab.calibration.prior import Tolerance
 from lab.calibration.statistics.joint_rounding import rounding
 from lab.calibration.statistics.outliers import find_outliers
 from lab.calibration.validation import configurations, errors_of, split_by_label
-from lab.calibration.weights import Noise, weighed
+from lab.calibration.weights import Noise, weigh
 from lab.core.measurements import FIXTURE, Measurements, measured
 from lab.core.random import rng_for
 from lab.kinematics.serial.arm import SerialArm
@@ -57,9 +57,9 @@ def test_a_valley_ends_the_fit_with_its_reason() -> None:
     found = identify(observation, seen, arm.nominal())
     assert found.status == "in a valley" and found.fit.iterations < 60
     assert any("in a valley" in each and "--prior" in each for each in phrases(found.checks))
-    observed, _ = weighed(observation, seen, Noise())
+    observed, _ = weigh(observation, seen, Noise())
     outliers = find_outliers(
-        observation.model, observed, found.fit.free, found.nominal_aligned, known=False, rng=rng_for(0, "null")
+        observation.model, observed, found.fit.free, found.nominal_aligned, sigma_given=False, rng=rng_for(0, "null")
     )
     assert len(outliers.rows) < 20 and outliers.fit.cost_trace[0] < 3 * found.fit.cost_trace[-1]
 

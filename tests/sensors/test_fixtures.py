@@ -53,8 +53,8 @@ def test_ranks_at_fixtures(kind: str, places: int, distance: float | None) -> No
     more = {} if distance is None else {"distance_m": distance}
     observation = many(KINDS[kind], places, **more)
     values = true_values(observation, np.random.default_rng(0))
-    structure = base_set(observation, values, known=observation.extra_residuals(observation.rank_point(values))[1])
-    assert len(structure.kept) == RANKS[kind, places, distance]
+    structure = base_set(observation, values, prior_rows=observation.extra_residuals(observation.rank_point(values))[1])
+    assert len(structure.identifiable) == RANKS[kind, places, distance]
     fixed = {observation.names[i] for i in structure.fixed}
     assert {f"base.{axis}" for axis in ("x", "y", "z", "rx", "ry", "rz")} <= fixed
     assert ("link4.d" in fixed) == (kind != "cable" and distance is None)  # 302 mm: the longest link is the scale

@@ -65,12 +65,12 @@ def test_ranks_of_poses() -> None:
     """4 R + 6 of a pose (facts.md, section 2), and the same ones whatever the numbers."""
     for chain in (IRB120.chain, RX130):
         observation = Poses(SerialArm(chain), "p1")
-        kept = base_set(observation, observation.nominal(SerialArm(chain).nominal())).kept
+        kept = base_set(observation, observation.nominal(SerialArm(chain).nominal())).identifiable
         assert len(kept) == 30 and len(observation.names) == 37
         assert {"tool.rx", "tool.ry", "tool.rz"} <= {observation.names[i] for i in kept}
     three = SerialArm(IRB120.chain, ("p1", "p2", "p3"))
     observation = Poses(three, "p2")
-    assert len(base_set(observation, observation.nominal(three.nominal())).kept) == 33 + 3
+    assert len(base_set(observation, observation.nominal(three.nominal())).identifiable) == 33 + 3
 
 
 def test_exact_poses_give_the_truth() -> None:

@@ -23,7 +23,7 @@ def test_a_sensor_is_registered_by_its_name(name: str) -> None:
     for declared in inspect.get_annotations(Sensor):  # what has no default is said by every kind
         assert hasattr(kind, declared), declared
     assert set(kind.setup) <= {field.name for field in fields(VirtualSetup)}
-    words = kind.words
+    words = kind.terms
     assert all(getattr(words, field.name) for field in fields(words) if field.name != "names_targets")
 
 

@@ -161,7 +161,7 @@ def test_a_plan_and_corrected_targets_keep_to_the_cell(tmp_path) -> None:
     robot = placed(tmp_path, CELL)
     path = tmp_path / "cell.toml"
     plan = lab.design("irb120", poses=12, candidates=150, starts=1, instrument="leica-at960", cell=path)
-    stops = plan.tour.stops
+    stops = plan.tour.waypoints
     assert not robot.chain.beyond_limits(stops, 1e-9).any() and np.abs(stops[:, 0]).max() <= np.deg2rad(150)
     reflector = plan.to_dict()["reflector"]
     assert reflector["acceptance_deg"] == pytest.approx(30) and reflector["largest_deg"] <= 30
@@ -175,11 +175,11 @@ def test_a_plan_and_corrected_targets_keep_to_the_cell(tmp_path) -> None:
     targets = Targets("p1", ids, Ts[:, :3, 3], Ts[:, :3, :3], anywhere)
     done = lab.compensate(targets, run=run)
     assert done.to_dict()["checked"] and len(done.reached) >= 10
-    between = looks(done.stops.joints, 25)
+    between = looks(done.waypoints.joints, 25)
     assert min(nearest(robot, name, between).min() for name in ("table", "post")) > 0.018
     unchecked = lab.compensate(targets, run=run, no_check=True)
     assert not unchecked.to_dict()["checked"] and any("--no-check" in words for words in unchecked.warnings)
-    assert len(unchecked.stops.joints) == len(unchecked.reached)
+    assert len(unchecked.waypoints.joints) == len(unchecked.reached)
 
 
 @pytest.mark.thorough

@@ -33,7 +33,7 @@ from lab.simulation.true_robot import Perturbation, TrueRobot, random_perturbati
 
 MODEL, CHAIN = IRB120.model, IRB120.chain
 TARGETS = ("p1", "p2", "p3")
-OFF = Effects.none(6)
+OFFSETS = Effects.none(6)
 OUTSTRETCHED = np.deg2rad([[0.0, 90.0, -90.0, 0.0, 0.0, 0.0]])
 FACTS = ArmFacts(CHAIN, IRB120.loads)
 ALL = EffectOptions(
@@ -71,7 +71,7 @@ JOINTS = CHAIN.random_joints(40, np.random.default_rng(8))
 
 
 def only(*parts: SimulatedEffect) -> Effects:
-    return OFF.having(*parts)
+    return OFFSETS.having(*parts)
 
 
 def sprung_by(compliance_rad_per_nm: Array) -> JointSprings:

@@ -198,7 +198,7 @@ def test_a_calibrated_arm_is_a_robot_again(tmp_path) -> None:
     np.testing.assert_allclose(
         arm.points(joints, real.truth(arm.targets).values), real.points(joints, TARGETS), atol=1e-12
     )
-    assert len(real.truth(arm.targets).base_set.kept) == 33
+    assert len(real.truth(arm.targets).base_set.identifiable) == 33
 
 
 def test_a_urdf_gives_speeds_and_the_same_kinematics(tmp_path) -> None:

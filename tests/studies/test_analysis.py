@@ -118,7 +118,7 @@ def test_pairs_are_much_sharper_than_two_means() -> None:
     (pair,) = compare(values).pairs
     first, second = means(arranged(values), METRIC)
     unpaired = np.hypot(first.upper - first.lower, second.upper - second.lower) / (first.mean + second.mean) * 2
-    assert pair.lower < 1.05 < pair.upper and pair.told
+    assert pair.lower < 1.05 < pair.upper and pair.is_significant
     assert pair.upper - pair.lower < unpaired / 10
 
 
@@ -139,7 +139,7 @@ def test_holm_keeps_the_error_of_the_family() -> None:
     for _ in range(400):
         values = rng.normal(size=(1, 20, 1)) + 0.5 * rng.normal(size=(4, 20, 1)) + 0.5 * rng.normal(size=(4, 20, 2))
         found = compare(np.exp(values))
-        told += any(pair.told for pair in found.pairs)
+        told += any(pair.is_significant for pair in found.pairs)
         uncorrected += any(pair.p <= STUDY_COMPARISON for pair in found.pairs)
         assert all((pair.p <= STUDY_COMPARISON) == (not pair.lower <= 1 <= pair.upper) for pair in found.pairs)
     assert told / 400 <= 0.05 + 0.033
@@ -239,7 +239,7 @@ def test_few_robots_or_draws(robots: int, draws: int, tmp_path: Path) -> None:
     assert all(np.isfinite(mean.mean) and np.isfinite(mean.lower) != few for mean in found.means)
     pairs = [pair for each in found.comparisons for pair in each.pairs]
     assert all(np.isfinite(pair.lower) != few for pair in pairs)
-    assert any(pair.told for pair in pairs) != few
+    assert any(pair.is_significant for pair in pairs) != few
     assert ("too few robots for an interval" in " ".join(sentences(found, METRIC))) == few
     write_csv(tmp_path, found)
 

@@ -17,7 +17,7 @@ from lab.verification.prediction import DRAWS, CalibrationPrediction, squares_of
 from lab.verification.test import Verified, verify
 
 ARM, SIGMA, POSES = SerialArm(IRB120.chain, ("p1", "p2")), 5e-6, 90
-FREE = base_set(ARM, ARM.nominal()).kept
+FREE = base_set(ARM, ARM.nominal()).identifiable
 
 
 def new_points(off: bool, poses: int = POSES) -> tuple[CalibrationPrediction, Observations]:

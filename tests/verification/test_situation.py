@@ -6,7 +6,7 @@ import pytest
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import identify
 from lab.calibration.observation import observation_of
-from lab.calibration.weights import Noise, weighed
+from lab.calibration.weights import Noise, weigh
 from lab.campaign.robot import load_robot
 from lab.core import se3
 from lab.core.measurements import measured
@@ -50,7 +50,7 @@ class Cell:
 
     def seen(self, joints: Array, points: Array) -> Observations:
         data = measured(self.robot.chain.joint_names, joints, self.arm.targets, points)
-        return weighed(observation_of(self.arm), data, Noise(sigma_m=SIGMA))[0]
+        return weigh(observation_of(self.arm), data, Noise(sigma_m=SIGMA))[0]
 
     def verified(self, truth: Array | None = None, refit: tuple[str, ...] = ()) -> Verified:
         return verify(self.prediction, self.seen(self.joints, self.points(self.joints, self.truth_of(truth))), refit)

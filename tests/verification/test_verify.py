@@ -12,7 +12,7 @@ from scipy import stats
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import identify
 from lab.calibration.observation import observation_of
-from lab.calibration.weights import Noise, weighed
+from lab.calibration.weights import Noise, weigh
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.virtual_robot import perturbed_arm
 from lab.cli import main
@@ -37,7 +37,7 @@ NAMES = IRB120.chain.joint_names
 
 def seen_at(arm: SerialArm, joints, points, sigma: float = SIGMA) -> Observations:
     data = measured(NAMES, joints, arm.targets, points)
-    return weighed(observation_of(arm), data, Noise(sigma_m=sigma))[0]
+    return weigh(observation_of(arm), data, Noise(sigma_m=sigma))[0]
 
 
 def an_arm(targets=("p1",), seed: int = 0, poses: int = 40) -> tuple[CalibrationPrediction, np.ndarray]:

@@ -82,7 +82,7 @@ def changes(
     groups: tuple[str, ...],
     values: Array,
     inputs: Array,
-    course: SessionInfo = NO_SESSIONS,
+    session: SessionInfo = NO_SESSIONS,
 ) -> tuple[SetupSuggestion, ...]:
     """The changes that anyone can make, the best first.
 
@@ -90,15 +90,15 @@ def changes(
         sensor: that measures.
         values: ``(p,)`` of the arm with these targets and groups, measured by points.
         inputs: where it is measured, ``(n, joints + conditions)``.
-        course: how.
+        session: how.
     """
-    arm = robot.arm_with(targets, groups, course)
+    arm = robot.arm_with(targets, groups, session)
     known = dict(zip(arm.names, values, strict=True))
     moved = known | {
         name: value + _OFFSET_M for name, value in known.items() if name.endswith(".x") and "tool." in name
     }
     away = np.array([moved[name] for name in arm.names])
-    more = robot.arm_with((*targets, "another"), groups, course)
+    more = robot.arm_with((*targets, "another"), groups, session)
     first = [known[f"tool.{targets[0]}.{axis}"] for axis in "xyz"]
     second = dict(zip("xyz", np.array(first) + np.array([_OFFSET_M, _OFFSET_M, 0.0]), strict=True))
     both = known | {f"tool.another.{axis}": value for axis, value in second.items()}
@@ -152,15 +152,15 @@ def check_outliers(found: Identification, seen: Observations, outliers: Outliers
     return [_failed("outliers.kept", count=len(outliers.rows), largest_m=largest, moved_m=moved, searched=searched)]
 
 
-def check_held_out(off: tuple[Named, ...]) -> list[Check]:
+def check_held_out(outliers: tuple[Named, ...]) -> list[Check]:
     """Count the outliers of the hold-out set."""
-    count = sum(pose.held_out for pose in off)
+    count = sum(pose.held_out for pose in outliers)
     return [_failed("outliers.held_out", count=count)] if count else []
 
 
-def check_excluded(off: Sequence[Named]) -> Check:
+def check_excluded(outliers: Sequence[Named]) -> Check:
     """Note the outliers that are left out of the verdict, each with its size."""
-    return _noted("outliers.excluded", sizes_m={pose.id: pose.size_m for pose in off})
+    return _noted("outliers.excluded", sizes_m={pose.id: pose.size_m for pose in outliers})
 
 
 def check_outlier_search(outliers: Outliers) -> list[Check]:
@@ -246,13 +246,13 @@ def check_setup(
     groups: tuple[str, ...],
     found: Identification,
     inputs: Array,
-    course: SessionInfo,
+    session: SessionInfo,
 ) -> list[Check]:
     """Check that no parameters are weakly observable that another set-up would observe."""
     condition = found.fit.condition
     if condition <= WEAK_CONDITION or found.unobservable or "sessions" in groups:
         return []
-    wanted = changes(robot, sensor, targets, groups, found.values, inputs, course)[0]
+    wanted = changes(robot, sensor, targets, groups, found.values, inputs, session)[0]
     if wanted.condition > _WORTH * condition:
         return []
     return [_failed("weak.setup", condition, WEAK_CONDITION, change=wanted.change, condition_then=wanted.condition)]
@@ -283,7 +283,11 @@ def check_nominal(found: Identification, nominal: Array) -> list[Check]:
 def check_size(found: Identification) -> list[Check]:
     """Note where contacts show the arm's shape, but not its size: one length stays nominal."""
     model = found.model
-    if not isinstance(model, FixtureObservation) or not model.contact or model.scale_link in found.base_set.kept:
+    if (
+        not isinstance(model, FixtureObservation)
+        or not model.contact
+        or model.scale_link in found.base_set.identifiable
+    ):
         return []
     return [_noted("contact.size", parameter=model.names[model.scale_link])]
 

@@ -36,7 +36,7 @@ _LEAST_RESIDUAL_M = 1e-7  # below, residuals are rounding, and say nothing of th
 _MIN_DOF = 10
 MANY = 10.0  # times the residuals' noise: what is given hides errors
 _UNIT = 100.0  # times the residuals' noise that a given one may be: a unit is a thousand
-ANOTHER_DAY = 500.0  # the same of an instrument that may be another one
+ANOTHER_INSTRUMENT = 500.0  # the same of an instrument that may be another one
 LENGTH = re.compile(r"link\d+\.(a|d)")
 _LONG_M = 0.05  # a link that tells a scale: of shorter ones tolerances are as large
 _LEAST_LENGTHS = 3
@@ -67,14 +67,14 @@ def noise_in_another_unit(noise_mm: float | None, rows: Measurements, found: Ide
 
 
 def noise_beyond(
-    noise_mm: float | None, rows: Measurements, known_m: float, whose: str, times: float = ANOTHER_DAY
+    noise_mm: float | None, rows: Measurements, noise_m: float, whose: str, times: float = ANOTHER_INSTRUMENT
 ) -> list[Check]:
     """Refuse a noise that is far more than plausible for the robot and its instrument.
 
     Args:
         noise_mm: the option; None where it was not given, and the rows say it.
         rows: that it is of.
-        known_m: standard deviation per axis of residuals with such an instrument.
+        noise_m: standard deviation per axis of residuals with such an instrument.
         whose: the residuals' name in the message.
         times: how many times as much it may be.
 
@@ -91,13 +91,13 @@ def noise_beyond(
             data = {"least_m": float(known.min()), "most_m": float(known.max())}
             return [Check("given.noises", "failed", data=data)]
         given_mm = MM.of(float(np.median(known))) if known.size else None
-    if given_mm is None or known_m <= _LEAST_RESIDUAL_M or MM.to_si(given_mm) <= MANY * known_m:
+    if given_mm is None or noise_m <= _LEAST_RESIDUAL_M or MM.to_si(given_mm) <= MANY * noise_m:
         return []
-    ratio = MM.to_si(given_mm) / known_m
-    said = f"{name} {given_mm:g}: {whose} are those of a noise of {MM.text(known_m, 2)}, {ratio:.0f} times less"
+    ratio = MM.to_si(given_mm) / noise_m
+    text = f"{name} {given_mm:g}: {whose} are those of a noise of {MM.text(noise_m, 2)}, {ratio:.0f} times less"
     if ratio > times:
-        raise LabError(f"{said}; is it in µm? That would be {MM.to_si(given_mm):g} mm")
-    figures = {"given_m": MM.to_si(given_mm), "known_m": known_m}
+        raise LabError(f"{text}; is it in µm? That would be {MM.to_si(given_mm):g} mm")
+    figures = {"given_m": MM.to_si(given_mm), "known_m": noise_m}
     return [Check("given.noise", "failed", ratio, data={"in_column": noise_mm is None, "whose": whose, **figures})]
 
 
@@ -135,12 +135,12 @@ def in_other_numbers_or_poses(robot: NominalRobot, rows: Measurements) -> list[C
     return [Check("given.poses", "failed", data={"off_m": left})]
 
 
-def doubted(word: Verdict, said: Sequence[Check]) -> Verdict:
+def doubted(word: Verdict, checks: Sequence[Check]) -> Verdict:
     """Return the verdict where the given noise or scale is impossible: it is not good."""
-    if not said:
+    if not checks:
         return word
     doubtful = "doubtful" if word.word == "good" else word.word
-    return replace(word, word=doubtful, fit=Answer("doubtful", (said[0],)), reasons=(*word.reasons, *said))
+    return replace(word, word=doubtful, fit=Answer("doubtful", (checks[0],)), reasons=(*word.reasons, *checks))
 
 
 def check_joint_signs(fitter: Fitter, rows: Measurements) -> list[Check]:

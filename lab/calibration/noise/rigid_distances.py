@@ -49,7 +49,7 @@ class InstrumentNoise:
         return self.moving_p >= UNSOLICITED_WARNING
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """For a person."""
         if not self.is_rigid:
             return (

@@ -11,7 +11,7 @@ from lab.calibration.observation import observation_of, only_positions
 from lab.calibration.statistics.goodness_of_fit import goodness_beside_shared_errors, is_doubted
 from lab.calibration.statistics.joint_rounding import by_joint_positions, counting
 from lab.calibration.statistics.linearized import LinearizedFit, linearized
-from lab.calibration.weights import Noise, error_shapes, weighed
+from lab.calibration.weights import Noise, error_shapes, weigh
 from lab.core.linear_model import unit_columns
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.se3 import Array
@@ -97,7 +97,7 @@ def search_noise(found: Identification, data: Measurements, noise: Noise) -> Noi
     if not only_positions(observation) or len(data) < _LEAST_POSES or found.dof < _LEAST_DOF:
         return nothing
     model = observation.model
-    observed, known = weighed(observation, data, noise)
+    observed, known = weigh(observation, data, noise)
     linear = linearized(model, observed, found.values, found.fit.free, found.extra_residuals)
     if not linear.everywhere().full_rank:
         return nothing
@@ -138,8 +138,8 @@ def _moves(estimate: Estimate, data: Measurements, times: Array) -> tuple[Move, 
     for change, shift in zip(estimate.problem.shapes.changes, shifts, strict=True):
         (last, first), size_m = rows_around(times, change.time), float(np.linalg.norm(shift))
         before, after = data.ids[last], data.ids[first]
-        words = f"the base or the instrument moved by {short_length(size_m)} between poses {before} and {after}"
-        found.append(Move(change, before, after, size_m, words))
+        text = f"the base or the instrument moved by {short_length(size_m)} between poses {before} and {after}"
+        found.append(Move(change, before, after, size_m, text))
     return tuple(sorted(found, key=lambda move: move.change.time))
 
 

@@ -195,12 +195,12 @@ class _Rows:
 
     def plain(self) -> "_Numbers":
         """The numbers as they were measured."""
-        kept = np.repeat(self.seen, 3, axis=1).ravel()
+        retained = np.repeat(self.seen, 3, axis=1).ravel()
         whole = PoseNumbers.whole(self.joints, self.slopes)
-        numbers = PoseNumbers(self.joints, whole.pose[kept], whole.slopes[kept])
-        units, _ = unit_columns(self.columns.reshape(len(kept), -1)[kept])
+        numbers = PoseNumbers(self.joints, whole.pose[retained], whole.slopes[retained])
+        units, _ = unit_columns(self.columns.reshape(len(retained), -1)[retained])
         kinds = unit_covariances(self.kernels, numbers)
-        return _Numbers(kinds, units, units[:0], self.residual.ravel()[kept], np.zeros(0))
+        return _Numbers(kinds, units, units[:0], self.residual.ravel()[retained], np.zeros(0))
 
 
 @dataclass(frozen=True)
@@ -245,7 +245,7 @@ class ExpectedGain:
     poses: int
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """For a person."""
         return (
             "The group residual would lower the error at poses that are left out from "

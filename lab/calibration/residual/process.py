@@ -174,15 +174,15 @@ class Reduction:
         poses, moved, reduced = [], [], []
         patterns, labels = np.unique(seen, axis=0, return_inverse=True)
         for label, pattern in enumerate(patterns):
-            rows, kept = np.flatnonzero(labels.ravel() == label), np.flatnonzero(np.repeat(pattern, 3))
-            some = slopes[rows][:, kept]
-            if len(kept) > size:
+            rows, retained = np.flatnonzero(labels.ravel() == label), np.flatnonzero(np.repeat(pattern, 3))
+            some = slopes[rows][:, retained]
+            if len(retained) > size:
                 turn, left = np.linalg.qr(some, mode="complete")
             else:
-                turn, left = np.broadcast_to(np.eye(len(kept)), (len(rows), len(kept), len(kept))), some
-            groups.append((rows, kept, turn))
-            poses.append(np.repeat(rows, len(kept)))
-            moved.append(np.tile(np.arange(len(kept)) < size, len(rows)))
+                turn, left = np.broadcast_to(np.eye(len(retained)), (len(rows), len(retained), len(retained))), some
+            groups.append((rows, retained, turn))
+            poses.append(np.repeat(rows, len(retained)))
+            moved.append(np.tile(np.arange(len(retained)) < size, len(rows)))
             reduced.append(left.reshape(-1, size))
         pose, by_offsets = np.concatenate(poses), np.concatenate(moved)
         order = np.lexsort((pose, ~by_offsets))

@@ -51,23 +51,23 @@ class Alternative:
 
 
 def alternatives(
-    task: SelectionTask, taken: Sequence[str], found: Identification, candidates: Sequence[str], held: Sequence[str]
+    task: SelectionTask, taken: Sequence[str], found: Identification, candidates: Sequence[str], fixed: Sequence[str]
 ) -> tuple[Alternative, ...]:
     """For each chosen group that bears loads, the others that would do as well in its place.
 
     Args:
-        held: parameters that are not fitted.
+        fixed: parameters that are not fitted.
     """
-    said = []
+    messages = []
     for chosen in (name for name in taken if name in LOADED_GROUPS):
         for other in (name for name in LOADED_GROUPS if name in candidates and name not in taken):
             groups = [other if name == chosen else name for name in taken]
             known = set(task.parameters(other)) | set(found.model.names)
-            swapped = task.identified(groups, [name for name in held if name in known - task.parameters(chosen)])
+            swapped = task.identified(groups, [name for name in fixed if name in known - task.parameters(chosen)])
             rise = _misfit(swapped) - _misfit(found)
             if swapped.status == "converged" and rise < _STRONG:
-                said.append(_compared(chosen, other, rise, found, swapped))
-    return tuple(said)
+                messages.append(_compared(chosen, other, rise, found, swapped))
+    return tuple(messages)
 
 
 def _misfit(found: Identification) -> float:

@@ -39,7 +39,7 @@ from lab.calibration.prior import prior_of
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.statistics.linearized import ClusteredRows, ClusterTest, cluster_sums, clusters_first, jackknifed
 from lab.calibration.validation import configurations, cv_groups_of, folds
-from lab.calibration.weights import Noise, joined, weighed, weighted_constraints
+from lab.calibration.weights import Noise, joined, weigh, weighted_constraints
 from lab.core.errors import LabError
 from lab.core.linear_model import LinearModel, p_value_of_squares, unit_columns
 from lab.core.measurements import Measurements
@@ -133,7 +133,7 @@ class NestedModels:
     away: Array
     whole: Array
     training: tuple[Array, ...]
-    held: tuple[Array, ...]
+    held_out: tuple[Array, ...]
     cluster: Labels
     rows: int
     floor: float
@@ -148,7 +148,7 @@ class NestedModels:
         squares = float(np.sum(self._left(self.whole, fitted)[1] ** 2))
         lengths = [
             np.linalg.norm(held @ self._left(triangle, fitted)[0], axis=1)
-            for triangle, held in zip(self.training, self.held, strict=True)
+            for triangle, held in zip(self.training, self.held_out, strict=True)
         ]
         return Score(len(fitted), squares, np.concatenate(lengths), self._bic(squares, len(fitted)))
 
@@ -262,7 +262,7 @@ def _nested_at(
         away=(values[index] - nominal) * scale[:-1],
         whole=_stacked([*parts, beside]),
         training=tuple(_stacked([*parts[:f], *parts[f + 1 :], beside]) for f in range(count)),
-        held=tuple(in_m[part] / scale for part in inside),
+        held_out=tuple(in_m[part] / scale for part in inside),
         cluster=np.concatenate([clusters[np.nonzero(part)[0]] for part in inside]),
         rows=len(rows) + len(residual),
         floor=floor,
@@ -321,7 +321,7 @@ class SelectionTask:
     request: IdentifyOptions
 
     def identified(
-        self, groups: Sequence[str], held: Sequence[str] = (), near: Identification | None = None
+        self, groups: Sequence[str], fixed: Sequence[str] = (), near: Identification | None = None
     ) -> Identification:
         """Identify with these groups less the parameters held; requests for other groups are left out.
 
@@ -331,8 +331,8 @@ class SelectionTask:
         model = self.model_with(groups)
         request = self.request.of(observation_of(model).within(self.data).model.names)
         start = {} if near is None else dict(zip(near.model.names, near.values.tolist(), strict=True))
-        held_too = replace(request, fix=(*request.fix, *held), near=start)
-        return identify(model, self.data, self.nominal_of(model), self.noise, held_too)
+        also_fixed = replace(request, fix=(*request.fix, *fixed), near=start)
+        return identify(model, self.data, self.nominal_of(model), self.noise, also_fixed)
 
     def refusal(self, group: str) -> LabError | None:
         """Return the reason why a group cannot be tried; None if it can."""
@@ -367,7 +367,7 @@ class SelectionTask:
         model = observation.model
         values = _filled(observation.nominal(self.nominal_of(made)), model, near.model, near.values)
         own = [i for i, name in enumerate(model.names) if name not in near.model.names]
-        inputs = weighed(observation, self.data, self.noise)[0].inputs
+        inputs = weigh(observation, self.data, self.noise)[0].inputs
         return np.asarray(model.observe(inputs, values)[1][..., own])
 
 
@@ -407,7 +407,7 @@ class FullModel:
         made = task.model_with(groups)
         observation = observation_of(made).within(task.data)
         model, start = observation.model, observation.nominal(task.nominal_of(made))
-        observed, known = weighed(observation, task.data, task.noise)
+        observed, known = weigh(observation, task.data, task.noise)
         at = model.rank_point(_filled(start, model, alone.model, alone.nominal_aligned))
         anywhere = model.structure_joints(STRUCTURE_POSES, rng_for(0, "structure"))
         structure, measured = (model.observe(inputs, at)[1] for inputs in (anywhere, observed.inputs))
@@ -429,7 +429,7 @@ class FullModel:
             clusters=clusters,
             configurations=configurations(task.data.joints),
             loads=np.nan_to_num(task.data.conditions.get(PAYLOAD, np.zeros(len(task.data)))),
-            extra_residuals=_known(task, observation, observed, start, at, alone, alone.sigma_m if not known else 1.0),
+            extra_residuals=_prior(task, observation, observed, start, at, alone, alone.sigma_m if not known else 1.0),
             floor=1.0 if known else LEAST_SIGMA_M,
         )
 
@@ -477,7 +477,7 @@ class FullModel:
         linear, for nothing.
         """
         fitted = self.fitted(found)
-        new = self._new(self.structure, self._indices(found, found.base_set.kept), self.groups[group])
+        new = self._new(self.structure, self._indices(found, found.base_set.identifiable), self.groups[group])
         shown = list(self._new(self.measured, fitted, new))
         while shown:
             unsure = table.std([*fitted, *shown])[len(fitted) :] / self._useful[shown]
@@ -510,7 +510,7 @@ class FullModel:
         return tuple(i for i in wanted if i in kept)
 
 
-def _known(
+def _prior(
     task: SelectionTask,
     observation: Observation,
     observed: Observations,
@@ -528,7 +528,7 @@ def _known(
         return beside
     if task.request.automatic:
         return beside if alone.prior is None else joined(beside, alone.prior.rows(sigma, observation.model.names))
-    structure = base_set(observation.model, at, known=observation.extra_residuals(at)[1])
+    structure = base_set(observation.model, at, prior_rows=observation.extra_residuals(at)[1])
     return joined(beside, prior_of(observation.model, structure, start, task.request.tolerance).rows(sigma))
 
 

@@ -36,7 +36,7 @@ __all__ = [
     "upper_tolerance_bound",
 ]
 
-_TOLD = 1e-3  # of a column that the model does not say already
+_MIN_INDEPENDENT = 1e-3  # of a column that the model does not say already
 _TOO_SMALL = 1 - 1e-4  # a p-value that says that the given noise is too large
 _MOST_POSES = 8_000  # by which residuals are held against the joints
 
@@ -56,10 +56,10 @@ def goodness_of_fit(
     observed: Observations,
     fit: Fit,
     *,
-    known: bool,
+    sigma_given: bool,
     shape: NoiseDistribution = NoiseDistribution(),  # noqa: B008
     labels: NDArray[np.int_] | None = None,
-    held: Observations | None = None,
+    held_out: Observations | None = None,
     extra_residuals: ExtraResiduals | None = None,
 ) -> Check:
     """Test by the best means that the data allow: a given sigma, then repeats, then poses held out.
@@ -68,18 +68,20 @@ def goodness_of_fit(
 
     Args:
         observed: what was fitted, weighted as it was.
-        known: whether its weights stand on a known sigma.
+        sigma_given: whether its weights stand on a known sigma.
         shape: of the noise.
         labels: ``(n,)`` one a configuration; rows that share one are repeats.
-        held: poses that were not fitted.
+        held_out: poses that were not fitted.
         extra_residuals: what else was known of the parameters when they were fitted.
     """
     linear = linearized(model, observed, fit.least_squares, fit.free, extra_residuals)
-    if known:
+    if sigma_given:
         return _by_noise(linear, shape)
     if labels is not None and (found := _by_repeats(linear, labels)) is not None:
         return found
-    by_holdout = None if held is None else _by_holdout(linear, linearized(model, held, fit.least_squares, fit.free))
+    by_holdout = (
+        None if held_out is None else _by_holdout(linear, linearized(model, held_out, fit.least_squares, fit.free))
+    )
     return _by_signs(by_holdout, _by_joints(model, observed, fit, extra_residuals))
 
 
@@ -170,17 +172,17 @@ def _by_signs(by_holdout: Check | None, by_joints: Check | None) -> Check:
     return Check(by_holdout.name, "not tested", by_holdout.statistic, p, level, {"tests": signs})
 
 
-def _by_holdout(linear: LinearizedFit, held: LinearizedFit) -> Check | None:
+def _by_holdout(linear: LinearizedFit, held_out: LinearizedFit) -> Check | None:
     """Test held-out errors by F against their predicted covariance sigma^2 (I + J C J') (Chow 1960).
 
     e' (I + J C J')^-1 e is how much the sum of squares of all poses rises above that of those fitted.
     """
     within = linear.everywhere()
-    numbers = int(held.mask.sum())
+    numbers = int(held_out.mask.sum())
     if within.dof < 1 or not numbers:
         return None
-    moved = (held.jacobian * held.scale @ within.back).reshape(-1, within.back.shape[1])
-    errors = held.residual.ravel()
+    moved = (held_out.jacobian * held_out.scale @ within.back).reshape(-1, within.back.shape[1])
+    errors = held_out.residual.ravel()
     pull = moved.T @ errors
     rise = float(errors @ errors - pull @ np.linalg.solve(np.eye(len(pull)) + moved.T @ moved, pull))
     variance = max(float((linear.residual**2).sum()) / within.dof, 1e-300)
@@ -212,16 +214,16 @@ def _varying(linear: LinearizedFit, slopes: Array, joints: Array) -> Check | Non
     columns[: len(periodic)] = periodic
     left = within.residuals(np.moveaxis(columns, 2, 0)).reshape(periodic.shape[2], -1).T
     sizes = np.linalg.norm(columns.reshape(left.shape), axis=0)
-    told = LinearModel.of(left[:, np.linalg.norm(left, axis=0) > _TOLD * sizes], _TOLD)
-    dof = within.dof - told.rank
-    if told.rank < 1 or dof < 1:
+    independent = LinearModel.of(left[:, np.linalg.norm(left, axis=0) > _MIN_INDEPENDENT * sizes], _MIN_INDEPENDENT)
+    dof = within.dof - independent.rank
+    if independent.rank < 1 or dof < 1:
         return None
     residual = within.residuals(linear.residual)  # some of the poses have not their own least squares
-    explained = float((told.coordinates(residual.ravel()) ** 2).sum())
+    explained = float((independent.coordinates(residual.ravel()) ** 2).sum())
     variance = max((float((residual**2).sum()) - explained) / dof, 1e-300)
-    p = float(p_value_of_squares(explained, told.rank, dof, variance))
-    statistic = explained / told.rank / variance
-    return _lack_of_fit("lack_of_fit.joints", statistic, p, (told.rank, dof))
+    p = float(p_value_of_squares(explained, independent.rank, dof, variance))
+    statistic = explained / independent.rank / variance
+    return _lack_of_fit("lack_of_fit.joints", statistic, p, (independent.rank, dof))
 
 
 def isotropy(model: Model, observed: Observations, fit: Fit) -> Check:

@@ -150,9 +150,9 @@ def _regressed(name: str, basis: Array, residual: Array, columns: Array, session
     joints = columns.shape[1]
     left = columns - basis @ (basis.T @ columns)
     before, scale = (np.linalg.norm(part, axis=0) for part in (columns, left))
-    told = scale > FULL_RANK * np.maximum(before, 1e-300)
+    independent = scale > FULL_RANK * np.maximum(before, 1e-300)
     fractions, significant, p = np.zeros(joints), np.zeros(joints, dtype=bool), 1.0
-    moves = LinearModel.of(left[:, told], FULL_RANK)
+    moves = LinearModel.of(left[:, independent], FULL_RANK)
     residual = residual - basis @ (basis.T @ residual)
     pull = moves.coordinates(residual)
     dof = len(residual) - basis.shape[1] - len(pull)
@@ -160,6 +160,6 @@ def _regressed(name: str, basis: Array, residual: Array, columns: Array, session
         variance = max(float(residual @ residual - pull @ pull) / dof, 1e-300)
         p = min(1.0, sessions * float(p_value_of_squares(pull @ pull, len(pull), dof, variance)))
         estimate, std = moves.back @ pull, np.sqrt(variance) * np.linalg.norm(moves.back, axis=1)
-        fractions[told] = estimate
-        significant[told] = 2 * t_sf(np.abs(estimate / std), dof) * joints < UNSOLICITED_WARNING
+        fractions[independent] = estimate
+        significant[independent] = 2 * t_sf(np.abs(estimate / std), dof) * joints < UNSOLICITED_WARNING
     return Lag(name, p, fractions, significant)

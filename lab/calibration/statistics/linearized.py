@@ -235,7 +235,12 @@ class SubsetFit:
         return (turned**2).sum(axis=-1), (residuals[..., self.inside, :] ** 2).sum(axis=(-2, -1))
 
     def p_values(
-        self, distance: Array, total: Array, known: bool, floor: float = 0.0, poses: NDArray[np.int_] | None = None
+        self,
+        distance: Array,
+        total: Array,
+        sigma_given: bool,
+        floor: float = 0.0,
+        poses: NDArray[np.int_] | None = None,
     ) -> Array:
         """Return each pose's p-value ``(..., n)`` as if it alone were tested, under Gaussian noise.
 
@@ -249,7 +254,7 @@ class SubsetFit:
         """
         inside, count = (every if poses is None else every[poses] for every in (self.inside, self.count))
         size = np.maximum(count, 1)
-        if known:
+        if sigma_given:
             p = p_value_of_squares(distance, size)
         else:
             dof = self.dof - np.where(inside, count, 0)
@@ -311,7 +316,7 @@ def _fill(target: Array, where: Mask, rows: Array) -> None:
 
 
 def smallest_p(
-    within: SubsetFit, mask: Mask, shape: NoiseDistribution, known: bool, draws: int, rng: np.random.Generator
+    within: SubsetFit, mask: Mask, shape: NoiseDistribution, sigma_given: bool, draws: int, rng: np.random.Generator
 ) -> Array:
     """The smallest of all poses' p-values ``(draws,)``, ascending, where there is nothing but noise of this shape.
 
@@ -333,7 +338,7 @@ def smallest_p(
         # Among poses of as many numbers the farthest has the smallest p-value: only those are worked out.
         farthest = np.stack([np.where(within.count == size, distance, -1.0).argmax(axis=1) for size in sizes], axis=1)
         largest = np.take_along_axis(distance, farthest, axis=1)
-        found.append(within.p_values(largest, total, known, poses=farthest).min(axis=1))
+        found.append(within.p_values(largest, total, sigma_given, poses=farthest).min(axis=1))
     return np.sort(np.concatenate(found))
 
 

@@ -35,7 +35,7 @@ from lab.calibration.statistics.candidate_models import (
 )
 from lab.calibration.statistics.linearized import ClusterTest
 from lab.calibration.validation import ROWS_PER_PARAMETER, configurations
-from lab.calibration.weights import Noise, weighed
+from lab.calibration.weights import Noise, weigh
 from lab.core.errors import IncompleteColumnError
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
@@ -68,7 +68,7 @@ class GroupTrial:
         chosen: whether it is in the final model; the others are tried beside that.
         infeasibility_reason: why it is not; empty where it is.
         incomplete_data: whether that is because a column that it needs has gaps.
-        held: its parameters that are not fitted, as they are not or only weakly observable in these poses.
+        fixed: its parameters that are not fitted, as they are not or only weakly observable in these poses.
     """
 
     name: str
@@ -78,7 +78,7 @@ class GroupTrial:
     bic: float
     chosen: bool
     infeasibility_reason: str = ""
-    held: tuple[str, ...] = ()
+    fixed: tuple[str, ...] = ()
     incomplete_data: bool = False
     configurations: ClusterTest | None = None
     gain: HeldOutGain | None = None
@@ -103,13 +103,13 @@ class Selection:
     searched: bool = True
 
     @property
-    def held(self) -> tuple[str, ...]:
+    def fixed(self) -> tuple[str, ...]:
         """Parameters of the chosen groups that are not fitted: to be fixed wherever this model is fitted again."""
         return self.fixed_of(self.chosen)
 
     def fixed_of(self, groups: Sequence[str]) -> tuple[str, ...]:
         """Those of some of the chosen groups alone."""
-        return tuple(name for group in self.groups if group.name in groups for name in group.held)
+        return tuple(name for group in self.groups if group.name in groups for name in group.fixed)
 
 
 def select(
@@ -158,7 +158,7 @@ def select(
     rows = growth.rows | refused
     chosen = [replace(rows[name], chosen=True) for name in growth.taken]
     others = (rows[name] for name in candidates if name not in growth.taken)
-    held = [parameter for name in rows for parameter in rows[name].held]
+    held = [parameter for name in rows for parameter in rows[name].fixed]
     same = () if enough else alternatives(task, growth.taken, growth.found, growth.candidates, held)
     return Selection(growth.taken, growth.found, (rows[_GEOMETRY], *chosen, *others), same)
 
@@ -192,7 +192,7 @@ def follow(
     rows = [_geometry(table.score(large.fitted(found)))]
     for count, name in enumerate(groups, start=1):
         small = table.score(large.fitted(found))
-        rows.append(replace(_trial(large, table, found, name, small), chosen=True, held=()))
+        rows.append(replace(_trial(large, table, found, name, small), chosen=True, fixed=()))
         found = task.identified(groups[:count])
         table = large.around(found)
     return Selection(tuple(groups), found, tuple(rows), searched=False)
@@ -252,7 +252,7 @@ class _Growth:
 
     def moved_to(self, groups: tuple[str, ...]) -> bool:
         """Identify with these groups, if the fit converges; else the last one is stuck."""
-        held = [parameter for name in groups for parameter in self.rows[name].held]
+        held = [parameter for name in groups for parameter in self.rows[name].fixed]
         tried = self.task.identified(groups, held, self.found)
         if tried.status != "converged" and len(groups) > len(self.taken):
             self.stuck[groups[-1]] = _refused(groups[-1], "Gauss-Newton does not converge with it")
@@ -312,8 +312,8 @@ class _Growth:
             if (worst := large.most_uncertain(self.around(large), self.found)) is None:
                 return
             owner = next(name for name in self.taken if worst in large.groups[name])
-            held = (*self.rows[owner].held, large.observation.model.names[worst])
-            self.rows[owner] = replace(self.rows[owner], held=held)
+            held = (*self.rows[owner].fixed, large.observation.model.names[worst])
+            self.rows[owner] = replace(self.rows[owner], fixed=held)
             empty = len(held) == len(self.task.parameters(owner))
             groups = tuple(name for name in self.taken if not (empty and name == owner))
             if not self.moved_to(groups):
@@ -329,7 +329,7 @@ class _Growth:
 
     def _search_at(self, table: TermTable) -> TermSearch:
         task, found = self.task, self.found
-        observed, known = weighed(observation_of(task.model_with(self.taken)).within(task.data), task.data, task.noise)
+        observed, known = weigh(observation_of(task.model_with(self.taken)).within(task.data), task.data, task.noise)
         ends = (table.names[group] for group in table.showing_ends.values())
         with_ends = observation_of(task.model_with(tuple(dict.fromkeys((*self.taken, *ends))))).within(task.data)
         return TermSearch.at(

@@ -70,7 +70,7 @@ def find_outliers(
     free: Sequence[int],
     start: Array,
     *,
-    known: bool,
+    sigma_given: bool,
     rng: np.random.Generator,
     shape: NoiseDistribution = NoiseDistribution(),  # noqa: B008
     level: float = CAMPAIGN_OUTLIERS,
@@ -82,18 +82,20 @@ def find_outliers(
     Args:
         free: the parameters to fit.
         start: ``(p,)``, links near the nominal ones, base and targets located.
-        known: whether the weights of ``observed`` stand on a known sigma.
+        sigma_given: whether the weights of ``observed`` stand on a known sigma.
         rng: for the distribution of the largest residual where noise is not Gaussian.
         shape: of the noise.
         level: of a whole campaign.
         things: how many of the observed things, from the first, are lengths; all where None.
         extra_residuals: what else is known of the parameters, as for ``fit``.
     """
-    values, weights, scale = _robust(model, observed, free, start, extra_residuals, 0.01 if known else LEAST_SIGMA_M)
-    believed = bool(known and scale <= _MISFIT)
+    values, weights, scale = _robust(
+        model, observed, free, start, extra_residuals, 0.01 if sigma_given else LEAST_SIGMA_M
+    )
+    plausible = bool(sigma_given and scale <= _MISFIT)
     inside, linear = weights > 0, linearized(model, observed, values, free, extra_residuals)
-    told = believed == known or shape.kind == "student"
-    test = _test(linear, shape if told else NoiseDistribution(), believed, level, rng)
+    told = plausible == sigma_given or shape.kind == "student"
+    test = _test(linear, shape if told else NoiseDistribution(), plausible, level, rng)
     for _ in range(_ROUNDS):
         settled, needed = _settle(linear, inside, test)
         solution = fit(
@@ -107,7 +109,7 @@ def find_outliers(
     rows, sizes = np.flatnonzero(~inside), _sizes(model, observed, values, things)
     rows = rows[np.argsort(-sizes[rows], kind="stable")]
     return Outliers(
-        rows, sizes[rows], test.campaign(p[rows]), solution, weights[: linear.poses], believed, level, needed
+        rows, sizes[rows], test.campaign(p[rows]), solution, weights[: linear.poses], plausible, level, needed
     )
 
 
@@ -126,7 +128,7 @@ def held_out_outliers(
     fitted: int,
     solution: Fit,
     *,
-    known: bool,
+    sigma_given: bool,
     level: float = CAMPAIGN_OUTLIERS,
     extra_residuals: ExtraResiduals | None = None,
     things: int | None = None,
@@ -137,7 +139,7 @@ def held_out_outliers(
     Args:
         observed: the fitted poses, then those held out.
         fitted: how many of them were.
-        known: whether the weights are from a given sigma; where most residuals are beyond it, it is estimated.
+        sigma_given: whether the weights are from a given sigma; where most residuals are beyond it, it is estimated.
         level, extra_residuals, things: as for ``find_outliers``.
         tail_dof: of Student's t, where the noise has such tails.
     """
@@ -146,10 +148,10 @@ def held_out_outliers(
     inside[fitted : linear.poses] = False
     within = linear.within(inside)
     distance, total = within.squares(within.residuals(linear.residual))
-    believed = known and float(total) <= _MISFIT**2 * max(within.dof, 1)
-    p = within.p_values(distance, total, believed, 0.0 if known else LEAST_SIGMA_M)
+    plausible = sigma_given and float(total) <= _MISFIT**2 * max(within.dof, 1)
+    p = within.p_values(distance, total, plausible, 0.0 if sigma_given else LEAST_SIGMA_M)
     if np.isfinite(tail_dof):  # a pose's squared distance is then distributed as F
-        sizes, scale = np.maximum(within.count, 1), 1.0 if believed else float(total) / max(within.dof, 1)
+        sizes, scale = np.maximum(within.count, 1), 1.0 if plausible else float(total) / max(within.dof, 1)
         p = np.maximum(p, p_value_of_squares(distance, sizes, tail_dof, scale * (tail_dof - 2) / tail_dof))
     campaign = np.minimum(1.0, p * max(linear.poses - fitted, 1))
     rows, sizes = np.flatnonzero(~inside & (campaign < level)), _sizes(model, observed, solution.values, things)
@@ -182,7 +184,7 @@ class _Test:
         floor: least sigma, whitened.
     """
 
-    known: bool
+    sigma_given: bool
     critical: float
     reference: Array
     poses: int
@@ -191,7 +193,7 @@ class _Test:
     def judge(self, within: SubsetFit, errors: Array) -> tuple[Array, Array]:
         """The poses' own p-values and squared distances ``(n,)``."""
         distance, total = within.squares(within.residuals(errors))
-        return within.p_values(distance, total, self.known, self.floor), distance
+        return within.p_values(distance, total, self.sigma_given, self.floor), distance
 
     def campaign(self, p: Array) -> Array:
         """The p-values of a whole campaign: Bonferroni's, or the share of draws with as small a one."""
@@ -202,16 +204,16 @@ class _Test:
 
 
 def _test(
-    linear: LinearizedFit, shape: NoiseDistribution, known: bool, level: float, rng: np.random.Generator
+    linear: LinearizedFit, shape: NoiseDistribution, sigma_given: bool, level: float, rng: np.random.Generator
 ) -> _Test:
     poses = int(linear.mask[: linear.poses].any(axis=1).sum())
-    floor = 0.0 if known else LEAST_SIGMA_M
+    floor = 0.0 if sigma_given else LEAST_SIGMA_M
     if shape.kind == "gaussian":
-        return _Test(known, level / poses, np.empty(0), poses, floor)
+        return _Test(sigma_given, level / poses, np.empty(0), poses, floor)
     draws = int(np.ceil((_DRAWS + 1) * max(1.0, CAMPAIGN_OUTLIERS / level))) - 1
-    reference = smallest_p(linear.everywhere(), linear.mask, shape, known, draws, rng)
+    reference = smallest_p(linear.everywhere(), linear.mask, shape, sigma_given, draws, rng)
     rank = int(np.floor((draws + 1) * level + 1e-9)) - 1
-    return _Test(known, np.nextafter(reference[rank], 0.0), reference, poses, floor)
+    return _Test(sigma_given, np.nextafter(reference[rank], 0.0), reference, poses, floor)
 
 
 def _settle(linear: LinearizedFit, inside: Mask, test: _Test) -> tuple[Mask, NDArray[np.int_]]:

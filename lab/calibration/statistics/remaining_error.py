@@ -85,22 +85,24 @@ class RemainingError:
         return bool(np.isfinite(self.instrument_m) and self.rest_m**2 <= _SMALL * self.total_m**2)
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """Describe the shares of the remaining error."""
-        said = [f"What remains is {MM.text(self.total_m, 2)} per axis (root mean square)"]
+        messages = [f"What remains is {MM.text(self.total_m, 2)} per axis (root mean square)"]
         if np.isfinite(self.instrument_m):
-            said.append(f"the instrument makes {MM.text(self.instrument_m, 2)} of it")
+            messages.append(f"the instrument makes {MM.text(self.instrument_m, 2)} of it")
         if self.shared_m:
-            said.append(f"what poses share {MM.text(self.shared_m, 2)}")
+            messages.append(f"what poses share {MM.text(self.shared_m, 2)}")
         if not self.is_explained:
             whose = "the instrument's or the arm's" if np.isnan(self.instrument_m) else "of unknown origin"
-            said.append(f"{MM.text(self.rest_m, 2)} is {whose}")
+            messages.append(f"{MM.text(self.rest_m, 2)} is {whose}")
         for found, where in ((self.over_joints, "neighbouring joint positions"), (self.over_time, "successive poses")):
             if found is not None and found.is_shown:
-                said.append(f"residuals of {where} are alike (correlation {found.correlation:.2g}, p = {found.p:.2g})")
+                messages.append(
+                    f"residuals of {where} are alike (correlation {found.correlation:.2g}, p = {found.p:.2g})"
+                )
         if self.nearly:
-            said.append(f"seen at 5 % and not taken: {', '.join(self.nearly)}")
-        return f"{'; '.join(said)}. Next: {self.measure_next}."
+            messages.append(f"seen at 5 % and not taken: {', '.join(self.nearly)}")
+        return f"{'; '.join(messages)}. Next: {self.measure_next}."
 
     @property
     def measure_next(self) -> str:

@@ -118,13 +118,13 @@ def _title(result: CalibrationResult) -> str:
 
 
 def _lead(result: CalibrationResult) -> Paragraph:
-    words = result.kind.words
+    terms = result.kind.terms
     fit, before, after, targets = result.identification.fit, result.before, result.after, result.fitted.targets
-    of = f" of target{'s' * (len(targets) > 1)} {', '.join(targets)}" if words.names_targets else ""
+    of = f" of target{'s' * (len(targets) > 1)} {', '.join(targets)}" if terms.names_targets else ""
     after_or_in = "after" if fit.status == "in a valley" else "in"
     steps = counted(fit.iterations, "step")
     begun = (
-        f"From {words.measured}{of} measured in {len(result.fitted):,} poses, {fit.rank} of "
+        f"From {terms.measured}{of} measured in {len(result.fitted):,} poses, {fit.rank} of "
         f"{len(result.parameters)} parameters were identified ({fit.status} {after_or_in} {steps})."
     )
     if before is None or after is None:
@@ -139,7 +139,7 @@ def _lead(result: CalibrationResult) -> Paragraph:
 def _judged_error(result: CalibrationResult) -> str:
     """Name the validation's errors; a virtual arm placed by fixtures is validated by positions."""
     judged_by_points = result.validation.judged_by == "fresh" and not result.kind.in_instrument_frame
-    return "position error, the base placed anew," if judged_by_points else result.kind.words.error
+    return "position error, the base placed anew," if judged_by_points else result.kind.terms.error
 
 
 def _validated_on(result: CalibrationResult) -> str:
@@ -185,7 +185,7 @@ def _errors(result: CalibrationResult) -> Section:
     error = _judged_error(result)
     caption = f"{capital(error.rstrip(','))}, mm, {_validated_on(result)}"
     note = (
-        f"Before: the nominal model, with {result.kind.words.placed} fitted to the same measurements. "
+        f"Before: the nominal model, with {result.kind.terms.placed} fitted to the same measurements. "
         "After: all parameters estimated."
     )
     spread = (
@@ -232,8 +232,8 @@ def _uncertainty(result: CalibrationResult) -> tuple[Block, ...]:
     return (
         Paragraph(f"Model: {model_name(groups)}. {sentence(without_figures(result.fit.adequacy))}"),
         Paragraph(_noise(result)),
-        Paragraph("" if result.fit.remaining is None else result.fit.remaining.words, shown_in=PAGE),
-        Paragraph("" if result.fit.gain is None else result.fit.gain.words, shown_in=PAGE),
+        Paragraph("" if result.fit.remaining is None else result.fit.remaining.description, shown_in=PAGE),
+        Paragraph("" if result.fit.gain is None else result.fit.gain.description, shown_in=PAGE),
         Paragraph(_truth(result)),
         _model_selection(result),
         Paragraph(_EXPLAINED if result.fit.explained else "", "note", shown_in=PAGE),
@@ -253,9 +253,10 @@ def _noise(result: CalibrationResult) -> str:
     if (shared := result.fit.noise.shared) is not None:
         found_by = f"by restricted likelihood, level {100 * VARIANCE_COMPONENTS:g} %"
         found_by = "known of the robot's table" if shared.is_given else found_by
-        text += f" Beside it ({found_by}): {'; '.join(shared.words)}. Weights, intervals and tests are those of both."
+        text += f" Beside it ({found_by}): {'; '.join(shared.descriptions)}."
+        text += " Weights, intervals and tests are those of both."
     if result.fit.instrument is not None and result.fit.adequacy.name != "lack_of_fit.distances":
-        text += f" {capital(result.fit.instrument.words)}."
+        text += f" {capital(result.fit.instrument.description)}."
     if np.isfinite(region.rms_m):
         text += (
             f" The parameters' covariance alone predicts a position error of {short(MM.of(region.rms_m))} mm "
@@ -331,7 +332,7 @@ def _parameters(result: CalibrationResult) -> Section:
     )
     offsets = result.robot.chain.offset_lengths
     note = (
-        f"{capital(result.kind.words.placed)} have no nominal value: the column shows where the nominal dimensions "
+        f"{capital(result.kind.terms.placed)} have no nominal value: the column shows where the nominal dimensions "
         "put them. A parameter that is fixed stays at its nominal value, and an error of it goes into those that it is "
         "aliased with."
         + (f" Added to a joint position to give a leg's length: {', '.join(offsets)}." if offsets else "")
@@ -405,7 +406,7 @@ def _identifiability(result: CalibrationResult) -> tuple[Block, ...]:
 
 def _identifiable(result: CalibrationResult) -> str:
     found, condition = result.identification, result.identification.fit.condition
-    count, rank = len(found.base_set.kept), found.fit.rank
+    count, rank = len(found.base_set.identifiable), found.fit.rank
     which = "all of them" if count == rank else str(rank)
     poorly = ", but hardly" if np.isfinite(condition) and found.fit.ill_conditioned else ""
     number = f" (condition number {short(condition)})" if np.isfinite(condition) else ""

@@ -18,16 +18,16 @@ __all__ = ["ArmExport", "comment_on_missing_effects"]
 _CHECKED, _SAME_M = 3, 1e-9  # poses at which a module is compared with the lab's own arm, and how near it has to be
 
 
-def comment_on_missing_effects(groups: Sequence[str], off_m: float | None, where: str, *, module: bool) -> str:
+def comment_on_missing_effects(groups: Sequence[str], error_m: float | None, where: str, *, module: bool) -> str:
     """Write the comment of a geometry-only file on the effects it lacks; "" if it holds all identified effects.
 
     Args:
         module: whether ``calibrated.py`` has the arm.
     """
-    if off_m is None:
+    if error_m is None:
         return ""
-    said = f"Geometry alone: lacks {', '.join(listed(groups))}; off by {MM.text(off_m, 2)} rms {where}"
-    return f"{said}; calibrated.py has all effects" if module else said
+    text = f"Geometry alone: lacks {', '.join(listed(groups))}; off by {MM.text(error_m, 2)} rms {where}"
+    return f"{text}; calibrated.py has all effects" if module else text
 
 
 @dataclass(frozen=True)

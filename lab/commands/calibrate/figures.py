@@ -234,8 +234,8 @@ def _corrections(rows: Sequence[EstimatedParameter], unit: Unit, number: int) ->
             axes.scatter(ends, at, marker="|", c=colours, s=24, linewidths=1.2)
         axes.scatter(inside, at, c=colours, s=13)
         for i in np.flatnonzero(reach > limit):
-            words = f"{short(offsets[i])} ± {short(halves[i])}"
-            axes.annotate(words, (limit, at[i]), xytext=(-3, 2), textcoords="offset points", ha="right", fontsize=7)
+            text = f"{short(offsets[i])} ± {short(halves[i])}"
+            axes.annotate(text, (limit, at[i]), xytext=(-3, 2), textcoords="offset points", ha="right", fontsize=7)
         axes.axvline(0, color=INK, linewidth=1)
         axes.set_yticks(at, [row.name for row in rows])
         axes.locator_params(axis="x", nbins=5)
@@ -555,7 +555,7 @@ def uncertainty_map(result: CalibrationResult, range_m: tuple[float, float] | No
 
 def where_figures(result: CalibrationResult) -> tuple[Block, ...]:
     """Errors before and after calibration where they are, and the predicted ones over the workspace."""
-    found = error_maps(result, result.kind.words.error)
+    found = error_maps(result, result.kind.terms.error)
     predicted = _predicted_map(result, None if found is None else found.sizes[0].range_m)
     if found is None:
         return predicted

@@ -105,7 +105,7 @@ class RunVerdict:
         return self.verdict in ("good", "doubtful")
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """The verdict with its gate, for a person."""
         return f"{self.verdict}, {gate_text(self.gate_mm)}"
 
@@ -160,7 +160,7 @@ class CalibrationRun:
         """Return the arm for ``calibrated.py``, which is checked at inputs ``(n, joints + conditions)``."""
         kind = sensor_named(self.options.observe)
         observed = "" if kind.in_instrument_frame else kind.name
-        return ArmExport(self.estimate, observed, self.result.words, inputs)
+        return ArmExport(self.estimate, observed, self.result.description, inputs)
 
     @property
     def prior_took_part(self) -> bool:
@@ -195,8 +195,8 @@ class CalibrationRun:
         """Warnings of the run, each with the run's folder, for commands that check several runs."""
         return (*self._named(self.robot.warnings), *self.edits, *self._named((*self._older, *self._doubts)))
 
-    def _named(self, said: Sequence[str]) -> list[str]:
-        return [f"{self.folder}: {each}" for each in said]
+    def _named(self, messages: Sequence[str]) -> list[str]:
+        return [f"{self.folder}: {each}" for each in messages]
 
     @property
     def _older(self) -> list[str]:
@@ -207,16 +207,16 @@ class CalibrationRun:
     @property
     def _doubts(self) -> list[str]:
         """Reasons why the predicted error of the run may be too small."""
-        result, said = self.result, []
+        result, messages = self.result, []
         if result.verdict != "good":
             why = f" ({'; '.join(result.reasons) or result.reason})" if result.reason else ""
             belief = "may be too small" if result.usable else "is not to be believed"
-            said.append(f"the verdict of the run is '{result.verdict}'{why}: its predicted error {belief}")
+            messages.append(f"the verdict of the run is '{result.verdict}'{why}: its predicted error {belief}")
         if self.estimate.adequate is False:
-            said.append(f"of the run: {result.adequacy}: what the model lacked is taken for noise")
+            messages.append(f"of the run: {result.adequacy}: what the model lacked is taken for noise")
         if self.estimate.left_out:
-            said.append(f"of the run: {', '.join(self.estimate.left_out)} was of its own day, and is left out")
-        return said
+            messages.append(f"of the run: {', '.join(self.estimate.left_out)} was of its own day, and is left out")
+        return messages
 
     def refuse_unfit(self, what: str) -> None:
         """Refuse a run whose verdict is bad or not judged, with a LabError: ``what`` is not to be built on it."""
@@ -369,14 +369,16 @@ def condition_notes(run: CalibrationRun, file: object, given: Sequence[str], row
         row: what a row is: pose, target.
         verb: what is done with hysteresis: predicted, corrected.
     """
-    asked, said = run.estimate.arm.conditions, []
-    if unused := [name for name in given if name not in asked]:
-        said.append(f"{file}: {', '.join(unused)} makes no difference: the model of {run.folder} does not ask for it")
-    if PAYLOAD in asked and PAYLOAD not in given:
+    requested, messages = run.estimate.arm.conditions, []
+    if unused := [name for name in given if name not in requested]:
+        messages.append(
+            f"{file}: {', '.join(unused)} makes no difference: the model of {run.folder} does not ask for it"
+        )
+    if PAYLOAD in requested and PAYLOAD not in given:
         carried = f"the flange is assumed to carry nothing at any {row}"
         if run.load is not None:
             carried = f"every {row} carries the load that was identified, {run.load.mass_kg:.4g} kg"
-        said.append(f"{file}: no column payload_kg: {carried}")
-    if any(name.startswith(LAST_MOVE) for name in asked):
-        said.append(f"{file}: hysteresis is {verb} for moves from each {row} to the next one there")
-    return said
+        messages.append(f"{file}: no column payload_kg: {carried}")
+    if any(name.startswith(LAST_MOVE) for name in requested):
+        messages.append(f"{file}: hysteresis is {verb} for moves from each {row} to the next one there")
+    return messages

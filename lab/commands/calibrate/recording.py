@@ -199,7 +199,7 @@ def _outliers(recording: rr.RecordingStream, shown: Scene) -> None:
         [pose.measured for pose in shown.outliers],
         colors=RGB_OUTLIER,
         radii=0.018 * shown.reach_m,
-        labels=[pose.words for pose in shown.outliers],
+        labels=[pose.description for pose in shown.outliers],
     )
     recording.log("world/targets/off", marks, static=True)
     lines = rr.LineStrips3D(strips, colors=RGB_OUTLIER, radii=0.005 * shown.reach_m)

@@ -287,7 +287,7 @@ class CalibrationResult(Result):
             "poses": len(self.fitted),
             "targets": list(self.fitted.targets),
             "parameters": len(identification.model.names),
-            "identifiable": len(identification.base_set.kept),
+            "identifiable": len(identification.base_set.identifiable),
             "rank": identification.fit.rank,
             "condition": number(identification.fit.condition),
             "plain_condition": number(identification.plain_condition),
@@ -355,7 +355,7 @@ class CalibrationResult(Result):
         return self._export.module()
 
     @cached_property
-    def _off_m(self) -> float | None:
+    def _geometry_error_m(self) -> float | None:
         """Error of geometry alone (m, root mean square) at the fitted poses; None if no other effect is modelled."""
         return self.estimate.geometry_error(self._export.inputs)
 
@@ -364,7 +364,7 @@ class CalibrationResult(Result):
         """The files that describe the arm's geometry; those in other formats are ``lab compensate``'s."""
         arm, values = self.rigid(self.exported)
         lacking = comment_on_missing_effects(
-            self.estimate.groups, self._off_m, "at the measured poses", module=self._module[1] is None
+            self.estimate.groups, self._geometry_error_m, "at the measured poses", module=self._module[1] is None
         )
         texts = {name: self.robot.description(name, arm.targets, values, lacking) for name in self.robot.stored_files}
         return {name: text for name, text in texts.items() if text}
@@ -372,7 +372,7 @@ class CalibrationResult(Result):
     @property
     def _exports(self) -> dict[str, Any]:
         """Entries in ``result.json`` for the files that hold the calibrated arm."""
-        found, off = self._export, self._off_m
+        found, off = self._export, self._geometry_error_m
         alone = {"has": ["geometric"], "lacks": [*self.estimate.groups, *self.estimate.left_out]}
         of_geometry = {**alone, "off_mm": None if off is None else number(MM.of(off))}
         return {MODULE_FILE: found.to_dict(self._module[1]), **dict.fromkeys(self._descriptions, of_geometry)}
@@ -475,7 +475,7 @@ def _instrument_to_dict(found: InstrumentNoise | None) -> dict[str, Any] | None:
     return {name: MM.of(size) for name, size in sizes.items()} | {
         "freedom": found.dof,
         "rigid": found.is_rigid,
-        "words": found.words,
+        "words": found.description,
     }
 
 

@@ -141,10 +141,10 @@ def measurement_session(options: VirtualCampaign, robot: Robot) -> tuple[Measure
     noise = rng_for(options.seed, "noise")
     found = sensor.simulate(real, joints, options.targets, device, noise, options.readings, conditions, options)
     named = frozenset(np.array(found.measurements.ids)[found.bad].tolist())
-    day = MeasurementSession(
+    session = MeasurementSession(
         options, robot, replace(found.measurements, warnings=notes, robot=robot.source), real, named
     )
-    return day, found.placed
+    return session, found.placed
 
 
 _ANOTHER_UNIT = 100.0  # times as far as the robot's points: mm taken for m are a thousand
@@ -215,7 +215,7 @@ def _read_rows(
         read = checked(path, given, robot, points=positions)
     robot.refuse_impossible(path, read.take([i for i, use in enumerate(read.use) if use != "skip"]))
     read = without_copies(path, read) if positions else read
-    return read if load is None else load.weighed(read)
+    return read if load is None else load.with_payload(read)
 
 
 def checked(what: str | Path, data: Measurements, robot: Robot, *, points: bool = True) -> Measurements:
@@ -293,9 +293,9 @@ def calibrate(robot: str | Path | Robot | VirtualCampaign = "irb120", **options:
         return _of_a_virtual_robot(*measurement_session(asked, known.placed_in(asked.cell)), stage)
 
 
-def _of_a_virtual_robot(day: MeasurementSession, placed: Mapping[str, Array], stage: Stage) -> CalibrationResult:
+def _of_a_virtual_robot(session: MeasurementSession, placed: Mapping[str, Array], stage: Stage) -> CalibrationResult:
     """Identify from a measuring day, and validate on poses that were not measured, against the truth."""
-    options, robot, data, real = day.options, day.robot, day.measurements, day.true_robot
+    options, robot, data, real = session.options, session.robot, session.measurements, session.true_robot
     device = named_instrument(options.instrument)
     noise, kind = Noise(device, readings=options.readings), options.kind()
     if options.noise_mm is not None:
@@ -311,37 +311,37 @@ def _of_a_virtual_robot(day: MeasurementSession, placed: Mapping[str, Array], st
     with error_context(options.plan or f"--poses {options.poses}"):
         state = run_steps(state, FITTING)
     stage("3 of 3, validating")
-    state, comparison = _against_truth(day, placed, state)
+    state, comparison = _against_truth(session, placed, state)
     seconds = time.perf_counter() - started
     state = run_steps(state, {name: STEPS[name] for name in ("judge", "check validation")})
-    return CalibrationResult(options, robot, state, seconds, real, comparison, day.outliers)
+    return CalibrationResult(options, robot, state, seconds, real, comparison, session.outliers)
 
 
 def _against_truth(
-    day: MeasurementSession, placed: Mapping[str, Array], state: Fitted
+    session: MeasurementSession, placed: Mapping[str, Array], state: Fitted
 ) -> tuple[Fitted, TruthComparison | None]:
     """Validate on exact points at poses that were not measured, and compare with the truth where it is single."""
-    state, found, real = _judged_by_fresh(day, state), state.identification, day.true_robot
-    truth = truth_of(real, day.robot.arm(day.options.targets))
+    state, found, real = _judged_by_fresh(session, state), state.identification, session.true_robot
+    truth = truth_of(real, session.robot.arm(session.options.targets))
     if truth is not None:
         truth = replace(truth, effects=true_parameters(real.effects))
-        truth = day.options.kind().observed_truth(truth, found, real, placed)
+        truth = session.options.kind().observed_truth(truth, found, real, placed)
     if truth is None:
         return state.with_checks([Check("truth.aliased", "noted")]), None
     return state, compare_with_truth(found, truth)
 
 
-def _judged_by_fresh(day: MeasurementSession, state: Fitted) -> Fitted:
+def _judged_by_fresh(session: MeasurementSession, state: Fitted) -> Fitted:
     """On exact points at poses that were not measured; what was measured at fixtures has its base placed there."""
-    fresh, found, fitter = day.validation, state.identification, state.fitter
+    fresh, found, fitter = session.validation, state.identification, state.fitter
     checks = _impossible("validation poses", fresh)
     if fitter.kind.in_instrument_frame:
-        if not day.options.occlusion:
-            checks = _impossible("poses", day.measurements) + checks
+        if not session.options.occlusion:
+            checks = _impossible("poses", session.measurements) + checks
         validation = Validation("fresh", errors_of(found, fresh), rows=fresh)
     else:
         groups = [group for group in state.groups if group not in CAMPAIGN_SPECIFIC]
-        arm = day.robot.arm_with(fresh.targets, groups)
+        arm = session.robot.arm_with(fresh.targets, groups)
         model = arm if state.process is None else state.process.added_to(arm)
         validation = replace(validate_file(found, model, fresh, ("base",)), judged_by="fresh", checks=())
     return replace(state, validation=validation).with_checks(checks)
@@ -404,7 +404,7 @@ def _of_measurements(
     if options.validate is not None:
         other = _read_rows(robot, options.validate, options, load, given.get("validate")).with_points()
     kind, device = options.kind(), options.instrument
-    asked = PipelineOptions(
+    requested = PipelineOptions(
         kind,
         options.fitting.of_fit,
         None if device is None else observing(named_instrument(device), kind.name),
@@ -419,7 +419,7 @@ def _of_measurements(
         options.seed,
     )
     with error_context(options.file):
-        state = start(robot, data, asked)
+        state = start(robot, data, requested)
     validating = partial(stage, "3 of 3, validating")
     state = replace(state, progress=validating, checks=tuple(map(note, robot.warnings)))
     started, steps = time.perf_counter(), dict(STEPS)

@@ -41,7 +41,7 @@ _ROUNDING_M = 1e-9  # a standard deviation below this is the arithmetic's
 class OutlierPose:
     """An outlier: where its farthest target was measured and where it should be, in the world ``(3,)`` m."""
 
-    words: str
+    description: str
     measured: Array
     expected: Array
 

@@ -11,7 +11,7 @@ from lab.calibration.gauss_newton import Observations
 from lab.calibration.observation import observation_of
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M
 from lab.calibration.validation import cv_groups_of, folds, hold_out, hold_out_last
-from lab.calibration.weights import Noise, root_mean_square_sigma, weighed
+from lab.calibration.weights import Noise, root_mean_square_sigma, weigh
 from lab.certification.budget import FrameMotion, InputQuantity, Placement, Propagation, RandomErrors, RandomScatter
 from lab.certification.characteristics import Repeats
 from lab.certification.lack_of_fit import ValidationErrors
@@ -93,7 +93,7 @@ def fitted_rows(calibrated: CalibrationRun) -> FittedRows:
     device = calibrated.instrument
     noise = _noise(calibrated, device)
     observation = observation_of(calibrated.estimate.arm)
-    observed, _ = weighed(observation, rows, noise)
+    observed, _ = weigh(observation, rows, noise)
     sigma = root_mean_square_sigma(observed, 0)
     validated = _validated(calibrated)
     return FittedRows(rows, judged, observed, sigma, None if noise.instrument is None else device, validated)
@@ -207,20 +207,20 @@ def validation_errors(
         return None
     rms_m, p95_m = found["rms"] / 1e3, found["p95"] / 1e3
     shown = [each for each in quantities if each.group in _SHOWN or each.placed]
-    freedom, known = chance.noise.freedom, chance.known
+    dof, all_given = chance.noise.dof, chance.all_given
     if by == "cross-validation":
         poses, own, shared = _by_folds(calibrated, fitted, shown, instrument_m)
-        return ValidationErrors(rms_m, p95_m, poses, own, shared, freedom, known)
+        return ValidationErrors(rms_m, p95_m, poses, own, shared, dof, all_given)
     rows = {"holdout": fitted.judged, "file": fitted.validated or fitted.rows}.get(by or "")
     if rows is None:  # exact points of a virtual robot
         kept = [each for each in shown if each.group != "repeatability" or each.shifts is not None]
         own, shared = _of_quantities(kept, propagation.slopes, 0.0)
-        return ValidationErrors(rms_m, p95_m, int(found["count"]), own, shared, freedom, known)
+        return ValidationErrors(rms_m, p95_m, int(found["count"]), own, shared, dof, all_given)
     some = thinned(rows, _MOST_ROWS)
     own, shared = _of_quantities(shown, _slopes(calibrated, some), instrument_m)
     if by == "file" and isinstance(calibrated.options, MeasuredCampaign) and calibrated.options.refit:
         shared = _placed_anew(calibrated, some, shared)
-    return ValidationErrors(rms_m, p95_m, _distinct(calibrated, rows), own, shared, freedom, known)
+    return ValidationErrors(rms_m, p95_m, _distinct(calibrated, rows), own, shared, dof, all_given)
 
 
 def _distinct(calibrated: CalibrationRun, rows: Measurements) -> int:
@@ -322,16 +322,16 @@ def random_errors(
     """
     result, estimate = calibrated.result, calibrated.estimate
     instrument_m = instrument_noise_m(calibrated, fitted, device)
-    lacking, larger, dof = estimate.discrepancy(instrument_m)
+    discrepancy, larger, dof = estimate.discrepancy(instrument_m)
     if result.noise_model is not None and not estimate.noise_known:  # what is independent there is not all the noise
-        lacking = float(np.sqrt(max(MM.to_si(result.noise_model.independent_mm) ** 2 - instrument_m**2, 0.0)))
-    elif estimate.noise_known and not lacking and (excess := _excess(calibrated)) > 1:
-        lacking, larger, dof = fitted.sigma_m * float(np.sqrt(excess - 1)), max(larger, excess), estimate.dof
+        discrepancy = float(np.sqrt(max(MM.to_si(result.noise_model.independent_mm) ** 2 - instrument_m**2, 0.0)))
+    elif estimate.noise_known and not discrepancy and (excess := _excess(calibrated)) > 1:
+        discrepancy, larger, dof = fitted.sigma_m * float(np.sqrt(excess - 1)), max(larger, excess), estimate.dof
     freedom = np.inf if dof is None else float(dof)
     scattered = result.noise_model is not None and result.noise_model.joint_scatter_mrad > 0
     repeatability = _repeatability(fitted, instrument_m, stated_mm, found, of_residuals=scattered)
     known_m = 0.0 if repeatability is None else repeatability.sigma_m
-    left = float(np.sqrt(max(lacking**2 - known_m**2, 0.0)))
+    left = float(np.sqrt(max(discrepancy**2 - known_m**2, 0.0)))
     autocorrelated_m = 0.0 if result.noise_model is None else MM.to_si(result.noise_model.wandering_mm)
     return RandomErrors(
         larger * estimate.free_covariance,
@@ -359,11 +359,11 @@ def motions_found(calibrated: CalibrationRun, fitted: FittedRows) -> Iterator[Fr
     for move in found.moves:
         earlier = (order.index(move.before) + 1) / len(order) if move.before in order else 1.0
         offset = MM.to_si(move.size_mm) * max(earlier, 1 - earlier)
-        words = f"base or instrument moved between poses {move.before} and {move.after}"
-        yield FrameMotion(words, f"{_BY_NOISE_MODEL}, {move.size_mm:.2g} mm", offset)
+        text = f"base or instrument moved between poses {move.before} and {move.after}"
+        yield FrameMotion(text, f"{_BY_NOISE_MODEL}, {move.size_mm:.2g} mm", offset)
     if found.drift_mm:
-        words = "drift of base or instrument to the campaign's end"
-        yield FrameMotion(words, _BY_NOISE_MODEL, MM.to_si(found.drift_mm) * float(np.sqrt(3)))
+        text = "drift of base or instrument to the campaign's end"
+        yield FrameMotion(text, _BY_NOISE_MODEL, MM.to_si(found.drift_mm) * float(np.sqrt(3)))
 
 
 def _excess(calibrated: CalibrationRun) -> float:
@@ -398,8 +398,8 @@ def _repeatability(
         source = f"scatter of the joints, {_BY_NOISE_MODEL}"
         return RandomScatter(_scatter_m(fitted), np.inf, source, of_residuals)
     if found is not None and (more := found.scatter_m**2 - instrument_m**2) > 0:
-        freedom = (more / found.scatter_m**2) ** 2 * found.freedom
-        return RandomScatter(float(np.sqrt(more)), freedom, "repeated poses, less the instrument's noise")
+        dof = (more / found.scatter_m**2) ** 2 * found.dof
+        return RandomScatter(float(np.sqrt(more)), dof, "repeated poses, less the instrument's noise")
     if stated_mm is not None:
         return RandomScatter(MM.to_si(stated_mm) / _RP_OVER_SIGMA, np.inf, f"stated RP of {stated_mm:g} mm")
     return None

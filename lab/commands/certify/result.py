@@ -90,9 +90,9 @@ class Unseen:
     remedy: str
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """The quantity with its size, for a person."""
-        return f"{self.quantity.words}, up to {self.limit:.2g} {self.unit}"
+        return f"{self.quantity.label}, up to {self.limit:.2g} {self.unit}"
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -198,7 +198,7 @@ class Certificate(Result):
         rows = [(budget, line) for budget in self.budgets for line in budget.lines]
         return {
             "measurand": [budget.measurand for budget, _ in rows],
-            "quantity": [line.quantity.words for _, line in rows],
+            "quantity": [line.quantity.label for _, line in rows],
             "contribution_mm": [MM.of(line.contribution_m) for _, line in rows],
             "share": [line.share for _, line in rows],
         }
@@ -210,7 +210,7 @@ class Certificate(Result):
             "tolerance_mm": MM.of(found.tolerance_m),
             "expanded_mm": MM.of(found.expanded_m),
             "rule": found.rule,
-            "rule_words": found.words,
+            "rule_words": found.rule_text,
             "decision": found.decision,
             "gate": gate_text(self.calibrated.result.gate_mm),
         }
@@ -245,7 +245,7 @@ def _repeats_to_dict(found: Repeats, where: Sequence[str]) -> dict[str, Any]:
         "poses": found.poses,
         "cycles": list(found.cycles),
         "scatter_mm": MM.of(found.scatter_m),
-        "freedom": found.freedom,
+        "freedom": found.dof,
     }
 
 
@@ -266,7 +266,7 @@ def _implausible_to_dict(found: Check) -> dict[str, Any]:
 
 
 def _unseen_to_dict(found: Unseen) -> dict[str, Any]:
-    return {"quantity": found.quantity.words, "limit": found.limit, "unit": found.unit, "remedy": found.remedy}
+    return {"quantity": found.quantity.label, "limit": found.limit, "unit": found.unit, "remedy": found.remedy}
 
 
 def _statistics_to_dict(found: Mapping[str, float] | None) -> dict[str, float | int] | None:
@@ -282,7 +282,7 @@ def _budget_to_dict(budget: Budget) -> dict[str, Any]:
     return {
         "lines": [_line_to_dict(line) for line in budget.lines],
         "combined_mm": MM.of(budget.combined_m),
-        "freedom": number(budget.freedom),
+        "freedom": number(budget.dof),
         "coverage_factor": budget.coverage_factor,
         "expanded_mm": MM.of(budget.expanded_m),
         "propagated_mm": MM.of(budget.propagated_m),
@@ -304,12 +304,12 @@ def _line_to_dict(line: BudgetLine) -> dict[str, Any]:
     quantity = line.quantity
     return {
         "group": quantity.group,
-        "quantity": quantity.words,
+        "quantity": quantity.label,
         "source": quantity.source,
         "distribution": quantity.uncertainty.distribution,
         "unit": quantity.unit.name,
         "standard_uncertainty": quantity.unit.of(quantity.uncertainty.standard),
-        "freedom": number(quantity.uncertainty.freedom),
+        "freedom": number(quantity.uncertainty.dof),
         "sensitivity_mm_per_unit": MM.of(line.sensitivity) / quantity.unit.factor,
         "contribution_mm": MM.of(line.contribution_m),
         "share": line.share,
@@ -397,7 +397,7 @@ def _contributions_picture(budget: Budget) -> Picture:
         axes.set(ylim=(-0.7, len(lines) - 0.3), xlabel="contribution to the standard uncertainty, µm")
         axes.grid(visible=False, axis="y")
 
-    largest = lines[-1].quantity.words
+    largest = lines[-1].quantity.label
     label = f"Contributions to the uncertainty of {_MEASURANDS[budget.measurand]}; the largest is of {largest}"
     return axes_picture(
         f"budget-{budget.measurand}", label, (6.4, 0.8 + 0.24 * len(lines)), draw, (2.9, 0.5, 0.15, 0.1)
@@ -482,7 +482,7 @@ def _statement(result: Certificate) -> tuple[Block, ...]:
         why = "no tolerance was given" if result.calibrated.result.after_mm is not None else "nothing was validated"
         return (Paragraph(f"None: {why}."),)
     comparison = f" {_comparison(result, found)}"
-    rule = sentence(f"rule: {found.words}")
+    rule = sentence(f"rule: {found.rule_text}")
     note = ""
     if result.device is None and result.unseen:
         note = (
@@ -501,28 +501,28 @@ def _validated(result: Certificate) -> tuple[Block, ...]:
         ("95 %", short(MM.of(found.observed_95_m)), short(MM.of(found.expected_95_m))),
     ]
     poses = f"{found.poses:,} poses {_VALIDATED.get(result.calibrated.result.judged_by or '', '')}"
-    words = (
+    text = (
         f"On {poses} the errors are as large as the budget predicts, with the noise of their measurements "
         f"(p = {found.p:.2g})."
     )
     if found.sigma_m:
-        words = (
+        text = (
             f"On {poses} the errors are larger than the rest of the budget predicts (p = {found.p:.2g}). The budget "
             f"has a line for this lack of fit: {short(MM.of(found.sigma_m))} mm in each coordinate."
         )
     caption = "Errors, mm. Predicted by the budget without the line for lack of fit"
-    return Table(("error", "observed", "predicted"), tuple(rows), caption), Paragraph(words)
+    return Table(("error", "observed", "predicted"), tuple(rows), caption), Paragraph(text)
 
 
 def _unseen(result: Certificate) -> tuple[Block, ...]:
     """Tabulate the effects that nothing in the run covers, U including them, and the remedies."""
-    rows: tuple[Row, ...] = tuple((each.words, each.remedy) for each in result.unseen)
+    rows: tuple[Row, ...] = tuple((each.description, each.remedy) for each in result.unseen)
     digits = [short(MM.of(each)) for each in result.with_unseen_m]
-    words = (
+    text = (
         "Neither the measurements nor the statements on the instrument show this. With it the expanded uncertainty "
         f"would be {digits[0]} mm of a position and {digits[1]} mm of a distance."
     )
-    return Table(("not contained in U", "what would show it"), rows), Paragraph(words)
+    return Table(("not contained in U", "what would show it"), rows), Paragraph(text)
 
 
 def _comparison(result: Certificate, found: Conformity) -> str:
@@ -546,9 +546,9 @@ def _budget(budget: Budget) -> tuple[Block, ...]:
     )
     rows = tuple(_line(line) for line in budget.lines)
     drawn = digits_of(MM.of(budget.tolerance_m), _MOST_DIGITS)
-    words = (
+    parts = (
         f"Combined standard uncertainty {short(MM.of(budget.combined_m))} mm, effective degrees of freedom "
-        f"{_freedom(budget.freedom)}, "
+        f"{_dof_text(budget.dof)}, "
         f"k = {budget.coverage_factor:.2f}: ",
         Strong(f"U = {_uncertainty(budget)}, 95 % coverage."),
         f" By Monte Carlo, {budget.draws:,} draws: {fixed(MM.of(budget.drawn_m), drawn)} mm, which "
@@ -560,7 +560,7 @@ def _budget(budget: Budget) -> tuple[Block, ...]:
         f"Standard uncertainty u, contribution in µm, degrees of freedom ν (∞: over {_ENDLESS:,}), "
         "share of the variance in %"
     )
-    return Table(tuple(columns), rows, caption), Paragraph(words), figure
+    return Table(tuple(columns), rows, caption), Paragraph(parts), figure
 
 
 def _of_kinematics(budget: Budget) -> str:
@@ -577,13 +577,13 @@ def _line(line: BudgetLine) -> Row:
     quantity = line.quantity
     uncertainty = quantity.uncertainty
     return (
-        capital(quantity.words),
+        capital(quantity.label),
         quantity.source,
         uncertainty.distribution,
         short(quantity.unit.of(uncertainty.standard), quantity.unit.name).replace(" ", "\u00a0"),
         short(MICRONS.of(line.sensitivity) / quantity.unit.factor),
         short(MICRONS.of(line.contribution_m)),
-        _freedom(uncertainty.freedom),
+        _dof_text(uncertainty.dof),
         f"{100 * line.share:.1f}",
     )
 
@@ -630,6 +630,6 @@ def _two(found: Accuracy) -> tuple[str, str]:
     return short(MM.of(found.mean_m)), short(MM.of(found.largest_m))
 
 
-def _freedom(count: float) -> str:
+def _dof_text(count: float) -> str:
     """Degrees of freedom; so many that they make no difference are infinite (JCGM 100:2008, table G.2)."""
     return "∞" if count > _ENDLESS else short(count)

@@ -103,7 +103,7 @@ def _certified(options: CertifyOptions, stage: Stage) -> Certificate:
     validation = None if shown is None else lack_of_fit(shown)
     if validation is not None and validation.sigma_m:
         where = f"validation on {validation.poses:,} poses, {calibrated.result.judged_by}"
-        quantities.append(lack_of_fit_of(propagation, validation.sigma_m, validation.freedom, where))
+        quantities.append(lack_of_fit_of(propagation, validation.sigma_m, validation.dof, where))
     budgets = []
     for i, each in enumerate(MEASURANDS):
         stage("3 of 3, budgets, propagated and drawn", i, len(MEASURANDS))
@@ -217,8 +217,8 @@ def _quantities(
     found += [motion_of(propagation, motion) for motion in motions]
     if (known := details.robot_temperature) is not None:
         values = dict(zip(calibrated.estimate.arm.names, calibrated.estimate.values.tolist(), strict=True))
-        foot = np.array([values.get(f"base.{axis}", 0.0) for axis in "xyz"])
-        found.append(temperature_of(propagation, foot, *known))
+        base = np.array([values.get(f"base.{axis}", 0.0) for axis in "xyz"])
+        found.append(temperature_of(propagation, base, *known))
     if details.scale is not None:
         found.append(scale_of(propagation, details.scale, "scale_ppm of [instrument]"))
     return found

@@ -70,7 +70,7 @@ class ComparisonResult(Result):
     @property
     def warnings(self) -> tuple[str, ...]:
         """Those of the runs."""
-        return tuple(dict.fromkeys(said for run in self.runs for said in run.named_warnings))
+        return tuple(dict.fromkeys(messages for run in self.runs for messages in run.named_warnings))
 
     @property
     def exit_code(self) -> int:
@@ -123,7 +123,7 @@ def _comparison_document(result: ComparisonResult) -> Document:
     word = "the links have moved" if changed else "no change of the links detected"
     rate = f"(an unchanged arm fails this test in {100 * VERIFICATION:g} % of all cases)"
     sections = tuple(
-        Section(str(run.folder), (Paragraph(_words(result, each)), _table(result, each)))
+        Section(str(run.folder), (Paragraph(_sentence(result, each)), _table(result, each)))
         for run, each in zip(result.runs[1:], result.differences, strict=True)
     )
     caption = (
@@ -134,7 +134,7 @@ def _comparison_document(result: ComparisonResult) -> Document:
         f"{called(result.runs[0].robot.name, result.serial)}: {word}",
         (
             Paragraph((Badge("changed", "bad") if changed else Badge("unchanged", "good"), f" {rate}")),
-            Paragraph(f"Compared with {result.runs[0].folder} ({result.runs[0].result.words}).", "lead"),
+            Paragraph(f"Compared with {result.runs[0].folder} ({result.runs[0].result.description}).", "lead"),
             Warnings(result.warnings),
             *sections,
             Section("The last run against the first", (Figure("moved", (_differences_picture(result),), caption),)),
@@ -161,7 +161,7 @@ def _differences_picture(result: ComparisonResult) -> Picture:
     return axes_picture("moved", label, (5.6, 0.95 + 0.2 * len(sizes)), draw, (1.35, 0.5, 0.15, 0.15))
 
 
-def _words(result: ComparisonResult, difference: Difference) -> str:
+def _sentence(result: ComparisonResult, difference: Difference) -> str:
     """Describe in a sentence what has moved."""
     p = f"p = {difference.p:.2g}" if difference.p > 0 else "p < 1e-300"
     if not difference.changed:
@@ -169,8 +169,8 @@ def _words(result: ComparisonResult, difference: Difference) -> str:
     if not difference.moved:
         return f"The links have changed, but no single parameter is surely the one that did ({p})."
     figures = _figures(result, difference)
-    said = ", ".join("{0} by {2} {3} {1}".format(name, *figures[name]) for name in difference.moved)
-    return f"Moved: {said} ({p})."
+    text = ", ".join("{0} by {2} {3} {1}".format(name, *figures[name]) for name in difference.moved)
+    return f"Moved: {text} ({p})."
 
 
 def _table(result: ComparisonResult, difference: Difference) -> Table:
@@ -220,11 +220,11 @@ def compare(runs: "Sequence[str | Path | CalibrationResult] | CompareOptions", *
         found = [read_calibrated(run, accept_edited=runs.accept_edited) for run in runs.runs]
         return _compared(runs, found)
     names = [str(run) if isinstance(run, str | Path) else f"run-{i + 1}-in-memory" for i, run in enumerate(runs)]
-    asked = options_of("lab.compare", CompareOptions, {"runs": names, **options})
-    asked.check()
-    accept = asked.accept_edited
+    requested = options_of("lab.compare", CompareOptions, {"runs": names, **options})
+    requested.check()
+    accept = requested.accept_edited
     return _compared(
-        asked, [calibrated_by(run, Path(n), accept_edited=accept) for run, n in zip(runs, names, strict=True)]
+        requested, [calibrated_by(run, Path(n), accept_edited=accept) for run, n in zip(runs, names, strict=True)]
     )
 
 

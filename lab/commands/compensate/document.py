@@ -45,7 +45,9 @@ def compensation_document(result: CompensationResult) -> Document:
     return Document(
         f"{result.run.called}: {count} targets of {result.targets.tool} corrected",
         (
-            Paragraph((verdict, f" ({'doubtful; ' if result.reasons else ''}the run is {result.run.result.words})")),
+            Paragraph(
+                (verdict, f" ({'doubtful; ' if result.reasons else ''}the run is {result.run.result.description})")
+            ),
             Bullets(tuple(map(capital, result.reasons))),
             Paragraph(_lead(result), "lead"),
             Warnings(result.warnings),
@@ -151,11 +153,11 @@ def _moves(result: CompensationResult) -> tuple[Block, ...]:
                 "with the surroundings that the robot's model knows."
             ),
         )
-    passed = sum(name.startswith(VIA) for name in result.stops.names if name not in result.targets.ids)
+    passed = sum(name.startswith(VIA) for name in result.waypoints.names if name not in result.targets.ids)
     text = (
-        f"The {len(result.reached)} corrected targets and the {len(result.stops.joints) - 1} moves from home through "
-        "all of them and back, each in a straight line of all joints, were checked for collisions with the arm itself "
-        "and with the surroundings that the robot's model knows."
+        f"The {len(result.reached)} corrected targets and the {len(result.waypoints.joints) - 1} moves from home "
+        "through all of them and back, each in a straight line of all joints, were checked for collisions with the arm "
+        "itself and with the surroundings that the robot's model knows."
     )
     return (Paragraph(text + (f" {passed} stops are only passed, to get around something." if passed else "")),)
 
@@ -173,9 +175,9 @@ def _program(result: CompensationResult) -> tuple[Section, ...]:
         "all targets together may be off as its tolerances let them be, with the correction as without it; relative to "
         "each other they are not."
     )
-    tools = Bullets(tuple(capital(each.words) + "." for each in result.tools))
+    tools = Bullets(tuple(capital(each.description) + "." for each in result.tools))
     lines = tuple((str(each.line), each.reason) for each in program.uncorrected)
-    ways = tuple((str(line), words) for line, words in program.ways)
+    paths = tuple((str(line), words) for line, words in program.touching_paths)
     return (
         Section(
             "The program",
@@ -185,7 +187,7 @@ def _program(result: CompensationResult) -> tuple[Section, ...]:
                 Paragraph(() if result.reference is None else stated_positions_note(result.reference)),
                 Paragraph(in_base),
                 Table(("line", "what stays as it is, or needs a look"), lines, most_rows=_MOST_LISTED),
-                Table(("line", "ways that are not free"), ways, most_rows=_MOST_LISTED),
+                Table(("line", "ways that are not free"), paths, most_rows=_MOST_LISTED),
             ),
         ),
     )

@@ -63,8 +63,8 @@ class CompensateOptions:
             LabError: with what to leave out, or to give.
         """
         if (self.targets is None) == (self.program is None):
-            said = "both are given" if self.targets else "none is given"
-            raise LabError(f"give targets as a CSV file, or --program FILE: {said}")
+            text = "both are given" if self.targets else "none is given"
+            raise LabError(f"give targets as a CSV file, or --program FILE: {text}")
         if self.program is not None:
             from lab.commands.run_folder import refuse_own_name
 

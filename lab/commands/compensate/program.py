@@ -71,7 +71,7 @@ class CorrectedProgram:
         uncorrected: lines that stay as they are, and why, by line.
         rounding_mm, rounding_deg: how far the written numbers bring the controller's arm from the exact ones at most;
             None where no target is corrected.
-        ways: what the arm touches on its way from target to target, in words, by line.
+        touching_paths: what the arm touches on its way from target to target, in words, by line.
     """
 
     name: str
@@ -82,23 +82,25 @@ class CorrectedProgram:
     uncorrected: tuple[Uncorrected, ...]
     rounding_mm: float | None
     rounding_deg: float | None
-    ways: tuple[tuple[int, str], ...]
+    touching_paths: tuple[tuple[int, str], ...]
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings for the reader."""
-        said = [f"line {line}: {words}" for line, words in self.ways]
+        messages = [f"line {line}: {text}" for line, text in self.touching_paths]
         rounding = np.array([self.rounding_mm or 0.0, self.rounding_deg or 0.0])
         if (rounding > _COARSE).any():
-            said.append(
+            messages.append(
                 f"the digits of {self.name} round targets by up to {rounding[0]:.2g} mm and {rounding[1]:.2g}°, and "
                 f"{self.language} takes no more"
             )
         if self.uncorrected:
             lines = ", ".join(str(each.line) for each in self.uncorrected[:_LISTED])
             more = ", …" if len(self.uncorrected) > _LISTED else ""
-            said.append(f"{self.name}: what lines {lines}{more} say stays as it is or needs a look, see uncorrected")
-        return tuple(said)
+            messages.append(
+                f"{self.name}: what lines {lines}{more} say stays as it is or needs a look, see uncorrected"
+            )
+        return tuple(messages)
 
 
 @dataclass(frozen=True)
@@ -139,11 +141,11 @@ class OpenProgram:
         Raises:
             LabError: none is left to be corrected.
         """
-        more = [Uncorrected(self.read.targets[self.rows[i]].line, words) for i, words in left.items()]
-        kept = np.array([i for i in range(len(self.rows)) if i not in left], dtype=np.int_)
-        if not len(kept):
+        more = [Uncorrected(self.read.targets[self.rows[i]].line, text) for i, text in left.items()]
+        retained = np.array([i for i in range(len(self.rows)) if i not in left], dtype=np.int_)
+        if not len(retained):
             raise LabError(f"{self.path}: no target can be corrected; line {more[0].line}: {more[0].reason}")
-        return replace(self, rows=self.rows[kept], targets=self.targets.take(kept), left=(*self.left, *more))
+        return replace(self, rows=self.rows[retained], targets=self.targets.take(retained), left=(*self.left, *more))
 
     def rewritten(self, found: Compensation, digits: int | None) -> tuple[CorrectedProgram, Compensation]:
         """Write the corrected targets into the text; a target whose correction its digits would lose stays as it is.
@@ -309,18 +311,18 @@ def open_program(options: CompensateOptions, run: CalibrationRun) -> OpenProgram
     wanted = PoseTarget(Ts[:, :3, 3], Ts[:, :3, :3])
     joints, refused = requested_solutions(nominal, wanted, [read.targets[i] for i in rows])
     left += [Uncorrected(read.targets[rows[i]].line, words) for i, words in refused.items()]
-    kept = np.array([i for i in range(len(rows)) if i not in refused], dtype=np.int_)
-    if not len(kept):
+    retained = np.array([i for i in range(len(rows)) if i not in refused], dtype=np.int_)
+    if not len(retained):
         raise LabError(f"{path}: no target can be corrected; line {left[0].line}: {left[0].reason}")
     targets = Targets(
         reference.run.estimate.arm.targets[reference.target],
-        _names(read.targets, rows[kept]),
-        wanted.positions[kept],
-        wanted.rotations[kept],
-        joints[kept],
-        lines=tuple(read.targets[i].line for i in rows[kept]),
+        _names(read.targets, rows[retained]),
+        wanted.positions[retained],
+        wanted.rotations[retained],
+        joints[retained],
+        lines=tuple(read.targets[i].line for i in rows[retained]),
     )
-    return OpenProgram(path, text, language, read, reference, rows[kept], targets, tuple(left))
+    return OpenProgram(path, text, language, read, reference, rows[retained], targets, tuple(left))
 
 
 def _names(targets: Sequence[TargetText], rows: NDArray[np.int_]) -> tuple[str, ...]:
@@ -329,9 +331,9 @@ def _names(targets: Sequence[TargetText], rows: NDArray[np.int_]) -> tuple[str, 
     for i in rows.tolist():
         name = targets[i].name
         counts[name] += 1
-        while (said := name if counts[name] == 1 else f"{name} ({counts[name]})") in names:
+        while (text := name if counts[name] == 1 else f"{name} ({counts[name]})") in names:
             counts[name] += 1
-        names[said] = None
+        names[text] = None
     return tuple(names)
 
 
@@ -404,7 +406,7 @@ class UsedTool:
         }
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """Description of the tool, its number of targets, and its distance from a measured point."""
         place = ", ".join(short(MM.of(each)) for each in self.position_m)
         if not self.name:
@@ -459,14 +461,14 @@ def flange_note(reference: "ProgramReference", flange_95_m: Array) -> str:
 
 def stated_positions_note(reference: "ProgramReference") -> str:
     """Describe how far the measured points are from their stated positions in the flange, and the consequence."""
-    off = [short(MM.of(each)) for each in reference.flange.off_m.tolist()]
+    off = [short(MM.of(each)) for each in reference.flange.deviation_m.tolist()]
     if not reference.stated:
         return "No place of a measured point in the flange is stated."
-    said = f"The measured points ({', '.join(reference.stated)}) are {', '.join(off)} mm from their stated places"
-    if not reference.flange.believed:
-        return f"{said}, more than the tolerances of the last link explain, so these places are not used."
+    text = f"The measured points ({', '.join(reference.stated)}) are {', '.join(off)} mm from their stated places"
+    if not reference.flange.uses_stated:
+        return f"{text}, more than the tolerances of the last link explain, so these places are not used."
     return (
-        f"{said}. The tolerances of the last link explain that, so it is taken for the flange's own error; if the "
+        f"{text}. The tolerances of the last link explain that, so it is taken for the flange's own error; if the "
         "points sit on an adapter, it is not, and the expected errors by the flange are too small."
     )
 
@@ -474,13 +476,13 @@ def stated_positions_note(reference: "ProgramReference") -> str:
 def _why(reference: "ProgramReference") -> str:
     """Explain why the measured points do not determine the flange's orientation."""
     measured = reference.measured_targets
-    if not reference.flange.believed and reference.run.options.observe == "pose":
+    if not reference.flange.uses_stated and reference.run.options.observe == "pose":
         return ", since the measured pose of the tool is not the one that is stated"
-    if reference.flange.believed or len(measured) < 3:
+    if reference.flange.uses_stated or len(measured) < 3:
         points = f"{len(measured)} measured point{'s do' if len(measured) > 1 else ' does'}"
         return f", since {points} not show it"
     if reference.stated:
-        off = [short(MM.of(each)) for each in reference.flange.off_m.tolist()]
+        off = [short(MM.of(each)) for each in reference.flange.deviation_m.tolist()]
         return (
             f", since the measured points are {', '.join(off)} mm from their stated places, more than the tolerances "
             "of the last link explain"
@@ -493,8 +495,8 @@ def flange_values(reference: "ProgramReference") -> Mapping[str, Any]:
     flange = reference.flange
     return {
         "orientation_known": flange.turned,
-        "stated_places_used": flange.believed,
-        "off_stated_mm": dict(zip(reference.stated, MM.of(flange.off_m).tolist(), strict=False)),
+        "stated_places_used": flange.uses_stated,
+        "off_stated_mm": dict(zip(reference.stated, MM.of(flange.deviation_m).tolist(), strict=False)),
         "tolerance_mm": MM.of(float(reference.sigma[0])),
         "tolerance_mrad": MRAD.of(float(reference.sigma[3])),
     }

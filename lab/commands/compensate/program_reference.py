@@ -123,7 +123,7 @@ class ProgramReference:
         default = all(
             name in DEFAULT_TOOL and np.allclose(tool[name], DEFAULT_TOOL[name], rtol=0, atol=1e-9) for name in names
         )
-        return () if default and not self.flange.believed else names
+        return () if default and not self.flange.uses_stated else names
 
 
 def program_reference(run: CalibrationRun, read: ProgramText) -> ProgramReference:
@@ -188,7 +188,7 @@ def _own_tolerance(run: CalibrationRun) -> tuple[Array, float]:
     spread = standard_deviations(arm, tolerance)
     spread[~np.isfinite(spread)] = 0.0
     wide = np.sqrt(((alias_matrix(structure, len(arm.names)) * spread) ** 2).sum(axis=1))
-    by_name = dict(zip((arm.names[i] for i in structure.kept), wide.tolist(), strict=True))
+    by_name = dict(zip((arm.names[i] for i in structure.identifiable), wide.tolist(), strict=True))
     deviation = np.sqrt(np.diag(run.estimate.free_covariance))
     deviations = dict(zip(run.estimate.free_names, deviation.tolist(), strict=True))
     estimates, drawn = {name: row.estimate for name, row in run.estimate.params.items()}, _by_name(run, nominal)
@@ -216,11 +216,11 @@ def _flange(run: CalibrationRun, sigma: Array, dof: float) -> tuple[Flange, Arra
     stated = run.robot.tool
     known = _stated(stated, run.estimate.arm.targets)
     columns = [f"tool.{name}.{axis}" for name in known for axis in "xyz"]
-    kept = [i for i, name in enumerate(columns) if name in run.estimate.free_names]
-    at = [run.estimate.free_names.index(columns[i]) for i in kept]
+    retained = [i for i, name in enumerate(columns) if name in run.estimate.free_names]
+    at = [run.estimate.free_names.index(columns[i]) for i in retained]
     moved = np.eye(len(columns))  # how the points follow what was measured of them
     covariance = np.zeros_like(moved)
-    covariance[np.ix_(kept, kept)] = run.estimate.free_covariance[np.ix_(at, at)]
+    covariance[np.ix_(retained, retained)] = run.estimate.free_covariance[np.ix_(at, at)]
     measured = _by_name(run, run.estimate.values)
     points = np.array([measured[name] for name in columns]).reshape(-1, 3)
     places = np.array([stated[name] for name in known]).reshape(-1, 3)
@@ -230,9 +230,9 @@ def _flange(run: CalibrationRun, sigma: Array, dof: float) -> tuple[Flange, Arra
         places = np.concatenate([places, places + ends @ _stated_turn(run, known[0]).T])
         moved = np.tile(moved, (4, 1))
     flange = located_flange(points, moved @ covariance @ moved.T, places, _prior(run, sigma), dof, posed=posed)
-    flange = replace(flange, gain=flange.gain @ moved, off_m=flange.off_m[: len(known)])
+    flange = replace(flange, gain=flange.gain @ moved, deviation_m=flange.deviation_m[: len(known)])
     gain = np.zeros((6, len(run.estimate.free_names)))
-    gain[:, at] = flange.gain[:, kept]
+    gain[:, at] = flange.gain[:, retained]
     return flange, gain
 
 
@@ -417,12 +417,12 @@ def requested_solutions(
     nominal_chain = nominal.arm.dh_chain(nominal.values)
     assert nominal_chain is not None
     shape, last = ArmShape.of(nominal_chain), chain.home
-    ways = nominal.ways(wanted, np.broadcast_to(chain.home, found.shape))
+    solutions = nominal.solutions(wanted, np.broadcast_to(chain.home, found.shape))
     for i, target in enumerate(targets):
         if target.spelling is None:
             found[i] = last = target.joints
             continue
-        some = ways.joints[i][ways.gap_m[i] < _REACHED_M]
+        some = solutions.joints[i][solutions.gap_m[i] < _REACHED_M]
         if target.allowed is None:
             some = np.concatenate([some, _from(nominal, wanted.take(np.array([i])), last)])
         if not len(some):
@@ -477,17 +477,19 @@ def paths_touched(
     free, pairs, found = path_check(model), list(pairwise(moves)), list[tuple[int, str]]()
 
     def touched(first: int) -> Columns:
-        said = list[tuple[int, str]]()
+        messages = list[tuple[int, str]]()
         for done, (before, move) in enumerate(pairs[first : first + _BLOCK], start=first):
             progress(done, len(pairs))
             start, end = joints[before.target], joints[move.target]
             if not np.isfinite([start, end]).all() or before.target == move.target:
                 continue
             line = move.motion == "line"
-            words = _on_line(model, nominal, start, end) if line else _of_joints(model, free, start, end)
-            if words:
-                said.append((move.line, f"on the way from {names[before.target]} to {names[move.target]}, {words}"))
-        lines, texts = [line for line, _ in said], [words for _, words in said]
+            message = _on_line(model, nominal, start, end) if line else _of_joints(model, free, start, end)
+            if message:
+                messages.append(
+                    (move.line, f"on the way from {names[before.target]} to {names[move.target]}, {message}")
+                )
+        lines, texts = [line for line, _ in messages], [message for _, message in messages]
         return {"lines": np.array(lines, dtype=np.int_), "texts": np.array(texts, dtype=np.str_)}
 
     for first in range(0, len(pairs), _BLOCK):
@@ -501,7 +503,7 @@ def _of_joints(model: RobotModel, free: FreePath, start: Array, end: Array) -> s
     if free(start, end):
         return ""
     looks = start + np.linspace(0, 1, _LOOKED_AGAIN)[:, None] * (end - start)
-    return next((words for words in describe_collisions(model, looks) if words), "something is touched")
+    return next((message for message in describe_collisions(model, looks) if message), "something is touched")
 
 
 def _on_line(model: RobotModel, nominal: NominalInverse, start: Array, end: Array) -> str:
@@ -528,7 +530,7 @@ def _line_of_tool(nominal: NominalInverse, start: Array, end: Array) -> Array:
     found = start + shares[:, None] * (end - start)
     if nominal.closed_form is None:
         return nominal.again(wanted, found, np.full(len(found), -1))[0]
-    ways = nominal.ways(wanted, found)
+    ways = nominal.solutions(wanted, found)
     last = start
     for i, some in enumerate(ways.joints):
         turned = nearest_whole_turns(nominal.arm.chain, some[ways.gap_m[i] < _REACHED_M], last)

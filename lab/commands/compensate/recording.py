@@ -21,10 +21,10 @@ def record_compensation(path: Path, result: CompensationResult) -> None:
     Only targets that are reached are among the stops; there has to be one.
     """
     run, rows = result.run, result.reached
-    stops = drawn_rows(len(result.stops.joints))
-    every = result.stops.names
-    joints, names = result.stops.joints[stops], [every[i] for i in stops]
-    which = result.stops.which[stops]
+    waypoints = drawn_rows(len(result.waypoints.joints))
+    every = result.waypoints.names
+    joints, names = result.waypoints.joints[waypoints], [every[i] for i in waypoints]
+    which = result.waypoints.which[waypoints]
     at_target = np.flatnonzero(which >= 0)
     aimed = rows[which[at_target]]
     wanted, found = result.wanted.positions[aimed], result.found
@@ -39,7 +39,7 @@ def record_compensation(path: Path, result: CompensationResult) -> None:
         values,
         joints,
         names,
-        _at_waypoints(wanted, at_target, len(stops))[:, None],
+        _at_waypoints(wanted, at_target, len(waypoints))[:, None],
         "the targets, wanted",
         [
             PointErrors(
@@ -47,10 +47,10 @@ def record_compensation(path: Path, result: CompensationResult) -> None:
                 "from the target to where the arm goes with the nominal model's joint positions",
                 RGB_BEFORE,
                 "vermilion",
-                _at_waypoints(before - wanted, at_target, len(stops))[:, None],
+                _at_waypoints(before - wanted, at_target, len(waypoints))[:, None],
             ),
         ],
-        _at_waypoints(result.predicted_m[aimed], at_target, len(stops)),
+        _at_waypoints(result.predicted_m[aimed], at_target, len(waypoints)),
     )
     digest = hashlib.sha256(run.robot.sha256.encode() + joints.tobytes() + wanted.tobytes() + values.tobytes())
     record_errors(path, run.robot.name, digest.hexdigest()[:32], scene, result.document())

@@ -20,7 +20,7 @@ from lab.commands.compensate.options import CompensateOptions
 from lab.commands.compensate.program import CorrectedProgram, UsedTool, flange_note, flange_values, used_tools
 from lab.commands.compensate.program_reference import ProgramErrors, ProgramReference, program_errors
 from lab.commands.result import Result, exit_code_of
-from lab.commands.run_folder import Stops, joint_columns
+from lab.commands.run_folder import Waypoints, joint_columns
 from lab.compensation.compensator import NEAR_RAD, Compensation
 from lab.compensation.flange import point_rows
 from lab.core import se3
@@ -99,7 +99,7 @@ class CompensationResult(Result):
     found: Compensation
     arm_inputs: Array
     without_effects_m: float | None
-    stops: Stops
+    waypoints: Waypoints
     checked: bool
     notes: tuple[str, ...]
     program: CorrectedProgram | None = None
@@ -119,7 +119,9 @@ class CompensationResult(Result):
     @property
     def exit_code(self) -> int:
         """1 where a target is not reached or a way touches; 3 where good is required and it is doubtful; else 0."""
-        touched = self.program is not None and (self.program.ways or len(self.program.rows) < len(self.program.targets))
+        touched = self.program is not None and (
+            self.program.touching_paths or len(self.program.rows) < len(self.program.targets)
+        )
         if touched or not self.found.converged.all():
             return 1
         return exit_code_of(self.verdict, self.options.require)
@@ -132,7 +134,7 @@ class CompensationResult(Result):
         if gate_mm is not None and mean_mm is not None and mean_mm > gate_mm:
             far = (f"the expected error is {mean_mm:.3g} mm: these targets are far from where the arm was measured",)
         of_program = () if self.program is None else self.program.warnings
-        tools = tuple(each.words for each in self.tools if each.disagrees)
+        tools = tuple(each.description for each in self.tools if each.disagrees)
         without = () if self._no_program is None else (self._no_program,)
         return (*tools, *self.notes, *far, *self._beyond, *self._unchecked, *without, *of_program)
 
@@ -140,13 +142,13 @@ class CompensationResult(Result):
     def _beyond(self) -> tuple[str, ...]:
         """Warnings on targets outside the measured range of the run."""
         sizes, ids = self.beyond_m[self.reached], [self.targets.ids[i] for i in np.flatnonzero(self.extrapolated)]
-        said = list(phrases(check_extrapolated("targets", ids, len(sizes))))
+        messages = list(phrases(check_extrapolated("targets", ids, len(sizes))))
         if count := int((sizes > 0).sum()):
-            said.append(
+            messages.append(
                 f"{count} of {len(sizes)} targets are beyond what the run measured: of their expected errors, up to "
                 f"{MM.text(sizes.max(), 2)} (1σ) is what the model may lack there"
             )
-        return tuple(said)
+        return tuple(messages)
 
     @cached_property
     def extrapolated(self) -> NDArray[np.bool_]:
@@ -193,12 +195,12 @@ class CompensationResult(Result):
         if not (far := moved > MOST_TOLERANCES * usual).any():
             return tuple(run)
         worst = int(np.argmax(moved / usual))
-        words = (
+        text = (
             f"{int(far.sum())} targets are moved by more than {MOST_TOLERANCES:g} tolerances, "
             f"{self.targets.ids[self.reached[worst]]} by {MM.text(moved[worst])}, which is "
             f"{moved[worst] / usual[worst]:.3g}: is the nominal model that of this robot?"
         )
-        return (words, *run)
+        return (text, *run)
 
     @cached_property
     def _tolerance_m(self) -> Array:
@@ -345,7 +347,7 @@ class CompensationResult(Result):
             "failed": [{"id": name, "reason": reason} for name, reason in self.failed],
             "checked": self.checked,
             "other_solution": [{"id": name, "reason": reason} for name, reason in self.passed_over],
-            "stops": self.stops.rows(chain),
+            "stops": self.waypoints.rows(chain),
             "correction_mm": dict(zip(("mean", "max"), self.mean_and_max_mm(self.correction_m), strict=True)),
             "predicted_mm": dict(zip(("mean", "max"), self.mean_and_max_mm(self.predicted_m), strict=True)),
             "judged_mm": None if (after := self.run.result.after_mm) is None else after["mean"],
@@ -379,7 +381,7 @@ class CompensationResult(Result):
                 for i in self.reached
             ],
             "uncorrected": [{"line": each.line, "reason": each.reason} for each in program.uncorrected],
-            "ways": [{"line": line, "reason": words} for line, words in program.ways],
+            "ways": [{"line": line, "reason": text} for line, text in program.touching_paths],
             "tools": [each.to_dict() for each in self.tools],
             "flange": flange_values(reference),
             "expected_95_mm": {
@@ -500,7 +502,7 @@ def _write_files(folder: Path, result: CompensationResult) -> None:
     chain, ids = run.robot.chain, {"id": [result.targets.ids[i] for i in rows]}
     lone = result.extrapolated
     marked = {"extrapolated": _yes(lone[rows])} if lone.any() else {}
-    _write_csv(folder / JOINTS, result, {**result.stops.columns(chain), **_waypoint_conditions(result)})
+    _write_csv(folder / JOINTS, result, {**result.waypoints.columns(chain), **_waypoint_conditions(result)})
     at_targets = {**_cartesian_columns(result, rows), **joint_columns(chain, result.found.joints[rows])}
     _write_csv(folder / CARTESIAN, result, {**ids, **at_targets, **_conditions_files(result, rows), **marked})
     nominal_inverse = run.estimate.nominal_inverse(result.target)  # what the corrected targets are for
@@ -526,11 +528,18 @@ def _target_moves(result: CompensationResult) -> TargetMoves:
     """Return the moves of a controller's program, with the base and tool for the controller's nominal links."""
     run, nominal_inverse = result.run, result.run.estimate.nominal_inverse(result.target)
     T_instrument_frame0 = nominal_inverse.arm.T_tracker_frame0(nominal_inverse.values)
-    T_last_tool, stops = se3.pose(run.estimate.R_last_tool, nominal_inverse.tools[result.target]), result.stops
+    T_last_tool, waypoints = se3.pose(run.estimate.R_last_tool, nominal_inverse.tools[result.target]), result.waypoints
     T_frame0_instrument = se3.inverse(T_instrument_frame0)
-    postures = postures_of(nominal_inverse.arm, nominal_inverse.values, stops.joints)
+    postures = postures_of(nominal_inverse.arm, nominal_inverse.values, waypoints.joints)
     return TargetMoves(
-        run.robot.name, stops.ids, stops.joints, stops.which, T_last_tool, T_frame0_instrument, result.checked, postures
+        run.robot.name,
+        waypoints.ids,
+        waypoints.joints,
+        waypoints.which,
+        T_last_tool,
+        T_frame0_instrument,
+        result.checked,
+        postures,
     )
 
 
@@ -549,7 +558,7 @@ def _conditions_files(result: CompensationResult, rows: NDArray[np.int_]) -> dic
 
 def _waypoint_conditions(result: CompensationResult) -> dict[str, list[Any]]:
     """Return the conditions of the targets among the waypoints; empty where a waypoint is no target."""
-    rows, which = np.flatnonzero(result.found.converged), result.stops.which
+    rows, which = np.flatnonzero(result.found.converged), result.waypoints.which
     return {
         name: [column[rows[pose]] if pose >= 0 else "" for pose in which.tolist()]
         for name, column in result.targets.conditions.items()

@@ -14,7 +14,7 @@ from lab.commands.compensate.options import CompensateOptions
 from lab.commands.compensate.program import OpenProgram, open_program
 from lab.commands.compensate.program_reference import paths_touched
 from lab.commands.compensate.result import CompensationResult
-from lab.commands.run_folder import Stops
+from lab.commands.run_folder import Waypoints
 from lab.compensation.compensator import REQUESTED_BRANCH, Compensation, Compensator
 from lab.core.errors import LabError, error_context
 from lab.core.measurements import LAST_MOVE, asked, last_moves
@@ -79,10 +79,10 @@ def compensate(
     in_memory = targets if isinstance(targets, Targets) else None
     file = "targets.csv" if in_memory is not None else str(targets)
     named = {} if targets is None else {"targets": file}
-    asked = options_of("lab.compensate", CompensateOptions, {**named, **folder_of(run), **options})
-    asked.refuse_conflicts()
-    by = calibrated_by(run, asked.run, asked.load, asked.cell, accept_edited=asked.accept_edited)
-    return _compensated(asked, by, in_memory)
+    requested = options_of("lab.compensate", CompensateOptions, {**named, **folder_of(run), **options})
+    requested.refuse_conflicts()
+    by = calibrated_by(run, requested.run, requested.load, requested.cell, accept_edited=requested.accept_edited)
+    return _compensated(requested, by, in_memory)
 
 
 def _compensated(options: CompensateOptions, run: CalibrationRun, given: Targets | None = None) -> CompensationResult:
@@ -103,19 +103,21 @@ def _of_program(options: CompensateOptions, run: CalibrationRun) -> Compensation
     if left := done.better_left:
         program = program.without(left)
         done = _corrected_program(options, program)
-    stands = np.full((len(program.read.targets), run.robot.chain.size), np.nan)
-    stands[program.rows] = program.targets.joints  # those that are not corrected stay in the text, and are moved to
-    stands[program.rows[done.reached]] = done.found.joints[done.reached]
-    ways: tuple[tuple[int, str], ...] = ()
+    configurations = np.full((len(program.read.targets), run.robot.chain.size), np.nan)
+    configurations[program.rows] = (
+        program.targets.joints
+    )  # those that are not corrected stay in the text, and are moved to
+    configurations[program.rows[done.reached]] = done.found.joints[done.reached]
+    paths: tuple[tuple[int, str], ...] = ()
     if done.checked:
         names = [each.name for each in program.read.targets]
         with status("checking") as stage:
-            ways = paths_touched(
-                run.robot.model, program.nominal, stands, program.read.moves, names, partial(stage, "ways"),
+            paths = paths_touched(
+                run.robot.model, program.nominal, configurations, program.read.moves, names, partial(stage, "ways"),
                 current_keep(),
             )  # fmt: skip
     assert done.program is not None
-    return replace(done, program=replace(done.program, ways=ways))
+    return replace(done, program=replace(done.program, touching_paths=paths))
 
 
 def _corrected_program(options: CompensateOptions, program: OpenProgram) -> CompensationResult:
@@ -184,39 +186,43 @@ def _corrected(
             f"{MM.text(without, 2)} at these targets"
         )
     warnings += _left_out(run, targets, found)
-    said = (*run.warnings, *targets.warnings, *warnings)
+    messages = (*run.warnings, *targets.warnings, *warnings)
     rows = np.flatnonzero(found.converged)
     way, which = found.joints[rows], np.arange(len(rows))
     if access is not None:
         with status("checking") as stage:
             way, which = waypoints_in_order(rated(run.robot.chain)[0], access, way, partial(stage, "ways"), keep)
-    stops = Stops(way, which, [targets.ids[i] for i in rows], "target")
-    done = CompensationResult(options, run, targets, wanted, found, inputs, without, stops, checked, said, corrected)
+    waypoints = Waypoints(way, which, [targets.ids[i] for i in rows], "target")
+    done = CompensationResult(
+        options, run, targets, wanted, found, inputs, without, waypoints, checked, messages, corrected
+    )
     if run.load is not None and found.converged.any():
         size = float(np.sqrt((done.load_m[found.converged] ** 2).mean()))
-        words = f"of the error to expect, {MICRONS.text(size, 2)} (1σ, root mean square) is the load's uncertainty"
+        text = f"of the error to expect, {MICRONS.text(size, 2)} (1σ, root mean square) is the load's uncertainty"
         if not size:
             why = "the run has no compliance, or no target carries them"
-            words = f"{run.load.mass_kg:.4g} kg at the flange make no difference: {why}"
-        return replace(done, notes=(*said, words))
+            text = f"{run.load.mass_kg:.4g} kg at the flange make no difference: {why}"
+        return replace(done, notes=(*messages, text))
     return done
 
 
 def _left_out(run: CalibrationRun, targets: Targets, found: Compensation) -> list[str]:
     """Describe rotations and positions of the targets that an arm with so few joints cannot reach."""
-    size, said = run.robot.chain.size, []
+    size, messages = run.robot.chain.size, []
     if found.unturned_rad.max() > _UNTURNED_RAD:
         worst = int(found.unturned_rad.argmax())
         missed = f"rotations missed by up to {DEGREES.text(found.unturned_rad[worst], 2)} (target {targets.ids[worst]})"
         met = "positions are met, " if size >= PLACES else ""
-        said.append(f"{run.robot.name} has {size} joints, which cannot give the tool every orientation: {met}{missed}")
+        messages.append(
+            f"{run.robot.name} has {size} joints, which cannot give the tool every orientation: {met}{missed}"
+        )
     if found.unplaced_m.max() > _UNPLACED_M:
         worst = int(found.unplaced_m.argmax())
-        said.append(
+        messages.append(
             f"{run.robot.name} has {size} joints, which cannot bring the tool to every place: it comes as near as they "
             f"can, to within {MM.text(found.unplaced_m[worst], 2)} (target {targets.ids[worst]})"
         )
-    return said
+    return messages
 
 
 def _access(options: CompensateOptions, run: CalibrationRun) -> ReachabilityGraph | None:
@@ -238,8 +244,8 @@ def _refuse_beyond_limits(run: CalibrationRun, targets: Targets, source: str) ->
     outside = run.robot.chain.beyond_limits(targets.joints, 1e-9)
     if outside.any():
         row, joint = np.argwhere(outside)[0].tolist()
-        said = run.robot.chain.limit_note(joint, targets.joints[row, joint])
-        raise LabError(f"{source}: line {targets.lines[row]}, {said}; mend it, or leave the row's joints empty")
+        message = run.robot.chain.limit_note(joint, targets.joints[row, joint])
+        raise LabError(f"{source}: line {targets.lines[row]}, {message}; mend it, or leave the row's joints empty")
 
 
 def _in_their_order(
@@ -260,7 +266,7 @@ def _in_their_order(
 def _conditions(run: CalibrationRun, targets: Targets, source: str) -> tuple[Array, list[str]]:
     """The conditions of the arm's effects at each target ``(n, c)``, and notes of what is assumed of them."""
     given, conditions = targets.conditions, run.estimate.arm.conditions
-    said = condition_notes(run, source, list(given), "target", "corrected")
+    notes = condition_notes(run, source, list(given), "target", "corrected")
     if run.load is not None and PAYLOAD in conditions and PAYLOAD not in given:
         given = {**given, PAYLOAD: np.full(len(targets), run.load.mass_kg)}
     with error_context(source):
@@ -270,4 +276,4 @@ def _conditions(run: CalibrationRun, targets: Targets, source: str) -> tuple[Arr
             else asked(given, name, len(targets), lambda row: f"line {targets.lines[row]}")
             for name in conditions
         ]
-    return np.stack(columns, axis=1) if columns else np.empty((len(targets), 0)), said
+    return np.stack(columns, axis=1) if columns else np.empty((len(targets), 0)), notes

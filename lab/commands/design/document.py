@@ -113,10 +113,10 @@ def _draw_errors(axes: Axes, curve: Sequence[DesignStep], chosen: tuple[int, flo
         drawn.append(MICRONS.of(np.array(values)))
         axes.plot(poses, drawn[-1], style, color=tint, label=label, markersize=5)
     if chosen is not None:
-        said = f"this plan: {chosen[0]} poses, {short(MICRONS.of(chosen[1]))} µm"
+        text = f"this plan: {chosen[0]} poses, {short(MICRONS.of(chosen[1]))} µm"
         drawn.append(np.array([MICRONS.of(chosen[1])]))
         axes.axvline(chosen[0], color=REFERENCE, linewidth=1)
-        axes.plot([chosen[0]], drawn[-1], "D", color=REFERENCE, markersize=8, label=said, zorder=4)
+        axes.plot([chosen[0]], drawn[-1], "D", color=REFERENCE, markersize=8, label=text, zorder=4)
     every = np.concatenate(drawn)
     low, high = float(every.min()) / 1.2, float(every.max()) * 1.2
     ticks = [m * 10.0**e for e in range(-9, 9) for m in _TICKS if low <= m * 10.0**e <= high]
@@ -188,8 +188,10 @@ def _targets(axes: Axes, shown: PlanScene, plane: tuple[int, int]) -> None:
     if via.any():
         passed = mm * shown.points[via, 0]
         axes.plot(passed[:, i], passed[:, j], "x", color=REFERENCE, label="passed only", zorder=3)
-    head, said = _at_edge(mm * shown.head - middle, half, plane)
-    axes.plot([middle[i] + head[0]], [middle[j] + head[1]], "P", color=INSTRUMENT, markersize=12, label=said, zorder=4)
+    head, reasons = _at_edge(mm * shown.head - middle, half, plane)
+    axes.plot(
+        [middle[i] + head[0]], [middle[j] + head[1]], "P", color=INSTRUMENT, markersize=12, label=reasons, zorder=4
+    )
     if j == 2:
         axes.axhline(0.0, color=TICK, linewidth=1)
     axes.legend(loc="best", frameon=True)
@@ -270,7 +272,7 @@ def design_document(result: DesignResult) -> Document:
                 (
                     Figure("poses-figure", pose_pictures(result), _POSES),
                     Paragraph(_tour(result)),
-                    Paragraph(SessionDuration.of(result.tour).words),
+                    Paragraph(SessionDuration.of(result.tour).description),
                     Paragraph(_candidates(values)),
                     *_reflector(values),
                     *_stations(values),
@@ -323,7 +325,7 @@ def _tour(result: DesignResult) -> str:
     language = None if refusal(chain, controller) else language_of(chain, controller)
     moving = f" {PLAN}{language.suffix} moves at {language.speed}, which takes longer." if language else ""
     return (
-        f"The tour has {len(tour.stops) - 1} moves{via}. It takes {float(tour.seconds):.1f} s at full speed and "
+        f"The tour has {len(tour.waypoints) - 1} moves{via}. It takes {float(tour.seconds):.1f} s at full speed and "
         f"acceleration, home to home, and {PAUSE_S} s of waiting at each pose.{moving} {_checked(result)}"
     )
 
@@ -425,18 +427,18 @@ def check_document(result: PlanCheckResult) -> Document:
     count = len(result.faults)
     cell = f" in {result.options.cell}" if result.options.cell else ""
     badge = Badge("the plan can be run", "good") if not count else Badge("the plan cannot be run", "bad")
-    said = (
-        f" All {len(result.stops)} stops and the ways between them are free{cell}."
+    text = (
+        f" All {len(result.waypoints)} stops and the ways between them are free{cell}."
         if not count
-        else f" {count} of {len(result.stops)} stops{cell} are not allowed, or the way to them is not; plan anew."
+        else f" {count} of {len(result.waypoints)} stops{cell} are not allowed, or the way to them is not; plan anew."
     )
-    rows = tuple((fault.stop, fault.why) for fault in result.faults)
+    rows = tuple((fault.waypoint, fault.why) for fault in result.faults)
     return Document(
         f"{result.robot.name}: {badge.text}",
         (
-            Paragraph((badge, f".{said}"), "lead"),
+            Paragraph((badge, f".{text}"), "lead"),
             Warnings(result.warnings),
             Section("Faults", (Table(("stop", "why"), rows),)),
-            Section("The day", (Paragraph(result.day.words),)),
+            Section("The day", (Paragraph(result.duration.description),)),
         ),
     )

@@ -46,7 +46,7 @@ __all__ = ["record_plan"]
 
 TIMELINE, POSES = "stop", "poses"
 BOUND, O1 = "curve/bound_um", "curve/o1"
-_WAY, _HERE, _PASSED = RGB_PATH, RGB_CURRENT, RGB_MUTED
+_PATH, _HERE, _PASSED = RGB_PATH, RGB_CURRENT, RGB_MUTED
 _TALLEST = 8.0  # bars of the curve, in times the last one
 _FIRST, _LAST = np.array(RGB_FIRST), np.array(RGB_LAST)  # colours of the targets, by the order of the tour
 
@@ -83,7 +83,7 @@ def _identity(plan: DesignResult) -> str:
     """Compute a recording identifier from the content, so that the same plan gives the same recording."""
     digest = hashlib.sha256(plan.problem.robot.sha256.encode())
     digest.update(repr(plan.options).encode())
-    for array in (plan.tour.stops, plan.prediction.rms, plan.problem.values):
+    for array in (plan.tour.waypoints, plan.prediction.rms, plan.problem.values):
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()[:32]
 
@@ -99,7 +99,7 @@ def _targets(recording: rr.RecordingStream, at: Times, shown: PlanScene) -> None
     recording.log("world/targets/all", cloud, static=True)
     numbers = rr.Points3D(points[:, 0], labels=list(shown.ids), colors=colours[::k], radii=0.0005, show_labels=True)
     recording.log("world/targets/number", numbers, static=True)
-    way = rr.LineStrips3D([shown.path], colors=_WAY, radii=0.0008 * shown.reach_m)
+    way = rr.LineStrips3D([shown.path], colors=_PATH, radii=0.0008 * shown.reach_m)
     recording.log("world/way", way, static=True)
     here = rr.Points3D.columns(positions=shown.points.reshape(-1, 3)).partition([k] * len(shown.points))
     recording.send_columns("world/targets/here", at, here)
@@ -156,7 +156,7 @@ def _pose_table(plan: DesignResult, shown: PlanScene) -> Document:
     chain = plan.problem.robot.chain
     units = ["mm" if slides else "°" for slides in chain.prismatic]
     ids, last, rows = iter(shown.ids), len(shown.measured) - 1, []
-    for stop, (joints, is_pose) in enumerate(zip(plan.tour.stops, shown.measured, strict=True)):
+    for stop, (joints, is_pose) in enumerate(zip(plan.tour.waypoints, shown.measured, strict=True)):
         name = next(ids) if is_pose else "home" if stop in (0, last) else "passed"
         rows.append((str(stop), name, *(fixed(value, 2) for value in joint_values(chain.prismatic, joints))))
     headings = [f"{name}, {unit}" for name, unit in zip(chain.joint_names, units, strict=True)]

@@ -16,9 +16,9 @@ from lab.campaign.options import DesignOptions
 from lab.campaign.robot import Robot
 from lab.campaign.stations import stations_in
 from lab.commands.result import Result, error_statistics, number
-from lab.commands.run_folder import VIA, Stops
+from lab.commands.run_folder import VIA, Waypoints
 from lab.core.errors import LabError
-from lab.core.limits import STOPS
+from lab.core.limits import WAYPOINTS
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
 from lab.core.units import MM
@@ -89,7 +89,7 @@ class SessionDuration:
         }
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """Description of the measurement session's needs, in sentences."""
         reference = (
             "The plan measures its reference pose again (--reference-every)."
@@ -194,10 +194,10 @@ class DesignResult(Result):
         """Description of the set of poses that the certificate refers to."""
         candidates = len(self.problem.candidates.joints)
         moved = len(self.certificate.weights) - candidates
-        words = f"any {len(self.joints)} of {candidates} feasible candidates"
+        text = f"any {len(self.joints)} of {candidates} feasible candidates"
         if len(self.problem.already):
-            words += f" added to the {len(self.problem.already)} measured already"
-        return words + (f" and the {moved} poses that the ascent moved off them" if moved else "")
+            text += f" added to the {len(self.problem.already)} measured already"
+        return text + (f" and the {moved} poses that the ascent moved off them" if moved else "")
 
     @property
     def pose_ids(self) -> tuple[str, ...]:
@@ -221,16 +221,16 @@ class DesignResult(Result):
         }
 
     @property
-    def stops(self) -> Stops:
+    def waypoints(self) -> Waypoints:
         """Waypoints of the tour: home, poses to measure, via poses, and home."""
         which = np.where(self.tour.measured >= 0, np.cumsum(self.tour.measured >= 0) - 1, -1)
         ids = visit_ids(self.tour, self.pose_ids)
-        return Stops(self.tour.stops, which, ids, "measure", stations=self._stations_of_waypoints)
+        return Waypoints(self.tour.waypoints, which, ids, "measure", stations=self._stations_of_waypoints)
 
     @property
     def _parts(self) -> tuple[tuple[str, slice], ...]:
         """Named slices of the tour's waypoints by station, from home to home; unnamed for a single station."""
-        names, ends = self.problem.robot.model.stations or ("",), [0, *self.tour.breaks, len(self.tour.stops) - 1]
+        names, ends = self.problem.robot.model.stations or ("",), [0, *self.tour.breaks, len(self.tour.waypoints) - 1]
         measuring = [names[i] for i in dict.fromkeys(self.stations.tolist())]
         return tuple((name, slice(a, b + 1)) for name, (a, b) in zip(measuring, pairwise(ends), strict=True))
 
@@ -245,13 +245,13 @@ class DesignResult(Result):
     @property
     def table(self) -> Measurements:
         """Table of all waypoints in tour order, with nothing measured yet; via poses are not for use."""
-        names, stops, n = self.problem.robot.chain.joint_names, self.stops, len(self.tour.stops)
+        names, waypoints, n = self.problem.robot.chain.joint_names, self.waypoints, len(self.tour.waypoints)
         points = np.full((n, len(self.options.targets), 3), np.nan)
-        data = measured(names, stops.joints, self.options.targets, points)
-        use = tuple("skip" if purpose == VIA else "calibrate" for purpose in stops.purposes)
-        marks = {"stop": stops.purposes} | ({"station": stops.stations} if stops.stations else {})
+        data = measured(names, waypoints.joints, self.options.targets, points)
+        use = tuple("skip" if purpose == VIA else "calibrate" for purpose in waypoints.purposes)
+        marks = {"stop": waypoints.purposes} | ({"station": waypoints.stations} if waypoints.stations else {})
         marks |= {"checked": ("no",) * n} if self.options.no_check else {}
-        return replace(data, ids=stops.names, use=use, other=marks)
+        return replace(data, ids=waypoints.names, use=use, other=marks)
 
     @property
     def _scaled_indices(self) -> dict[str, dict[str, Any]]:
@@ -270,7 +270,7 @@ class DesignResult(Result):
             "measured_already": len(self.problem.already),
             "targets": list(options.targets),
             "instrument": options.instrument,
-            "parameters": len(self.problem.structure.kept),
+            "parameters": len(self.problem.structure.identifiable),
             "criterion": options.criterion,
             "indices": self._scaled_indices,
             "d_efficiency": self.d_efficiency,
@@ -284,7 +284,7 @@ class DesignResult(Result):
                 "rejected": {reason: int(count) for reason, count in candidates.rejected.items()},
             },
             **SessionDuration.of(tour).to_dict(),
-            "moves": len(tour.stops) - 1,
+            "moves": len(tour.waypoints) - 1,
             "via": self.tour.via,
             "reflector": self._reflector,
             "stations": [
@@ -292,7 +292,7 @@ class DesignResult(Result):
                 for i, (name, T) in enumerate(zip(model.stations, model.Ts_world_station, strict=False))
             ],
             "checked": not self.options.no_check,
-            "stops": list(self.stops.rows(self.problem.robot.chain)),
+            "stops": list(self.waypoints.rows(self.problem.robot.chain)),
             "curve_of": "designs" if self.options.curve else "continuous design",
             "curve": [step.to_dict() for step in self.curve],
             **plan_or_refusal(self.problem.robot.chain, self.options.controller, model.stations),
@@ -302,7 +302,7 @@ class DesignResult(Result):
 
     def columns(self) -> Mapping[str, Sequence[Any] | Array]:
         """Return waypoint columns: ``id``, ``stop`` (measure, via), and joint positions in ``_deg`` or ``_mm``."""
-        return self.stops.columns(self.problem.robot.chain)
+        return self.waypoints.columns(self.problem.robot.chain)
 
     def write_files(self, folder: Path) -> None:
         """Write the plan and the programs that drive it.
@@ -315,15 +315,15 @@ class DesignResult(Result):
         arm = robot.arm(tuple(robot.tool))
         nominal, ids, done = arm.nominal(robot.tool), visit_ids(self.tour, self.pose_ids), 0
         for station, part in self._parts:
-            stops, measured = self.tour.stops[part], self.tour.measured[part]
+            waypoints, measured = self.tour.waypoints[part], self.tour.measured[part]
             count = int((measured >= 0).sum())
             tour = MeasuringTour(
                 robot.name,
-                stops,
+                waypoints,
                 measured,
                 ids[done : done + count],
                 not self.options.no_check,
-                postures_of(arm, nominal, stops),
+                postures_of(arm, nominal, waypoints),
                 station,
             )
             done += count
@@ -338,7 +338,7 @@ _SLACK = 1e-9  # rad or m
 class Fault:
     """A stop that the arm may not take, or a way to one that is not free: its id, and why."""
 
-    stop: str
+    waypoint: str
     why: str
 
 
@@ -358,9 +358,9 @@ class PlanCheckResult(Result):
 
     options: DesignOptions
     robot: Robot
-    stops: Measurements
+    waypoints: Measurements
     faults: tuple[Fault, ...]
-    day: SessionDuration
+    duration: SessionDuration
     warnings: tuple[str, ...]
 
     @property
@@ -378,17 +378,17 @@ class PlanCheckResult(Result):
         return {
             "robot": self.robot.name,
             "plan": str(self.options.check),
-            "stops": len(self.stops),
-            "poses": self.day.poses,
+            "stops": len(self.waypoints),
+            "poses": self.duration.poses,
             "good": not self.faults,
-            "faults": [{"stop": fault.stop, "why": fault.why} for fault in self.faults],
-            **self.day.to_dict(),
+            "faults": [{"stop": fault.waypoint, "why": fault.why} for fault in self.faults],
+            **self.duration.to_dict(),
             "warnings": list(self.warnings),
         }
 
     def columns(self) -> "Mapping[str, Sequence[Any]]":
         """A row for each fault."""
-        return {"stop": [fault.stop for fault in self.faults], "why": [fault.why for fault in self.faults]}
+        return {"stop": [fault.waypoint for fault in self.faults], "why": [fault.why for fault in self.faults]}
 
 
 def check_plan(options: DesignOptions, robot: Robot) -> PlanCheckResult:
@@ -403,35 +403,37 @@ def check_plan(options: DesignOptions, robot: Robot) -> PlanCheckResult:
     """
     assert options.check is not None
     chain, warnings = rated(robot.chain)
-    stops = read_measurements(options.check, chain.joint_names, chain.prismatic, points=False, most=STOPS)
-    measured = np.array([use != "skip" for use in stops.use])
+    waypoints = read_measurements(options.check, chain.joint_names, chain.prismatic, points=False, most=WAYPOINTS)
+    measured = np.array([use != "skip" for use in waypoints.use])
     if not measured.any():
         raise LabError(f"{options.check}: no stop is to be measured; give the plan.csv of lab design")
     device = observing(named_instrument(options.instrument), "points")
     faults: dict[str, str] = {}
-    for j, beyond in enumerate(chain.beyond_limits(stops.joints, _SLACK).T):
+    for j, beyond in enumerate(chain.beyond_limits(waypoints.joints, _SLACK).T):
         for i in np.flatnonzero(beyond):
-            faults.setdefault(stops.ids[i], chain.limit_note(j, stops.joints[i, j]))
+            faults.setdefault(waypoints.ids[i], chain.limit_note(j, waypoints.joints[i, j]))
     robot.refuse_unknown(options.targets)
     model = planning_model(robot.model, options.targets, device, options.clearances)
-    for name, words in zip(stops.ids, describe_collisions(model, stops.joints), strict=True):
-        if words:
-            faults.setdefault(name, words)
-    at = stations_in(options.check, stops, robot.model)
+    for name, message in zip(waypoints.ids, describe_collisions(model, waypoints.joints), strict=True):
+        if message:
+            faults.setdefault(name, message)
+    at = stations_in(options.check, waypoints, robot.model)
     for station, name in enumerate(robot.model.stations or ("",)):
         here = np.flatnonzero(measured & (at == station))
-        sees = field_of_view(robot.model, options.targets, device, station)(stops.joints[here])
+        sees = field_of_view(robot.model, options.targets, device, station)(waypoints.joints[here])
         who = f"the instrument at station '{name}'" if name else "the instrument"
         for i in here[~sees]:
-            faults.setdefault(stops.ids[i], f"{who} does not see {', '.join(options.targets)} there")
+            faults.setdefault(waypoints.ids[i], f"{who} does not see {', '.join(options.targets)} there")
     free = path_check(model)
-    for end in range(1, len(stops)):
-        ends = {stops.ids[end - 1], stops.ids[end]}
-        if not ends & set(faults) and not free(stops.joints[end - 1], stops.joints[end]):
-            faults.setdefault(stops.ids[end], f"the path to it from {stops.ids[end - 1]} does not keep the clearances")
-    order = {name: i for i, name in enumerate(stops.ids)}
+    for end in range(1, len(waypoints)):
+        ends = {waypoints.ids[end - 1], waypoints.ids[end]}
+        if not ends & set(faults) and not free(waypoints.joints[end - 1], waypoints.joints[end]):
+            faults.setdefault(
+                waypoints.ids[end], f"the path to it from {waypoints.ids[end - 1]} does not keep the clearances"
+            )
+    order = {name: i for i, name in enumerate(waypoints.ids)}
     found = tuple(Fault(name, faults[name]) for name in sorted(faults, key=lambda name: order[name]))
-    moving = rest_to_rest_seconds(np.diff(stops.joints, axis=0), chain.speed, chain.acceleration).sum()
-    poses = len(np.unique(stops.joints[measured], axis=0))
+    moving = rest_to_rest_seconds(np.diff(waypoints.joints, axis=0), chain.speed, chain.acceleration).sum()
+    poses = len(np.unique(waypoints.joints[measured], axis=0))
     day = SessionDuration(poses, float(moving), int(measured.sum()) - poses)
-    return PlanCheckResult(options, robot, stops, found, day, (*robot.warnings, *stops.warnings, *warnings))
+    return PlanCheckResult(options, robot, waypoints, found, day, (*robot.warnings, *waypoints.warnings, *warnings))

@@ -55,13 +55,13 @@ def design(robot: str | Path | Robot | DesignOptions = "irb120", **options: Any)
         (14, 6)
     """
     if isinstance(robot, DesignOptions):
-        asked, known = robot, load_virtual(robot.robot, robot.cell)
+        requested, known = robot, load_virtual(robot.robot, robot.cell)
     else:
         known = load_virtual(robot)
-        asked = options_of("lab.design", DesignOptions, {"robot": known.source, **options})
-        known = known.placed_in(asked.cell)
-    asked.refuse_nonsense()
-    return check_plan(asked, known) if asked.check is not None else planned_session(asked, known)
+        requested = options_of("lab.design", DesignOptions, {"robot": known.source, **options})
+        known = known.placed_in(requested.cell)
+    requested.refuse_nonsense()
+    return check_plan(requested, known) if requested.check is not None else planned_session(requested, known)
 
 
 def planned_session(options: DesignOptions, robot: Robot | None = None) -> DesignResult:

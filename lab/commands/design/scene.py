@@ -18,7 +18,7 @@ from lab.simulation.meshes import Shell, body_poses, shells
 __all__ = ["PlanScene", "plan_scene"]
 
 _STEP_S = 0.1  # between two pictures of the moving arm
-_LOOKS = 16  # points drawn of the path between two stops
+_POINTS_PER_PATH = 16  # points drawn of the path between two stops
 
 
 @dataclass(frozen=True)
@@ -83,22 +83,22 @@ class PlanScene:
 @lru_cache(maxsize=1)
 def plan_scene(plan: DesignResult) -> PlanScene:
     """The scene of a plan, of the nominal arm and the tracker where the model has it."""
-    problem, stops = plan.problem, plan.tour.stops
+    problem, waypoints = plan.problem, plan.tour.waypoints
     model, arm, values = problem.robot.model, problem.arm, problem.values
     tracker, frame0, names = model.T_world_tracker, model.T_world_frame0, model.stations or ("",)
-    points = moved(tracker, arm.points(stops, values))
-    share = np.linspace(0, 1, _LOOKS, endpoint=False)[None, :, None]
-    between = stops[:-1, None] + share * (stops[1:] - stops[:-1])[:, None]  # (s - 1, looks, joints)
-    way = np.concatenate([between.reshape(-1, stops.shape[1]), stops[-1:]])
+    points = moved(tracker, arm.points(waypoints, values))
+    share = np.linspace(0, 1, _POINTS_PER_PATH, endpoint=False)[None, :, None]
+    between = waypoints[:-1, None] + share * (waypoints[1:] - waypoints[:-1])[:, None]  # (s - 1, looks, joints)
+    way = np.concatenate([between.reshape(-1, waypoints.shape[1]), waypoints[-1:]])
     mapping, uncertainty = _shapes(plan)
     waiting = np.where(plan.tour.measured >= 0, float(PAUSE_S), 0.0)
-    day, arrivals = tour_trajectory(rated(problem.robot.chain)[0], stops, waiting)
+    day, arrivals = tour_trajectory(rated(problem.robot.chain)[0], waypoints, waiting)
     times = np.concatenate(
         [np.arange(left, came, _STEP_S)[1:] for left, came in zip(arrivals + waiting, arrivals[1:], strict=False)]
     )
     on_the_way = day.at(times)[0]
     visible, way_poses = tuple(shells(model)), body_poses(model, arm, values, on_the_way)
-    legs = world_legs(frame0, arm, values, stops)
+    legs = world_legs(frame0, arm, values, waypoints)
     reach = reach_of(frame0, points, legs)
     return PlanScene(
         np.asarray(plan.tour.measured >= 0),
@@ -107,12 +107,12 @@ def plan_scene(plan: DesignResult) -> PlanScene:
         moved(tracker, arm.points(way, values))[:, 0],
         model.Ts_world_station,
         model.stations or ("tracker",),
-        np.array([names.index(name) for name in plan.stops.stations or names[:1] * len(stops)]),
+        np.array([names.index(name) for name in plan.waypoints.stations or names[:1] * len(waypoints)]),
         reach,
         visible,
-        body_poses(model, arm, values, stops),
-        moved(frame0, skeleton(arm, values, stops).origins),
-        tuple(moved(frame0, line[0]) for line in skeleton(arm, values, stops[:1]).frame_lines),
+        body_poses(model, arm, values, waypoints),
+        moved(frame0, skeleton(arm, values, waypoints).origins),
+        tuple(moved(frame0, line[0]) for line in skeleton(arm, values, waypoints[:1]).frame_lines),
         legs,
         magnified(ellipsoids(mapping @ np.swapaxes(mapping, 1, 2)), points[:, 0], tracker, reach),
         magnified(ellipsoids(uncertainty @ np.swapaxes(uncertainty, 1, 2)), points[:, 0], tracker, reach),
@@ -132,9 +132,11 @@ def _shapes(plan: DesignResult) -> tuple[Array, Array]:
     whitened points alike; the uncertainty is J C J', the inverse of the information being C.
     """
     problem = plan.problem
-    _, jacobian = problem.arm.observe(plan.tour.stops, problem.values)
-    seen = [i for i in problem.structure.kept if i < len(problem.arm.names)]  # the places of stations move no point
-    here = np.zeros((*jacobian.shape[:1], 3, len(problem.structure.kept)))
+    _, jacobian = problem.arm.observe(plan.tour.waypoints, problem.values)
+    seen = [
+        i for i in problem.structure.identifiable if i < len(problem.arm.names)
+    ]  # the places of stations move no point
+    here = np.zeros((*jacobian.shape[:1], 3, len(problem.structure.identifiable)))
     here[..., : len(seen)] = jacobian[:, 0][..., seen]
     total = information(problem.whitened(np.concatenate([plan.design.joints, problem.already])))
     size = np.sqrt(np.diag(total))

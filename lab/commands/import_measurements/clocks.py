@@ -1,8 +1,8 @@
 """The offset and drift between a tracker's clock and a controller's, from when points were measured and poses held.
 
 An offset places a point if it moves its time into a window in which the arm stood still. The number of points that are
-placed is a step function of the offset, whose maxima are all found by sorting its steps. Stops that are equally spaced
-have many maxima: the nominal arm tells them apart, as it follows the points of the right poses alone.
+placed is a step function of the offset, whose maxima are all found by sorting its steps. Equally spaced stops have many
+maxima: the nominal arm tells them apart, as it follows the points of the right poses alone.
 
 How well points follow the nominal arm in the poses that they are taken for.
 
@@ -30,7 +30,7 @@ __all__ = ["LEAST_POSES", "ClockComparison", "ClockOffset", "NominalFit", "Place
 LEAST_POSES = 6  # distinct ones, which overdetermine base and tool
 _TOLERANCE = 0.05  # of the points' median distance from their middle, within which a point follows the nominal arm
 _DISTINCT = 0.01  # rad or m: joint positions that are closer are one pose
-_KEPT = 0.6  # of the points: by the best ones base and tool are fitted again where not all follow
+_BEST_SHARE = 0.6  # of the points: by the best ones base and tool are fitted again where not all follow
 _REFITS = 4
 
 
@@ -81,7 +81,7 @@ class NominalFit:
         fitted, best, most = np.flatnonzero(possible), np.full((n, 3), np.nan), -1
         if len(fitted) < LEAST_POSES:
             return best
-        kept = max(LEAST_POSES, int(np.ceil(_KEPT * len(fitted))))
+        retained = max(LEAST_POSES, int(np.ceil(_BEST_SHARE * len(fitted))))
         for _ in range(1 + _REFITS):
             some = Observations(joints[fitted], seen[fitted], np.ones((len(fitted), self._count)))
             values = initial_guess(self._arm, some, self._nominal)
@@ -90,7 +90,7 @@ class NominalFit:
             apart = np.nan_to_num(np.linalg.norm(here - points, axis=1), nan=np.inf)
             if (follow := int((apart <= self.tolerance_m).sum())) > most:
                 best, most = here, follow
-            nearest = np.sort(np.argsort(apart, kind="stable")[:kept])
+            nearest = np.sort(np.argsort(apart, kind="stable")[:retained])
             if follow == possible.sum() or np.array_equal(nearest, fitted):
                 break
             fitted = nearest
@@ -180,13 +180,13 @@ class PlacedPoints:
         return _conflicts(self.where, other.where)
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """Description of how many points are placed, and how well the nominal arm follows them."""
-        said = f"{self.placed} of {len(self.where)}"
+        text = f"{self.placed} of {len(self.where)}"
         if self.rms_m is None:
-            return said
+            return text
         number = "" if self.follows.sum() == self.placed else f"{int(self.follows.sum())} of them "
-        return f"{said}, {number}within {MM.text(self.rms_m, 2)} (rms) of the nominal arm"
+        return f"{text}, {number}within {MM.text(self.rms_m, 2)} (rms) of the nominal arm"
 
 
 @dataclass(frozen=True)
@@ -236,7 +236,7 @@ class ClockComparison:
         best, alike = some.best_of(some.candidates(ClockOffset()))
         if best is None:
             return "give --clock-offset-s, the seconds by which the tracker's clock is ahead"
-        return f"{best.offset.flags} would place {best.words}{_or_another(alike)}"
+        return f"{best.offset.flags} would place {best.description}{_or_another(alike)}"
 
     def placed_by(self, offset: ClockOffset) -> PlacedPoints:
         """Return the windows of the points, and their distances from the nominal arm."""
@@ -285,18 +285,18 @@ class ClockComparison:
             key=lambda each: (-each[0], each[1].drift_ppm != near.drift_ppm, -each[2]),
         )
         least = _FEW * maxima[0][0] if maxima else 0.0
-        kept, wheres = list[ClockOffset](), np.zeros((0, len(self.at)), dtype=np.int_)
+        retained, wheres = list[ClockOffset](), np.zeros((0, len(self.at)), dtype=np.int_)
         for count, offset, _ in maxima:
-            if count < least or len(kept) >= _MAX_OFFSETS:
+            if count < least or len(retained) >= _MAX_OFFSETS:
                 break
             where = self.window_of(offset.on_log(self.at))
             if not len(wheres) or _conflicts(wheres, where).any(axis=1).all():
-                kept.append(offset)
+                retained.append(offset)
                 wheres = np.vstack([wheres, where])
-        if len(kept) > _MAX_FITS:
+        if len(retained) > _MAX_FITS:
             chosen = np.sort(np.argsort(-self._alike(wheres), kind="stable")[:_MAX_FITS])
-            kept, wheres = [kept[i] for i in chosen], wheres[chosen]
-        return [self._compared(offset, where) for offset, where in zip(kept, wheres, strict=True)]
+            retained, wheres = [retained[i] for i in chosen], wheres[chosen]
+        return [self._compared(offset, where) for offset, where in zip(retained, wheres, strict=True)]
 
     def _drifts(self, given: float) -> list[float]:
         """Return drifts (ppm) to try: none, the given one, and others whose effects differ."""
@@ -359,7 +359,7 @@ class ClockComparison:
         differs = bool(here.conflicts(best).any()) and not (given and here in rivals)
         if differs or lost > max(1.0, _LESS * count):
             raise LabError(
-                f"{_called(here, given=given)} places {here.words}; {best.offset.flags} places {best.words}"
+                f"{_called(here, given=given)} places {here.description}; {best.offset.flags} places {best.description}"
                 f"{_or_another(rivals)}"
             )
         self._refuse_alike(here, rivals, given=given)
@@ -372,8 +372,8 @@ class ClockComparison:
         count = len(self.at)
         if best.placed - here.placed > max(0.0, _LESS * count):
             raise LabError(
-                f"{_called(here, given=given)} places {here.words} points; {best.offset.flags} places {best.words}"
-                f"{_or_another(rivals)}"
+                f"{_called(here, given=given)} places {here.description} points; {best.offset.flags} places "
+                f"{best.description}{_or_another(rivals)}"
             )
         self._refuse_alike(here, [each for each in found if _is_rival(each, here, by_arm=False)], given=given)
         self._refuse_few(here, best, count, trusted=given)
@@ -381,8 +381,8 @@ class ClockComparison:
     def _refuse_alike(self, here: PlacedPoints, rivals: Sequence[PlacedPoints], *, given: bool) -> None:
         if rivals and not given:
             raise LabError(
-                f"{_called(here, given=False)} places {here.words}, and {rivals[0].offset.flags} places "
-                f"{rivals[0].words}: these poses cannot tell which is right; give --clock-offset-s "
+                f"{_called(here, given=False)} places {here.description}, and {rivals[0].offset.flags} places "
+                f"{rivals[0].description}: these poses cannot tell which is right; give --clock-offset-s "
                 f"{here.offset.seconds:.10g} if the clocks are known to agree, or --by name or --by order"
             )
 

@@ -113,14 +113,14 @@ class Timeline:
         at: ``(n,)`` s, of the points; NaN where not said.
         starts, ends: ``(k,)`` s, of the windows in which the arm stood still.
         placed: which window each point falls into, by which offset of the clocks.
-        kept: ``(n,)`` which points are in the measurements.
+        retained: ``(n,)`` which points are in the measurements.
     """
 
     at: Array
     starts: Array
     ends: Array
     placed: PlacedPoints
-    kept: NDArray[np.bool_]
+    retained: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -131,14 +131,14 @@ class Matching:
         by: the criterion that was compared.
         poses: in the order of the controller's file.
         left_out: points and poses without the other.
-        said: description of the method, in sentences.
+        description: description of the method, in sentences.
         timeline: of points that found their poses by time.
     """
 
     by: By
     poses: tuple[MatchedPose, ...]
     left_out: tuple[LeftOut, ...]
-    said: tuple[str, ...]
+    description: tuple[str, ...]
     timeline: Timeline | None = None
 
 
@@ -244,20 +244,20 @@ def _by_name(options: ImportOptions, points: TrackerPoints, log: JointLog) -> Ma
 # In order
 
 
-def _by_order(options: ImportOptions, points: TrackerPoints, log: JointLog, stops: Windows) -> Matching:
+def _by_order(options: ImportOptions, points: TrackerPoints, log: JointLog, waypoints: Windows) -> Matching:
     each, count = len(options.targets), len(points.names)
-    if count != len(stops) * each:
+    if count != len(waypoints) * each:
         of_each = f" with {each} points each" if each > 1 else ""
         what = "settled poses" if _is_log(log) else "poses"
         raise LabError(
-            f"{points.path}: {count} points, but {log.path} has {len(stops)} {what}{of_each}; remove what has no "
+            f"{points.path}: {count} points, but {log.path} has {len(waypoints)} {what}{of_each}; remove what has no "
             "partner, or give --by name or --by time"
         )
     poses = tuple(
         MatchedPose(
-            _pose_name(points, k * each, k), stops.joints[k], _in_turn(options, range(k * each, (k + 1) * each))
+            _pose_name(points, k * each, k), waypoints.joints[k], _in_turn(options, range(k * each, (k + 1) * each))
         )
-        for k in range(len(stops))
+        for k in range(len(waypoints))
     )
     return Matching("order", poses, (), ("Points and poses are taken in the order of their files.",))
 
@@ -274,15 +274,15 @@ def _pose_name(points: TrackerPoints, i: int, k: int) -> str:
 
 
 def _by_time(
-    options: ImportOptions, points: TrackerPoints, log: JointLog, stops: Windows, nominal: NominalFit | None
+    options: ImportOptions, points: TrackerPoints, log: JointLog, waypoints: Windows, nominal: NominalFit | None
 ) -> Matching:
     if not np.isfinite(points.seconds).any():
         raise LabError(f"{points.path}: its points have no times; give --by name or --by order, or --columns")
     if not np.isfinite(log.seconds).all():
         raise LabError(f"{log.path}: its rows have no times; give --by name or --by order, or --columns")
-    at, starts, ends, same = _one_clock(points, log, stops)
+    at, starts, ends, same = _one_clock(points, log, waypoints)
     window_of, spans = _windows_by_time(starts, ends, exact=not _is_log(log))
-    compared = ClockComparison(at, *spans, window_of, stops.joints, points.positions, len(options.targets), nominal)
+    compared = ClockComparison(at, *spans, window_of, waypoints.joints, points.positions, len(options.targets), nominal)
     if not same and options.clock_offset_s is None:
         raise LabError(
             f"{points.path}: its times and those of {log.path} count from different moments; counted from the first "
@@ -300,7 +300,7 @@ def _by_time(
         except LabError as error:
             raise LabError(f"{points.path}: {error}") from error
     astray = placed.astray(len(options.targets))
-    kept = np.where(astray, -1, placed.where)
+    retained = np.where(astray, -1, placed.where)
     left = [
         LeftOut(
             str(points.path), points.lines[i], points.names[i] or f"point {i + 1}",
@@ -308,25 +308,27 @@ def _by_time(
             f"over {MM.text(placed.tolerance_m, 2)} from the nominal arm in the pose of that time" if astray[i] else
             "measured while the arm moved, or outside the log",
         )
-        for i in np.flatnonzero(kept < 0)
+        for i in np.flatnonzero(retained < 0)
     ]  # fmt: skip
-    poses, met = list(_timed_poses(options, points, stops, kept)), set(kept.tolist())
+    poses, met = list(_timed_poses(options, points, waypoints, retained)), set(retained.tolist())
     left += [
-        LeftOut(str(log.path), stops.lines[k], f"pose {k + 1}", "no point was measured there")
-        for k in range(len(stops))
+        LeftOut(str(log.path), waypoints.lines[k], f"pose {k + 1}", "no point was measured there")
+        for k in range(len(waypoints))
         if k not in met
     ]
-    said = [f"Points belong to the poses at which the arm stood when they were measured ({len(stops)} in the log)."]
+    messages = [
+        f"Points belong to the poses at which the arm stood when they were measured ({len(waypoints)} in the log)."
+    ]
     if offset.seconds or offset.drift_ppm:
         drift = f", and {offset.drift_ppm:g} ppm faster" if offset.drift_ppm else ""
-        said.append(f"The tracker's clock was taken to be {offset.seconds:g} s ahead of the controller's{drift}.")
-    timeline = Timeline(offset.on_log(at), starts, ends, placed, kept >= 0)
-    return Matching("time", tuple(poses), tuple(left), tuple(said), timeline)
+        messages.append(f"The tracker's clock was taken to be {offset.seconds:g} s ahead of the controller's{drift}.")
+    timeline = Timeline(offset.on_log(at), starts, ends, placed, retained >= 0)
+    return Matching("time", tuple(poses), tuple(left), tuple(messages), timeline)
 
 
-def _one_clock(points: TrackerPoints, log: JointLog, stops: Windows) -> tuple[Array, Array, Array, bool]:
+def _one_clock(points: TrackerPoints, log: JointLog, waypoints: Windows) -> tuple[Array, Array, Array, bool]:
     """Times of the points, and of when poses begin and end, on one clock; whether the clocks are of one kind."""
-    at, starts, ends = points.seconds, stops.starts, stops.ends
+    at, starts, ends = points.seconds, waypoints.starts, waypoints.ends
     clocks = {points.clock, log.clock}
     if len(clocks) == 1:
         return at, starts, ends, True
@@ -373,7 +375,7 @@ def _windows_by_time(
 
 
 def _timed_poses(
-    options: ImportOptions, points: TrackerPoints, stops: Windows, where: NDArray[np.int_]
+    options: ImportOptions, points: TrackerPoints, waypoints: Windows, where: NDArray[np.int_]
 ) -> "list[MatchedPose]":
     each, poses = len(options.targets), list[MatchedPose]()
     for k, rows in _rows_of_windows(where):
@@ -384,7 +386,7 @@ def _timed_poses(
                 f"{', '.join(options.targets)}; give --targets as they were measured, or remove the others"
             )
         for n in range(0, len(rows), each):
-            poses.append(MatchedPose(_pose_name(points, rows[n], len(poses)), stops.joints[k],
+            poses.append(MatchedPose(_pose_name(points, rows[n], len(poses)), waypoints.joints[k],
                                      _in_turn(options, rows[n : n + each])))  # fmt: skip
     return poses
 

@@ -123,7 +123,7 @@ class ImportResult(Result):
 
 
 _MOST = 20  # things left out that are listed
-_STOPS = 400  # of a log that are drawn, from the first
+_MAX_WINDOWS = 400  # of a log that are drawn, from the first
 _WIDE = (7.0, 2.4)  # inches
 
 
@@ -134,7 +134,7 @@ def _import_document(result: ImportResult) -> Document:
     return Document(
         f"{result.robot.name}: {len(data)} poses, {int(data.seen.sum())} points",
         (
-            Paragraph(" ".join(result.matching.said), "lead"),
+            Paragraph(" ".join(result.matching.description), "lead"),
             Warnings(result.warnings),
             *_match(result),
             Section("Uncertainty", (Paragraph(_uncertainty(result)),)),
@@ -152,10 +152,10 @@ def _match(result: ImportResult) -> tuple[Section, ...]:
         return ()
     placed = line.placed
     checked = (
-        f"Points are compared with the nominal arm, with base and tool fitted: {placed.words}."
+        f"Points are compared with the nominal arm, with base and tool fitted: {placed.description}."
         if placed.rms_m is not None
-        else f"{placed.words} points are placed. Fewer than {LEAST_POSES} distinct poses were met, so the nominal arm "
-        "does not check the offset of the clocks."
+        else f"{placed.description} points are placed. Fewer than {LEAST_POSES} distinct poses were met, so the "
+        "nominal arm does not check the offset of the clocks."
     )
     caption = (
         "Above: when the arm stood still (grey) and when points were measured (blue; vermilion: left out), on the "
@@ -168,16 +168,18 @@ def _match(result: ImportResult) -> tuple[Section, ...]:
 
 def _timeline_picture(line: Timeline) -> Picture:
     """When the arm stood still and when points were measured, on the controller's clock from its first stop on."""
-    first, inside = line.starts[0], line.kept
-    starts, ends = line.starts[:_STOPS] - first, line.ends[:_STOPS] - first
-    shown = (line.at >= first) & (line.at <= first + ends[-1]) if len(line.starts) > _STOPS else np.isfinite(line.at)
+    first, inside = line.starts[0], line.retained
+    starts, ends = line.starts[:_MAX_WINDOWS] - first, line.ends[:_MAX_WINDOWS] - first
+    shown = (
+        (line.at >= first) & (line.at <= first + ends[-1]) if len(line.starts) > _MAX_WINDOWS else np.isfinite(line.at)
+    )
 
     def draw(axes: Axes) -> None:
         for start, end in zip(starts, ends, strict=True):
             axes.fill_between([start, max(end, start + 1e-3)], [0, 0], [1, 1], color=GRID, linewidth=0)
-        for chosen, colour, words in ((inside & shown, AFTER, "placed"), (~inside & shown, BEFORE, "left out")):
+        for chosen, colour, text in ((inside & shown, AFTER, "placed"), (~inside & shown, BEFORE, "left out")):
             if chosen.any():
-                axes.scatter(line.at[chosen] - first, np.full(chosen.sum(), 0.5), s=14, color=colour, label=words)
+                axes.scatter(line.at[chosen] - first, np.full(chosen.sum(), 0.5), s=14, color=colour, label=text)
         axes.set(xlabel="time from the first stop, s", ylim=(-0.1, 1.7))
         axes.set_yticks([], [])
         axes.legend(loc="upper right")
@@ -344,11 +346,11 @@ def _doubts(options: ImportOptions, robot: Robot, data: Measurements, nominal: N
     one, two = np.array(pairs).T
     expected = np.linalg.norm(flange[one] - flange[two], axis=1)
     apart = np.linalg.norm(shown.points[one] - shown.points[two], axis=2)
-    kept = np.isfinite(apart) & (expected[:, None] > 1e-6)
-    if kept.sum() < 3:
+    retained = np.isfinite(apart) & (expected[:, None] > 1e-6)
+    if retained.sum() < 3:
         return ()
-    k = int(np.argmax(kept.sum(axis=0)))
-    expected, apart = expected[kept[:, k]], apart[kept[:, k], k]
+    k = int(np.argmax(retained.sum(axis=0)))
+    expected, apart = expected[retained[:, k]], apart[retained[:, k], k]
     ratio = float(np.median(apart) / np.median(expected))
     if not 1 / _OTHER_UNIT < ratio < _OTHER_UNIT:
         raise LabError(

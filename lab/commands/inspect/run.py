@@ -81,11 +81,11 @@ class Inspection(Result):
 
     def columns(self) -> Mapping[str, Sequence[Any]]:
         """A row for each parameter that is identifiable or aliased: its name, and with what it is aliased."""
-        kept, aliases = self.values["identifiable"], self.values["aliases"]
+        identifiable, aliases = self.values["identifiable"], self.values["aliases"]
         return {
-            "parameter": [*kept, *aliases],
-            "identifiable": [True] * len(kept) + [False] * len(aliases),
-            "aliased_with": [""] * len(kept) + [", ".join(into) for into in aliases.values()],
+            "parameter": [*identifiable, *aliases],
+            "identifiable": [True] * len(identifiable) + [False] * len(aliases),
+            "aliased_with": [""] * len(identifiable) + [", ".join(into) for into in aliases.values()],
         }
 
 
@@ -169,7 +169,9 @@ def _conditioning(result: Inspection) -> list[Block]:
             f"weakly observable, relative singular value 1/{1 / direction['singular_value']:.0f}: {parts} move the "
             f"targets by {1e3 * direction['moved_mm']:.2g} µm"
         )
-    better = (f"with {words} the condition number would be {number:.1f}" for words, number in values["changes"].items())
+    better = (
+        f"with {change} the condition number would be {number:.1f}" for change, number in values["changes"].items()
+    )
     caption = "Singular values over random poses, columns of unit length; a logarithmic axis."
     return [
         Paragraph(f"condition number over random poses, with unit columns: {values['condition']:.1f}"),
@@ -215,24 +217,26 @@ def _inspected(options: InspectOptions, robot: Robot) -> Inspection:
     structure = base_set(arm, nominal, fix=options.fix, free=options.free)
     hidden = aliases(arm, structure, column_scale(arm, nominal))
     inputs = arm.structure_joints(POSES, rng_for(0, "structure"))
-    jacobian = arm.observe(inputs, arm.rank_point(nominal))[1].reshape(-1, len(arm.names))[:, list(structure.kept)]
-    names = [arm.names[i] for i in structure.kept]
+    jacobian = arm.observe(inputs, arm.rank_point(nominal))[1].reshape(-1, len(arm.names))[
+        :, list(structure.identifiable)
+    ]
+    names = [arm.names[i] for i in structure.identifiable]
     condition, usual = scaled_condition(jacobian), not (options.fix or options.free)
-    asked = named(arm.names, "--fix", options.fix)
-    held = [arm.names[i] for i in structure.held]
+    requested = named(arm.names, "--fix", options.fix)
+    fixed_names = [arm.names[i] for i in structure.fixed_observable]
     nominal_model, shape = _described(robot.chain)
     if robot.chain.has_loops:  # how many parameters --fix leaves is said of a mechanism
-        shape["not_fixed"] = len(arm.names) - len(asked)
+        shape["not_fixed"] = len(arm.names) - len(requested)
     values = {
         "robot": robot.name,
         **nominal_model,
         "targets": list(options.targets),
         "parameters": len(arm.names),
-        "rank": len(structure.kept),
+        "rank": len(structure.identifiable),
         "identifiable": names,
-        "held": [arm.names[i] for i in structure.held if i in asked],
-        "told_apart": [arm.names[i] for i in structure.held if i not in asked],
-        "aliases": {alias.name: dict(alias.into) for alias in hidden if alias.name not in held},
+        "held": [arm.names[i] for i in structure.fixed_observable if i in requested],
+        "told_apart": [arm.names[i] for i in structure.fixed_observable if i not in requested],
+        "aliases": {alias.name: dict(alias.into) for alias in hidden if alias.name not in fixed_names},
         "condition": number(condition),
         "weak_directions": [direction_to_dict(each) for each in weak_directions(names, jacobian)],
         "changes": {

@@ -48,13 +48,13 @@ class SerialShape:
 
     Attributes:
         reach_m: largest distance of the last frame from axis 1, within the limits; from frame 0 where joint 1 slides.
-        ways: number of IK solutions of a pose; None where no closed form is implemented.
+        branches: number of IK solutions of a pose; None where no closed form is implemented.
         determinant: of the Jacobian, in words; "" where no closed form is implemented.
         moved: the motions that the determinant refers to, in words.
     """
 
     reach_m: float
-    ways: int | None
+    branches: int | None
     determinant: str
     singularities: tuple[Singularity, ...]
     moved: str = ""
@@ -120,7 +120,7 @@ def serial_shape(chain: Chain) -> dict[str, Any]:
     scale = np.where(chain.prismatic, 1e3, 180 / np.pi)
     return {
         "reach_mm": tidy(MM.of(shape.reach_m)),
-        "ways": shape.ways,
+        "ways": shape.branches,
         "freedoms": _freedoms(chain),
         "determinant": shape.determinant or None,
         "determinant_of": shape.moved or None,
@@ -148,7 +148,7 @@ def _freedoms(chain: Chain) -> dict[str, Any]:
         "redundancy": found.redundancy,
         "free": [name for name, moves in zip(chain.joint_names, found.moving, strict=True) if moves],
         "planar": found.planar,
-        "missing_displacements": len(found.held),
+        "missing_displacements": len(found.fixed_directions),
         "missing_turns": len(found.still),
     }
 
@@ -162,7 +162,7 @@ def _joint(chain: Chain, i: int) -> dict[str, Any]:
     return {**joint_kind(chain, i), **cells, **joint_limits(chain, i)}
 
 
-_ASKED = "a pose is met in its place, and in its rotation as near as these can"
+_NEAREST = "a pose is met in its place, and in its rotation as near as these can"
 _ORDERS = {"distal": "Rz(θ) Tz(d) Tx(a) Rx(α)", "craig": "Rx(α) Tx(a) Rz(θ) Tz(d)"}
 
 
@@ -183,19 +183,19 @@ def serial_blocks(values: Mapping[str, Any]) -> tuple[Block, ...]:
 def _freedoms_text(values: Mapping[str, Any]) -> str:
     """Joints and degrees of freedom, what is free and what cannot be moved, in a sentence."""
     index, freedoms = values["index"], values["degrees_of_freedom"]
-    said = f"mobility index {index}, {freedoms} degrees of freedom of the last frame"
+    text = f"mobility index {index}, {freedoms} degrees of freedom of the last frame"
     if values["redundancy"]:
-        said += f": redundant by {values['redundancy']}; {', '.join(values['free'])} can move while it stands still"
+        text += f": redundant by {values['redundancy']}; {', '.join(values['free'])} can move while it stands still"
     else:
-        said += ": not redundant but at singularities"
+        text += ": not redundant but at singularities"
     if values["planar"]:
         turns = " and turns about its normal" if freedoms > 2 else ", and its turn follows from its place"
-        return f"{said}; it moves in a plane{turns}"
+        return f"{text}; it moves in a plane{turns}"
     lacks = [f"{count} {name}" for count, name in ((values["missing_displacements"], "of its displacements"),
                                                    (values["missing_turns"], "of its turns")) if count]  # fmt: skip
     if not lacks:
-        return said if freedoms >= 6 or index >= 6 else f"{said}; {_ASKED}"
-    return f"{said}; no joint makes {' and '.join(lacks)}; {_ASKED}"
+        return text if freedoms >= 6 or index >= 6 else f"{text}; {_NEAREST}"
+    return f"{text}; no joint makes {' and '.join(lacks)}; {_NEAREST}"
 
 
 def _rows(joints: list[dict[str, Any]]) -> tuple[tuple[str, ...], ...]:

@@ -66,7 +66,7 @@ class MigrationResult(Result):
 def _migration_document(result: MigrationResult) -> Document:
     """Build the document: each run, and what the migration added."""
     given = [", ".join(each.given) or "nothing: it is as today's runs are" for each in result.runs]
-    rows = tuple((str(each.folder), words) for each, words in zip(result.runs, given, strict=True))
+    rows = tuple((str(each.folder), text) for each, text in zip(result.runs, given, strict=True))
     count = sum(bool(each.given) for each in result.runs)
     return Document(f"{count} of {len(result.runs)} runs migrated", (Table(("run", "given"), rows),))
 

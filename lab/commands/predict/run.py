@@ -103,10 +103,10 @@ class PredictionResult(Result):
         """Warnings for the reader."""
         ids = [self.rows.ids[i] for i in np.flatnonzero(self.extrapolated)]
         lost = np.flatnonzero(~np.isfinite(self.points).all(axis=(1, 2)))
-        said = []
+        messages = []
         if len(lost):
-            said = [f"{len(lost)} poses cannot be taken by the calibrated arm (first: {self.rows.ids[lost[0]]})"]
-        return (*self.notes, *phrases(check_extrapolated("poses", ids, len(self.rows))), *said)
+            messages = [f"{len(lost)} poses cannot be taken by the calibrated arm (first: {self.rows.ids[lost[0]]})"]
+        return (*self.notes, *phrases(check_extrapolated("poses", ids, len(self.rows))), *messages)
 
     @cached_property
     def extrapolated(self) -> NDArray[np.bool_]:
@@ -153,7 +153,7 @@ class PredictionResult(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the values that ``--json`` prints and ``result.json`` holds: lengths in mm."""
-        T, off = self.T_instrument_base, self.without_effects_m
+        T, errors = self.T_instrument_base, self.without_effects_m
         return {
             "run": str(self.run.folder),
             "robot": self.run.robot.name,
@@ -169,7 +169,7 @@ class PredictionResult(Result):
                 },
             },
             "radius_95_mm": self.radius_statistics_mm,
-            "without_effects_mm": None if off is None else number(MM.of(off)),
+            "without_effects_mm": None if errors is None else number(MM.of(errors)),
             "predictions": self._predictions(),
             "warnings": list(self.warnings),
         }
@@ -355,14 +355,14 @@ def predict(
         by = read_calibrated(joints.run, joints.load, accept_edited=joints.accept_edited)
         return _predicted(joints, by, _read(joints.file, by))
     file = str(joints) if isinstance(joints, str | Path) else "joints in memory"
-    asked = options_of("lab.predict", PredictOptions, {"file": file, **folder_of(run), **options})
-    by = calibrated_by(run, asked.run, asked.load, accept_edited=asked.accept_edited)
+    requested = options_of("lab.predict", PredictOptions, {"file": file, **folder_of(run), **options})
+    by = calibrated_by(run, requested.run, requested.load, accept_edited=requested.accept_edited)
     if isinstance(joints, str | Path):
         if conditions is not None:
             raise LabError("lab.predict: conditions are for joints in memory; a file has them in its columns")
-        return _predicted(asked, by, _read(asked.file, by))
+        return _predicted(requested, by, _read(requested.file, by))
     rows = joints if isinstance(joints, Measurements) else _in_memory(joints, by)
-    return _predicted(asked, by, _with_conditions(rows, conditions or {}))
+    return _predicted(requested, by, _with_conditions(rows, conditions or {}))
 
 
 def _read(file: Path, run: CalibrationRun) -> Measurements:
@@ -411,7 +411,7 @@ def _predicted(options: PredictOptions, run: CalibrationRun, rows: Measurements)
     estimate = run.estimate
     notes = [*run.warnings, *rows.warnings, *phrases(check_limits(run.robot.chain, rows))]
     notes += condition_notes(run, options.file, list(rows.conditions), "pose", "predicted")
-    rows = rows if run.load is None else run.load.weighed(rows)
+    rows = rows if run.load is None else run.load.with_payload(rows)
     with error_context(options.file):
         inputs = rows.inputs(estimate.arm.conditions)
     Ts, _ = estimate.arm.tool(inputs, estimate.values)

@@ -258,6 +258,6 @@ def _slope(points: Sequence[tuple[float, float]]) -> Slope | None:
         return None
     slope = float(apart @ errors) / square
     left = errors - errors.mean() - slope * apart
-    freedom = len(points) - 2
-    std = float(np.sqrt(left @ left / freedom / square))
-    return Slope(slope, float(half_width_95(float(freedom))) * std, len(points))
+    dof = len(points) - 2
+    std = float(np.sqrt(left @ left / dof / square))
+    return Slope(slope, float(half_width_95(float(dof))) * std, len(points))

@@ -225,14 +225,14 @@ _MOST_DIGITS = 6
 def _status_document(result: StatusResult) -> Document:
     """The count of each state, a row for each arm, the checks over time, changes, and what was left out."""
     counts = Counter(each.state for each in result.arms)
-    said = ", ".join(f"{counts[state]} {state}" for state in reversed(STATES) if counts[state])
+    text = ", ".join(f"{counts[state]} {state}" for state in reversed(STATES) if counts[state])
     lead = tuple(_badges(counts))
     caption = (
         "Every check of every arm: a stroke is a calibration, its mark and those between the strokes the verdicts. The "
         f"dotted line is {result.on}."
     )
     return Document(
-        f"{counted(len(result.arms), 'arm')} on {result.on}: {said}" if result.arms else "no arm",
+        f"{counted(len(result.arms), 'arm')} on {result.on}: {text}" if result.arms else "no arm",
         (
             Paragraph(lead, "lead"),
             Warnings(result.warnings),
@@ -263,10 +263,10 @@ def _arms(result: StatusResult) -> Table:
 
 def _row(arm: ArmStatus) -> Row:
     slope = arm.slope
-    words = "–"
+    text = "–"
     if slope is not None:
         digits = digits_of(slope.half_width, _MOST_DIGITS)
-        words = f"{fixed(slope.per_year, digits, signed=True)} {plus_minus(slope.half_width, digits)}"
+        text = f"{fixed(slope.per_year, digits, signed=True)} {plus_minus(slope.half_width, digits)}"
     return (
         Badge(arm.state, _KINDS.get(arm.state, "open")),
         Code(arm.called),
@@ -274,7 +274,7 @@ def _row(arm: ArmStatus) -> Row:
         *_checked(arm.verification),
         _length(arm.error_then_mm),
         _length(arm.error_now_mm),
-        words,
+        text,
         "–" if arm.due is None else arm.due.isoformat(),
     )
 
@@ -304,9 +304,9 @@ def _changes(arm: ArmStatus) -> Text:
         return ""
     if not arm.trend.changes:
         return f"{arm.called}: no change in {len(arm.trend.runs)} calibrations."
-    count, said = len(arm.trend.changes), change_text(arm.trend, arm.trend.changes[-1])
+    count, change = len(arm.trend.changes), change_text(arm.trend, arm.trend.changes[-1])
     earlier = "" if count == 1 else f" The last of {count} changes in {len(arm.trend.runs)} calibrations (lab trend)."
-    return f"{arm.called}: {said}{earlier}"
+    return f"{arm.called}: {change}{earlier}"
 
 
 _STATES = ", ".join(f"{i} {word}" for i, word in enumerate(STATES))
@@ -387,16 +387,17 @@ def status(folder: str | Path | StatusOptions, **options: Any) -> StatusResult:
         >>> [(arm.serial, arm.state) for arm in lab.status(runs, on="2026-03-20").arms]
         [('A-17', 'good')]
     """
-    asked = folder
-    if not isinstance(asked, StatusOptions):
-        asked = options_of("lab.status", StatusOptions, {"folder": str(folder), **options})
-    asked.check()
-    on = date.today() if asked.on is None else day("--on", asked.on)
+    requested = folder
+    if not isinstance(requested, StatusOptions):
+        requested = options_of("lab.status", StatusOptions, {"folder": str(folder), **options})
+    requested.check()
+    on = date.today() if requested.on is None else day("--on", requested.on)
     with showing("reading the runs") as stage:
-        checks, left_out = checks_of(asked.folder)
+        checks, left_out = checks_of(requested.folder)
         if not checks and not left_out:
             raise LabError(
-                f"{asked.folder}: holds no run of lab calibrate, lab identify or lab verify; give the folder that does"
+                f"{requested.folder}: holds no run of lab calibrate, lab identify or lab verify; give the "
+                "folder that does"
             )
         arms, reasons = list[ArmStatus](), list(left_out)
         groups = _by_arm(checks)
@@ -404,11 +405,13 @@ def status(folder: str | Path | StatusOptions, **options: Any) -> StatusResult:
             stage("following the calibrations", i, len(groups))
             own = tuple(each for each in own if each.on is None or each.on <= on)
             if own:
-                arms.append(ArmStatus(robot, serial or None, own, on, asked.every_days, _trend(asked, own, reasons)))
+                arms.append(
+                    ArmStatus(robot, serial or None, own, on, requested.every_days, _trend(requested, own, reasons))
+                )
     arms.sort(key=lambda each: -STATES.index(each.state))
-    result = StatusResult(asked, on, tuple(arms), tuple(dict.fromkeys(reasons)))
-    if asked.out is not None:
-        result.save(asked.out, overwrite=asked.overwrite)
+    result = StatusResult(requested, on, tuple(arms), tuple(dict.fromkeys(reasons)))
+    if requested.out is not None:
+        result.save(requested.out, overwrite=requested.overwrite)
     return result
 
 

@@ -171,10 +171,15 @@ def _pairs_figure(comparisons: Sequence[Comparison], cells: Sequence[Cell]) -> F
     def draw(axes: Axes, each: Comparison) -> None:
         axes.axvline(1.0 if kind == "ratio" else 0.0, color=REFERENCE, linewidth=1)
         for row, pair in enumerate(_behind(each), start=1):
-            colour = PREDICTED if pair.told else MUTED
+            colour = PREDICTED if pair.is_significant else MUTED
             axes.hlines(row, pair.lower, pair.upper, color=colour, linewidth=2)
             axes.plot(
-                pair.effect, row, "o", color=colour, markerfacecolor=colour if pair.told else "white", markersize=5
+                pair.effect,
+                row,
+                "o",
+                color=colour,
+                markerfacecolor=colour if pair.is_significant else "white",
+                markersize=5,
             )
             axes.text(1.02, row, effect_text(pair, kind), transform=axes.get_yaxis_transform(), va="center", fontsize=8)
         axes.plot(1.0 if kind == "ratio" else 0.0, 0, "D", color=REFERENCE, markersize=5)
@@ -186,8 +191,8 @@ def _pairs_figure(comparisons: Sequence[Comparison], cells: Sequence[Cell]) -> F
             axes.xaxis.set_major_formatter("{x:g}")
             axes.xaxis.set_minor_locator(NullLocator())
 
-    words = metric_text(comparisons[0].metric, unit=False)
-    title = f"{words} by {factor_text(free[0])}, against the best: same robots, same noise"
+    text = metric_text(comparisons[0].metric, unit=False)
+    title = f"{text} by {factor_text(free[0])}, against the best: same robots, same noise"
     figure = _panels(comparisons, draw, title, (4.6, 0.9 + 0.33 * _most_rows(comparisons)), sharex=True)
     measure = (
         "ratio to the best" if kind == "ratio" else f"difference from the best, {metric_text(comparisons[0].metric)}"
@@ -233,9 +238,9 @@ def _ranks_figure(comparisons: Sequence[Comparison], cells: Sequence[Cell]) -> F
         axes.set_xticks(range(len(chances)), [str(1 + k) for k in range(len(chances))])
         _rows(axes, each, cells)
 
-    words = metric_text(comparisons[0].metric, unit=False)
+    text = metric_text(comparisons[0].metric, unit=False)
     rows = _most_rows(comparisons)
-    title = f"{words}: ranks by {factor_text(free[0])}"
+    title = f"{text}: ranks by {factor_text(free[0])}"
     figure = _panels(comparisons, draw, title, (1.4 + 0.45 * rows, 0.9 + 0.33 * rows))
     figure.supxlabel("rank; per cent of the resamples of robots; framed: 95 % set of ranks", fontsize=10)
     return figure

@@ -45,8 +45,8 @@ _NAMED = {"position_sigma_mm": "σ ", "rotation_sigma_mrad": "σ ", "scaling": "
 
 def metric_text(metric: str, unit: bool = True) -> str:
     """A metric as people read it, e.g. "mean error on validation poses, mm"."""
-    words, its_unit = METRICS.get(metric, (metric, ""))
-    return f"{words}, {its_unit}" if unit and its_unit else words
+    text, its_unit = METRICS.get(metric, (metric, ""))
+    return f"{text}, {its_unit}" if unit and its_unit else text
 
 
 def factor_text(factor: str) -> str:
@@ -132,17 +132,17 @@ def comparison_sentence(comparison: Comparison, cells: Sequence[Cell]) -> str:
         return f"{head}: no simulated calibration converged in two of them, so nothing can be compared"
     ranked = [each.cell for each in comparison.ranks]
     leaders = [each.cell for each in comparison.ranks if each.lowest == 1]
-    said = [_leading([names[i] for i in leaders])]
+    messages = [_leading([names[i] for i in leaders])]
     than = f" than {names[ranked[0]]}" if len(leaders) > 1 else ""
     for cell in ranked[1:]:
         pair = comparison.against(ranked[0], cell)
         many = comparison.kind == "ratio" and pair.effect >= 2
-        said.append(f"{names[cell]} {effect_text(pair, comparison.kind)} {'as much' if many else 'worse'}{than}")
-    same = [(p.first, p.second) for p in comparison.pairs if not p.told and isfinite(p.effect)]
+        messages.append(f"{names[cell]} {effect_text(pair, comparison.kind)} {'as much' if many else 'worse'}{than}")
+    same = [(p.first, p.second) for p in comparison.pairs if not p.is_significant and isfinite(p.effect)]
     apart = [f"{names[i]} and {names[j]}" for i, j in same if not {i, j} <= set(leaders)]
-    said += [f"no significant difference: {', '.join(apart)}"] if apart else []
-    said += [f"{names[i]} never converged where another did" for i in group.cells if i not in ranked]
-    return f"{head}: {'; '.join(said)}"
+    messages += [f"no significant difference: {', '.join(apart)}"] if apart else []
+    messages += [f"{names[i]} never converged where another did" for i in group.cells if i not in ranked]
+    return f"{head}: {'; '.join(messages)}"
 
 
 def _leading(names: Sequence[str]) -> str:

@@ -111,8 +111,8 @@ class TrendResult(Result):
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings on runs that were left out, and those of the runs."""
-        said = [words for each in self.runs for words in each.run.named_warnings]
-        return tuple(dict.fromkeys([*self.left_out, *said]))
+        messages = [text for each in self.runs for text in each.run.named_warnings]
+        return tuple(dict.fromkeys([*self.left_out, *messages]))
 
     @property
     def exit_code(self) -> int:
@@ -250,7 +250,7 @@ def _parameters_picture(result: TrendResult) -> Picture:
         bar = axes.figure.colorbar(grid, ax=axes, pad=0.02, fraction=0.04)
         bar.set_label("difference, in halves of its 95 % interval")
 
-    label = f"Parameters over time, {_said(result)}"
+    label = f"Parameters over time, {_count_text(result)}"
     return figure_picture("parameters", label, (_WIDTH, 1.3 + _ROW * len(names)), draw, (1.2, 0.75, 0.5, 0.15))
 
 
@@ -294,7 +294,7 @@ def _date_axis(axes: "Axes") -> None:
     axes.xaxis.set_major_formatter(dates.ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
 
 
-def _said(result: TrendResult) -> str:
+def _count_text(result: TrendResult) -> str:
     count = len(result.changes)
     return counted(count, "change") if count else "no change"
 

@@ -20,7 +20,7 @@ def record_verification(path: Path, result: VerificationResult) -> None:
     arm = calibrated.robot.arm_with(data.targets, calibrated.estimate.groups)
     predicted = np.where(data.seen[:, :, None], arm.points(data.inputs(arm.conditions), found.values), np.nan)
     colour, colour_name = (RGB_AFTER, "light blue") if found.good else (RGB_BEFORE, "vermilion")
-    words = "measured less predicted"
+    text = "measured less predicted"
     rigid = arm.rigid
     scene = ErrorScene(
         calibrated.robot.model,
@@ -30,7 +30,7 @@ def record_verification(path: Path, result: VerificationResult) -> None:
         data.ids,
         predicted,
         "where the calibrated arm is predicted to have its targets",
-        [PointErrors("observed", words, colour, colour_name, data.points - predicted)],
+        [PointErrors("observed", text, colour, colour_name, data.points - predicted)],
         np.full(len(data), found.expected_m),
     )
     digest = hashlib.sha256(calibrated.robot.sha256.encode() + found.values.tobytes())

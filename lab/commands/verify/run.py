@@ -143,7 +143,7 @@ class VerificationResult(Result):
             "level": VERIFICATION,
             "statistic": found.statistic,
             "freedom": found.numbers,
-            "sigma_freedom": found.sigma_freedom,
+            "sigma_freedom": found.sigma_dof,
             "tests": {
                 name: {"statistic": part.square, "freedom": part.numbers, "p": part.p, "level": found.test.level}
                 for name, part in (("parameters", found.test.along), ("rest", found.test.rest))
@@ -231,7 +231,7 @@ def _verification_document(result: VerificationResult) -> Document:
         (
             Paragraph((Badge("good" if found.good else "bad", "good" if found.good else "bad"), f" {rate}")),
             Paragraph(sentence(phrase(found.check)), "lead"),
-            Paragraph(f"The run that calibrated the arm is {result.calibrated.result.words}."),
+            Paragraph(f"The run that calibrated the arm is {result.calibrated.result.description}."),
             Warnings(result.warnings),
             Section("Errors, observed and predicted", (*_errors(result), _histogram(result))),
             Section("What alone would explain it", (_hypotheses(result), *_advice(result))),
@@ -386,7 +386,7 @@ def _tested(
     else:
         read = checked("measurements in memory", given, calibrated.robot)
     if calibrated.load is not None and "payload_kg" in calibrated.estimate.arm.conditions:
-        read = calibrated.load.weighed(read)
+        read = calibrated.load.with_payload(read)
     read = without_copies(Path(options.file), read)
     rows = read.only("calibrate", "reference", "test")
     rows = rows.with_points()
@@ -416,19 +416,19 @@ def _tested(
         names = [rows.where(i) for i in range(len(rows))]
         verified = test(prediction, observations, options.refit, names, _counted(stage, tested))
     lone = [rows.ids[i] for i in np.flatnonzero(calibrated.estimate.extrapolated(rows.joints))]
-    said = [*_warnings(calibrated, read, rows, verified), *phrases(check_extrapolated("poses", lone, len(rows)))]
-    said += fitted
-    warnings = (*phrases(noisy), *said, *_repeat_where_measured(len(lone), len(rows), verified))
+    messages = [*_warnings(calibrated, read, rows, verified), *phrases(check_extrapolated("poses", lone, len(rows)))]
+    messages += fitted
+    warnings = (*phrases(noisy), *messages, *_repeat_where_measured(len(lone), len(rows), verified))
     return VerificationResult(options, calibrated, rows, verified, warnings)
 
 
-def _counted(stage: Stage, words: str) -> Progress:
+def _counted(stage: Stage, name: str) -> Progress:
     """Shows what is done of all rows as often as they are gone through: twice, or as often as a change asks for."""
     passed = 0
 
     def progress(done: int, of: int) -> None:
         nonlocal passed
-        stage(words, passed * of + done, max(_PASSES, passed + 1) * of)
+        stage(name, passed * of + done, max(_PASSES, passed + 1) * of)
         passed += done == of
 
     return progress
@@ -514,13 +514,13 @@ def _if_fitted(calibrated: CalibrationRun, options: VerifyOptions, rows: Measure
     again = [i for i, row in enumerate(_numbers(rows)) if row.tobytes() in known]
     if not again:
         return []
-    said = (
+    text = (
         f"{options.file}: {len(again)} of {counted(len(rows), 'row')} {be(len(again))} among those that the "
         f"run was identified from (the first: {rows.where(again[0])}), which verify nothing new; measure poses again"
     )
     if not options.force:
-        raise LabError(f"{said}, or say --force")
-    return [said]
+        raise LabError(f"{text}, or say --force")
+    return [text]
 
 
 def _numbers(rows: Measurements) -> Array:
@@ -530,29 +530,31 @@ def _numbers(rows: Measurements) -> Array:
 
 def _warnings(calibrated: CalibrationRun, read: Measurements, rows: Measurements, verified: Verified) -> list[str]:
     """Collect the warnings for the reader."""
-    chain, said = calibrated.robot.chain, [*calibrated.warnings, *read.warnings]
+    chain, messages = calibrated.robot.chain, [*calibrated.warnings, *read.warnings]
     if blank := len(read.only("calibrate", "reference", "test")) - len(rows):
-        said.append(f"{blank} rows have no measured point and are left out")
+        messages.append(f"{blank} rows have no measured point and are left out")
     outside = chain.beyond_limits(rows.joints, 1e-3)
-    said += [
+    messages += [
         f"joint {name}: {rows.where(int(np.argmax(beyond)))} is beyond its limits; check units, signs and offsets"
         for name, beyond in zip(chain.joint_names, outside.T, strict=True)
         if beyond.any()
     ]
     if len(sessions := list(dict.fromkeys(rows.sessions))) > 1:
-        said.append(f"sessions {', '.join(sessions)} are taken for one setup; verify each alone if one was set up anew")
+        messages.append(
+            f"sessions {', '.join(sessions)} are taken for one setup; verify each alone if one was set up anew"
+        )
     if "payload_kg" in calibrated.estimate.arm.conditions and "payload_kg" not in rows.conditions:
-        said.append("no column payload_kg: the flange is assumed to carry nothing in any pose")
+        messages.append("no column payload_kg: the flange is assumed to carry nothing in any pose")
     if verified.undetermined:
         names = ", ".join(verified.undetermined)
-        said.append(
+        messages.append(
             f"these poses do not determine {names}, which stay as the run has them; the test does not depend on it"
         )
     if verified.p_of_all > _TOO_GOOD:
-        said.append(
+        messages.append(
             f"errors are much smaller than predicted (p = {verified.p_of_all:.6f}): the noise is given too large"
         )
-    return said
+    return messages
 
 
 def _repeat_where_measured(lone: int, count: int, verified: Verified) -> list[str]:

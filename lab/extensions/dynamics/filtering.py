@@ -81,7 +81,7 @@ class Band:
         """Values ``(n, ...)`` at the rows of ``motion``."""
         return values[self.margin : len(values) - self.margin]
 
-    def kept(self, values: Array, lead_s: float = 0.0, order: int = 0) -> Array:
+    def decimated(self, values: Array, lead_s: float = 0.0, order: int = 0) -> Array:
         """Samples kept of values ``(n, ...)`` after the common filter, or of their derivative in time.
 
         Args:

@@ -97,9 +97,9 @@ class PayloadSamples:
         if not copies:
             return self
         lines = self.lines or tuple(range(len(self)))
-        said = describe_copies(source, len(copies), *(f"line {lines[row]}" for row in copies[0]))
+        message = describe_copies(source, len(copies), *(f"line {lines[row]}" for row in copies[0]))
         kept = self.take(np.setdiff1d(np.arange(len(self)), [row for row, _ in copies]))
-        return replace(kept, warnings=(*kept.warnings, f"{said}: left out"))
+        return replace(kept, warnings=(*kept.warnings, f"{message}: left out"))
 
     def run(self, loaded: bool) -> "PayloadSamples":
         """The rows of one run."""

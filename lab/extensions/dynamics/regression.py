@@ -166,11 +166,11 @@ class BiasCandidate:
 
     Attributes:
         columns: ``(n, d, k)`` beside those fitted.
-        words: the effect and its remedy.
+        description: the effect and its remedy.
     """
 
     columns: Array
-    words: str
+    description: str
 
 
 @dataclass(frozen=True)
@@ -199,35 +199,35 @@ class ResidualVerdict:
     Attributes:
         adequate: None where there are too few numbers to tell.
         p: p-value of the residuals under noise alone; NaN if not computed.
-        words: a sentence with its figures.
+        description: a sentence with its figures.
     """
 
     adequate: bool | None
     p: float
-    words: str
+    description: str
 
 
 def verdict(
     solution: ChannelSolution, suspects: Sequence[BiasCandidate], series: Sequence[Series] = ()
 ) -> ResidualVerdict:
     """Run all applicable lack-of-fit tests; rows in no series are poses, or anything without order."""
-    outcomes = [(_added(solution, _slow(suspect.columns, series)), suspect.words) for suspect in suspects]
+    outcomes = [(_added(solution, _slow(suspect.columns, series)), suspect.description) for suspect in suspects]
     outcomes.append((_slowness(solution, series), "something slow without a name, as the load's own torques are slow"))
     if solution.sigma_given:
         outcomes.append(
             (_too_large(solution), "more than the noise's given sigma: it is larger, or the model is wrong")
         )
-    tested = [(p, words) for p, words in outcomes if not np.isnan(p)]
+    tested = [(p, text) for p, text in outcomes if not np.isnan(p)]
     if not tested:
         return ResidualVerdict(
             None, np.nan, "whether the residuals are noise cannot be said: there are too few of them"
         )
-    least, words = min(tested)
+    least, text = min(tested)
     p = min(1.0, len(tested) * least)
     counted = f"(p = {p:.2g}, the least of {len(tested)} tests)"
     if p >= PAYLOAD_RESIDUALS:
         return ResidualVerdict(True, p, f"the residuals are what independent noise explains {counted}")
-    return ResidualVerdict(False, p, f"the intervals are too small: the residuals follow {words} {counted}")
+    return ResidualVerdict(False, p, f"the intervals are too small: the residuals follow {text} {counted}")
 
 
 def _added(solution: ChannelSolution, columns: Array) -> float:

@@ -195,7 +195,7 @@ class FanucLs(SixAxisLanguage):
 def _listing(name: str, notes: list[str], checked: bool, steps: list[Step]) -> bytes:
     lines = [f"!{each}" for each in (*notes, *wrap(check_comment(checked), _LONGEST), *_NOTES)]
     for i, step in enumerate(steps, start=1):
-        lines.append(f"!{ascii_text(step.words)}")
+        lines.append(f"!{ascii_text(step.comment)}")
         if step.kind != "via":
             lines.append(_move(i, step))
         lines += [f"WAIT {step.wait_s:6.2f}(sec)"] if step.wait_s else []

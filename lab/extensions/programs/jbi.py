@@ -208,7 +208,7 @@ class Jbi(SixAxisLanguage):
     def measuring_tour(self, tour: MeasuringTour) -> bytes:
         """A job ``PLAN``: home, every pose with a wait, home; of the flange (tool 0), in the robot's frame."""
         notes = [f"{len(tour.ids)} POSES OF THE FLANGE", "TOOL 0 HAS TO BE ZERO"]
-        steps, postures = tour_steps(tour), _known(tour.postures)
+        steps, postures = tour_steps(tour), _postures(tour.postures)
         head = ["///TOOL 0", "///POSTYPE ROBOT"]
         return _job("PLAN", head, [*notes, *_checked(tour.checked)], steps, postures, postures.Ts_frame0_last)
 
@@ -218,7 +218,7 @@ class Jbi(SixAxisLanguage):
             *(f"TOOL 1 {each}" for each in _frame(moves.T_last_tool)),
             *(f"USER 1 {each}" for each in _frame(moves.T_frame0_instrument)),
         ]
-        postures = _known(moves.postures)
+        postures = _postures(moves.postures)
         Ts = se3.inverse(moves.T_frame0_instrument) @ postures.Ts_frame0_last @ moves.T_last_tool
         notes = [f"{len(moves.ids)} TARGETS", *_checked(moves.checked), *frames]
         head = ["///USER 1", "///TOOL 1", "///POSTYPE USER"]
@@ -233,10 +233,10 @@ class Jbi(SixAxisLanguage):
         correction = ["CORRECTION IS IN THE POSITIONS"] if moves.corrected else []
         notes = [f"{len(moves.ids)} POINTS", *correction, *_checked(moves.checked), *frames]
         head = ["///USER 1", "///TOOL 1", "///POSTYPE USER"]
-        return _job("PATH", head, notes, path_steps(moves), _known(moves.postures), moves.Ts_base_tool)
+        return _job("PATH", head, notes, path_steps(moves), _postures(moves.postures), moves.Ts_base_tool)
 
 
-def _known(postures: Postures | None) -> Postures:
+def _postures(postures: Postures | None) -> Postures:
     """The nominal arm's postures, which every arm with six revolute joints has."""
     assert postures is not None
     return postures
@@ -258,7 +258,7 @@ def _job(name: str, head: list[str], notes: Sequence[str], steps: list[Step], po
     lines += ["//INST", "///DATE 2000/01/01 00:00", "///ATTR SC,RW", "///GROUP1 RB1", "NOP"]
     lines += [f"'{each}" for each in (*notes, *_NOTES)]
     for i, step in enumerate(steps):
-        lines += [f"'{ascii_text(step.words)[: _LONGEST - 1]}", *_move(i, step)]
+        lines += [f"'{ascii_text(step.comment)[: _LONGEST - 1]}", *_move(i, step)]
         lines += [f"TIMER T={step.wait_s:.2f}"] if step.wait_s else []
     return ("\r\n".join([*lines, "END"]) + "\r\n").encode("ascii")
 

@@ -228,10 +228,10 @@ class _Reader(ProgramReader):
             if not frames and "S" in each.parts:
                 frames = {("$TOOL", "$BASE")}  # of a data list without inline forms
             if len(frames) != 1:
-                said = [" and ".join(pair) for pair in sorted(frames)]
-                if said:
-                    words = f"{each.name} is moved to with {' as well as '.join(said)}"
-                    self.uncorrected.append(Uncorrected(each.line, words))
+                reasons = [" and ".join(pair) for pair in sorted(frames)]
+                if reasons:
+                    text = f"{each.name} is moved to with {' as well as '.join(reasons)}"
+                    self.uncorrected.append(Uncorrected(each.line, text))
                 continue
             ((tool, base),) = frames
             numbers = tuple(each.parts[key] for key in _PLACE)
@@ -329,7 +329,7 @@ def _module(name: str, head: list[str], frames: list[str], steps: list[Step]) ->
     lines += frames
     via = ""
     for step in steps:
-        lines.append(f"; {step.words}")
+        lines.append(f"; {step.comment}")
         if step.kind == "via":
             via = _place(step)
             continue

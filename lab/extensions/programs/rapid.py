@@ -178,8 +178,10 @@ class _Reader(ProgramReader):
     def _targets(self) -> ProgramText:
         for each in sorted(self.declared.values(), key=lambda each: each.line):
             if each.kind == "robtarget" and len(each.frames) != 1:
-                said = [" and ".join(frames) for frames in sorted(each.frames)]
-                why = f"is moved to with {' as well as '.join(said)}" if said else "is not moved to in this module"
+                reasons = [" and ".join(frames) for frames in sorted(each.frames)]
+                why = (
+                    f"is moved to with {' as well as '.join(reasons)}" if reasons else "is not moved to in this module"
+                )
                 self.uncorrected.append(Uncorrected(each.line, f"{each.name} {why}"))
                 continue
             for i, entry in enumerate(each.entries):
@@ -221,7 +223,7 @@ def _read_rapid(text: str, outside: Outside) -> ProgramText:
         LabError: frames that are given have not the numbers of RAPID's.
     """
     data = masked(text, r"![^\r\n]*")
-    return _Reader(text, outside, data, masked(data, '"[^"\r\n]*"', kept="$^")).read()
+    return _Reader(text, outside, data, masked(data, '"[^"\r\n]*"', retained="$^")).read()
 
 
 def _assigned(code: str) -> Iterator["re.Match[str]"]:
@@ -348,7 +350,7 @@ class Rapid:
                 f"    WaitTime {PAUSE_S};",
             ]
             pose += 1
-        targets = [_joint_target(name, row) for name, row in zip(names, _degrees(tour.stops), strict=False)]
+        targets = [_joint_target(name, row) for name, row in zip(names, _degrees(tour.waypoints), strict=False)]
         moves += [_move("home", "tool0"), '    TPWrite "All poses measured";']
         head = [
             f"  ! {len(ids)} poses to measure, ids as in plan.csv, in an order that is short at full joint speed.",
@@ -377,7 +379,7 @@ class Rapid:
         ]
         names = _target_names(ids)
         targets, lines, via = [], ["    TPErase;"], 0
-        for i, degrees in zip(moves.which.tolist(), _degrees(moves.stops), strict=True):
+        for i, degrees in zip(moves.which.tolist(), _degrees(moves.waypoints), strict=True):
             via += i < 0
             name = names[i] if i >= 0 else f"via{via:03d}"
             targets += [f"  ! id {_shortened(ids[i])!a}"] if i >= 0 and name != _PREFIX + ids[i] else []
@@ -398,7 +400,7 @@ class Rapid:
         ]
         targets, lines, via = [], list[str](), ""
         names = _target_names([f"{i + 1}_{each}" for i, each in enumerate(moves.ids)])
-        for step, name, degrees in zip(path_steps(moves), names, _degrees(moves.stops), strict=True):
+        for step, name, degrees in zip(path_steps(moves), names, _degrees(moves.waypoints), strict=True):
             targets.append(_joint_target(name, degrees))
             robtarget = f"CalcRobT({name},{_PATH_TOOL})"
             if step.kind == "via":
@@ -457,9 +459,9 @@ def _move(target: str, tool: str) -> str:
     return f"    MoveAbsJ {target},{_SPEED},fine,{tool};"
 
 
-def _degrees(stops: Array) -> Iterator[str]:
+def _degrees(waypoints: Array) -> Iterator[str]:
     """Six angles of each stop ``(s, 6)``; a millionth of a degree moves a point 1 m away by 17 nm."""
-    degrees = np.rad2deg(stops).round(6) + 0.0
+    degrees = np.rad2deg(waypoints).round(6) + 0.0
     return (f"[{','.join(f'{value:.6f}' for value in row)}]" for row in degrees.tolist())
 
 

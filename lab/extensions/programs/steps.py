@@ -41,7 +41,7 @@ class Step:
 
     Attributes:
         joints: ``(n,)`` rad, m of a slide.
-        words: what the stop is, for a comment: letters, digits and blanks.
+        comment: what the stop is, for a comment: letters, digits and blanks.
         wait_s: how long to stand there.
         kind: how it is reached; a ``via`` is passed on the circle to the next one.
         pace: how fast; None at the language's own, careful speed.
@@ -49,7 +49,7 @@ class Step:
     """
 
     joints: Array
-    words: str
+    comment: str
     wait_s: float
     kind: MoveKind = "joint"
     pace: Pace | None = None
@@ -59,11 +59,11 @@ class Step:
 def tour_steps(tour: MeasuringTour) -> list[Step]:
     """The steps of a measuring tour, from home to home, with a wait at each measured pose."""
     steps, pose = list[Step](), 0
-    for i, (joints, measured) in enumerate(zip(tour.stops, tour.measured.tolist(), strict=True)):
-        at_end = i in (0, len(tour.stops) - 1)
-        words = "home" if at_end else "via" if measured < 0 else f"pose {ascii_text(tour.ids[pose])}"
+    for i, (joints, measured) in enumerate(zip(tour.waypoints, tour.measured.tolist(), strict=True)):
+        at_end = i in (0, len(tour.waypoints) - 1)
+        comment = "home" if at_end else "via" if measured < 0 else f"pose {ascii_text(tour.ids[pose])}"
         pose += measured >= 0
-        steps.append(Step(joints, words, PAUSE_S if measured >= 0 else 0.0))
+        steps.append(Step(joints, comment, PAUSE_S if measured >= 0 else 0.0))
     return steps
 
 
@@ -71,7 +71,7 @@ def move_steps(moves: TargetMoves) -> list[Step]:
     """The steps to compensated targets, with the stops that are passed on the way."""
     return [
         Step(joints, f"target {ascii_text(moves.ids[i])}" if i >= 0 else "via", 0.0)
-        for i, joints in zip(moves.which.tolist(), moves.stops, strict=True)
+        for i, joints in zip(moves.which.tolist(), moves.waypoints, strict=True)
     ]
 
 
@@ -83,8 +83,8 @@ def path_steps(moves: PathMoves) -> list[Step]:
         if np.isfinite(moves.seconds[i]):
             per_cent = min(max(int(np.ceil(100 * moves.shares[i] - 1e-6)), 1), 100)
             pace = Pace(float(moves.seconds[i]), per_cent, float(np.nan_to_num(MM.of(moves.speeds_m_s[i]))))
-        words = f"{'via' if kind == 'via' else 'point'} {ascii_text(moves.ids[i])}"
-        steps.append(Step(moves.stops[i], words, 0.0, kind, pace, moves.Ts_base_tool[i]))
+        comment = f"{'via' if kind == 'via' else 'point'} {ascii_text(moves.ids[i])}"
+        steps.append(Step(moves.waypoints[i], comment, 0.0, kind, pace, moves.Ts_base_tool[i]))
     return steps
 
 

@@ -198,7 +198,7 @@ def _read_urscript(text: str, outside: Outside) -> ProgramText:
     Raises:
         LabError: frames that are given have not the numbers of URScript's.
     """
-    code = masked(masked(text, r"#[^\r\n]*"), '"[^"\r\n]*"', kept="$^")
+    code = masked(masked(text, r"#[^\r\n]*"), '"[^"\r\n]*"', retained="$^")
     return _Reader(text, outside, code).read()
 
 
@@ -258,12 +258,12 @@ def _script(name: str, head: list[str], steps: list[Step]) -> bytes:
     via = ""
     for step in steps:
         joints = f"[{', '.join(numbers(step.joints, _DIGITS))}]"
-        lines.append(f"  # {step.words}")
+        lines.append(f"  # {step.comment}")
         if step.kind == "via":
             via = joints
             continue
         lines.append(f"  {_move(step, joints, via)}")
-        lines += [f'  textmsg("{step.words}")', f"  sleep({step.wait_s:.1f})"] if step.wait_s else []
+        lines += [f'  textmsg("{step.comment}")', f"  sleep({step.wait_s:.1f})"] if step.wait_s else []
     return ("\n".join([*lines, "end", f"{name}()"]) + "\n").encode("ascii")
 
 

@@ -87,10 +87,10 @@ class _Reader(ProgramReader):
         tool = self.outside.alias("tool")
         if tool == "tool" and "tool" not in self.frames:
             tool = self.tools[0] if len(self.tools) == 1 else "tool"
-        for name, words, given, line in self.points:
+        for name, attributes, given, line in self.points:
             values = tuple(given[key] for key in _PLACE)
-            base = self.outside.alias(_plain(words.get("fatherId", "world")))
-            self._add(TargetText(name, line, values, MOVING_XYZ, tool, base, allowed=_allowed(words)), ())
+            base = self.outside.alias(_plain(attributes.get("fatherId", "world")))
+            self._add(TargetText(name, line, values, MOVING_XYZ, tool, base, allowed=_allowed(attributes)), ())
         self._program()
         return self._read()
 
@@ -99,8 +99,8 @@ class _Reader(ProgramReader):
         kind = head.get("type", "")
         values = list(_VALUE.finditer(self.code, data.start(2), data.end(2)))
         for value in values:
-            words = dict(_ATTRIBUTE.findall(value[1]))
-            index = words.get("key", "0")
+            attributes = dict(_ATTRIBUTE.findall(value[1]))
+            index = attributes.get("key", "0")
             name = head.get("name", "") + ("" if len(values) == 1 and index == "0" else f"[{index}]")
             numbers = {
                 each[1]: Number(value.start(1) + each.start(2), each[2])
@@ -116,10 +116,10 @@ class _Reader(ProgramReader):
                 line = line_of(self.text, value.start())
                 self._add(TargetText(name, line, tuple(numbers[key] for key in _JOINTS)), ())
             elif kind.startswith("point"):
-                self.points.append((name, words, numbers, line_of(self.text, value.start())))
+                self.points.append((name, attributes, numbers, line_of(self.text, value.start())))
             else:
                 T = MOVING_XYZ.pose(values_of([numbers[key] for key in _PLACE]))
-                self.fathers[name] = (_plain(words.get("fatherId", "world" if kind == "frame" else "flange")), T)
+                self.fathers[name] = (_plain(attributes.get("fatherId", "world" if kind == "frame" else "flange")), T)
                 self.tools += [name] if kind == "tool" else []
                 PROGRAM_FRAMES("the program", self.fathers)
 
@@ -175,7 +175,7 @@ def _read_val3(text: str, outside: Outside) -> ProgramText:
     Raises:
         LabError: frames that are given have not the numbers of VAL 3's.
     """
-    comments = masked(text, r"<!--[\s\S]*?(?:-->|\Z)|(?<!:)//[^\r\n]*", kept='"[^"\r\n]*"')
+    comments = masked(text, r"<!--[\s\S]*?(?:-->|\Z)|(?<!:)//[^\r\n]*", retained='"[^"\r\n]*"')
     return _Reader(text, outside, comments, comments.replace("{", "[").replace("}", "]")).read()
 
 
@@ -184,9 +184,9 @@ def _plain(name: str) -> str:
     return name.removesuffix("[0]")
 
 
-def _allowed(words: dict[str, str]) -> Allowed | None:
+def _allowed(attributes: dict[str, str]) -> Allowed | None:
     """The signs of joints 3 and 5."""
-    signs = [_SIGNS[words[key]] for key in ("elbow", "wrist") if words.get(key) in _SIGNS]
+    signs = [_SIGNS[attributes[key]] for key in ("elbow", "wrist") if attributes.get(key) in _SIGNS]
     if not signs:
         return None
 
@@ -255,7 +255,7 @@ def _program(name: str, local: dict[str, str], head: list[str], steps: list[Step
     lines = ["begin", *head, _NOTE]
     for step in steps:
         joints = ",".join(numbers(np.rad2deg(step.joints), _DIGITS))
-        lines += [f"  // {step.words}", f"  jTo={{{joints}}}", *(f"  {each}" for each in _move(step))]
+        lines += [f"  // {step.comment}", f"  jTo={{{joints}}}", *(f"  {each}" for each in _move(step))]
         lines += [f"  delay({step.wait_s:.1f})"] if step.wait_s else []
     code = "\n".join([*lines, "end"])
     variables = [f'      <Local name="{key}" type="{kind}" xsi:type="array" size="1" />' for key, kind in local.items()]

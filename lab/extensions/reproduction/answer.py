@@ -177,7 +177,7 @@ class Answer:
         agrees: whether the printed value equals ours; None where nothing is printed.
         erratum: why the printed value is wrong; "" where it is right.
         check: whether an answer that a reader gives is right; a LabError where it cannot be read.
-        asked: whether an exercise asks for it.
+        in_exercise: whether an exercise asks for it.
     """
 
     name: str
@@ -188,7 +188,7 @@ class Answer:
     agrees: bool | None
     erratum: str
     check: Callable[[str], bool]
-    asked: bool = True
+    in_exercise: bool = True
 
 
 def number(name: str, printed: str, ours: float, unit: str = "", *, erratum: str = "", digits: int = 4) -> Answer:
@@ -200,13 +200,13 @@ def number(name: str, printed: str, ours: float, unit: str = "", *, erratum: str
     decimals = _decimals(printed) if printed else digits
     last = 10.0**-decimals if decimals else 0.5  # a whole number is rounded
 
-    def off(value: float) -> float:
+    def error(value: float) -> float:
         return (value - ours + 180) % 360 - 180 if unit == "°" else value - ours
 
     def check(text: str) -> bool:
-        return abs(off(_read(text))) <= last * (1 + _EDGE)
+        return abs(error(_read(text))) <= last * (1 + _EDGE)
 
-    apart = off(_read(printed)) if printed else 0.0
+    apart = error(_read(printed)) if printed else 0.0
     more = 1 if printed and (decimals or ours != round(ours)) else 0
     return Answer(
         name, printed, _written(ours, decimals + more), unit, _small(apart, "+") if printed else "",

@@ -106,7 +106,7 @@ def write_exercise(path: Path, computed: Sequence[Computed]) -> None:
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)
-        writer.writerows((text_cell(label), "", answer.unit) for label, answer in _asked(computed))
+        writer.writerows((text_cell(label), "", answer.unit) for label, answer in _in_exercise(computed))
 
 
 def marked(path: Path, computed: Sequence[Computed]) -> tuple[Mark, ...]:
@@ -119,16 +119,16 @@ def marked(path: Path, computed: Sequence[Computed]) -> tuple[Mark, ...]:
     labels, values = table.texts("item"), table.texts("value")
     if labels is None or values is None:
         raise LabError(f"{path}: has no columns item and value; fill in the CSV that --exercise writes")
-    asked = dict(_asked(computed))
+    requested = dict(_in_exercise(computed))
     given: dict[str, str] = {}
     for row, (cell, value) in enumerate(zip(labels, values, strict=True)):
         label = " ".join(cell.split())
-        if label not in asked:
+        if label not in requested:
             raise table.fail(row, "item", f"'{label}' is no answer of this source; keep the labels of --exercise")
         if label in given:
             raise table.fail(row, "item", f"'{label}' is there twice; keep one")
         given[label] = value.strip()
-    return tuple(_mark(label, given.get(label, ""), answer) for label, answer in asked.items())
+    return tuple(_mark(label, given.get(label, ""), answer) for label, answer in requested.items())
 
 
 def _mark(label: str, text: str, answer: Answer) -> Mark:
@@ -140,8 +140,8 @@ def _mark(label: str, text: str, answer: Answer) -> Mark:
         return Mark(label, text, "wrong", str(error), answer)
 
 
-def _asked(computed: Sequence[Computed]) -> Iterator[tuple[str, Answer]]:
+def _in_exercise(computed: Sequence[Computed]) -> Iterator[tuple[str, Answer]]:
     for each in computed:
         for answer in each.answers:
-            if answer.asked:
+            if answer.in_exercise:
                 yield f"{each.item.number}: {answer.name}", answer

@@ -111,10 +111,10 @@ class ReproductionResult(Result):
         return found
 
     def _values(self, answer: Answer) -> dict[str, Any]:
-        asked = {"name": answer.name, "unit": answer.unit}
+        requested = {"name": answer.name, "unit": answer.unit}
         if self.options.exercise:
-            return asked
-        return asked | {
+            return requested
+        return requested | {
             "printed": answer.printed, "ours": answer.ours, "difference": answer.difference, "agrees": answer.agrees,
             "erratum": answer.erratum,
         }  # fmt: skip
@@ -175,7 +175,7 @@ def _title(result: ReproductionResult) -> str:
         blank = sum(mark.state == "blank" for mark in result.marks)
         return f"{name}: {right} of {len(result.marks)} answers right, {blank} blank"
     if result.options.exercise:
-        count = sum(answer.asked for answer in result.answers)
+        count = sum(answer.in_exercise for answer in result.answers)
         return f"{name}: an exercise of {count} answers"
     printed = [answer for answer in result.answers if answer.agrees is not None]
     agree, errata = sum(answer.agrees is True for answer in printed), sum(bool(answer.erratum) for answer in printed)
@@ -198,12 +198,12 @@ def _errata(result: ReproductionResult) -> tuple[Block, ...]:
     """The reasons, each once."""
     if result.options.exercise or result.marks is not None:
         return ()
-    said: dict[str, None] = {}
+    errata: dict[str, None] = {}
     for each in result.computed:
         for answer in each.answers:
             if answer.erratum:
-                said.setdefault(f"{each.item.number}: {answer.erratum}")
-    return (Bullets(tuple(said)),)
+                errata.setdefault(f"{each.item.number}: {answer.erratum}")
+    return (Bullets(tuple(errata)),)
 
 
 def _section(result: ReproductionResult, each: Computed) -> Section:
@@ -244,7 +244,7 @@ def _values(answers: tuple[Answer, ...]) -> Table:
 
 
 def _questions(answers: tuple[Answer, ...]) -> Table:
-    return Table(("asked", "answer", "unit"), tuple((a.name, "", a.unit) for a in answers if a.asked))
+    return Table(("asked", "answer", "unit"), tuple((a.name, "", a.unit) for a in answers if a.in_exercise))
 
 
 def _figure(item: Item) -> tuple[Block, ...]:

@@ -28,7 +28,7 @@ __all__ = [
     "DROPPED",
     "HIDDEN",
     "INTO",
-    "OFF",
+    "OFFSETS",
     "PRINTED",
     "Reproduced",
     "aliasing",
@@ -45,7 +45,7 @@ __all__ = [
 CRITERIA = ("O1", "O2", "O3", "O4", "O5", "condition")
 POSES, CANDIDATES, STARTS = 20, 400, 2
 # Table IV.2: how far the arm is off its nominal model (mm, rad), in the order in which the thesis lists the 19.
-OFF: Mapping[str, float] = MappingProxyType(
+OFFSETS: Mapping[str, float] = MappingProxyType(
     {
         "link1.theta": 0.0013, "link1.d": 1.005, "link1.a": 1.23, "link1.alpha": 0.0017,
         "link2.theta": 0.0014, "link2.a": 1.44, "link2.alpha": 0.0013,
@@ -77,7 +77,7 @@ class Case:
     Attributes:
         arm: whose only target is the flange's origin.
         nominal: parameters ``(p,)`` of the nominal model, SI; the base at rest.
-        free: indices of the 19, in the order of ``OFF``.
+        free: indices of the 19, in the order of ``OFFSETS``.
         mm: ``(19,)``, by what an error in SI is multiplied to be in mm or rad.
     """
 
@@ -93,7 +93,7 @@ class Case:
     def truth(self, hidden: Mapping[str, float] = HIDDEN) -> Array:
         """Parameters ``(p,)``, SI, of the arm that is measured."""
         values = self.nominal.copy()
-        for name, off in (*OFF.items(), *hidden.items()):
+        for name, off in (*OFFSETS.items(), *hidden.items()):
             values[self.arm.names.index(name)] += off if self.parameter(name).is_angle else off / 1e3
         return values
 
@@ -103,7 +103,7 @@ def thesis_case() -> Case:
     """The nominal arm of the thesis."""
     arm = load_robot("irb120").serial_arm(("p1",))
     nominal = arm.nominal({"p1": np.zeros(3)})
-    free = tuple(arm.names.index(name) for name in OFF)
+    free = tuple(arm.names.index(name) for name in OFFSETS)
     return Case(arm, nominal, free, np.array([1.0 if arm.parameters[i].is_angle else 1e3 for i in free]))
 
 
@@ -151,7 +151,7 @@ class _Search:
         turn = np.full(chain.size, np.pi)
         lower, upper = (chain.lower, chain.upper) if limits else (-turn, turn)
         bounds = (lower, upper) if limits else (-np.inf * turn, np.inf * turn)
-        return cls(criterion(name, len(OFF)), rng.uniform(lower, upper, (count, chain.size)), rng, bounds)
+        return cls(criterion(name, len(OFFSETS)), rng.uniform(lower, upper, (count, chain.size)), rng, bounds)
 
     def exchanged(self, poses: int) -> Design:
         """The best of one start's exchange."""
@@ -165,7 +165,7 @@ class _Search:
 def _sensitivity(joints: Array) -> Array:
     """Jacobians ``(n, 3, 19)`` by the 19, in mm and rad."""
     case = thesis_case()
-    scale = Scaling("raw").columns([case.parameter(name) for name in OFF], np.empty((0, 3, len(OFF))))
+    scale = Scaling("raw").columns([case.parameter(name) for name in OFFSETS], np.empty((0, 3, len(OFFSETS))))
     rates: Array = case.arm.observe(joints, case.nominal)[1][:, 0][..., list(case.free)] * scale
     return rates
 
@@ -178,14 +178,14 @@ def aliasing() -> dict[str, dict[str, float]]:
     """Express each dropped parameter in the 19 retained: mm or rad of theirs for one mm or rad of its own."""
     case = thesis_case()
     joints = case.arm.chain.random_joints(200, rng_for(0, "structure"))
-    names = (*OFF, *DROPPED)
+    names = (*OFFSETS, *DROPPED)
     columns = [case.arm.names.index(name) for name in names]
     found = base_set_of(case.arm.observe(joints, case.nominal)[1][..., columns].reshape(-1, len(names)), range(24))
-    assert found.kept == tuple(range(len(OFF)))
+    assert found.identifiable == tuple(range(len(OFFSETS)))
     mm = np.array([1.0 if case.parameter(name).is_angle else 1e3 for name in names])
-    alias = found.alias * mm[: len(OFF), None] / mm[None, len(OFF) :]
+    alias = found.alias * mm[: len(OFFSETS), None] / mm[None, len(OFFSETS) :]
     return {
-        dropped: {kept: float(value) for kept, value in zip(OFF, column, strict=True) if abs(value) > 1e-9}
+        dropped: {kept: float(value) for kept, value in zip(OFFSETS, column, strict=True) if abs(value) > 1e-9}
         for dropped, column in zip(DROPPED, alias.T, strict=True)
     }
 
@@ -232,7 +232,7 @@ def rows_of_table(off: Array) -> dict[str, Array]:
 
 def without(off: Array, names: Sequence[str] = tuple(INTO.values())) -> Array:
     """The errors of all but these."""
-    return off[..., [i for i, name in enumerate(OFF) if name not in names]]
+    return off[..., [i for i, name in enumerate(OFFSETS) if name not in names]]
 
 
 @dataclass(frozen=True)
@@ -240,24 +240,24 @@ class Reproduced:
     """The thesis' campaign, done again with many draws of the noise.
 
     Attributes:
-        off: errors ``(draws, 19)`` by criterion, mm and rad, of which the first draw is what a table would show.
+        errors: errors ``(draws, 19)`` by criterion, mm and rad, of which the first draw is what a table would show.
         clean: the same without the hidden values.
         beyond: ``(19,)`` by how much the hidden values move the errors beyond the linear model, by O1's poses.
     """
 
-    off: Mapping[str, Array]
+    errors: Mapping[str, Array]
     clean: Mapping[str, Array]
     beyond: Array
 
     def spread(self, row: str) -> dict[str, Array]:
         """The least, middle and largest of 95 % of a row of table IV.3 over the draws, ``(3,)`` by criterion."""
-        return {name: np.quantile(rows_of_table(off)[row], (0.025, 0.5, 0.975)) for name, off in self.off.items()}
+        return {name: np.quantile(rows_of_table(off)[row], (0.025, 0.5, 0.975)) for name, off in self.errors.items()}
 
     def chances(self) -> dict[str, float]:
         """Share of the draws in which a criterion has the least RMS; those with the same poses share it."""
-        rms = np.array([rows_of_table(off)["RMS"] for off in self.off.values()])
+        rms = np.array([rows_of_table(off)["RMS"] for off in self.errors.values()])
         least = np.isclose(rms, rms.min(axis=0), rtol=1e-9, atol=0)
-        return dict(zip(self.off, (least / least.sum(axis=0)).mean(axis=1).tolist(), strict=True))
+        return dict(zip(self.errors, (least / least.sum(axis=0)).mean(axis=1).tolist(), strict=True))
 
 
 def reproduced(draws: int, seed: int = 0) -> Reproduced:

@@ -68,7 +68,7 @@ class PoseSpelling:
     parts: int
     rotation: Callable[[Array], Array]
     near: Callable[[Array, Array], Array]
-    words: str
+    description: str
 
     def pose(self, values: Array) -> Array:
         """The pose ``(4, 4)`` (m) of numbers."""
@@ -227,11 +227,11 @@ def _ends_of_lines(text: str) -> list[int]:
     return [found.end() for found in re.finditer(r"\r\n|\n|\r", text)]
 
 
-def masked(text: str, hidden: str, kept: str = '"[^"\r\n]*"') -> str:
+def masked(text: str, hidden: str, retained: str = '"[^"\r\n]*"') -> str:
     """The text with what matches a pattern replaced by blanks, line ends kept: characters stay in their places.
 
     Args:
-        kept: what is passed over, as a string in which a comment seems to begin.
+        retained: what is passed over, as a string in which a comment seems to begin.
     """
 
     def blank(found: re.Match[str]) -> str:
@@ -239,7 +239,7 @@ def masked(text: str, hidden: str, kept: str = '"[^"\r\n]*"') -> str:
             return found[0]
         return re.sub(r"[^\r\n]+", lambda line: " " * len(line[0]), found[0])
 
-    return re.sub(f"(?P<kept>{kept})|(?:{hidden})", blank, text)
+    return re.sub(f"(?P<kept>{retained})|(?:{hidden})", blank, text)
 
 
 def replaced(text: str, edits: Sequence[tuple[Number, str]]) -> str:
@@ -376,7 +376,7 @@ class Outside:
             if len(values) != 3 + spelling.parts:
                 raise LabError(
                     f"--frames: {name} has {len(values)} numbers; this controller writes {3 + spelling.parts}: "
-                    f"{spelling.words}"
+                    f"{spelling.description}"
                 )
             if spelling.parts == 4 and float(np.linalg.norm(values[3:])) not in ROUNDED_NORM:
                 raise LabError(f"--frames: the quaternion of {name} has the length {np.linalg.norm(values[3:]):.3g}")
@@ -466,14 +466,14 @@ def refuse_unknown_frames(read: ProgramText, spelling: PoseSpelling) -> None:
     if not names:
         return
     missing, made = [name for name in names if name not in read.computed], [n for n in names if n in read.computed]
-    said = [f"{_listed(missing)} {_is(missing)} not in the text"] if missing else []
+    messages = [f"{_listed(missing)} {_is(missing)} not in the text"] if missing else []
     if made:
         listed = _listed([f"{name} (line {read.computed[name]})" for name in made])
-        said.append(f"{listed} {_is(made)} given a value only while the program runs")
+        messages.append(f"{listed} {_is(made)} given a value only while the program runs")
     example = ",".join("xyz") + "," + ",".join(("q1", "q2", "q3", "q4") if spelling.parts == 4 else ("a", "b", "c"))
     given = _listed([f"{name}={example}" for name in names], "; ")
     raise LabError(
-        f"{', and '.join(said)}; give --frames '{given}' ({spelling.words}"
+        f"{', and '.join(messages)}; give --frames '{given}' ({spelling.description}"
         f"{', as the controller shows it when that line has run' if made else ''})"
     )
 

@@ -27,7 +27,7 @@ class MeasuringTour:
 
     Attributes:
         robot: the robot's name.
-        stops: ``(s, n)`` joint positions (rad, m of a slide), home first and last.
+        waypoints: ``(s, n)`` joint positions (rad, m of a slide), home first and last.
         measured: ``(s,)``, negative where a stop is only passed.
         ids: what ``plan.csv`` calls the measured poses, in the order of the tour.
         checked: whether stops and the ways between them were checked for collisions.
@@ -37,7 +37,7 @@ class MeasuringTour:
     """
 
     robot: str
-    stops: Array
+    waypoints: Array
     measured: NDArray[np.int_]
     ids: Sequence[str]
     checked: bool = True
@@ -54,8 +54,8 @@ class TargetMoves:
     Attributes:
         robot: the robot's name.
         ids: what the targets' file calls them, ``(t,)``.
-        stops: ``(s, n)`` joint positions (rad, m of a slide): those at which the calibrated arm is at the targets, and
-            what is passed on the way.
+        waypoints: ``(s, n)`` joint positions (rad, m of a slide) at which the calibrated arm reaches the targets, and
+            those that it passes.
         which: ``(s,)`` the target of each stop; negative where it is only passed.
         T_last_tool: pose ``(4, 4)`` (m) of the tool in the table's last frame, of the nominal arm that fits best.
         T_frame0_instrument: pose ``(4, 4)`` (m) of the instrument's frame in that arm's frame 0.
@@ -66,7 +66,7 @@ class TargetMoves:
 
     robot: str
     ids: Sequence[str]
-    stops: Array
+    waypoints: Array
     which: NDArray[np.int_]
     T_last_tool: Array
     T_frame0_instrument: Array
@@ -82,7 +82,7 @@ class PathMoves:
         robot: the robot's name.
         ids: what the points' file calls the stops, ``(s,)``.
         kinds: how each is reached, ``(s,)``: the first by a joint move; a circle passes the ``via`` before it.
-        stops: ``(s, n)`` joint positions (rad, m of a slide).
+        waypoints: ``(s, n)`` joint positions (rad, m of a slide).
         Ts_base_tool: ``(s, 4, 4)`` poses (m) of the tool there, of the nominal arm, in the base of the points.
         seconds: ``(s,)`` how long the planned move to each takes; NaN of the first and of ``via``.
         shares: ``(s,)`` the largest speed of a joint on the way, as a share of what the robot's table has.
@@ -97,7 +97,7 @@ class PathMoves:
     robot: str
     ids: Sequence[str]
     kinds: Sequence[MoveKind]
-    stops: Array
+    waypoints: Array
     Ts_base_tool: Array
     seconds: Array
     shares: Array

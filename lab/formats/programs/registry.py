@@ -57,7 +57,7 @@ def language_of(joints: JointSpec, controller: str | None) -> Language | None:
     if controller is not None:
         found = next((language for language in languages() if language.name.lower() == controller), None)
         if found is None:
-            raise LabError(f"'{controller}' is no controller's language; there are {_known()}")
+            raise LabError(f"'{controller}' is no controller's language; there are {_language_names()}")
         return found
     return language_of_maker(joints.name)
 
@@ -79,7 +79,7 @@ def refusal(joints: JointSpec, controller: str | None, targets: int = 0) -> str 
     language = language_of(joints, controller)
     if language is None:
         unknown = f"the maker of robot {joints.name} is not known"
-        return f"no program is written: {unknown}; choose --controller of {_known()}"
+        return f"no program is written: {unknown}; choose --controller of {_language_names()}"
     return language.refusal(joints)
 
 
@@ -152,7 +152,7 @@ def read_program(
     by_name = [each for each in languages() if path.suffix.lower() in each.reads]
     language = by_name[0] if by_name and controller is None else language_of(joints, controller)
     if language is None:
-        raise LabError(f"{path}: its language is not known by its name; choose --controller of {_known()}")
+        raise LabError(f"{path}: its language is not known by its name; choose --controller of {_language_names()}")
     if why := language.refusal(joints):
         raise LabError(f"{path}: {why}")
     with error_context(path):
@@ -171,7 +171,7 @@ def read_program(
     return language, read
 
 
-def _known() -> str:
+def _language_names() -> str:
     return ", ".join(each.name.lower() for each in languages()) or "none: no package that brings one is installed"
 
 

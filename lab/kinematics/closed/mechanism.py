@@ -89,10 +89,10 @@ def _refuse_short(joints: JointSpec, rod: Rod, joint: int) -> None:
 
 _SAMPLED = 1.5  # times the closures' condition in the nominal position, up to which poses are drawn at random
 _STATION = 3.0  # condition of the closures, one at best, up to which passive values serve as known
-_COPIES, _OFF = 3, 1e-3  # imperfect ones, how far off (m and rad), that are to take poses drawn at random too
+_COPIES, _COPY_ERROR = 3, 1e-3  # imperfect ones, how far off (m and rad), that are to take poses drawn at random too
 _WITH_COPIES = 2.0  # times the condition that the nominal model is to have
 _QUICK_STEP = 0.25  # of a way that is not to cost much
-_UNLIKE = 0.05  # m or rad: dimensions this far from the nominal model's are no copy's, and not worth a way
+_MAX_COPY_ERROR = 0.05  # m or rad: dimensions this far from the nominal model's are no copy's, and not worth a way
 _STATIONS = 512  # joint positions at which the nominal model's passive values are sought beforehand
 _LEAST_LEVER_M = 1e-3
 _BLOCK, _MOST_BLOCKS = 256, 200  # of random joint positions
@@ -174,7 +174,7 @@ class Mechanism(JointSpec):
         """
         nearest, assembly = self._nearest(joints), self._assembly(values)
         own = slice(len(BASE_PARAMETERS), len(self.names))
-        quickly |= bool(np.abs(values[own] - self.nominal_values[own]).max(initial=0.0) > _UNLIKE)
+        quickly |= bool(np.abs(values[own] - self.nominal_values[own]).max(initial=0.0) > _MAX_COPY_ERROR)
         found = assembly.from_solved(joints, nearest, _QUICK_STEP if quickly else LEAST_STEP)
         lost = np.flatnonzero(~np.isfinite(found.configuration.passive).all(axis=0))
         if quickly or not lost.size or values is self.nominal_values:
@@ -219,7 +219,9 @@ class Mechanism(JointSpec):
     def _copies(self) -> list[Array]:
         """Parameters ``(p,)`` of imperfect copies, off by more than a real one should be."""
         rng = rng_for(0, "arm")
-        return [self.nominal_values + _OFF * rng.standard_normal(len(self.nominal_values)) for _ in range(_COPIES)]
+        return [
+            self.nominal_values + _COPY_ERROR * rng.standard_normal(len(self.nominal_values)) for _ in range(_COPIES)
+        ]
 
     def random_joints(self, count: int, rng: np.random.Generator) -> Array:
         """``(count, joints)`` uniform within the limits where the nominal model assembles, well from singularities.

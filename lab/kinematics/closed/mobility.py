@@ -160,14 +160,14 @@ class Mobility:
         moving: ``(n,)`` which joints take part in motions that leave the last frame where it is, at positions in
             general; none of an arm that is not redundant.
         still: ``(k, 3)`` the turns of the last frame, as unit vectors in frame 0, that no joint makes at any position.
-        held: ``(k, 3)`` the same of its origin's displacements.
+        fixed_directions: ``(k, 3)`` the same of its origin's displacements.
     """
 
     index: int
     freedoms: int
     moving: tuple[bool, ...]
     still: Array
-    held: Array
+    fixed_directions: Array
 
     @property
     def redundancy(self) -> int:
@@ -177,7 +177,11 @@ class Mobility:
     @property
     def planar(self) -> bool:
         """True if the last frame stays in a plane and turns about its normal alone."""
-        return len(self.still) == 2 and len(self.held) == 1 and bool(np.abs(self.still @ self.held[0]).max() < _NONE)
+        return (
+            len(self.still) == 2
+            and len(self.fixed_directions) == 1
+            and bool(np.abs(self.still @ self.fixed_directions[0]).max() < _NONE)
+        )
 
 
 def mobility_of(chain: Chain) -> Mobility:

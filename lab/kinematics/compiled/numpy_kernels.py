@@ -232,8 +232,8 @@ def settle(arm: WalkedArm, /, values: Array, Ts: Array, joints: Array) -> tuple[
     flat, each = joints.reshape(-1, 5).copy(), np.repeat(np.arange(count), many)
     apart = Ts[:, None] - flange(arm, flat, values).reshape(count, many, 4, 4)
     chord = np.sqrt((apart[..., :3, :3] ** 2).sum(axis=(2, 3)) / 8)  # sin(angle / 2)
-    off = np.stack([np.sqrt((apart[..., :3, 3] ** 2).sum(axis=2)), 2 * np.arcsin(np.minimum(chord, 1.0))], axis=2)
-    size = off.reshape(-1, 2)
+    error = np.stack([np.sqrt((apart[..., :3, 3] ** 2).sum(axis=2)), 2 * np.arcsin(np.minimum(chord, 1.0))], axis=2)
+    size = error.reshape(-1, 2)
 
     def missed(rows: NDArray[np.int_], at: Array) -> tuple[Array, Array]:
         """Return the residuals ``(m, 6)`` to the poses of some candidates, and the Jacobians ``(m, 6, 5)``."""
@@ -258,7 +258,7 @@ def settle(arm: WalkedArm, /, values: Array, Ts: Array, joints: Array) -> tuple[
         rows, missing, jacobian = rows[going], missing[going], jacobian[going]
     hinges = ~np.array(arm.chain.prismatic)
     flat[:, hinges] -= 2 * np.pi * np.round(flat[:, hinges] / (2 * np.pi))
-    return flat.reshape(joints.shape), off
+    return flat.reshape(joints.shape), error
 
 
 # Errors that poses share, and small systems

@@ -215,7 +215,7 @@ class LinkLoads:
         gravity = np.broadcast_to(self.loads.gravity, (len(joints), self.loads.chain.size, 3))
         weights = self.loads.mass_kg[:, None] * gravity
         payload = payload_kg[:, None] * self.loads.gravity
-        return self._told(placed, weights, np.zeros_like(weights), payload, gravity, None)
+        return self._summed(placed, weights, np.zeros_like(weights), payload, gravity, None)
 
     def moving(self, joints: Array, speeds: Array, accelerations: Array, payload_kg: Array) -> Array:
         """Loads ``(n, joints, 18)`` of gravity and of motion, by the recursion of Newton and Euler (Luh et al. 1980).
@@ -250,7 +250,7 @@ class LinkLoads:
             torques.append(self._spin(j, placed.rotations[:, j], change))
         payload = payload_kg[:, None] * (pull + _turned(change, placed.payload - point))
         weight, torque, pulled, changed = (np.stack(each, axis=1) for each in (weights, torques, pulls, changes))
-        return self._told(placed, weight, torque, payload, pulled, changed)
+        return self._summed(placed, weight, torque, payload, pulled, changed)
 
     def inertia(self, joints: Array, speeds: Array, accelerations: Array, payload_kg: Array) -> Array:
         """Generalized forces ``(n, joints)`` Nm (N of a slide) of inertia alone, as ``Loads.forces`` has gravity's.
@@ -291,7 +291,7 @@ class LinkLoads:
     def _far(self, placed: LinkFrames, link: int) -> Array:
         return placed.end if link == self.loads.chain.size - 1 else placed.anchors[:, link + 1]
 
-    def _told(
+    def _summed(
         self, placed: LinkFrames, weights: Array, torques: Array, payload: Array, pulls: Array, changes: Array | None
     ) -> Array:
         """Loads ``(n, joints, 18)`` in the links' axes, summed from the hand inward; all arguments in frame 0."""

@@ -71,12 +71,12 @@ def elastic_links(group: str, links: LinkLoads, *, moving: bool = False) -> Effe
             beams[link] += value * rows
         return [{"beams": {link: rows.tolist() for link, rows in beams.items()}}]
 
-    asked = (PAYLOAD, *rates_of(chain.joint_names)) if moving else (PAYLOAD,)
+    requested = (PAYLOAD, *rates_of(chain.joint_names)) if moving else (PAYLOAD,)
     return Effect(
         group,
         parameters,
         offsets,
-        asked,
+        requested,
         moves="links",
         links=tuple(links.beams),
         plain=None if moving else plain,

@@ -277,7 +277,7 @@ class TermFamily:
     number: str
     fitted: Callable[[ArmFacts, int, int], Effect]
     searched: Callable[[ArmFacts], Sequence[tuple[int, int]]]
-    words: Callable[[int, int], str]
+    describe: Callable[[int, int], str]
     expected: Callable[[ArmFacts], Sequence[tuple[int, int]]] = lambda _: ()
     owner: Literal["joint", "link"] = "joint"
 
@@ -329,7 +329,7 @@ class MovesArm(ABC):
     """An effect that moves the arm's points in the world."""
 
     @abstractmethod
-    def moved(self, points: Array, foot: Array, conditions: PoseConditions) -> Array:
+    def moved(self, points: Array, base: Array, conditions: PoseConditions) -> Array:
         """Points of the arm ``(m, k, 3)`` after it moved, its foot ``(3,)`` in the same frame."""
 
 

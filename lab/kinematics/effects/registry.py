@@ -152,7 +152,7 @@ def describe_term(name: str) -> str:
     if (term := _term(name)) is None:
         return ""
     family, joint, number = term
-    return family.words(joint, number)
+    return family.describe(joint, number)
 
 
 def _term(name: str) -> tuple[TermFamily, int, int] | None:

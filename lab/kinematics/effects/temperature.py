@@ -114,12 +114,12 @@ class ThermalExpansion(SimulatedEffect, MovesArm):
         """The temperature."""
         return (TEMPERATURE,) if self.expansion_per_k else ()
 
-    def moved(self, points: Array, foot: Array, conditions: PoseConditions) -> Array:
+    def moved(self, points: Array, base: Array, conditions: PoseConditions) -> Array:
         """Farther from the foot where it is warmer."""
         if not self.expansion_per_k:
             return points
         scale = 1 + self.expansion_per_k * conditions.warmer
-        return np.asarray(foot + scale[:, None, None] * (points - foot))
+        return np.asarray(base + scale[:, None, None] * (points - base))
 
     def true_parameters(self) -> dict[str, float]:
         """The coefficient."""
@@ -211,12 +211,12 @@ class ThermalGrowth(SimulatedEffect, MovesArm):
         """The time."""
         return (TIME,) if self.growth_per_h else ()
 
-    def moved(self, points: Array, foot: Array, conditions: PoseConditions) -> Array:
+    def moved(self, points: Array, base: Array, conditions: PoseConditions) -> Array:
         """Farther from the foot."""
         if not self.growth_per_h:
             return points
         scale = 1 + self.growth_per_h * conditions.column(TIME) / HOUR_S
-        grown: Array = foot + scale[:, None, None] * (points - foot)
+        grown: Array = base + scale[:, None, None] * (points - base)
         return grown
 
     def obscured(self) -> tuple[str, ...]:

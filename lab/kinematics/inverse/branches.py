@@ -46,7 +46,7 @@ class NominalInverse:
         form = None if chain is None else closed_form_of(chain, self.tools[self.target])
         object.__setattr__(self, "closed_form", form)
 
-    def ways(self, wanted: PoseTarget, reference: Array) -> Solutions:
+    def solutions(self, wanted: PoseTarget, reference: Array) -> Solutions:
         """Return IK solutions ``(n, k, joints)`` of each target, all of them if a closed form exists.
 
         A target with fewer ways than others has the rest at joint positions zero, with an infinite gap.
@@ -85,18 +85,18 @@ class NominalInverse:
         exact = np.flatnonzero((branch >= 0) & by_branch)
         other = np.setdiff1d(np.arange(len(wanted)), exact)
         if self.closed_form is not None and exact.size:
-            ways = self.closed_form.solve(self.last_frames(wanted.take(exact)), joints[exact])
+            solutions = self.closed_form.solve(self.last_frames(wanted.take(exact)), joints[exact])
             if self.closed_form.numbered:
                 rows = np.arange(exact.size)
-                found[exact] = nearest_whole_turns(self.arm.chain, ways.joints[rows, branch[exact]], joints[exact])
-                reached[exact] = ways.gap_m[rows, branch[exact]] == 0
+                found[exact] = nearest_whole_turns(self.arm.chain, solutions.joints[rows, branch[exact]], joints[exact])
+                reached[exact] = solutions.gap_m[rows, branch[exact]] == 0
             else:
-                found[exact], reached[exact] = self._followed(wanted.take(exact), joints[exact], ways)
+                found[exact], reached[exact] = self._followed(wanted.take(exact), joints[exact], solutions)
         if other.size:
             found[other] = self._near(wanted.take(other), joints[other])
         return found, reached
 
-    def _followed(self, wanted: PoseTarget, joints: Array, ways: Solutions) -> tuple[Array, NDArray[np.bool_]]:
+    def _followed(self, wanted: PoseTarget, joints: Array, solutions: Solutions) -> tuple[Array, NDArray[np.bool_]]:
         """The ways ``(n, joints)`` that ``joints`` lead to, where the roots' order says nothing of it; which there are.
 
         That is the nearest one, if it is about as near as Newton's step says. Otherwise the target lies beyond a fold,
@@ -104,8 +104,8 @@ class NominalInverse:
         """
         Ts, J = self.tool(joints)
         step = np.abs(shortest_step(J, wanted.errors(Ts), wanted.turned)).max(axis=1)
-        turned = nearest_whole_turns(self.arm.chain, ways.joints, joints[:, None])
-        apart = np.where(ways.gap_m == 0, np.abs(turned - joints[:, None]).max(axis=2), np.inf)
+        turned = nearest_whole_turns(self.arm.chain, solutions.joints, joints[:, None])
+        apart = np.where(solutions.gap_m == 0, np.abs(turned - joints[:, None]).max(axis=2), np.inf)
         rows, nearest = np.arange(len(joints)), apart.argmin(axis=1)
         there = self.tool(turned[rows, nearest])[1]
         kept = np.sign(np.linalg.det(there[:, :3])) == np.sign(np.linalg.det(J[:, :3]))  # the point's, of three joints

@@ -56,17 +56,17 @@ class Term:
         turned = np.sin(angle) if self.function == "sin" else np.cos(angle)  # cos 0 where there is no function
         return np.asarray(self.coefficient * turned * joints[..., list(self.slides)].prod(axis=-1))
 
-    def words(self, names: tuple[str, ...]) -> str:
+    def text(self, names: tuple[str, ...]) -> str:
         """Its size for a person, without the coefficient's sign; empty for 1."""
-        words = [] if abs(self.size - 1) < NONE and (self.function or self.slides) else [number(self.size)]
-        words += [names[joint] for joint in self.slides]
+        factors = [] if abs(self.size - 1) < NONE and (self.function or self.slides) else [number(self.size)]
+        factors += [names[joint] for joint in self.slides]
         if self.function:
             parts = [("+" if sign > 0 else "-", "" if abs(sign) == 1 else f"{abs(sign):g} * ", names[joint])
                      for joint, sign in self.angle]  # fmt: skip
             angle = "".join(map("".join, parts)).removeprefix("+")
             alone = len(self.angle) == 1 and abs(self.angle[0][1]) == 1
-            words.append(f"{self.function} {angle}" if alone else f"{self.function}({angle})")
-        return " ".join(words)
+            factors.append(f"{self.function} {angle}" if alone else f"{self.function}({angle})")
+        return " ".join(factors)
 
     @property
     def size(self) -> float:
@@ -97,7 +97,7 @@ class Factor:
         text = ""
         for term in self.terms:
             sign = ("" if term.coefficient > 0 else "-") if not text else (" + " if term.coefficient > 0 else " - ")
-            text += sign + term.words(self.names)
+            text += sign + term.text(self.names)
         return text or "0"
 
 
@@ -128,13 +128,13 @@ def determinant(
     """The product tidied: no term without a coefficient, none that begins with a minus, and numbers in front."""
     numbers, tidied = list(lengths), []
     for name, terms in factors:
-        kept = tuple(term for term in terms if term.size > NONE)
-        if kept:
-            scale = np.sign(kept[0].coefficient) * (kept[0].size if len(kept) == 1 else 1.0)
+        retained = tuple(term for term in terms if term.size > NONE)
+        if retained:
+            scale = np.sign(retained[0].coefficient) * (retained[0].size if len(retained) == 1 else 1.0)
             sign *= np.sign(scale)
             numbers.append(abs(float(scale)))
-            kept = tuple(Term(t.coefficient / scale, t.function, t.angle, t.slides) for t in kept)
-        tidied.append(Factor(name, kept, names))
+            retained = tuple(Term(t.coefficient / scale, t.function, t.angle, t.slides) for t in retained)
+        tidied.append(Factor(name, retained, names))
     return Determinant(sign, tuple(length for length in numbers if abs(length - 1) > NONE), tuple(tidied))
 
 

@@ -128,10 +128,10 @@ def _reach(arm: "Arm", values: Array, wanted: PoseTarget, start: Array, conditio
             moved += shortest_step(ahead, there, np.zeros_like(turned))
             there, ahead = at(going, moved)
         better = _nearer(there, errors[going], few)
-        kept = going[better]
-        joints[kept], errors[kept], jacobian[kept] = moved[better], there[better], ahead[better]
-        left[kept] = within_reach(ahead[better], there[better], turned[better])
-        damping[kept] = np.where(damping[kept] > LEAST_DAMPING, damping[kept] / 10, 0.0)
+        retained = going[better]
+        joints[retained], errors[retained], jacobian[retained] = moved[better], there[better], ahead[better]
+        left[retained] = within_reach(ahead[better], there[better], turned[better])
+        damping[retained] = np.where(damping[retained] > LEAST_DAMPING, damping[retained] / 10, 0.0)
         worse = going[~better]
         damping[worse] = np.maximum(10 * damping[worse], LEAST_DAMPING)
         steps[going] += 1

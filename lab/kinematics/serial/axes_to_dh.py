@@ -163,16 +163,16 @@ def parameters_from_axes(arm: SerialArm, axes: JointAxes, start: Array) -> Truth
         LabError: the axes are too far from the nominal for a chain of its kind.
     """
     chosen = base_set(arm, start)
-    kept = list(chosen.kept)
+    identifiable = list(chosen.identifiable)
     values = start.copy()
 
     def step(unknowns: Array, _: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
-        values[kept] = unknowns[0]
+        values[identifiable] = unknowns[0]
         error, jacobian = _axis_errors(arm, axes, values)
-        change = least_squares_step(jacobian[:, kept], -error, 1e-12)
+        change = least_squares_step(jacobian[:, identifiable], -error, 1e-12)
         return change[None], np.array([np.linalg.norm(change) < 1e-8])  # the next one would be its square
 
-    values[kept] = newton(step, values[kept][None], 30).values[0]
+    values[identifiable] = newton(step, values[identifiable][None], 30).values[0]
     values[3:6] = se3.log(se3.exp(values[3:6]))
     error, _ = _axis_errors(arm, axes, values)
     if np.abs(error).max() > 1e-11:

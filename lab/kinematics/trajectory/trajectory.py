@@ -79,7 +79,7 @@ def own_phases(
     spans = possible_spans(axes if chain.jerk is None else limited)
     lasting = spans[0][0] if seconds is None else seconds
     if not (lasts(spans, lasting) and lasting < math.inf):
-        raise LabError(f"the move cannot take {lasting:g} s; give {_told(spans)}")
+        raise LabError(f"the move cannot take {lasting:g} s; give {_durations(spans)}")
     if chain.jerk is None:
         found = _lasting(chain, axes, points[0], speeds, lasting)
     else:
@@ -103,7 +103,7 @@ def _lasting(chain: JointSpec, axes: Sequence[Axis], start: Array, speeds: Array
     return Trajectory(np.diff(knots), signs * chain.acceleration, start, speeds[0])
 
 
-def _told(spans: Sequence[Span]) -> str:
+def _durations(spans: Sequence[Span]) -> str:
     """Durations in words, rounded so that they are possible."""
     rounded = [(f"{math.ceil(1e6 * low) / 1e6:.6f}", high) for low, high in spans]
     bounded = "".join(f"{low} to {math.floor(1e6 * high) / 1e6:.6f} s, or " for low, high in rounded[:-1])
@@ -206,10 +206,12 @@ def _in_phases(chain: JointSpec, durations: Array, ramps: Array, start: Array, s
     rounded = (rounding > 0)[:, None]
     hard, none = np.where(rounded, level / np.where(rounded, rounding[:, None], 1.0), 0.0), np.zeros_like(level)
     three = np.stack([rounding, each - 2 * rounding, rounding], axis=1).ravel()
-    kept = three > SLACK * durations.sum()
+    retained = three > SLACK * durations.sum()
     accelerations, jerks = np.stack([none, level, level], axis=1), np.stack([hard, none, -hard], axis=1)
     shape = (len(three), len(start))
-    return Trajectory(three[kept], accelerations.reshape(shape)[kept], start, start_speed, jerks.reshape(shape)[kept])
+    return Trajectory(
+        three[retained], accelerations.reshape(shape)[retained], start, start_speed, jerks.reshape(shape)[retained]
+    )
 
 
 def _axes(chain: JointSpec, points: Array, speeds: Array) -> list[Axis]:

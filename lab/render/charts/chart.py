@@ -93,7 +93,7 @@ class Sheet:
         self.left, self.bottom, self.right, self.top = (_POINTS * each for each in margins)
         self.x, self.y = ChartAxis(), ChartAxis()
         self.points: list[tuple[Array, Array]] = []  # that a legend should not hide
-        self.words: list[Draw] = []  # which may lie beyond the axes
+        self.labels: list[Draw] = []  # which may lie beyond the axes
         self.shown_legend: Legend | None = None
         self.title, self.equal, self.hidden = "", "", False
         self._marks: list[tuple[float, Draw]] = []
@@ -113,7 +113,7 @@ class Sheet:
         self.x.reach(x)
         self.y.reach(y)
 
-    def hatched(self, said: str, hatch: str, tint: str, alpha: float) -> str:
+    def hatched(self, data: str, hatch: str, tint: str, alpha: float) -> str:
         """An area hatched with rising lines; nothing without a hatch."""
         if not hatch:
             return ""
@@ -123,7 +123,7 @@ class Sheet:
             f'<path d="M-1 1L1 -1M0 {_HATCH}L{_HATCH} 0M{_HATCH - 1} {_HATCH + 1}L{_HATCH + 1} {_HATCH - 1}" '
             f'stroke="{tint}"/></pattern>'
         )
-        return path(said, fill=f"url(#{name})", alpha=alpha)
+        return path(data, fill=f"url(#{name})", alpha=alpha)
 
     def svg(self) -> str:
         """The elements of the picture, without the one around them."""
@@ -153,7 +153,7 @@ class Sheet:
             parts.append(below(self.x, across, ticks[0], up.start, middle[0]))
             parts.append(beside(self.y, up, ticks[1], across.start, middle[1]))
         parts.append(heading(self.title, across, up))
-        parts += [draw(across, up) for draw in self.words]
+        parts += [draw(across, up) for draw in self.labels]
         if self.shown_legend is not None and self._entries:
             parts.append(self.shown_legend.drawn(self._entries, across, up, self._drawn_points(across, up)))
         return "".join([*parts, "</g>"])
@@ -272,10 +272,10 @@ class Chart(Sheet):
         tint = colour(color)
 
         def draw(across: Scale, up: Scale) -> str:
-            said = line(across(xs), up(ys))
+            data = line(across(xs), up(ys))
             if not fill:
-                return path(said, tint, linewidth)
-            return path(said, fill=tint, alpha=alpha) + self.hatched(said, hatch, tint, alpha)
+                return path(data, tint, linewidth)
+            return path(data, fill=tint, alpha=alpha) + self.hatched(data, hatch, tint, alpha)
 
         self.add(1.0 if fill else 2.0, draw)
 
@@ -393,7 +393,7 @@ class Chart(Sheet):
             behind = "" if bbox is None else backdrop(text, *at, fontsize, ha, va, bbox["facecolor"], bbox["boxstyle"])
             return behind + words(text, *at, fontsize, tint, ha, va, bold=fontweight == "bold")
 
-        self.words.append(draw)
+        self.labels.append(draw)
 
     def legend(self, **options: Any) -> None:
         """Show a legend of the labelled marks; the options are those of ``Legend``."""
@@ -493,12 +493,12 @@ class Chart(Sheet):
         self.add(0.0, lambda across, up: cells(across(x), up(y), colours))
 
 
-def _parsed(said: str) -> tuple[str | None, str]:
+def _parsed(style: str) -> tuple[str | None, str]:
     """The dashes and the mark of matplotlib's short form, as ``"o-"``."""
-    mark = "" if said in ("-", "--", "-.", ":") else said[:1]
+    mark = "" if style in ("-", "--", "-.", ":") else style[:1]
     if mark and mark not in _MARKS:
-        raise ValueError(f"no marks and lines {said!r}; marks are {' '.join(_MARKS)}, then - -- -. or :")
-    return said[len(mark) :] or None, mark
+        raise ValueError(f"no marks and lines {style!r}; marks are {' '.join(_MARKS)}, then - -- -. or :")
+    return style[len(mark) :] or None, mark
 
 
 def _between(x: Array, y: Array) -> tuple[Array, Array]:
@@ -579,8 +579,8 @@ def inline_svg(picture: Picture) -> Markup:
         '<svg viewBox="0 0 {:g} {:g}" class="{}" role="img" aria-label="{}" style="max-width: {}px"><title>{}</title>{}'
     )
     kind = "half" if pixels <= _HALF_PX else "wide"
-    words = Markup(drawn)  # both escape what they are given
-    return form.format(width, height, kind, picture.label, pixels, picture.label, words)
+    marks = Markup(drawn)  # both escape what they are given
+    return form.format(width, height, kind, picture.label, pixels, picture.label, marks)
 
 
 def _matplotlib_svg(picture: Picture) -> tuple[float, float, str]:

@@ -129,14 +129,14 @@ def line(x: Array, y: Array) -> str:
 
 
 def path(
-    said: str, stroke: str = "none", width: float = 0.0, fill: str = "none", alpha: float = 1.0, more: str = ""
+    data: str, stroke: str = "none", width: float = 0.0, fill: str = "none", alpha: float = 1.0, more: str = ""
 ) -> str:
     """A path; nothing where it says nothing."""
-    if not said:
+    if not data:
         return ""
     pen = f' stroke="{stroke}" stroke-width="{shown_number(width)}"' if stroke != "none" and width else ""
     seen = f' opacity="{shown_number(alpha)}"' if alpha < 1 else ""
-    return f'<path d="{said}" fill="{fill}"{pen}{seen}{more}/>'
+    return f'<path d="{data}" fill="{fill}"{pen}{seen}{more}/>'
 
 
 def rectangle(x: tuple[float, float], y: tuple[float, float]) -> str:
@@ -225,7 +225,7 @@ def cells(x: Array, y: Array, colours: Array) -> str:
             if np.isfinite(tint).all():
                 by_colour.setdefault(colour(tint), []).append(rectangle((left, right), (low, high)))
     crisp = ' shape-rendering="crispEdges"'
-    return "".join(path("".join(said), fill=tint, more=crisp) for tint, said in by_colour.items())
+    return "".join(path("".join(data), fill=tint, more=crisp) for tint, data in by_colour.items())
 
 
 def text_width(text: str, size: float) -> float:
@@ -342,15 +342,15 @@ class ChartAxis:
             at = self.ticks
         slack = 1e-9 * (high - low)
         inside = (at >= low - slack) & (at <= high + slack)
-        said = list(self.tick_labels) if self.tick_labels is not None else tick_labels(at)
-        return at[inside], [word for word, shown in zip(said, inside, strict=True) if shown]
+        messages = list(self.tick_labels) if self.tick_labels is not None else tick_labels(at)
+        return at[inside], [word for word, shown in zip(messages, inside, strict=True) if shown]
 
 
 def grid_lines(across: Scale, ticks_x: Array, up: Scale, ticks_y: Array) -> str:
     """Lines through the ticks of each axis, from edge to edge."""
-    said = "".join(f"M{at:.2f} {up.start:.2f}V{up.end:.2f}" for at in across(ticks_x).tolist())
-    said += "".join(f"M{across.start:.2f} {at:.2f}H{across.end:.2f}" for at in up(ticks_y).tolist())
-    return path(said, _GRID, _THIN)
+    text = "".join(f"M{at:.2f} {up.start:.2f}V{up.end:.2f}" for at in across(ticks_x).tolist())
+    text += "".join(f"M{across.start:.2f} {at:.2f}H{across.end:.2f}" for at in up(ticks_y).tolist())
+    return path(text, _GRID, _THIN)
 
 
 def axis_lines(x: Scale, y: Scale) -> str:

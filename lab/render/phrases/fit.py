@@ -28,8 +28,8 @@ def model_name(groups: Sequence[str]) -> str:
 
 def standing(group: GroupTrial) -> str:
     """Describe whether a group is in the model, its meaning for the robot, and any objection to it."""
-    said = describe_term(group.name)
-    chosen = (f"chosen: {said}" if said else "chosen") if group.chosen else ""
+    description = describe_term(group.name)
+    chosen = (f"chosen: {description}" if description else "chosen") if group.chosen else ""
     return ", but ".join(part for part in (chosen, group.infeasibility_reason) if part)
 
 
@@ -83,16 +83,16 @@ def _undecided(check: Check) -> str:
 def _uneven(check: Check) -> str:
     ratio = f"residuals across the line of sight are {check.statistic:.2g} times those along it"
     if check.data["of_instrument"]:
-        said = (
+        text = (
             f"{ratio} (F test, p = {check.p:.1g}): the noise is not isotropic, so neither intervals nor the level of "
             "the outliers' test are right; say whose with --instrument"
         )
     else:
-        said = (
+        text = (
             f"{ratio} (F test, p = {check.p:.1g}), which the arm may cause as well as the instrument"
             f"{_search_advice(check, ': ')}"
         )
-    return f"{said}; the intervals given are those of the poses' own residuals" if check.data["clustered"] else said
+    return f"{text}; the intervals given are those of the poses' own residuals" if check.data["clustered"] else text
 
 
 def _extrapolated(check: Check) -> str:
@@ -208,14 +208,14 @@ def _not_in_validation(check: Check) -> str:
 
 def _alternative(check: Check) -> str:
     data = check.data
-    said = (
+    text = (
         f"{data['chosen']} and {data['other']} cannot be told apart by these poses (with {data['other']} instead chi2 "
         f"changes by {check.statistic:+.1f}): one is as good an explanation as the other; "
     )
     if not data["can_be_told"]:
-        return said + f"no pose and payload would tell: they differ by at most {MM.text(data['differ_m'], 2)}"
+        return text + f"no pose and payload would tell: they differ by at most {MM.text(data['differ_m'], 2)}"
     joints = ", ".join(f"{value:.3g}" for value in data["joints"])
-    return said + (
+    return text + (
         f"measure near joints {joints} (rad, m) with {data['payload_kg']:.3g} kg: there they differ "
         f"by {MM.text(data['differ_m'], 2)}"
     )

@@ -57,7 +57,7 @@ def without_figures(check: Check) -> str:
     if check.outcome == "failed":
         return "lack of fit"
     if "shared" in check.data:
-        return "; ".join(check.data["shared"].words)
+        return "; ".join(check.data["shared"].descriptions)
     if check.name == "lack_of_fit.nothing":
         return _NOT_TESTED[check.data["why"]][0]
     return "no lack of fit detected" if check.outcome == "passed" else _signs(check)
@@ -94,11 +94,11 @@ def _chi2(check: Check) -> str:
     if check.outcome == "not tested":
         too_large = "which is given too large to test the fit"
         return f"the residuals are only {check.statistic:.2g} times the noise, {too_large} {test}"
-    said = f"lack of fit: the residuals are {check.statistic:.3g} times the noise {test}"
+    text = f"lack of fit: the residuals are {check.statistic:.3g} times the noise {test}"
     if "shared" not in check.data:
-        return said
-    shared = "; ".join(check.data["shared"].words)
-    return f"{said}, as if {shared}; only repeats could tell that from what the model lacks"
+        return text
+    shared = "; ".join(check.data["shared"].descriptions)
+    return f"{text}, as if {shared}; only repeats could tell that from what the model lacks"
 
 
 def _repeats(check: Check) -> str:
@@ -108,10 +108,12 @@ def _repeats(check: Check) -> str:
 
 
 def _distances(check: Check) -> str:
-    words = check.data["instrument"].words
+    instrument = check.data["instrument"].description
     if check.outcome == "passed":
-        return f"no lack of fit detected: {words}, and the other residuals are consistent with that {_figures(check)}"
-    return f"lack of fit: {words}, and the other residuals are {check.statistic:.3g} times that {_figures(check)}"
+        return (
+            f"no lack of fit detected: {instrument}, and the other residuals are consistent with that {_figures(check)}"
+        )
+    return f"lack of fit: {instrument}, and the other residuals are {check.statistic:.3g} times that {_figures(check)}"
 
 
 def _unknown_noise(check: Check) -> str:
@@ -125,7 +127,7 @@ def _joints(check: Check) -> str:
     """Word the test of the joints' positions, alone or beside shared errors."""
     if "shared" not in check.data:
         return _unknown_noise(check)
-    shared = "; ".join(check.data["shared"].words)
+    shared = "; ".join(check.data["shared"].descriptions)
     if check.outcome == "failed":
         return f"lack of fit: beside errors at random ({shared}) {_seen(check)}"
     return f"{shared}: {_not_seen(check)}; only repeats could show that nothing is lacking"
@@ -133,7 +135,7 @@ def _joints(check: Check) -> str:
 
 def _nothing(check: Check) -> str:
     if "shared" in check.data:
-        return f"{'; '.join(check.data['shared'].words)}: lack of fit cannot be tested beside that"
+        return f"{'; '.join(check.data['shared'].descriptions)}: lack of fit cannot be tested beside that"
     return "".join(_NOT_TESTED[check.data["why"]])
 
 
@@ -249,13 +251,13 @@ def _validation(check: Check) -> str:
         share = f"{100 * data['fitted_share']:.0f} % of the validation poses"
         return f"{share} are those that were fitted, so the accuracy is not known"
     before, after = MM.text(data["before_m"]), MM.text(data["after_m"])
-    said = f"{before} with the nominal model, {after} with the calibrated one (means)"
+    text = f"{before} with the nominal model, {after} with the calibrated one (means)"
     if "observed_p95_m" in data:
         observed, predicted = MM.text(data["observed_p95_m"]), MM.text(data["predicted_p95_m"])
-        said += f"; 95 % are below {observed}, and {predicted} was predicted there"
+        text += f"; 95 % are below {observed}, and {predicted} was predicted there"
     if "without_noise_m" in data:
-        said += f", {MM.text(data['without_noise_m'])} of it without the noise of the validation"
-    return said
+        text += f", {MM.text(data['without_noise_m'])} of it without the noise of the validation"
+    return text
 
 
 def _gate(check: Check) -> str:
@@ -313,12 +315,12 @@ def _error(check: Check) -> str:
 def _limit(check: Check) -> str:
     limit = MM.text(check.data["limit_m"])
     if not check.data["gate"]:
-        words = f"above {limit}, half of the error of such an arm that was never calibrated"
+        text = f"above {limit}, half of the error of such an arm that was never calibrated"
     elif check.data["lack_of_fit"]:
-        words = f"with the lack of fit that is above the gate of {limit}"
+        text = f"with the lack of fit that is above the gate of {limit}"
     else:
-        words = f"the predicted mean of {MM.text(check.data['region'].mean_m)} is above the gate of {limit}"
-    return f"{_error(check)}; {words}"
+        text = f"the predicted mean of {MM.text(check.data['region'].mean_m)} is above the gate of {limit}"
+    return f"{_error(check)}; {text}"
 
 
 def _cover(check: Check) -> str:

@@ -116,8 +116,8 @@ def _unit(check: Check) -> str:
 
 def _joint_unit(check: Check) -> str:
     units = ("radians", "degrees") if check.data["factor"] > 1 else ("degrees", "radians")
-    said = f"{units[0]} where {units[1]} are expected"
-    return f"wrong unit: the joint positions are in {said}. Converted, errors are {MM.text(check.data['left_m'])}"
+    text = f"{units[0]} where {units[1]} are expected"
+    return f"wrong unit: the joint positions are in {text}. Converted, errors are {MM.text(check.data['left_m'])}"
 
 
 def _mirrored(check: Check) -> str:

@@ -10,7 +10,7 @@ import lab
 from lab.calibration.identify import identify
 from lab.calibration.noise.search import NoiseSearch, search_noise
 from lab.calibration.observation import observation_of
-from lab.calibration.weights import Noise, weighed
+from lab.calibration.weights import Noise, weigh
 from lab.campaign.robot import load_robot
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements
@@ -76,8 +76,8 @@ def test_a_base_that_moved_is_told_with_its_rows_and_size(day: Measurements) -> 
     (move,) = shared.moves
     assert (move.before, move.after) == ("40", "41") and move.size_m == pytest.approx(50e-6, rel=0.1)
     assert shared.step_m * np.sqrt(3) == pytest.approx(50e-6, rel=0.15)  # three coefficients of one variance
-    assert shared.words[0].startswith("the base or the instrument moved by ")
-    assert shared.words[0].endswith(" µm between poses 40 and 41")
+    assert shared.descriptions[0].startswith("the base or the instrument moved by ")
+    assert shared.descriptions[0].endswith(" µm between poses 40 and 41")
 
 
 def test_beside_errors_that_wander_a_change_counts_as_equally_likely_at_every_row(day: Measurements) -> None:
@@ -134,7 +134,7 @@ def test_a_new_session_is_no_change_and_one_within_it_lasts(day: Measurements) -
 
 def covariance(data: Measurements, shared: ErrorModel) -> np.ndarray:
     """Of the x of these rows, m^2, the instrument's noise left out."""
-    observed = weighed(observation_of(ARM), data, Noise(shared=shared))[0].correlation
+    observed = weigh(observation_of(ARM), data, Noise(shared=shared))[0].correlation
     assert observed is not None
     return observed.trend[:, 0] @ observed.trend[:, 0].T * shared.sigma_m**2
 

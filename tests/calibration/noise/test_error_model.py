@@ -12,7 +12,7 @@ from lab.calibration.noise.search import search_noise
 from lab.calibration.observation import observation_of
 from lab.calibration.outliers_and_noise import noise_of
 from lab.calibration.statistics.outliers import Outliers
-from lab.calibration.weights import Noise, weighed
+from lab.calibration.weights import Noise, weigh
 from lab.campaign.robot import load_robot
 from lab.core.measurements import Measurements
 from lab.noise.error_model import Clock, ErrorModel, row_times
@@ -40,7 +40,7 @@ def test_scatter_is_found_and_the_prediction_is_that_of_the_real_error(scattered
     assert said["truth"]["nees_per_parameter"] < 2.0  # without scatter it is 7.5 on average
     assert not said["outliers"] and said["adequate"] is False  # above the noise given; the same residuals say why
     assert "as if joints scatter" in said["adequacy"] and said["verdict"] == "doubtful"
-    assert scattered.fit.noise.shared.words == ("joints scatter by 0.031 mrad from pose to pose",)
+    assert scattered.fit.noise.shared.descriptions == ("joints scatter by 0.031 mrad from pose to pose",)
 
 
 def test_independent_noise_is_left_as_it_was() -> None:
@@ -83,7 +83,7 @@ def test_a_steady_drift_of_the_base_is_told_by_its_size() -> None:
     shared = search_noise(found, data, Noise()).shared
     assert shared is not None and not shared.autocorrelated_m
     assert shared.drift_m * np.sqrt(3) == pytest.approx(30e-6, rel=0.35)  # one draw of three coefficients
-    assert "drifts steadily" in shared.words[0]
+    assert "drifts steadily" in shared.descriptions[0]
 
 
 def sample(scatter: float = 0.0, wandering: float = 0.0, drift: float = 0.0) -> ErrorModel:
@@ -95,8 +95,8 @@ def sample(scatter: float = 0.0, wandering: float = 0.0, drift: float = 0.0) -> 
 def test_weights_hold_the_shared_errors_whether_the_instrument_is_known_or_not() -> None:
     day = lab.simulate("irb120", seed=3, poses=6, targets=TARGETS)
     observation, shared = observation_of(ARM), sample(scatter=30e-6, drift=20e-6)
-    known, _ = weighed(observation, day.measurements, Noise(sigma_m=5e-6, shared=shared))
-    free, _ = weighed(observation, day.measurements, Noise(shared=shared))
+    known, _ = weigh(observation, day.measurements, Noise(sigma_m=5e-6, shared=shared))
+    free, _ = weigh(observation, day.measurements, Noise(shared=shared))
     rows = np.random.default_rng(0).standard_normal(day.measurements.points.shape)
     assert np.allclose(known.apply(rows) * 5e-6, free.apply(rows))  # the same shape, in other units
 

@@ -16,7 +16,7 @@ from lab.calibration.noise.plausibility import (
 from lab.calibration.noise.search import search_noise
 from lab.calibration.observation import observation_of
 from lab.calibration.statistics.goodness_of_fit import repeats
-from lab.calibration.weights import Noise, weighed
+from lab.calibration.weights import Noise, weigh
 from lab.core.checks import Check
 from lab.core.measurements import Measurements
 from lab.noise.error_model import ErrorModel
@@ -28,7 +28,7 @@ REPEATED = Check("lack_of_fit.repeats", "passed", p=0.5)
 
 def changes(data: Measurements, noise: Noise = Noise()) -> list:  # noqa: B008
     found = identify(ARM, data, ARM.nominal(), noise)
-    return changes_in_time(found, weighed(observation_of(found.model), data, noise)[0], data)
+    return changes_in_time(found, weigh(observation_of(found.model), data, noise)[0], data)
 
 
 @pytest.fixture(scope="module")

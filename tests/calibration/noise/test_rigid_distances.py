@@ -54,7 +54,7 @@ def test_targets_that_move_against_each_other_are_told(how: str) -> None:
     else:
         made[:, 2, 0] += along
     found = instrument_noise(made)
-    assert found is not None and not found.is_rigid and "not rigid" in found.words
+    assert found is not None and not found.is_rigid and "not rigid" in found.description
 
 
 def test_a_fit_is_judged_by_the_distances() -> None:

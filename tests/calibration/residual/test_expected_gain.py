@@ -37,7 +37,7 @@ def test_who_has_waves_is_told_what_it_would_gain_and_a_rigid_arm_nothing() -> N
     gain = found.fit.gain
     assert gain is not None and gain.poses == 100 and gain.after_m < 0.6 * gain.before_m
     assert found.to_dict()["remaining_error"]["with_residual"]["after_mm"] == pytest.approx(1e3 * gain.after_m)
-    assert gain.words.endswith("poses): add it to --model, e.g. auto+residual.") and gain.words in repr(
+    assert gain.description.endswith("poses): add it to --model, e.g. auto+residual.") and gain.description in repr(
         found.document()
     )
     rigid = lab.identify(lab.simulate("irb120", seed=3, poses=100).measurements, robot="irb120")

@@ -20,7 +20,7 @@ from lab.noise.instruments import INSTRUMENTS, Instrument, TrackerErrors
 from lab.render.phrases.registry import phrase
 
 ARM = SerialArm(IRB120.chain)
-FREE = base_set(ARM, ARM.nominal()).kept
+FREE = base_set(ARM, ARM.nominal()).identifiable
 UNIFORM, GAUSSIAN, PRESET = (INSTRUMENTS[name] for name in ("uniform-8um", "optical-cmm", "leica-at960"))
 TRACKER = replace(PRESET, errors=TrackerErrors())  # what its readings draw: nest and range are found in each pose
 
@@ -79,7 +79,7 @@ def test_a_true_model_is_rejected_at_the_level(
         truth, joints, rng = robot(seed, poses)
         for _ in range(draws):
             seen, solution = fitted(device, truth, joints, rng)
-            found = goodness_of_fit(ARM, seen, solution, known=True, shape=shape)
+            found = goodness_of_fit(ARM, seen, solution, sigma_given=True, shape=shape)
             assert found.name == "lack_of_fit.chi2" and (found.outcome == "passed") == (found.p >= LACK_OF_FIT)
             rejected += found.outcome != "passed"
     assert rejected / (10 * draws) == pytest.approx(0.05, abs=three_sigma(0.05, 10 * draws))
@@ -91,7 +91,9 @@ def test_a_missing_compliance_is_seen_and_said() -> None:
         truth, joints, rng = robot(seed, 30)
         exact = ARM.points(sagging(joints, 2e-4), truth)
         seen = seen_by(UNIFORM, joints, exact, rng, True)
-        found = goodness_of_fit(ARM, seen, fit(ARM, seen, FREE, truth), known=True, shape=NoiseDistribution("uniform"))
+        found = goodness_of_fit(
+            ARM, seen, fit(ARM, seen, FREE, truth), sigma_given=True, shape=NoiseDistribution("uniform")
+        )
         assert found.outcome == "failed" and found.p < 1e-3
         assert phrase(found).startswith("lack of fit") and "times the noise" in phrase(found)
 
@@ -102,7 +104,7 @@ def repeated(seed: int, sag_rad: float) -> Check:
     labels = np.concatenate([np.arange(20), np.arange(10), np.arange(10)])
     joints = joints[labels] + 1e-4 * rng.normal(size=(40, 6))
     seen = seen_by(GAUSSIAN, joints, ARM.points(sagging(joints, sag_rad), truth), rng, False)
-    return goodness_of_fit(ARM, seen, fit(ARM, seen, FREE, truth), known=False, labels=labels)
+    return goodness_of_fit(ARM, seen, fit(ARM, seen, FREE, truth), sigma_given=False, labels=labels)
 
 
 def test_repeats_tell_what_noise_is() -> None:
@@ -118,7 +120,7 @@ def held_out(seed: int, off_m: float) -> Check:
     seen, solution = fitted(GAUSSIAN, truth, joints, rng, known=False)
     fresh = IRB120.chain.random_joints(10, rng)
     held = seen_by(GAUSSIAN, fresh, ARM.points(fresh, truth) + off_m * rng.normal(size=(10, 1, 3)), rng, False)
-    return goodness_of_fit(ARM, seen, solution, known=False, held=held)
+    return goodness_of_fit(ARM, seen, solution, sigma_given=False, held_out=held)
 
 
 def test_poses_held_out_say_only_whether_the_claim_holds() -> None:
@@ -135,7 +137,7 @@ def test_the_held_out_statistic_is_the_prediction_error_in_its_own_covariance() 
     seen, solution = fitted(GAUSSIAN, truth, joints, rng, known=False)
     fresh = IRB120.chain.random_joints(4, rng)
     held = seen_by(GAUSSIAN, fresh, ARM.points(fresh, truth) + 1e-4, rng, False)
-    found = goodness_of_fit(ARM, seen, solution, known=False, held=held)
+    found = goodness_of_fit(ARM, seen, solution, sigma_given=False, held_out=held)
     predicted, jacobian = ARM.observe(fresh, solution.values)
     rows, errors = jacobian[..., list(FREE)].reshape(12, -1), (held.points - predicted).ravel()
     covariance = np.eye(12) + rows @ solution.unit_covariance() @ rows.T
@@ -154,7 +156,7 @@ def in_a_part(seed: int, waves_rad: float, *, held: bool = True) -> Check:
     rows = seen_by(GAUSSIAN, joints, exact, rng, False)
     fitted_rows, others = (rows.take(np.arange(*ends)) for ends in ((0, 60), (60, 80)))
     solution = fit(ARM, fitted_rows, FREE, truth)
-    return goodness_of_fit(ARM, fitted_rows, solution, known=False, held=others if held else None)
+    return goodness_of_fit(ARM, fitted_rows, solution, sigma_given=False, held_out=others if held else None)
 
 
 def test_what_poses_nearby_do_not_show_the_joints_do() -> None:
@@ -182,13 +184,13 @@ def test_where_nothing_tells_nothing_is_said() -> None:
     truth, joints, rng = robot(0, 30)
     seen, solution = fitted(GAUSSIAN, truth, joints, rng, known=False)
     for labels in (None, np.arange(30)):
-        found = goodness_of_fit(ARM, seen, solution, known=False, labels=labels)
+        found = goodness_of_fit(ARM, seen, solution, sigma_given=False, labels=labels)
         assert found.outcome == "not tested" and found.name == "lack_of_fit.nothing" and np.isnan(found.p)
         assert "--instrument" in phrase(found) and "--noise-mm" in phrase(found)
     few, solution = fitted(GAUSSIAN, truth, joints[:9], rng)
-    assert "measure more poses" in phrase(goodness_of_fit(ARM, few, solution, known=True))
+    assert "measure more poses" in phrase(goodness_of_fit(ARM, few, solution, sigma_given=True))
     coarse = replace(seen, whiten=np.full((30, 1), 1 / 300e-6))
-    found = goodness_of_fit(ARM, coarse, fit(ARM, coarse, FREE, truth), known=True)
+    found = goodness_of_fit(ARM, coarse, fit(ARM, coarse, FREE, truth), sigma_given=True)
     assert found.outcome == "not tested" and "too large" in phrase(found)
 
 

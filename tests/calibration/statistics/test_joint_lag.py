@@ -12,7 +12,7 @@ from lab.calibration.observation import observation_of
 from lab.calibration.statistics.candidate_models import SelectionTask
 from lab.calibration.statistics.joint_lag import Lag, lagging, moves_before
 from lab.calibration.statistics.joint_rounding import by_joint_positions
-from lab.calibration.weights import Noise, weighed
+from lab.calibration.weights import Noise, weigh
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
@@ -47,7 +47,7 @@ def found_in(data: Measurements, rivals: bool = True) -> tuple[Lag, ...]:
         lambda groups: IRB120.arm_with(data.targets, groups), nominal, data, Noise(), IdentifyOptions()
     )
     found = task.identified(())
-    observed, _ = weighed(observation_of(found.model), data, task.noise)
+    observed, _ = weigh(observation_of(found.model), data, task.noise)
 
     def omitted() -> list[Array]:
         made = []

@@ -69,7 +69,7 @@ def values_with(arm: Model, rng: np.random.Generator) -> Array:
     """Geometry off by 0.5 mm and mrad, effects of the size that arms have."""
     rigid = IRB120.arm(arm.targets)
     values = np.concatenate([somewhere(rigid, rng), np.zeros(len(arm.names) - len(rigid.names))])
-    kept = list(base_set(rigid, values[: len(rigid.names)]).kept)
+    kept = list(base_set(rigid, values[: len(rigid.names)]).identifiable)
     values[kept] += 5e-4 * rng.normal(size=len(kept))
     for i in range(len(rigid.names), len(arm.names)):
         kind = arm.names[i].rpartition(".")[2]
@@ -368,7 +368,9 @@ def test_what_poses_do_not_show_is_held() -> None:
     data = replace(data, points=points)
     found = select(irb120, data, nominal, Noise(None, SIGMA))
     taken = row(found, "backlash")
-    assert found.chosen == ("backlash",) and taken.held == found.held == ("joint4.backlash",) and taken.parameters == 5
+    assert (
+        found.chosen == ("backlash",) and taken.fixed == found.fixed == ("joint4.backlash",) and taken.parameters == 5
+    )
     assert not found.identification.unobservable
     assert found.identification.values[arm.names.index("joint4.backlash")] == 0.0
     all_from_one_side = {**data.conditions, **{name: np.ones(60) for name in arm.conditions}}
@@ -385,7 +387,7 @@ def test_parameters_too_unsure_to_tell_are_held() -> None:
     data = simulated(arm, values, 80, rng, sigma_m=2e-5)
     found = select(irb120, data, lambda model: model.nominal({"p1": np.array([0, 0, 0.1])}))
     assert found.chosen == ("harmonics",)
-    assert found.held == ("joint6.sin1", "joint6.cos1") and row(found, "harmonics").parameters == 10
+    assert found.fixed == ("joint6.sin1", "joint6.cos1") and row(found, "harmonics").parameters == 10
 
 
 def test_too_few_poses() -> None:
@@ -469,4 +471,4 @@ def test_a_measured_ur10_has_runout(file: str) -> None:
     found = measured_arm(file, load_robot("ur10"))
     assert found.chosen and found.chosen[0].startswith("harmonics") and found.identification.status == "converged"
     assert found.groups[1].holdout_m < found.groups[0].holdout_m < 0.5e-3
-    assert {"joint6.sin1", "joint6.cos1", "joint6.sin2", "joint6.cos2"} & set(found.held)  # the probe is near axis 6
+    assert {"joint6.sin1", "joint6.cos1", "joint6.sin2", "joint6.cos2"} & set(found.fixed)  # the probe is near axis 6

@@ -44,8 +44,8 @@ def directions(rng: np.random.Generator, count: int) -> Array:
 
 
 def found_in(seen, start, rng, arm=ARM, known=True, shape=UNIFORM, **more) -> Outliers:
-    free = base_set(arm, arm.nominal()).kept
-    return find_outliers(arm, seen, free, start, known=known, rng=rng, shape=shape, **more)
+    free = base_set(arm, arm.nominal()).identifiable
+    return find_outliers(arm, seen, free, start, sigma_given=known, rng=rng, shape=shape, **more)
 
 
 def fresh_mean(values: Array, truth: Array, rng: np.random.Generator) -> float:
@@ -100,7 +100,7 @@ def test_nothing_but_noise_is_named_at_the_level(shape: NoiseDistribution, known
 def test_the_reference_is_the_distribution_of_the_smallest_p() -> None:
     """Gaussian draws agree with Bonferroni's bound, which is sharp for 60 poses; uniform ones lie far above it."""
     seen, start, *_ = campaign(3)
-    linear = linearized(ARM, seen, start, base_set(ARM, ARM.nominal()).kept)
+    linear = linearized(ARM, seen, start, base_set(ARM, ARM.nominal()).identifiable)
     within = linear.within(np.ones(60, dtype=bool))
     for known in (True, False):
         rng = np.random.default_rng(0)
@@ -240,7 +240,7 @@ def lagged(seed: int, fractions):
     behind[26:] -= np.array(fractions) * np.diff(seen.inputs[25:], axis=0)
     points = ARM.points(behind, truth) + SIGMA * rng.normal(size=seen.points.shape)
     late = replace(seen, points=points)
-    solution = fit(ARM, late, base_set(ARM, ARM.nominal()).kept, truth)
+    solution = fit(ARM, late, base_set(ARM, ARM.nominal()).identifiable, truth)
     moves = np.diff(seen.inputs, axis=0, prepend=seen.inputs[:1])
     moves[25] = 0.0
     return lagging(ARM, late, solution, moves, ARM.joint_jacobian(seen.inputs, solution.values), sessions)

@@ -48,7 +48,7 @@ def test_a_rest_that_follows_the_joints_is_the_arms() -> None:
     assert found.over_joints is not None and found.over_joints.is_shown and found.over_joints.correlation > 0.4
     assert found.over_time is not None and not found.over_time.is_shown
     assert found.rest_m == pytest.approx(np.sqrt((arm**2).mean()), rel=0.1)
-    assert "--model auto, then residual" in found.measure_next and "neighbouring joint positions" in found.words
+    assert "--model auto, then residual" in found.measure_next and "neighbouring joint positions" in found.description
     assert "try --model auto+residual:" in replace(found, searched=True).measure_next
 
 

@@ -35,7 +35,7 @@ def campaign(
     rigid = IRB120.arm(targets)
     values = np.zeros(len(arm.names))
     values[: len(rigid.names)] = rigid.nominal(IRB120.tool)
-    kept = list(base_set(rigid, values[: len(rigid.names)]).kept)
+    kept = list(base_set(rigid, values[: len(rigid.names)]).identifiable)
     values[kept] += 5e-4 * rng.normal(size=len(kept))
     for name, value in terms.items():
         values[arm.names.index(name)] = value

@@ -278,6 +278,6 @@ def test_poses_that_are_off_are_marked_and_keep_their_numbers(tmp_path, home):
     shown = scene(outcome)
     for pose, named in zip(shown.outliers, outcome.fit.outliers, strict=True):
         assert np.linalg.norm(pose.measured - pose.expected) == pytest.approx(named.size_m, rel=1e-3)
-        assert pose.words.startswith(f"{named.id}: ")
+        assert pose.description.startswith(f"{named.id}: ")
     text = summary_text(outcome, shown)
     assert "magenta" in text and "excluded from the fit" in text

@@ -150,7 +150,7 @@ def test_a_plan_draws_the_rods_at_its_stops_and_on_the_way(tmp_path, home):
     assert rrd(home, "verify", path).returncode == 0
     shown = plan_scene(plan)
     stops, at_stops = lines(path, "stop")
-    assert stops == list(range(len(plan.tour.stops)))
+    assert stops == list(range(len(plan.tour.waypoints)))
     _, by_time = lines(path, "time")
     assert len(by_time) == len(shown.times) + len(stops)
     assert len(shown.home) == 3 and all(line.shape == (4, 3) for line in shown.home)  # arm, elbow, wrist, platform

@@ -14,7 +14,7 @@ from helpers.robots import ROOT
 import lab
 from lab.cli import main
 from lab.commands.certify.options import CertifyOptions
-from lab.commands.certify.result import Certificate, _freedom
+from lab.commands.certify.result import Certificate, _dof_text
 from lab.commands.certify.run import certify
 from lab.compensation.iso9283 import repeatability
 from lab.core.errors import LabError
@@ -95,7 +95,7 @@ def groups(found: Certificate) -> set[str]:
 
 @pytest.mark.parametrize(("count", "words"), [(12.0, "12.0"), (127_010_271.0, "∞"), (np.inf, "∞")])
 def test_degrees_of_freedom_without_end_are_infinite(count: float, words: str) -> None:
-    assert _freedom(count) == words
+    assert _dof_text(count) == words
 
 
 @thorough
@@ -167,7 +167,7 @@ def test_repeated_poses_give_the_repeatability(here: Path) -> None:
     many = np.hypot(SCATTER_M, 5e-6) * np.random.default_rng(0).standard_normal((4, 2000, 3))
     assert iso["pose_repeatability_mm"]["mean"] == pytest.approx(1e3 * repeatability(many).mean(), rel=0.3)
     assert "pose repeatability" not in iso["not_measured"]
-    assert "repeatability of the reflector's nest" not in {each.quantity.words for each in found.budgets[0].lines}
+    assert "repeatability of the reflector's nest" not in {each.quantity.label for each in found.budgets[0].lines}
     unknown = certify(CertifyOptions(Path("estimated")))  # without the instrument all of it is the robot's
     lines = {line.quantity.group: line.quantity.uncertainty.standard for line in unknown.budgets[0].lines}
     assert lines["repeatability"] == pytest.approx(np.hypot(SCATTER_M, 5e-6), rel=0.2)
@@ -229,17 +229,17 @@ def test_what_nothing_shows_is_said_with_its_remedy(here: Path) -> None:
     """A scale that nobody states is in no U; where no instrument is named, the statement rests on a U with it."""
     Path("scale.toml").write_text("[instrument]\nscale_ppm = { standard = 2 }\n")
     given = certify(CertifyOptions(Path("given"), tolerance_mm=0.5, force=True))
-    scale = next(each for each in given.unseen if "scale" in each.words)
-    assert "0.5 %" in scale.words and "scale bar" in scale.remedy
+    scale = next(each for each in given.unseen if "scale" in each.description)
+    assert "0.5 %" in scale.description and "scale bar" in scale.remedy
     assert given.with_unseen_m[0] > 1e-3 > given.budgets[0].expanded_m
     assert given.conformity is not None and given.conformity.expanded_m == given.with_unseen_m[0]
     assert given.conformity.decision == "not decided"
     stated = certify(CertifyOptions(Path("given"), Path("scale.toml"), tolerance_mm=0.5, force=True))
-    assert not any("scale" in each.words for each in stated.unseen)
-    assert any(line.quantity.words == "scale of the measurements" for line in stated.budgets[0].lines)
+    assert not any("scale" in each.description for each in stated.unseen)
+    assert any(line.quantity.label == "scale of the measurements" for line in stated.budgets[0].lines)
     assert stated.conformity is not None and stated.conformity.decision == "conforms"
     known = certify(CertifyOptions(Path("known")))  # whose tracker's file states its range's scale
-    assert not any("scale" in each.words for each in known.unseen)
+    assert not any("scale" in each.description for each in known.unseen)
     assert "What the uncertainty does not contain" in known.summary()
 
 

@@ -136,7 +136,7 @@ def test_ways_are_the_programs_also_to_and_from_what_is_not_corrected(
     (file := tmp_path / "a.mod").write_text("\n".join(["MODULE a", "PROC main()", *lines, "ENDPROC", "ENDMODULE"]))
     result = compensate(CompensateOptions(Path("run"), program=file))
     assert result.program is not None and [str(name) for name, _ in result.failed] == [result.targets.ids[1]]
-    assert [line for line, _ in result.program.ways] == [4, 5]
+    assert [line for line, _ in result.program.touching_paths] == [4, 5]
 
 
 @pytest.mark.parametrize("language", LANGUAGES)

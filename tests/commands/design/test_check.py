@@ -22,7 +22,7 @@ position_mm = [{1}]
 """
 
 
-STOPS = """id,use,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg
+WAYPOINTS = """id,use,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg
 home,skip,0,0,0,0,0,0
 1,calibrate,-40,10,0,0,40,0
 via001,skip,0,-20,0,0,40,0
@@ -37,7 +37,7 @@ def plan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A plan of two poses, in the working folder."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "run").mkdir()
-    (tmp_path / "run" / "plan.csv").write_text(STOPS)
+    (tmp_path / "run" / "plan.csv").write_text(WAYPOINTS)
     (tmp_path / "cell.toml").write_text(SEES_ALL)
     return tmp_path / "run"
 
@@ -126,4 +126,4 @@ def test_a_day_is_warm_up_moves_pauses_and_references() -> None:
     day = SessionDuration(30, 62.0)
     assert day.references == 4  # first, after 10 and 20, and last
     assert day.seconds == pytest.approx(1800 + 62 + 30 * PAUSE_S + 4 * (2 * 2.0 + PAUSE_S))
-    assert np.isclose(SessionDuration(1, 4.0).references, 2) and "warm-up" in day.words
+    assert np.isclose(SessionDuration(1, 4.0).references, 2) and "warm-up" in day.description

@@ -106,7 +106,7 @@ def test_the_command_writes_the_same_bytes_and_a_person_reads_the_plan(
 def test_plan_csv_is_exact_and_calibrate_measures_it(folder: Path, plan, tmp_path: Path, capsys) -> None:
     chain = IRB120.chain
     every = read_measurements(folder / "plan.csv", chain.joint_names, chain.prismatic, points=False)
-    assert (every.joints == plan.tour.stops).all() and not every.warnings  # whoever moves along it touches nothing
+    assert (every.joints == plan.tour.waypoints).all() and not every.warnings  # whoever moves along it touches nothing
     measured = plan.tour.measured >= 0
     assert every.other["stop"] == tuple(np.where(measured, "measure", "via").tolist())
     stops = json.loads((folder / "result.json").read_text())["stops"]
@@ -172,7 +172,7 @@ def check_module(text: str, stops: np.ndarray, measured: np.ndarray) -> None:
 def test_the_rapid_module_is_the_tour(folder: Path, plan) -> None:
     text = (folder / "plan.mod").read_bytes().decode("ascii")
     assert "\r\n" in text
-    check_module(text.replace("\r\n", "\n"), plan.tour.stops, plan.tour.measured)
+    check_module(text.replace("\r\n", "\n"), plan.tour.waypoints, plan.tour.measured)
 
 
 def test_poses_on_the_way_are_passed_without_a_wait() -> None:
@@ -221,7 +221,7 @@ def test_the_recording_is_the_tour(drawn: Path, plan, home) -> None:
     np.testing.assert_allclose(here, shown.points, rtol=0, atol=1e-6)  # m, float32
     assert statics(path, "/world/targets/number", "Points3D:labels") == list(shown.ids)
     halves = np.array(column(path, "/world/ellipsoid/uncertainty/shape", "Ellipsoids3D:half_sizes", "stop")[1])[:, 0]
-    assert len(halves) == len(plan.tour.stops)
+    assert len(halves) == len(plan.tour.waypoints)
     text = statics(path, "/summary", "TextDocument:text")[0]
     assert f"{POSES} poses" in text and "D-efficiency" in text and "O1" in text
 
@@ -230,8 +230,11 @@ def test_the_recording_is_the_tour(drawn: Path, plan, home) -> None:
 def test_poses_on_the_way_are_drawn_and_numbered_as_none(plan, tmp_path: Path, home) -> None:
     """Two stops that are only passed, one after the other, between the second and the third pose."""
     tour = plan.tour
-    stops, measured = np.insert(tour.stops, 3, tour.stops[[5, 7]], axis=0), np.insert(tour.measured, 3, [-1, -1])
-    detour = replace(plan, tour=replace(tour, stops=stops, measured=measured))
+    stops, measured = (
+        np.insert(tour.waypoints, 3, tour.waypoints[[5, 7]], axis=0),
+        np.insert(tour.measured, 3, [-1, -1]),
+    )
+    detour = replace(plan, tour=replace(tour, waypoints=stops, measured=measured))
     assert detour.to_dict()["via"] == 2
     record_plan(tmp_path / "detour.rrd", detour)
     assert rrd(home, "verify", tmp_path / "detour.rrd").returncode == 0

@@ -30,7 +30,7 @@ def test_reach_ways_and_determinant(name: str) -> None:
     reach_mm, ways, determinant = ARMS[name]
     shape = shape_of(load_robot(name).chain)
     assert 1e3 * shape.reach_m == pytest.approx(reach_mm, abs=0.01)
-    assert shape.ways == ways and shape.determinant.startswith(determinant)
+    assert shape.branches == ways and shape.determinant.startswith(determinant)
 
 
 @pytest.mark.sampled(2)

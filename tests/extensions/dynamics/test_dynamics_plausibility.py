@@ -44,7 +44,7 @@ def doubts(samples: PayloadSamples, model: DynamicModel, *, bodies: bool = False
     with np.errstate(all="ignore"):  # as the command: numbers of a nonsensical file may overflow
         found = identify_dynamics(model, samples)
         nearest = nearest_physical_arm(model, found, links) if bodies else None
-        return [each.words for each in implausible_dynamics(found, model, size, nominal, nearest)]
+        return [each.description for each in implausible_dynamics(found, model, size, nominal, nearest)]
 
 
 def noise(samples: PayloadSamples) -> PayloadSamples:

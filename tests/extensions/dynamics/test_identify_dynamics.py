@@ -101,10 +101,10 @@ def test_load_at_once_and_by_difference(found: DynamicsEstimate) -> None:
 @pytest.mark.thorough
 def test_a_load_that_is_known_is_taken_off() -> None:
     records = runs(NOISY)
-    known = identify_dynamics(MODEL, records, known_load=LOAD.phi)
+    known = identify_dynamics(MODEL, records, given_load=LOAD.phi)
     assert known.load is None and known.verdict.p > BY_CHANCE
-    wrong = identify_dynamics(MODEL, records, known_load=1.1 * LOAD.phi)
-    assert wrong.verdict.adequate is False and "load" in wrong.verdict.words
+    wrong = identify_dynamics(MODEL, records, given_load=1.1 * LOAD.phi)
+    assert wrong.verdict.adequate is False and "load" in wrong.verdict.description
 
 
 @pytest.mark.parametrize(
@@ -121,7 +121,7 @@ def test_what_biases_is_told(errors: RunErrors, says: str) -> None:
 
 def test_missing_friction_is_told_by_its_name() -> None:
     found = identify_dynamics(model_of(friction=False), runs(NOISY, None))
-    assert found.verdict.adequate is False and "friction that the model leaves out" in found.verdict.words
+    assert found.verdict.adequate is False and "friction that the model leaves out" in found.verdict.description
 
 
 @pytest.mark.thorough

@@ -200,7 +200,7 @@ def test_speeds_and_accelerations_come_from_positions_to_a_billionth():
 @pytest.mark.parametrize("rate_hz", [50, 160, 1000, 4000])
 def test_white_noise_stays_white_when_it_is_thinned(rate_hz):
     band = band_of(np.arange(10 * rate_hz) / rate_hz)
-    noise = band.kept(np.random.default_rng(1).normal(size=(band.every * 5000, 4)))
+    noise = band.decimated(np.random.default_rng(1).normal(size=(band.every * 5000, 4)))
     assert abs(noise.std() / np.linalg.norm(band.impulse) - 1) < 0.02  # 20,000 numbers: 0.005
     for lag in (1, 2, 3):
         assert abs((noise[lag:] * noise[:-lag]).mean() / noise.var()) < 0.03  # 0.007
@@ -209,9 +209,9 @@ def test_white_noise_stays_white_when_it_is_thinned(rate_hz):
 def test_thinning_looks_later_and_differentiates():
     band = band_of(TIMES)
     motion = fourier(4, TIMES)
-    assert_allclose(band.kept(fourier(4, TIMES - 2e-3)[0], lead_s=2e-3), band.kept(motion[0]), atol=1e-6)
+    assert_allclose(band.decimated(fourier(4, TIMES - 2e-3)[0], lead_s=2e-3), band.decimated(motion[0]), atol=1e-6)
     for order in (1, 2):
-        assert_allclose(band.kept(motion[0], order=order), band.kept(motion[order]), atol=1e-3)
+        assert_allclose(band.decimated(motion[0], order=order), band.decimated(motion[order]), atol=1e-3)
 
 
 @pytest.mark.thorough
@@ -379,7 +379,7 @@ def test_intervals_of_centre_and_inner_inertia_are_those_of_their_derivatives():
 def test_what_is_wrong_is_named():
     rng = np.random.default_rng(9)
     for name, word in (("lag", "(delay)"), ("shifted path", "(own)")):
-        assert word in BIASES[name](4).identified(rng).verdict.words
+        assert word in BIASES[name](4).identified(rng).verdict.description
     poses = static_poses(20, 10)
     for mounting, word in (
         (Mounting.tilted(np.array([np.deg2rad(1), 0])), "(tilt)"),
@@ -387,7 +387,7 @@ def test_what_is_wrong_is_named():
     ):
         records = wrench_records(poses[0], sensed(poses, mounting), rng, moving=False)
         found = from_wrench(ARM, VALUES, records, UPRIGHT)
-        assert not found.adequate and word in found.verdict.words
+        assert not found.adequate and word in found.verdict.description
     records = wrench_records(poses[0], sensed(poses), rng, moving=False)
     assert from_wrench(ARM, VALUES, records, UPRIGHT).adequate
 
@@ -395,7 +395,7 @@ def test_what_is_wrong_is_named():
 def test_a_sigma_that_is_given_is_believed_and_too_small_a_one_is_told():
     bench, rng = clean(3), np.random.default_rng(11)
     right, small = (bench.identified(rng, sigma=size * TORQUE_NOISE) for size in (1.0, 0.9))
-    assert right.adequate and not small.adequate and "given sigma" in small.verdict.words
+    assert right.adequate and not small.adequate and "given sigma" in small.verdict.description
     assert_allclose(small.half_width / right.half_width, 0.9, rtol=1e-3)
     assert_allclose(bench.identified(rng).sigma, TORQUE_NOISE, rtol=0.12)  # 390 samples: 0.036
 

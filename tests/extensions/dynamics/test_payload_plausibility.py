@@ -86,7 +86,7 @@ def test_a_mistake_is_named_and_is_not_good(method: str, mistake: str, samples: 
         return
     assert says in " ".join(found.warnings)
     assert found.implausible and found.exit_code == 1
-    assert found.to_dict()["implausible"] == [each.words for each in found.implausible]
+    assert found.to_dict()["implausible"] == [each.description for each in found.implausible]
 
 
 @pytest.mark.parametrize("method", ["wrench", "torques"])
@@ -107,5 +107,5 @@ def test_a_centre_that_is_not_known_is_not_called_far(samples: PayloadSamples, t
     far = replace(found, phi=found.phi * [1, 1e3, 1e3, 1e3, 1, 1, 1, 1, 1, 1])
     assert implausibilities(found, arm) == ()
     (told,) = implausibilities(far, arm)
-    assert isinstance(told, Implausibility) and "farther than the arm reaches (0.6 m)" in told.words
+    assert isinstance(told, Implausibility) and "farther than the arm reaches (0.6 m)" in told.description
     assert implausibilities(replace(far, com_half_width=np.full(3, 99.0)), arm) == ()

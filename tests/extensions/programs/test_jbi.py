@@ -19,7 +19,7 @@ from lab.kinematics.inverse.newton import PoseTarget
 
 ARM = IRB120.arm(("p1",))
 VALUES = ARM.nominal(IRB120.tool)
-STOPS = np.concatenate([np.zeros((1, 6)), np.random.default_rng(3).uniform(-1.5, 1.5, (6, 6)), np.zeros((1, 6))])
+WAYPOINTS = np.concatenate([np.zeros((1, 6)), np.random.default_rng(3).uniform(-1.5, 1.5, (6, 6)), np.zeros((1, 6))])
 
 
 def poses_in(job: str) -> tuple[Array, list[str]]:
@@ -58,11 +58,11 @@ def flange_in_mujoco(joints: Array) -> Array:
 
 
 def test_a_tour_goes_to_the_flanges_places_and_waits() -> None:
-    tour = MeasuringTour("arm", STOPS, np.array([-1, 0, 1, -1, 2, 3, 4, -1]), tuple("56789"),
-                         postures=postures_of(ARM, VALUES, STOPS))  # fmt: skip
+    tour = MeasuringTour("arm", WAYPOINTS, np.array([-1, 0, 1, -1, 2, 3, 4, -1]), tuple("56789"),
+                         postures=postures_of(ARM, VALUES, WAYPOINTS))  # fmt: skip
     job = text(Jbi().measuring_tour(tour))
     found, _ = poses_in(job)
-    expected = flange_in_mujoco(STOPS)
+    expected = flange_in_mujoco(WAYPOINTS)
     offset = se3.inverse(expected[0]) @ found[0]  # MuJoCo's flange is fixed in the table's last frame
     np.testing.assert_allclose(found, expected @ offset, atol=3e-6)
     assert [float(each) for each in re.findall(r"^TIMER T=(.*)$", job, re.MULTILINE)] == [PAUSE_S] * 5
@@ -77,10 +77,10 @@ def test_targets_are_of_tool_1_in_user_frame_1(turn: list[float]) -> None:
     """Tool times place times frame, as the controller multiplies them; half turns and gimbal lock too."""
     T_tool = se3.pose(Rotation.from_rotvec(turn).as_matrix(), np.array([0.03, -0.02, 0.1]))
     T_frame = se3.pose(Rotation.from_rotvec([0.2, 0.1, np.pi / 2]).as_matrix(), np.array([-1.6, 1.3, -1.1]))
-    postures = postures_of(ARM, VALUES, STOPS)
+    postures = postures_of(ARM, VALUES, WAYPOINTS)
     assert postures is not None
     which = np.array([-1, 0, 1, 2, 3, 4, 5, -1])
-    job = text(Jbi().target_moves(TargetMoves("ß", tuple("abcdef"), STOPS, which, T_tool, T_frame, True, postures)))
+    job = text(Jbi().target_moves(TargetMoves("ß", tuple("abcdef"), WAYPOINTS, which, T_tool, T_frame, True, postures)))
     found, _ = poses_in(job)
     frames = []
     for kind in ("TOOL", "USER"):
@@ -97,7 +97,7 @@ def test_a_configuration_names_one_of_the_inverses_solutions() -> None:
     shape, inverse = ArmShape.of(ARM.dh_chain(VALUES)), NominalInverse(ARM, VALUES)
     for joints in np.random.default_rng(5).uniform(-1.2, 1.2, (20, 6)):
         T = inverse.tool(joints[None])[0]
-        ways = inverse.ways(PoseTarget(T[:, :3, 3], T[:, :3, :3]), joints[None])
+        ways = inverse.solutions(PoseTarget(T[:, :3, 3], T[:, :3, :3]), joints[None])
         some = ways.joints[0][ways.gap_m[0] == 0]
         flipped = np.abs(some[:, 3]) > np.pi / 2
         seen = set(zip(shape.in_front(some), shape.elbow_up(some), flipped, strict=True))

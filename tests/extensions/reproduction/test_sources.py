@@ -13,7 +13,7 @@ from lab.extensions.reproduction.registry import source_named, sources
 from lab.extensions.reproduction.staubli.source import STAUBLI
 from lab.extensions.reproduction.thesis.calibration import ESTIMATES
 from lab.extensions.reproduction.thesis.source import THESIS
-from lab.extensions.reproduction.thesis_case import HIDDEN, INTO, OFF, errors, searched
+from lab.extensions.reproduction.thesis_case import HIDDEN, INTO, OFFSETS, errors, searched
 
 SEARCHED = ("Table IV.2", "Figure IV.1", "Figure IV.2", "Conclusion", "Section 6.1")  # designs, and volumes
 QUICK = [
@@ -31,7 +31,7 @@ def check(item: Item) -> None:
     assert len({answer.name for answer in answers}) == len(answers)
     for answer in answers:
         assert (answer.agrees is False) == bool(answer.erratum), f"{item.number} {answer.name}: {answer.difference}"
-        if answer.asked:
+        if answer.in_exercise:
             assert answer.check(answer.ours), f"{item.number} {answer.name}: {answer.ours}"
             if answer.erratum:
                 assert not answer.check(answer.printed)
@@ -51,12 +51,12 @@ def test_every_value_that_a_search_gives_agrees_or_is_an_erratum(item: Item) -> 
 def test_the_three_rows_come_out_as_printed_with_what_is_hidden() -> None:
     """The errata of table IV.2 are what the dropped parameters make of them."""
     joints = np.random.default_rng(0).uniform(-np.pi, np.pi, (20, 6))
-    off = errors(joints, 200, hidden=HIDDEN) + np.array(list(OFF.values()))
-    printed = dict(zip(OFF, (row.split() for row in ESTIMATES.strip().splitlines()), strict=True))
+    off = errors(joints, 200, hidden=HIDDEN) + np.array(list(OFFSETS.values()))
+    printed = dict(zip(OFFSETS, (row.split() for row in ESTIMATES.strip().splitlines()), strict=True))
     for name in INTO.values():
-        column, digits = off[:, list(OFF).index(name)], [float(text) for text in printed[name][1:]]
+        column, digits = off[:, list(OFFSETS).index(name)], [float(text) for text in printed[name][1:]]
         assert np.abs(np.median(column) - np.mean(digits)) < (0.005 if name == "link3.d" else 2e-4)
-        assert np.abs(np.median(column) - OFF[name]) > 100 * column.std() / np.sqrt(len(column))
+        assert np.abs(np.median(column) - OFFSETS[name]) > 100 * column.std() / np.sqrt(len(column))
 
 
 def test_an_exercise_comes_back_as_it_was_filled_in(tmp_path: Path) -> None:

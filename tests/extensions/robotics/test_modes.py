@@ -36,7 +36,7 @@ def test_every_mode_closes_the_loops_and_the_drawn_one_is_among_them(name: str) 
         assert missed < 1e-12
         np.testing.assert_allclose(passive, drawn, atol=1e-12)
         ways = working_modes(mechanism, course, passive)
-        assert len(ways) == working and len({way.ways for way in ways}) == working
+        assert len(ways) == working and len({way.branches for way in ways}) == working
         assert min(np.abs(way.joints - joints).max() for way in ways) < 1e-9
         for way in ways:
             assert gaps(mechanism, way.joints, passive).max() < 1e-12

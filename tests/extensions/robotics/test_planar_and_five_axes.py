@@ -327,7 +327,7 @@ def test_a_pose_that_five_axes_cannot_take_is_come_near_to(name: str) -> None:
     Ts = arm.tool(joints, values)[0]
     turned = se3.exp(0.05 * rng.normal(size=(10, 3))) @ Ts[:, :3, :3]
     wanted = PoseTarget(Ts[:, :3, 3], turned)
-    found = inverse.ways(wanted, np.full((10, 5), np.nan))
+    found = inverse.solutions(wanted, np.full((10, 5), np.nan))
     counts = np.isfinite(found.gap_m) & (found.gap_m == 0)
     assert counts.any(axis=1).mean() > 0.9
     for i, k in zip(*np.nonzero(counts), strict=True):
@@ -337,7 +337,7 @@ def test_a_pose_that_five_axes_cannot_take_is_come_near_to(name: str) -> None:
         assert np.linalg.norm(error) == pytest.approx(found.tilt_rad[i, k], abs=1e-12)  # rad, of a dozen products
         still = np.linalg.svd(J[0, :3])[2][3:]  # moves that leave the place
         assert np.abs(J[0, 3:] @ still.T @ np.linalg.pinv(J[0, 3:] @ still.T) @ error).max() < 1e-8
-    exact = inverse.ways(PoseTarget(Ts[:, :3, 3], Ts[:, :3, :3]), np.full((10, 5), np.nan))
+    exact = inverse.solutions(PoseTarget(Ts[:, :3, 3], Ts[:, :3, :3]), np.full((10, 5), np.nan))
     good = exact.gap_m == 0
     assert good.any(axis=1).all() and not exact.tilt_rad[good].any()
 

@@ -168,7 +168,7 @@ def test_a_sum_of_terms_is_read_off_its_values() -> None:
     joints = np.random.default_rng(0).normal(size=(50, 3))
     assert len(terms) == 3
     np.testing.assert_allclose(sum(term.at(joints) for term in terms), value(joints), atol=1e-12)
-    said = {term.words(("q1", "q2", "q3")) for term in terms}
+    said = {term.text(("q1", "q2", "q3")) for term in terms}
     assert said == {"0.5", "2 q3 q3 sin(2 * q2)", "0.3 q3 cos q2"}
 
 
@@ -184,7 +184,7 @@ def test_a_place_alone_is_solved_in_closed_form_whatever_the_rotation() -> None:
     inverse = NominalInverse(arm, arm.nominal({"p1": POINT}))
     joints = drawn(chain, 50, 9)
     anywhere = PoseTarget(points(chain, joints), np.full((50, 3, 3), np.nan))
-    found = inverse.ways(anywhere, np.full((50, 3), np.nan))
+    found = inverse.solutions(anywhere, np.full((50, 3), np.nan))
     assert inverse.exact(anywhere).all() and not found.tilt_rad.any() and (found.gap_m == 0).all()
     assert apart(chain, found.joints, joints[:, None]).min(axis=1).max() < 1e-6
 
@@ -200,7 +200,7 @@ def test_a_way_is_followed_in_its_own_branch_and_none_is_taken_beyond_its_fold(k
     Ts = inverse.tool(joints)[0]
     moves = np.random.default_rng(4).normal(0.0, 1e-3, (count, 3))
     unturned = np.full((count, 3, 3), np.nan)
-    ways = inverse.ways(PoseTarget(Ts[:, :3, 3], unturned), joints)
+    ways = inverse.solutions(PoseTarget(Ts[:, :3, 3], unturned), joints)
     apart = nearest_whole_turns(chain, ways.joints, joints[:, None]) - joints[:, None]
     branch = np.where(ways.gap_m == 0, np.abs(apart).max(axis=2), np.inf).argmin(axis=1)
     found, reached = inverse.again(PoseTarget(Ts[:, :3, 3] + moves, unturned), joints, branch)

@@ -135,7 +135,7 @@ def test_the_program_of_each_controller_has_the_same_stops_moves_and_times(tmp_p
     found = lab.trajectory(file, robot="irb120", tool_mm=(10, -20, 50))
     moves, legs = path_moves(found), found.legs
     text = {each.name: path_program(found.chain, each.name.lower(), moves).decode() for each in languages()}
-    degrees, seconds = np.rad2deg(moves.stops), [leg.move.seconds for leg in legs]
+    degrees, seconds = np.rad2deg(moves.waypoints), [leg.move.seconds for leg in legs]
     assert list(moves.kinds) == ["joint", "line", "via", "circle", "joint"] and moves.checked and not moves.corrected
     stops = {
         "RAPID": numbers_in(text["RAPID"], r"jointtarget [^:]*:=\[\[(.*?)\]"),
@@ -174,12 +174,15 @@ def test_a_run_s_program_goes_where_the_calibrated_arm_is_right(tmp_path) -> Non
     (tmp_path / "points.csv").write_text(SWING)
     found = lab.trajectory(tmp_path / "points.csv", robot=str(soft), payload_kg=2, step_ms=100)
     moves = path_moves(found)
-    assert moves.corrected and np.abs(moves.stops - [leg.stops[0] for leg in (*found.legs, found.legs[0])]).max() > 1e-6
+    assert (
+        moves.corrected
+        and np.abs(moves.waypoints - [leg.waypoints[0] for leg in (*found.legs, found.legs[0])]).max() > 1e-6
+    )
     model = found.robot.serial_model
     arm, site = FlexibleArm(model.model, model, sections=found.robot.link_compliances), model.model.site("flange").id
     still = JointMotion(np.zeros((2, 6)), np.zeros((2, 6)))
-    stands = arm.settled(moves.stops, np.zeros(6), np.full(2, 2.0), still)
-    off = arm.positions(stands, [site])[:, 0] - arm.positions(arm.straight(found.legs[0].stops), [site])[:, 0]
+    stands = arm.settled(moves.waypoints, np.zeros(6), np.full(2, 2.0), still)
+    off = arm.positions(stands, [site])[:, 0] - arm.positions(arm.straight(found.legs[0].waypoints), [site])[:, 0]
     assert 1e3 * np.linalg.norm(off, axis=1).max() < 0.02 * found.to_dict()["tracking"]["error_mm"]["max"]
 
 

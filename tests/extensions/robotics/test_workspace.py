@@ -166,7 +166,7 @@ def test_a_hexapod_takes_its_own_poses_by_the_lengths_of_its_legs() -> None:
     reached, found = by_pose.reached(PoseTarget(Ts[:, :3, 3], Ts[:, :3, :3]))
     assert reached.all()
     np.testing.assert_allclose(found, joints, atol=1e-12)
-    np.testing.assert_array_equal(by_pose.ways(PoseTarget(Ts[:, :3, 3], Ts[:, :3, :3]))[:, 0], found)
+    np.testing.assert_array_equal(by_pose.solutions(PoseTarget(Ts[:, :3, 3], Ts[:, :3, :3]))[:, 0], found)
     far = Ts[:, :3, 3] + [0.0, 0.0, 0.4]
     assert not by_pose.reached(PoseTarget(far, Ts[:, :3, :3]))[0].any()
     flip = np.diag([1.0, 1.0, -1.0])  # base and platform are flat: legs of the same lengths hold it mirrored, too

@@ -21,7 +21,7 @@ class Spoken:
         return None if joints.size == 2 else f"no spoken program for {joints.size} joints"
 
     def measuring_tour(self, tour: MeasuringTour) -> bytes:
-        return f"{tour.robot}: {len(tour.stops)} stops, {', '.join(tour.ids)}".encode()
+        return f"{tour.robot}: {len(tour.waypoints)} stops, {', '.join(tour.ids)}".encode()
 
     def target_moves(self, moves: TargetMoves) -> bytes:
         return f"{moves.robot}: {', '.join(moves.ids)}".encode()

@@ -93,7 +93,9 @@ def test_a_chain_is_a_mechanism_without_loops() -> None:
     ours, slopes = tree.observe(joints, values[order])
     np.testing.assert_allclose(ours, points, rtol=0, atol=1e-14)
     np.testing.assert_allclose(slopes, jacobian[..., order], rtol=0, atol=1e-14)
-    assert len(base_set(tree, values[order]).kept) == len(base_set(serial, values).kept) == 30  # of two targets
+    assert (
+        len(base_set(tree, values[order]).identifiable) == len(base_set(serial, values).identifiable) == 30
+    )  # of two targets
 
 
 def pinned() -> ClosedArm:
@@ -157,7 +159,7 @@ def test_the_ranks_are_found_unaided(
     inputs = whole.structure_joints(200, np.random.default_rng(0))
     _, jacobian = whole.observe(inputs, np.concatenate([values, np.zeros(len(whole.names) - len(values))]))
     found = base_set_of(jacobian.reshape(-1, len(whole.names))[:, asked], range(count))
-    assert len(asked) == count and len(found.kept) == rank
+    assert len(asked) == count and len(found.identifiable) == rank
 
 
 def test_where_a_wrist_is_is_hidden_in_where_its_arm_is() -> None:
@@ -166,7 +168,7 @@ def test_where_a_wrist_is_is_hidden_in_where_its_arm_is() -> None:
     found = base_set(arm, values)
     for axis in "xyz":
         hidden = found.alias[:, found.fixed.index(arm.names.index(f"wrist2.{axis}"))]
-        strong = {arm.names[i]: part for i, part in zip(found.kept, hidden, strict=True) if abs(part) > 1e-9}
+        strong = {arm.names[i]: part for i, part in zip(found.identifiable, hidden, strict=True) if abs(part) > 1e-9}
         assert strong[f"arm2.{axis}"] == pytest.approx(-1, abs=1e-9)
 
 

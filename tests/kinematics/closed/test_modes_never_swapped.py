@@ -50,7 +50,7 @@ class Case:
 
     @cached_property
     def real(self) -> TrueMechanism:
-        return script.drawn_real(self.name, self.seed, script.OFF)
+        return script.drawn_real(self.name, self.seed, script.OFFSETS)
 
     @cached_property
     def nominal_home(self) -> tuple[Array, Array]:

@@ -99,7 +99,9 @@ def test_there_are_as_many_base_parameters_as_published_and_as_the_rank_says(
     columns = arm.regressor(*random_states(arm, 60, np.random.default_rng(5))).reshape(-1, len(arm.names))
     values = np.linalg.svd(columns / np.linalg.norm(columns, axis=0).clip(1.0), compute_uv=False)
     assert (values > 1e-10 * values[0]).sum() == all_of_them
-    np.testing.assert_allclose(columns[:, base.kept] @ base.projection, columns, atol=1e-10 * np.abs(columns).max())
+    np.testing.assert_allclose(
+        columns[:, base.independent] @ base.projection, columns, atol=1e-10 * np.abs(columns).max()
+    )
 
 
 def test_the_counts_are_those_of_the_assumptions() -> None:
@@ -127,7 +129,7 @@ def test_regrouping_reads_as_khalil_and_dombre_print_it() -> None:
     arm = ArmDynamics.of(load_virtual("scemi").serial_model.chain, DOWN)
     rng = np.random.default_rng(0)
     base = base_parameters(arm, rng)
-    formulas = {formula.label: formula.words() for formula in regrouping_formulas(arm, base, rng)}
+    formulas = {formula.label: formula.text() for formula in regrouping_formulas(arm, base, rng)}
     assert formulas["XXR2"] == "XX2 − YY2 − a3² (M3 + M4 + M5 + M6)"
     assert formulas["XZR2"] == "XZ2 − a3 MZ3"
     assert formulas["MXR2"] == "MX2 + a3 (M3 + M4 + M5 + M6)"

@@ -27,7 +27,7 @@ def session(seed: int, group: str, size: float, poses: int = 80) -> tuple[Measur
     arm, rigid = IRB120.arm_with(("p1",), [group]), IRB120.arm(("p1",))
     values = np.zeros(len(arm.names))
     values[: len(rigid.names)] = rigid.nominal(IRB120.tool)
-    values[list(base_set(rigid, values[: len(rigid.names)]).kept)] += 5e-4 * rng.normal(size=27)
+    values[list(base_set(rigid, values[: len(rigid.names)]).identifiable)] += 5e-4 * rng.normal(size=27)
     phase = rng.uniform(0, 2 * np.pi)
     values[len(rigid.names) :] = size * np.sin(phase), size * np.cos(phase)
     found = []

@@ -68,7 +68,7 @@ def true_values(arm: SerialArm | ArmWithEffects, rng: np.random.Generator) -> Ar
     rigid = arm.rigid
     values = arm.nominal()
     values[: len(rigid.names)] = somewhere(rigid, rng)
-    kept = list(base_set(rigid, values[: len(rigid.names)]).kept)
+    kept = list(base_set(rigid, values[: len(rigid.names)]).identifiable)
     values[kept] += 5e-4 * rng.normal(size=len(kept))
     for i in range(len(rigid.names), len(arm.names)):
         last = arm.names[i].rpartition(".")[2]
@@ -241,8 +241,8 @@ def test_sag_outstretched() -> None:
 def test_rank_of_each_group(name: str) -> None:
     """Every parameter of a group can be told apart, and none takes the place of the geometry's."""
     rigid, arm = IRB120.arm(("p1",)), IRB120.arm_with(("p1",), (name,), SESSIONS)
-    kept = base_set(arm, arm.nominal(IRB120.tool)).kept
-    geometry = base_set(rigid, rigid.nominal(IRB120.tool)).kept
+    kept = base_set(arm, arm.nominal(IRB120.tool)).identifiable
+    geometry = base_set(rigid, rigid.nominal(IRB120.tool)).identifiable
     effects = [i for i in range(len(rigid.names), len(arm.names)) if arm.names[i] != "link1.gj"]
     assert kept == (*geometry, *effects)
     assert len(kept) == 27 + PARAMETERS[name]
@@ -250,7 +250,7 @@ def test_rank_of_each_group(name: str) -> None:
 
 def test_rank_of_all_together() -> None:
     arm = IRB120.arm_with(("p1",), ALONE, SESSIONS)
-    assert len(base_set(arm, arm.nominal(IRB120.tool)).kept) == 27 + sum(PARAMETERS[name] for name in ALONE)
+    assert len(base_set(arm, arm.nominal(IRB120.tool)).identifiable) == 27 + sum(PARAMETERS[name] for name in ALONE)
 
 
 @pytest.mark.parametrize("name", GROUPS)

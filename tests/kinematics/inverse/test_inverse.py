@@ -175,7 +175,7 @@ def test_an_arm_without_a_closed_form_is_searched(chain: Chain) -> None:
     drawing = NominalInverse(arm, arm.nominal())
     assert drawing.closed_form is None
     Ts, _ = drawing.tool(joints)
-    found = drawing.ways(PoseTarget(Ts[:, :3, 3], Ts[:, :3, :3]), np.full(joints.shape, np.nan))
+    found = drawing.solutions(PoseTarget(Ts[:, :3, 3], Ts[:, :3, :3]), np.full(joints.shape, np.nan))
     reached = (found.gap_m == 0) & (found.tilt_rad < 1e-9)
     assert reached.any(axis=1).all()
     back = drawing.tool(found.joints[reached])[0]
@@ -188,7 +188,7 @@ def test_a_reference_is_where_the_search_begins() -> None:
     joints = IRB120.chain.random_joints(50, np.random.default_rng(11))
     Ts, _ = drawing.tool(joints)
     anywhere = PoseTarget(Ts[:, :3, 3], np.full((50, 3, 3), np.nan))
-    np.testing.assert_allclose(drawing.ways(anywhere, joints).joints[:, 0], joints, atol=1e-12)
+    np.testing.assert_allclose(drawing.solutions(anywhere, joints).joints[:, 0], joints, atol=1e-12)
 
 
 def test_whole_turns_stay_near_and_within_limits() -> None:
@@ -212,10 +212,10 @@ def test_a_drawing_has_as_many_ways_as_its_form(chain: Chain, count: int) -> Non
     joints = chain.random_joints(30, rng)
     Ts, _ = drawing.tool(joints)
     turns, nowhere = Ts[:, :3, :3].copy(), np.full(joints.shape, np.nan)
-    found = drawing.ways(PoseTarget(Ts[:, :3, 3], turns), nowhere)
+    found = drawing.solutions(PoseTarget(Ts[:, :3, 3], turns), nowhere)
     assert found.gap_m.shape == (30, count)
     turns[::2] = np.nan
-    mixed = drawing.ways(PoseTarget(Ts[:, :3, 3], turns), nowhere)
+    mixed = drawing.solutions(PoseTarget(Ts[:, :3, 3], turns), nowhere)
     assert mixed.gap_m.shape == (30, 8)
     if chain is not ASKEW:
         np.testing.assert_array_equal(mixed.joints[1::2, :count], found.joints[1::2])
@@ -234,7 +234,7 @@ def test_a_scara_s_drawing_meets_the_place_of_a_tilted_pose_at_the_tool() -> Non
     joints[:, 1] = np.clip(joints[:, 1], 0.5, 2.5)  # bent, so that it can turn
     Ts, _ = drawing.tool(joints)
     wanted = PoseTarget(Ts[:, :3, 3], se3.exp(0.05 * rng.normal(size=(50, 3))) @ Ts[:, :3, :3])
-    found = drawing.ways(wanted, joints)
+    found = drawing.solutions(wanted, joints)
     assert not found.gap_m.any()
     for way in range(2):
         Ts_found, jacobian = drawing.tool(found.joints[:, way])

@@ -31,13 +31,13 @@ class BaseParameters:
 
     Attributes:
         names: of the standard parameters, p of them.
-        kept: ``(b,)`` indices of the columns that stay; ``grouped`` ``(g,)`` of those that depend on them.
+        independent: ``(b,)`` indices of the columns that stay; ``grouped`` ``(g,)`` of those that depend on them.
         without_effect: indices of those that no torque depends on.
         regrouping: K ``(b, g)``.
     """
 
     names: tuple[str, ...]
-    kept: NDArray[np.int_]
+    independent: NDArray[np.int_]
     grouped: NDArray[np.int_]
     without_effect: NDArray[np.int_]
     regrouping: Array
@@ -45,7 +45,7 @@ class BaseParameters:
     @property
     def size(self) -> int:
         """Number of base parameters."""
-        return len(self.kept)
+        return len(self.independent)
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -53,19 +53,19 @@ class BaseParameters:
         with_others = np.abs(self.regrouping).max(axis=1, initial=0.0) > 0
         return tuple(
             _regrouped(self.names[i]) if grouped else self.names[i]
-            for i, grouped in zip(self.kept.tolist(), with_others.tolist(), strict=True)
+            for i, grouped in zip(self.independent.tolist(), with_others.tolist(), strict=True)
         )
 
     @property
     def inertial(self) -> int:
         """Number of base parameters of links and motors, without friction and offsets."""
-        return sum(self.names[i][0] not in "Fo" for i in self.kept.tolist())
+        return sum(self.names[i][0] not in "Fo" for i in self.independent.tolist())
 
     @property
     def projection(self) -> Array:
         """``(b, p)``: base parameters of standard ones."""
         matrix = np.zeros((self.size, len(self.names)))
-        matrix[np.arange(self.size), self.kept] = 1.0
+        matrix[np.arange(self.size), self.independent] = 1.0
         matrix[:, self.grouped] = self.regrouping
         return matrix
 
@@ -127,7 +127,7 @@ class Term:
         """The coefficient where the letters stand for these lengths (m)."""
         return sum(factor * float(np.prod([letters[each] for each in word])) for word, factor in self.coefficient)
 
-    def words(self) -> str:
+    def text(self) -> str:
         """Return the term as text with a leading sign, for use in a formula."""
         if len(self.coefficient) == 1 and not self.coefficient[0][0] and abs(self.coefficient[0][1]) == 1:
             sign = "−" if self.coefficient[0][1] < 0 else "+"
@@ -147,9 +147,9 @@ class Formula:
     name: str
     terms: tuple[Term, ...]
 
-    def words(self) -> str:
+    def text(self) -> str:
         """The right side of its formula."""
-        return " ".join([self.name, *(term.words() for term in self.terms)])
+        return " ".join([self.name, *(term.text() for term in self.terms)])
 
 
 def regrouping_formulas(arm: ArmDynamics, base: BaseParameters, rng: np.random.Generator) -> tuple[Formula, ...]:
@@ -159,15 +159,15 @@ def regrouping_formulas(arm: ArmDynamics, base: BaseParameters, rng: np.random.G
         LabError: the regrouping of this arm is no polynomial of its lengths.
     """
     letters = _letters(arm.chain)
-    words = [word for degree in range(3) for word in combinations_with_replacement(sorted(letters), degree)]
-    lengths = rng.uniform(0.5, 1.5, (len(words) + 2, len(letters)))
+    products = [word for degree in range(3) for word in combinations_with_replacement(sorted(letters), degree)]
+    lengths = rng.uniform(0.5, 1.5, (len(products) + 2, len(letters)))
     samples = [dict(zip(letters, row, strict=True)) for row in lengths.tolist()]
     found = [_regrouping(arm, base, each, rng) for each in samples]
-    monomials = np.array([[np.prod([each[letter] for letter in word]) for word in words] for each in samples])
+    monomials = np.array([[np.prod([each[letter] for letter in word]) for word in products] for each in samples])
     flat = np.array(found).reshape(len(samples), -1)
     factors = np.linalg.lstsq(monomials[1:], flat[1:], rcond=None)[0]  # the first takes no part
     factors = np.where(np.abs(factors - np.round(factors)) < _NOTHING, np.round(factors), factors)
-    own = np.array([np.prod([letters[letter] for letter in word]) for word in words]) @ factors
+    own = np.array([np.prod([letters[letter] for letter in word]) for word in products]) @ factors
     size = max(1.0, float(np.abs(flat).max(initial=0.0)))
     wrong = max(
         float(np.abs(monomials[0] @ factors - flat[0]).max(initial=0.0)),
@@ -175,10 +175,10 @@ def regrouping_formulas(arm: ArmDynamics, base: BaseParameters, rng: np.random.G
     )
     if wrong > _SAME * size:
         raise LabError(f"robot '{arm.chain.name}': its regrouping is no polynomial of its lengths (off by {wrong:.2g})")
-    table = factors.reshape(len(words), *base.regrouping.shape)
+    table = factors.reshape(len(products), *base.regrouping.shape)
     return tuple(
-        Formula(label, base.names[kept], _terms(words, table[:, i], [base.names[j] for j in base.grouped]))
-        for i, (label, kept) in enumerate(zip(base.labels, base.kept.tolist(), strict=True))
+        Formula(label, base.names[kept], _terms(products, table[:, i], [base.names[j] for j in base.grouped]))
+        for i, (label, kept) in enumerate(zip(base.labels, base.independent.tolist(), strict=True))
     )
 
 
@@ -199,16 +199,16 @@ def _regrouping(arm: ArmDynamics, base: BaseParameters, letters: dict[str, float
     for letter, value in letters.items():
         table[int(letter[1:]) - 1, COLUMNS.index(letter[0])] = value
     other = base_parameters(replace(arm, chain=arm.chain.with_table(table)), rng)
-    if not (np.array_equal(other.kept, base.kept) and np.array_equal(other.grouped, base.grouped)):
+    if not (np.array_equal(other.independent, base.independent) and np.array_equal(other.grouped, base.grouped)):
         raise LabError(f"robot '{arm.chain.name}': its base parameters depend on its lengths beyond their letters")
     return other.regrouping
 
 
-def _terms(words: Sequence[tuple[str, ...]], factors: Array, names: Sequence[str]) -> tuple[Term, ...]:
+def _terms(products: Sequence[tuple[str, ...]], factors: Array, names: Sequence[str]) -> tuple[Term, ...]:
     """Terms of one formula, parameters with one coefficient together; ``factors`` ``(words, names)``."""
     grouped: dict[tuple[tuple[tuple[str, ...], float], ...], list[str]] = {}
     for column, name in zip(factors.T, names, strict=True):
-        pairs = zip(words, column.tolist(), strict=True)
+        pairs = zip(products, column.tolist(), strict=True)
         coefficient = tuple((word, round(factor, 9)) for word, factor in pairs if abs(factor) > _NOTHING)
         if coefficient:
             grouped.setdefault(coefficient, []).append(name)

@@ -87,7 +87,7 @@ class DynamicModel:
         """``(n, J, 10 + b)``: of a load at the flange, and of the base parameters."""
         standard = self.arm.regressor(joints, speeds, accelerations)
         load = standard[..., self.arm.bodies()[-1]] @ self._load
-        return np.concatenate([load, standard[..., self.base.kept]], axis=2)
+        return np.concatenate([load, standard[..., self.base.independent]], axis=2)
 
     def torques(self, values: Array, motion: tuple[Array, Array, Array]) -> Array:
         """The drives' torques ``(n, J)`` by base parameters ``(b,)`` along a motion, part by part."""
@@ -96,7 +96,7 @@ class DynamicModel:
         for first in range(0, len(joints), _PART):
             at = slice(first, first + _PART)
             regressor = self.arm.regressor(joints[at], speeds[at], accelerations[at])
-            found[at] = regressor[..., self.base.kept] @ values
+            found[at] = regressor[..., self.base.independent] @ values
         return found
 
 
@@ -125,7 +125,7 @@ class ThinnedRun:
 
     def measured(self, late_s: float = 0.0) -> Array:
         """The torques ``(k, J)``, if they are so much later than the positions."""
-        return self.band.kept(self.torques, late_s)[self.first : self.last]
+        return self.band.decimated(self.torques, late_s)[self.first : self.last]
 
     def rows(self, order: int = 0) -> Array:
         """The columns ``(k, J, 10 + b)``, or their derivative in time."""
@@ -140,7 +140,7 @@ class ThinnedRun:
 
     def thinned(self, values: Array) -> Array:
         """Anything at the rows of ``motion`` ``(n, ...)``, thinned."""
-        return self.band.kept(values)[self.first : self.last]
+        return self.band.decimated(values)[self.first : self.last]
 
     def split(self, share: float) -> tuple["ThinnedRun", "ThinnedRun"]:
         """The beginning of the run, and the share of it at its end.
@@ -175,7 +175,7 @@ def thinned_run(model: DynamicModel, samples: PayloadSamples, loaded: bool, band
         last = min(first + step, count)
         at = slice(first * band.every, (last - 1) * band.every + reach)
         columns = model.columns(*(each[at] for each in motion))
-        parts.append(np.array([band.kept(columns, order=order) for order in range(3)]))
+        parts.append(np.array([band.decimated(columns, order=order) for order in range(3)]))
     columns = np.concatenate(parts, axis=1)
     assert columns.shape[3] == len(LOAD) + model.base.size
     return ThinnedRun(loaded, band, columns, band.trimmed(run.torques), motion[1], float(run.time_s[0]))
@@ -194,14 +194,14 @@ def _residual_verdict(
     solution: ChannelSolution,
     columns: Sequence[Array],
     *,
-    known_load: Array | None,
+    given_load: Array | None,
     delay: bool,
 ) -> ResidualVerdict:
     """The tests of a fit.
 
     Args:
         columns: ``(n, J, c)`` that were fitted, and their first two derivatives in time.
-        known_load: what was not fitted, because it was given.
+        given_load: what was not fitted, because it was given.
         delay: whether one was fitted.
     """
     fitted = solution.values[: columns[0].shape[2]]
@@ -217,7 +217,7 @@ def _residual_verdict(
         suspects.append(
             BiasCandidate(np.concatenate([diagonal_matrices(signs), diagonal_matrices(speeds)], axis=2), _FRICTION)
         )
-    if known_load is not None and any(run.loaded for run in runs):
+    if given_load is not None and any(run.loaded for run in runs):
         loads = [run.rows()[..., : len(LOAD)] * float(run.loaded) for run in runs]
         suspects.append(BiasCandidate(np.concatenate(loads), _LOAD))
     return verdict(solution, suspects, _series(runs))
@@ -321,7 +321,7 @@ def identify_dynamics(
     model: DynamicModel,
     samples: PayloadSamples,
     *,
-    known_load: Array | None = None,
+    given_load: Array | None = None,
     delay: bool = False,
     holdout: float = 0.0,
     other: PayloadSamples | None = None,
@@ -330,7 +330,7 @@ def identify_dynamics(
     """Identify an arm from an unloaded run, and with it what a loaded run carries.
 
     Args:
-        known_load: ``(10,)`` phi of what the loaded run carries, about the flange; else it is estimated.
+        given_load: ``(10,)`` phi of what the loaded run carries, about the flange; else it is estimated.
         delay: fit how much later the torques are than the positions.
         holdout: the share at the end of each run that is predicted and not fitted.
         other: runs along another path, to be predicted.
@@ -339,31 +339,31 @@ def identify_dynamics(
     Raises:
         LabError: no torques, no unloaded run, or too few samples.
     """
-    runs = _runs(model, samples, known_load, band_hz)
+    runs = _runs(model, samples, given_load, band_hz)
     held: list[ThinnedRun] = []
     if holdout:
         pairs = [run.split(holdout) for run in runs]
         runs, held = [first for first, _ in pairs], [last for _, last in pairs]
-    found = fit_runs(model, runs, known_load, delay=delay)
+    found = fit_runs(model, runs, given_load, delay=delay)
     predictions = []
     if held:
-        predictions.append(predict(found, held, known_load, f"the last {100 * holdout:.3g} % of the path"))
+        predictions.append(predict(found, held, given_load, f"the last {100 * holdout:.3g} % of the path"))
     if other is not None:
-        predictions.append(predict(found, _runs(model, other, known_load, band_hz), known_load, "another path"))
+        predictions.append(predict(found, _runs(model, other, given_load, band_hz), given_load, "another path"))
     return replace(
         found, predictions=tuple(predictions), by_difference=_by_difference(model, _beginning(samples, holdout), found)
     )
 
 
 def fit_runs(
-    model: DynamicModel, runs: Sequence[ThinnedRun], known_load: Array | None = None, *, delay: bool = False
+    model: DynamicModel, runs: Sequence[ThinnedRun], given_load: Array | None = None, *, delay: bool = False
 ) -> DynamicsEstimate:
     """The fit of thinned runs, and the tests of its residuals."""
-    with_load = known_load is None and any(run.loaded for run in runs)
+    with_load = given_load is None and any(run.loaded for run in runs)
     columns = [np.concatenate([_design(run, with_load, order) for run in runs]) for order in range(3)]
     names = [*(LOAD if with_load else ()), *model.base.labels]
-    solution, late = _fitted(runs, names, columns, known_load, delay)
-    said = _residual_verdict(model, runs, solution, columns, known_load=known_load, delay=delay)
+    solution, late = _fitted(runs, names, columns, given_load, delay)
+    verdict = _residual_verdict(model, runs, solution, columns, given_load=given_load, delay=delay)
     first = _SIZE if with_load else 0
     identified = solution.identifiable[first : first + model.base.size]
     widths = solution.half_widths(np.eye(len(solution.names)))
@@ -382,10 +382,10 @@ def fit_runs(
         measured=solution.measured,
         residual=solution.residual * solution.sigma,
         delay=late_found,
-        load=_load_of(solution, said, gain) if with_load else None,
+        load=_load_of(solution, verdict, gain) if with_load else None,
         by_difference=None,
         predictions=(),
-        verdict=said,
+        verdict=verdict,
         solution=solution,
     )
 
@@ -440,13 +440,13 @@ def _design(run: ThinnedRun, with_load: bool, order: int) -> Array:
     return rows if run.loaded else np.concatenate([0 * rows[..., :_SIZE], rows[..., _SIZE:]], axis=2)
 
 
-def _measured(runs: Sequence[ThinnedRun], known_load: Array | None, late_s: float) -> Array:
+def _measured(runs: Sequence[ThinnedRun], given_load: Array | None, late_s: float) -> Array:
     """Return the torques to be explained: those measured, less those of a given load."""
     parts = []
     for run in runs:
         torques = run.measured(late_s)
-        if known_load is not None and run.loaded:
-            torques = torques - run.rows()[..., :_SIZE] @ known_load
+        if given_load is not None and run.loaded:
+            torques = torques - run.rows()[..., :_SIZE] @ given_load
         parts.append(torques)
     return np.concatenate(parts)
 
@@ -455,16 +455,16 @@ def _fitted(
     runs: Sequence[ThinnedRun],
     names: Sequence[str],
     columns: Sequence[Array],
-    known_load: Array | None,
+    given_load: Array | None,
     delay: bool,
 ) -> tuple[ChannelSolution, float]:
     """The solution, and the delay (s) that Gauss and Newton's steps find, whose column is -X' p."""
     groups, late = [0] * columns[0].shape[1], 0.0
-    solution = least_squares(names, columns[0], _measured(runs, known_load, late), groups)
+    solution = least_squares(names, columns[0], _measured(runs, given_load, late), groups)
     for _ in range(_ROUNDS if delay else 0):
         moving = -(columns[1] @ solution.values[: len(names)])[..., None]
         design = np.concatenate([columns[0], moving], axis=2)
-        solution = least_squares([*names, "delay"], design, _measured(runs, known_load, late), groups)
+        solution = least_squares([*names, "delay"], design, _measured(runs, given_load, late), groups)
         late += float(solution.values[-1])
         if abs(late) > runs[0].band.every * runs[0].band.step_s:
             raise LabError(f"a delay of {1e3 * late:.3g} ms is too long: align torques and positions first")
@@ -473,11 +473,11 @@ def _fitted(
     return solution, late
 
 
-def _load_of(solution: ChannelSolution, said: ResidualVerdict, gain: float) -> LoadEstimate:
+def _load_of(solution: ChannelSolution, verdict: ResidualVerdict, gain: float) -> LoadEstimate:
     unidentified = tuple(
         f"{name} of the load" for name, seen in zip(LOAD, solution.identifiable, strict=False) if not seen
     )
-    return estimate_of("arm and load at once", solution, {}, unidentified, said, gain)
+    return estimate_of("arm and load at once", solution, {}, unidentified, verdict, gain)
 
 
 def _beginning(samples: PayloadSamples, holdout: float) -> PayloadSamples:

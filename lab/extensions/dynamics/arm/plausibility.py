@@ -38,16 +38,16 @@ def implausible_dynamics(
         nearest: the nearest physically consistent parameters; None where not every base parameter was identified.
     """
     with np.errstate(all="ignore"):  # what cannot be may overflow
-        said = [
-            Implausibility(words)
-            for words in (
+        messages = [
+            Implausibility(text)
+            for text in (
                 *_of_fit(found),
                 *_of_weight(found, model, nominal),
                 *_of_drives(found, model, nominal),
                 *_of_bodies(nearest),
             )
         ]
-        return (*said, *(() if found.load is None else implausibilities(found.load, arm)))
+        return (*messages, *(() if found.load is None else implausibilities(found.load, arm)))
 
 
 def _of_fit(found: DynamicsEstimate) -> Iterator[str]:

@@ -96,7 +96,7 @@ class DynamicsResult(Result):
     arm: ArmDynamics
     base: BaseParameters
     drives: Drives | None
-    day: SimulatedSession | None
+    session: SimulatedSession | None
     samples: PayloadSamples | None
     estimate: DynamicsEstimate | None
     physical: PhysicalFit | None
@@ -117,7 +117,7 @@ class DynamicsResult(Result):
     def singular_values(self) -> Array:
         """``(b,)`` of the base regressor with unit columns over random states, largest first."""
         states = random_states(self.arm, STATES, rng_for(0, "structure", 2))
-        columns = self.arm.regressor(*states)[..., self.base.kept].reshape(-1, self.base.size)
+        columns = self.arm.regressor(*states)[..., self.base.independent].reshape(-1, self.base.size)
         return np.asarray(np.linalg.svd(columns / np.linalg.norm(columns, axis=0), compute_uv=False))
 
     @property
@@ -146,13 +146,15 @@ class DynamicsResult(Result):
             "standard_parameters": len(base.names),
             "base_parameters": base.size,
             "inertial_base_parameters": base.inertial,
-            "formulas": {formula.label: formula.words() for formula in self.formulas},
+            "formulas": {formula.label: formula.text() for formula in self.formulas},
             "without_effect": [base.names[i] for i in base.without_effect],
         }
-        strange = {"implausible": [each.words for each in self.implausible]}
+        strange = {"implausible": [each.description for each in self.implausible]}
         measured = {} if self.estimate is None else estimate_to_dict(self.estimate) | strange
         bodies = {} if self.physical is None else {"physical": _physical_to_dict(base, self.physical)}
-        true = {} if self.day is None else {"true": dict(zip(base.labels, self.day.truth.tolist(), strict=True))}
+        true = (
+            {} if self.session is None else {"true": dict(zip(base.labels, self.session.truth.tolist(), strict=True))}
+        )
         return described | measured | bodies | true | {"warnings": list(self.warnings)}
 
     @property
@@ -162,8 +164,8 @@ class DynamicsResult(Result):
 
     def write_files(self, folder: Path) -> None:
         """Write the motions of a simulated session."""
-        if self.day is not None:
-            for name, samples in ((MOTION_CSV, self.day.samples), (ANOTHER_CSV, self.day.other)):
+        if self.session is not None:
+            for name, samples in ((MOTION_CSV, self.session.samples), (ANOTHER_CSV, self.session.other)):
                 self._write_motion(folder / name, samples)
 
     def columns(self) -> Mapping[str, Sequence[Any]]:
@@ -171,7 +173,7 @@ class DynamicsResult(Result):
         names = [formula.name for formula in self.formulas]
         table: dict[str, Sequence[Any]] = {
             "parameter": [formula.label for formula in self.formulas],
-            "formula": [formula.words() for formula in self.formulas],
+            "formula": [formula.text() for formula in self.formulas],
             "unit": list(self.arm.units(names)),
         }
         if self.estimate is not None:
@@ -202,7 +204,7 @@ def estimate_to_dict(found: DynamicsEstimate) -> dict[str, Any]:
         "noise": plain_numbers(found.noise),
         "relative_error": number(found.relative_error),
         "adequate": found.verdict.adequate,
-        "adequacy": found.verdict.words,
+        "adequacy": found.verdict.description,
         "p": number(found.verdict.p),
         "delay_s": None if found.delay is None else _with_width(found.delay.value, found.delay.half_width),
         "load": None if found.load is None else _load_to_dict(found.load),
@@ -266,7 +268,7 @@ def _dynamics_document(result: DynamicsResult) -> Document:
             *(
                 ()
                 if found is None
-                else (Paragraph((_FIT[found.verdict.adequate], f" {sentence(found.verdict.words)}")),)
+                else (Paragraph((_FIT[found.verdict.adequate], f" {sentence(found.verdict.description)}")),)
             ),
             Warnings(result.warnings),
             *(() if found is None else _identified(result, found)),
@@ -305,11 +307,11 @@ def _values(result: DynamicsResult, found: DynamicsEstimate) -> Table:
         rows.append((name, fixed(value, digits), fixed(half, digits), f"{short(100 * relative)} %", unit))
     caption = "With half-widths of 95 % intervals and relative standard deviations."
     columns: tuple[str, ...] = ("base parameter", "value", "±", "relative σ", "unit")
-    if result.day is not None:
+    if result.session is not None:
         columns = (*columns, "true")
         rows = [
             (*row, short(true if abs(true) > ROUNDING else 0.0))
-            for row, true in zip(rows, result.day.truth.tolist(), strict=True)
+            for row, true in zip(rows, result.session.truth.tolist(), strict=True)
         ]
     return Table(columns, tuple(rows), caption)
 
@@ -360,7 +362,7 @@ def _loads(result: DynamicsResult, found: DynamicsEstimate) -> tuple[Block, ...]
     if not ways[0]:
         return (Paragraph("The motion does not show what the load is."),)
     rows = []
-    true = None if result.day is None or result.day.load is None else true_values(result.day.load)
+    true = None if result.session is None or result.session.load is None else true_values(result.session.load)
     for name, value, width, unit in ways[0]:
         others = [row for way in ways[1:] for row in way if row[0] == name]
         pairs = [(value, width), *((other[1], other[2]) for other in others)]
@@ -396,8 +398,8 @@ def _torque_pictures(result: DynamicsResult) -> tuple[Picture, ...]:
             if j == 0:
                 axes.legend(loc="best")
 
-        words = f"Torque of {name}, measured and explained"
-        pictures.append(axes_picture(f"torque{j}", words, (4.4, 2.3), draw, (0.7, 0.45, 0.1, 0.3)))
+        text = f"Torque of {name}, measured and explained"
+        pictures.append(axes_picture(f"torque{j}", text, (4.4, 2.3), draw, (0.7, 0.45, 0.1, 0.3)))
     return tuple(pictures)
 
 
@@ -410,8 +412,8 @@ def singular_values_picture(result: DynamicsResult) -> Picture:
         log_ticks(axes, "y", relative.min() / 1.6, 1.7)
         axes.set(xlabel="direction, from the best determined to the worst", ylabel="relative singular value")
 
-    words = "Singular values of the base regressor with unit columns"
-    return axes_picture("singular-values", words, (5.6, 2.8), draw, (0.8, 0.5, 0.2, 0.15))
+    text = "Singular values of the base regressor with unit columns"
+    return axes_picture("singular-values", text, (5.6, 2.8), draw, (0.8, 0.5, 0.2, 0.15))
 
 
 def _counts(result: DynamicsResult) -> str:
@@ -426,7 +428,7 @@ def _counts(result: DynamicsResult) -> str:
 def _formulas(result: DynamicsResult) -> Table:
     names = [formula.name for formula in result.formulas]
     units = result.arm.units(names)
-    rows = tuple((formula.label, formula.words(), unit) for formula, unit in zip(result.formulas, units, strict=True))
+    rows = tuple((formula.label, formula.text(), unit) for formula, unit in zip(result.formulas, units, strict=True))
     caption = (
         "XX to ZZ: inertia about and along the frame on the joint's axis; MX MY MZ: first moments; M: mass; Ia: motor "
         "inertia; Fc, Fv: Coulomb and viscous friction; off: offset. R: others are grouped into it."

@@ -82,7 +82,7 @@ def _identified(options: DynamicsOptions, robot: Robot) -> DynamicsResult:
     described = DynamicsResult(options, robot, arm, base, drives, None, None, None, None, tuple(robot.warnings))
     if options.rehearsal.simulate:
         day = _simulated(described)
-        return _measured(replace(described, day=day), day.samples, day.other)
+        return _measured(replace(described, session=day), day.samples, day.other)
     if options.file is None:
         return described
     other = None if options.validate is None else _read(robot, options.validate, drives)
@@ -122,7 +122,7 @@ def _measured(described: DynamicsResult, samples: PayloadSamples, other: Payload
     model = DynamicModel(robot.serial_model.chain, described.arm, described.base)
     with error_context(file), np.errstate(all="ignore"):  # numbers of a nonsensical file may overflow
         estimate = identify_dynamics(
-            model, samples, known_load=known, delay=options.delay, holdout=options.holdout, other=other,
+            model, samples, given_load=known, delay=options.delay, holdout=options.holdout, other=other,
             band_hz=options.band_hz,
         )  # fmt: skip
         if not estimate.identified.any():
@@ -138,8 +138,10 @@ def _measured(described: DynamicsResult, samples: PayloadSamples, other: Payload
     names = [f"the torque of {name}" for name in robot.chain.joint_names]
     stuck = stuck_channels(replace(samples, wrench=None), names, every)
     strange = (*stuck, *implausible_dynamics(estimate, model, size, nominal, bodies))
-    said = (*described.warnings, *samples.warnings, *_warnings(estimate, strange))
-    return replace(described, samples=samples, estimate=estimate, physical=bodies, warnings=said, implausible=strange)
+    messages = (*described.warnings, *samples.warnings, *_warnings(estimate, strange))
+    return replace(
+        described, samples=samples, estimate=estimate, physical=bodies, warnings=messages, implausible=strange
+    )
 
 
 def _nominal(model: DynamicModel, links: Array) -> Array:
@@ -162,9 +164,9 @@ def _read(robot: Robot, file: Path, drives: Drives | None) -> PayloadSamples:
 
 def _warnings(estimate: DynamicsEstimate, strange: Sequence[Implausibility]) -> list[str]:
     """Return the warnings for an estimate."""
-    warnings = [f"not plausible: {each.words}" for each in strange]
+    warnings = [f"not plausible: {each.description}" for each in strange]
     if estimate.verdict.adequate is False:
-        warnings.append(estimate.verdict.words)
+        warnings.append(estimate.verdict.description)
     hidden = [name for name, seen in zip(estimate.names, estimate.identified, strict=True) if not seen]
     if hidden:
         more = f" and {len(hidden) - _MOST_NAMED} more" if len(hidden) > _MOST_NAMED else ""

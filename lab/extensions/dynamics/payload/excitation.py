@@ -47,7 +47,7 @@ __all__ = [
 HARMONICS, PERIOD_S = 5, 5.0
 _MARGIN = 0.02  # of a joint's range, kept from each limit
 CHECKED = 1000  # times of a period at which limits, contacts and torques are looked at
-_KEPT = 0.999  # of a limit of speed or acceleration: what may lie between those times
+_LIMIT_SHARE = 0.999  # of a limit of speed or acceleration: what may lie between those times
 
 
 def bases(times: Array, period_s: float, harmonics: int) -> Array:
@@ -108,7 +108,7 @@ class Box:
     def fitted(self, coefficients: Array, basis: Array) -> Array:
         """The path ``(1 + 2 h, J)``, each joint's motion as small and as shifted as the box demands."""
         motion = basis[:, :, 1:] @ coefficients[1:]  # (3, n, J)
-        largest = np.abs(motion[1:]).max(axis=1) / (_KEPT * self.half[1:])
+        largest = np.abs(motion[1:]).max(axis=1) / (_LIMIT_SHARE * self.half[1:])
         span = np.ptp(motion[0], axis=0) / (2 * self.half[0])
         fitted = coefficients.copy()
         fitted[1:] /= np.maximum(1.0, np.maximum(span, largest.max(axis=0)))
@@ -255,7 +255,7 @@ class PathSearch:
                 return
             free, strong = self._allowed(self.states(proposal))
             if not (free & strong).all():
-                self._wall_off(walls, path, proposal, free, strong)
+                self._add_walls(walls, path, proposal, free, strong)
             for share in _SHARES:
                 tried = path + share * (proposal - path)
                 if (reached := self.score(tried)) > score and self.is_allowed(tried):
@@ -263,7 +263,7 @@ class PathSearch:
                     break
             yield path, score
 
-    def _wall_off(
+    def _add_walls(
         self, walls: _Walls, path: Array, proposal: Array, free: NDArray[np.bool_], strong: NDArray[np.bool_]
     ) -> None:
         """A wall for each time at which the proposal is forbidden, across the way to it."""

@@ -141,7 +141,7 @@ class SharedFilter:
 
     def _thinned(self, values: Array, lead_s: float, order: int) -> Array:
         cut = round(SETTLING_S / self.band.step_s) if self.came_through else 0
-        thin = self.band.kept(values[cut : len(values) - cut], lead_s, order)
+        thin = self.band.decimated(values[cut : len(values) - cut], lead_s, order)
         if self.whiten is None:
             return thin
         white: Array = np.tensordot(self.whiten, thin, axes=1)
@@ -175,11 +175,11 @@ def _common_of(band: Band, rows: int, came_through: Filter | None) -> SharedFilt
     passed = came_through(impulse)
     response = np.convolve(passed, band.impulse)
     gain = float(np.linalg.norm(response) / np.linalg.norm(passed))
-    kept = len(band.kept(np.zeros(rows - 2 * settled)))
-    lags = np.correlate(response, response, "full")[len(response) - 1 :: band.every][:kept]
-    lags = np.pad(lags, (0, kept - len(lags))) / (response @ response)
+    retained = len(band.decimated(np.zeros(rows - 2 * settled)))
+    lags = np.correlate(response, response, "full")[len(response) - 1 :: band.every][:retained]
+    lags = np.pad(lags, (0, retained - len(lags))) / (response @ response)
     factor = np.linalg.cholesky(scipy.linalg.toeplitz(lags))
-    return SharedFilter(band, gain, came_through, scipy.linalg.solve_triangular(factor, np.eye(kept), lower=True))
+    return SharedFilter(band, gain, came_through, scipy.linalg.solve_triangular(factor, np.eye(retained), lower=True))
 
 
 @dataclass(frozen=True)
@@ -332,8 +332,8 @@ def from_torques(
     nuisance = {name: (float(value), "") for name, value in zip(solution.names[10:], solution.values[10:], strict=True)}
     nuisance |= {"delay": (late, "s")} if delay else {}
     unidentified = excitation_advice(solution, True, arm, values, runs.joints)
-    said = verdict(solution, suspects, [Series(0, len(runs.own), runs.common.band.hz)])
-    return estimate_of("torque difference, moving", solution, nuisance, unidentified, said, reading)
+    judged = verdict(solution, suspects, [Series(0, len(runs.own), runs.common.band.hz)])
+    return estimate_of("torque difference, moving", solution, nuisance, unidentified, judged, reading)
 
 
 def _fitted(
@@ -398,8 +398,8 @@ def _static(
         BiasCandidate(diagonal(regressor @ solution.values), "gains of the joints' torques"),
     ]
     unidentified = excitation_advice(solution, False, arm, values, loaded.joints)
-    said = verdict(solution, suspects)
-    return estimate_of("torque difference, static", solution, {}, unidentified, said, float(np.sqrt(2)))
+    judged = verdict(solution, suspects)
+    return estimate_of("torque difference, static", solution, {}, unidentified, judged, float(np.sqrt(2)))
 
 
 def _runs(records: PayloadSamples) -> tuple[PayloadSamples, PayloadSamples]:
@@ -464,7 +464,7 @@ class _Readings:
 
     def seen(self, late_s: float) -> Array:
         """The wrench ``(k, 6)``, if it is so much later than the positions."""
-        return self.raw if self.band is None else self.band.kept(self.raw, late_s)
+        return self.raw if self.band is None else self.band.decimated(self.raw, late_s)
 
 
 def from_wrench(
@@ -507,7 +507,7 @@ def from_wrench(
     known = None if sigma is None else reading * np.asarray(sigma)
     solution, standing = _fitted_to_wrench(readings, labels, mounting, known)
     series = readings.series(len(solution.residual))
-    said = verdict(solution, _suspects(readings, solution, standing, labels), series)
+    judged = verdict(solution, _suspects(readings, solution, standing, labels), series)
     turned = se3.log(mounting.rotation.T @ standing.rotation)
     found = [
         *(mounting.sign * solution.values[10:16]),
@@ -517,7 +517,7 @@ def from_wrench(
     ]
     nuisance = {name: (float(value), _unit(name)) for name, value in zip(labels[10:], found, strict=False)}
     unidentified = excitation_advice(solution, moving, arm, values, records.joints[records.loaded])
-    return estimate_of(f"wrench, {'moving' if moving else 'static'}", solution, nuisance, unidentified, said, reading)
+    return estimate_of(f"wrench, {'moving' if moving else 'static'}", solution, nuisance, unidentified, judged, reading)
 
 
 def _readings(arm: SerialArm, values: Array, records: PayloadSamples, mounting: Mounting, band_hz: float) -> _Readings:
@@ -532,8 +532,8 @@ def _readings(arm: SerialArm, values: Array, records: PayloadSamples, mounting: 
     regressors = _regressors(hand_motion(arm, values, *band.motion(loaded.joints)))
     if len(unloaded) and unloaded.time_s is not None:
         _same_step(band, unloaded)
-        still = band_of(unloaded.time_s, band_hz).kept(still)
-    parts = (np.array([band.kept(part, order=order) for order in range(3)]) for part in regressors)
+        still = band_of(unloaded.time_s, band_hz).decimated(still)
+    parts = (np.array([band.decimated(part, order=order) for order in range(3)]) for part in regressors)
     return _Readings(band, band.trimmed(raw), still, *parts)
 
 
@@ -613,8 +613,8 @@ def _suspects(
         ("delay",): "a delay between wrench and positions; estimate it (delay)",
     }
     found = [
-        BiasCandidate(np.concatenate([freed[name] for name in names], axis=2), words)
-        for names, words in named.items()
+        BiasCandidate(np.concatenate([freed[name] for name in names], axis=2), text)
+        for names, text in named.items()
         if names[0] not in labels
     ]
     wrench = _padded(readings, (_loaded(readings, standing) @ phi)[:, :, None] * np.eye(6))

@@ -120,7 +120,7 @@ class ArmSize:
 class Implausibility:
     """A reason why a payload is implausible, with a remedy if one was found."""
 
-    words: str
+    description: str
 
 
 def stuck_channels(
@@ -134,21 +134,21 @@ def stuck_channels(
     """
     readings = samples.torques if samples.wrench is None else samples.wrench
     assert readings is not None
-    said = []
+    messages = []
     for loaded, run in ((True, "loaded"), (False, "unloaded")):
         rows = readings[samples.loaded == loaded]
         if len(rows) < _LEAST_STUCK:
             continue
         for name, channel in zip(np.array(names)[shows], rows.T[shows], strict=True):
             if channel.min() == channel.max():
-                words = f"{name} is {channel[0]:.4g} in all {len(rows)} rows of the {run} run"
-                said.append(f"{words}: is its sensor connected, and is the column the right one?")
+                text = f"{name} is {channel[0]:.4g} in all {len(rows)} rows of the {run} run"
+                messages.append(f"{text}: is its sensor connected, and is the column the right one?")
             elif len(np.unique(channel)) >= _LEAST_READINGS:
                 count = max(int((channel == end).sum()) for end in (channel.min(), channel.max()))
                 if count > max(_MOST_AT_END * len(rows), _LEAST_STUCK):
-                    words = f"{name} stays at the end of its range in {count} of the {len(rows)} rows of the {run} run"
-                    said.append(f"{words}: it saturates; move more slowly, or with a smaller load")
-    return tuple(Implausibility(words) for words in dict.fromkeys(said))
+                    text = f"{name} stays at the end of its range in {count} of the {len(rows)} rows of the {run} run"
+                    messages.append(f"{text}: it saturates; move more slowly, or with a smaller load")
+    return tuple(Implausibility(text) for text in dict.fromkeys(messages))
 
 
 def not_of_the_arm(measured: Array, expected: Array, names: Sequence[str]) -> tuple[Implausibility, ...]:
@@ -164,16 +164,16 @@ def not_of_the_arm(measured: Array, expected: Array, names: Sequence[str]) -> tu
     size = np.sqrt((weight**2).mean(axis=0))
     bears = [int(drive) for drive in np.flatnonzero(size >= BEARS * size.max())]
     lengths = np.linalg.norm(seen, axis=0)[bears, None] * np.linalg.norm(weight, axis=0)[bears]
-    alike, said = seen[:, bears].T @ weight[:, bears] / np.maximum(lengths, 1e-300), []
+    alike, messages = seen[:, bears].T @ weight[:, bears] / np.maximum(lengths, 1e-300), []
     for row, drive in enumerate(bears):
         other = int(alike[row].argmax())
         if alike[row, row] < ALIKE or alike[row, other] > alike[row, row] + _ANOTHER:
             like = "" if other == row else f", and that of {names[bears[other]]} is {alike[row, other]:.2g}"
-            said.append(
+            messages.append(
                 f"without a load, the torque of {names[drive]} does not follow the arm's own weight (correlation "
                 f"{alike[row, row]:.2g}{like}): are signs and order of the torques right, and the joint positions?"
             )
-    return tuple(Implausibility(words) for words in said)
+    return tuple(Implausibility(text) for text in messages)
 
 
 def misplaced_points(predicted: Array, *measured: Array) -> tuple[Implausibility, ...]:
@@ -209,10 +209,10 @@ def implausibilities(
         fit: identifies it from others; a LabError where it cannot.
         upward: the way up in the last frame, for shifts by more than two rows.
     """
-    said = [*_of_mass(found, arm), *_of_centre(found, arm)]
-    if samples is not None and fit is not None and (said or _left(found) > _FITS_BADLY):
-        said += _otherwise(found, arm, samples, fit, upward)
-    return tuple(Implausibility(words) for words in said)
+    messages = [*_of_mass(found, arm), *_of_centre(found, arm)]
+    if samples is not None and fit is not None and (messages or _left(found) > _FITS_BADLY):
+        messages += _otherwise(found, arm, samples, fit, upward)
+    return tuple(Implausibility(text) for text in messages)
 
 
 def _of_mass(found: LoadEstimate, arm: ArmSize) -> Iterator[str]:
@@ -269,14 +269,14 @@ def _otherwise(
 ) -> Iterator[str]:
     """Find interpretations of the file for which a payload fits far better and is plausible."""
     here = _left(found)
-    for words, other in _readings(samples, upward):
+    for reading, other in _readings(samples, upward):
         try:
             again = fit(other)
         except (LabError, np.linalg.LinAlgError):
             continue
         if _left(again) < _FAR_BETTER * here and not [*_of_mass(again, arm), *_of_centre(again, arm)]:
             yield (
-                f"{words}: {100 * _left(again):.2g} % of what was measured is then left unexplained, and "
+                f"{reading}: {100 * _left(again):.2g} % of what was measured is then left unexplained, and "
                 f"{100 * here:.2g} % is as the file stands (the payload would be {again.mass_kg:.3g} kg)"
             )
             return
@@ -293,9 +293,9 @@ def _readings(samples: PayloadSamples, upward: Upward | None) -> Iterator[tuple[
             yield f"the joint positions seem to be {count} {side} than what was measured there", shifted
     if samples.loaded.all() and len(samples) > 1:
         first = np.arange(len(samples)) < len(samples) // 2
-        for words, loaded in (("first", first), ("second", ~first)):
+        for half, loaded in (("first", first), ("second", ~first)):
             yield (
-                f"every row is marked as loaded, but only the {words} half seems to be",
+                f"every row is marked as loaded, but only the {half} half seems to be",
                 replace(samples, loaded=loaded),
             )
     yield (

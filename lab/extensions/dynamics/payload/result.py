@@ -129,9 +129,9 @@ class PayloadResult(Result):
             "inertia_kgm2": _with_width(found.inertia_kgm2, found.inertia_half_width_kgm2),
             "inertia_about_com_kgm2": _with_width(found.inertia_com_kgm2, found.inertia_com_half_width),
             "adequate": found.adequate,
-            "adequacy": found.verdict.words,
+            "adequacy": found.verdict.description,
             "p": number(found.verdict.p),
-            "implausible": [each.words for each in self.implausible],
+            "implausible": [each.description for each in self.implausible],
             "physical": found.physical,
             "made_physical": found.moved,  # least squares found what no body has
             "unseen": list(found.unidentified),
@@ -229,7 +229,7 @@ def _payload_document(result: PayloadResult) -> Document:
         f"{called(result.robot.name, result.options.serial)}: {mass}",
         (
             Paragraph(f"{capital(found.method)}: {found.rank} of {found.columns} parameters identified.", "lead"),
-            Paragraph((_FIT[found.adequate], f" {sentence(found.verdict.words)}")),
+            Paragraph((_FIT[found.adequate], f" {sentence(found.verdict.description)}")),
             Warnings(result.warnings),
             Section("The payload", _payload(result)),
             Section("What its uncertainty costs", (Paragraph(_cost(result)),)),

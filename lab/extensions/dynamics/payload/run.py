@@ -72,10 +72,10 @@ def payload(
         return _payload(file, file.robot, known_run)
     known = load_robot(robot)
     given = {"file": None if file is None else str(file), "robot": known.source, **folder_of(run), **options}
-    asked = options_of("lab.payload", PayloadOptions, given)
-    asked.check()
-    by = None if asked.run is None else calibrated_by(run, asked.run, accept_edited=asked.accept_edited)
-    return _payload(asked, known, by)
+    requested = options_of("lab.payload", PayloadOptions, given)
+    requested.check()
+    by = None if requested.run is None else calibrated_by(run, requested.run, accept_edited=requested.accept_edited)
+    return _payload(requested, known, by)
 
 
 def _payload(options: PayloadOptions, nominal: str | Robot, run: CalibrationRun | None) -> PayloadResult:
@@ -171,13 +171,13 @@ def _stuck(robot: Robot, samples: PayloadSamples, mounting: Mounting, method: st
     weight = torque_regressor(arm, arm.nominal(robot.tool), joints, rest, rest, mounting.gravity)[..., :4]
     shows = (np.ptp(weight, axis=0) > _LEAST_LEVER).any(axis=1)
     names = [f"the torque of {name}" for name in robot.chain.joint_names]
-    said = stuck_channels(replace(samples, wrench=None), names, np.asarray(shows, dtype=np.bool_))
+    implausible = stuck_channels(replace(samples, wrench=None), names, np.asarray(shows, dtype=np.bool_))
     still = samples.run(False)
     if samples.time_s is not None or still.torques is None:
-        return said
+        return implausible
     nothing = np.zeros_like(still.joints)
     expected = own_dynamics(robot.serial_model, mounting.gravity)(still.joints, nothing, nothing)
-    return said + not_of_the_arm(still.torques, expected, robot.chain.joint_names)
+    return implausible + not_of_the_arm(still.torques, expected, robot.chain.joint_names)
 
 
 def _refuse_senseless(found: LoadEstimate, strange: Sequence[Implausibility]) -> None:
@@ -187,7 +187,7 @@ def _refuse_senseless(found: LoadEstimate, strange: Sequence[Implausibility]) ->
     if found.mass_kg + found.mass_half_width_kg < 0:
         cause = "loaded and unloaded rows are exchanged, or the sensor's sign is the other one"
         if len(strange) > 1:
-            cause = strange[-1].words
+            cause = strange[-1].description
         raise LabError(f"the load would weigh {found.mass_kg:.4g} kg: {cause}; mend that")
 
 
@@ -210,7 +210,7 @@ def _by_sag(options: PayloadOptions, run: CalibrationRun) -> PayloadResult:
     compliance = run.estimate.compliance
     if robot.loads is None:
         raise LabError(f"{options.run}: robot {robot.name} has no masses, so no compliance was identified; give masses")
-    joints, unloaded, loaded, said = _paired(options, data)
+    joints, unloaded, loaded, notes = _paired(options, data)
     with error_context(options.file), np.errstate(all="ignore"):  # numbers of a nonsensical file may overflow
         fitted = from_sag(arm, values, CompliantArm(compliance, robot.loads), joints, unloaded, loaded)
         strange = (
@@ -221,7 +221,7 @@ def _by_sag(options: PayloadOptions, run: CalibrationRun) -> PayloadResult:
     estimate = physical_estimate(fitted) if options.physical else fitted
     mounting = Mounting(robot.loads.gravity)
     cost = _cost(robot, arm, values, compliance, mounting, estimate)
-    warnings = (*run.warnings, *data.warnings, *said, *_warnings(estimate, strange))
+    warnings = (*run.warnings, *data.warnings, *notes, *_warnings(estimate, strange))
     return PayloadResult(options, robot, None, mounting, estimate, cost, warnings, data.targets, strange)
 
 
@@ -240,10 +240,10 @@ def _paired(options: PayloadOptions, data: Measurements) -> tuple[Array, Array, 
         raise LabError(f"{options.file}: give the same joint positions loaded and unloaded, in one order")
     parts = data.joints[with_it], data.points[without], data.points[with_it]
     copies = copied_rows(np.concatenate([each.reshape(len(with_it), -1) for each in parts], axis=1))
-    kept = np.setdiff1d(np.arange(len(with_it)), [row for row, _ in copies])
+    retained = np.setdiff1d(np.arange(len(with_it)), [row for row, _ in copies])
     where = [data.where(int(with_it[row])) for row in copies[0]] if copies else []
-    said = [f"{describe_copies(options.file, len(copies), *where)}: left out"] if copies else []
-    return parts[0][kept], parts[1][kept], parts[2][kept], said
+    notes = [f"{describe_copies(options.file, len(copies), *where)}: left out"] if copies else []
+    return parts[0][retained], parts[1][retained], parts[2][retained], notes
 
 
 def _compliance(robot: Robot, stiffness_nm_per_rad: float) -> Array:
@@ -267,10 +267,10 @@ def _cost(
 
 def _warnings(estimate: LoadEstimate, strange: Sequence[Implausibility]) -> list[str]:
     """Return the warnings for an estimate."""
-    warnings = [f"not plausible: {each.words}" for each in strange]
+    warnings = [f"not plausible: {each.description}" for each in strange]
     warnings += [] if (wild := wild_sample(estimate)) is None else [wild]
     if estimate.adequate is False:
-        warnings.append(estimate.verdict.words)
+        warnings.append(estimate.verdict.description)
     if estimate.physical is False:
         warnings.append("no body has these parameters (its pseudo-inertia is not positive definite): --physical")
     return warnings

@@ -174,7 +174,7 @@ def _calibrated() -> tuple[Answer, ...]:
     rigid, J = arm.observe(joints, values)
     bent = arm.points(joints, values, _torsors_at(_SAG)(joints))
     error, J = (bent - rigid).ravel(), J.reshape(-1, len(values))
-    kept = list(base_set_of(J, range(len(values))).kept)
+    kept = list(base_set_of(J, range(len(values))).identifiable)
     left = error - J[:, kept] @ np.linalg.lstsq(J[:, kept], error, rcond=None)[0]
     share = float(np.linalg.norm(left) / np.linalg.norm(error))
     return (

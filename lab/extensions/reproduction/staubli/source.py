@@ -130,13 +130,15 @@ def _identifiable() -> tuple[Answer, ...]:
     joints = arm.chain.random_joints(200, rng_for(0, "structure"))
     J = arm.observe(joints, values)[1].reshape(-1, len(values))
     names = list(arm.names)
-    kept = len(base_set_of(J, range(len(names))).kept)
+    identifiable = len(base_set_of(J, range(len(names))).identifiable)
     without = [i for i, name in enumerate(names) if name != "link3.beta"]
     turned = ", ".join(name.removeprefix("link").removesuffix(".beta") for name in names if name.endswith(".beta"))
     return (
         word("neighbouring axes with a β: of joint", "", turned),
-        number("identifiable with β3, one target", "", kept, digits=0),
-        number("identifiable without β3", "", len(base_set_of(J[:, without], range(len(without))).kept), digits=0),
+        number("identifiable with β3, one target", "", identifiable, digits=0),
+        number(
+            "identifiable without β3", "", len(base_set_of(J[:, without], range(len(without))).identifiable), digits=0
+        ),
     )
 
 
@@ -145,13 +147,13 @@ def _misaligned() -> tuple[Answer, ...]:
     beta, d = rng_for(0, "arm").uniform([1e-4, 0.1], [0.1, 1.0], (SAMPLES, 2)).T
     tilted = np.stack([np.sin(beta), np.zeros(SAMPLES), np.cos(beta)], axis=1)
     point = np.stack([d, np.zeros(SAMPLES), np.zeros(SAMPLES)], axis=1)
-    foot = np.array([
+    base = np.array([
         np.linalg.lstsq(np.stack([_Z, -axis], axis=1), at, rcond=None)[0][0]
         for axis, at in zip(tilted, point, strict=True)
     ])  # fmt: skip
     mrad = float(0.625 / np.tan(1e-3))
     return (
-        formula("r of the common normal", "", foot, {"β": beta, "d": d}, right="−d/tan(β)"),
+        formula("r of the common normal", "", base, {"β": beta, "d": d}, right="−d/tan(β)"),
         number("of the RX 130's 625 mm at 1 mrad", "", mrad, "m", digits=1),
     )
 

@@ -16,7 +16,7 @@ from lab.extensions.reproduction.thesis_case import (
     DROPPED,
     HIDDEN,
     INTO,
-    OFF,
+    OFFSETS,
     PRINTED,
     converging,
     errors,
@@ -175,18 +175,18 @@ def _retained() -> tuple[Answer, ...]:
     """Table IV.1: which columns are independent at the flange's origin, those that the thesis drops asked last."""
     case = thesis_case()
     joints = case.arm.chain.random_joints(200, rng_for(0, "structure"))
-    order = [case.arm.names.index(name) for name in (*OFF, *DROPPED)]
+    order = [case.arm.names.index(name) for name in (*OFFSETS, *DROPPED)]
     J = case.arm.observe(joints, case.nominal)[1].reshape(-1, len(case.arm.names))[:, order]
-    kept = base_set_of(J, range(len(order))).kept
+    identifiable = base_set_of(J, range(len(order))).identifiable
     names = (*_SYMBOLS, "δr2", "δl5", "δr5", "δθ6", "δα6")
-    dropped = [name for i, name in enumerate(names) if i not in kept]
-    ranks = [int(np.linalg.matrix_rank(J[: 3 * poses, : len(OFF)] / np.linalg.norm(J[:, : len(OFF)], axis=0)))
+    dropped = [name for i, name in enumerate(names) if i not in identifiable]
+    ranks = [int(np.linalg.matrix_rank(J[: 3 * poses, : len(OFFSETS)] / np.linalg.norm(J[:, : len(OFFSETS)], axis=0)))
              for poses in range(1, 9)]  # fmt: skip
     return (
-        number("parameters retained of 24", "19", len(kept)),
-        *(word(f"retained {i + 1}", symbol, names[kept[i]]) for i, symbol in enumerate(_SYMBOLS)),
+        number("parameters retained of 24", "19", len(identifiable)),
+        *(word(f"retained {i + 1}", symbol, names[identifiable[i]]) for i, symbol in enumerate(_SYMBOLS)),
         word("left out", "δr2, δr5, δl5, δθ6, δα6", ", ".join(dropped)),
-        number("poses needed at least", "8", 1 + ranks.index(len(OFF)),
+        number("poses needed at least", "8", 1 + ranks.index(len(OFFSETS)),
                erratum="7 poses have 21 rows and rank 19 (6 have rank 18)"),
     )  # fmt: skip
 
@@ -201,12 +201,12 @@ def _campaigns(criterion: str) -> tuple[Array, Array]:
 def _estimates() -> tuple[Answer, ...]:
     answers = []
     into = {kept: dropped for dropped, kept in INTO.items()}
-    for symbol, name, row in zip(_SYMBOLS, OFF, _COLUMNS, strict=True):
+    for symbol, name, row in zip(_SYMBOLS, OFFSETS, _COLUMNS, strict=True):
         unit = "rad" if thesis_case().parameter(name).is_angle else "mm"
-        answers.append(number(f"{symbol} true", row[0], OFF[name], unit))
+        answers.append(number(f"{symbol} true", row[0], OFFSETS[name], unit))
         for criterion, text in zip(CRITERIA, row[1:], strict=True):
             with_hidden, without = _campaigns(criterion)
-            draws = (without if name in into else with_hidden)[:, list(OFF).index(name)] + OFF[name]
+            draws = (without if name in into else with_hidden)[:, list(OFFSETS).index(name)] + OFFSETS[name]
             why = (
                 f"{HIDDEN[into[name]]:g} mm of the dropped {into[name]} is estimated as {name}" if name in into else ""
             )
@@ -346,9 +346,9 @@ def _jacobian_indices() -> Array:
 
 def _bounds() -> tuple[Answer, ...]:
     """II.1 to II.4 at random errors."""
-    J = _jacobian_indices().reshape(-1, len(OFF))
+    J = _jacobian_indices().reshape(-1, len(OFFSETS))
     u, s, vt = np.linalg.svd(J, full_matrices=False)
-    errors = rng_for(0, "arm").normal(size=(len(OFF), 1000))
+    errors = rng_for(0, "arm").normal(size=(len(OFFSETS), 1000))
     ratio = np.linalg.norm(J @ errors, axis=0) / np.linalg.norm(errors, axis=0)
     beyond = max(float(s[-1] - ratio.min()), float(ratio.max() - s[0]), 0.0)
     return (
@@ -360,7 +360,7 @@ def _bounds() -> tuple[Answer, ...]:
 def _indices() -> tuple[Answer, ...]:
     """II.5 to II.9 from the eigenvalues of J'J, beside the lab's from its singular values."""
     J = _jacobian_indices()
-    flat = J.reshape(-1, len(OFF))
+    flat = J.reshape(-1, len(OFFSETS))
     s = np.sqrt(np.linalg.eigvalsh(flat.T @ flat)[::-1])
     ours = indices(J)
     printed = {
@@ -376,7 +376,7 @@ def _indices() -> tuple[Answer, ...]:
 def _ellipse() -> tuple[Picture, ...]:
     """Plot one target's displacement by unit errors of two parameters, an ellipse by singular values."""
     case = thesis_case()
-    columns = [list(OFF).index(name) for name in ("link2.a", "link4.d")]
+    columns = [list(OFFSETS).index(name) for name in ("link2.a", "link4.d")]
     J = _jacobian_indices()[0][:, columns]
     u, s, _ = np.linalg.svd(J, full_matrices=False)
     turn = np.linspace(0, 2 * np.pi, 200)

@@ -86,10 +86,10 @@ def _circles_meet(a: Array, b: Array, radius_a: Array, radius_b: Array) -> Array
     """
     apart = float(np.hypot(*(b - a)))
     along = (b - a) / apart
-    foot = (apart + (radius_a - radius_b) * (radius_a + radius_b) / apart) / 2
-    height = real_root((radius_a - foot) * (radius_a + foot), radius_a**2 + radius_b**2 + apart**2)
+    base = (apart + (radius_a - radius_b) * (radius_a + radius_b) / apart) / 2
+    height = real_root((radius_a - base) * (radius_a + base), radius_a**2 + radius_b**2 + apart**2)
     heights = np.stack([height, -height], axis=1)
-    points: Array = a + foot[:, None, None] * along + heights[..., None] * left(along)
+    points: Array = a + base[:, None, None] * along + heights[..., None] * left(along)
     return points
 
 
@@ -254,8 +254,8 @@ class Sextic(NamedTuple):
         c, square = (np.take_along_axis(each, longer, axis=2) for each in (c, squares))
         square = np.where(square == 0, 1.0, square)
         height = np.sqrt(np.maximum(self.lengths[:, None, :1] ** 2 / square - (c / square) ** 2, 0.0))
-        foot, rise = c / square * v, height * left(v)
-        return np.stack([foot + rise, foot - rise], axis=2)
+        base, rise = c / square * v, height * left(v)
+        return np.stack([base + rise, base - rise], axis=2)
 
     def polished(self, starts: Array) -> Array:
         """Refine each q and phi ``(n, 3)`` by damped Newton on (leg^2 - rho^2) / 2 = 0; NaN where that is not met."""

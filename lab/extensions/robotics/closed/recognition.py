@@ -356,16 +356,16 @@ class WorkingMode:
 
     Attributes:
         joints: ``(joints,)`` joint positions, rad or m.
-        ways: of each joint 0 or 1: the first or the second branch of its leg; of a leg with one branch 0.
+        branches: of each joint 0 or 1: the first or the second branch of its leg; of a leg with one branch 0.
     """
 
     joints: Array
-    ways: tuple[int, ...]
+    branches: tuple[int, ...]
 
 
-def assembly_modes(mechanism: Mechanism, course: ClassicalModel, joints: Array) -> Array:
+def assembly_modes(mechanism: Mechanism, classical: ClassicalModel, joints: Array) -> Array:
     """The poses ``(m, 4, 4)`` of the platform in every assembly mode at joint positions ``(joints,)``."""
-    passive = course.modes(joints[None])[0]
+    passive = classical.modes(joints[None])[0]
     passive = passive[np.isfinite(passive).all(axis=1)]
     return platform_poses(mechanism, np.tile(joints, (len(passive), 1)), passive)
 

@@ -37,17 +37,17 @@ def closed_form_shape(mechanism: Mechanism, joints: Array, passive: Array) -> Cl
         joints: ``(n, joints)`` rad or m of some poses in the drawn mode.
         passive: ``(n, z)`` passive values there.
     """
-    course = classical_model_of(mechanism)
-    if course is None:
+    classical = classical_model_of(mechanism)
+    if classical is None:
         return None
     home = mechanism.assembled(mechanism.home[None], mechanism.nominal_values).configuration
-    search = _Search(mechanism, course, joints, passive)
-    modes = np.isfinite(course.modes(mechanism.home[None])).all(axis=2).sum()
-    ways = course.inverse_solutions(home.passive.T)[..., course.order]
+    search = _Search(mechanism, classical, joints, passive)
+    modes = np.isfinite(classical.modes(mechanism.home[None])).all(axis=2).sum()
+    ways = classical.inverse_solutions(home.passive.T)[..., classical.order]
     working = np.isfinite(ways).sum(axis=1).prod()
     found = search.singularities()
-    flat, sizes = course.is_planar, course.dimensions
-    return ClosedFormShape(course.name, flat, sizes, int(modes), int(working), search.reachable(), found)
+    flat, sizes = classical.is_planar, classical.dimensions
+    return ClosedFormShape(classical.name, flat, sizes, int(modes), int(working), search.reachable(), found)
 
 
 @dataclass(frozen=True)
@@ -58,14 +58,14 @@ class _Search:
     """
 
     mechanism: Mechanism
-    course: ClassicalModel
+    classical: ClassicalModel
     joints: Array
     passive: Array
 
     @cached_property
     def legs(self) -> ByLegs:
         """Reachability by the legs' closed forms."""
-        return ByLegs(self.mechanism, self.course)
+        return ByLegs(self.mechanism, self.classical)
 
     def reachable(self) -> float:
         """Area or volume, by counting the cells of a grid whose middle is reached, however the platform is turned."""
@@ -82,7 +82,7 @@ class _Search:
 
     def singularities(self) -> tuple[Nearest, ...]:
         """Return the nearest singularity of each kind that the robot has."""
-        return tuple(self._nearest(kind) for kind in self.course.singularities)
+        return tuple(self._nearest(kind) for kind in self.classical.singularities)
 
     def _nearest(self, kind: str) -> Nearest:
         """Search by random walks from the nearest poses with shrinking steps; a step is taken where it leads nearer."""
@@ -97,18 +97,18 @@ class _Search:
             tried = np.clip(joints + step * rng.standard_normal(joints.shape), mechanism.lower, mechanism.upper)
             closing = self._closing(tried, passive)
             found = self._distance(kind, tried, closing)
-            nearer = (found < distance) & (self.course.side(tried, closing) == self.legs.side)
+            nearer = (found < distance) & (self.classical.side(tried, closing) == self.legs.side)
             joints[nearer], passive[nearer], distance[nearer] = tried[nearer], closing[nearer], found[nearer]
             step = SHRINKING * step
         best = int(np.argmin(distance))
         place = platform_poses(mechanism, joints[best : best + 1], passive[best : best + 1])[0, :3, 3]
-        return Nearest(kind, float(distance[best]), joints[best], place, _WHERE[self.course.name][kind])
+        return Nearest(kind, float(distance[best]), joints[best], place, _WHERE[self.classical.name][kind])
 
     def _closing(self, joints: Array, near: Array) -> Array:
         """Passive values ``(n, z)`` of the mode that is nearest to some; NaN where there is none."""
-        modes = self.course.modes(joints)
+        modes = self.classical.modes(joints)
         away = np.nan_to_num(np.abs(modes - near[:, None]).max(axis=2), nan=np.inf)
         return np.take_along_axis(modes, away.argmin(axis=1)[:, None, None], axis=1)[:, 0]
 
     def _distance(self, kind: str, joints: Array, passive: Array) -> Array:
-        return np.asarray(getattr(self.course.distances(joints, passive), kind))
+        return np.asarray(getattr(self.classical.distances(joints, passive), kind))

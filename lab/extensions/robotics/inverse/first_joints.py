@@ -444,7 +444,7 @@ class ThreeJoints:
             joints[..., lost] = near.reshape(3, *joints.shape[1:3], -1)
             gap = np.linalg.norm(self._place(joints) - target, axis=0)
         gap = np.where(found, 0.0, np.maximum(gap, np.where(lost, 0.0, self.scale_m)))
-        return self._told(joints, gap, free, Ts_frame0_last)
+        return self._solutions(joints, gap, free, Ts_frame0_last)
 
     @with_fallback(_solved)
     def solve(self, Ts_frame0_last: Array, reference: Array | float = 0.0, *, nearest: bool = True) -> Solutions:
@@ -484,7 +484,7 @@ class ThreeJoints:
         )  # fmt: skip
         return np.concatenate([np.ravel(part).astype(np.float64) for part in parts])
 
-    def _told(self, joints: Array, gap: Array, free: NDArray[np.bool_], Ts: Array) -> Solutions:
+    def _solutions(self, joints: Array, gap: Array, free: NDArray[np.bool_], Ts: Array) -> Solutions:
         """The solutions as ``ClosedForm`` gives them."""
         count = len(Ts)
         hinges = ~np.array(self.axes.prismatic)

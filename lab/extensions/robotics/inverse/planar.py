@@ -55,7 +55,7 @@ class PlanarJoints:
     Attributes:
         joints: which of the arm's they are.
         turning: of each 1 where a hinge's axis points as the plane's normal does, else -1; 1 of a slide.
-        places: of each hinge (m), from the plane's origin; ``ways`` of each slide, of unit length.
+        places: of each hinge (m), from the plane's origin; ``directions`` of each slide, of unit length.
         hand: the point that is brought somewhere (m).
         turned: whether a turn is asked for beside the place.
     """
@@ -64,7 +64,7 @@ class PlanarJoints:
     prismatic: tuple[bool, ...]
     turning: tuple[float, ...]
     places: tuple[complex, ...]
-    ways: tuple[complex, ...]
+    directions: tuple[complex, ...]
     hand: complex
     turned: bool
 
@@ -91,7 +91,7 @@ class PlanarJoints:
         ways = tuple(in_plane(plane, axes.directions[j]) for j in joints)
         made = cls(joints, slides, turning, places, ways, in_plane(plane, hand - origin), len(joints) == 3)
         lengths = [] if len(made._slides) == 1 and made._after(made._slides[0]) == 1 else map(abs, made._lengths)
-        still = len(made._slides) == 2 and not made._between and _parallel(*(made.ways[i] for i in made._slides))
+        still = len(made._slides) == 2 and not made._between and _parallel(*(made.directions[i] for i in made._slides))
         return None if min(lengths, default=1.0) < EXACT or still else made
 
     # What the joints are
@@ -171,7 +171,7 @@ class PlanarJoints:
     def _one_slide(self, rest: Complex, last: Array, liked: Array, size: Array) -> _Pair:
         """A hinge and a slide: a line across a circle."""
         hinge, slide, (length,) = self._hinges[0], self._slides[0], self._lengths
-        way, favourite = self.ways[slide], liked[hinge] * self.turning[hinge]
+        way, favourite = self.directions[slide], liked[hinge] * self.turning[hinge]
         if self._after(slide) == 1:
             turned = rest * np.conj(way)
             roots = slid(turned.real, turned.imag, length * way.conjugate(), favourite, liked[slide])
@@ -186,7 +186,9 @@ class PlanarJoints:
     def _two_slides(self, rest: Complex, last: Array, liked: Array, size: Array) -> _Pair:
         """Solve two slides as a parallelogram; one side is chosen freely where they are parallel."""
         first, second = (
-            self.ways[i] * np.exp(1j * last) if self._after(i) else np.broadcast_to(self.ways[i], rest.shape)
+            self.directions[i] * np.exp(1j * last)
+            if self._after(i)
+            else np.broadcast_to(self.directions[i], rest.shape)
             for i in self._slides
         )
         across = np.imag(np.conj(first) * second)
@@ -211,9 +213,9 @@ class PlanarJoints:
         if not self._slides:
             (x, y), second = self._lengths, self._hinges[1]
             return [abs(x)], [("elbow", real_part(-1j * x.conjugate() * y / abs(x), [angle(second)])[::-1])]
-        way = self.ways[self._slides[0]]
+        way = self.directions[self._slides[0]]
         if len(self._slides) == 2:
-            other = self.ways[self._slides[1]]
+            other = self.directions[self._slides[1]]
             across = -1j * way.conjugate() * other
             if not self._between:
                 return [abs(across.real)], []
@@ -234,7 +236,7 @@ class PlanarJoints:
         for i, slides in enumerate(self.prismatic):
             joint = self.joints[i]
             if slides:
-                terms += real_part(level * self.ways[i] * float(sign[joint]), turned, slides=(joint,))
+                terms += real_part(level * self.directions[i] * float(sign[joint]), turned, slides=(joint,))
             else:
                 turned = [*turned, (joint, float(self.turning[i] * sign[joint]))]
                 k = self._hinges.index(i)

@@ -185,31 +185,33 @@ class Solver:
         if legs is not None:
             return [self._by_legs(*legs, wanted.take(np.array([i])), reference[i]) for i in range(len(wanted))]
         inverse = NominalInverse(self.arm, self.values)
-        found = inverse.ways(wanted, reference)
+        found = inverse.solutions(wanted, reference)
         joints, branches = ordered(self.arm.chain, found, reference, np.zeros(found.gap_m.shape, dtype=np.bool_))
         form, closed = inverse.closed_form, inverse.exact(wanted)
         out = []
         for i, order in enumerate(branches):
             gap, tilt, free = found.gap_m[i, order], found.tilt_rad[i, order], found.free[i, order]
-            kept = _different(
+            retained = _different(
                 joints[i],
                 np.flatnonzero(gap <= (0.0 if closed[i] else _REACHED_M)),
                 self.arm.chain.prismatic,
             )
-            named: list[dict[str, str]] = [{} for _ in kept]
-            if form is not None and kept:
-                named = configurations(form.determinant, joints[i, kept])
-            elif kept and self.arm.chain.size == FREEDOMS:
-                signs = np.sign(np.linalg.det(self.arm.tool(joints[i, kept], self.values)[1])).astype(int)
+            named: list[dict[str, str]] = [{} for _ in retained]
+            if form is not None and retained:
+                named = configurations(form.determinant, joints[i, retained])
+            elif retained and self.arm.chain.size == FREEDOMS:
+                signs = np.sign(np.linalg.det(self.arm.tool(joints[i, retained], self.values)[1])).astype(int)
                 named = [{"det": "0+-"[sign]} for sign in signs]
-            ways = tuple(
-                Solution(joints[i, k], name, free[k], float(tilt[k])) for k, name in zip(kept, named, strict=True)
+            solutions = tuple(
+                Solution(joints[i, k], name, free[k], float(tilt[k])) for k, name in zip(retained, named, strict=True)
             )
             exact = bool(closed[i])
-            if form is not None and form.exact_only and kept and tilt[kept].any():  # near to a pose that it cannot take
+            if (
+                form is not None and form.exact_only and retained and tilt[retained].any()
+            ):  # near to a pose that it cannot take
                 exact = False
-            missed = 0.0 if kept else float(gap.min(initial=np.inf))
-            out.append(PoseSolutions(ways, missed, "closed form" if exact else "search"))
+            missed = 0.0 if retained else float(gap.min(initial=np.inf))
+            out.append(PoseSolutions(solutions, missed, "closed form" if exact else "search"))
         return out
 
     def _legs(self, wanted: PoseTarget) -> "tuple[Mechanism, ClassicalModel] | None":
@@ -224,7 +226,7 @@ class Solver:
         return (mechanism, course) if wanted.turned.all() or not _turns(mechanism) else None
 
     def _by_legs(
-        self, mechanism: "Mechanism", course: "ClassicalModel", wanted: PoseTarget, reference: Array
+        self, mechanism: "Mechanism", classical: "ClassicalModel", wanted: PoseTarget, reference: Array
     ) -> PoseSolutions:
         """The working modes of a mechanism with a closed form, for one pose."""
         from lab.extensions.robotics.closed.recognition import passive_values_of, working_modes
@@ -233,7 +235,7 @@ class Solver:
         home = self.arm.tool(mechanism.home[None], self.values)[0][0, :3, :3]
         rotation = wanted.rotations[0] if wanted.turned[0] else home
         passive, missed = passive_values_of(mechanism, se3.pose(rotation, wanted.positions[0] - rotation @ tool))
-        every = working_modes(mechanism, course, passive) if missed <= _REACHED_M else []
+        every = working_modes(mechanism, classical, passive) if missed <= _REACHED_M else []
         rows = np.array([mode.joints for mode in every]).reshape(-1, mechanism.size)
         there = self.arm.tool(rows, self.values)[0][:, :3, 3] if every else np.empty((0, 3))
         modes = [
@@ -243,20 +245,20 @@ class Solver:
         near = reference if np.isfinite(reference).all() else mechanism.home
         modes.sort(key=lambda mode: float(np.abs(mode.joints - near).max()))
         none = np.zeros(mechanism.size, dtype=np.bool_)
-        names, several = mechanism.joint_names, any(any(mode.ways) for mode in modes)
-        ways = tuple(
+        names, several = mechanism.joint_names, any(any(mode.branches) for mode in modes)
+        branches = tuple(
             Solution(
                 nearest_whole_turns(mechanism, mode.joints, near),
-                {name: "+-"[way] for name, way in zip(names, mode.ways, strict=True)} if several else {},
+                {name: "+-"[way] for name, way in zip(names, mode.branches, strict=True)} if several else {},
                 none,
             )
             for mode in modes
         )
-        gap = 0.0 if ways else missed if missed > _REACHED_M else np.nan
-        return PoseSolutions(ways, gap, "closed form", len(every) - len(modes))
+        gap = 0.0 if branches else missed if missed > _REACHED_M else np.nan
+        return PoseSolutions(branches, gap, "closed form", len(every) - len(modes))
 
 
-def matching(found: PoseSolutions, asked: tuple[str, ...]) -> PoseSolutions:
+def matching(found: PoseSolutions, requested: tuple[str, ...]) -> PoseSolutions:
     """The solutions of one configuration alone, e.g. ``("elbow+", "wrist-")``.
 
     Raises:
@@ -265,7 +267,7 @@ def matching(found: PoseSolutions, asked: tuple[str, ...]) -> PoseSolutions:
     """
     known = sorted({name for each in found.solutions for name in each.configuration})
     sides: dict[str, str] = {}
-    for each in asked:
+    for each in requested:
         name, sign = each[:-1].strip(), each[-1:].replace("−", "-")
         if sign not in ("+", "-") or (found.solutions and name not in known):
             there = ", ".join(f"{name}+ and {name}-" for name in known) or "none: this robot's solutions have no names"
@@ -283,13 +285,13 @@ def _turns(mechanism: "Mechanism") -> bool:
 
 def _different(joints: Array, rows: NDArray[np.int_], prismatic: tuple[bool, ...]) -> list[int]:
     """Return rows of joint positions ``(k, joints)`` without repetitions, up to whole turns; the first is retained."""
-    kept: list[int] = []
+    retained: list[int] = []
     for row in rows.tolist():
-        apart = joints[kept] - joints[row]
+        apart = joints[retained] - joints[row]
         apart = np.where(prismatic, apart, apart - 2 * np.pi * np.round(apart / (2 * np.pi)))
         if not (np.abs(apart).max(axis=1, initial=0.0) < _SAME).any():
-            kept.append(row)
-    return kept
+            retained.append(row)
+    return retained
 
 
 _LEAST = 1e-9  # of a part of a self-motion: it is none
@@ -701,12 +703,12 @@ def _placements(result: KinematicsResult) -> tuple[Block, ...]:
     caption = f"The tool is the {'platform' if chain.has_loops else 'last frame'}; its point is {point}."
     poses = tuple((each.name, *_pose_cells(each.T_base_tool)) for each in placed)
     told = tuple((each.name, _configuration_text(each.configuration), _note(each)) for each in placed)
-    said: list[Block] = [Table(("", *names), joints, "Joint positions", most_rows=MOST_ROWS, rest_in="--json")]
+    blocks: list[Block] = [Table(("", *names), joints, "Joint positions", most_rows=MOST_ROWS, rest_in="--json")]
     if not result.reached:
-        said.append(Table(("", *_POSE), poses, caption, most_rows=MOST_ROWS, rest_in="--json"))
+        blocks.append(Table(("", *_POSE), poses, caption, most_rows=MOST_ROWS, rest_in="--json"))
     elif any(configuration or note for _, configuration, note in told):
-        said.append(_table_of_configurations(told))
-    return tuple(said)
+        blocks.append(_table_of_configurations(told))
+    return tuple(blocks)
 
 
 def _table_of_configurations(told: Sequence[tuple[str, str, str]]) -> Table:
@@ -752,14 +754,14 @@ def _differential(result: KinematicsResult, first: Placement) -> tuple[Block, ..
     width = f"manipulability {_size(first.manipulability)}"
     size = "" if first.determinant is None else f", determinant{_part_of(len(names))} {_size(first.determinant)}"
     factors = "; ".join(f"{name} factor {_size(value)}" for name, value in first.factors.items())
-    said = f"rank {first.rank} of {min(6, len(names))}, {width}{size}{f' ({factors})' if factors else ''} (m, rad)"
+    text = f"rank {first.rank} of {min(6, len(names))}, {width}{size}{f' ({factors})' if factors else ''} (m, rad)"
     free = [f"self-motion: {_parts(names, row)}" for row in first.self_motions]
     lost = (
         [f"no joint moves the tool along {_parts(_TWIST, row / np.abs(row).max())}" for row in first.lost]
         if len(names) >= 6
         else []
     )
-    return (table, Paragraph(capital(said)), Bullets((*free, *lost)), *_rates(result, first))
+    return (table, Paragraph(capital(text)), Bullets((*free, *lost)), *_rates(result, first))
 
 
 def _part_of(joints: int) -> str:
@@ -813,9 +815,9 @@ def _letters(result: KinematicsResult) -> tuple[Block, ...]:
     names = ", ".join(
         f"q{i + 1} is {name}" for i, name in enumerate(result.robot.chain.joint_names) if name != f"q{i + 1}"
     )
-    said = f"Here c1 is cos q1, s23 is sin(q2 + q3){f'; {names}' if names else ''}"
+    text = f"Here c1 is cos q1, s23 is sin(q2 + q3){f'; {names}' if names else ''}"
     return (
-        Paragraph(f"{said}. {letters}." if letters else f"{said}."),
+        Paragraph(f"{text}. {letters}." if letters else f"{text}."),
         *(_matrix_in_letters(name, rows) for name, rows in matrices.items()),
     )
 

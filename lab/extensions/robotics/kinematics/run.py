@@ -98,7 +98,7 @@ def _solved(options: KinematicsOptions, robot: NominalRobot) -> KinematicsResult
             f"--between {options.between[0]} {options.between[1]}: give two frames of 0 to {len(links)}, the one "
             "nearer to the base first"
         )
-    warnings = (*robot.warnings, *said, *model.told(placed, reached))
+    warnings = (*robot.warnings, *said, *model.warnings(placed, reached))
     matrices = Matrices(links, model.letters(), options.between)
     asked = replace(options, out=None, overwrite=False)  # where it is written is no part of the result
     found = KinematicsResult(asked, robot, placed, reached, model.assembly_modes(placed), matrices, tuple(warnings))
@@ -163,18 +163,20 @@ class _Model:
 
     def solved(self, targets: _Targets) -> tuple[tuple[Placement, ...], tuple[Reached, ...]]:
         """The robot in each solution of each pose, and what came of the poses."""
-        several, ways, ids = len(targets.ids) > 1, list[Solution](), list[str]()
+        several, solutions, ids = len(targets.ids) > 1, list[Solution](), list[str]()
         reached = []
         for i, found in enumerate(Solver(self.arm, self.values)(targets.poses, targets.near)):
-            kept = matching(found, self.options.of)
-            numbers = tuple(range(len(ways), len(ways) + len(kept.solutions)))
+            retained = matching(found, self.options.of)
+            numbers = tuple(range(len(solutions), len(solutions) + len(retained.solutions)))
             name, poses = targets.ids[i], targets.poses
-            ways += kept.solutions
+            solutions += retained.solutions
             ids += [f"{name}-{k + 1}" if several else f"{k + 1}" for k in range(len(numbers))]
             place = poses.positions[i], poses.rotations[i]
-            reached.append(Reached(name, *place, numbers, kept.gap_m, kept.how, kept.reassembled, kept.others))
-        rows = np.array([way.joints for way in ways]).reshape(-1, self.robot.chain.size)
-        return self.placed(rows, ids, ways), tuple(reached)
+            reached.append(
+                Reached(name, *place, numbers, retained.gap_m, retained.how, retained.reassembled, retained.others)
+            )
+        rows = np.array([way.joints for way in solutions]).reshape(-1, self.robot.chain.size)
+        return self.placed(rows, ids, solutions), tuple(reached)
 
     def assembly_modes(self, placed: Sequence[Placement]) -> Array:
         """Return every pose of the platform of a mechanism with a closed form, at the first joint positions."""
@@ -203,23 +205,23 @@ class _Model:
             return None
         return symbolic_chain(self.arm.chain)
 
-    def told(self, placed: Sequence[Placement], reached: Sequence[Reached]) -> list[str]:
+    def warnings(self, placed: Sequence[Placement], reached: Sequence[Reached]) -> list[str]:
         """Poses without a solution, rotations that are missed, and joint positions that the robot cannot have."""
-        said = []
+        messages = []
         for each in reached:
             if not each.solutions:
                 far = f": {each.away}" if each.away else ""
-                far = self._off_plane(each) or far
+                far = self._distance_from_plane(each) or far
                 far = f" of --of {','.join(self.options.of)}" if self.options.of and each.gap_m == 0 else far
-                said.append(f"{_called(each)} has no solution{far}")
+                messages.append(f"{_called(each)} has no solution{far}")
             if len(each.solutions) and (tilt := max(placed[i].tilt_rad for i in each.solutions)) > _TILTED_RAD:
-                said.append(
+                messages.append(
                     f"{_called(each)} asks for a turn that an arm of {self.robot.chain.size} joints does not have: its "
                     f"place is met, its rotation missed by {DEGREES.text(tilt)}"
                     f"{self._axis_of_miss(each, [placed[i] for i in each.solutions])}"
                 )
-        said += [f"{each.name}: {each.beyond}" for each in placed if each.beyond and not reached]
-        return said
+        messages += [f"{each.name}: {each.beyond}" for each in placed if each.beyond and not reached]
+        return messages
 
     def _axis_of_miss(self, wanted: Reached, ways: Sequence[Placement]) -> str:
         """About which axis of the base the rotation is missed the least, in words."""
@@ -227,19 +229,19 @@ class _Model:
         axis = miss / max(float(np.linalg.norm(miss)), 1e-300)
         return " about ({:.2f}, {:.2f}, {:.2f}) of the base".format(*(axis + 0.0)).replace("-", "−")
 
-    def _off_plane(self, wanted: Reached) -> str:
+    def _distance_from_plane(self, wanted: Reached) -> str:
         """Describe a place's distance from the plane in which a planar arm moves; empty where it is in it."""
         chain = self.arm.dh_chain(self.values)
         if chain is None or not (found := mobility_of(chain)).planar:
             return ""
         T = self.arm.tool(chain.home[None], self.values)[0][0]
-        normal = self.arm.T_tracker_frame0(self.values)[:3, :3] @ found.held[0]
+        normal = self.arm.T_tracker_frame0(self.values)[:3, :3] @ found.fixed_directions[0]
         off = float(normal @ (wanted.position - T[:3, 3]))
         if abs(off) <= _REACHED_M:
             return ""
         across = ", ".join(f"{each:.6g}" for each in normal + 0.0)
-        words = f": it is {MM.text(abs(off), 6)} off the plane across ({across}) in which the arm moves"
-        return words.replace("-", "−")
+        text = f": it is {MM.text(abs(off), 6)} off the plane across ({across}) in which the arm moves"
+        return text.replace("-", "−")
 
 
 def _called(each: Reached) -> str:

@@ -31,7 +31,7 @@ from lab.kinematics.trajectory.profiles import Trajectory
 
 __all__ = ["CartesianPath", "Feed", "PathMove", "arc", "line", "path_move"]
 
-_WAYS, _SHARES = 20, 6  # shapes that are tried first
+_SHAPES, _SHARES = 20, 6  # shapes that are tried first
 _AROUND, _ROUNDS = (-0.6, -0.3, 0.0, 0.3, 0.6), 3  # of trying again, nearer to the best
 _PACE_COARSE, _PACE_FINE = 33, 1025  # places in each phase at which the limits are looked at, to choose and to keep
 _PLACES = 2049  # on the path, at which slopes are known to choose
@@ -56,10 +56,10 @@ def _quickest_pace(chain: JointSpec, joints: BSpline, rates: Sequence[tuple[floa
         return _seconds(_unit(*shape), chain, nearest, rates, _PACE_COARSE)
 
     limited = chain.jerk is not None
-    ways = np.linspace(0, 1, _WAYS + 1)[1:].tolist()
+    ways = np.linspace(0, 1, _SHAPES + 1)[1:].tolist()
     shares = np.linspace(0, 0.5, _SHARES + 1)[1:].tolist() if limited else [0.0]
     best = min(product(ways, shares), key=seconds)
-    wide = (1 / _WAYS, 0.5 / _SHARES)
+    wide = (1 / _SHAPES, 0.5 / _SHARES)
     for _ in range(_ROUNDS):
         near = product(
             (best[0] + wide[0] * i for i in _AROUND), (best[1] + wide[1] * i for i in _AROUND if limited or not i)
@@ -316,7 +316,7 @@ def path_move(
     if isinstance(found, _Stop) and chain.size < FREEDOMS:
         turned, found = False, _joints_on(arm, values, path, start, turned=False)
     if isinstance(found, _Stop):
-        raise LabError(found.words(path))
+        raise LabError(found.description(path))
     nodes, joints = found
     _refuse_beyond(chain, joints)
     spline = make_interp_spline(nodes, joints, k=5)
@@ -340,7 +340,7 @@ class _Stop:
     s: float
     reached: bool
 
-    def words(self, path: CartesianPath) -> str:
+    def description(self, path: CartesianPath) -> str:
         """Describe the obstacle, its place, and the remedy."""
         at = ", ".join(f"{MM.of(each) + 0.0:.1f}" for each in path.poses(np.array([self.s]))[0, :3, 3])
         where = f"beyond {self.s:.0%} of it, at x, y, z = {at} mm"

@@ -151,7 +151,7 @@ class Leg:
     Attributes:
         kind: how the tool or the joints move.
         points: ids of the points from its start to its end.
-        stops: ``(k, n)`` joint positions at these points; of points that are passed at a distance, those they pass.
+        waypoints: ``(k, n)`` joint positions at these points; of points that are passed at a distance, those they pass.
         move: how it moves.
         length_m, turn_rad: of the tool's path; NaN of moves of the joints.
         speed_m_s: the tool's largest one on it; NaN of moves of the joints.
@@ -159,7 +159,7 @@ class Leg:
 
     kind: Literal["joint", "line", "circle"]
     points: tuple[str, ...]
-    stops: Array
+    waypoints: Array
     move: Move
     length_m: float = float("nan")
     turn_rad: float = float("nan")
@@ -237,15 +237,15 @@ class _Planner:
 
     def _add(self, points: Sequence[Array], ids: Sequence[str], speeds: Array) -> None:
         allowed, law = self.options.blend(self.chain), _LAWS[self.options.law]
-        stops = np.array(points)
+        waypoints = np.array(points)
         if allowed is not None and len(points) > 2:
             if speeds.any():
                 raise LabError("points with a velocity are passed exactly; leave out --blend-deg and --blend-mm")
-            self.legs.append(Leg("joint", tuple(ids), stops, blended(self.chain, stops, allowed)))
+            self.legs.append(Leg("joint", tuple(ids), waypoints, blended(self.chain, waypoints, allowed)))
             return
         for k in range(len(points) - 1):
-            move = through(self.chain, stops[k : k + 2], speeds[k : k + 2], law)
-            self.legs.append(Leg("joint", tuple(ids[k : k + 2]), stops[k : k + 2], move))
+            move = through(self.chain, waypoints[k : k + 2], speeds[k : k + 2], law)
+            self.legs.append(Leg("joint", tuple(ids[k : k + 2]), waypoints[k : k + 2], move))
 
     def _speeds(self, row: int, joints: Array) -> Array:
         """Speeds ``(n,)`` of the joints at a point, by the file's or by the tool's velocity there."""

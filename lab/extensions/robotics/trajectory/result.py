@@ -105,19 +105,19 @@ def tracked_arm(options: TrajectoryOptions, robot: Robot, run: CalibrationRun | 
 def _of_run(options: TrajectoryOptions, run: CalibrationRun) -> TrackedArm:
     arm = run.robot.arm_with(run.estimate.arm.targets, run.estimate.groups, moving=True)
     hung = 0.0 if run.load is None else run.load.mass_kg
-    payload, said = hung if options.payload_kg is None else options.payload_kg, list(run.warnings)
+    payload, messages = hung if options.payload_kg is None else options.payload_kg, list(run.warnings)
     if payload and PAYLOAD not in arm.conditions:
-        said.append(f"{payload:.4g} kg make no difference: the model of {run.folder} has nothing that gives way")
+        messages.append(f"{payload:.4g} kg make no difference: the model of {run.folder} has nothing that gives way")
     hidden = [name for name in arm.names if name.endswith(_BENT) and name not in run.estimate.free_names]
     if hidden:
-        said.append(
+        messages.append(
             f"{', '.join(hidden)} did not show at rest and is zero here, though inertia may load it; links that are "
             "round tubes of metal are identified whole by --model tubes"
         )
     unmoved = [name for name in run.estimate.groups if ".gravity" in name]
     if unmoved:
-        said.append(f"{', '.join(listed(unmoved))} gives way to unknown masses, whose inertia is left out")
-    return TrackedArm(arm, run.estimate.values, run.estimate.nominal[: len(arm.rigid.names)], payload, tuple(said))
+        messages.append(f"{', '.join(listed(unmoved))} gives way to unknown masses, whose inertia is left out")
+    return TrackedArm(arm, run.estimate.values, run.estimate.nominal[: len(arm.rigid.names)], payload, tuple(messages))
 
 
 def tracking_along(tracked: TrackedArm, joints: Array, speeds: Array, accelerations: Array, times: Array) -> Tracking:
@@ -136,17 +136,21 @@ def tracking_along(tracked: TrackedArm, joints: Array, speeds: Array, accelerati
 def tracking_warnings(tracked: TrackedArm, found: Tracking, joints: Array) -> Sequence[str]:
     """Return warnings about corrections that are unreliable or infeasible."""
     chain, corrected = tracked.arm.rigid.chain, found.corrected
-    said, times = list(tracked.warnings), len(joints)
+    messages, times = list(tracked.warnings), len(joints)
     left = np.abs(corrected.left[:, corrected.made]).max(axis=1) > _LEFT
     if left.any():
-        said.append(f"at {int(left.sum())} of {times} times the correction does not settle: the arm is singular there")
+        messages.append(
+            f"at {int(left.sum())} of {times} times the correction does not settle: the arm is singular there"
+        )
     far = (np.abs(corrected.joints - joints)[:, ~np.array(chain.prismatic)] > _FAR_RAD).any(axis=1) & ~left
     if far.any():
-        said.append(f"at {int(far.sum())} of {times} times a joint is corrected by more than 1°: near a singularity")
+        messages.append(
+            f"at {int(far.sum())} of {times} times a joint is corrected by more than 1°: near a singularity"
+        )
     beyond = chain.beyond_limits(corrected.joints, 1e-9).any(axis=1)
     if beyond.any():
-        said.append(f"at {int(beyond.sum())} of {times} times corrected joint positions are beyond their limits")
-    return said
+        messages.append(f"at {int(beyond.sum())} of {times} times corrected joint positions are beyond their limits")
+    return messages
 
 
 @dataclass(frozen=True)
@@ -242,12 +246,12 @@ class TrajectoryResult(Result):
             "seconds": number(self.motion.seconds),
             "joints": list(chain.joint_names),
             "units": ["mm" if slides else "deg" for slides in chain.prismatic],
-            "peak_speeds": _told(chain, peaks[0]),
-            "speed_limits": _told(chain, self.chain.speed),
-            "peak_accelerations": _told(chain, peaks[1]),
-            "acceleration_limits": _told(chain, self.chain.acceleration),
-            "peak_jerks": None if self.chain.jerk is None else _told(chain, self.motion.peak_jerk),
-            "jerk_limits": None if self.chain.jerk is None else _told(chain, self.chain.jerk),
+            "peak_speeds": _joint_list(chain, peaks[0]),
+            "speed_limits": _joint_list(chain, self.chain.speed),
+            "peak_accelerations": _joint_list(chain, peaks[1]),
+            "acceleration_limits": _joint_list(chain, self.chain.acceleration),
+            "peak_jerks": None if self.chain.jerk is None else _joint_list(chain, self.motion.peak_jerk),
+            "jerk_limits": None if self.chain.jerk is None else _joint_list(chain, self.chain.jerk),
             "legs": [
                 {
                     "move": leg.kind,
@@ -255,7 +259,7 @@ class TrajectoryResult(Result):
                     "seconds": number(leg.move.seconds),
                     "length_mm": number(MM.of(leg.length_m)),
                     "turn_deg": number(np.rad2deg(leg.turn_rad)),
-                    "stops": [_told(chain, row) for row in leg.stops[[0, -1]]],
+                    "stops": [_joint_list(chain, row) for row in leg.waypoints[[0, -1]]],
                 }
                 for leg in self.legs
             ],
@@ -276,7 +280,7 @@ class TrajectoryResult(Result):
             "error_mm": _mean_and_max(self.tracking.total),
             "parts_mm": {name: _mean_and_max(part) for name, part in self.tracking.parts.items()},
             "left_mm": _mean_and_max(corrected.left),
-            "largest_corrections": _told(self.chain, np.abs(corrected.joints - joints).max(axis=0)),
+            "largest_corrections": _joint_list(self.chain, np.abs(corrected.joints - joints).max(axis=0)),
             "not_made_up_for": [name for name, made in zip(AXES, corrected.made, strict=True) if not made],
         }
 
@@ -343,7 +347,7 @@ def _mean_and_max(error: Array) -> dict[str, float | None]:
     return {"mean": number(float(lengths.mean())), "max": number(float(lengths.max()))}
 
 
-def _told(chain: JointSpec, values: Array) -> list[float | None]:
+def _joint_list(chain: JointSpec, values: Array) -> list[float | None]:
     return [tidy(value) if np.isfinite(value) else None for value in joint_values(chain.prismatic, values)]
 
 
@@ -397,9 +401,9 @@ def _files(result: TrajectoryResult) -> Paragraph:
     name = path_file(chain, controller)
     if name is None:
         return Paragraph(f"{checked} {sentence(refusal(chain, controller) or '')}")
-    words = f"{checked} {name} has the moves for the controller, which stops at each point and finds the way between."
+    text = f"{checked} {name} has the moves for the controller, which stops at each point and finds the way between."
     passed = result.options.blend(result.chain) is not None or any(_passed(result))
-    return Paragraph(f"{words} Points that are passed without a stop here are stopped at there." if passed else words)
+    return Paragraph(f"{text} Points that are passed without a stop here are stopped at there." if passed else text)
 
 
 def _passed(result: TrajectoryResult) -> Sequence[bool]:
@@ -421,14 +425,14 @@ def _errors(result: TrajectoryResult) -> tuple[Section, ...]:
         f"{name} {size:.3g}{' mm' if slides else '°'}"
         for name, size, slides in zip(chain.joint_names, largest, chain.prismatic, strict=True)
     )
-    words = (
+    text = (
         f"With {values['payload_kg']:.4g} kg, under gravity and the inertia of the motion, at rest at each instant: "
         f"vibration is left out. Joint positions that make up for it are in corrected.csv: by up to {joints}."
     )
     if values["not_made_up_for"]:
-        words += f" No joint moves the tool along {', '.join(values['not_made_up_for'])}, so that is not made up for."
+        text += f" No joint moves the tool along {', '.join(values['not_made_up_for'])}, so that is not made up for."
     figure = Figure("errors", (_error_picture(result, found),), "What the tool misses its path by, in all and by part.")
-    return (Section("Errors along the way", (Paragraph(words), Table(("part", "mean, µm", "max, µm"), cells), figure)),)
+    return (Section("Errors along the way", (Paragraph(text), Table(("part", "mean, µm", "max, µm"), cells), figure)),)
 
 
 def _um(length_mm: float) -> str:
@@ -538,17 +542,17 @@ def refuse_collisions(result: TrajectoryResult) -> None:
     model, joints = result.robot.model, result.sampled.joints
     travel = np.append(0.0, np.cumsum(np.abs(np.diff(joints, axis=0)) @ model.travel_per_joint()))
     looks = np.unique(np.append(np.linspace(0, travel[-1], 1 + int(np.ceil(travel[-1] / _STEP_M))), travel))
-    stands = np.stack([np.interp(looks, travel, column) for column in joints.T], axis=1)
-    touched = np.flatnonzero(collides(model, stands))
+    configurations = np.stack([np.interp(looks, travel, column) for column in joints.T], axis=1)
+    touched = np.flatnonzero(collides(model, configurations))
     if not touched.size:
         return
     seconds = float(np.interp(looks[touched[0]], travel, result.sampled.times))
     leg = result.legs[min(int(np.searchsorted(result.motion.starts, seconds, side="right")) - 1, len(result.legs) - 1)]
     kind = {"joint": "move", "line": "line", "circle": "circle"}[leg.kind]
-    words = describe_collisions(model, stands[touched[:1]])[0] or "something is touched"
+    message = describe_collisions(model, configurations[touched[:1]])[0] or "something is touched"
     raise LabError(
         f"{result.options.points}: on the {kind} from point {leg.points[0]} to {leg.points[-1]}, at {seconds:.3f} s, "
-        f"{words}; move the points, pass by another one, or give --no-check"
+        f"{message}; move the points, pass by another one, or give --no-check"
     )
 
 
@@ -559,19 +563,19 @@ def path_moves(result: TrajectoryResult) -> PathMoves:
     """
     first = result.legs[0]
     ids, kinds = [first.points[0]], list[MoveKind](["joint"])
-    stops, seconds, shares, speeds = [first.stops[0]], [np.nan], [0.0], [np.nan]
+    waypoints, seconds, shares, speeds = [first.waypoints[0]], [np.nan], [0.0], [np.nan]
     for leg in result.legs:
         share = float((leg.move.peaks[0] / _rated(result)).max())
         count = len(leg.points) - 1
         reached: list[MoveKind] = ["via", "circle"] if leg.kind == "circle" else [leg.kind] * count
-        for name, kind, stop in zip(leg.points[1:], reached, leg.stops[1:], strict=True):
+        for name, kind, stop in zip(leg.points[1:], reached, leg.waypoints[1:], strict=True):
             ids.append(name)
             kinds.append(kind)
-            stops.append(stop)
+            waypoints.append(stop)
             seconds.append(np.nan if kind == "via" else leg.move.seconds / (1 if kind == "circle" else count))
             shares.append(share)
             speeds.append(leg.speed_m_s)
-    return _moves(result, ids, kinds, np.array(stops), np.array([seconds, shares, speeds]))
+    return _moves(result, ids, kinds, np.array(waypoints), np.array([seconds, shares, speeds]))
 
 
 def _rated(result: TrajectoryResult) -> Array:
@@ -580,20 +584,22 @@ def _rated(result: TrajectoryResult) -> Array:
     return np.where(np.isfinite(known), known, result.chain.speed)
 
 
-def _moves(result: TrajectoryResult, ids: list[str], kinds: list[MoveKind], stops: Array, rates: Array) -> PathMoves:
+def _moves(
+    result: TrajectoryResult, ids: list[str], kinds: list[MoveKind], waypoints: Array, rates: Array
+) -> PathMoves:
     tracked, options = result.tracked, result.options
     if tracked is None:
-        arm, corrected = result.robot.arm(("p1",)), stops
+        arm, corrected = result.robot.arm(("p1",)), waypoints
         values = arm.nominal({"p1": options.tool_m})
     else:
-        arm, values, still = tracked.arm.rigid, tracked.nominal, np.zeros_like(stops)
-        corrected = tracking_along(tracked, stops, still, still, np.arange(float(len(stops)))).corrected.joints
+        arm, values, still = tracked.arm.rigid, tracked.nominal, np.zeros_like(waypoints)
+        corrected = tracking_along(tracked, waypoints, still, still, np.arange(float(len(waypoints)))).corrected.joints
     T_last_tool = se3.pose(np.eye(3), values[-3 * len(arm.targets) :][:3])
     return PathMoves(
         robot=result.robot.name,
         ids=ids,
         kinds=kinds,
-        stops=corrected,
+        waypoints=corrected,
         Ts_base_tool=arm.tool(corrected, values)[0],
         seconds=rates[0],
         shares=rates[1],

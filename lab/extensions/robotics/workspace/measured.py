@@ -44,7 +44,7 @@ class RobotWorkspace:
     reach_m: tuple[float, float] | None
     shared: Array
     shares: Array
-    asked: Array
+    checked: Array
     free: NDArray[np.bool_]
 
     @property
@@ -148,16 +148,16 @@ def robot_workspace(robot: Robot, options: WorkspaceOptions, stage: Stage = no_s
         count = _PLACES if space.by_pose.exact else _OF_LOOPS if arm.chain.has_loops else _BY_SEARCH
         shared = space.domain.spread(space.measured.drawn(count, rng), rng)
         shares = space.shares(shared, options.orientations)
-    asked, free = np.empty((0, 3)), np.zeros(0, dtype=np.bool_)
+    requested, free = np.empty((0, 3)), np.zeros(0, dtype=np.bool_)
     if robot.cell is not None:
-        asked = space.domain.spread(space.measured.drawn(_IN_CELL, rng), rng)
-        free = _free(robot, space.by_place.ways(anyhow(asked)))
-    return RobotWorkspace(robot, options, space, reach, shared, shares, asked, free)
+        requested = space.domain.spread(space.measured.drawn(_IN_CELL, rng), rng)
+        free = _free(robot, space.by_place.solutions(anyhow(requested)))
+    return RobotWorkspace(robot, options, space, reach, shared, shares, requested, free)
 
 
-def _free(robot: Robot, ways: Array) -> NDArray[np.bool_]:
+def _free(robot: Robot, solutions: Array) -> NDArray[np.bool_]:
     """Decide whether a place has a collision-free IK solution among ``(n, k, joints)``, NaN where there are fewer."""
-    there = np.isfinite(ways[:, :, 0])
+    there = np.isfinite(solutions[:, :, 0])
     free = np.zeros(there.shape, dtype=np.bool_)
-    free[there] = ~collides(robot.model, ways[there])
+    free[there] = ~collides(robot.model, solutions[there])
     return np.asarray(free.any(axis=1))

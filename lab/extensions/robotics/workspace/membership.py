@@ -95,7 +95,7 @@ class ByRods:
         reached = ~self.mechanism.beyond_limits(joints, _SLACK_M).any(axis=1) & (sides == self._side)
         return reached, np.where(reached[:, None], joints, np.nan)
 
-    def ways(self, wanted: PoseTarget) -> Array:
+    def solutions(self, wanted: PoseTarget) -> Array:
         """The one."""
         return self.reached(wanted)[1][:, None]
 
@@ -131,7 +131,7 @@ class Membership(Protocol):
     def reached(self, wanted: PoseTarget) -> tuple[NDArray[np.bool_], Array]:
         """Decide whether targets ``(n,)`` are reached; joint positions ``(n, joints)`` of those that are, else NaN."""
 
-    def ways(self, wanted: PoseTarget) -> Array:
+    def solutions(self, wanted: PoseTarget) -> Array:
         """Return some or all joint positions ``(n, k, joints)`` that reach targets, NaN where there are fewer."""
 
 
@@ -151,14 +151,14 @@ def memberships(arm: RigidArm, values: Array) -> tuple[Membership, Membership]:
         return (exact if form.by_point else search), (search if form.by_point else exact)
     mechanism = arm.chain
     assert isinstance(mechanism, Mechanism)
-    course, search = classical_model_of(mechanism), Search(arm, values, _STARTS_WITH_LOOPS)
+    classical, search = classical_model_of(mechanism), Search(arm, values, _STARTS_WITH_LOOPS)
     if (rods := ByRods.of(mechanism, values[-3:])) is not None:
         return search, rods
-    if course is None or any(mechanism.tree.step(*step).is_turn for step in mechanism.tree.passive):
+    if classical is None or any(mechanism.tree.step(*step).is_turn for step in mechanism.tree.passive):
         return search, search
-    if values[-3:].any() and len(course.order) < mechanism.size:  # a joint beside those of the legs carries the tool
+    if values[-3:].any() and len(classical.order) < mechanism.size:  # a joint beside those of the legs carries the tool
         return search, search
-    return _ByPlatform(mechanism, ByLegs(mechanism, course), values[-3:]), search
+    return _ByPlatform(mechanism, ByLegs(mechanism, classical), values[-3:]), search
 
 
 def turns_about_z(chain: Chain) -> bool:
@@ -212,7 +212,7 @@ class _BySolutions:
         reached, joints = by_closed_form(self.form, self.chain, self._last_frames(wanted))
         return reached, np.where(reached[:, None], _turned_within(self.chain, joints), np.nan)
 
-    def ways(self, wanted: PoseTarget) -> Array:
+    def solutions(self, wanted: PoseTarget) -> Array:
         """Return all solutions within the limits."""
         found, fits = _solved(self.form, self.chain, self._last_frames(wanted))
         return np.where(fits[:, :, None], _turned_within(self.chain, found.joints), np.nan)
@@ -234,19 +234,19 @@ class ByLegs:
     """The closed form of a mechanism with loops: what its legs reach in the mode of the nominal position."""
 
     mechanism: Mechanism
-    course: ClassicalModel
+    classical: ClassicalModel
 
     def reached(self, passive: Array) -> tuple[NDArray[np.bool_], Array]:
         """``(n,)`` whether all legs reach passive values ``(n, z)``, and their joint positions ``(n, joints)``.
 
         Each leg takes the way nearest to its limits' middle; beyond a parallel singularity it is another mode.
         """
-        ways = self.course.inverse_solutions(passive)
-        away = np.where(np.isfinite(ways), np.abs(ways - self.course.middle), np.inf)
+        ways = self.classical.inverse_solutions(passive)
+        away = np.where(np.isfinite(ways), np.abs(ways - self.classical.middle), np.inf)
         joints = np.take_along_axis(ways, away.argmin(axis=1)[:, None], axis=1)[:, 0]
         reached = np.array(np.isfinite(joints).all(axis=1))
         reached[reached] = ~self.mechanism.beyond_limits(joints[reached], 0.0).any(axis=1)
-        reached[reached] = self.course.side(joints[reached], passive[reached]) == self.side
+        reached[reached] = self.classical.side(joints[reached], passive[reached]) == self.side
         return reached, joints
 
     @cached_property
@@ -254,7 +254,7 @@ class ByLegs:
         """On which side of the parallel singularities the nominal position is."""
         home = self.mechanism.home[None]
         passive = self.mechanism.assembled(home, self.mechanism.nominal_values).configuration.passive.T
-        return self.course.side(home, passive)
+        return self.classical.side(home, passive)
 
 
 @dataclass(frozen=True)
@@ -275,7 +275,7 @@ class _ByPlatform:
         reached &= ~missed
         return reached, np.where(reached[:, None], joints, np.nan)
 
-    def ways(self, wanted: PoseTarget) -> Array:
+    def solutions(self, wanted: PoseTarget) -> Array:
         """Return one solution: each leg takes its branch nearest to the middle of its limits."""
         return self.reached(wanted)[1][:, None]
 

@@ -66,7 +66,7 @@ class Search:
             found[rows] = _first(self._from(wanted.take(rows), some[rows]))
         return ~np.isnan(found[:, 0]), found
 
-    def ways(self, wanted: PoseTarget) -> Array:
+    def solutions(self, wanted: PoseTarget) -> Array:
         """Joint positions ``(n, k, joints)`` from every start, NaN where it does not arrive."""
         found: Array = self._from(wanted, self._starts(wanted))
         return found
@@ -121,11 +121,11 @@ class Search:
             there, ahead = self._at(wanted.take(going), moved)
             now = np.linalg.norm(there, axis=1)
             better = now < size[going]
-            kept, worse = going[better], going[~better]
-            little = now[better] > (1 - _STUCK) * size[kept]
-            joints[kept], error[kept], jacobian[kept] = moved[better], there[better], ahead[better]
-            size[kept] = now[better]
-            damping[kept] = np.where(little, np.inf, np.maximum(damping[kept] / 10, _LEAST_DAMPING))
+            retained, worse = going[better], going[~better]
+            little = now[better] > (1 - _STUCK) * size[retained]
+            joints[retained], error[retained], jacobian[retained] = moved[better], there[better], ahead[better]
+            size[retained] = now[better]
+            damping[retained] = np.where(little, np.inf, np.maximum(damping[retained] / 10, _LEAST_DAMPING))
             damping[worse] = np.maximum(10 * damping[worse], 1e-3)
         return joints, size <= _ARRIVED
 
@@ -136,7 +136,7 @@ class Search:
         return weight * wanted.errors(Ts), weight[:, :, None] * jacobian
 
 
-def _first(ways: Array) -> Array:
+def _first(solutions: Array) -> Array:
     """Return the first valid IK solution of ``(n, k, joints)``, NaN where there is none."""
-    there = np.isfinite(ways[:, :, 0])
-    return np.asarray(np.take_along_axis(ways, there.argmax(axis=1)[:, None, None], axis=1)[:, 0])
+    there = np.isfinite(solutions[:, :, 0])
+    return np.asarray(np.take_along_axis(solutions, there.argmax(axis=1)[:, None, None], axis=1)[:, 0])
