@@ -165,7 +165,7 @@ def robot_of(call: str, data: Measurements, robot: str | Path | Robot | None) ->
         LabError: neither says which robot it is, it cannot be loaded, or its joints are others.
     """
     if robot is None and not data.robot:
-        raise LabError(f"{call}: the measurements do not say of which robot they are; give robot=")
+        raise LabError(f"{call}: the measurements name no robot; give robot=")
     known = load_robot(data.robot if robot is None else robot)
     _refuse_other_joints(call, data, known)
     return known

@@ -184,7 +184,7 @@ def wild_sample(estimate: LoadEstimate) -> str | None:
     part = row / max(len(size) - 1, 1)
     return (
         f"a sample of column {channel + 1} of what is explained is {size.max():.0f} standard deviations off, at "
-        f"{part:.0%} of the rows: the intervals are not to be believed; mend it, or leave it out"
+        f"{part:.0%} of the rows: the intervals are invalid; fix it, or leave it out"
     )
 
 

@@ -232,7 +232,7 @@ def _paired(options: PayloadOptions, data: Measurements) -> tuple[Array, Array, 
     """
     column = data.other.get("run")
     if column is None or set(column) - {"loaded", "unloaded"}:
-        raise LabError(f"{options.file}: say in a column run of each row whether it is loaded or unloaded")
+        raise LabError(f"{options.file}: state in column run whether each row is loaded or unloaded")
     with_it, without = (
         np.array([i for i, text in enumerate(column) if text == kind]) for kind in ("loaded", "unloaded")
     )
