@@ -287,7 +287,7 @@ def test_a_rehearsal_or_a_file(files: Path, capsys) -> None:
     for arguments, says in (
         ((), "or --simulate"),
         ((files / "moving.csv", "--simulate"), "one of the two"),
-        ((files / "moving.csv", "--lag-ms", 3), "--lag-ms is of a rehearsal"),
+        ((files / "moving.csv", "--lag-ms", 3), "--lag-ms needs --simulate"),
         (("--simulate", "--sensor", files / "sensor.toml"), "leave --run, --sensor out"),
     ):
         code, _, said = run(capsys, "payload", *arguments, "--robot", "tx40")

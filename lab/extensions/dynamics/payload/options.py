@@ -9,7 +9,7 @@ import tyro
 from lab.campaign.option_types import Flag, NoRecording
 from lab.core.errors import LabError
 from lab.core.limits import check_serial, positive
-from lab.extensions.dynamics.rehearsal_options import SimulationOptions
+from lab.extensions.dynamics.simulation_options import SimulationOptions
 
 __all__ = ["PayloadOptions"]
 

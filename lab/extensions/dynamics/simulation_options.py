@@ -24,7 +24,7 @@ class SimulationOptions:
     """The simulated session."""
 
     simulate: Flag = False
-    """Rehearse in MuJoCo: a path is designed and driven, its files are written, and they are evaluated."""
+    """Simulate in MuJoCo: design a path, drive it, write its files, and evaluate them."""
     seed: int = 0
     """Random seed."""
     seconds: float = 10.0
@@ -78,7 +78,7 @@ class SimulationOptions:
                 raise LabError(f"{name}: give {count} numbers, separated by commas")
 
     def refuse_unasked(self) -> None:
-        """Refuse options of a rehearsal where none is asked for.
+        """Refuse options of a simulation without ``simulate``.
 
         Raises:
             LabError: one is given without --simulate.
