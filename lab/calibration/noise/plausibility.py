@@ -84,7 +84,7 @@ def shared_error_findings(
     repeated = adequacy.name == "lack_of_fit.repeats" and adequacy.outcome == "passed"
     revisited = repeated and _revisited(rows, labels)
     stated = found.sigma_given and adequacy.outcome != "failed"
-    findings = []  # scatter and correlated errors that the stated noise explains as well are the instrument's
+    findings = []  # scatter that the stated noise covers is the instrument's; correlated errors are not, as it is white
     if shared is not None:
         findings += [finding("step", move.size_m, between=(move.before, move.after)) for move in shared.moves]
         if shared.drift_m:
@@ -92,7 +92,7 @@ def shared_error_findings(
             whole_m = 2 * float(np.sqrt(3)) * shared.drift_m  # from its beginning to its end, of all three axes
             findings.append(finding("drift", whole_m, supported=fine))
         if shared.autocorrelated_m:
-            fine = (revisited or stated) and shared.autocorrelated_m < _COMMON_DRIFT_M
+            fine = revisited and shared.autocorrelated_m < _COMMON_DRIFT_M
             findings.append(finding("correlated", shared.autocorrelated_m, supported=fine, correlation=shared.carry))
         if shared.scatter_rad:
             slopes = by_joint_positions(

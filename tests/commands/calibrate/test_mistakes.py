@@ -30,6 +30,12 @@ def test_no_mistake_is_good(mistake: str) -> None:
         assert word_of(mistake, seed, 0.1e-3, **options) != "good"
 
 
+@pytest.mark.parametrize("seed", [0, 4])
+def test_errors_correlated_in_time_are_not_covered_by_a_large_stated_noise(seed: int) -> None:
+    """A stated noise is white: errors of poses in a row that are alike spoil a prediction, however small they are."""
+    assert word_of("correlated in time", seed, 0.1e-3, noise_mm=0.05) == "doubtful"
+
+
 def test_a_session_without_mistakes_is_good() -> None:
     for seed, options in enumerate(STATED.values()):
         found = identified(session_with_noise(seed)[0], **options)
