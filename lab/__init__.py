@@ -1,4 +1,4 @@
-"""Plan, run and judge the calibration of a robot: on a virtual robot before the measuring day, then on the real one.
+"""Plan, run and judge the calibration of a robot: on a virtual robot before the session, then on the real one.
 
 Frames and units: lengths are in m and angles in rad, unless a name ends in another unit. Measured points, identified
 parameters and corrected targets are in the instrument's frame, in which the robot was measured; ``world_frames`` says

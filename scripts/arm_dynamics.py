@@ -20,9 +20,9 @@ from lab.extensions.dynamics.arm.base_parameters import base_parameters
 from lab.extensions.dynamics.arm.identify import DynamicModel, ThinnedRun, fit_runs, predict, thinned_run
 from lab.extensions.dynamics.load_files import PayloadSamples
 from lab.extensions.dynamics.payload.methods import from_torques
-from lab.extensions.dynamics.rehearsal import MeasuringBench, simulated_load
-from lab.extensions.dynamics.rehearsal_options import SimulationOptions
+from lab.extensions.dynamics.simulated_session import MeasuringBench, simulated_load
 from lab.extensions.dynamics.simulation import LoadBench
+from lab.extensions.dynamics.simulation_options import SimulationOptions
 from lab.kinematics.dynamics.rigid_body import LOAD, ArmDynamics, directions
 from lab.simulation.model_files import link_inertias
 

@@ -1,4 +1,4 @@
-"""A measuring day with 60 poses that are designed for geometry and some effects, which an identifier then searches."""
+"""A measurement session with 60 poses designed for geometry and some effects, which an identifier then searches."""
 
 from dataclasses import dataclass
 from functools import cached_property

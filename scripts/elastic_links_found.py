@@ -105,7 +105,7 @@ def answer(options: Options) -> Answer:
 
 
 def arm(effects: ArmEffects, seed: int) -> tuple[TrueRobot, Measurements]:
-    """An arm, and its measuring day."""
+    """An arm, and its measurement session."""
     real = perturbed_arm(DAY.robot, VirtualCampaign(seed=seed, effects=effects))
     return real, DAY.measured(real, seed)
 

@@ -120,7 +120,7 @@ def closed(name: str, seed: int, targets: int, times: int) -> dict[str, Any]:
 
 
 def measured(day: DesignedCampaign, true_load: HandLoad, seed: int) -> tuple[TrueSerialRobot, Measurements]:
-    """The real arm, which carries its true payload, and its measuring day."""
+    """The real arm, which carries its true payload, and its measurement session."""
     tube = (0.0, EI, 0.0, EI, 0.0, 0.0), (0.0, GJ, 0.0, GJ, 0.0, 0.0)
     effects = ArmEffects(link_ei=tube[0], link_gj=tube[1])
     nominal = true_load.carried_by(load_virtual(day.robot_name))

@@ -2,7 +2,7 @@
 
 import lab
 
-# A measuring day: a robot whose bodies are a little off, and an instrument that measures it in 50 poses.
+# A measurement session: a robot whose bodies are a little off, and an instrument that measures it in 50 poses.
 day = lab.simulate("irb120", poses=50, seed=7, instrument="uniform-8um")
 
 # The identifier knows the nominal model and the measurements. It is validated on 1,000 other poses, without noise.

@@ -1,6 +1,6 @@
 """The parameters of a virtual RX 130, identified from poses by the global and by the sequential method.
 
-The arm stands in MuJoCo. One measuring day gives the table: every parameter by both methods, with its 95 % interval.
+The arm stands in MuJoCo. One session gives the table: every parameter by both methods, with its 95 % interval.
 Then the noise is drawn many times for several arms, and each interval of each method holds the truth or does not. The
 intervals of the sequential method have the errors of the angles in those of the lengths.
 """

@@ -311,7 +311,7 @@ class _MAPProblem:
     def with_whole(self, prior: Prior, dof: int, sigma: float) -> _MAPFit:
         """Fit with a prior in all directions, as wide as the given tolerances."""
         if not (self.sigma_given or np.isfinite(sigma)):
-            raise LabError("--prior: the measurements leave no residuals to say what the noise is; give --noise-mm")
+            raise LabError("--prior: the measurements leave no residuals to estimate the noise; give --noise-mm")
         model, weight = self.observation.model, 1.0 if self.sigma_given else sigma
         rows = np.zeros((len(prior.of), len(model.names)))
         rows[:, list(prior.of)] = prior.whiten

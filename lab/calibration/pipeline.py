@@ -164,7 +164,7 @@ def start(robot: NominalRobot, data: Measurements, options: PipelineOptions) -> 
     if options.noise_m is None and device is None and given.any() and not given.all():
         raise LabError(
             f"{rows.where(int(np.argmin(given)))}, column sigma_mm: empty, but other rows "
-            "have it; fill it in, or say --noise-mm or --instrument for the empty ones"
+            "have it; fill it in, or give --noise-mm or --instrument for the empty ones"
         )
     fitter = replace(fitter, judged_by=tuple(judged_by))
     return Fitted(fitter, rows, test if len(test) else None, options.judging)

@@ -90,7 +90,7 @@ def fit_sequentially(observation: Observation, observed: Observations, free: Seq
     """
     model, positions = observation.model, observation.positions
     if not 0 < positions < len(observation.units):
-        raise LabError("the sequential method takes its angles from orientations: say --observe pose")
+        raise LabError("the sequential method takes its angles from orientations: give --observe pose")
     if not observed.seen[:, positions:].any():
         raise LabError("no orientation was seen: the sequential method takes its angles from them")
     split = split_of(observation, observed, free, start)

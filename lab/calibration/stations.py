@@ -78,5 +78,5 @@ def named_stations(rows: Measurements, of_cell: Sequence[str]) -> tuple[str, ...
     named = dict.fromkeys(rows.stations)
     names = (*(name for name in of_cell if name in named), *(name for name in named if name not in of_cell))
     if len(names) > 1 and "" in names:
-        raise LabError(f"{rows.where(rows.stations.index(''))}, column station: empty; say from which station it is")
+        raise LabError(f"{rows.where(rows.stations.index(''))}, column station: empty; give the row's station")
     return names

@@ -32,7 +32,7 @@ class Fitting:
 
     model: Annotated[str, tyro.conf.arg(help=_MODEL_HELP)] = "geometric"
     robust: Flag = False
-    """Leave out poses that are off, found by a test that names one in 1 % of clean campaigns."""
+    """Exclude outliers, found by a test with a false alarm in 1 % of clean campaigns."""
     fix: Names = ()
     """Fix these parameters at nominal: names or patterns, e.g. link4.d,tool.*."""
     free: Names = ()

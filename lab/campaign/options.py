@@ -45,7 +45,7 @@ class _VirtualSession:
     robot: str = "irb120"
     """A model's name, or a path to an MJCF, a URDF, or a TOML table or mechanism."""
     cell: Path | None = None
-    """What stands around the robot, what it carries, its narrower limits, the instrument's place: TOML."""
+    """The cell (obstacles, payload, narrower limits, instrument's position): TOML."""
     poses: int = 50
     """How many random collision-free poses to measure; without effect beside a plan."""
     plan: Path | None = None
@@ -64,11 +64,11 @@ class _VirtualSession:
     noise_mm: float | None = None
     """The noise that the identifier assumes (1σ per axis), instead of the instrument's."""
     position_sigma_mm: float = 0.5
-    """How far base, links and flange are off, per axis."""
+    """Position error of base, links and flange, per axis (1σ)."""
     rotation_sigma_mrad: float = 1.5
     """How far base, links and flange are turned, per axis."""
     offset_sigma_mrad: float = 0.0
-    """How far the zeros of the joints are off (mm for a slide)."""
+    """Error of the joints' zeros (mm for a slide, 1σ)."""
     dh_only: Flag = False
     """Perturb nothing but the Denavit-Hartenberg parameters."""
     gate_mm: float | None = None
@@ -136,9 +136,9 @@ class DesignOptions:
     robot: str = "irb120"
     """A model's name, or a path to an MJCF, a URDF, or a TOML table or mechanism."""
     cell: Path | None = None
-    """What stands around the robot, what it carries, its narrower limits, the instrument's place: TOML."""
+    """The cell (obstacles, payload, narrower limits, instrument's position): TOML."""
     poses: int | None = None
-    """How many poses to choose: 30, if no accuracy is asked for."""
+    """Number of poses to choose; 30 unless an accuracy is given."""
     accuracy_mm: float | None = None
     """Choose as few poses as keep 95 % of the validation poses within this, in 95 % of the campaigns."""
     criterion: str = "O1"
@@ -161,7 +161,7 @@ class DesignOptions:
     extend: Path | None = None
     """Poses measured already (CSV), to which these are added."""
     home: Numbers = ()
-    """Where the measuring day starts and ends: joint positions in deg (mm of a slide); zero if not given, or the
+    """Where the session starts and ends: joint positions in deg (mm of a slide); zero if not given, or the
     nominal configuration of a mechanism."""
     reference_every: int | None = None
     """Measure the first pose again after every so many poses, and last: its scatter is the repeatability."""
@@ -202,7 +202,7 @@ class DesignOptions:
         if self.poses is not None:
             whole("--poses", self.poses, 1, POSES)
             if self.accuracy_mm is not None:
-                raise LabError("--poses and --accuracy-mm both say how many poses to choose; give one")
+                raise LabError("--poses and --accuracy-mm both set the number of poses; give one")
         if self.accuracy_mm is not None:
             positive("--accuracy-mm", self.accuracy_mm)
 

@@ -424,7 +424,7 @@ def load_virtual(robot: str | Path | Robot, cell: Path | None = None) -> Robot:
     """
     found = load_robot(robot, cell)
     if found.model.missing:
-        raise LabError(f"{found.model.missing}, but a virtual arm needs them: put them there, or take out what asks")
+        raise LabError(f"{found.model.missing}, but a virtual arm needs them: add them, or remove what needs them")
     messages = (
         (*found.warnings, f"robot {found.name}: {found.model.assumed}") if found.model.assumed else found.warnings
     )

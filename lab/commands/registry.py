@@ -81,7 +81,7 @@ COMMANDS = (
     ),
     Command(
         "design",
-        "Choose the poses to measure, their order and their number, and say how good the choice is.",
+        "Choose the poses to measure, their order and number, and rate the choice.",
         "lab.campaign.options:DesignOptions",
         "lab.commands.design.run:design",
         "design-{robot}-seed{seed}",
@@ -111,7 +111,7 @@ COMMANDS = (
     ),
     Command(
         "verify",
-        "Test a few new measurements against a calibrated arm; where it is no longer good, say what has moved.",
+        "Test a few new measurements against a calibrated arm; if it is no longer good, report what moved.",
         "lab.commands.verify.options:VerifyOptions",
         "lab.commands.verify.run:verify",
         "verify-{file}",

@@ -292,12 +292,12 @@ EARTH_GRAVITY = Range("acceleration of gravity", 9, 10.5, "m/s²", "the Earth ha
 CLOCKS_S = Range("size of the difference of two clocks", 0, 1e10, "s", "three hundred years")
 CLOCK_DRIFT_PPM = Range("size of the drift between two clocks", 0, 100, "ppm", "two quartz clocks drift less")
 HOLDOUT = Range("share of a path that is held out", 0, 0.8, "", "the rest identifies")
-SIMULATION_SIZE = Range("a rehearsal's noise, inertia, lag or filter", 0, 1e3, "", "another unit")
-FRICTION_PERCENT = Range("Coulomb friction of a rehearsal", 0, 30, "%", "little torque is left for the motion")
+SIMULATION_SIZE = Range("a simulation's noise, inertia, lag or filter", 0, 1e3, "", "another unit")
+FRICTION_PERCENT = Range("Coulomb friction of a simulation", 0, 30, "%", "little torque is left for the motion")
 POSITION_MM = Range(
-    "coordinate of a payload, or tilt of a base (°), of a rehearsal", 0, 1e4, "mm", "farther than arms are"
+    "coordinate of a payload, or tilt of a base (°), of a simulation", 0, 1e4, "mm", "farther than arms are"
 )
-SIMULATION_S = Range("seconds of a rehearsal's motion", 2, 1e9, "s", "too little shows")
+SIMULATION_S = Range("seconds of a simulation's motion", 2, 1e9, "s", "too little shows")
 
 RANGES: Final = tuple(value for value in list(globals().values()) if isinstance(value, Range))
 

@@ -112,7 +112,7 @@ class ToolPoint:
             if len(getattr(self, name)) != 3:
                 raise LabError(f"{name} of tool point '{self.name}' is {list(getattr(self, name))}: give three numbers")
         if not np.linalg.norm(self.axis) > 0:
-            raise LabError(f"axis of tool point '{self.name}' is zero: say which way its reflector looks")
+            raise LabError(f"axis of tool point '{self.name}' is zero: give its reflector's direction")
 
     @property
     def position(self) -> Array:
@@ -271,7 +271,7 @@ def read_cell(path: Path) -> Cell:
     if cell.clearance_mm is not None and cell.clearance_mm < 0:
         raise LabError(f"{path}: clearance_mm is {cell.clearance_mm:g}; give zero or more")
     if cell.station and cell.instrument is not None:
-        raise LabError(f"{path}: [instrument] and [[station]] both say where the instrument stands; keep one of them")
+        raise LabError(f"{path}: [instrument] and [[station]] both set the instrument's pose; keep one of them")
     stations = [each.name for each in cell.station]
     for what, names in (("tool", [each.name for each in cell.tool]), ("obstacle", _names(cell)), ("station", stations)):
         taken = set[str]()

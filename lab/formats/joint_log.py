@@ -70,7 +70,7 @@ def read_joint_log(
     """
     table = read_loose(path, len(joint_names))
     if table.headings is None and not columns.joints:
-        raise LabError(f"{path}: no header says which columns are the joints; name them in the --columns file")
+        raise LabError(f"{path}: no header names the joints' columns; name them in the --columns file")
     if columns.joints and len(columns.joints) != len(joint_names):
         raise LabError(
             f"{path}: the --columns file names {len(columns.joints)} joints; the robot has {', '.join(joint_names)}"
@@ -136,14 +136,14 @@ def _scale(table: LooseTable, column: int, slides: bool, given: str | None) -> f
     if slides:
         if stated not in _LENGTHS:
             raise LabError(
-                f"{where}: the joint slides, and no unit of lengths is said; call the column ..._mm or ..._m"
+                f"{where}: the joint slides, and no unit of lengths is stated; call the column ..._mm or ..._m"
             )
         return _LENGTHS[stated]
     if stated and given and stated != given:
         raise LabError(f"{where}: it is in {stated}, as it says; leave out --joint-unit {given}")
     unit = stated or given
     if not unit:
-        raise LabError(f"{where}: its unit is not said; give --joint-unit deg or --joint-unit rad")
+        raise LabError(f"{where}: its unit is not stated; give --joint-unit deg or --joint-unit rad")
     if unit not in _SCALES:
         raise LabError(f"{where}: {unit} is no unit of angles; use deg or rad")
     return float(_SCALES[unit])

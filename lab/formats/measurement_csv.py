@@ -256,7 +256,7 @@ class PoseReader(CsvTable):
             if in_radians and np.abs(joints[:, j]).max() > 4 * np.pi:
                 largest = np.abs(joints[:, j]).max()
                 self.warnings.append(
-                    f"{self.path}: joint {name} reaches {largest:.4g} rad, which looks like degrees: "
+                    f"{self.path}: joint {name} reaches {largest:.4g} rad, probably degrees: "
                     "rename the column to _deg if so"
                 )
 

@@ -48,7 +48,7 @@ def read_orientations(data: Measurements, target: str, meaning: AngleConvention 
     """
     quaternion, angles = (_columns(data, target, ends) for ends in (_QUATERNION, _ANGLES))
     if quaternion and angles:
-        raise LabError(f"columns {quaternion[0]} and {angles[0]} both say an orientation: keep one")
+        raise LabError(f"columns {quaternion[0]} and {angles[0]} both state an orientation: keep one")
     columns = quaternion or angles
     numbers = np.stack([_numbers(data.other[column]) for column in columns], axis=1)
     empty = np.isnan(numbers)
@@ -65,7 +65,7 @@ def read_orientations(data: Measurements, target: str, meaning: AngleConvention 
         return np.asarray(numbers / norm[:, None])
     if meaning is None:
         known = f"{', '.join(ANGLE_CONVENTIONS[:-1])} or {ANGLE_CONVENTIONS[-1]}"
-        raise LabError(f"columns {', '.join(columns)} are angles: say --orientation {known}")
+        raise LabError(f"columns {', '.join(columns)} are angles: give --orientation {known}")
     given = ~empty.any(axis=1)
     quaternions = np.full((len(data), 4), np.nan)
     quaternions[given] = se3.quaternion_from_rotation(rotation_from_angles(np.deg2rad(numbers[given]), meaning))

@@ -335,7 +335,7 @@ def _compliances(section: Section) -> Array:
     bending = [y, z] if np.isnan(both) else [both, both]
     stiffness = np.array([*bending, twist, extension])
     if np.isnan(stiffness).all() and "path_mm" not in section.content:
-        raise LabError(f"{section.where}: nothing says how stiff it is; known are {_LINK_KEYS}")
+        raise LabError(f"{section.where}: its stiffness is missing; valid keys are {_LINK_KEYS}")
     return np.nan_to_num(1 / stiffness)
 
 
@@ -492,7 +492,7 @@ def _place(path: Path, document: Mapping[str, Any]) -> Array | None:
     if "Z" not in document:
         return None
     if "height_mm" in document:
-        raise LabError(f"{path}: height_mm and [Z] both say where frame 0 is; keep one")
+        raise LabError(f"{path}: height_mm and [Z] both set the height of frame 0; keep one")
     return pose_of(_read_khalil_frame(f"{path}, [Z]", document["Z"]).values)
 
 

@@ -355,7 +355,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     except ValueError as error:  # TOMLDecodeError, and Python's own of a number of too many digits
         raise LabError(f"{path}: not a TOML file: {' '.join(str(error).split())}; fix it there") from error
     if not content:
-        raise LabError(f"{path}: says nothing; write into it what it is for, or leave it out")
+        raise LabError(f"{path}: is empty; write into it what it is for, or leave it out")
     refuse_unbounded(path, content, finite=False)
     return content
 

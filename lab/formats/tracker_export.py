@@ -102,7 +102,7 @@ def _order(given: Sequence[tuple[int, str]], where: Callable[[int], str]) -> str
     if any(int(match[3]) > 12 for match, _ in parts):
         return "mdy"
     i = parts[0][1]
-    raise LabError(f'{where(i)}: day and month cannot be told apart; say dates = "dmy" or "mdy" in the --columns file')
+    raise LabError(f'{where(i)}: day and month cannot be told apart; give dates = "dmy" or "mdy" in the --columns file')
 
 
 def _seconds_of_day(match: "re.Match[str]", cell: str, where: str) -> float:
@@ -124,7 +124,7 @@ def _date_seconds(match: "re.Match[str]", order: str, cell: str, where: str) -> 
     try:
         return datetime(year, month, day, tzinfo=UTC).timestamp()
     except (ValueError, OverflowError) as error:
-        raise LabError(f"{where}: '{cell}' is no date; fix it, or say dates in the --columns file") from error
+        raise LabError(f"{where}: '{cell}' is no date; fix it, or give dates in the --columns file") from error
 
 
 LENGTHS = {"mm": 1e-3, "m": 1.0, "in": 25.4e-3, "um": 1e-6}
@@ -268,7 +268,7 @@ class _Reader:
             if len(same) > 1:
                 raise LabError(
                     f"{self.table.path}: {len(same)} columns may be {what} ({self.table.name(same[0])}); "
-                    "say which by its number in the --columns file"
+                    "give its number in the --columns file"
                 )
             if same:
                 return self._take(same[0], what)
@@ -307,7 +307,7 @@ class _Reader:
         if stated and given and stated != given:
             raise LabError(f"{self.table.path}: its lengths are in {stated}, as it says; leave out --unit {given}")
         if not (stated or given):
-            raise LabError(f"{self.table.path}: the unit of its lengths is not said; give --unit mm (or m, in)")
+            raise LabError(f"{self.table.path}: the unit of its lengths is not stated; give --unit mm (or m, in)")
         return stated or str(given)
 
     def _name(self, at: list[int]) -> int | None:

@@ -62,7 +62,7 @@ class AutocorrelatedShift(ErrorTerm):
         text = f"{MICRONS.text(size, 2)} (1σ per axis)"
         if of.carry > UNCORRELATED:
             return (f"errors are correlated in time: {text}, {of.carry:.2g} from one pose to the next",)
-        return (f"errors that each pose has of its own: {text}, hardly correlated in time",)
+        return (f"errors that each pose has of its own: {text}, uncorrelated in time",)
 
     def p_value(self, ratio: float) -> float:
         """Return the p-value of a likelihood ratio that was the largest over the correlations."""

@@ -99,7 +99,7 @@ def exchange(
             best = Design(chosen, joints[chosen], jacobian[chosen], score)
     assert best is not None
     if np.linalg.matrix_rank(_scaled(held + information(best.jacobian)), tol=1e-9) < p:
-        raise LabError(f"no {count} of these poses show all {p} parameters: ask for more poses, or free fewer joints")
+        raise LabError(f"no {count} of these poses show all {p} parameters: give more poses, or free fewer joints")
     return best
 
 

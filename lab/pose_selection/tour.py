@@ -1,4 +1,4 @@
-"""The shortest measuring day: a closed tour from home through all poses and back.
+"""The shortest measurement session: a closed tour from home through all poses and back.
 
 A move lasts what the quickest one does that all joints begin, cruise and end together, at rest at both ends
 (``geometry.laws``): a straight path of the joint positions. Whether that

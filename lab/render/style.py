@@ -229,7 +229,7 @@ _TERMS = {
     "95 % interval": "A range that holds the true value in 95 of 100 such campaigns.",
     "aliased": "An error of this parameter looks exactly like errors of others, so only these are fitted.",
     "BIC": "Bayesian information criterion: how badly a model fits, with a charge for each parameter; less is better.",
-    "condition number": "How much worse the worst observed combination of parameters is known than the best one.",
+    "condition number": "The ratio of the uncertainties of the worst and the best observed combination of parameters.",
     "cross-validation": "Each pose is predicted by a fit to the others.",
     "degrees of freedom": "How many more numbers were measured than fitted.",
     "gate": "The largest mean error that is acceptable, given by whoever asked for the calibration.",

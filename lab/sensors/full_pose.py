@@ -323,7 +323,7 @@ class PoseSensor(VirtualSensor):
         """
         fit.refuse_validation_file(cls.name)
         if options.noise_mrad is not None and fit.noise_mm is None:
-            raise LabError("--noise-mrad says what orientations weigh beside positions; give --noise-mm too")
+            raise LabError("--noise-mrad sets the weight of orientations; give --noise-mm too")
         if options.method == "sequential" and fit.prior:
             raise LabError("--prior is of --method global: the sequential method takes none; leave one out")
         if options.noise_mrad is None or fit.noise_mm is None:

@@ -226,7 +226,9 @@ class _Links:
         found, size = link_loads(loads_of(robot)), robot.chain.size
         elastic = [int(link) for link in np.flatnonzero(sections.any(axis=1))]
         if missing := [link for link in elastic if link not in found.beams]:
-            raise LabError(f"robot {robot.chain.name}: link {missing[0] + 1} has no length, so it is stiff; say so")
+            raise LabError(
+                f"robot {robot.chain.name}: link {missing[0] + 1} has no length, so it is stiff; set it stiff"
+            )
         data, placed = at_zero(robot.model), found.loads.frames(np.zeros((1, size)))
         carriers = [int(model.body_parentid[body]) for body in bodies[1:]] + [bodies[-1]]
         ends, nexts = np.tile(np.eye(4), (size, 1, 1)), np.tile(np.eye(4), (size, 1, 1))

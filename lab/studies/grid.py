@@ -171,7 +171,7 @@ def read_study(path: Path) -> Study:
     """
     content = read_toml(path)
     if not content:
-        raise LabError(f"{path}: says nothing; give the study at least a name, or [factors]")
+        raise LabError(f"{path}: is empty; give the study at least a name, or [factors]")
     with error_context(path):
         return study_from(content)
 

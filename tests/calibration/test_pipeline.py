@@ -116,7 +116,7 @@ def test_of_very_many_poses_some_choose_the_groups_and_all_are_fitted(monkeypatc
     assert fit.groups == ("harmonics",) and len(fit.rows) == len(data)
     (thinned,) = (each for each in fit.checks if each.name == "selection.thinned")
     assert thinned.data == {"used": 60, "count": 120}
-    assert "groups were chosen by 60 of the 120 poses, taken evenly" in told(fit)
+    assert "groups were chosen by 60 of the 120 poses, evenly spaced" in told(fit)
     sigmas = np.sqrt(np.diag(fit.identification.covariance))
     alone = fitted(data.take(list(range(60))), Noise(sigma_m=SIGMA), model="harmonics")
     assert np.median(sigmas / np.sqrt(np.diag(alone.identification.covariance))) < 0.8  # twice as many poses say more
@@ -132,7 +132,7 @@ def test_held_out_poses_that_are_off_are_named() -> None:
         fit = run_steps(Fitted(fitter(spoilt, robust=robust), rows, held), FITTING)
         assert [(pose.id, pose.held_out) for pose in fit.outliers] == [("70", True)]
         assert fit.outliers[0].size_m == pytest.approx(2e-3, rel=0.05)
-        assert any("the error is with them" in warning for warning in told(fit))  # robust or not
+        assert any("the validation error includes it" in warning for warning in told(fit))  # robust or not
     assert fit.adequacy.name == "lack_of_fit.holdout" and fit.adequacy.p > 0.001
 
 

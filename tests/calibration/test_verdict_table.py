@@ -110,13 +110,13 @@ TABLE = {
     ),
     "the same without a gate": Row(
         made(poses=12, range_share=0.1, validated_share=0.1), None, "doubtful",
-        "half of the error of such an arm that was never calibrated", everywhere=True,
+        "half of the error of such an arm before calibration", everywhere=True,
     ),
     "0.280 to 0.276 mm, and the largest error grew": Row(
         judged_by(0.280 * SPREAD, GROWN), GATE, "doubtful",
-        "hardly better than the nominal model: 0.28 mm before, 0.276 mm after, and the largest error grew",
+        "little better than the nominal model: 0.28 mm before, 0.276 mm after, and the largest error grew",
     ),
-    "0.280 to 0.276 mm": Row(judged_by(0.280 * SPREAD, 0.276 * SPREAD), None, "doubtful", "hardly better"),
+    "0.280 to 0.276 mm": Row(judged_by(0.280 * SPREAD, 0.276 * SPREAD), None, "doubtful", "little better"),
     "a link 16 tolerances off, and no gate": Row(
         made(change={"link3.a": 8e-3}), None, "doubtful", "link3.a is estimated 7.85 mm from its nominal value (16 tol"
     ),
@@ -137,7 +137,7 @@ TABLE = {
     "the mean is above the gate": Row(clean, 5e-6, "bad", "above the gate of 0.005 mm"),
     "worse than nominal": Row(judged_by(0.2 * SPREAD, 0.3 * SPREAD), GATE, "bad", "worse than the nominal one"),
     "no gate, but worse than tolerances alone": Row(
-        judged_by(9 * SPREAD, 3 * SPREAD), None, "bad", "within its tolerances that was never calibrated"
+        judged_by(9 * SPREAD, 3 * SPREAD), None, "bad", "of an uncalibrated arm within its tolerances"
     ),
     "all measured points are zero": Row(
         made(points_as=lambda points, _: 0 * points), GATE, "bad", "the same in every pose: wrong column?"

@@ -433,7 +433,7 @@ def test_a_bumped_tracker_is_found_by_its_sessions(tmp_path, capsys) -> None:
     code, result = run(capsys, *bumped, "--overwrite", "--model", "auto")
     assert code == 0 and result["model"] == "geometric+sessions" and result["after_mm"]["mean"] < 0.006
     assert 0.5 < result["truth"]["nees_per_parameter"] < 1.7
-    assert [w.split(":")[0] for w in result["warnings"]] == ["calibrated.xml holds geometry alone"]
+    assert [w.split(";")[0] for w in result["warnings"]] == ["calibrated.xml cannot store sessions"]
     table = (tmp_path / "run" / "measurements.csv").read_text().splitlines()
     assert table[0].startswith("session,") and {line.split(",")[0] for line in table[1:]} == {"1", "2"}
 
@@ -499,7 +499,7 @@ def test_what_cannot_be_judged_by_is_not_chosen(tmp_path, capsys) -> None:
     file, other = (tmp_path / name / "measurements.csv" for name in ("run", "other"))
     code, result = run(capsys, "identify", file, "--model", "auto", "--validate", other, "--refit", "base,tool",
                        "--out", tmp_path / "id")  # fmt: skip
-    assert "backlash" not in result["model"] and any("backlash is not tried" in w for w in result["warnings"])
+    assert "backlash" not in result["model"] and any("backlash not tested" in w for w in result["warnings"])
     code, result = run(capsys, "identify", file, "--model", "auto", "--out", tmp_path / "alone")
     assert code == 0 and result["model"] == "geometric+backlash"
 

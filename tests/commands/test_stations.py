@@ -221,7 +221,7 @@ def test_other_files_are_validated_from_known_stations_or_with_a_base_placed_ane
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ('[instrument]\nposition_mm = [1, 2, 3]\n[[station]]\nname = "a"', "both say where the instrument stands"),
+        ('[instrument]\nposition_mm = [1, 2, 3]\n[[station]]\nname = "a"', "both set the instrument's pose"),
         ('[[station]]\nname = "a"\n[[station]]\nname = "a"', "is taken"),
         ('[[station]]\nname = "a/b"', "has a '/'"),
         ("[[station]]\nposition_mm = [1, 2, 3]", "name"),

@@ -344,7 +344,7 @@ def test_rows_to_skip_are_skipped_and_what_means_nothing_is_passed_over(tmp_path
 
 def test_angles_need_a_meaning(tmp_path) -> None:
     text = f"{HEADER},rx_deg,ry_deg,rz_deg\na,0,0,0,10,20,30\n"
-    with pytest.raises(LabError, match=r"targets\.csv: columns rx_deg, ry_deg, rz_deg are angles: say --orientation"):
+    with pytest.raises(LabError, match=r"targets\.csv: columns rx_deg, ry_deg, rz_deg are angles: give --orientation"):
         read(tmp_path, text)
     x, y, z = (se3.exp(np.deg2rad(angle) * np.eye(3)[i]) for i, angle in enumerate((10, 20, 30)))
     np.testing.assert_allclose(read(tmp_path, text, "fixed-xyz").rotations[0], z @ y @ x, atol=1e-15)

@@ -55,7 +55,7 @@ WRONG = {
     BOX + BOX: "its name 'table' is taken",
     BOX.replace('"table"', '""'): "is empty",
     BOX.replace('name = "table"\n', ""): ".name' is missing",
-    POINT + "axis = [0, 0, 0]\n": "say which way its reflector looks",
+    POINT + "axis = [0, 0, 0]\n": "give its reflector's direction",
     POINT.replace("[1, 2, 3]", "[1, 2]"): "give three numbers",
     POINT + POINT: "its name 'p1' is taken",
     "[reflector]\nkind = 'mirror'\n": "one of corner cube, cat's eye, other",

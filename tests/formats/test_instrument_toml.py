@@ -49,7 +49,7 @@ def test_a_range_that_is_found_anew_is_one_of_the_errors_that_a_file_states(tmp_
 
 
 WRONG = {
-    "": "says nothing",
+    "": "is empty",
     "[noise]\nradial_um = 1\n": "transverse_um",
     NOISE.replace("7.5", "-1"): "transverse_um is -1",
     NOISE.replace("7.5", "0").replace("3\n", "0\n"): "zero along or across",

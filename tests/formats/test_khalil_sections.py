@@ -52,7 +52,7 @@ def test_inspect_gives_back_what_was_written(table: Path) -> None:
         ("gamma_deg", "gamma_grad", r"\[Z\]: gamma is missing"),
         ("r_mm = 80.0\n[E", "r_mm = 80.0\nq_mm = 1\n[E", r"\[Z\]: unknown key 'q_mm'; known are gamma, b, alpha"),
         ("[Z]", "height_mm = 5\n[Z]", "unknown key 'height_mm'"),
-        ('convention = "craig"', 'convention = "craig"\nheight_mm = 5', r"height_mm and \[Z\] both say"),
+        ('convention = "craig"', 'convention = "craig"\nheight_mm = 5', r"height_mm and \[Z\] both set"),
         ("[E.p1]", "[E]", "E is .*; write a section"),
     ],
 )

@@ -1,4 +1,4 @@
-"""A measuring day as a tracker's program and a controller write it: the same numbers in several forms."""
+"""A measurement session as a tracker's program and a controller write it: the same numbers in several forms."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -106,8 +106,8 @@ def silent(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
     def silence() -> None:
         for name in PHRASES:
             monkeypatch.setitem(PHRASES, name, lambda _: "x")
-        monkeypatch.setattr(InstrumentNoise, "words", property(lambda _: "x"))
-        monkeypatch.setattr(ErrorModel, "words", property(lambda _: ("x",)))
+        monkeypatch.setattr(InstrumentNoise, "description", property(lambda _: "x"))
+        monkeypatch.setattr(ErrorModel, "descriptions", property(lambda _: ("x",)))
 
     return silence
 

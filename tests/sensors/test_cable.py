@@ -56,7 +56,7 @@ def test_a_valley_ends_the_fit_with_its_reason() -> None:
     observation, seen = CableSensor().observation(arm, with_sessions(data, (0, 140, 506)), arm.nominal())
     found = identify(observation, seen, arm.nominal())
     assert found.status == "in a valley" and found.fit.iterations < 60
-    assert any("in a valley" in each and "--prior" in each for each in phrases(found.checks))
+    assert any("stalled" in each and "--prior" in each for each in phrases(found.checks))
     observed, _ = weigh(observation, seen, Noise())
     outliers = find_outliers(
         observation.model, observed, found.fit.free, found.nominal_aligned, sigma_given=False, rng=rng_for(0, "null")

@@ -45,7 +45,7 @@ def test_without_noise_an_arm_is_found_as_it_truly_is(name: str) -> None:
     assert result["truth"]["max_abs_error"] < 1e-9
     knows_its_size = name not in ("socket of unknown distance", "plane")
     assert (result["after_mm"]["max"] < 1e-6) == knows_its_size
-    assert any("do not tell the arm's size" in said for said in result["warnings"]) != knows_its_size
+    assert any("do not determine the arm's size" in said for said in result["warnings"]) != knows_its_size
     assert result["before_mm"]["mean"] > 1
 
 

@@ -318,7 +318,7 @@ def test_the_command_says_good_or_what_has_moved(runs: Path, capsys) -> None:
 
 
 def test_it_prints_for_a_person(runs: Path, capsys) -> None:
-    for file, says in (("good.csv", "the test would detect it"), ("base.csv", "--refit base says")):
+    for file, says in (("good.csv", "the test detects one"), ("base.csv", "--refit base estimates")):
         main(["verify", str(runs / "known"), str(runs / file), "--overwrite", "--out", str(runs / "shown")])
         said = " ".join(capsys.readouterr().out.split())
         assert says in said and "degrees of freedom" in said and "predicted" in said
@@ -372,7 +372,7 @@ BAD = [
     ("nowhere good.csv", "nowhere/config.json: cannot be read"),
     ("known good.csv --refit link3", "--refit link3: unknown; give base, tool"),
     ("known good.csv --noise-mm 0", "--noise-mm 0: give a number above zero"),
-    ("known good.csv --noise-mm 1 --instrument uniform-8um", "both say what the noise is"),
+    ("known good.csv --noise-mm 1 --instrument uniform-8um", "both set the noise"),
     ("known good.csv --instrument exact", "without noise there is nothing to test by"),
     ("known good.csv --instrument ruler", "instrument 'ruler' is unknown"),
     ("known ball.csv", "ball.csv: target ball was not identified (those of the run are p1)"),
@@ -433,7 +433,7 @@ def test_a_noise_in_another_unit_hides_nothing_and_copies_count_once(runs: Path,
 def test_a_run_that_was_not_judged_can_be_forced_and_says_so(runs: Path, capsys) -> None:
     unjudged(runs)
     code, found = checked(capsys, runs, "bad", "good.csv", "--force")
-    assert code == 0 and "'not judged': its predicted error is not to be believed" in "\n".join(found["warnings"])
+    assert code == 0 and "'not judged': its predicted error is implausible" in "\n".join(found["warnings"])
 
 
 def test_poses_about_one_axis_are_judged_though_base_and_target_are_not_told_apart() -> None:

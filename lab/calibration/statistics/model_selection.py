@@ -382,7 +382,7 @@ def _trial(large: FullModel, table: NestedModels, found: Identification, name: s
     new, shown = large.added(table, found, name)
     fitted = large.fitted(found)
     if not shown:
-        return _refused(name, "these poses do not show it" if new else "it says nothing that the model does not say")
+        return _refused(name, "these poses do not show it" if new else "it adds nothing to the model")
     if large.least_rows < ROWS_PER_PARAMETER * (len(fitted) + len(shown)):
         return _refused(name, f"too few poses for {len(fitted) + len(shown)} parameters")
     big = table.score([*fitted, *shown])

@@ -116,12 +116,14 @@ class RemainingError:
                 "neighbouring joint positions, so the arm makes them"
             )
         if not np.isfinite(self.instrument_m):
-            return "measure some poses twice, or say --instrument: nothing tells the instrument's part from the arm's"
+            return (
+                "measure some poses twice, or give --instrument: otherwise errors of instrument and arm are confounded"
+            )
         if self.shared_m > max(self.instrument_m, self.rest_m):
-            return "visit some poses several times: only repeats tell what the joints scatter from what the model lacks"
+            return "visit some poses several times: only repeats separate joint scatter from model discrepancy"
         if self.is_explained:
             return "more poses lower the parameters' uncertainty; no effect is left to be found at this noise"
-        return "visit some poses several times: repeats say whether what is left comes back with the pose"
+        return "visit some poses several times: repeats show whether residuals recur with the pose"
 
 
 def remaining_error(

@@ -425,7 +425,7 @@ def _of_prior(prior: ActingPrior | None) -> str:
     plain = f"{short(prior.plain_condition)}" if np.isfinite(prior.plain_condition) else "infinite"
     return (
         f" The tolerances, {large}act in {prior.acts_in} of {counted(prior.directions, 'direction')}"
-        f"{', which these measurements hardly determine' if prior.automatic else ''}; the condition number of the "
+        f"{', which these measurements barely determine' if prior.automatic else ''}; the condition number of the "
         f"measurements alone is {plain}."
     )
 

@@ -606,7 +606,7 @@ def correlation_figure(result: CalibrationResult) -> Figure:
     """Draw the correlations of the identified parameters at these poses."""
     caption = (
         "Correlations of the identified parameters, a block for each link: blue, they rise together; vermilion, one "
-        "falls as the other rises. Dark cells off the diagonal are parameters that these poses hardly tell apart."
+        "falls as the other rises. Dark cells off the diagonal are parameters that these poses barely separate."
     )
     return Figure("correlations-figure", correlation_picture(result), caption)
 
@@ -615,7 +615,7 @@ def singular_value_figure(values: Array) -> Figure:
     """Draw the singular values: how well the measurements observe each direction."""
     caption = (
         "Singular values of the Jacobian (whitened rows, unit columns) of the identified parameters: a direction far "
-        "below the others is one of which the measurements say little."
+        "below the others is one that the measurements barely determine."
     )
     return Figure("singular-values-figure", _singular_value_picture(values), caption)
 

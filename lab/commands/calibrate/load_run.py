@@ -210,7 +210,7 @@ class CalibrationRun:
         result, messages = self.result, []
         if result.verdict != "good":
             why = f" ({'; '.join(result.reasons) or result.reason})" if result.reason else ""
-            belief = "may be too small" if result.usable else "is not to be believed"
+            belief = "may be too small" if result.usable else "is implausible"
             messages.append(f"the verdict of the run is '{result.verdict}'{why}: its predicted error {belief}")
         if self.estimate.adequate is False:
             messages.append(f"of the run: {result.adequacy}: what the model lacked is taken for noise")
@@ -225,7 +225,8 @@ class CalibrationRun:
             why = f" ({reason})" if reason else ""
             mend = "measure poses to validate it on" if word == "not judged" else "mend what is bad"
             raise LabError(
-                f"{self.folder}: the verdict of this run is '{word}'{why}, so {what} is refused; {mend}, or say --force"
+                f"{self.folder}: the verdict of this run is '{word}'{why}, so {what} is refused; {mend}, or "
+                "give --force"
             )
 
     def refuse_unplaced(self, what: str) -> None:

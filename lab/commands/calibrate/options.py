@@ -29,7 +29,7 @@ class _MeasurementFile:
     robot: str = "irb120"
     """A model's name, or a path to an MJCF, a URDF, or a TOML table or mechanism."""
     cell: Path | None = None
-    """What stands around the robot, what it carries, its narrower limits, the instrument's place: TOML."""
+    """The cell (obstacles, payload, narrower limits, instrument's position): TOML."""
     seed: int = 0
     """Of the split into poses to fit and poses to validate on."""
     instrument: str | None = None
@@ -70,12 +70,12 @@ class MeasuredCampaign(SensorOptions, _MeasurementFile):
         """Refuse options that make no sense or contradict each other, with a LabError that names them."""
         check_common(self.fitting, self.seed, self.gate_mm, self.noise_mm, self.date, self.serial)
         if self.noise_mm is not None and self.instrument is not None:
-            raise LabError("--instrument and --noise-mm both say what the noise is; give one")
+            raise LabError("--instrument and --noise-mm both set the noise; give one")
         judging = {"--holdout": self.holdout, "--holdout-last": self.holdout_last, "--validate": self.validate}
         if len(given := [flag for flag, value in judging.items() if value is not None]) > 1:
-            raise LabError(f"{given[0]} and {given[1]} both say what to validate on; give one")
+            raise LabError(f"{given[0]} and {given[1]} both set the validation data; give one")
         if self.refit and self.validate is None:
-            raise LabError("--refit says what a validation file may fit anew; give --validate FILE too")
+            raise LabError("--refit sets what a validation file fits anew; give --validate FILE too")
         check_region(self.region, self.kind())
 
     def kind(self) -> "Sensor":

@@ -91,7 +91,7 @@ class MeasurementSession:
 
 @takes(VirtualCampaign)
 def simulate(robot: str | Path | Robot | VirtualCampaign = "irb120", **options: Any) -> MeasurementSession:
-    """Simulate a measuring day: perturb a robot, set up an instrument, and measure poses that touch nothing.
+    """Simulate a measurement session: perturb a robot, set up an instrument, and measure poses that touch nothing.
 
     Args:
         robot: a model's name, a path, or a loaded robot; or all options in one object.
@@ -119,7 +119,7 @@ def simulate(robot: str | Path | Robot | VirtualCampaign = "irb120", **options: 
 
 
 def measurement_session(options: VirtualCampaign, robot: Robot) -> tuple[MeasurementSession, Mapping[str, Array]]:
-    """The measuring day of these options, with a robot that ``load_virtual`` gave.
+    """The measurement session of these options, with a robot that ``load_virtual`` gave.
 
     Returns:
         The day, and what is identified beside the arm (``SimulatedReadings.placed``), for the assessment alone.
@@ -165,7 +165,7 @@ def robot_of(call: str, data: Measurements, robot: str | Path | Robot | None) ->
         LabError: neither says which robot it is, it cannot be loaded, or its joints are others.
     """
     if robot is None and not data.robot:
-        raise LabError(f"{call}: the measurements do not say of which robot they are; give robot=")
+        raise LabError(f"{call}: the measurements name no robot; give robot=")
     known = load_robot(data.robot if robot is None else robot)
     _refuse_other_joints(call, data, known)
     return known
@@ -265,7 +265,7 @@ def _refuse_another_unit(what: str | Path, data: Measurements, robot: Robot) -> 
 
 @takes(VirtualCampaign)
 def calibrate(robot: str | Path | Robot | VirtualCampaign = "irb120", **options: Any) -> CalibrationResult:
-    """Run a virtual campaign: simulate a measuring day, identify the robot from it, and validate it on new poses.
+    """Run a virtual campaign: simulate a measurement session, identify the robot from it, and validate it on new poses.
 
     Args:
         robot: a model's name, a path, or a loaded robot; or all options in one object.
@@ -294,7 +294,7 @@ def calibrate(robot: str | Path | Robot | VirtualCampaign = "irb120", **options:
 
 
 def _of_a_virtual_robot(session: MeasurementSession, placed: Mapping[str, Array], stage: Stage) -> CalibrationResult:
-    """Identify from a measuring day, and validate on poses that were not measured, against the truth."""
+    """Identify from a measurement session, and validate on poses that were not measured, against the truth."""
     options, robot, data, real = session.options, session.robot, session.measurements, session.true_robot
     device = named_instrument(options.instrument)
     noise, kind = Noise(device, readings=options.readings), options.kind()

@@ -19,7 +19,7 @@ class CertifyOptions:
     run: tyro.conf.Positional[Path]
     """The folder of a run of lab calibrate or lab identify."""
     details: Path | None = None
-    """Who measured what, when, where and with which instrument: TOML. What is missing is said."""
+    """Who measured what, when, where and with which instrument: TOML. Missing entries are listed."""
     instrument: str | None = None
     """The TOML file of the tracker with its systematic errors; by default the instrument of the run."""
     tolerance_mm: float | None = None

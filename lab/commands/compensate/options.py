@@ -32,7 +32,7 @@ class CompensateOptions:
     accept_edited: Flag = False
     """Build on a run too whose files were changed since it was written."""
     cell: Path | None = None
-    """What stands around the robot, and its narrower limits: TOML; that of the run, if not given."""
+    """The cell (obstacles, narrower limits): TOML; that of the run by default."""
     controller: Controller | None = None
     """The language of its program; that of the robot's maker, if not given and known by the robot's name."""
     no_check: Flag = False

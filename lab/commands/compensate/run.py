@@ -182,8 +182,8 @@ def _corrected(
     without = run.estimate.geometry_error(inputs[found.converged], target)
     if without is not None:
         warnings.append(
-            f"the exported arm holds geometry alone: without {', '.join(listed(run.estimate.groups))} it is off by "
-            f"{MM.text(without, 2)} at these targets"
+            f"the exported arm cannot store {', '.join(listed(run.estimate.groups))}; used alone it is "
+            f"{MM.text(without, 2)} off at these targets"
         )
     warnings += _left_out(run, targets, found)
     messages = (*run.warnings, *targets.warnings, *warnings)

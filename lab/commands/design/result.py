@@ -1,4 +1,4 @@
-"""A plan of a measuring day: typed, as plain values, and as the files that a person takes there."""
+"""A plan of a measurement session: typed, as plain values, and as the files that a person takes there."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

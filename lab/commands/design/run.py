@@ -1,4 +1,4 @@
-"""Plan a measuring day: which poses, in what order, how many, and how good the choice is."""
+"""Plan a measurement session: which poses, in what order, how many, and how good the choice is."""
 
 import time
 from collections.abc import Callable, Iterator, Sequence

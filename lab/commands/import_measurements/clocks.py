@@ -382,7 +382,7 @@ class ClockComparison:
         if rivals and not given:
             raise LabError(
                 f"{_called(here, given=False)} places {here.description}, and {rivals[0].offset.flags} places "
-                f"{rivals[0].description}: these poses cannot tell which is right; give --clock-offset-s "
+                f"{rivals[0].description}: these poses fit both; give --clock-offset-s "
                 f"{here.offset.seconds:.10g} if the clocks are known to agree, or --by name or --by order"
             )
 
@@ -415,7 +415,7 @@ def _called(here: PlacedPoints, *, given: bool) -> str:
 
 
 def _or_another(rivals: Sequence[PlacedPoints]) -> str:
-    return f"; so does {rivals[0].offset.flags}, and these poses cannot tell which is right" if rivals else ""
+    return f"; so does {rivals[0].offset.flags}, and these poses fit both" if rivals else ""
 
 
 def _rounded(offset_s: float, width_s: float) -> float:

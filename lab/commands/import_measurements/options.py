@@ -30,24 +30,24 @@ class ImportOptions:
     targets: Names = ("p1",)
     """The measured points of each pose, in the order in which they were measured."""
     unit: Literal["mm", "m", "in"] | None = None
-    """The tracker's unit of lengths, where its file does not say it."""
+    """The tracker's unit of lengths, if its file does not state it."""
     joint_unit: Literal["deg", "rad"] | None = None
-    """The unit of joints that turn, where the controller's file does not say it."""
+    """The unit of joints that turn, if the controller's file does not state it."""
     coverage: float = 1.0
     """By how much the tracker's uncertainties exceed one standard deviation: 2 where they are given for k = 2."""
     columns: Path | None = None
-    """A TOML file that says which columns mean what, where their names do not."""
+    """A TOML file that names the columns, where their headers do not."""
     clock_offset_s: float | None = None
     """By how much the tracker's clock is ahead of the controller's, at the first point. Without it they are taken to
     agree; where the points contradict that, the error proposes an offset."""
     clock_drift_ppm: float = 0.0
     """By how many millionths the tracker's clock runs faster than the controller's: up to 100."""
     still_deg_s: float = 0.1
-    """In a log: the largest speed of a joint that stands still, °/s (mm/s of a slide)."""
+    """In a log: the largest speed of a joint at rest, °/s (mm/s of a slide)."""
     settled_s: float = 0.5
-    """In a log: how long the arm stands still at a pose, at least."""
+    """In a log: the shortest rest at a pose."""
     station: str | None = None
-    """Where the instrument stood, if it stood in several places: fills the column station, begins each id."""
+    """The instrument's station, if there are several: fills the column station, begins each id."""
 
     def check(self) -> None:
         """Refuse numbers and names that make no sense, with a LabError that names the option."""

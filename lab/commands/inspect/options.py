@@ -19,7 +19,7 @@ class InspectOptions:
     robot: tyro.conf.Positional[str] = "irb120"
     """A model's name, or a path to an MJCF, a URDF, or a TOML table or mechanism."""
     cell: Path | None = None
-    """What stands around the robot, what it carries, its narrower limits, the instrument's place: TOML."""
+    """The cell (obstacles, payload, narrower limits, instrument's position): TOML."""
     targets: Names = ("p1",)
     """Measured points of the tool."""
     tool_mm: Numbers = ()

@@ -45,7 +45,7 @@ class MigrationResult(Result):
     def warnings(self) -> tuple[str, ...]:
         """Warnings on facts that a migration cannot recover."""
         if any(each.given and each.given[0].startswith("schema") for each in self.runs):
-            return ("nothing tells whether an older run without checksums was edited; its numbers stay as they were",)
+            return ("edits of an older run without checksums cannot be detected; its numbers stay as they were",)
         return ()
 
     def to_dict(self) -> dict[str, Any]:

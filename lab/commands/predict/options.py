@@ -17,7 +17,7 @@ class PredictOptions:
     run: tyro.conf.Positional[Path]
     """The folder of a run of lab calibrate or lab identify."""
     file: tyro.conf.Positional[Path]
-    """Joint positions, with the conditions that the model asks for, in the columns of a measurement file: CSV."""
+    """Joint positions and the model's conditions, in the columns of a measurement file: CSV."""
     force: Flag = False
     """Also for a run whose verdict is bad or not judged; of a doubtful one the result repeats the reasons."""
     accept_edited: Flag = False

@@ -22,7 +22,7 @@ class StatusOptions:
     """An arm is due this many days after its last calibration or verification (five weeks suit a monthly check), and a
     bad one at once."""
     on: str | None = None
-    """The day for which the state is asked, YYYY-MM-DD, today by default; runs of later days are passed over."""
+    """Date of the state, YYYY-MM-DD, today by default; later runs are ignored."""
     require: Literal["good"] | None = None
     """Exit with 3 where no arm is bad but one is not good."""
     out: Path | None = None

@@ -51,6 +51,6 @@ class VerifyOptions:
         if self.noise_mm is not None:
             positive("--noise-mm", self.noise_mm)
             if self.instrument is not None:
-                raise LabError("--instrument and --noise-mm both say what the noise is; give one")
+                raise LabError("--instrument and --noise-mm both set the noise; give one")
         if self.instrument == "exact":
             raise LabError("--instrument exact: without noise there is nothing to test by; give --noise-mm")

@@ -214,8 +214,8 @@ def _displacement(moved: Displacement) -> dict[str, float | None]:
 
 _MOST_HYPOTHESES = 20  # that are listed
 _ADVICE = {
-    "base": "--refit base says where it is now, and whether the rest of the arm is good",
-    "tool": "--refit tool says where it is now, and whether the rest of the arm is good",
+    "base": "--refit base estimates its new pose, and tests the rest of the arm",
+    "tool": "--refit tool estimates its new pose, and tests the rest of the arm",
     "joint": "set that zero anew, or calibrate anew",
     "reading": "measure that pose again, or mark its row use = skip",
 }
@@ -310,7 +310,7 @@ def _refitted(result: VerificationResult) -> Table:
 def _detectable(result: VerificationResult) -> Table:
     """Tabulate the changes that the test would have detected, with their units."""
     rows = tuple((name, short(size), unit) for name, unit, size in result.detectable if size < float("inf"))
-    caption = "In 95 of 100 such files the test would detect it if one of these were off by"
+    caption = "In 95 of 100 such files the test detects one of these changes, each by at least"
     return Table(("", "by", "unit"), rows, caption)
 
 
@@ -326,7 +326,7 @@ def verify(
     measurements: str | Path | Measurements | None = None,
     **options: Any,
 ) -> VerificationResult:
-    """Test a few new measurements against a calibrated robot; where it is no longer good, say what has moved.
+    """Test a few new measurements against a calibrated robot; if it is no longer good, report what moved.
 
     Args:
         run: what calibrated the robot: a result of ``calibrate`` or ``identify``, or the folder of a run; or all
@@ -519,7 +519,7 @@ def _if_fitted(calibrated: CalibrationRun, options: VerifyOptions, rows: Measure
         f"run was identified from (the first: {rows.where(again[0])}), which verify nothing new; measure poses again"
     )
     if not options.force:
-        raise LabError(f"{text}, or say --force")
+        raise LabError(f"{text}, or give --force")
     return [text]
 
 

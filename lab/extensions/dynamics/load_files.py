@@ -381,7 +381,7 @@ class _LoadReader(PoseReader):
             stem, unit = column.rsplit("_", 1)
             other, factor = _OTHER_UNIT[unit], {"deg": 180 / np.pi, "mm": 1e3}.get(unit, 1.0)
             span = f"{factor * low:.4g} to {factor * high:.4g}"
-            looks = {"rad": ", which looks like degrees", "m": ", which looks like millimetres"}.get(unit, "")
+            looks = {"rad": ", probably degrees", "m": ", probably millimetres"}.get(unit, "")
             seems = looks if abs(joints[row, j]) > 2 * np.pi else ""
             raise self.fail(
                 row,
@@ -416,7 +416,7 @@ class _LoadReader(PoseReader):
     def _runs(self) -> NDArray[np.bool_]:
         texts = self.texts("run")
         if texts is None:
-            raise LabError(f"{self.path}: line 1: no column run; say in each row whether it is {' or '.join(RUNS)}")
+            raise LabError(f"{self.path}: line 1: no column run; state in each row whether it is {' or '.join(RUNS)}")
         for i, text in enumerate(texts):
             if text not in RUNS:
                 raise self.fail(i, "run", f"'{text}' is unknown; write {' or '.join(RUNS)}")

@@ -219,9 +219,7 @@ def verdict(
         )
     tested = [(p, text) for p, text in outcomes if not np.isnan(p)]
     if not tested:
-        return ResidualVerdict(
-            None, np.nan, "whether the residuals are noise cannot be said: there are too few of them"
-        )
+        return ResidualVerdict(None, np.nan, "the residuals are too few to test whether they are noise")
     least, text = min(tested)
     p = min(1.0, len(tested) * least)
     counted = f"(p = {p:.2g}, the least of {len(tested)} tests)"

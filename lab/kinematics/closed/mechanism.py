@@ -238,7 +238,7 @@ class Mechanism(JointSpec):
             if have >= count:
                 return np.concatenate(found)[:count]
         raise LabError(
-            f"robot '{self.name}': hardly any joint positions within limits close its loops; narrow the joints' limits"
+            f"robot '{self.name}': almost no joint positions within limits close its loops; narrow the joints' limits"
         )
 
     def infeasibility_reason(self, joints: Array) -> str:

@@ -244,7 +244,7 @@ class Lag(VirtualEffect):
     """Lag of a virtual arm's joint positions."""
 
     lag: float = 0.0
-    """Share of the last move that the joint positions still lack, from 0 to below 1."""
+    """Lag of the joint positions, as a share of the last move, from 0 to below 1."""
 
     def check(self) -> None:
         """Refuse a joint that never moves.

@@ -196,7 +196,7 @@ class Gear(VirtualEffect):
     """Gear errors of a virtual arm."""
 
     gear_ppm: float = 0.0
-    """How far gear ratios are off (1σ)."""
+    """Relative error of the gear ratios (1σ)."""
 
     draws: ClassVar[int] = 1
     groups: ClassVar[tuple[FittedGroup, ...]] = (FittedGroup("gear", lambda arm: gear(arm.chain)),)

@@ -374,7 +374,7 @@ class Ripple(VirtualEffect):
     """Gear waves of a virtual arm."""
 
     ripple_mrad: float = 0.0
-    """A wave of each joint's gear, as often a turn as the robot's gear ratios say, else 3 to 60 times."""
+    """A wave of each joint's gear, as often a turn as the robot's gear ratios state, else 3 to 60 times."""
 
     draws: ClassVar[int] = 1
 

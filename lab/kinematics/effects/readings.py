@@ -69,7 +69,7 @@ class Repeatability(VirtualEffect):
     """Repeatability of a virtual arm."""
 
     repeatability_mrad: float = 0.0
-    """How far a joint is off from one visit to the next (1σ)."""
+    """Scatter of a joint's position between visits (1σ)."""
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
         """Alike for all joints."""
@@ -254,7 +254,7 @@ class BadReadings(VirtualEffect):
         if len(self.bad_mm) != 2 or not 0 < self.bad_mm[0] <= self.bad_mm[1]:
             raise LabError("--bad-mm: give the least and the largest displacement, e.g. 1,50")
         if self.bad_mm != BadReadings.bad_mm and not self.bad_share:
-            raise LabError("--bad-mm says how large bad readings are; give --bad-share too")
+            raise LabError("--bad-mm is the size of outliers; give --bad-share too")
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
         """Return the outliers' share and range as given; each campaign draws its outliers."""

@@ -78,7 +78,7 @@ def _frame_each(sign: float) -> Offsets:
 
 def _fitted(arm: ArmFacts) -> Effect:
     if len(arm.sessions.sessions) < 2:
-        raise LabError("--model sessions: all rows are of one session; say in a column session which belong together")
+        raise LabError("--model sessions: all rows are of one session; add a column session")
     return sessions(arm.sessions.sessions)
 
 

@@ -1,4 +1,4 @@
-"""Phrases of what a certificate states beside its numbers, where it cannot be right or is unusual."""
+"""Phrases of a certificate's checks: contradictions and unusual values."""
 
 from collections.abc import Callable, Mapping
 
@@ -18,7 +18,7 @@ _TEMPLATES = {
     "certificate.ends_before_begin": f"{_ITS} of {{checked}} ends before it begins, on {{until}}",
     "certificate.later_than_issue": f"{_ITS} of {{checked}} is later than this certificate of {{issued}}",
     "certificate.no_day": f"{_ITS} ({{either}}) cannot be judged: no day of the measurements is stated",
-    "certificate.later_than_measured": f"{_ITS} of {{checked}} is later than {{of}}: nothing says how it was then",
+    "certificate.later_than_measured": f"{_ITS} of {{checked}} is later than {{of}}: its state then is unknown",
     "certificate.ended": f"{_ITS} ended on {{until}}, before {{of}}",
     "certificate.old": (
         f"{_ITS} of {{checked}} is {{years:.1f}} years older than {{of}}, and states no end (valid_until)"

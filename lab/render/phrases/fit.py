@@ -1,4 +1,4 @@
-"""Phrases of the checks of a fit: what a person is told beside the verdict, by the name of each check."""
+"""Phrases of the checks of a fit: the notes and warnings beside the verdict, by the name of each check."""
 
 from collections.abc import Callable, Mapping, Sequence
 
@@ -40,20 +40,23 @@ def _note(check: Check) -> str:
 
 def _retained_outliers(check: Check) -> str:
     data, several = check.data, check.data["count"] > 1
-    first = (
-        "" if data["searched"] or not several else "--model auto tries first whether effects of the arm explain them; "
-    )
+    first = "" if data["searched"] or not several else "--model auto first searches for effects that explain them; "
     count = f"{data['count']} poses are outliers" if several else "1 pose is an outlier"
     return (
         f"{count}, with a residual of {'up to ' if several else ''}{MM.text(data['largest_m'])}, kept in the "
-        f"fit: {first}--robust would exclude {'them' if several else 'it'}, and move the predicted points "
+        f"fit: {first}--robust would exclude {'them' if several else 'it'}, which moves the predicted points "
         f"by {MM.text(data['moved_m'], 2)}"
     )
 
 
 def _held_out_outliers(check: Check) -> str:
     count = check.data["count"]
-    return f"{counted(count, 'pose')} of the hold-out set {be(count)} off: the error is with them"
+    outliers = "are outliers" if count > 1 else "is an outlier"
+    return f"{counted(count, 'pose')} of the hold-out set {outliers}: the validation error includes {_them(count)}"
+
+
+def _them(count: int) -> str:
+    return "them" if count > 1 else "it"
 
 
 def _excluded_outliers(check: Check) -> str:
@@ -63,20 +66,20 @@ def _excluded_outliers(check: Check) -> str:
 
 def _outlier_search(check: Check) -> str:
     return (
-        f"the fit without outliers did not converge in {check.data['iterations']} steps: which poses are off is not "
-        "sure; --prior on helps where the measurements say too little"
+        f"the fit without outliers did not converge in {check.data['iterations']} steps, so the list of outliers is "
+        "uncertain; --prior on helps if parameters are weakly observable"
     )
 
 
 def _search_advice(check: Check, before: str) -> str:
     """Propose to search effects of the arm, after a punctuation mark; nothing where they were searched."""
-    return "" if check.data["searched"] else f"{before}--model auto tries what the arm may have"
+    return "" if check.data["searched"] else f"{before}--model auto searches for effects of the arm"
 
 
 def _undecided(check: Check) -> str:
     return (
-        "the numbers of a pose err together, and what is left comes back with the joints: scatter and what the model "
-        "lacks cannot be told apart, so the intervals are those of whole poses (cluster-robust)"
+        "errors within a pose are correlated and repeat with joint position: joint scatter and model discrepancy are "
+        "confounded, so the intervals are cluster-robust by pose"
     ) + _search_advice(check, "; ")
 
 
@@ -84,23 +87,20 @@ def _uneven(check: Check) -> str:
     ratio = f"residuals across the line of sight are {check.statistic:.2g} times those along it"
     if check.data["of_instrument"]:
         text = (
-            f"{ratio} (F test, p = {check.p:.1g}): the noise is not isotropic, so neither intervals nor the level of "
-            "the outliers' test are right; say whose with --instrument"
+            f"{ratio} (F test, p = {check.p:.1g}): the noise is not isotropic, so intervals and outlier test are "
+            "biased; state the instrument with --instrument"
         )
     else:
-        text = (
-            f"{ratio} (F test, p = {check.p:.1g}), which the arm may cause as well as the instrument"
-            f"{_search_advice(check, ': ')}"
-        )
-    return f"{text}; the intervals given are those of the poses' own residuals" if check.data["clustered"] else text
+        text = f"{ratio} (F test, p = {check.p:.1g}); arm or instrument may cause this{_search_advice(check, ': ')}"
+    return f"{text}; the intervals are cluster-robust by pose" if check.data["clustered"] else text
 
 
 def _extrapolated(check: Check) -> str:
     count = check.data["extrapolated"]
     return (
         f"{count} of {check.data['count']} {check.data['what']} {be(count)} extrapolated: not covered "
-        f"({check.data['first']} first); no pose that the run fitted is near, and its model lacks something: what is "
-        "predicted there says how regions that were left out were missed"
+        f"({check.data['first']} first); no fitted pose is near, and the model has a discrepancy. The predicted error "
+        "there is scaled from cross-validation by region"
     )
 
 
@@ -108,8 +108,7 @@ def _beyond(check: Check) -> str:
     data, outside = check.data, check.data["outside"]
     return (
         f"{outside} of {counted(data['count'], 'validation pose')} {be(outside)} beyond the fitted joint "
-        f"positions ({data['first']} the first): there the model may be off by up to {MM.text(data['size_m'], 2)} "
-        "more (1σ), as the edges of the measured range say"
+        f"positions (first: pose {data['first']}); expect up to {MM.text(data['size_m'], 2)} more error there (1σ)"
     )
 
 
@@ -117,42 +116,39 @@ def _workspace(check: Check) -> str:
     data = check.data
     return (
         f"{100 * data['share']:.0f} % of the workspace is extrapolated: the verdict holds where poses were measured "
-        f"(95 % error {MM.text(data['measured_95_m'])}), elsewhere {MM.text(data['elsewhere_95_m'])} is "
-        "predicted; --region names where the task is"
+        f"(95 % error {MM.text(data['measured_95_m'])}). Elsewhere {MM.text(data['elsewhere_95_m'])} is predicted; "
+        "give the region of the task with --region"
     )
 
 
 def _residual_offsets(check: Check) -> str:
-    return (
-        f"residual: nothing in these measurements shows offsets of the joints (p = {check.p:.2g}); leave the group out"
-    )
+    return f"residual: joint offsets are not significant in these measurements (p = {check.p:.2g}); leave the group out"
 
 
 def _residual_thinned(check: Check) -> str:
-    return f"residual: of {check.data['count']} poses {check.data['used']}, evenly spaced, say the joints' offsets"
+    return f"residual: {check.data['used']} of {check.data['count']} poses, evenly spaced, determine the joint offsets"
 
 
 def _instrument(check: Check) -> str:
     data = check.data
     return (
         f"{data['source']} states {MICRONS.text(data['best_m'], 2)} in one direction and "
-        f"{MICRONS.text(data['worst_m'], 2)} in another, so errors of the reflector's nest weigh "
-        "too much: state nest_um and lock_on_um in [systematic]"
+        f"{MICRONS.text(data['worst_m'], 2)} in another, so errors of the reflector's nest get too much weight: "
+        "state nest_um and lock_on_um in [systematic]"
     )
 
 
 def _setup(check: Check) -> str:
     return (
-        f"some parameters are weakly observable (weak_directions in result.json): with {check.data['change']} the "
-        f"same poses would have a condition number of {check.data['condition_then']:.0f} instead of "
-        f"{check.statistic:.0f}"
+        f"some parameters are weakly observable (weak_directions in result.json): {check.data['change']} would lower "
+        f"the condition number of these poses from {check.statistic:.0f} to {check.data['condition_then']:.0f}"
     )
 
 
 def _strained_prior(check: Check) -> str:
     return (
-        f"{check.data['parameter']} is {check.statistic:.0f} tolerances from its nominal value: --prior on holds it "
-        "back; give larger --tolerance-mm and --tolerance-mrad, or --prior auto"
+        f"{check.data['parameter']} is {check.statistic:.0f} tolerances from its nominal value, so --prior on biases "
+        "it; give larger --tolerance-mm and --tolerance-mrad, or --prior auto"
     )
 
 
@@ -164,21 +160,21 @@ def _far_from_nominal(check: Check) -> str:
 
 def _size(check: Check) -> str:
     return (
-        f"contacts do not tell the arm's size: {check.data['parameter']} stays nominal, and all lengths are in "
-        "proportion to it; a known distance between sockets (--socket-distance-mm) or a length of cable tells it"
+        f"contacts do not determine the arm's size: {check.data['parameter']} is fixed at nominal, and all lengths are "
+        "relative to it; give a measured distance of sockets (--socket-distance-mm) or measure a cable's length"
     )
 
 
 def _counts(check: Check) -> str:
     return (
-        f"whole counts of the encoders alone make errors of {MM.text(check.data['rms_m'])} (RMS); more poses "
-        "average them, more readings do not"
+        f"quantization of the encoders causes errors of {MM.text(check.data['rms_m'])} (RMS); more poses average "
+        "them, more readings do not"
     )
 
 
 def _rounded(check: Check) -> str:
     return (
-        f"joint positions are rounded to {DEGREES.text(check.data['step_rad'], 6)}, which alone makes errors of "
+        f"joint positions are rounded to {DEGREES.text(check.data['step_rad'], 6)}, which causes errors of "
         f"{MM.text(check.data['rms_m'])} (RMS)"
     )
 
@@ -199,21 +195,21 @@ def _assumed_payload(_: Check) -> str:
 
 
 def _incomplete(check: Check) -> str:
-    return f"{check.data['group']} is not tried: {check.data['why']}"
+    return f"{check.data['group']} not tested: {check.data['why']}"
 
 
 def _not_in_validation(check: Check) -> str:
-    return f"{check.data['group']} is not tried, for rows to judge by: {check.data['why']}"
+    return f"{check.data['group']} not tested: in the validation rows {check.data['why']}"
 
 
 def _alternative(check: Check) -> str:
     data = check.data
     text = (
-        f"{data['chosen']} and {data['other']} cannot be told apart by these poses (with {data['other']} instead chi2 "
-        f"changes by {check.statistic:+.1f}): one is as good an explanation as the other; "
+        f"{data['chosen']} and {data['other']} cannot be told apart by these poses (with {data['other']} instead, chi2 "
+        f"changes by {check.statistic:+.1f}); "
     )
     if not data["can_be_told"]:
-        return text + f"no pose and payload would tell: they differ by at most {MM.text(data['differ_m'], 2)}"
+        return text + f"no pose and payload would separate them: they differ by at most {MM.text(data['differ_m'], 2)}"
     joints = ", ".join(f"{value:.3g}" for value in data["joints"])
     return text + (
         f"measure near joints {joints} (rad, m) with {data['payload_kg']:.3g} kg: there they differ "
@@ -231,21 +227,21 @@ def _some_backlash(check: Check) -> str:
 
 
 def _thinned_selection(check: Check) -> str:
-    return f"groups were chosen by {check.data['used']:,} of the {check.data['count']:,} poses, taken evenly"
+    return f"groups were chosen by {check.data['used']:,} of the {check.data['count']:,} poses, evenly spaced"
 
 
 def _twist(check: Check) -> str:
     link = check.data["link"]
     return (
-        f"link{link}.gj, the twist of a link along its own joint's axis, is the compliance of joint {link} as well: no "
-        "pose and no payload tells them apart"
+        f"link{link}.gj (twist of the link about its joint's axis) is confounded with the compliance of joint {link} "
+        "for every pose and payload"
     )
 
 
 def _geometry_alone(check: Check) -> str:
-    lacking = ", ".join(listed(check.data["groups"]))
-    off = MM.text(check.data["off_m"], 2)
-    return f"{check.data['file']} holds geometry alone: without {lacking} it is off by {off} at these poses"
+    groups = ", ".join(listed(check.data["groups"]))
+    error = MM.text(check.data["off_m"], 2)
+    return f"{check.data['file']} cannot store {groups}; used alone it is {error} off at these poses"
 
 
 def _sessions(check: Check) -> str:
@@ -265,7 +261,7 @@ def _limits(check: Check) -> str:
 
 def _blank_rows(check: Check) -> str:
     blank = check.data["blank"]
-    return f"{blank} of {check.data['count']} rows {be(blank)} left out: no {check.data['reading']} is in them"
+    return f"{blank} of {check.data['count']} rows {be(blank)} left out: they have no {check.data['reading']}"
 
 
 def _no_improvement(check: Check) -> str:
@@ -275,13 +271,13 @@ def _no_improvement(check: Check) -> str:
 
 def _unplaced(check: Check) -> str:
     return (
-        f"{check.data['what']} {check.data['name']} was not fitted, so the place of its frame is unknown: not used for "
-        "validation"
+        f"{check.data['what']} {check.data['name']} is not used for validation: it was not fitted, so its frame is "
+        "unknown"
     )
 
 
 def _frame_at_start(check: Check) -> str:
-    return "the validation file is judged in the frame as it was at the start; --refit base if it has moved since"
+    return "the validation file is judged in the frame of the campaign's start; use --refit base if it has moved since"
 
 
 def _validation_payload(_: Check) -> str:
@@ -291,34 +287,33 @@ def _validation_payload(_: Check) -> str:
 def _stalled(check: Check) -> str:
     weak = ", ".join(check.data["weak"])
     return (
-        f"the fit ended after {check.data['iterations']} steps in a valley, along which the measurements say next to "
-        f"nothing{weak and f', of {weak}'}: the result is not to be used; measure in poses that differ more, or "
-        "--prior on"
+        f"the fit stalled after {check.data['iterations']} steps on an ill-conditioned problem"
+        f"{weak and f' (weakest: {weak})'}: do not use the result; measure poses that differ more, or give --prior on"
     )
 
 
 def _not_converged(check: Check) -> str:
     return (
-        f"Gauss-Newton did not converge in {check.data['iterations']} steps: the result is not to be used; where the "
-        "measurements say too little, --prior on weighs the nominal model's tolerances"
+        f"Gauss-Newton did not converge in {check.data['iterations']} steps: do not use the result; if parameters are "
+        "weakly observable, --prior on adds the nominal model's tolerances"
     )
 
 
 def _unobservable(check: Check) -> str:
     return (
-        f"these poses do not tell {', '.join(check.data['parameters'])} apart from the others: they stay nominal; "
-        "move every joint through more of its range, and vary what effects come from (payload, approach, time)"
+        f"{', '.join(check.data['parameters'])} not identifiable from these poses: fixed at nominal; move every joint "
+        "through more of its range, and vary the causes of effects (payload, approach, time)"
     )
 
 
 def _condition(check: Check) -> str:
     weak = ", ".join(check.data["weak"])
-    weigh = "" if check.data["with_prior"] else ", or weigh tolerances (--prior on)"
+    prior = "" if check.data["with_prior"] else ", or use tolerances (--prior on)"
     return (
-        f"the condition is {check.statistic:.0f}: these measurements barely tell the parameters apart"
-        f"{weak and f', and leave {weak} unsure by more than 1 mm or 1 mrad'}; positions near the measured ones "
-        "are right, single parameters are not: move every joint through more of its range, or set the target "
-        f"elsewhere{weigh}"
+        f"condition number {check.statistic:.0f}: these measurements barely separate the parameters"
+        f"{weak and f'; {weak} uncertain by more than 1 mm or 1 mrad'}. Positions near the measured ones are "
+        "accurate, single parameters are not: move every joint through more of its range, or mount the target "
+        f"elsewhere{prior}"
     )
 
 
@@ -331,13 +326,13 @@ def _unidentified_without_a_fold(_: Check) -> str:
 
 
 def _too_few_to_hold_out(check: Check) -> str:
-    return f"not validated: there are too few poses to hold any out, which takes about {check.data['wanted']}"
+    return f"not validated: too few poses to hold any out; about {check.data['wanted']} are needed"
 
 
 def _stuck_folds(check: Check) -> str:
     return (
         f"{check.data['stuck']} of the {check.data['count']} fits of the cross-validation did not converge: the errors "
-        "at their poses may be too large; --prior on helps where the measurements say too little"
+        "at their poses may be too large; --prior on helps if parameters are weakly observable"
     )
 
 
@@ -347,8 +342,8 @@ def _unused_references(_: Check) -> str:
 
 def _unplaced_parameters(check: Check) -> str:
     return (
-        f"{check.data['where']}: the reference rows do not determine {', '.join(check.data['parameters'])}, which stay "
-        "as they were; the errors that are validated do not depend on them"
+        f"{check.data['where']}: the reference rows do not determine {', '.join(check.data['parameters'])}, which keep "
+        "their values; the validated errors do not depend on them"
     )
 
 
@@ -363,14 +358,13 @@ def _joint_sign(check: Check) -> str:
 
 def _singular(check: Check) -> str:
     return (
-        f"{check.data['lost']} of {check.data['count']} {check.data['what']} (the first is {check.data['first']}) are "
-        "beyond a parallel singularity of the real robot, which takes none of them in the nominal assembly mode: left "
-        "out"
+        f"{check.data['lost']} of {check.data['count']} {check.data['what']} left out (first: {check.data['first']}): "
+        "the real robot cannot take them in the nominal assembly mode, beyond a parallel singularity"
     )
 
 
 def _aliased_truth(_: Check) -> str:
-    return "what is aliased on the nominal model is not on this robot: its parameters have no single truth"
+    return "parameters confounded on the nominal model are not confounded on this robot, so they have no true value"
 
 
 PHRASES: Mapping[str, Callable[[Check], str]] = {

@@ -33,11 +33,11 @@ def region_text(region: RegionPrediction) -> str:
 _NOT_TESTED = {
     "residual": (
         "lack of fit is not tested",
-        ": the group residual follows what was measured; errors at other poses judge it",
+        ": the group residual follows the measurements; only errors at other poses test it",
     ),
     "too few": (
         "lack of fit cannot be tested",
-        ": the measurements are no more than the parameters need; measure more poses",
+        ": there are no more measurements than parameters; measure more poses",
     ),
     "unknown noise": (
         "lack of fit cannot be tested",
@@ -78,7 +78,7 @@ def _seen(check: Check) -> str:
 def _not_seen(check: Check) -> str:
     """Word a test that does not show lack of fit."""
     if check.name == "lack_of_fit.joints":
-        return f"what is left does not vary with the joints {_figures(check)}"
+        return f"the residuals do not vary with the joints {_figures(check)}"
     return f"the errors at held-out poses are consistent with their prediction {_figures(check)}"
 
 
@@ -92,13 +92,13 @@ def _chi2(check: Check) -> str:
     if check.outcome == "passed":
         return f"no lack of fit detected: the residuals are consistent with the instrument's noise {test}"
     if check.outcome == "not tested":
-        too_large = "which is given too large to test the fit"
+        too_large = "so the given noise is too large to test the fit"
         return f"the residuals are only {check.statistic:.2g} times the noise, {too_large} {test}"
     text = f"lack of fit: the residuals are {check.statistic:.3g} times the noise {test}"
     if "shared" not in check.data:
         return text
     shared = "; ".join(check.data["shared"].descriptions)
-    return f"{text}, as if {shared}; only repeats could tell that from what the model lacks"
+    return f"{text}, as if {shared}; only repeats could distinguish that from model discrepancy"
 
 
 def _repeats(check: Check) -> str:
@@ -117,10 +117,10 @@ def _distances(check: Check) -> str:
 
 
 def _unknown_noise(check: Check) -> str:
-    """Word the tests that need no known noise: of held-out errors, and of the joints' positions."""
+    """Word the tests that need no given noise: of held-out errors, and of the joints' positions."""
     if check.outcome == "failed":
         return f"lack of fit: {_seen(check.data['tests'][0])}"
-    return f"{_signs(check)}; only a known sigma or repeats could show that noise is all that is left"
+    return f"{_signs(check)}; only a given sigma or repeats could show that the rest is noise"
 
 
 def _joints(check: Check) -> str:
@@ -129,21 +129,21 @@ def _joints(check: Check) -> str:
         return _unknown_noise(check)
     shared = "; ".join(check.data["shared"].descriptions)
     if check.outcome == "failed":
-        return f"lack of fit: beside errors at random ({shared}) {_seen(check)}"
-    return f"{shared}: {_not_seen(check)}; only repeats could show that nothing is lacking"
+        return f"lack of fit: beside random errors ({shared}) {_seen(check)}"
+    return f"{shared}: {_not_seen(check)}; only repeats could show that the model is complete"
 
 
 def _nothing(check: Check) -> str:
     if "shared" in check.data:
-        return f"{'; '.join(check.data['shared'].descriptions)}: lack of fit cannot be tested beside that"
+        return f"{'; '.join(check.data['shared'].descriptions)}: beside these errors lack of fit cannot be tested"
     return "".join(_NOT_TESTED[check.data["why"]])
 
 
 def _isotropy(check: Check) -> str:
     return (
         f"residuals across the line of sight are {check.statistic:.2g} times those along it (F test, p = "
-        f"{check.p:.1g}): the noise is not isotropic, so neither intervals nor the level of the outliers' test are "
-        "right; say whose with --instrument"
+        f"{check.p:.1g}): the noise is not isotropic, so intervals and outlier test are biased; state the instrument "
+        "with --instrument"
     )
 
 
@@ -177,17 +177,17 @@ def _scatter(check: Check) -> str:
 
 def _noise(check: Check) -> str:
     return (
-        f"the noise is estimated at {short_length(check.data['size_m'])} per axis, and common instruments have below "
-        f"{short_length(COMMON_NOISE_M)}: state the instrument (--instrument or --noise-mm), or find what adds to "
-        "its errors"
+        f"the noise is estimated at {short_length(check.data['size_m'])} per axis, but common instruments have less "
+        f"than {short_length(COMMON_NOISE_M)}: state the instrument (--instrument or --noise-mm), or find the cause "
+        "of larger errors"
     )
 
 
 def _missing(check: Check) -> str:
     data = check.data
     return (
-        f"lack of fit: {', '.join(data['effects'])} would explain errors that are called noise (mean error of held-out "
-        f"poses {MM.text(data['before_m'])} without, {MM.text(data['after_m'])} with): fit with --model auto"
+        f"lack of fit: {', '.join(data['effects'])} would explain errors now attributed to noise (mean error of "
+        f"held-out poses {MM.text(data['before_m'])} without, {MM.text(data['after_m'])} with): use --model auto"
     )
 
 
@@ -198,12 +198,12 @@ def _change(check: Check) -> str:
     before, after = check.data["between"]
     if "ratio" in check.data:
         larger = f"from pose {after} on as before" if check.data["grows"] else f"up to pose {before} as after it"
-        return f"errors are {check.data['ratio']:.2g} times as large {larger}: measure all poses in one way"
+        return f"errors are {check.data['ratio']:.2g} times as large {larger}: measure all poses by one method"
     parts = (name.partition(".") for name in check.data["what"])
     first, *others = (_MOVED[kind] + name for kind, _, name in parts)
     what = first + "".join(f" (or {other})" for other in others)
     changed = f"changed by {short_length(check.data['size_m'])} between poses {before} and {after}"
-    return f"{what} {changed}: look what happened there"
+    return f"{what} {changed}: find out what happened there"
 
 
 def _residuals(check: Check) -> str:
@@ -211,7 +211,7 @@ def _residuals(check: Check) -> str:
 
 
 def _weak(_: Check) -> str:
-    return "too weak for a doubt"
+    return "not significant at the level of a doubt"
 
 
 def _spread(check: Check) -> str:
@@ -221,8 +221,8 @@ def _spread(check: Check) -> str:
 
 def _convergence(check: Check) -> str:
     if check.data["status"] == "in a valley":
-        return "the fit ended in a valley, along which the measurements say next to nothing (--prior on)"
-    why = "wrong robot, signs or axes, or too little measured for these (--prior on)?"
+        return "the fit stalled on an ill-conditioned problem: some parameters are unobservable (--prior on)"
+    why = "wrong robot, signs or axes, or too few measurements for these parameters (--prior on)?"
     return f"Gauss-Newton did not converge: {why}"
 
 
@@ -254,7 +254,7 @@ def _validation(check: Check) -> str:
     text = f"{before} with the nominal model, {after} with the calibrated one (means)"
     if "observed_p95_m" in data:
         observed, predicted = MM.text(data["observed_p95_m"]), MM.text(data["predicted_p95_m"])
-        text += f"; 95 % are below {observed}, and {predicted} was predicted there"
+        text += f"; 95 % are below {observed}, where {predicted} was predicted"
     if "without_noise_m" in data:
         text += f", {MM.text(data['without_noise_m'])} of it without the noise of the validation"
     return text
@@ -262,7 +262,7 @@ def _validation(check: Check) -> str:
 
 def _gate(check: Check) -> str:
     data = check.data
-    limit = f"the {MM.text(data['limit_m'])} of an arm within its tolerances that was never calibrated"
+    limit = f"the {MM.text(data['limit_m'])} of an uncalibrated arm within its tolerances"
     if data["gate"]:
         limit = f"the gate of {MM.text(data['limit_m'], 6)}"
     guess = "; wrong --orientation?" if data["oriented"] else ""
@@ -279,7 +279,7 @@ def _worse(check: Check) -> str:
 
 def _gain(check: Check) -> str:
     largest = ", and the largest error grew" if check.data["grown"] else ""
-    return f"hardly better than the nominal model: {_before_after(check)}{largest}"
+    return f"little better than the nominal model: {_before_after(check)}{largest}"
 
 
 def _fitted_poses(check: Check) -> str:
@@ -296,7 +296,7 @@ def _prediction(check: Check) -> str:
     )
     return (
         f"95 % of the errors at poses that were not fitted are below {observed}, but {predicted} was predicted there "
-        f"({allowed} with chance): the model or the noise is not what was assumed"
+        f"({allowed} allowing for chance): the assumed model or noise is wrong"
     )
 
 
@@ -315,7 +315,7 @@ def _error(check: Check) -> str:
 def _limit(check: Check) -> str:
     limit = MM.text(check.data["limit_m"])
     if not check.data["gate"]:
-        text = f"above {limit}, half of the error of such an arm that was never calibrated"
+        text = f"above {limit}, half of the error of such an arm before calibration"
     elif check.data["lack_of_fit"]:
         text = f"with the lack of fit that is above the gate of {limit}"
     else:
@@ -347,30 +347,30 @@ def _given_noise(check: Check) -> str:
     data = check.data
     name = "column sigma_mm" if data["in_column"] else "--noise-mm"
     return (
-        f"{name} {MM.of(data['given_m']):g}: {data['whose']} are those of a noise of {MM.text(data['known_m'], 2)}, "
-        f"{data['given_m'] / data['known_m']:.0f} times less: intervals are as many times too wide, and errors smaller "
-        "than the given noise are not noticed"
+        f"{name} {MM.of(data['given_m']):g} is {data['given_m'] / data['known_m']:.0f} times too large: "
+        f"{data['whose']} are those of a noise of {MM.text(data['known_m'], 2)}. Intervals are as many times too wide, "
+        "and errors smaller than the given noise are not detected"
     )
 
 
 def _given_noises(check: Check) -> str:
     least, most = (f"{MM.of(check.data[name]):.3g}" for name in ("least_m", "most_m"))
-    return f"column sigma_mm goes from {least} to {most}: is it all in mm? Rows with much more noise hardly count"
+    return f"column sigma_mm ranges from {least} to {most}: is it all in mm? Noisy rows get almost no weight"
 
 
 def _given_scale(check: Check) -> str:
     names, scale = check.data["links"], check.data["scale"]
     return (
         f"all {len(names)} long links ({', '.join(names)}) are about {100 * abs(scale):.2g} % "
-        f"{'longer' if scale > 0 else 'shorter'} than the robot's: look at the scale of the points (the instrument's "
-        "unit, its correction for air and temperature), or take the right --robot"
+        f"{'longer' if scale > 0 else 'shorter'} than the robot's: check the scale of the points (the instrument's "
+        "unit, its correction for air and temperature), or give the right --robot"
     )
 
 
 def _given_poses(check: Check) -> str:
     return (
-        f"the points are {MM.text(check.data['off_m'])} from the nominal robot wherever base and tool are: rows "
-        "of other poses, joints in another order or direction, or another robot"
+        f"the points are {MM.text(check.data['off_m'])} from the nominal robot wherever base and tool are: wrong rows, "
+        "joints in another order or direction, or another robot"
     )
 
 

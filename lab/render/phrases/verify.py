@@ -1,4 +1,4 @@
-"""Phrases of a verification: its test, what may have changed, and what large errors come from."""
+"""Phrases of a verification: its test, possible changes, and causes of large errors."""
 
 from collections.abc import Callable, Mapping
 
@@ -28,10 +28,10 @@ _CHANGED = {
     "changed.targets": "the tool's targets have each moved, on average by",
     "changed.target": "target {} has moved on the tool by",
     "changed.joint": "the zero of joint {} ({}) has moved by",
-    "changed.reading": "the reading of {} alone is off by",
+    "changed.reading": "the reading of {} alone is in error by",
 }
 _SEVERAL = (
-    "no movement of base or tool, of one joint's zero, and no single bad reading explains it: more than one thing has "
+    "no single movement of base, tool or a joint's zero and no single outlier explains it: more than one thing has "
     "changed; calibrate anew"
 )
 
@@ -55,8 +55,8 @@ def _tests(check: Check) -> str:
         kind = f"by {check.data['draws']:,} draws of noise with the tails of Student's t, {tail:g} degrees of freedom:"
     over = f" and {dof}" if dof is not None and tail is None else ""
     if len(parts) < 2:
-        freedom = ", ".join(f"{numbers}{over} degrees of freedom, {_chance(p)}" for numbers, p in parts)
-        return f"{kind} test at {100 * VERIFICATION:g} %, {freedom or 'no degrees of freedom'}"
+        counts = ", ".join(f"{numbers}{over} degrees of freedom, {_chance(p)}" for numbers, p in parts)
+        return f"{kind} test at {100 * VERIFICATION:g} %, {counts or 'no degrees of freedom'}"
     (along, p_along), (rest, p_rest) = parts
     return (
         f"{kind} tests at {100 * VERIFICATION:g} % together: along the parameters {along}{over} degrees of freedom, "
@@ -89,7 +89,7 @@ def _extent(check: Check) -> str:
         for size, std, unit in (("shift_m", "shift_std_m", MM), ("turn_rad", "turn_std_rad", MRAD))
         if np.isfinite(check.data[size])
     ]
-    return " and ".join(parts) or "an amount that these poses do not tell"
+    return " and ".join(parts) or "an amount that these poses do not determine"
 
 
 def _with_std(size: float, std: float) -> str:
@@ -111,7 +111,7 @@ def _set_up_anew(check: Check) -> str:
 def _unit(check: Check) -> str:
     factor = check.data["factor"]
     left = MM.text(check.data["left_m"])
-    return f"wrong unit: the points are in {_UNITS[factor]}. Times {factor:g} errors are {left}"
+    return f"wrong unit: the points are in {_UNITS[factor]}. Scaled by {factor:g}, errors are {left}"
 
 
 def _joint_unit(check: Check) -> str:
@@ -123,15 +123,15 @@ def _joint_unit(check: Check) -> str:
 def _mirrored(check: Check) -> str:
     return (
         "the points are mirrored: two of their axes are swapped, or one is negated; export them in a right-handed "
-        f"frame. Mirrored back errors are {MM.text(check.data['left_m'])}"
+        f"frame. Mirrored back, errors are {MM.text(check.data['left_m'])}"
     )
 
 
 def _another_arm(check: Check) -> str:
     return (
         "this is another arm than the calibrated one, or it was rebuilt or crashed: verify against its own run, or "
-        f"calibrate anew. With base and tool fitted anew errors are {MM.text(check.data['left_m'])}, those of the "
-        f"nominal model {MM.text(check.data['by_nominal_m'])}"
+        f"calibrate anew. With base and tool fitted anew, errors are {MM.text(check.data['left_m'])}; those of the "
+        f"nominal model are {MM.text(check.data['by_nominal_m'])}"
     )
 
 

@@ -79,7 +79,7 @@ def test_where_scatter_cannot_be_told_from_the_arm_the_intervals_are_those_of_wh
     day = {"poses": 40, "targets": ("p1", "p2", "p3"), "repeatability_mrad": 0.03, "harmonic_mrad": 0.1}
     undecided = identified(3, day)
     (said,) = [words for words in undecided.to_dict()["warnings"] if "cluster-robust" in words]
-    assert "cannot be told apart" in said and said.endswith("--model auto tries what the arm may have")
+    assert "are confounded" in said and said.endswith("--model auto searches for effects of the arm")
     assert undecided.to_dict()["cluster_robust"] and undecided.to_dict()["noise_model"] is None
     found = undecided.identification
     assert found.dof_each is not None and (found.dof_each < found.dof / 3).all()  # 40 clusters, not 360 numbers
@@ -97,7 +97,7 @@ def test_numbers_in_another_unit_or_of_other_poses_are_the_first_reason() -> Non
         "wrong unit: the points are in inches where mm are expected": replace(day, points=day.points / 25.4),
         "wrong unit: the joint positions are in radians": replace(day, joints=np.deg2rad(day.joints)),
         "the points are mirrored": replace(day, points=day.points[..., [1, 0, 2]]),
-        "wherever base and tool are: rows of other poses": replace(day, points=np.roll(day.points, 1, axis=0)),
+        "wherever base and tool are: wrong rows": replace(day, points=np.roll(day.points, 1, axis=0)),
     }
     for says, data in cases.items():
         found = lab.identify(data, robot="irb120", instrument="uniform-8um").to_dict()

@@ -122,7 +122,7 @@ HAND_EDITS = [
     ("covariance.csv", lambda text: covariance(text, lambda C: C * np.nan), "not finite"),
     ("covariance.csv", lambda text: covariance(text, lambda C: 3 * C - 2 * np.diag(np.diag(C))), "semidefinite"),
     ("covariance.csv", lambda text: covariance(text, lambda C: C / 100), "was changed since the run was written"),
-    ("SHA256SUMS", None, "its checksums are missing; make the run again, or say --accept-edited"),
+    ("SHA256SUMS", None, "its checksums are missing; make the run again, or give --accept-edited"),
 ]
 
 

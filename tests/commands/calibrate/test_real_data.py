@@ -75,7 +75,7 @@ def test_ur10_is_cross_validated_where_nothing_is_asked(file: str) -> None:
     assert np.isfinite(errors.after).all() and mean_mm(errors.after) <= 0.47
     named = [warning for warning in outcome.warnings if "rx_deg, ry_deg, rz_deg" in warning]
     assert len(named) == 1 and "ignored" in named[0]
-    unsure = [warning for warning in outcome.warnings if "barely tell" in warning]
+    unsure = [warning for warning in outcome.warnings if "barely separate" in warning]
     assert len(unsure) == 1 and "link5.theta" in unsure[0]  # the probe's centre lies near axis 6
 
 

@@ -35,7 +35,7 @@ def test_the_last_rows_are_held_out_by_command_and_call(day: Measurements) -> No
     assert result.validation.rows is not None and result.validation.rows.ids == day.ids[45:]
     assert result.fitted.ids == day.ids[:45] and result.validation.judged_by == "holdout"
     for other in ({"holdout": 0.3}, {"validate": day}):
-        with pytest.raises(LabError, match="both say what to validate on"):
+        with pytest.raises(LabError, match="both set the validation data"):
             lab.identify(day, robot="irb120", holdout_last=0.25, **other)
     with pytest.raises(LabError, match=r"--holdout-last 1\.5: give a share between 0 and 1"):
         lab.identify(day, robot="irb120", holdout_last=1.5)

@@ -52,7 +52,7 @@ robot_temperature_k = { limit = 1 }
 expansion_ppm_per_k = 12
 """
 SCATTER_M = 10e-6
-thorough = pytest.mark.thorough  # runs of a measuring day stand behind these
+thorough = pytest.mark.thorough  # runs of a measurement session stand behind these
 
 
 def visited(day: Measurements, times: int) -> Measurements:

@@ -152,7 +152,7 @@ def test_a_bent_arm_is_corrected_for_its_payload_and_says_what_files_cannot_hold
     code, result = compensated(capsys, tmp_path / "loaded.csv", soft, tmp_path / "loaded")
     assert code == 0 and result["model"] == "geometric+compliance"
     assert 0.1 < result["without_effects_mm"] < 0.5
-    assert "holds geometry alone: without compliance it is off by 0." in result["warnings"][0]
+    assert "cannot store compliance; used alone it is 0." in result["warnings"][0]
     header = (tmp_path / "loaded" / "joints.csv").read_text().splitlines()[0]
     assert header == "id,stop,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,payload_kg"
     write_targets(tmp_path / "empty.csv", Ts)
@@ -216,7 +216,7 @@ def test_a_run_that_is_not_good_is_refused_unless_forced(run: Path, tmp_path, ca
     assert words in said and "--force" in said and said.count("\n") == 1 and not (tmp_path / "out").exists()
     assert main([*arguments, "--force"]) == 0
     said = capsys.readouterr()
-    assert f"the verdict of the run is '{verdict}'" in said.err and "not to be believed" in said.err
+    assert f"the verdict of the run is '{verdict}'" in said.err and "is implausible" in said.err
 
 
 def test_a_doubtful_run_is_used_and_its_reasons_are_repeated(run: Path, tmp_path, capsys) -> None:

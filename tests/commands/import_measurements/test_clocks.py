@@ -109,7 +109,7 @@ def outcome(pair: Pair) -> str:
         found = pair.matched()
     except LabError as error:
         proposed = FLAG.findall(str(error))
-        if not proposed or "cannot tell which is right" in str(error):
+        if not proposed or "fit both" in str(error):
             return "refused"
         offset, drift = proposed[-1]
         try:
@@ -203,14 +203,14 @@ def test_a_tour_that_is_repeated_is_ambiguous() -> None:
         seconds=points.seconds[near],
     )  # fmt: skip
     part = replace(pair, points=few, truth=pair.truth[near])
-    with pytest.raises(LabError, match="these poses cannot tell which is right; give --clock-offset-s 0 if"):
+    with pytest.raises(LabError, match="these poses fit both; give --clock-offset-s 0 if"):
         part.matched()
     assert part.wrong(part.matched(0.0)) == 0
 
 
 def test_too_few_poses_need_the_offset() -> None:
     pair = session(12, pattern="equal", offset_s=0.0, drift_ppm=0.0, poses=4, lost=0.0)
-    with pytest.raises(LabError, match="cannot tell which is right"):
+    with pytest.raises(LabError, match="fit both"):
         pair.matched()
     assert pair.wrong(pair.matched(0.0)) == 0
 

@@ -50,7 +50,7 @@ FITTING = [
 ]
 
 TABLES = [
-    toml("empty", "", "says nothing", "leave it out"),
+    toml("empty", "", "is empty", "leave it out"),
     toml("malformed", 'name = "x"\nconvention distal\n', "not a TOML file", "line 2"),
     toml("truncated", ARM_TOML[:-12], "not a TOML file"),
     toml("binary", bytes(range(256)), "not a text file in UTF-8 (byte 128)", "save it as UTF-8"),
@@ -260,7 +260,7 @@ def test_a_missing_mesh_is_told_and_a_virtual_arm_needs_it(
     assert f"robot.{suffix}" in warning and "gone." in warning and "left out" in warning
     assert run(f"calibrate --robot robot.{suffix} --poses 12 --out run") == 2
     (line,) = capfd.readouterr().err.strip().splitlines()
-    assert f"robot.{suffix}" in line and "gone." in line and "put them there" in line and not Path("run").exists()
+    assert f"robot.{suffix}" in line and "gone." in line and "add them" in line and not Path("run").exists()
 
 
 TETRAHEDRON = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"

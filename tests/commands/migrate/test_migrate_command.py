@@ -45,7 +45,7 @@ def valid(run: Path) -> None:
 def test_an_older_run_is_read_with_a_word(old: Path, seven_run: Path) -> None:
     found, ours = read_calibrated(old), read_calibrated(seven_run)
     assert [row.estimate for row in found.estimate.rows] == [row.estimate for row in ours.estimate.rows]
-    assert any("without checksums: nothing tells whether it was edited; lab migrate" in said for said in found.warnings)
+    assert any("without checksums: edits cannot be detected; lab migrate" in said for said in found.warnings)
     assert any("judged it by other rules" in said for said in found.warnings)
     assert all(said.startswith(f"{old}: ") for said in found.named_warnings)
     assert not any(said.startswith(f"{old}: {old}: ") for said in found.named_warnings)

@@ -267,7 +267,7 @@ def test_a_rehearsal_with_drives_writes_currents(tmp_path: Path, capsys: pytest.
     ("arguments", "says"),
     [
         (["--simulate", "motion.csv"], "leave FILE out"),
-        (["--seconds", "3"], "--seconds is of a rehearsal"),
+        (["--seconds", "3"], "--seconds needs --simulate"),
         (["--simulate", "--payload-mm", "1,2"], "--payload-mm: give 3"),
         (["--simulate", "--seconds", "0.2"], "--seconds 0.2: give 2 or more"),
         (["--simulate", "--rate-hz", "1e9"], "too many"),

@@ -266,7 +266,7 @@ def test_progress_rises_to_the_end() -> None:
 
 
 def test_what_cannot_be_designed() -> None:
-    with pytest.raises(LabError, match="torques are limited, but nothing says what they are"):
+    with pytest.raises(LabError, match="torques are limited, but unknown"):
         toy(limits=replace(TOY, torque=TWO))
     with pytest.raises(LabError, match="none of 200 random paths keeps free of contacts and within the torques"):
         toy(feasible=lambda joints: ~anywhere(joints))

@@ -171,7 +171,7 @@ def test_what_is_wrong_is_told_with_its_place(name: str, tmp_path) -> None:
 
 def test_degrees_are_noticed_without_limits(tmp_path) -> None:
     cells = set_cell(2, "q6_rad", "6.3")(good_file(tmp_path / "a.csv"))
-    with pytest.raises(LabError, match=r"6.3 rad is beyond its limits of -6.283 to 6.283, which looks like degrees"):
+    with pytest.raises(LabError, match=r"6.3 rad is beyond its limits of -6.283 to 6.283, probably degrees"):
         read_loads(put(tmp_path / "a.csv", cells), NAMES, SLIDES)
 
 

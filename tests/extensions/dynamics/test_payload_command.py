@@ -159,7 +159,7 @@ def test_the_load_is_drawn_as_the_ellipsoid_that_has_its_inertia() -> None:
             ("moving.csv", "--robot", "tx40", "--method", "wrench", "--sensor", "sensor.toml"),
             ("no wrench", "fx_n"),
         ),
-        "degrees": (("degrees.csv", "--robot", "tx40"), ("degrees.csv", "line 2", "q1_rad", "looks like degrees")),
+        "degrees": (("degrees.csv", "--robot", "tx40"), ("degrees.csv", "line 2", "q1_rad", "probably degrees")),
         "uneven": (("uneven.csv", "--robot", "tx40"), ("uneven.csv", "line 7", "time_s", "evenly timed")),
         "runs exchanged": (("exchanged.csv", "--robot", "tx40"), ("exchanged.csv", "-1.5", "exchanged", "sign")),
         "a motion that is none": (("still.csv", "--robot", "tx40"), ("still.csv", "nothing of the load shows")),
@@ -287,7 +287,7 @@ def test_a_rehearsal_or_a_file(files: Path, capsys) -> None:
     for arguments, says in (
         ((), "or --simulate"),
         ((files / "moving.csv", "--simulate"), "one of the two"),
-        ((files / "moving.csv", "--lag-ms", 3), "--lag-ms is of a rehearsal"),
+        ((files / "moving.csv", "--lag-ms", 3), "--lag-ms needs --simulate"),
         (("--simulate", "--sensor", files / "sensor.toml"), "leave --run, --sensor out"),
     ):
         code, _, said = run(capsys, "payload", *arguments, "--robot", "tx40")

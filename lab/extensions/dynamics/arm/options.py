@@ -8,7 +8,7 @@ import tyro
 from lab.campaign.option_types import Flag, Names, NoRecording
 from lab.core.errors import LabError
 from lab.core.limits import HOLDOUT, check_serial, positive
-from lab.extensions.dynamics.rehearsal_options import SimulationOptions
+from lab.extensions.dynamics.simulation_options import SimulationOptions
 
 __all__ = ["PARTS", "DynamicsOptions"]
 
@@ -29,7 +29,7 @@ class DynamicsOptions:
     sensor: Path | None = None
     """How the base stands, TOML: tilt and gravity."""
     load: Path | None = None
-    """What the loaded run carries, if that is known, TOML: mass, centre of mass, inertia; else it is estimated."""
+    """The load of the loaded run, TOML: mass, centre of mass, inertia; estimated if not given."""
     validate: Path | None = None
     """CSV of another path, whose torques are predicted."""
     holdout: float = 0.0
@@ -47,7 +47,7 @@ class DynamicsOptions:
 
     no_recording: NoRecording = False
     rehearsal: SimulationOptions = field(default_factory=SimulationOptions)
-    """The measuring day, where it is rehearsed."""
+    """The simulated session."""
 
     def check(self) -> None:
         """Refuse what makes no sense, with a LabError that names the option."""

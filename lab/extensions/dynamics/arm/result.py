@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 
 __all__ = ["DynamicsResult", "SimulatedSession", "estimate_to_dict", "singular_values_picture"]
 
-MOTION_CSV, ANOTHER_CSV = "motion.csv", "another.csv"  # of a rehearsed day, in the run's folder
+MOTION_CSV, ANOTHER_CSV = "motion.csv", "another.csv"  # of a simulated session, in the run's folder
 STATES = 200  # over which the conditioning is looked at
 
 
@@ -79,7 +79,7 @@ class DynamicsResult(Result):
         arm: the inverse dynamic model.
         base: its base parameters.
         drives: how they turn the joints, where that was given.
-        day: the virtual measuring day, where it was rehearsed.
+        day: the simulated session, if any.
         samples: what was read; None where only the base parameters were asked for.
         estimate: what was identified of that.
         physical: the nearest parameters that an arm can have; None where not every base parameter was identified.

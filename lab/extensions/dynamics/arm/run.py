@@ -19,7 +19,7 @@ from lab.extensions.dynamics.arm.plausibility import implausible_dynamics
 from lab.extensions.dynamics.arm.result import DynamicsResult, SimulatedSession
 from lab.extensions.dynamics.load_files import PayloadSamples, read_load, read_motion, read_mounting
 from lab.extensions.dynamics.payload.plausibility import ArmSize, Implausibility, stuck_channels
-from lab.extensions.dynamics.rehearsal import MeasuringBench, simulated_load
+from lab.extensions.dynamics.simulated_session import MeasuringBench, simulated_load
 from lab.extensions.dynamics.simulation import drawn_mounting
 from lab.formats.drives_toml import Drives, drives_in, read_drives
 from lab.formats.structured import read_toml
@@ -98,7 +98,7 @@ def _drives(options: DynamicsOptions, robot: Robot) -> Drives | None:
 
 
 def _simulated(described: DynamicsResult) -> SimulatedSession:
-    """A virtual measuring day: the designed path and another one, with the load if one is asked for."""
+    """A virtual measurement session: the designed path and another one, with the load if one is asked for."""
     robot, asked, base = described.robot, described.options.rehearsal, described.base
     load = None if asked.payload_kg is None else simulated_load(asked.payload_kg, asked)
     bench = MeasuringBench(robot, asked, load, described.arm.couplings)

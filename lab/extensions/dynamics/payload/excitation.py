@@ -513,7 +513,7 @@ def design_poses(
 def _allowance(limits: Limits, feasible: Feasible, torque: Dynamics | None) -> Allowed:
     limited = bool(np.isfinite(limits.torque).any())
     if limited and torque is None:
-        raise LabError("torques are limited, but nothing says what they are: give the arm's dynamics")
+        raise LabError("torques are limited, but unknown: give the arm's dynamics")
 
     def allowed(states: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         free = feasible(states[:, 0])

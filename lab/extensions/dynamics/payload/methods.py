@@ -275,7 +275,7 @@ def diagonal(values: Array) -> Array:
 
 _MAX_TORQUE_ITERATIONS, _TORQUE_STEP = 10, 1e-6  # of what is fitted along: seconds, and shares of a torque
 _DELAY = "a delay between torques and positions; estimate it (delay)"
-_FILTERED = "a filter that torques came through and positions did not; tell it (came_through), or record without"
+_FILTERED = "a filter of torques but not of positions; state it (came_through), or record without"
 _FRICTION = "friction that grows with the load; estimate it (friction)"
 _PATHS = "the difference between the two runs' paths; subtract the arm's own dynamics, or better ones (own)"
 

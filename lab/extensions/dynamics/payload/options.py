@@ -9,7 +9,7 @@ import tyro
 from lab.campaign.option_types import Flag, NoRecording
 from lab.core.errors import LabError
 from lab.core.limits import check_serial, positive
-from lab.extensions.dynamics.rehearsal_options import SimulationOptions
+from lab.extensions.dynamics.simulation_options import SimulationOptions
 
 __all__ = ["PayloadOptions"]
 
@@ -23,7 +23,7 @@ class PayloadOptions:
     robot: str = "irb120"
     """A model's name, or a path to an MJCF, a URDF or a table."""
     cell: Path | None = None
-    """What stands around the robot, what it carries, its narrower limits, the instrument's place: TOML."""
+    """The cell (obstacles, payload, narrower limits, instrument's position): TOML."""
     sensor: Path | None = None
     """How base and wrist sensor stand, TOML: tilt and gravity, the sensor's sign and rotation."""
     run: Path | None = None
@@ -37,9 +37,9 @@ class PayloadOptions:
     delay: Flag = False
     """Fit how much later torques or wrench are than the positions."""
     tilt: Flag = False
-    """Fit how the base is tilted beyond what --sensor says (of a wrench)."""
+    """Fit the tilt of the base relative to --sensor (of a wrench)."""
     turn: Flag = False
-    """Fit how the sensor is turned beyond what --sensor says (of a wrench)."""
+    """Fit the rotation of the sensor relative to --sensor (of a wrench)."""
     physical: Flag = False
     """Take the nearest parameters that some body has."""
     stiffness_nm_per_rad: float = 1e5
@@ -49,7 +49,7 @@ class PayloadOptions:
 
     no_recording: NoRecording = False
     rehearsal: SimulationOptions = field(default_factory=SimulationOptions)
-    """The measuring day, where it is rehearsed."""
+    """The simulated session."""
 
     def check(self) -> None:
         """Refuse what makes no sense together, with a LabError that names the option."""
@@ -57,11 +57,9 @@ class PayloadOptions:
         self.rehearsal.check()
         self.rehearsal.refuse_unasked()
         if (self.file is None) != self.rehearsal.simulate:
-            raise LabError("give a FILE of measurements, or --simulate to rehearse it; one of the two")
+            raise LabError("give a FILE of measurements, or --simulate; one of the two")
         if self.rehearsal.simulate and (self.run is not None or self.sensor is not None):
-            raise LabError(
-                "--simulate rehearses torques or a wrist sensor, as it stands itself; leave --run, --sensor out"
-            )
+            raise LabError("--simulate simulates its own torques or wrist sensor; leave --run, --sensor out")
         positive("--stiffness-nm-per-rad", self.stiffness_nm_per_rad)
         given = {"--sensor": self.sensor, "--method": self.method}
         given |= {f"--{name}": getattr(self, name) or None for name in ("friction", "delay", "tilt", "turn")}

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 __all__ = ["PayloadResult", "UncertaintyCost", "channels_of", "parameter_rows", "true_values", "wild_sample"]
 
-LOAD_CSV, SENSOR_TOML = "load.csv", "sensor.toml"  # of a rehearsed day, in the run's folder
+LOAD_CSV, SENSOR_TOML = "load.csv", "sensor.toml"  # of a simulated session, in the run's folder
 _WILD = 7.0  # standard deviations, which one in 4e11 samples passes
 
 
@@ -73,7 +73,7 @@ class PayloadResult(Result):
         cost: what its uncertainty costs.
         targets: the tracked points, where the payload was identified from sag.
         implausible: why it cannot be what it was identified as.
-        truth: ``(10,)`` phi of the virtual payload, where the measuring day was rehearsed.
+        truth: ``(10,)`` phi of the virtual payload, where the session was simulated.
     """
 
     command = "payload"
@@ -184,7 +184,7 @@ def wild_sample(estimate: LoadEstimate) -> str | None:
     part = row / max(len(size) - 1, 1)
     return (
         f"a sample of column {channel + 1} of what is explained is {size.max():.0f} standard deviations off, at "
-        f"{part:.0%} of the rows: the intervals are not to be believed; mend it, or leave it out"
+        f"{part:.0%} of the rows: the intervals are invalid; fix it, or leave it out"
     )
 
 

@@ -29,7 +29,7 @@ from lab.extensions.dynamics.payload.plausibility import (
     stuck_channels,
 )
 from lab.extensions.dynamics.payload.result import PayloadResult, UncertaintyCost, wild_sample
-from lab.extensions.dynamics.rehearsal import MeasuringBench, simulated_load
+from lab.extensions.dynamics.simulated_session import MeasuringBench, simulated_load
 from lab.extensions.dynamics.simulation import drawn_mounting, own_dynamics
 from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.dynamics.rigid_body import sag_uncertainty, torque_regressor
@@ -55,7 +55,7 @@ def payload(
 
     Args:
         file: rows of a loaded and an unloaded run: joint positions with torques, a sensor's wrench, or tracked points;
-            or all options in one object. None where the measuring day is rehearsed (``simulate``).
+            or all options in one object. None where the session is simulated (``simulate``).
         robot: the nominal model: a name, a path, or a loaded robot.
         run: of tracked points, what calibrated the robot with its compliances: a result, or the folder of a run.
         options: those of ``lab payload``, by name: ``sensor``, ``method``, ``friction`` and so on.
@@ -128,7 +128,7 @@ def _read(options: PayloadOptions, file: Path, robot: Robot) -> tuple[PayloadSam
 
 
 def _simulated(options: PayloadOptions, robot: Robot) -> tuple[PayloadSamples, Mounting, Array]:
-    """A virtual measuring day: what is read, how arm and sensor are thought to stand, and the load's phi ``(10,)``."""
+    """Simulate a measurement session: return its readings, the nominal mounting, and the load's phi ``(10,)``."""
     asked = options.rehearsal
     load = simulated_load(asked.payload_kg or _SIMULATED_KG, asked)
     bench = MeasuringBench(robot, asked, load)
@@ -232,7 +232,7 @@ def _paired(options: PayloadOptions, data: Measurements) -> tuple[Array, Array, 
     """
     column = data.other.get("run")
     if column is None or set(column) - {"loaded", "unloaded"}:
-        raise LabError(f"{options.file}: say in a column run of each row whether it is loaded or unloaded")
+        raise LabError(f"{options.file}: state in column run whether each row is loaded or unloaded")
     with_it, without = (
         np.array([i for i, text in enumerate(column) if text == kind]) for kind in ("loaded", "unloaded")
     )

@@ -62,7 +62,7 @@ class KinematicsOptions:
     def check(self) -> None:
         """Refuse options that contradict each other, with a LabError that names them."""
         if self.file is not None and self.pose:
-            raise LabError("--pose and --file both say where the tool is to be; give one")
+            raise LabError("--pose and --file both set the tool's pose; give one")
         if self.rates and self.twist:
             raise LabError("--rates and --twist are each other's answer; give one")
         if self.of and not (self.pose or self.file):

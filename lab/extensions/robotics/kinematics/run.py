@@ -138,7 +138,7 @@ class _Model:
         chain = self.robot.chain
         if self.options.file is not None:
             if self.given is not None:
-                raise LabError("--joints and --file both say where the joints are; give one")
+                raise LabError("--joints and --file both set the joint positions; give one")
             rows = read_joints(self.options.file, chain.joint_names, chain.prismatic)
             return rows.ids, rows.joints, rows.warnings
         return (

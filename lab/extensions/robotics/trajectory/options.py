@@ -54,7 +54,7 @@ class TrajectoryOptions:
     step_ms: float = 10.0
     """Time between the rows of trajectory.csv."""
     cell: Path | None = None
-    """What stands around the robot, and its narrower limits: TOML; that of the run, if not given."""
+    """The cell (obstacles, narrower limits): TOML; that of the run by default."""
     no_check: Flag = False
     """Check nothing for collisions."""
     controller: Controller | None = None

@@ -26,7 +26,7 @@ class WorkspaceOptions:
     """Models' names, or paths to an MJCF, a URDF, or a TOML table or mechanism; several are compared. carriers: the
     five classical carriers."""
     cell: Path | None = None
-    """What stands around the robot, its narrower limits: TOML. Then also what is reached without a collision."""
+    """The cell (obstacles, narrower limits): TOML. Adds the workspace without collisions."""
     tool_mm: Numbers = ()
     """The tool's point in the last frame, or the platform's: x,y,z; by default its origin."""
     places: int | None = None

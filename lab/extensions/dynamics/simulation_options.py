@@ -21,12 +21,12 @@ __all__ = ["SimulationOptions"]
 
 @dataclass(frozen=True)
 class SimulationOptions:
-    """The virtual measuring day."""
+    """The simulated session."""
 
     simulate: Flag = False
-    """Rehearse in MuJoCo: a path is designed and driven, its files are written, and they are evaluated."""
+    """Simulate in MuJoCo: design a path, drive it, write its files, and evaluate them."""
     seed: int = 0
-    """Of everything random of the rehearsal."""
+    """Random seed."""
     seconds: float = 10.0
     """How long each path is driven; it begins and ends at rest."""
     rate_hz: float = 500.0
@@ -78,7 +78,7 @@ class SimulationOptions:
                 raise LabError(f"{name}: give {count} numbers, separated by commas")
 
     def refuse_unasked(self) -> None:
-        """Refuse options of a rehearsal where none is asked for.
+        """Refuse options of a simulation without ``simulate``.
 
         Raises:
             LabError: one is given without --simulate.
@@ -86,4 +86,4 @@ class SimulationOptions:
         usual = SimulationOptions()
         given = [name for name, value in vars(self).items() if value != getattr(usual, name)]
         if not self.simulate and given:
-            raise LabError(f"--{given[0].replace('_', '-')} is of a rehearsal: give --simulate too, or leave it out")
+            raise LabError(f"--{given[0].replace('_', '-')} needs --simulate: give it too, or leave this out")

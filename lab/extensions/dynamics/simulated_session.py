@@ -1,4 +1,4 @@
-"""The measuring day: a D-optimal path from rest to rest, driven by a virtual arm with and without its load."""
+"""The measurement session: a D-optimal path from rest to rest, driven by a virtual arm with and without its load."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -23,7 +23,6 @@ from lab.extensions.dynamics.payload.excitation import (
     design_poses,
     random_path,
 )
-from lab.extensions.dynamics.rehearsal_options import SimulationOptions
 from lab.extensions.dynamics.simulation import (
     CarryingArm,
     LoadBench,
@@ -32,6 +31,7 @@ from lab.extensions.dynamics.simulation import (
     drawn_mounting,
     peak_torques,
 )
+from lab.extensions.dynamics.simulation_options import SimulationOptions
 from lab.kinematics.dynamics.rigid_body import LOAD, Dynamics, hand_motion, wrench_regressor
 from lab.simulation.collisions import collides
 from lab.simulation.model import SerialModel
