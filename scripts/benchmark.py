@@ -369,6 +369,7 @@ def processes() -> dict[str, float]:
     """Milliseconds of whole commands."""
     with tempfile.TemporaryDirectory() as folder:
         calibrate = [sys.executable, "-m", "lab", "calibrate", "--seed", "7", "--json", "--out", f"{folder}/run"]
+        calibrate.append("--overwrite")
 
         def run(command: list[str]) -> None:
             subprocess.run(command, check=True, capture_output=True)
