@@ -438,11 +438,11 @@ def check_edits(folder: Path, names: Sequence[str], *, accept: bool) -> tuple[st
         found = f"{', '.join(edited)} {'was' if len(edited) == 1 else 'were'} changed since the run was written"
     elif is_older(folder):
         return (
-            f"{folder}: an older version of the lab made this run, without checksums: nothing tells whether it was "
-            f"edited; lab migrate {folder} adds them",
+            f"{folder}: an older version of the lab made this run, without checksums: edits cannot be detected; "
+            f"lab migrate {folder} adds them",
         )
     if not accept:
-        raise LabError(f"{folder}: {found}; make the run again, or say {_ACCEPT_EDITED} to build on it as it is")
+        raise LabError(f"{folder}: {found}; make the run again, or give {_ACCEPT_EDITED} to build on it as it is")
     return (f"{folder}: {found}: built on as it is",)
 
 

@@ -191,7 +191,7 @@ def test_rows_of_unknown_stations_are_not_judged_by(tmp_path: Path) -> None:
     result = lab.identify(data, robot="irb120")
     assert result.validation.errors is not None and result.validation.errors.after.shape == (5, 1)
     assert result.validation.errors.after.max() < 1e-9
-    assert any("station C was not fitted" in each for each in result.warnings)
+    assert any("station C is not used for validation: it was not fitted" in each for each in result.warnings)
 
 
 def test_where_only_rows_of_unknown_stations_are_held_out_nothing_is_validated(tmp_path: Path) -> None:
@@ -200,7 +200,7 @@ def test_where_only_rows_of_unknown_stations_are_held_out_nothing_is_validated(t
     result = lab.identify(replace(data, use=("calibrate",) * 35 + ("test",) * 5), robot="irb120")
     found = result.to_dict()
     assert found["judged_by"] is None and found["after_mm"] is None and result.validation.errors is None
-    assert any("station C was not fitted" in each for each in result.warnings)
+    assert any("station C is not used for validation: it was not fitted" in each for each in result.warnings)
 
 
 @pytest.mark.thorough

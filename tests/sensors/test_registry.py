@@ -44,7 +44,7 @@ REFUSED = {
         "--socket-distance-mm is of --observe socket",
     ),
     "a distance of nothing": ("socket", {"socket_distance_mm": 0.0}, {}, "--socket-distance-mm 0: give a number above"),
-    "a noise alone": ("pose", {"noise_mrad": 0.1}, {}, "--noise-mrad says what orientations weigh .* --noise-mm too"),
+    "a noise alone": ("pose", {"noise_mrad": 0.1}, {}, "--noise-mrad sets the weight .* --noise-mm too"),
     "a noise of nothing": ("pose", {"noise_mrad": 0.0}, {"noise_mm": 0.1}, "--noise-mrad 0: give a number above zero"),
     "sequential with a prior": ("pose", {"method": "sequential"}, {"prior": True}, "--prior is of --method global"),
     "an instrument": ("cable", {}, {"instrument": True}, "--observe cable: --validate and --instrument are of points"),

@@ -187,7 +187,7 @@ def _missing(check: Check) -> str:
     data = check.data
     return (
         f"lack of fit: {', '.join(data['effects'])} would explain errors now attributed to noise (mean error of "
-        f"held-out poses {MM.text(data['before_m'])} without, {MM.text(data['after_m'])} with): use --model auto"
+        f"held-out poses {MM.text(data['before_m'])} without, {MM.text(data['after_m'])} with): fit with --model auto"
     )
 
 
