@@ -303,7 +303,7 @@ def test_sessions_are_rows_of_a_frame_of_their_own() -> None:
     data = replace(measured(IRB120.chain.joint_names, joints, ("p1",), np.zeros((4, 1, 3))), sessions=tuple("abca"))
     moved = arm.points(data.inputs(arm.conditions), values) - arm.arm.points(joints, values[: len(arm.arm.names)])
     np.testing.assert_allclose(moved[:, 0], np.array([[0, 0, 0], [1e-3, 0, 0], [0, 0, 0], [0, 0, 0]]), atol=1e-15)
-    with pytest.raises(LabError, match="all rows are of one session; say in a column session"):
+    with pytest.raises(LabError, match="all rows are of one session; add a column session"):
         IRB120.arm_with(("p1",), ("sessions",), SessionInfo(("a",)))
 
 
