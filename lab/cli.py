@@ -52,10 +52,10 @@ def _only_our_warnings() -> None:
 def _ended(arguments: list[str]) -> int:
     """Run one command, and tell in one line how it ended, if not well."""
     from lab.commands import program
-    from lab.core.errors import LabError
+    from lab.core.errors import LabError, options_as_flags
 
     try:
-        with program.output_may_close():
+        with program.output_may_close(), options_as_flags():
             return _run(arguments)
         return program.CLOSED
     except Exception as error:

@@ -14,6 +14,8 @@ import pytest
 from helpers.drawing import nothing_drawn
 from hypothesis import settings
 
+from lab.core.errors import options_as_flags
+
 for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(variable, "1")  # before numpy is imported; commands started by tests inherit it
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
@@ -37,8 +39,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
-    """Only tests marked ``figures`` draw and record, fixtures that they are the first to ask for included."""
-    with nullcontext() if item.get_closest_marker("figures") else nothing_drawn():
+    """Only tests marked ``figures`` draw and record, fixtures that they are the first to ask for included.
+
+    Messages name options as flags, whether a test runs a command or makes the call that it is; that a call names
+    arguments is for ``tests/core/test_errors.py``.
+    """
+    drawn = nullcontext() if item.get_closest_marker("figures") else nothing_drawn()
+    with drawn, options_as_flags():
         return (yield)
 
 

@@ -21,7 +21,7 @@ from lab.calibration.statistics.linearized import NoiseDistribution
 from lab.calibration.statistics.model_selection import Selection, follow, select
 from lab.calibration.statistics.outliers import Outliers
 from lab.calibration.weights import Noise
-from lab.core.errors import LabError
+from lab.core.errors import LabError, option_name
 from lab.core.measurements import Measurements, thinned
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.gravity import Loads
@@ -154,10 +154,13 @@ class Fitter:
         """
         if not self.options.residual:
             return
-        instead = "" if self.kind.name == "points" else f"--observe {self.kind.name}"
+        instead = "" if self.kind.name == "points" else f"{option_name('observe')} {self.kind.name}"
         instead = instead if isinstance(self.robot.arm(self.targets), SerialArm) else "a mechanism with loops"
         if instead:
-            raise LabError(f"--model residual: it takes measured points of a serial arm, not {instead}; leave it out")
+            raise LabError(
+                f"{option_name('model')} residual: it takes measured points of a serial arm, not {instead}; "
+                f"leave it out"
+            )
 
     def model_with(self, groups: Sequence[str]) -> Model:
         """The arm with groups of effects, as it is observed."""

@@ -35,7 +35,7 @@ from lab.calibration.stations import few_points_of_a_station
 from lab.calibration.weights import Noise, joined, root_mean_square_sigma, weigh, weighted_constraints
 from lab.core import se3
 from lab.core.checks import Check
-from lab.core.errors import LabError
+from lab.core.errors import LabError, option_name
 from lab.core.linear_model import WELL_CONDITIONED, condition_bound, triangle_of
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.newton import least_squares_step, newton
@@ -311,7 +311,10 @@ class _MAPProblem:
     def with_whole(self, prior: Prior, dof: int, sigma: float) -> _MAPFit:
         """Fit with a prior in all directions, as wide as the given tolerances."""
         if not (self.sigma_given or np.isfinite(sigma)):
-            raise LabError("--prior: the measurements leave no residuals to estimate the noise; give --noise-mm")
+            raise LabError(
+                f"{option_name('prior')}: the measurements leave no residuals to estimate the noise; give "
+                f"{option_name('noise_mm')}"
+            )
         model, weight = self.observation.model, 1.0 if self.sigma_given else sigma
         rows = np.zeros((len(prior.of), len(model.names)))
         rows[:, list(prior.of)] = prior.whiten

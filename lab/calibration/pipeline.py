@@ -73,7 +73,7 @@ from lab.calibration.verdict import verdict
 from lab.calibration.weights import Noise, weigh
 from lab.calibration.workspace_prediction import bounds_at, own_tolerance
 from lab.core.checks import Check
-from lab.core.errors import LabError
+from lab.core.errors import LabError, option_name
 from lab.core.measurements import Measurements
 from lab.core.units import MM
 from lab.kinematics.effects.effect import SessionInfo
@@ -164,7 +164,7 @@ def start(robot: NominalRobot, data: Measurements, options: PipelineOptions) -> 
     if options.noise_m is None and device is None and given.any() and not given.all():
         raise LabError(
             f"{rows.where(int(np.argmin(given)))}, column sigma_mm: empty, but other rows "
-            "have it; fill it in, or give --noise-mm or --instrument for the empty ones"
+            f"have it; fill it in, or give {option_name('noise_mm')} or {option_name('instrument')} for the empty ones"
         )
     fitter = replace(fitter, judged_by=tuple(judged_by))
     return Fitted(fitter, rows, test if len(test) else None, options.judging)
@@ -422,7 +422,8 @@ def _stations_of(other: Measurements, state: Fitted) -> SessionInfo:
         return SessionInfo()
     if strange := sorted(named - set(known)):
         raise LabError(
-            f"station '{strange[0]}' was not fitted, so its place is unknown; --refit base places every station anew"
+            f"station '{strange[0]}' was not fitted, so its place is unknown; {option_name('refit')} base "
+            f"places every station anew"
         )
     return SessionInfo(stations=known)
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from lab.calibration.gauss_newton import RANK_TOLERANCE, Estimator, Fit, Observations, Status, fit
 from lab.calibration.observation import Observation
-from lab.core.errors import LabError
+from lab.core.errors import LabError, option_name
 from lab.core.linear_model import unit_columns
 from lab.core.newton import least_squares_step
 from lab.core.se3 import Array
@@ -90,7 +90,7 @@ def fit_sequentially(observation: Observation, observed: Observations, free: Seq
     """
     model, positions = observation.model, observation.positions
     if not 0 < positions < len(observation.units):
-        raise LabError("the sequential method takes its angles from orientations: give --observe pose")
+        raise LabError(f"the sequential method takes its angles from orientations: give {option_name('observe')} pose")
     if not observed.seen[:, positions:].any():
         raise LabError("no orientation was seen: the sequential method takes its angles from them")
     split = split_of(observation, observed, free, start)

@@ -17,7 +17,7 @@ from lab.calibration.refit import placed_anew
 from lab.calibration.stations import few_points_of_a_station
 from lab.core import se3
 from lab.core.checks import Check
-from lab.core.errors import LabError, be, counted
+from lab.core.errors import LabError, be, counted, option_name
 from lab.core.measurements import Measurements, setups
 from lab.core.progress import Progress, no_progress
 from lab.core.random import rng_for
@@ -217,10 +217,13 @@ def hold_out(model: Model, data: Measurements, share: float, seed: int) -> tuple
         LabError: the share is not between 0 and 1, or leaves nothing to fit or to validate on.
     """
     if not 0 < share < 1:
-        raise LabError(f"--holdout {share:g}: give a share between 0 and 1, e.g. 0.3")
+        raise LabError(f"{option_name('holdout')} {share:g}: give a share between 0 and 1, e.g. 0.3")
     fitted, held_out = split_by_label(cv_groups_of(model, data), share, seed)
     if not len(held_out) or not len(fitted):
-        raise LabError(f"--holdout {share:g}: {len(data)} poses leave too few to fit or to validate; change the share")
+        raise LabError(
+            f"{option_name('holdout')} {share:g}: {len(data)} poses leave too few to fit or to validate; change "
+            f"the share"
+        )
     return data.take(fitted), data.take(held_out)
 
 
@@ -240,19 +243,21 @@ def hold_out_last(model: Model, data: Measurements, share: float) -> tuple[Measu
         LabError: the share is not between 0 and 1, or leaves nothing to fit or to validate on.
     """
     if not 0 < share < 1:
-        raise LabError(f"--holdout-last {share:g}: give a share between 0 and 1, e.g. 0.3")
+        raise LabError(f"{option_name('holdout_last')} {share:g}: give a share between 0 and 1, e.g. 0.3")
     order, cut = rows_in_time(data), len(data) - round(share * len(data))
     first, last = np.sort(order[:cut]), np.sort(order[cut:])
     if not len(first) or not len(last):
         raise LabError(
-            f"--holdout-last {share:g}: {len(data)} poses leave too few to fit or to validate; change the share"
+            f"{option_name('holdout_last')} {share:g}: {len(data)} poses leave too few to fit or to validate; "
+            f"change the share"
         )
     labels = cv_groups_of(model, data)
     new = last[~np.isin(labels[last], labels[first])]
     if not len(new):
         raise LabError(
-            f"--holdout-last {share:g}: the last {counted(len(last), 'row')} {be(len(last))} of configurations or "
-            "fixtures that were measured before; change the share, or give --holdout"
+            f"{option_name('holdout_last')} {share:g}: the last {counted(len(last), 'row')} {be(len(last))} of "
+            f"configurations or "
+            f"fixtures that were measured before; change the share, or give {option_name('holdout')}"
         )
     return data.take(first), data.take(new)
 
@@ -413,13 +418,13 @@ def error_tangent(model: Model, values: Array) -> Array:
 
 def _refuse_unknown_targets(identification: Identification, model: Model, refit: Sequence[str]) -> None:
     if stray := set(refit) - {"base", "tool"}:
-        raise LabError(f"--refit {sorted(stray)[0]}: unknown; give base, tool or base,tool")
+        raise LabError(f"{option_name('refit')} {sorted(stray)[0]}: unknown; give base, tool or base,tool")
     known = targets_of(identification.model.parameters)
     unknown = [target for target in model.targets if target not in known]
     if unknown and "tool" not in refit:
         raise LabError(
             f"target {unknown[0]} of the validation file was not identified (those are "
-            f"{', '.join(known)}); rename it, or add --refit tool"
+            f"{', '.join(known)}); rename it, or add {option_name('refit')} tool"
         )
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from lab.calibration.gauss_newton import ExtraResiduals, Observations
 from lab.calibration.observation import Observation
 from lab.calibration.statistics.joint_rounding import by_joint_positions
-from lab.core.errors import LabError
+from lab.core.errors import LabError, option_name
 from lab.core.linear_model import whitening
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.se3 import Array
@@ -66,7 +66,10 @@ def _by_instrument(observation: Observation, data: Measurements, noise: Noise) -
     shape = data.points.shape[:2]
     if noise.sigma_m is None and instrument is None:
         if given.any() and not given.all():
-            raise LabError("sigma_mm is empty in some rows; fill it in, or give --noise-mm or --instrument for those")
+            raise LabError(
+                f"sigma_mm is empty in some rows; fill it in, or give {option_name('noise_mm')} or "
+                f"{option_name('instrument')} for those"
+            )
         if not given.any():
             return Observations(inputs, data.points, np.broadcast_to(1 / units, shape)), False
     rows = np.broadcast_to(data.sigma_m[:, None], shape)
@@ -84,7 +87,9 @@ def _by_instrument(observation: Observation, data: Measurements, noise: Noise) -
 def _instrument_covariance(observation: Observation, device: Instrument, points: Array, readings: int) -> Array:
     """``(n, k, 3, 3)``: of positions the instrument's; of what else is observed, by its unit, from their mean."""
     if not observation.positions:
-        raise LabError(f"{device.name} measures points, of which none are observed: give --noise-mm instead")
+        raise LabError(
+            f"{device.name} measures points, of which none are observed: give {option_name('noise_mm')} instead"
+        )
     observed = np.nan_to_num(points[:, : observation.positions], nan=1.0)
     covariance = np.asarray(device.covariance(observed, readings))
     if observation.positions == len(observation.units):

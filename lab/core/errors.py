@@ -3,7 +3,17 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-__all__ = ["IncompleteColumnError", "LabError", "be", "counted", "error_context"]
+__all__ = [
+    "IncompleteColumnError",
+    "LabError",
+    "be",
+    "counted",
+    "error_context",
+    "option_name",
+    "options_as_flags",
+]
+
+_as_flags = False
 
 
 class LabError(ValueError):
@@ -25,6 +35,22 @@ def error_context(context: object) -> Iterator[None]:
         yield
     except LabError as error:
         raise LabError(f"{context}: {error}") from error
+
+
+def option_name(name: str) -> str:
+    """Name an option as its reader gives it: ``noise_mm`` of a call, ``--noise-mm`` on the command line."""
+    return "--" + name.replace("_", "-") if _as_flags else name
+
+
+@contextmanager
+def options_as_flags() -> Iterator[None]:
+    """Name options as flags in the messages that are made here: of a command, not of a call."""
+    global _as_flags
+    before, _as_flags = _as_flags, True
+    try:
+        yield
+    finally:
+        _as_flags = before
 
 
 def counted(count: int, noun: str) -> str:

@@ -20,7 +20,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.core.errors import LabError
+from lab.core.errors import LabError, option_name
 from lab.core.se3 import Array
 
 __all__ = [
@@ -350,7 +350,8 @@ def check_serial(serial: str | None) -> None:
         return
     if len(serial) > LINE_OF_TEXT.most or not serial.isprintable() or serial != serial.strip() or not serial:
         raise LabError(
-            f"--serial {serial!r}: give one line of 1 to {LINE_OF_TEXT.most} characters, without blanks around"
+            f"{option_name('serial')} {serial!r}: give one line of 1 to {LINE_OF_TEXT.most} characters, without "
+            f"blanks around"
         )
 
 

@@ -27,7 +27,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.core.errors import LabError
+from lab.core.errors import LabError, option_name
 
 __all__ = [
     "CHECKSUMS",
@@ -205,7 +205,10 @@ def _recover(place: Path) -> None:
 
 def _refuse_to_replace(place: Path, replacing: bool) -> None:
     if not replacing and place.is_dir() and any(place.iterdir()):
-        raise LabError(f"{place}: holds an earlier run; add --overwrite to replace it, or give --out another folder")
+        raise LabError(
+            f"{place}: holds an earlier run; add {option_name('overwrite')} to replace it, or give "
+            f"{option_name('out')} another folder"
+        )
 
 
 def _swap(draft: Path, place: Path) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lab.core.errors import LabError
+from lab.core.errors import LabError, option_name
 from lab.core.se3 import Array
 from lab.formats.loose_table import JointColumns, LeftOut, LooseTable, column_named, heading_of, read_loose
 from lab.formats.tracker_export import Clock, column_times
@@ -70,10 +70,11 @@ def read_joint_log(
     """
     table = read_loose(path, len(joint_names))
     if table.headings is None and not columns.joints:
-        raise LabError(f"{path}: no header names the joints' columns; name them in the --columns file")
+        raise LabError(f"{path}: no header names the joints' columns; name them in the {option_name('columns')} file")
     if columns.joints and len(columns.joints) != len(joint_names):
         raise LabError(
-            f"{path}: the --columns file names {len(columns.joints)} joints; the robot has {', '.join(joint_names)}"
+            f"{path}: the {option_name('columns')} file names {len(columns.joints)} joints; the robot has "
+            f"{', '.join(joint_names)}"
         )
     at = (
         [column_named(table, each) for each in columns.joints]
@@ -81,7 +82,9 @@ def read_joint_log(
         else [_joint(table, j, name) for j, name in enumerate(joint_names)]
     )
     if len(set(at)) < len(at):
-        raise LabError(f"{path}: a column is taken for two joints; name one for each in the --columns file")
+        raise LabError(
+            f"{path}: a column is taken for two joints; name one for each in the {option_name('columns')} file"
+        )
     scales = [_scale(table, c, slides, unit or columns.unit) for c, slides in zip(at, prismatic, strict=True)]
     joints = np.stack(
         [scale * table.numbers(column, empty=False) for column, scale in zip(at, scales, strict=True)], axis=1
@@ -112,11 +115,15 @@ def _joint(table: LooseTable, j: int, name: str) -> int:
     for key in keys:
         same = [i for i, each in enumerate(headings) if each.key == key]
         if len(same) > 1:
-            raise LabError(f"{table.path}: {len(same)} columns may be joint {name} ({key}); name one by --columns")
+            raise LabError(
+                f"{table.path}: {len(same)} columns may be joint {name} ({key}); name one by {option_name('columns')}"
+            )
         if same:
             return same[0]
     known = ", ".join(each.text for each in headings if each.text)
-    raise LabError(f"{table.path}: no column is joint {name} ({known}); name the joints in the --columns file")
+    raise LabError(
+        f"{table.path}: no column is joint {name} ({known}); name the joints in the {option_name('columns')} file"
+    )
 
 
 def _other(table: LooseTable, given: str, known: tuple[str, ...]) -> int | None:
@@ -140,10 +147,12 @@ def _scale(table: LooseTable, column: int, slides: bool, given: str | None) -> f
             )
         return _LENGTHS[stated]
     if stated and given and stated != given:
-        raise LabError(f"{where}: it is in {stated}, as it says; leave out --joint-unit {given}")
+        raise LabError(f"{where}: it is in {stated}, as it says; leave out {option_name('joint_unit')} {given}")
     unit = stated or given
     if not unit:
-        raise LabError(f"{where}: its unit is not stated; give --joint-unit deg or --joint-unit rad")
+        raise LabError(
+            f"{where}: its unit is not stated; give {option_name('joint_unit')} deg or {option_name('joint_unit')} rad"
+        )
     if unit not in _SCALES:
         raise LabError(f"{where}: {unit} is no unit of angles; use deg or rad")
     return float(_SCALES[unit])
@@ -157,7 +166,9 @@ def _refuse_other_unit(path: Path, joints: Array, prismatic: tuple[bool, ...], s
     largest = float(np.abs(joints[:, turning]).max())
     messages = [scales[j] for j in turning]
     if all(scale == 1.0 for scale in messages) and largest > _FULL_TURNS * 2 * np.pi:
-        raise LabError(f"{path}: joints reach {largest:.4g} rad, which are degrees; give --joint-unit deg")
+        raise LabError(
+            f"{path}: joints reach {largest:.4g} rad, which are degrees; give {option_name('joint_unit')} deg"
+        )
     in_degrees = np.rad2deg(largest)
     if (
         all(scale != 1.0 for scale in messages)
@@ -166,5 +177,6 @@ def _refuse_other_unit(path: Path, joints: Array, prismatic: tuple[bool, ...], s
         and np.ptp(joints, axis=0).max()
     ):
         raise LabError(
-            f"{path}: no joint turns by more than {in_degrees:.3g}°, which are radians; give --joint-unit rad"
+            f"{path}: no joint turns by more than {in_degrees:.3g}°, which are radians; give "
+            f"{option_name('joint_unit')} rad"
         )

@@ -16,7 +16,7 @@ from typing import Literal
 
 import numpy as np
 
-from lab.core.errors import LabError
+from lab.core.errors import LabError, option_name
 from lab.core.limits import COLUMNS, LINE, NUMBER_SIZE, ROWS, TABLE_BYTES
 from lab.core.se3 import Array
 from lab.formats.structured import read_bytes, read_toml, structured
@@ -129,7 +129,8 @@ class LooseTable:
                 continue
             if not _NUMBER.fullmatch(cell):
                 raise LabError(
-                    f"{self._where(i, column)}: '{cell}' is not a number; fix it, or name the right column by --columns"
+                    f"{self._where(i, column)}: '{cell}' is not a number; fix it, or name the right column by "
+                    f"{option_name('columns')}"
                 )
             for mark in {",", "."} & set(cell):
                 marks.setdefault(mark, self.lines[i])

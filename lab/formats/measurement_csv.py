@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lab.core.errors import LabError
+from lab.core.errors import LabError, option_name
 from lab.core.limits import PAYLOAD_KG, ROWS, SIGMA_MM, TARGETS, Limit, checked_name
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
@@ -247,7 +247,7 @@ class PoseReader(CsvTable):
             if re.fullmatch(r"q\d+(_.*)?", column):
                 raise LabError(
                     f"{self.path}: line 1: column {column} is no joint of the robot, which has "
-                    f"{', '.join(self.joint_names)}; choose the right --robot or remove the column"
+                    f"{', '.join(self.joint_names)}; choose the right {option_name('robot')} or remove the column"
                 )
 
     def _warn_of_degrees(self, joints: Array) -> None:
@@ -329,7 +329,9 @@ class PoseReader(CsvTable):
                 orientation.append(column)
             elif column not in (*_OTHER_RESERVED, *self.observed.texts):
                 unknown.append(column)
-        reason = f"--observe {self.observed.observed}" if self.observed.observed else "positions are fitted"
+        reason = (
+            f"{option_name('observe')} {self.observed.observed}" if self.observed.observed else "positions are fitted"
+        )
         if orientation and not self.observed.orientations:
             self.warnings.append(f"{self.path}: orientation columns {', '.join(orientation)} are ignored: {reason}")
         if targets and not self.observed.positions:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.core import se3
-from lab.core.errors import LabError
+from lab.core.errors import LabError, option_name
 from lab.core.limits import QUATERNION_NORM
 from lab.core.measurements import Measurements
 from lab.core.orientation import ANGLE_CONVENTIONS, AngleConvention
@@ -65,7 +65,7 @@ def read_orientations(data: Measurements, target: str, meaning: AngleConvention 
         return np.asarray(numbers / norm[:, None])
     if meaning is None:
         known = f"{', '.join(ANGLE_CONVENTIONS[:-1])} or {ANGLE_CONVENTIONS[-1]}"
-        raise LabError(f"columns {', '.join(columns)} are angles: give --orientation {known}")
+        raise LabError(f"columns {', '.join(columns)} are angles: give {option_name('orientation')} {known}")
     given = ~empty.any(axis=1)
     quaternions = np.full((len(data), 4), np.nan)
     quaternions[given] = se3.quaternion_from_rotation(rotation_from_angles(np.deg2rad(numbers[given]), meaning))

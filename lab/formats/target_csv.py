@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.core import se3
-from lab.core.errors import LabError, error_context
+from lab.core.errors import LabError, error_context, option_name
 from lab.core.limits import ROWS, Limit
 from lab.core.measurements import measured
 from lab.core.orientation import AngleConvention
@@ -139,7 +139,10 @@ class _TargetReader(PoseReader):
         rotations = np.full((len(positions), 3, 3), np.nan)
         angles = [end for end in ENDS if end.startswith("r")]
         if meaning is not None and not {f"{name}_{end}" for end in angles}.union(angles).intersection(rest):
-            raise LabError(f"--orientation {meaning}: {self.path} has no angles rx_deg, ry_deg, rz_deg; leave it out")
+            raise LabError(
+                f"{option_name('orientation')} {meaning}: {self.path} has no angles rx_deg, ry_deg, rz_deg; "
+                f"leave it out"
+            )
         if not {f"{name}_{end}" for end in ENDS}.union(ENDS).intersection(rest):
             return rotations
         data = measured((), np.empty((len(positions), 0)), (name,), positions[:, None])

@@ -16,7 +16,7 @@ from typing import Literal
 
 import numpy as np
 
-from lab.core.errors import LabError
+from lab.core.errors import LabError, option_name
 from lab.core.se3 import Array
 from lab.formats.loose_table import LeftOut, LooseTable, PointColumns, column_named, read_loose
 
@@ -102,7 +102,10 @@ def _order(given: Sequence[tuple[int, str]], where: Callable[[int], str]) -> str
     if any(int(match[3]) > 12 for match, _ in parts):
         return "mdy"
     i = parts[0][1]
-    raise LabError(f'{where(i)}: day and month cannot be told apart; give dates = "dmy" or "mdy" in the --columns file')
+    raise LabError(
+        f'{where(i)}: day and month cannot be told apart; give dates = "dmy" or "mdy" in the '
+        f"{option_name('columns')} file"
+    )
 
 
 def _seconds_of_day(match: "re.Match[str]", cell: str, where: str) -> float:
@@ -124,7 +127,9 @@ def _date_seconds(match: "re.Match[str]", order: str, cell: str, where: str) -> 
     try:
         return datetime(year, month, day, tzinfo=UTC).timestamp()
     except (ValueError, OverflowError) as error:
-        raise LabError(f"{where}: '{cell}' is no date; fix it, or give dates in the --columns file") from error
+        raise LabError(
+            f"{where}: '{cell}' is no date; fix it, or give dates in the {option_name('columns')} file"
+        ) from error
 
 
 LENGTHS = {"mm": 1e-3, "m": 1.0, "in": 25.4e-3, "um": 1e-6}
@@ -252,7 +257,7 @@ class _Reader:
         if column in self.used:
             raise LabError(
                 f"{self.table.path}: column {self.table.name(column)} is taken for {self.used[column]} and for {what}; "
-                "name the right ones by --columns"
+                f"name the right ones by {option_name('columns')}"
             )
         self.used[column] = what
         return column
@@ -268,7 +273,7 @@ class _Reader:
             if len(same) > 1:
                 raise LabError(
                     f"{self.table.path}: {len(same)} columns may be {what} ({self.table.name(same[0])}); "
-                    "give its number in the --columns file"
+                    f"give its number in the {option_name('columns')} file"
                 )
             if same:
                 return self._take(same[0], what)
@@ -281,18 +286,22 @@ class _Reader:
             if found is not None:
                 return found
             known = ", ".join(each.text for each in self.table.headings or () if each.text)
-            raise LabError(f"{self.table.path}: no column is {axis} ({known}); name it in the --columns file")
+            raise LabError(
+                f"{self.table.path}: no column is {axis} ({known}); name it in the {option_name('columns')} file"
+            )
         numeric = [c for c in range(self.table.width) if self.table.is_numeric(c)]
         if len(numeric) == self.table.width and self.table.width > 3 and _counts(self.table.numbers(0)):
             numeric = numeric[1:]  # points without other names are often numbered
         if len(numeric) == self.table.width and self.table.width > 3:
             raise LabError(
                 f"{self.table.path}: {self.table.width} columns of numbers without a header: which are x, y and z "
-                "cannot be told; name them in the --columns file by their numbers"
+                f"cannot be told; name them in the {option_name('columns')} file by their numbers"
             )
         start = next((c for c in numeric if {c, c + 1, c + 2} <= set(numeric)), None)
         if start is None:
-            raise LabError(f"{self.table.path}: no three columns of numbers side by side; name x, y, z by --columns")
+            raise LabError(
+                f"{self.table.path}: no three columns of numbers side by side; name x, y, z by {option_name('columns')}"
+            )
         return self._take(start + "xyz".index(axis), axis)
 
     def _length_unit(self, at: list[int]) -> str:
@@ -305,9 +314,13 @@ class _Reader:
             raise LabError(f"{self.table.path}: coordinates in {stated} are no lengths; export Cartesian coordinates")
         given = self.unit or self.given.unit
         if stated and given and stated != given:
-            raise LabError(f"{self.table.path}: its lengths are in {stated}, as it says; leave out --unit {given}")
+            raise LabError(
+                f"{self.table.path}: its lengths are in {stated}, as it says; leave out {option_name('unit')} {given}"
+            )
         if not (stated or given):
-            raise LabError(f"{self.table.path}: the unit of its lengths is not stated; give --unit mm (or m, in)")
+            raise LabError(
+                f"{self.table.path}: the unit of its lengths is not stated; give {option_name('unit')} mm (or m, in)"
+            )
         return stated or str(given)
 
     def _name(self, at: list[int]) -> int | None:
@@ -332,7 +345,10 @@ class _Reader:
                 total = next((c for key in _TOTALS for c in self._keyed(key)), None)
                 return np.full(len(table.rows), np.nan) if total is None else self._total(total, scale)
             if len(found) < 3:
-                raise LabError(f"{table.path}: uncertainties of x, y and z are not all there; name them by --columns")
+                raise LabError(
+                    f"{table.path}: uncertainties of x, y and z are not all there; name them by "
+                    f"{option_name('columns')}"
+                )
         parts = np.stack([self._uncertainty(column, scale) for column in found], axis=1)
         return np.asarray(np.sqrt((parts**2).mean(axis=1)))
 
@@ -358,7 +374,7 @@ class _Reader:
         for i in np.flatnonzero(values <= 0):
             raise LabError(
                 f"{self.table.path}: line {self.table.lines[i]}, column {self.table.name(column)}: an uncertainty is "
-                "above zero; fix it, or name the right columns by --columns"
+                f"above zero; fix it, or name the right columns by {option_name('columns')}"
             )
         return np.asarray(values)
 

@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from lab.core.errors import LabError
+from lab.core.errors import LabError, option_name
 from lab.core.linear_model import triangle, unit_columns
 from lab.core.random import rng_for
 from lab.core.se3 import Array
@@ -100,7 +100,7 @@ def base_set(
         flat = np.concatenate([flat, prior_rows])
     if not (fix or free):
         return base_set_of(flat, order)
-    fixed, freed = named(model.names, "--fix", fix), named(model.names, "--free", free)
+    fixed, freed = named(model.names, option_name("fix"), fix), named(model.names, option_name("free"), free)
     return _as_wished(model, base_set_of(flat, order), fixed, freed)
 
 
@@ -139,12 +139,14 @@ def _there_are(pattern: str, names: Sequence[str]) -> str:
 def _as_wished(model: Model, usual: BaseSet, fix: Sequence[int], free: Sequence[int]) -> BaseSet:
     """The base set less what is to be fixed, with what is to be free."""
     if both := set(fix) & set(free):
-        raise LabError(f"--fix and --free both name {model.names[min(both)]}: name it once")
+        raise LabError(
+            f"{option_name('fix')} and {option_name('free')} both name {model.names[min(both)]}: name it once"
+        )
     upper = usual.triangle
     left = [i for i in usual.identifiable if i not in fix]
     wished = [*left, *(i for i in free if i not in usual.identifiable)]
     if not wished:
-        raise LabError("--fix leaves no parameter to identify: fix fewer")
+        raise LabError(f"{option_name('fix')} leaves no parameter to identify: fix fewer")
     retained = independent_columns(upper, wished)
     if lost := [i for i in wished if i not in retained]:
         alias = usual.alias[:, usual.fixed.index(lost[0])]
@@ -152,7 +154,7 @@ def _as_wished(model: Model, usual: BaseSet, fix: Sequence[int], free: Sequence[
         into = [model.names[i] for i, big in zip(usual.identifiable, strong, strict=True) if big and i in left]
         name = model.names[lost[0]]
         why = f"it is hidden in {', '.join(into)}: fix one of these in its place" if into else "nothing shows it"
-        raise LabError(f"--free {name}: {name} is not identifiable; {why}")
+        raise LabError(f"{option_name('free')} {name}: {name} is not identifiable; {why}")
     found = _of_retained(upper, retained)
     beyond = [i for i in found.fixed if len(independent_columns(upper, [*retained, i])) > len(retained)]
     return replace(found, fixed_observable=tuple(beyond))

@@ -17,7 +17,7 @@ import numpy as np
 import scipy  # its parts are loaded at their first use, which not every process comes to
 from numpy.typing import NDArray
 
-from lab.core.errors import LabError
+from lab.core.errors import LabError, option_name
 from lab.core.se3 import Array
 from lab.pose_selection.criteria import Criterion
 
@@ -187,7 +187,8 @@ class _Exchange:
                 if not self.free.any():
                     raise LabError(
                         f"no free way leads to {len(self.chosen)} of {len(self.jacobian)} candidates: ask for fewer "
-                        "poses, for more candidates, or for less --clearance-mm and --self-clearance-mm"
+                        f"poses, for more candidates, or for less {option_name('clearance_mm')} and "
+                        f"{option_name('self_clearance_mm')}"
                     )
             self.free[row] = False
 

@@ -20,7 +20,7 @@ from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import fit_base_and_tool
 from lab.calibration.observation import Points
 from lab.calibration.sensor import SensorTerms
-from lab.core.errors import LabError
+from lab.core.errors import LabError, option_name
 from lab.core.measurements import FIXTURE, Measurements, rows_called
 from lab.core.se3 import Array, inverse, transform
 from lab.core.units import MM
@@ -124,7 +124,7 @@ class CableSensor(FixtureSensor):
             LabError: the lengths are missing, one is not above zero, or a row does not name its session.
         """
         if "cable_mm" not in data.conditions:
-            raise LabError("column cable_mm is missing: --observe cable needs the wire's length")
+            raise LabError(f"column cable_mm is missing: {option_name('observe')} cable needs the wire's length")
         lengths = MM.to_si(data.conditions["cable_mm"])
         if (bad := np.flatnonzero(lengths <= 0)).size:
             where = f"{data.where(bad[0])}, column cable_mm"

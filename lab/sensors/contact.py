@@ -7,7 +7,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.core.errors import LabError
+from lab.core.errors import LabError, option_name
 from lab.core.measurements import Measurements, measured
 from lab.core.newton import newton
 from lab.core.se3 import Array, inverse, transform
@@ -90,7 +90,7 @@ class Contacts:
                 return found
         raise LabError(
             f"robot {robot.chain.name} cannot touch its fixtures in {len(missing)} of {count} poses: take another "
-            "--seed, or fewer --fixtures"
+            f"{option_name('seed')}, or fewer {option_name('fixtures')}"
         )
 
     def _gaps(self, joints: Array, rows: NDArray[np.int_]) -> Array:
@@ -144,7 +144,8 @@ class Chance:
         """
         if not isinstance(real, TrueSerialRobot):
             raise LabError(
-                f"robot {real.robot.chain.name} has loops: a virtual one is measured by --observe points or pose"
+                f"robot {real.robot.chain.name} has loops: a virtual one is measured by "
+                f"{option_name('observe')} points or pose"
             )
         parts = real.effects.parts
         if any(isinstance(part, TrackerMotion) and part.motion.any() for part in parts) or any(

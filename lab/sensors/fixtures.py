@@ -20,7 +20,7 @@ from lab.calibration.gauss_newton import Observations, fit
 from lab.calibration.identify import Identification
 from lab.calibration.observation import no_extra_residuals
 from lab.core import se3
-from lab.core.errors import LabError, counted
+from lab.core.errors import LabError, counted, option_name
 from lab.core.measurements import FIXTURE, Measurements
 from lab.core.newton import newton
 from lab.core.random import rng_for
@@ -365,7 +365,9 @@ class FixtureSensor(VirtualSensor, ABC):
             LabError: the arm has several targets, no fixture has enough rows, or the file says what cannot be.
         """
         if len(arm.targets) != 1:
-            raise LabError(f"--observe {self.name} takes one target, not {', '.join(arm.targets)}: name one")
+            raise LabError(
+                f"{option_name('observe')} {self.name} takes one target, not {', '.join(arm.targets)}: name one"
+            )
         rows, kind = self.fixture_rows(arm, data, nominal), self.model
         measured = np.asarray(np.isfinite(rows.observed).all(axis=1))
         labels = list(dict.fromkeys(name for name, there in zip(rows.labels, measured.tolist(), strict=True) if there))

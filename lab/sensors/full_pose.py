@@ -21,7 +21,7 @@ from lab.calibration.sensor import SensorTerms
 from lab.calibration.sequential import fit_sequentially
 from lab.calibration.weights import Noise
 from lab.core import se3
-from lab.core.errors import LabError
+from lab.core.errors import LabError, option_name
 from lab.core.limits import positive
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.orientation import AngleConvention
@@ -323,12 +323,17 @@ class PoseSensor(VirtualSensor):
         """
         fit.refuse_validation_file(cls.name)
         if options.noise_mrad is not None and fit.noise_mm is None:
-            raise LabError("--noise-mrad sets the weight of orientations; give --noise-mm too")
+            raise LabError(
+                f"{option_name('noise_mrad')} sets the weight of orientations; give {option_name('noise_mm')} too"
+            )
         if options.method == "sequential" and fit.prior:
-            raise LabError("--prior is of --method global: the sequential method takes none; leave one out")
+            raise LabError(
+                f"{option_name('prior')} is of {option_name('method')} global: the sequential method takes "
+                f"none; leave one out"
+            )
         if options.noise_mrad is None or fit.noise_mm is None:
             return cls(options.orientation, None, options.method == "sequential")
-        positive("--noise-mrad", options.noise_mrad)
+        positive(option_name("noise_mrad"), options.noise_mrad)
         return cls(options.orientation, options.noise_mrad / fit.noise_mm, options.method == "sequential")
 
     @property

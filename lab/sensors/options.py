@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from lab.core.errors import LabError
+from lab.core.errors import LabError, option_name
 from lab.core.orientation import AngleConvention
 
 __all__ = ["FitInputs", "PoseOptions", "SensorOptions", "SocketOptions", "VirtualSetup"]
@@ -74,7 +74,10 @@ class FitInputs:
             LabError: an instrument or a validation file is given.
         """
         if self.instrument or self.validation_file:
-            raise LabError(f"--observe {sensor}: --validate and --instrument are of points; leave them out")
+            raise LabError(
+                f"{option_name('observe')} {sensor}: {option_name('validate')} and {option_name('instrument')} "
+                f"are of points; leave them out"
+            )
 
     def refuse_validation_file(self, sensor: str) -> None:
         """Refuse a file of points to validate on.
@@ -83,4 +86,4 @@ class FitInputs:
             LabError: there is one.
         """
         if self.validation_file:
-            raise LabError(f"--observe {sensor}: --validate is of points; leave it out")
+            raise LabError(f"{option_name('observe')} {sensor}: {option_name('validate')} is of points; leave it out")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from lab.core.errors import LabError
+from lab.core.errors import LabError, option_name
 from lab.sensors.options import FitInputs, SensorOptions
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ def sensor_named(name: str) -> "type[VirtualSensor]":
         LabError: there is none.
     """
     if name not in SENSORS:
-        raise LabError(f"--observe {name}: unknown; give one of {', '.join(SENSORS)}")
+        raise LabError(f"{option_name('observe')} {name}: unknown; give one of {', '.join(SENSORS)}")
     sensor: type[VirtualSensor] = resolve_name(SENSORS[name])
     return sensor
 
@@ -74,7 +74,7 @@ def configured_sensor(name: str, options: SensorOptions, fit: FitInputs) -> "Vir
     sensor = chosen.configured(options, fit)
     for other in (sensor_named(each) for each in SENSORS):
         if other is not chosen and (given := _flags_given(options, other.flags)):
-            raise LabError(f"{given[0]} is of --observe {other.name}; give that too, or leave it out")
+            raise LabError(f"{given[0]} is of {option_name('observe')} {other.name}; give that too, or leave it out")
     return sensor
 
 

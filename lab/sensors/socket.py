@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.calibration.sensor import SensorTerms
-from lab.core.errors import LabError
+from lab.core.errors import LabError, option_name
 from lab.core.limits import positive
 from lab.core.measurements import FIXTURE, Measurements
 from lab.core.se3 import Array, inverse
@@ -123,7 +123,7 @@ class SocketSensor(FixtureSensor):
         fit.refuse_those_of_points(cls.name)
         if options.socket_distance_mm is None:
             return cls()
-        positive("--socket-distance-mm", options.socket_distance_mm)
+        positive(option_name("socket_distance_mm"), options.socket_distance_mm)
         return cls(MM.to_si(options.socket_distance_mm))
 
     def rows(self, data: Measurements) -> NDArray[np.bool_]:
@@ -140,7 +140,10 @@ class SocketSensor(FixtureSensor):
         """
         for column in _COLUMNS:
             if column not in data.other:
-                raise LabError(f"column {column} is missing: --observe socket needs location and socket in every row")
+                raise LabError(
+                    f"column {column} is missing: {option_name('observe')} socket needs location and socket in "
+                    f"every row"
+                )
             refuse_blank(data, column, data.other[column], Sockets.group)
         labels = [f"{location}.{socket}" for location, socket in zip(*(data.other[c] for c in _COLUMNS), strict=True)]
         return FixtureRows(labels, np.zeros((len(data), 3)))
@@ -158,7 +161,8 @@ class SocketSensor(FixtureSensor):
         for location in dict.fromkeys(locations):
             if locations.count(location) > 2:
                 raise LabError(
-                    f"location {location} has {locations.count(location)} sockets: --socket-distance-mm is that of "
+                    f"location {location} has {locations.count(location)} sockets: "
+                    f"{option_name('socket_distance_mm')} is that of "
                     "two; leave it out, or name pairs as locations of their own"
                 )
         return replace(sockets, distance_m=self.distance_m)

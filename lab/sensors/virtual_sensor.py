@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lab.calibration.identify import Identification
 from lab.calibration.sensor import Sensor
-from lab.core.errors import LabError
+from lab.core.errors import LabError, option_name
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.kinematics.serial.axes_to_dh import Truth
@@ -112,4 +112,7 @@ def refuse_several_targets(sensor: str, targets: tuple[str, ...]) -> None:
         LabError: they are not ``p1`` alone, by which name the observation knows it.
     """
     if targets != ("p1",):
-        raise LabError(f"--observe {sensor} is of one point of the tool, p1: leave out --targets {','.join(targets)}")
+        raise LabError(
+            f"{option_name('observe')} {sensor} is of one point of the tool, p1: leave out "
+            f"{option_name('targets')} {','.join(targets)}"
+        )

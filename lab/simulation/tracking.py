@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.core import se3
-from lab.core.errors import LabError
+from lab.core.errors import LabError, option_name
 from lab.core.measurements import STATION, Measurements, measured
 from lab.core.se3 import Array
 from lab.kinematics.effects.effect import BUMPED
@@ -50,7 +50,8 @@ def seen_by(
         visible[here] = np.stack(views, axis=1)
     if not visible.any():
         raise LabError(
-            f"--occlusion: {instrument.name} sees none of {', '.join(targets)} in any pose; place it by a --cell, turn "
+            f"{option_name('occlusion')}: {instrument.name} sees none of {', '.join(targets)} in any pose; "
+            f"place it by a {option_name('cell')}, turn "
             "the targets to it, or choose the poses with lab design"
         )
     return visible

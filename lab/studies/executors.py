@@ -24,7 +24,7 @@ from multiprocessing.context import SpawnContext, SpawnProcess
 from types import ModuleType
 from typing import TYPE_CHECKING, TypeVar
 
-from lab.core.errors import LabError
+from lab.core.errors import LabError, option_name
 from lab.core.limits import WORKERS, whole
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def local_executor(workers: int | None = None) -> ProcessPoolExecutor:
     """
     if workers is None:
         workers = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    whole("--workers", workers, 1, WORKERS)
+    whole(option_name("workers"), workers, 1, WORKERS)
     return ProcessPoolExecutor(workers, _Processes(), _prepare)
 
 
@@ -119,21 +119,27 @@ def cluster_executor(address: str) -> Iterator[Executor]:
     try:
         from distributed import KilledWorker
     except ModuleNotFoundError as error:
-        raise LabError(f"--scheduler needs '{error.name}'; pip install -e '.[cluster]' in the lab's folder") from error
+        raise LabError(
+            f"{option_name('scheduler')} needs '{error.name}'; pip install -e '.[cluster]' in the lab's folder"
+        ) from error
     with _client(address) as client:
         try:
             client.wait_for_workers(1, timeout=CONNECTING_S)
         except TimeoutError as error:
-            raise LabError(f"--scheduler {address}: has no workers; start dask worker {address}") from error
+            raise LabError(
+                f"{option_name('scheduler')} {address}: has no workers; start dask worker {address}"
+            ) from error
         found = {"the scheduler": client.run_on_scheduler(find_spec, "lab"), **client.run(find_spec, "lab")}
         if lacking := [place for place, lab in found.items() if lab is None]:
-            raise LabError(f"--scheduler {address}: no lab at {lacking[0]}; install the same one on every machine")
+            raise LabError(
+                f"{option_name('scheduler')} {address}: no lab at {lacking[0]}; install the same one on every machine"
+            )
         try:
             yield client.get_executor(pure=False)
         except KilledWorker as error:
             raise StoppedError(
                 "workers of the cluster ended one after another (killed, or out of memory); "
-                "look at their logs, then --resume goes on"
+                f"look at their logs, then {option_name('resume')} goes on"
             ) from error
 
 
@@ -153,7 +159,7 @@ def _client(address: str) -> "Client":
     except (OSError, ValueError, TypeError, RuntimeError) as error:  # all that dask raises of addresses, certificates
         why = " ".join(str(error).split())
         raise LabError(
-            f"--scheduler {address}: does not answer ({why}); start dask scheduler there, "
+            f"{option_name('scheduler')} {address}: does not answer ({why}); start dask scheduler there, "
             "mend the address, or give dask its certificates"
         ) from error
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # what it would say of a loss is said here
@@ -180,9 +186,13 @@ def run_jobs(
             for future in [future for future in waiting if future in done]:  # in the order in which they were given
                 yield waiting.pop(future), future.result()
     except BrokenExecutor as error:
-        raise StoppedError("a worker process ended (killed, or out of memory); --resume goes on") from error
+        raise StoppedError(
+            f"a worker process ended (killed, or out of memory); {option_name('resume')} goes on"
+        ) from error
     except CancelledError as error:
-        raise StoppedError("the cluster's scheduler was lost; start it again, then --resume goes on") from error
+        raise StoppedError(
+            f"the cluster's scheduler was lost; start it again, then {option_name('resume')} goes on"
+        ) from error
     finally:
         for future in waiting:
             future.cancel()

@@ -12,6 +12,7 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
+from lab.core.errors import option_name
 from lab.core.se3 import Array
 from lab.core.whole_folder import held
 from lab.render.terminal import bars
@@ -127,7 +128,7 @@ def _work(origin: dict[str, Any], robot: str, function: Callable[..., Any], *arg
     """Call a function in a worker, with one BLAS thread, if its results would equal those of other machines."""
     what = difference(_origin_here(robot), origin)
     if what is not None:
-        raise StoppedError(f"a worker has {what}; mend that, then --resume goes on")
+        raise StoppedError(f"a worker has {what}; mend that, then {option_name('resume')} goes on")
     threadpool_limits(1)
     return function(*arguments)
 

@@ -18,7 +18,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from lab.campaign.robot import load_robot
-from lab.core.errors import LabError
+from lab.core.errors import LabError, option_name
 from lab.core.se3 import Array
 from lab.core.whole_folder import (
     draft_of,
@@ -148,7 +148,7 @@ class Store:
         try:
             table = _read(path)
         except (OSError, pa.ArrowException) as error:
-            raise LabError(f"{path}: not there, or not whole; lab study --resume does it") from error
+            raise LabError(f"{path}: not there, or not whole; lab study {option_name('resume')} does it") from error
         return table
 
     def _poses(self, cell: int) -> Path:
@@ -168,7 +168,9 @@ def begin(folder: Path, study: Study) -> Store:
     try:
         place = resolved(folder)
         if place.exists() and (not place.is_dir() or any(place.iterdir())):
-            raise LabError(f"{folder}: holds something; --resume goes on with a study, else give another folder")
+            raise LabError(
+                f"{folder}: holds something; {option_name('resume')} goes on with a study, else give another folder"
+            )
         with draft_of(place, replacing=False) as draft:
             for part in (_POSES, _CAMPAIGNS):
                 (draft / part).mkdir()
@@ -206,7 +208,9 @@ def go_on(folder: Path, study: Study) -> Store:
             store = Store(folder, study, _pose_columns(study))
             store.remove_left_over()
     except OSError as error:
-        raise LabError(f"{folder}: cannot be written ({error.strerror}); mend that, then --resume") from error
+        raise LabError(
+            f"{folder}: cannot be written ({error.strerror}); mend that, then {option_name('resume')}"
+        ) from error
     return store
 
 
@@ -240,7 +244,7 @@ def _write_errors(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise StoppedError(
-            f"{path.name} cannot be written ({error.strerror}); make room, then --resume goes on"
+            f"{path.name} cannot be written ({error.strerror}); make room, then {option_name('resume')} goes on"
         ) from error
 
 

@@ -2,8 +2,10 @@
 
 import pytest
 
-from lab.core import significance
-from lab.core.errors import LabError, error_context
+import lab
+from lab.cli import main
+from lab.core import errors, significance
+from lab.core.errors import LabError, error_context, option_name, options_as_flags
 from lab.core.limits import POSES, POSITIVE_OPTION, positive, whole
 from lab.core.orientation import ANGLE_CONVENTIONS
 
@@ -11,6 +13,23 @@ from lab.core.orientation import ANGLE_CONVENTIONS
 def test_an_error_gets_its_context_before_it() -> None:
     with pytest.raises(LabError, match=r"^outer: inner: what$"), error_context("outer"), error_context("inner"):
         raise LabError("what")
+
+
+def test_an_option_is_named_as_its_reader_gives_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(errors, "_as_flags", False)
+    assert option_name("noise_mm") == "noise_mm"
+    with options_as_flags(), options_as_flags():
+        assert option_name("noise_mm") == "--noise-mm"
+    assert option_name("noise_mm") == "noise_mm"
+
+
+def test_a_call_names_arguments_and_its_command_flags(monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+    """Also after a command ended in an error."""
+    monkeypatch.setattr(errors, "_as_flags", False)
+    assert main(["calibrate", "--model", "rust"]) == 2
+    assert capsys.readouterr().err.startswith("lab: --poses 50: --model rust: no such group")
+    with pytest.raises(LabError, match=r"^poses 50: model rust: no such group"):
+        lab.calibrate("irb120", model="rust")
 
 
 def test_other_errors_pass_as_they_are() -> None:

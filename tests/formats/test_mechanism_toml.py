@@ -193,7 +193,10 @@ BAD: dict[str, tuple[str, tuple[str, ...]]] = {
     "infinite": (two(("x_mm = 600", "x_mm = -inf")), ("frame A2, step 1", "x_mm is -inf", "finite number")),
     "beyond all": (two(("x_mm = 600", "x_mm = 1e300")), ("frame A2, step 1", "x_mm is 1e+300", "finite number")),
     "too large": (two(("x_mm = 300", "x_mm = 1e14")), ("frame P, step 1", "1e+11 m", "at most 1e+06 m")),
-    "more than a turn": (two(("{ y_mm = 0 }", "{ rz_deg = 1e9 }")), ("frame A1, step 2", "1,000,000,000°", "full turn")),
+    "more than a turn": (
+        two(("{ y_mm = 0 }", "{ rz_deg = 1e9 }")),
+        ("frame A1, step 2", "1,000,000,000°", "full turn"),
+    ),
     "a text": (two(("x_mm = 600", 'x_mm = "600"')), ("frame A2, step 1", "x_mm is '600'", "finite number")),
     "limits of NaN": (two(("upper_mm = 800", "upper_mm = nan")), ("joint rho1", "upper_mm is nan")),
     "no limits": (two(("upper_mm = 800", "")), ("joint rho1", "a slide needs its limits", "upper_mm")),

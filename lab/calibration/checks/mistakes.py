@@ -18,7 +18,7 @@ from lab.calibration.prior import Tolerance
 from lab.calibration.verdict import CONSTANT_SPREAD, Answer, Verdict
 from lab.calibration.workspace_prediction import distances_from_nominal
 from lab.core.checks import Check
-from lab.core.errors import LabError
+from lab.core.errors import LabError, option_name
 from lab.core.measurements import Measurements, thinned
 from lab.core.units import MM
 from lab.kinematics.serial.arm import SerialArm
@@ -84,7 +84,7 @@ def noise_beyond(
     Raises:
         LabError: it is; with the number that it would be in the right unit.
     """
-    name, given_mm = "--noise-mm", noise_mm
+    name, given_mm = option_name("noise_mm"), noise_mm
     if given_mm is None:
         name, known = "column sigma_mm", rows.sigma_m[np.isfinite(rows.sigma_m)]
         if known.size and known.max() > _UNIT * known.min():

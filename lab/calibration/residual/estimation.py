@@ -34,7 +34,7 @@ from lab.calibration.residual.process import (
 )
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.validation import configurations
-from lab.core.errors import LabError
+from lab.core.errors import LabError, option_name
 from lab.core.linear_model import unit_columns
 from lab.core.measurements import Measurements, evenly, thinned
 from lab.core.se3 import Array
@@ -250,7 +250,7 @@ class ExpectedGain:
         return (
             "The group residual would lower the error at poses that are left out from "
             f"{MM.of(self.before_m):.2g} to about {MM.text(self.after_m, 2)} (means, leave-one-out over {self.poses} "
-            "poses): add it to --model, e.g. auto+residual."
+            f"poses): add it to {option_name('model')}, e.g. auto+residual."
         )
 
 

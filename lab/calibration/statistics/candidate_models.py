@@ -40,7 +40,7 @@ from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.statistics.linearized import ClusteredRows, ClusterTest, cluster_sums, clusters_first, jackknifed
 from lab.calibration.validation import configurations, cv_groups_of, folds
 from lab.calibration.weights import Noise, joined, weigh, weighted_constraints
-from lab.core.errors import LabError
+from lab.core.errors import LabError, option_name
 from lab.core.linear_model import LinearModel, p_value_of_squares, unit_columns
 from lab.core.measurements import Measurements
 from lab.core.probability import t_sf
@@ -348,7 +348,7 @@ class SelectionTask:
         for group in ([], *([name] for name in groups)):
             with suppress(LabError):
                 names |= dict.fromkeys(observation_of(self.model_with(group)).within(self.data).model.names)
-        for option, patterns in (("--fix", self.request.fix), ("--free", self.request.free)):
+        for option, patterns in ((option_name("fix"), self.request.fix), (option_name("free"), self.request.free)):
             named(tuple(names), option, patterns)
 
     def parameters(self, group: str) -> set[str]:
@@ -412,7 +412,7 @@ class FullModel:
         anywhere = model.structure_joints(STRUCTURE_POSES, rng_for(0, "structure"))
         structure, measured = (model.observe(inputs, at)[1] for inputs in (anywhere, observed.inputs))
         extra_residuals = observation.extra_residuals(at)[1]
-        held = named(model.names, "--fix", task.request.of(model.names).fix)
+        held = named(model.names, option_name("fix"), task.request.of(model.names).fix)
         own = {name: task.parameters(name) for name in groups}
         clusters = cv_groups_of(made, task.data)
         return cls(

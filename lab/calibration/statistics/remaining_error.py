@@ -2,6 +2,8 @@
 
 The mean square of the residuals is the instrument's part (given, or estimated from rigid distances), that of the noise
 model beside it, and a rest. A rest that is correlated at neighbouring joint positions is the arm's, one correlated
+from lab.core.errors import option_name
+from lab.core.errors import option_name
 from pose to pose is time's: the mean product of neighbours' residuals over their mean square, against permutations.
 
 How much of the error each group of effects explains, beside geometry and the other groups.
@@ -19,6 +21,7 @@ import scipy  # its parts are loaded at their first use, which not every process
 from numpy.typing import NDArray
 
 from lab.calibration.validation import configurations
+from lab.core.errors import option_name
 from lab.core.linear_model import unit_columns
 from lab.core.measurements import Measurements, evenly, seen_mask, thinned
 from lab.core.random import rng_for
@@ -112,12 +115,13 @@ class RemainingError:
         if self.over_joints is not None and self.over_joints.is_shown:
             model = "auto+residual" if self.searched else "auto, then residual"
             return (
-                f"measure more poses where the robot is to work, and try --model {model}: the residuals are alike at "
-                "neighbouring joint positions, so the arm makes them"
+                f"measure more poses where the robot is to work, and try {option_name('model')} {model}: the "
+                "residuals are alike at neighbouring joint positions, so the arm makes them"
             )
         if not np.isfinite(self.instrument_m):
             return (
-                "measure some poses twice, or give --instrument: otherwise errors of instrument and arm are confounded"
+                f"measure some poses twice, or give {option_name('instrument')}: otherwise errors of instrument and "
+                "arm are confounded"
             )
         if self.shared_m > max(self.instrument_m, self.rest_m):
             return "visit some poses several times: only repeats separate joint scatter from model discrepancy"

@@ -34,7 +34,7 @@ from lab.commands.calibrate.result import CalibrationResult
 from lab.commands.command_line import options_of, takes
 from lab.commands.hand_load import HandLoad, carrying
 from lab.core.checks import Check
-from lab.core.errors import LabError, error_context
+from lab.core.errors import LabError, error_context, option_name
 from lab.core.measurements import Measurements, setups, thinned, without_copies
 from lab.core.random import rng_for
 from lab.core.se3 import Array
@@ -308,7 +308,7 @@ def _of_a_virtual_robot(session: MeasurementSession, placed: Mapping[str, Array]
     )
     started = time.perf_counter()
     stage("2 of 3, identifying the parameters")
-    with error_context(options.plan or f"--poses {options.poses}"):
+    with error_context(options.plan or f"{option_name('poses')} {options.poses}"):
         state = run_steps(state, FITTING)
     stage("3 of 3, validating")
     state, comparison = _against_truth(session, placed, state)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.core import se3
-from lab.core.errors import LabError
+from lab.core.errors import LabError, option_name
 from lab.core.limits import COORDINATE_SIZE, DIGITS, PROGRAM_FRAMES, PROGRAM_MOVES, ROUNDED_NORM
 from lab.core.se3 import Array
 from lab.formats.programs.postures import ArmShape
@@ -375,11 +375,14 @@ class Outside:
                 continue
             if len(values) != 3 + spelling.parts:
                 raise LabError(
-                    f"--frames: {name} has {len(values)} numbers; this controller writes {3 + spelling.parts}: "
+                    f"{option_name('frames')}: {name} has {len(values)} numbers; this controller writes "
+                    f"{3 + spelling.parts}: "
                     f"{spelling.description}"
                 )
             if spelling.parts == 4 and float(np.linalg.norm(values[3:])) not in ROUNDED_NORM:
-                raise LabError(f"--frames: the quaternion of {name} has the length {np.linalg.norm(values[3:]):.3g}")
+                raise LabError(
+                    f"{option_name('frames')}: the quaternion of {name} has the length {np.linalg.norm(values[3:]):.3g}"
+                )
             found[name] = spelling.pose(np.array(values))
         return found
 
@@ -473,7 +476,7 @@ def refuse_unknown_frames(read: ProgramText, spelling: PoseSpelling) -> None:
     example = ",".join("xyz") + "," + ",".join(("q1", "q2", "q3", "q4") if spelling.parts == 4 else ("a", "b", "c"))
     given = _listed([f"{name}={example}" for name in names], "; ")
     raise LabError(
-        f"{', and '.join(messages)}; give --frames '{given}' ({spelling.description}"
+        f"{', and '.join(messages)}; give {option_name('frames')} '{given}' ({spelling.description}"
         f"{', as the controller shows it when that line has run' if made else ''})"
     )
 

@@ -9,7 +9,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lab.core.errors import LabError, error_context
+from lab.core.errors import LabError, error_context, option_name
 from lab.core.limits import PROGRAM_TARGETS
 from lab.extension_points import choice_of, load_all
 from lab.formats.programs.program_text import Outside, ProgramText, refuse_unknown_frames, values_of
@@ -79,7 +79,7 @@ def refusal(joints: JointSpec, controller: str | None, targets: int = 0) -> str 
     language = language_of(joints, controller)
     if language is None:
         unknown = f"the maker of robot {joints.name} is not known"
-        return f"no program is written: {unknown}; choose --controller of {_language_names()}"
+        return f"no program is written: {unknown}; choose {option_name('controller')} of {_language_names()}"
     return language.refusal(joints)
 
 
@@ -152,7 +152,9 @@ def read_program(
     by_name = [each for each in languages() if path.suffix.lower() in each.reads]
     language = by_name[0] if by_name and controller is None else language_of(joints, controller)
     if language is None:
-        raise LabError(f"{path}: its language is not known by its name; choose --controller of {_language_names()}")
+        raise LabError(
+            f"{path}: its language is not known by its name; choose {option_name('controller')} of {_language_names()}"
+        )
     if why := language.refusal(joints):
         raise LabError(f"{path}: {why}")
     with error_context(path):

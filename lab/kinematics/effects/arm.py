@@ -9,7 +9,7 @@ from typing import Final, Literal
 import numpy as np
 
 from lab.core import se3
-from lab.core.errors import LabError
+from lab.core.errors import LabError, option_name
 from lab.core.se3 import Array
 from lab.kinematics.effects.effect import Effect, Moves, structure_values
 from lab.kinematics.model import RigidArm
@@ -44,7 +44,7 @@ class ArmWithEffects:
         names = names_of(parameters)
         if twice := [name for name, count in Counter(names).items() if count > 1]:
             groups = [effect.name for effect in self.effects if twice[0] in names_of(effect.parameters)]
-            raise LabError(f"--model {'+'.join(groups)}: both have {twice[0]}; choose one of them")
+            raise LabError(f"{option_name('model')} {'+'.join(groups)}: both have {twice[0]}; choose one of them")
         conditions = dict.fromkeys(name for effect in self.effects for name in effect.conditions)
         links = [link for effect in self.effects for link in effect.links]
         if links and not isinstance(self.arm, SerialArm):

@@ -12,7 +12,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from lab.core.errors import LabError
+from lab.core.errors import LabError, option_name
 from lab.core.measurements import last_moves
 from lab.core.se3 import Array
 from lab.core.units import MRAD
@@ -253,7 +253,7 @@ class Lag(VirtualEffect):
             LabError: with the option.
         """
         if not self.lag < 1:
-            raise LabError(f"--lag {self.lag:g}: give a share from 0 to below 1")
+            raise LabError(f"{option_name('lag')} {self.lag:g}: give a share from 0 to below 1")
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
         """Return the lag as given."""

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from lab.core.errors import LabError
+from lab.core.errors import LabError, option_name
 from lab.core.se3 import Array
 from lab.kinematics.dynamics.beam import COMPLIANCES
 from lab.kinematics.dynamics.gravity import LinkLoads, link_loads
@@ -85,9 +85,13 @@ def elastic_links(group: str, links: LinkLoads, *, moving: bool = False) -> Effe
 
 def _fitted(group: str, arm: ArmFacts) -> Effect:
     if arm.chain.has_loops:
-        raise LabError(f"--model {group}: robot {arm.chain.name} has loops, and nothing bends such a robot here")
+        raise LabError(
+            f"{option_name('model')} {group}: robot {arm.chain.name} has loops, and nothing bends such a robot here"
+        )
     if arm.loads is None:
-        raise LabError(f"--model {group}: robot {arm.chain.name} is a table without masses; give it as MJCF or URDF")
+        raise LabError(
+            f"{option_name('model')} {group}: robot {arm.chain.name} is a table without masses; give it as MJCF or URDF"
+        )
     return elastic_links(group, link_loads(arm.loads), moving=arm.moving)
 
 
@@ -157,7 +161,7 @@ class Bending(VirtualEffect):
         for option, symbols in (("ei", ("ei_y", "ei_z")), ("gj", ("gj",))):
             given = getattr(self, f"link_{option}")
             if any(given):
-                stiffness = _of_each(f"--link-{option}", given, arm)
+                stiffness = _of_each(option_name(f"link_{option}"), given, arm)
                 inverse = np.divide(1.0, stiffness, out=np.zeros_like(stiffness), where=stiffness > 0)
                 for symbol in symbols:
                     compliances[:, COMPLIANCES.index(symbol)] = inverse

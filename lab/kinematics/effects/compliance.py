@@ -27,7 +27,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from lab.core.errors import LabError
+from lab.core.errors import LabError, option_name
 from lab.core.limits import positive
 from lab.core.random import rng_for
 from lab.core.se3 import Array
@@ -76,7 +76,10 @@ def _of_one_link(arm: ArmFacts, joint: int, link: int) -> Effect:
     """Return the deflection (rad) of a joint, from 0, under a link's weight, from 1: along x and y of its frame."""
     name, chain = GRAVITY.name(joint, link), arm.chain
     if not isinstance(chain, Chain) or (joint, link) not in _searched(arm):
-        raise LabError(f"--model {name}: give a joint that turns and a link that it carries, of a robot without loops")
+        raise LabError(
+            f"{option_name('model')} {name}: give a joint that turns and a link that it carries, of a robot "
+            f"without loops"
+        )
     parameters = tuple(joint_parameter(name, joint, f"gravity{link}{axis}") for axis in "xy")
     down = _DOWN if arm.loads is None else arm.loads.gravity / np.linalg.norm(arm.loads.gravity)
 
@@ -170,10 +173,13 @@ def compliance(loads: Loads, payload: bool = False, *, moving: bool = False) -> 
 
 def _fitted(name: str, arm: ArmFacts) -> Effect:
     if arm.chain.has_loops:
-        raise LabError(f"--model {name}: robot {arm.chain.name} has loops, and nothing bends such a robot here")
+        raise LabError(
+            f"{option_name('model')} {name}: robot {arm.chain.name} has loops, and nothing bends such a robot here"
+        )
     if arm.loads is None:
         raise LabError(
-            f"--model {name}: robot {arm.chain.name} is a table without masses; give it as MJCF or URDF, "
+            f"{option_name('model')} {name}: robot {arm.chain.name} is a table without masses; give it as MJCF "
+            f"or URDF, "
             "or fit what gives way to unknown masses: joint2.gravity2 and its like"
         )
     return compliance(arm.loads, payload=name == "payload", moving=arm.moving)
@@ -249,7 +255,7 @@ class Compliance(VirtualEffect):
     def check(self) -> None:
         """Refuse a stiffness that is none."""
         if self.stiffness_nm_per_rad is not None:
-            positive("--stiffness-nm-per-rad", self.stiffness_nm_per_rad)
+            positive(option_name("stiffness_nm_per_rad"), self.stiffness_nm_per_rad)
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
         """Return the same stiffness for every joint that bears the arm's weight.
@@ -261,7 +267,9 @@ class Compliance(VirtualEffect):
         if self.stiffness_nm_per_rad is None:
             return JointSprings(np.zeros(arm.chain.size), at)
         if arm.loads is None:
-            raise LabError(f"--stiffness-nm-per-rad: robot {arm.chain.name} has no masses, so nothing bends it")
+            raise LabError(
+                f"{option_name('stiffness_nm_per_rad')}: robot {arm.chain.name} has no masses, so nothing bends it"
+            )
         bearing = arm.loads.bearing(rng_for(0, "structure"))
         stiffness = {joint + 1: self.stiffness_nm_per_rad for joint in bearing}
         return JointSprings(compliances(arm.chain, stiffness), at)
@@ -293,7 +301,9 @@ def hardening(loads: Loads) -> Effect:
 def _fitted_hardening(arm: ArmFacts) -> Effect:
     if arm.chain.has_loops or arm.loads is None:
         why = "has loops" if arm.chain.has_loops else "is a table without masses"
-        raise LabError(f"--model hardening: robot {arm.chain.name} {why}, so nothing is known to load its joints")
+        raise LabError(
+            f"{option_name('model')} hardening: robot {arm.chain.name} {why}, so nothing is known to load its joints"
+        )
     return hardening(arm.loads)
 
 
@@ -341,7 +351,9 @@ class Hardening(VirtualEffect):
         cubic = np.zeros(arm.chain.size)
         if self.hardening_mrad:
             if arm.loads is None:
-                raise LabError(f"--hardening-mrad: robot {arm.chain.name} has no masses, so nothing bends it")
+                raise LabError(
+                    f"{option_name('hardening_mrad')}: robot {arm.chain.name} has no masses, so nothing bends it"
+                )
             bearing = list(arm.loads.bearing(rng_for(0, "structure")))
             cubic[bearing] = MRAD.to_si(-self.hardening_mrad) / _TORQUE_NM**3
         return HardeningSprings(levers(arm.chain) ** 4 * cubic)
@@ -354,7 +366,7 @@ _RATIO, _PRELOAD = 0.2, 0.7  # r, and l0 / s, of a virtual arm: ends at 0.1 and 
 
 def compensator(chain: JointSpec) -> Effect:
     """The fitted group: sine and cosine of joint 2's angle and of twice that, times what it gives way to the spring."""
-    _refuse_without(chain, "--model compensator")
+    _refuse_without(chain, f"{option_name('model')} compensator")
     parameters = tuple(
         joint_parameter("compensator", _JOINT, f"spring_{function}{order}", wave=order)
         for order in _ORDERS
@@ -424,7 +436,7 @@ class Compensator(VirtualEffect):
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
         """Return the compensator as given."""
         if self.compensator_mrad:
-            _refuse_without(arm.chain, "--compensator-mrad")
+            _refuse_without(arm.chain, option_name("compensator_mrad"))
         return CompensatorSpring(MRAD.to_si(self.compensator_mrad) / (1 - _PRELOAD))
 
 

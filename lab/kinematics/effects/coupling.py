@@ -7,7 +7,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from lab.core.errors import LabError
+from lab.core.errors import LabError, option_name
 from lab.core.se3 import Array
 from lab.core.units import PPM
 from lab.kinematics.effects.effect import (
@@ -63,7 +63,7 @@ def _neighbours(arm: ArmFacts) -> list[tuple[int, int]]:
 def _of_one_pair(arm: ArmFacts, joint: int, other: int) -> Effect:
     name = COUPLED.name(joint, other)
     if (joint, other - 1) not in _all_pairs(arm):
-        raise LabError(f"--model {name}: give two different joints that turn, of 1 to {arm.chain.size}")
+        raise LabError(f"{option_name('model')} {name}: give two different joints that turn, of 1 to {arm.chain.size}")
     return coupling(name, [(joint, other - 1)])
 
 

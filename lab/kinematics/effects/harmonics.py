@@ -16,7 +16,7 @@ from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 
-from lab.core.errors import LabError
+from lab.core.errors import LabError, option_name
 from lab.core.se3 import Array
 from lab.core.units import MRAD
 from lab.kinematics.effects.effect import (
@@ -64,7 +64,7 @@ def harmonics(group: str, joints: Sequence[int], order: int) -> Effect:
 def _of_one_joint(arm: ArmFacts, joint: int, order: int) -> Effect:
     name = _HARMONIC.name(joint, order)
     if joint not in turning_joints(arm.chain) or order < 1:
-        raise LabError(f"--model {name}: give a joint that turns, and a wave number from 1")
+        raise LabError(f"{option_name('model')} {name}: give a joint that turns, and a wave number from 1")
     return harmonics(name, (joint,), order)
 
 
@@ -172,7 +172,7 @@ def _of_position(arm: ArmFacts, joint: int, other: int) -> Effect:
     """The position of a joint, from 0, by the turn of another one, from 1."""
     name, turning = _POSITION.name(joint, other), other - 1
     if joint == turning or joint >= arm.chain.size or turning not in turning_joints(arm.chain):
-        raise LabError(f"--model {name}: give two different joints, the second one a joint that turns")
+        raise LabError(f"{option_name('model')} {name}: give two different joints, the second one a joint that turns")
     kind: Kind = "length" if arm.chain.prismatic[joint] else "angle"
     parameters = tuple(
         joint_parameter(name, joint, f"cross{other}_{wave}", kind, wave=1, turning=turning) for wave in ("sin", "cos")
@@ -192,7 +192,7 @@ def _of_link_end(direction: str, arm: ArmFacts, link: int, other: int) -> Effect
     name, turning = f"link{link + 1}.{direction}_cross{other}", other - 1
     if (link, other) not in _link_pairs(direction, arm):
         raise LabError(
-            f"--model {name}: give a link and a joint that turns, of a robot without loops; "
+            f"{option_name('model')} {name}: give a link and a joint that turns, of a robot without loops; "
             "y only of the last link, ry also before a parallel axis, z only of a joint that turns"
         )
     component, (kind, _) = AXES.index(direction), _DIRECTIONS[direction]

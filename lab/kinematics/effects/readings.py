@@ -7,7 +7,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.core.errors import LabError
+from lab.core.errors import LabError, option_name
 from lab.core.se3 import Array
 from lab.core.units import MM, MRAD
 from lab.kinematics.effects.effect import (
@@ -184,11 +184,18 @@ class InstrumentNoise(VirtualEffect):
     def check(self) -> None:
         """Refuse a correlation of one, tails without a variance, and the time of a step that there is none of."""
         if not self.noise_correlation < 1:
-            raise LabError(f"--noise-correlation {self.noise_correlation:g}: give a correlation from 0 to below 1")
+            raise LabError(
+                f"{option_name('noise_correlation')} {self.noise_correlation:g}: give a correlation from 0 to below 1"
+            )
         if self.noise_tail_dof and not self.noise_tail_dof > _LEAST_DOF:
-            raise LabError(f"--noise-tail-dof {self.noise_tail_dof:g}: give more than 2 degrees of freedom, e.g. 3")
+            raise LabError(
+                f"{option_name('noise_tail_dof')} {self.noise_tail_dof:g}: give more than 2 degrees of freedom, e.g. 3"
+            )
         if self.step_after and not self.step_mm:
-            raise LabError(f"--step-after {self.step_after}: give --step-mm, too: how far the base moves there")
+            raise LabError(
+                f"{option_name('step_after')} {self.step_after}: give {option_name('step_mm')}, too: how far "
+                f"the base moves there"
+            )
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
         """Return the noise distribution as given."""
@@ -250,11 +257,11 @@ class BadReadings(VirtualEffect):
             LabError: with the option.
         """
         if not self.bad_share <= 1:
-            raise LabError(f"--bad-share {self.bad_share:g}: give a share from 0 to 1")
+            raise LabError(f"{option_name('bad_share')} {self.bad_share:g}: give a share from 0 to 1")
         if len(self.bad_mm) != 2 or not 0 < self.bad_mm[0] <= self.bad_mm[1]:
-            raise LabError("--bad-mm: give the least and the largest displacement, e.g. 1,50")
+            raise LabError(f"{option_name('bad_mm')}: give the least and the largest displacement, e.g. 1,50")
         if self.bad_mm != BadReadings.bad_mm and not self.bad_share:
-            raise LabError("--bad-mm is the size of outliers; give --bad-share too")
+            raise LabError(f"{option_name('bad_mm')} is the size of outliers; give {option_name('bad_share')} too")
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
         """Return the outliers' share and range as given; each campaign draws its outliers."""

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from typing import TypeVar
 
-from lab.core.errors import LabError
+from lab.core.errors import LabError, option_name
 from lab.core.limits import OPTION_SIZE
 from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.effects.backlash import Backlash, Hysteresis, Lag
@@ -125,14 +125,18 @@ def effect(
     if (term := _term(name)) is not None:
         family, joint, number = term
         if joint > chain.size:
-            raise LabError(f"--model {name}: robot {chain.name} has {family.owner}s 1 to {chain.size}")
+            raise LabError(f"{option_name('model')} {name}: robot {chain.name} has {family.owner}s 1 to {chain.size}")
         return family.fitted(facts, joint - 1, number)
     if name not in _FITTED:
         terms = ", ".join(family.name(0, 2 if family.number else 0) for family in _TERM_FAMILIES)
-        raise LabError(f"--model {name}: no such group; there are geometric, auto, {', '.join(GROUPS)}, and {terms}")
+        raise LabError(
+            f"{option_name('model')} {name}: no such group; there are geometric, auto, {', '.join(GROUPS)}, and {terms}"
+        )
     found = _FITTED[name].fitted(facts)
     if not found.parameters:
-        raise LabError(f"--model {name}: robot {chain.name} has no joint or link that could have it; leave it out")
+        raise LabError(
+            f"{option_name('model')} {name}: robot {chain.name} has no joint or link that could have it; leave it out"
+        )
     return found
 
 

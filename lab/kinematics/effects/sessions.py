@@ -14,7 +14,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from lab.core import se3
-from lab.core.errors import LabError
+from lab.core.errors import LabError, option_name
 from lab.core.limits import positive
 from lab.core.measurements import SESSION, STATION
 from lab.core.se3 import Array
@@ -78,7 +78,7 @@ def _frame_each(sign: float) -> Offsets:
 
 def _fitted(arm: ArmFacts) -> Effect:
     if len(arm.sessions.sessions) < 2:
-        raise LabError("--model sessions: all rows are of one session; add a column session")
+        raise LabError(f"{option_name('model')} sessions: all rows are of one session; add a column session")
     return sessions(arm.sessions.sessions)
 
 
@@ -205,7 +205,7 @@ class Payloads(VirtualEffect):
             LabError: with the option.
         """
         if not self.payload_kg:
-            raise LabError("--payload-kg: give at least one payload, e.g. 0,3")
+            raise LabError(f"{option_name('payload_kg')}: give at least one payload, e.g. 0,3")
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
         """Return no effect."""
@@ -222,7 +222,7 @@ class Duration(VirtualEffect):
     def check(self) -> None:
         """Refuse a time that is none."""
         if self.hours is not None:
-            positive("--hours", self.hours)
+            positive(option_name("hours"), self.hours)
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
         """Return no effect."""
