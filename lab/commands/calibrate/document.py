@@ -60,9 +60,8 @@ _MOST_LISTED = 12  # rows of a table
 _MOST_PARTS = 5  # parameters of a direction
 _MOST_ALIASES = 4
 _EXPLAINED = (
-    "What a group explains is by how much a coordinate of the measured positions would be off without it (root mean "
-    "square), all other parameters fitted anew, and its share of the mean square that geometry alone leaves. "
-    "Groups that can say the same explain little each."
+    "A group explains the error (RMS) that a measured coordinate would have without it, all other parameters refitted. "
+    "The percentage is its share of the mean square error of geometry alone. Overlapping effects each look small alone."
 )
 _VALIDATED = {
     "fresh": "on {count} points at validation poses without noise",
@@ -93,7 +92,7 @@ def document_of(result: CalibrationResult) -> Document:
             _lead(result),
             _warnings(result),
             _errors(result),
-            Section("Where in the workspace the errors are", where_figures(result)),
+            Section("Errors over the workspace", where_figures(result)),
             Section("Uncertainty and goodness of fit", (*_uncertainty(result), *residual_figures(result))),
             _outliers(result),
             _parameters(result),
@@ -121,11 +120,11 @@ def _lead(result: CalibrationResult) -> Paragraph:
     terms = result.kind.terms
     fit, before, after, targets = result.identification.fit, result.before, result.after, result.fitted.targets
     of = f" of target{'s' * (len(targets) > 1)} {', '.join(targets)}" if terms.names_targets else ""
-    after_or_in = "after" if fit.status == "in a valley" else "in"
+    status = "stalled after" if fit.status == "in a valley" else f"{fit.status} in"
     steps = counted(fit.iterations, "step")
     begun = (
         f"From {terms.measured}{of} measured in {len(result.fitted):,} poses, {fit.rank} of "
-        f"{len(result.parameters)} parameters were identified ({fit.status} {after_or_in} {steps})."
+        f"{len(result.parameters)} parameters were identified ({status} {steps})."
     )
     if before is None or after is None:
         return Paragraph(f"{begun} The accuracy at other poses was not validated.", "lead")
@@ -190,8 +189,7 @@ def _errors(result: CalibrationResult) -> Section:
     )
     spread = (
         f"The mean error falls from {short(before.mean)} to {short(after.mean)} mm. Vermilion and hatched (squares): "
-        "before; blue (dots): after; dashed: the means; dotted: the gate, where one was given. The axis is "
-        "logarithmic: from one number to the next the error is ten times as large."
+        "before; blue (dots): after; dashed: the means; dotted: the gate, where one was given. The axis is logarithmic."
     )
     return Section(
         title,
@@ -252,9 +250,9 @@ def _noise(result: CalibrationResult) -> str:
     text = f"The noise per axis is {short(MM.of(sigma_m))} mm{rotations} (1σ, {how})."
     if (shared := result.fit.noise.shared) is not None:
         found_by = f"by restricted likelihood, level {100 * VARIANCE_COMPONENTS:g} %"
-        found_by = "known of the robot's table" if shared.is_given else found_by
-        text += f" Beside it ({found_by}): {'; '.join(shared.descriptions)}."
-        text += " Weights, intervals and tests are those of both."
+        found_by = "given in the robot's table" if shared.is_given else found_by
+        text += f" Further errors ({found_by}): {'; '.join(shared.descriptions)}."
+        text += " Weights, intervals and tests account for both."
     if result.fit.instrument is not None and result.fit.adequacy.name != "lack_of_fit.distances":
         text += f" {capital(result.fit.instrument.description)}."
     if np.isfinite(region.rms_m):
@@ -327,15 +325,14 @@ def _outliers(result: CalibrationResult) -> Section:
 def _parameters(result: CalibrationResult) -> Section:
     caption = (
         "Corrections of the nominal values, with 95 % intervals (often smaller than the dot). "
-        "Blue: the interval excludes zero; grey: it does not, or is not known. What reaches beyond the picture is "
-        "weakly observable, and written in figures."
+        "Blue: the interval excludes zero; grey: it does not, or is unknown. Intervals beyond the axis are weakly "
+        "observable and written as numbers."
     )
     offsets = result.robot.chain.offset_lengths
     note = (
-        f"{capital(result.kind.terms.placed)} have no nominal value: the column shows where the nominal dimensions "
-        "put them. A parameter that is fixed stays at its nominal value, and an error of it goes into those that it is "
-        "aliased with."
-        + (f" Added to a joint position to give a leg's length: {', '.join(offsets)}." if offsets else "")
+        f"{capital(result.kind.terms.placed)} have no nominal value: the column shows their fit with the nominal "
+        "dimensions. A fixed parameter stays at its nominal value; its error biases those that it is aliased with."
+        + (f" A leg's length is its joint position plus its offset ({', '.join(offsets)})." if offsets else "")
     )
     return Section(
         "Parameters",
@@ -408,7 +405,7 @@ def _identifiable(result: CalibrationResult) -> str:
     found, condition = result.identification, result.identification.fit.condition
     count, rank = len(found.base_set.identifiable), found.fit.rank
     which = "all of them" if count == rank else str(rank)
-    poorly = ", but hardly" if np.isfinite(condition) and found.fit.ill_conditioned else ""
+    poorly = ", but some only weakly" if np.isfinite(condition) and found.fit.ill_conditioned else ""
     number = f" (condition number {short(condition)})" if np.isfinite(condition) else ""
     with_prior = "" if found.prior is None else ", with the tolerances as a prior,"
     return (

@@ -26,7 +26,7 @@ def comment_on_missing_effects(groups: Sequence[str], error_m: float | None, whe
     """
     if error_m is None:
         return ""
-    text = f"Geometry alone: lacks {', '.join(listed(groups))}; off by {MM.text(error_m, 2)} rms {where}"
+    text = f"Geometry alone: the file lacks {', '.join(listed(groups))}, an error of {MM.text(error_m, 2)} RMS {where}"
     return f"{text}; calibrated.py has all effects" if module else text
 
 
@@ -53,10 +53,10 @@ class ArmExport:
         title = f"{name}, calibrated: the identified arm as plain Python."
         about = f"The verdict of the run that identified it is {self.verdict}. Model: {model_name(arm.groups)}."
         if estimate.left_out:
-            about += f" Left out, as of the run's own day: {', '.join(estimate.left_out)}."
+            about += f" Left out, because valid for the run's session only: {', '.join(estimate.left_out)}."
         frame = "the frame in which the arm was measured"
         if self.observed:
-            frame = f"a frame that the run does not place (it was identified with --observe {self.observed})"
+            frame = f"a frame whose pose is unknown (the run was identified with --observe {self.observed})"
         try:
             usual = {PAYLOAD: 0.0 if estimate.load is None else estimate.load.mass_kg}
             model = plain_model(arm, estimate.values, estimate.loads, estimate.R_last_tool, usual)

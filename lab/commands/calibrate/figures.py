@@ -71,7 +71,7 @@ _MOST_ARMS = 12  # drawn in a picture
 _WHICH: dict[JudgedBy, str] = {
     "fresh": "the validation poses, without noise",
     "holdout": "the poses of the hold-out set",
-    "cross-validation": "the poses of the cross-validation, each by the fit without it",
+    "cross-validation": "the poses of the cross-validation, each predicted by the fit without it",
     "file": "the poses of the validation file",
 }
 _FITTED = "the fitted poses, with the residuals of the fit"
@@ -428,7 +428,7 @@ def _by_joint(result: CalibrationResult, residuals: Array, band: float) -> Pictu
     seen = counts > 0
     sizes = sums[seen] / counts[seen]
     correlations = [abs(_rank_correlation(share[seen, j], sizes)) for j in range(chain.size)]
-    label = f"Residuals against each joint: the sizes' rank correlation is {max(correlations):.2f} at most"
+    label = f"Residuals against each joint: the largest rank correlation of their sizes is {max(correlations):.2f}"
     return axes_picture("residuals-joints", label, _WIDE, draw, (0.8, 0.55, 0.15, 0.15))
 
 
@@ -545,7 +545,7 @@ def uncertainty_map(result: CalibrationResult, range_m: tuple[float, float] | No
         sizes,
         "predicted error (RMS)",
         points[beyond],
-        "beyond the measured joints",
+        "outside the measured joint range",
         name="uncertainty",
         range_m=range_m,
         with_scale=range_m is None,
@@ -562,11 +562,11 @@ def where_figures(result: CalibrationResult) -> tuple[Block, ...]:
     part = "" if found.all_shown else f"; {MOST_POINTS} of them, evenly from the smallest error to the largest"
     before, after = found.sizes
     caption = (
-        f"Shown are {found.which}{part}: first before calibration, then after it. The darker, the larger the error; "
-        "both have one logarithmic scale."
+        f"The maps show {found.which}{part}: first before calibration, then after it. Darker points have larger "
+        "errors; all maps share one logarithmic scale."
     )
     if len(after.crosses):
-        caption += " Crosses: where the outliers should be."
+        caption += " Crosses mark the predicted positions of the outliers."
     return (Figure("where", (*size_maps(before), *size_maps(after)), caption), *predicted)
 
 
@@ -575,8 +575,8 @@ def _predicted_map(result: CalibrationResult, range_m: tuple[float, float] | Non
     if found is None:
         return ()
     caption = (
-        "The predicted error (RMS) at random poses of the workspace. Crosses: a joint is "
-        "beyond what was measured, so the model is extrapolated there, and what it leaves out may be larger."
+        "The map shows the predicted error (RMS) at random poses of the workspace. Crosses mark poses outside the "
+        "measured joint range: the model is extrapolated there, and its discrepancy may be larger."
     )
     return (Figure("uncertainty", size_maps(found), caption),)
 
@@ -584,20 +584,19 @@ def _predicted_map(result: CalibrationResult, range_m: tuple[float, float] | Non
 def residual_figures(result: CalibrationResult) -> tuple[Block, ...]:
     """Residuals in time, against each joint, and against a normal distribution."""
     caption = (
-        "The residuals of the fit per axis. The band holds 95 % of the noise. Against each joint: over the range that "
-        "was measured; what bends or steps there, the model leaves out. At last ordered against a normal distribution: "
-        "noise lies on the line, within the band."
+        "The plots show the residuals of the fit per axis; the band contains 95 % of the noise. Bends or steps against "
+        "a joint show effects that the model lacks. In the last plot, normal noise lies on the line, within the band."
     )
     if len(result.fitted) > MOST_POSES:
-        caption += f" Drawn are {MOST_POSES:,} of the {len(result.fitted):,} poses, evenly spaced; titles tell of all."
+        drawn = f"{MOST_POSES:,} of the {len(result.fitted):,} poses are drawn, evenly spaced"
+        caption += f" {drawn}; the titles refer to all poses."
     return (Figure("residuals", residual_pictures(result), caption),)
 
 
 def selection_figure(result: CalibrationResult) -> Figure:
     """Draw the hold-out error that each parameter group removes."""
     caption = (
-        "The hold-out error of the geometry alone, and by how much each group that was taken lowers it, from top to "
-        "bottom."
+        "The first bar is the hold-out error of geometry alone; the bars below show how each selected group changes it."
     )
     return Figure("selection-figure", selection_picture(result), caption)
 
@@ -605,8 +604,8 @@ def selection_figure(result: CalibrationResult) -> Figure:
 def correlation_figure(result: CalibrationResult) -> Figure:
     """Draw the correlations of the identified parameters at these poses."""
     caption = (
-        "Correlations of the identified parameters, a block for each link: blue, they rise together; vermilion, one "
-        "falls as the other rises. Dark cells off the diagonal are parameters that these poses barely separate."
+        "The blocks show the correlations of the identified parameters by link. Blue: both rise together; vermilion: "
+        "one falls as the other rises. Dark cells off the diagonal mark parameters that these poses barely separate."
     )
     return Figure("correlations-figure", correlation_picture(result), caption)
 
@@ -614,8 +613,8 @@ def correlation_figure(result: CalibrationResult) -> Figure:
 def singular_value_figure(values: Array) -> Figure:
     """Draw the singular values: how well the measurements observe each direction."""
     caption = (
-        "Singular values of the Jacobian (whitened rows, unit columns) of the identified parameters: a direction far "
-        "below the others is one that the measurements barely determine."
+        "The plot shows the singular values of the Jacobian (whitened rows, unit columns) of the identified parameters. "
+        "The measurements barely determine a direction that is far below the others."
     )
     return Figure("singular-values-figure", _singular_value_picture(values), caption)
 
@@ -623,6 +622,6 @@ def singular_value_figure(values: Array) -> Figure:
 def arm_figures(result: CalibrationResult) -> tuple[Block, ...]:
     """The arm at its poses."""
     arm = _arm_poses(result)
-    points = "points as measured" if arm.measured else "tool points as the calibrated model predicts them"
-    caption = f"The calibrated arm as lines between its joints, at {len(arm.joints)} of its poses, and all {points}."
+    points = "measured points" if arm.measured else "tool points predicted by the calibrated model"
+    caption = f"Lines connect the joints of the calibrated arm at {len(arm.joints)} of its poses; dots are all {points}."
     return (Figure("arm", _arm_views(arm), caption),)

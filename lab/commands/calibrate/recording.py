@@ -94,7 +94,7 @@ def _legend(outcome: CalibrationResult, shown: Scene) -> Section:
         (Strong("yellow"), ": measured points. Predicted ones: ", vermilion, " before calibration, ", blue, " after; "
          "zoom in to separate them"),
         (Strong("arrows"), ": measured less predicted; ", vermilion, " before and ", blue, f" after, both {before}; "
-         f"in a view of their own those after, {after}"),
+         f"a separate view shows those after calibration, {after}"),
         (Strong("teal"), ": sensitivity ellipsoid, the image of the unit ball of scaled parameters under J "
          f"({unit}), {format_magnification(shown.mapping.factor)}"),
     ]  # fmt: skip
@@ -103,10 +103,10 @@ def _legend(outcome: CalibrationResult, shown: Scene) -> Section:
         lines.append((Strong("violet"), f": uncertainty ellipsoid, predicted 1σ of the position, {factor}"))
     lines.append(legs_legend(shown.legs))
     if shown.outliers:
-        lines.append((Strong("magenta"), ": outliers with their residuals, joined to where they should be"))
+        lines.append((Strong("magenta"), ": outliers with their residuals, joined to their predicted positions"))
     if len(shown.rows) < len(outcome.fitted):
         count = f"{len(shown.rows)} of {len(outcome.fitted)} poses"
-        lines.append(f"{count} are drawn, evenly spaced; the plots have them all")
+        lines.append(f"{count} are drawn, evenly spaced; the plots show all")
     return Section("What is shown", (Bullets(tuple(lines)),))
 
 

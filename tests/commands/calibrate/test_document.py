@@ -22,7 +22,7 @@ from lab.formats.measurement_csv import write_measurements
 from lab.render.document import capital, digits_of, sentence, short
 from lab.render.phrases.registry import in_one_line, phrases
 
-SECTIONS = ["Before and after calibration", "Where in the workspace the errors are", "Uncertainty and goodness of fit",
+SECTIONS = ["Before and after calibration", "Errors over the workspace", "Uncertainty and goodness of fit",
             "Parameters", "Identifiability and conditioning", "The arm at its poses", "What was done",
             "Glossary"]  # fmt: skip
 FIGURES = ["errors-figure", "where", "uncertainty", "residuals", "corrections", "singular-values-figure",
@@ -177,7 +177,7 @@ def test_held_out_poses_are_drawn_where_they_are(seven, tmp_path: Path) -> None:
     options = MeasuredCampaign(file, holdout=0.3, instrument="uniform-8um")
     found = identify(options)
     seen = written(tmp_path / "report.html", found)
-    assert "Shown are the poses of the hold-out set" in seen.figures["where"]["caption"]
+    assert "The maps show the poses of the hold-out set" in seen.figures["where"]["caption"]
     held = found.measurements.without(found.fitted.ids)
     shown = error_maps(found, "position error")
     before, places = shown.sizes
