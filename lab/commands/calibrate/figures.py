@@ -613,8 +613,8 @@ def correlation_figure(result: CalibrationResult) -> Figure:
 def singular_value_figure(values: Array) -> Figure:
     """Draw the singular values: how well the measurements observe each direction."""
     caption = (
-        "The plot shows the singular values of the Jacobian (whitened rows, unit columns) of the identified parameters. "
-        "The measurements barely determine a direction that is far below the others."
+        "The plot shows the singular values of the Jacobian (whitened rows, unit columns) of the identified "
+        "parameters. The measurements barely determine a direction that is far below the others."
     )
     return Figure("singular-values-figure", _singular_value_picture(values), caption)
 
@@ -623,5 +623,5 @@ def arm_figures(result: CalibrationResult) -> tuple[Block, ...]:
     """The arm at its poses."""
     arm = _arm_poses(result)
     points = "measured points" if arm.measured else "tool points predicted by the calibrated model"
-    caption = f"Lines connect the joints of the calibrated arm at {len(arm.joints)} of its poses; dots are all {points}."
+    caption = f"Lines connect the joints of the calibrated arm at {len(arm.joints)} poses; dots are all {points}."
     return (Figure("arm", _arm_views(arm), caption),)

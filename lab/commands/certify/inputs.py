@@ -39,13 +39,13 @@ __all__ = [
 ]
 
 _NOWHERE = (
-    "say where the robot stands, so there is no position whose uncertainty could be certified: measure points with a "
-    "tracker, identify these, and certify that run"
+    "determine the robot's base, so no position can be certified: measure points with a tracker, identify these, and "
+    "certify that run"
 )
 _UNCERTIFIED = {
     "pose": (
-        "the budget has no terms for measured orientations; identify the file again without it, by its points, and "
-        "certify that run"
+        "the budget has no terms for measured orientations; identify the file again without this option, by its "
+        "points, and certify that run"
     ),
     "cable": f"lengths of a cable do not {_NOWHERE}",
     "socket": f"contacts with sockets do not {_NOWHERE}",
@@ -87,7 +87,7 @@ def fitted_rows(calibrated: CalibrationRun) -> FittedRows:
         LabError: the run observed something else than points, or its measurements cannot be read.
     """
     if (kind := calibrated.options.observe) != "points":
-        why = _UNCERTIFIED.get(kind, "its measurements are no positions, of which a certificate tells the uncertainty")
+        why = _UNCERTIFIED.get(kind, "a certificate needs measured positions; identify points")
         raise LabError(f"{calibrated.folder}: identified with --observe {kind}: {why}")
     rows, judged = _split(calibrated)
     device = calibrated.instrument
@@ -433,5 +433,5 @@ def _noise_source(calibrated: CalibrationRun) -> str:
 
 def _model_source(calibrated: CalibrationRun, device: Instrument | None) -> str:
     if not calibrated.estimate.noise_known and device is None:
-        return "residuals; how much of them is the instrument's is not known, so all count"
+        return "residuals; all of them, because the instrument's share is unknown"
     return "residuals beyond the instrument's noise"

@@ -343,17 +343,17 @@ _NAMES = {
 _MOST_DIGITS = 6
 _ENDLESS = 10_000  # degrees of freedom: from there on Student's t is normal to three digits
 _METHOD = (
-    "What was measured is the robot's points in the frame of the instrument; the result is the robot's model, with the "
-    "positions that it predicts. A calibrated position is where the model says that the first target is, at a pose of "
-    "the workspace. It depends on the quantities of the budget, each known within a standard uncertainty u; how far "
-    "each moves a position follows from the fit's linear map and from the closed forms of the instrument's errors. "
-    "Lines are root mean squares over 200 random poses of the workspace, also outside of the measured region.",
-    "The law of propagation sums the variances (JCGM 100:2008); the effective degrees of freedom are those of Welch "
-    "and Satterthwaite. The expanded uncertainty is the length that 95 % of the errors do not exceed, over poses and "
-    "calibrations like this one; k is its ratio to the combined standard uncertainty. A position is a vector, for "
-    "which k is 1.61 where its three coordinates are equally uncertain. Beside it the quantities were drawn from "
-    "their distributions (JCGM 101:2008): where the two differ in the digits that are given, what was drawn is "
-    "stated. Whole calibrations were drawn, too, and their parameters went through the full kinematics.",
+    "The instrument measured points on the robot in its own frame; the result is the robot's model with the positions "
+    "that it predicts. A calibrated position is the model's prediction of the first target at a pose of the workspace. "
+    "It depends on the quantities of the budget, each with a standard uncertainty u. Sensitivities follow from the "
+    "fit's linear map and from closed forms of the instrument's errors. Each line of the budget is the root mean "
+    "square over 200 random poses of the workspace, also outside the measured region.",
+    "The law of propagation sums the variances (JCGM 100:2008); the effective degrees of freedom follow Welch and "
+    "Satterthwaite. 95 % of the errors do not exceed the expanded uncertainty, over poses and calibrations like this "
+    "one. The factor k is its ratio to the combined standard uncertainty. A position is a vector: k is 1.61 where its "
+    "three coordinates are equally uncertain. A Monte Carlo simulation draws the quantities from their distributions "
+    "(JCGM 101:2008); where the two differ in the digits given, its result is stated. Whole calibrations are drawn as "
+    "well, and their parameters propagated through the full kinematics.",
 )
 
 
@@ -454,7 +454,7 @@ def _shown(value: object) -> str:
 def _results(result: Certificate) -> tuple[Block, ...]:
     run, distances = result.calibrated.result, result.distances
     rows: list[Row] = []
-    where = "none: nothing was validated"
+    where = "not validated"
     if run.before_mm is not None and run.after_mm is not None:
         where = _VALIDATED.get(run.judged_by or "", "")
         rows += [_position_row("nominal model", run.before_mm), _position_row("calibrated model", run.after_mm)]
@@ -486,8 +486,8 @@ def _statement(result: Certificate) -> tuple[Block, ...]:
     note = ""
     if result.device is None and result.unseen:
         note = (
-            "No instrument is named, so nothing ties the measurements to the metre: the uncertainty is that with what "
-            "the measurements cannot show."
+            "No instrument is named, so the measurements are not traceable to the metre: the uncertainty includes the "
+            "effects that they cannot show."
         )
     return Paragraph((_DECISIONS[found.decision], comparison)), Paragraph(note, "note"), Paragraph(rule, "note")
 
@@ -519,17 +519,17 @@ def _unseen(result: Certificate) -> tuple[Block, ...]:
     rows: tuple[Row, ...] = tuple((each.description, each.remedy) for each in result.unseen)
     digits = [short(MM.of(each)) for each in result.with_unseen_m]
     text = (
-        "Neither the measurements nor the statements on the instrument show this. With it the expanded uncertainty "
-        f"would be {digits[0]} mm of a position and {digits[1]} mm of a distance."
+        "Neither the measurements nor the instrument's specification cover these effects. With them the expanded "
+        f"uncertainty would be {digits[0]} mm of a position and {digits[1]} mm of a distance."
     )
-    return Table(("not contained in U", "what would show it"), rows), Paragraph(text)
+    return Table(("not contained in U", "remedy"), rows), Paragraph(text)
 
 
 def _comparison(result: Certificate, found: Conformity) -> str:
     value, tolerance, expanded = (short(MM.of(each)) for each in (found.value_m, found.tolerance_m, found.expanded_m))
     return (
-        f"The {_STATISTICS[result.options.statistic]} position error on validation poses, {value} mm, with an expanded "
-        f"uncertainty of {expanded} mm, against a tolerance of {tolerance} mm."
+        f"The {_STATISTICS[result.options.statistic]} position error on validation poses is {value} mm, with an "
+        f"expanded uncertainty of {expanded} mm; the tolerance is {tolerance} mm."
     )
 
 
@@ -552,7 +552,7 @@ def _budget(budget: Budget) -> tuple[Block, ...]:
         f"k = {budget.coverage_factor:.2f}: ",
         Strong(f"U = {_uncertainty(budget)}, 95 % coverage."),
         f" By Monte Carlo, {budget.draws:,} draws: {fixed(MM.of(budget.drawn_m), drawn)} mm, which "
-        f"{'confirms it' if budget.agrees else 'differs, and is stated'}. {_of_kinematics(budget)}",
+        f"{'confirms it' if budget.agrees else 'differs and is stated instead'}. {_of_kinematics(budget)}",
     )
     drawing = f"Contributions to the uncertainty of {_MEASURANDS[budget.measurand]}."
     figure = Figure(f"budget-{budget.measurand}-figure", (_contributions_picture(budget),), drawing)
@@ -601,9 +601,10 @@ def _characteristics(result: Certificate) -> tuple[Block, ...]:
             rows.append((f"distance accuracy AD, {name}", short(each.mean), short(each.max)))
     of = "rows that were not fitted"
     if robot.of_fitted_rows:
-        of = "the fitted rows, by which the calibrated model has no accuracy: hold poses out (--holdout)"
+        of = "the fitted rows, which cannot test the calibrated model: hold poses out (--holdout)"
     note = (
-        f"Of positions, in mm. Accuracy: {robot.before.poses} poses, {_visits(robot.before.cycles)} each, from {of}. "
+        f"All values are of positions, in mm. Accuracy: {robot.before.poses} poses, {_visits(robot.before.cycles)} "
+        f"each, from {of}. "
     )
     if (found := robot.repeats) is not None:
         note += (
@@ -611,8 +612,8 @@ def _characteristics(result: Certificate) -> tuple[Block, ...]:
             f"{' and '.join(robot.repeated_in)}; the scatter within a pose does not depend on the fit. "
         )
     note += (
-        f"The standard asks for {CYCLES} visits to five poses of its test cube with rated load and velocity. The "
-        "instrument's noise is in these numbers."
+        f"The standard asks for {CYCLES} visits to five poses of its test cube with rated load and velocity. These "
+        "numbers include the instrument's noise."
     )
     return (
         Table(("characteristic", "mean", "max"), tuple(rows)),

@@ -86,11 +86,11 @@ def _certified(options: CertifyOptions, stage: Stage) -> Certificate:
     details = details.of_arm(calibrated.serial, str(options.details), str(options.run))
     if not np.isfinite(calibrated.estimate.free_covariance).all():
         raise LabError(
-            f"{options.run}: its covariance is unknown, as its poses left no residuals to say the noise; identify "
+            f"{options.run}: its covariance is unknown, because it has too few poses to estimate the noise; identify "
             "again with more poses, or with --noise-mm"
         )
     fitted = fitted_rows(calibrated)
-    stage("2 of 3, the robot as it was found, and the quantities of the budget")
+    stage("2 of 3, evaluating the robot's performance and the quantities of the budget")
     device = fitted.instrument if options.instrument is None else named_instrument(options.instrument)
     robot = _found(calibrated, fitted)
     propagation = _propagation(calibrated, fitted)
@@ -106,7 +106,7 @@ def _certified(options: CertifyOptions, stage: Stage) -> Certificate:
         quantities.append(lack_of_fit_of(propagation, validation.sigma_m, validation.dof, where))
     budgets = []
     for i, each in enumerate(MEASURANDS):
-        stage("3 of 3, budgets, propagated and drawn", i, len(MEASURANDS))
+        stage("3 of 3, propagating the budgets", i, len(MEASURANDS))
         budgets.append(budget_of(each, quantities, propagation.positions, propagation.moved, rng_for(0, "null", i)))
     unseen = tuple(_unseen(device, details, propagation, chance, robot.repeats))
     totals = _with_unseen(quantities, unseen, propagation, budgets)
@@ -233,7 +233,7 @@ def _unseen(
 ) -> Iterator[Unseen]:
     """Yield the effects that neither measurements nor instrument specification covers, with their largest size."""
     if details.scale is None and (device is None or not device.errors.range_scale.standard):
-        quantity = scale_of(propagation, Uncertain.within(LARGEST_SCALE_ERROR), "shown by nothing")
+        quantity = scale_of(propagation, Uncertain.within(LARGEST_SCALE_ERROR), "neither measured nor specified")
         remedy = "measure a scale bar, or state range_scale_ppm of the tracker or scale_ppm of [instrument]"
         yield Unseen(quantity, 1e2 * LARGEST_SCALE_ERROR, "%", remedy)
     if found is None or found.span < _SPANNING:
@@ -281,23 +281,23 @@ def _warnings(
     """Yield the warnings: those of the run, and effects that the budget lacks."""
     if validation is not None and validation.sigma_m:
         yield (
-            f"validation shows {MM.text(validation.observed_rms_m, 2)} (rms) where the rest of the budget predicts "
-            f"{MM.text(validation.expected_rms_m, 2)}: U contains the difference as lack of fit"
+            f"the validation error is {MM.text(validation.observed_rms_m, 2)} (RMS), but the rest of the budget "
+            f"predicts {MM.text(validation.expected_rms_m, 2)}: U includes the difference as lack of fit"
         )
     yield from calibrated.warnings
     if isinstance(calibrated.options, VirtualCampaign):
         yield "the robot is virtual: nothing was measured, and this certificate is an example"
     if device is None or not device.errors.lasting:
-        name = "the instrument is not known" if device is None else f"of {device.name} no systematic errors are stated"
-        yield f"{name}: the budget has none; give --instrument with the TOML file of a tracker"
+        name = "the instrument is not known" if device is None else f"no systematic errors are stated of {device.name}"
+        yield f"{name}, so the budget lacks systematic errors; give --instrument with the TOML file of a tracker"
     if chance.repeatability is None and robot.repeats is None:
         yield (
-            "the robot's repeatability was neither measured nor stated: the budget has none; measure poses several "
+            "the robot's repeatability was neither measured nor stated, so the budget lacks it; measure poses several "
             "times, or state repeatability_mm of [robot] in --details"
         )
     elif chance.repeatability is None:
-        yield "repeated poses scatter by no more than the instrument's noise: the budget has no further repeatability"
+        yield "repeated poses scatter no more than the instrument's noise, so the budget has no repeatability term"
     if details.robot_temperature is None:
-        yield "the robot's temperature is not stated: the budget has none; state it in [environment] of --details"
+        yield "the robot's temperature is not stated, so the budget lacks it; state it in [environment] of --details"
     if missing := details.missing:
-        yield f"not traceable as it is: {', '.join(missing)} missing in --details"
+        yield f"the certificate is not traceable: state {', '.join(missing)} in --details"

@@ -20,13 +20,13 @@ class TrendOptions:
     folder: tyro.conf.Positional[Path]
     """The folder that holds the folders of the runs of lab calibrate or lab identify, each made with --date."""
     kept: Names = ()
-    """What was not set up anew between the runs, and is compared with the links: base, tool, or base,tool."""
+    """Parts that were not set up anew between the runs, to compare with the links: base, tool, or base,tool."""
     serial: str | None = None
-    """Follow the arm with this serial number alone, where the folder holds runs of several."""
+    """Follow only the arm with this serial number, if the folder holds runs of several."""
     force: Flag = False
-    """Take runs too whose verdict is bad or not judged."""
+    """Also use runs whose verdict is bad or not judged."""
     accept_edited: Flag = False
-    """Read runs too whose files were changed since they were written."""
+    """Also read runs whose files were changed since they were written."""
 
     def check(self) -> None:
         """Refuse what is no part of the setup, with a LabError."""

@@ -248,7 +248,7 @@ def _parameters_picture(result: TrendResult) -> Picture:
         axes.tick_params(length=0)
         axes.grid(visible=False)
         bar = axes.figure.colorbar(grid, ax=axes, pad=0.02, fraction=0.04)
-        bar.set_label("difference, in halves of its 95 % interval")
+        bar.set_label("difference, in half-widths of its 95 % interval")
 
     label = f"Parameters over time, {_count_text(result)}"
     return figure_picture("parameters", label, (_WIDTH, 1.3 + _ROW * len(names)), draw, (1.2, 0.75, 0.5, 0.15))
@@ -358,12 +358,12 @@ def change_text(result: TrendResult, change: ChangePoint) -> str:
         for name, size, half in zip(change.named, change.changes, change.half_widths, strict=True)
     ]
     if not moved:
-        return f"{when} the links changed, but no single parameter is surely the one that did{by}."
+        return f"{when} the links changed, but no single parameter was identified as the cause{by}."
     if change.several:
         return f"{when} more than one parameter changed: {'; '.join(moved)}{by}."
     if len(moved) == 1:
         return f"{when} {moved[0]}{by}."
-    return f"{when} one of these changed, and the calibrations cannot tell which: {'; '.join(moved)}{by}."
+    return f"{when} one parameter changed, but the calibrations cannot decide which: {'; '.join(moved)}{by}."
 
 
 def _called(name: str) -> str:
@@ -399,18 +399,18 @@ def _runs(result: TrendResult) -> Table:
 
 def _errors(result: TrendResult) -> Figure:
     caption = (
-        "The validation error of each calibration. It says how well the arm was described on that day; whether the arm "
-        "moved, the parameters say. Logarithmic axis; a dotted line is a change."
+        "The validation error of each calibration shows its accuracy at that date; changes of the arm show in the "
+        "parameters. The axis is logarithmic; dotted lines mark changes."
     )
     return Figure("errors-over-time", errors_picture(result), caption)
 
 
 def _parameters(result: TrendResult) -> tuple[Figure, ...]:
     every = (
-        "Differences from the first calibration, each in halves of its own 95 % interval: up to 1 is what an "
-        "unchanged arm shows in 19 of 20. Blue is more, vermilion less; a line is a change."
+        "The colours show differences from the first calibration, in half-widths of their 95 % intervals. An unchanged "
+        "arm stays within 1 in 19 of 20 cases. Blue: larger; vermilion: smaller; lines mark changes."
     )
-    moved = "What changed, as the difference from the first calibration with 95 % intervals; a dotted line is a change."
+    moved = "Changed parameters: differences from the first calibration with 95 % intervals. Dotted lines mark changes."
     return (
         Figure("moved-over-time", _moved_pictures(result), moved),
         Figure("parameters-over-time", (_parameters_picture(result),), every),
@@ -424,7 +424,7 @@ def _detectable(result: TrendResult) -> Table:
     for each in result.detectable:
         sizes = [_or_none(each.links_alone)] * bool(anew) + [_or_none(each.all_kept)]
         rows.append((f"joint {each.joint}", *sizes, each.unit))
-    caption = "The next calibration finds in 95 of 100 that the zero of a joint has moved by"
+    caption = "Change of a joint's zero that the next calibration detects in 95 of 100 cases"
     return Table(("", *filter(None, columns), "unit"), tuple(rows), caption)
 
 
@@ -438,6 +438,6 @@ def _explained(result: TrendResult) -> str:
         return ""
     which = f"the zero of joint {hidden[0]}" if len(hidden) == 1 else f"the zeros of joints {' and '.join(hidden)}"
     return (
-        f"A dash: {which} cannot be told from how base and tool were set up. Where the instrument, the base and the "
-        "tool stay as they are between the calibrations, --kept base,tool compares them as well."
+        f"A dash marks confounding: {which} cannot be separated from the setup of base and tool. If instrument, base "
+        "and tool stay in place between the calibrations, --kept base,tool compares them as well."
     )

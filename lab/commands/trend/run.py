@@ -40,8 +40,8 @@ def trend(options: TrendOptions) -> TrendResult:
     if not runs:
         why = f" ({'; '.join(left_out)})" if left_out else ""
         raise LabError(
-            f"{options.folder}: holds 0 dated runs of lab calibrate or lab identify{why}; give the folder above those "
-            "of the runs"
+            f"{options.folder}: holds 0 dated runs of lab calibrate or lab identify{why}; give the folder that "
+            "contains the runs' folders"
         )
     return followed(options, runs, tuple(left_out))
 
@@ -90,10 +90,10 @@ def _dated(options: TrendOptions, left_out: list[str]) -> Iterator[DatedRun]:
         elif config.options.get("date") is None:
             left_out.append(f"{folder}: has no date, and is left out; lab migrate {folder} --date YYYY-MM-DD adds it")
         elif options.serial not in (None, serial := config.options.get("serial")):
-            of = "names no arm" if serial is None else f"is of the arm {serial}"
+            of = "has no serial number" if serial is None else f"is of the arm {serial}"
             left_out.append(f"{folder}: {of}, and is left out of the trend of {options.serial}")
         elif (twin := seen.setdefault(content_of(folder), folder.name)) != folder.name:
-            left_out.append(f"{folder}: has the measurements of {twin}, and is left out")
+            left_out.append(f"{folder}: has the same measurements as {twin}, and is left out")
         else:
             try:
                 run = read_calibrated(folder, accept_edited=options.accept_edited)

@@ -284,9 +284,9 @@ def test_what_cannot_be_certified_is_refused_in_a_line(here: Path, capsys, tmp_p
         assert told["run_verdict"]["verdict"] == word and told["run_verdict"]["reasons"] == ["a doubt"]
     measured = (edited / "config.json").read_text()
     reasons = {
-        "cable": "--observe cable: lengths of a cable do not say where the robot stands",
-        "socket": "--observe socket: contacts with sockets do not say where",
-        "plane": "--observe plane: contacts with planes do not say where",
+        "cable": "--observe cable: lengths of a cable do not determine the robot's base",
+        "socket": "--observe socket: contacts with sockets do not determine",
+        "plane": "--observe plane: contacts with planes do not determine",
         "pose": "--observe pose: the budget has no terms for measured orientations; identify the file again without",
     }
     for kind, said in reasons.items():

@@ -60,8 +60,8 @@ def test_the_end_joints_show_only_where_base_and_tool_were_kept(history: Path) -
     assert all(sizes["set_up_anew"] < MOVED_RAD * 1e3 for name, sizes in anew.items() if name not in hidden)
     kept = trend(TrendOptions(history, kept=("base", "tool")))
     assert [each.named for each in kept.changes] == [("link3.theta",)]
-    assert "zeros of joints 1 and 6 cannot be told" in " ".join(trend(TrendOptions(history)).summary().split())
-    assert "cannot be told" not in kept.summary()
+    assert "zeros of joints 1 and 6 cannot be separated" in " ".join(trend(TrendOptions(history)).summary().split())
+    assert "cannot be separated" not in kept.summary()
 
 
 def test_what_is_no_dated_run_is_left_out_and_told(history: Path, tmp_path: Path) -> None:
@@ -76,7 +76,7 @@ def test_what_is_no_dated_run_is_left_out_and_told(history: Path, tmp_path: Path
     found = trend(TrendOptions(tmp_path / "runs"))
     assert [each.run.folder.name for each in found.runs] == ["run3", "run1"] and not found.changes
     twin, no_date = sorted(found.left_out, reverse=True)
-    assert "run9: has the measurements of run1" in twin and "run2: has no date" in no_date
+    assert "run9: has the same measurements as run1" in twin and "run2: has no date" in no_date
 
 
 def test_the_first_calibration_is_no_trend_yet(history: Path, tmp_path: Path) -> None:
@@ -123,7 +123,7 @@ def test_runs_of_two_arms_are_no_trend_unless_one_is_chosen(history: Path, tmp_p
         trend(TrendOptions(tmp_path / "runs"))
     one = trend(TrendOptions(tmp_path / "runs", serial="A-1"))
     assert [each.run.folder.name for each in one.runs] == ["run3", "run1"] and one.serial == "A-1"
-    assert ["names no arm" in each or "is of the arm A-2" in each for each in one.left_out] == [True, True]
+    assert ["has no serial number" in each or "is of the arm A-2" in each for each in one.left_out] == [True, True]
     shutil.rmtree(tmp_path / "runs" / "run0")
     assert len(trend(TrendOptions(tmp_path / "runs")).runs) == 3  # a run without a name is taken for the arm's
 
