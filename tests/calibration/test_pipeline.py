@@ -116,7 +116,7 @@ def test_of_very_many_poses_some_choose_the_groups_and_all_are_fitted(monkeypatc
     assert fit.groups == ("harmonics",) and len(fit.rows) == len(data)
     (thinned,) = (each for each in fit.checks if each.name == "selection.thinned")
     assert thinned.data == {"used": 60, "count": 120}
-    assert "groups were chosen by 60 of the 120 poses, evenly spaced" in told(fit)
+    assert "groups were selected with 60 of the 120 poses, evenly spaced" in told(fit)
     sigmas = np.sqrt(np.diag(fit.identification.covariance))
     alone = fitted(data.take(list(range(60))), Noise(sigma_m=SIGMA), model="harmonics")
     assert np.median(sigmas / np.sqrt(np.diag(alone.identification.covariance))) < 0.8  # twice as many poses say more

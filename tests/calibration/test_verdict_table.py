@@ -226,7 +226,7 @@ def test_the_predicted_95_percent_error_counts_where_lack_of_fit_is_sure() -> No
         found = verdict(case.found, held_out, gate_m, goodness=lack_of_fit(p))
         words[p] = found.word, in_one_line(found.reasons)
     assert words[0.03] == ("good", "")
-    assert words[0.003][0] == "doubtful" and "with the lack of fit that is above the gate" in words[0.003][1]
+    assert words[0.003][0] == "doubtful" and "with the lack of fit it is above the gate" in words[0.003][1]
 
 
 def test_a_finding_that_nothing_supports_makes_a_good_calibration_doubtful() -> None:

@@ -155,7 +155,7 @@ KINDS = {
     "base turned": ({"base_rx": 2e-4, "base_ry": 2e-4}, ("base",), "base (or the instrument) has moved by"),
     "tool": ({"tool_p1_x": 1e-4, "tool_p1_y": 2e-4}, ("tool",), "target p1 has moved on the tool by 0.22"),
     "joint 2": ({"link2_theta": 1e-4}, ("joint",), "zero of joint 2 (q2) has moved by 0.099 ± 0.003 mrad"),
-    "joint 1": ({"link1_theta": 2e-4}, ("joint", "base"), "cannot tell whether the zero of joint 1"),
+    "joint 1": ({"link1_theta": 2e-4}, ("joint", "base"), "cannot decide whether the zero of joint 1"),
     "joint 6": ({"link6_theta": 2e-3}, ("joint", "tool"), "or target p1 has moved"),
     "two": ({"tool_p1_x": 2e-4, "link3_theta": 2e-4}, (), "more than one thing has changed; calibrate anew"),
 }
@@ -212,7 +212,7 @@ def test_one_pose_notices_and_does_not_pretend_to_know_what() -> None:
     prediction, truth = an_arm()
     seen = new_points(prediction, moved(prediction, truth, link2_theta=1e-3), 1)
     found = verify(prediction, seen)
-    assert not found.good and len(found.moved) > 1 and "joint" in found.moved and "cannot tell" in phrase(found.check)
+    assert not found.good and len(found.moved) > 1 and "joint" in found.moved and "cannot decide" in phrase(found.check)
     with pytest.raises(LabError, match="cannot place base anew"):
         verify(prediction, seen, ("base",))
 
@@ -318,7 +318,7 @@ def test_the_command_says_good_or_what_has_moved(runs: Path, capsys) -> None:
 
 
 def test_it_prints_for_a_person(runs: Path, capsys) -> None:
-    for file, says in (("good.csv", "the test detects one"), ("base.csv", "--refit base estimates")):
+    for file, says in (("good.csv", "the test detects in 95"), ("base.csv", "--refit base estimates")):
         main(["verify", str(runs / "known"), str(runs / file), "--overwrite", "--out", str(runs / "shown")])
         said = " ".join(capsys.readouterr().out.split())
         assert says in said and "degrees of freedom" in said and "predicted" in said
@@ -328,7 +328,7 @@ def test_the_noise_is_the_runs_unless_it_is_given(runs: Path, capsys) -> None:
     statistic = checked(capsys, runs, "known", "good.csv")[1]["statistic"]
     assert checked(capsys, runs, "known", "good.csv", "--instrument", "uniform-8um")[1]["statistic"] == statistic
     wide = checked(capsys, runs, "known", "good.csv", "--noise-mm", "1")[1]
-    assert wide["statistic"] < statistic and "given too large" in "\n".join(wide["warnings"])
+    assert wide["statistic"] < statistic and "assumed noise is too large" in "\n".join(wide["warnings"])
     assert checked(capsys, runs, "known", "precise.csv")[1]["good"]  # sigma_mm of each row says 0.1 mm
     code, found = checked(capsys, runs, "estimated", "good.csv")
     assert code == 0 and found["sigma_freedom"] == 93 and "F test" in found["words"] and "24 and 93" in found["words"]
@@ -364,7 +364,7 @@ def test_a_real_arm_of_another_day(tmp_path, capsys) -> None:
         assert found["refit"]["tool.p1"]["shift_mm"] == pytest.approx(float(session == "2") * 1.2, abs=0.1)
     code, found = checked(capsys, tmp_path, "run", test)
     assert code == 1 and found["moved"] == [] and "more than one thing" in found["words"]
-    assert "sessions 1, 2 are taken for one setup" in "\n".join(found["warnings"])
+    assert "sessions 1, 2 are treated as one setup" in "\n".join(found["warnings"])
 
 
 BAD = [
@@ -379,7 +379,7 @@ BAD = [
     ("known all.csv", "all.csv: no row to be used has a measured point"),
     (
         "known metres.csv",
-        "metres.csv: the measured points spread 1e+03 times as far as the robot's do in these poses: wrong unit",
+        "metres.csv: the measured points spread 1e+03 times as far as the robot's at these poses: wrong unit",
     ),
     ("known two.csv --refit base", "two.csv: 2 poses cannot place base anew"),
     ("known panda.csv", "panda.csv: line 1: column q7_rad is no joint of the robot"),

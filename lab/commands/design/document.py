@@ -165,7 +165,7 @@ def _targets(axes: Axes, shown: PlanScene, plane: tuple[int, int]) -> None:
     every = mm * shown.points[shown.measured, 0]
     middle, half = cube([mm * shown.path, every, *(mm * line for line in shown.home)], _ROOM)
     view(axes, plane, middle, half, "world", "Targets")
-    axes.plot(mm * shown.path[:, i], mm * shown.path[:, j], color=AXIS, linewidth=0.6, alpha=0.8, label="their way")
+    axes.plot(mm * shown.path[:, i], mm * shown.path[:, j], color=AXIS, linewidth=0.6, alpha=0.8, label="their path")
     for k, line in enumerate(mm * each for each in shown.home):
         label = "" if k else "robot at home"
         axes.plot(line[:, i], line[:, j], "o-", color=ARM, linewidth=5, alpha=0.45, markersize=6, label=label)
@@ -237,16 +237,17 @@ _INDICES = {
     "g": "G, worst predicted variance",
     "i": "I, mean predicted variance",
 }
-_CURVE = "Predicted error against the number of poses, the RMS over simulated calibrations. The line is this plan."
-_O1 = " Beside it the index O1, which is information per pose: it flattens while the error still falls."
+_CURVE = "Predicted error against the number of poses: RMS over simulated calibrations. The line marks this plan."
+_O1 = " The second plot shows the index O1, information per pose: it flattens while the error still falls."
 _POSES = (
-    "The targets at the poses, numbered in the order of the tour from first (dark) to last (light), and below the "
-    "position of each joint in its range."
+    "The upper plots show the targets at the poses, numbered in the order of the tour from first (dark) to last "
+    "(light). The lower plot shows the position of each joint in its range."
 )
 _OF = {
-    "designs": "Each number is of a design of so many poses.",
-    "continuous design": "The numbers are of the certificate's continuous design, which shares any number of poses out "
-    "among the candidates. Designs of whole poses are worse, near the fewest by more than twice; --curve designs each.",
+    "designs": "Each row is a design with that number of poses.",
+    "continuous design": "The rows scale the certificate's continuous design, which distributes any number of poses "
+    "over the candidates. Designs of whole poses have larger errors, near the fewest poses more than twice as large; "
+    "--curve designs each.",
 }
 _BOUND = "With 95 % confidence, 95 % of the validation poses have an error below the 95 %/95 % tolerance bound."
 
@@ -298,7 +299,7 @@ def _predicted(values: dict[str, Any]) -> str:
     return (
         f"The predicted error on validation poses is {predicted['rms']:.4f} mm RMS over all poses and "
         f"{predicted['max']:.4f} mm RMS at the worst pose; its 95 %/95 % tolerance bound is "
-        f"{values['promise_mm']:.4f} mm. Only the instrument's noise is counted, and the robot is taken to be rigid."
+        f"{values['promise_mm']:.4f} mm. It includes only the instrument's noise, and assumes a rigid robot."
     )
 
 
@@ -320,13 +321,13 @@ def _steps(values: dict[str, Any]) -> Table:
 def _tour(result: DesignResult) -> str:
     """Describe the duration of the measurement session."""
     tour = result.tour
-    via = f", {result.tour.via} of them by way of poses that are only passed" if result.tour.via else ""
+    via = f", {result.tour.via} of them through waypoints that are not measured" if result.tour.via else ""
     chain, controller = result.problem.robot.chain, result.options.controller
     language = None if refusal(chain, controller) else language_of(chain, controller)
     moving = f" {PLAN}{language.suffix} moves at {language.speed}, which takes longer." if language else ""
     return (
-        f"The tour has {len(tour.waypoints) - 1} moves{via}. It takes {float(tour.seconds):.1f} s at full speed and "
-        f"acceleration, home to home, and {PAUSE_S} s of waiting at each pose.{moving} {_checked(result)}"
+        f"The tour has {len(tour.waypoints) - 1} moves{via}. It takes {float(tour.seconds):.1f} s from home to home at "
+        f"full speed and acceleration, plus {PAUSE_S} s of waiting at each pose.{moving} {_checked(result)}"
     )
 
 
@@ -336,10 +337,10 @@ def _checked(result: DesignResult) -> str:
         return "Nothing was checked for collisions."
     options = result.options
     return (
-        "Every stop and every move, each in a straight line of all joints, was checked for collisions with the arm "
-        "itself and with the surroundings that the robot's model knows, reflectors and nests included. From the "
-        f"surroundings they keep {options.clearance_mm:g} mm where no obstacle states another clearance, and links "
-        f"that are not neighbours {options.self_clearance_mm:g} mm, or what they have at home."
+        "Every waypoint and every move (a straight line in joint space) was checked for collisions of the arm with "
+        "itself and with the surroundings in the robot's model, including reflectors and nests. The clearance to the "
+        f"surroundings is {options.clearance_mm:g} mm unless an obstacle states another. Links that are not neighbours "
+        f"keep {options.self_clearance_mm:g} mm, or their distance at home."
     )
 
 
@@ -377,8 +378,8 @@ def _stations(values: dict[str, Any]) -> tuple[Block, ...]:
     return (
         Paragraph(
             f"Each pose is measured from the station that sees it best: {listed}. Between two stations the arm waits "
-            "at home until the instrument has been moved. Every point stays in the frame of its own station: where the "
-            "stations are is identified with the robot."
+            "at home until the instrument has been moved. Every point stays in the frame of its own station; the "
+            "stations' poses are identified with the robot."
         ),
         Table(("station", "poses", "head, mm, in the robot's frame"), tuple(rows)),
     )
@@ -391,7 +392,7 @@ def _files(result: DesignResult) -> tuple[Block, ...]:
     files = plan_or_refusal(chain, result.options.controller, result.problem.robot.model.stations).values()
     programs = "".join(f", {file} for the controller" for file in files if file.startswith((f"{PLAN}.", f"{PLAN}_")))
     return (
-        Paragraph(f"Files: plan.csv with every stop, to measure or via{programs}.", shown_in=PAGE | TERMINAL),
+        Paragraph(f"Files: plan.csv with every waypoint, measured or via{programs}.", shown_in=PAGE | TERMINAL),
         *((Paragraph(sentence(why), shown_in=PAGE | TERMINAL),) if why else ()),
     )
 
@@ -428,9 +429,9 @@ def check_document(result: PlanCheckResult) -> Document:
     cell = f" in {result.options.cell}" if result.options.cell else ""
     badge = Badge("the plan can be run", "good") if not count else Badge("the plan cannot be run", "bad")
     text = (
-        f" All {len(result.waypoints)} stops and the ways between them are free{cell}."
+        f" All {len(result.waypoints)} waypoints and the paths between them pass the check{cell}."
         if not count
-        else f" {count} of {len(result.waypoints)} stops{cell} are not allowed, or the way to them is not; plan anew."
+        else f" {count} of {len(result.waypoints)} waypoints{cell}, or the paths to them, fail the check; plan anew."
     )
     rows = tuple((fault.waypoint, fault.why) for fault in result.faults)
     return Document(
@@ -438,7 +439,7 @@ def check_document(result: PlanCheckResult) -> Document:
         (
             Paragraph((badge, f".{text}"), "lead"),
             Warnings(result.warnings),
-            Section("Faults", (Table(("stop", "why"), rows),)),
-            Section("The day", (Paragraph(result.duration.description),)),
+            Section("Faults", (Table(("waypoint", "fault"), rows),)),
+            Section("Duration of the session", (Paragraph(result.duration.description),)),
         ),
     )

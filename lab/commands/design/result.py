@@ -94,15 +94,15 @@ class SessionDuration:
         reference = (
             "The plan measures its reference pose again (--reference-every)."
             if self.again
-            else f"Choose one pose of the plan for that; measure it first, after every {REFERENCE_EVERY}th pose and "
-            f"last (--reference-every {REFERENCE_EVERY} plans it so)."
+            else f"Choose one pose of the plan as reference; measure it first, after every {REFERENCE_EVERY}th pose "
+            f"and last (--reference-every {REFERENCE_EVERY} plans this)."
         )
         return (
-            f"The day takes about {self.seconds / 60:.0f} minutes: {_WARM_UP_S / 60:.0f} minutes of warm-up, in which "
-            f"the arm goes through the plan unmeasured, {self.moving_s / 60:.1f} minutes of moving at full speed, "
+            f"The session takes about {self.seconds / 60:.0f} minutes: {_WARM_UP_S / 60:.0f} minutes of warm-up, in "
+            f"which the arm runs the plan without measuring, {self.moving_s / 60:.1f} minutes of moving at full speed, "
             f"{PAUSE_S} s of waiting at each pose, and {self.references} measurements of a reference pose. {reference} "
-            "Its scatter is the repeatability, and its drift shows whether tracker or arm have moved. Setting up the "
-            "tracker and its own warm-up are not counted."
+            "Its scatter is the repeatability, and its drift shows whether tracker or arm have moved. Setup and "
+            "warm-up of the tracker are not included."
         )
 
 
@@ -123,7 +123,7 @@ def visit_ids(tour: Tour, pose_ids: Sequence[str]) -> tuple[str, ...]:
 
 _NEAR_ACCEPTANCE_DEG = 5.0  # nearer to the largest angle that a reflector takes, a stop is told
 _NUMBERED = ("o1", "o2", "o3", "o4", "o5", "condition", "a")
-_VARIANCE = "mm², of the position on test poses, whatever the units of the parameters"
+_VARIANCE = "mm², variance of the position at test poses; independent of the parameters' units"
 
 
 @dataclass(frozen=True)
@@ -197,7 +197,7 @@ class DesignResult(Result):
         text = f"any {len(self.joints)} of {candidates} feasible candidates"
         if len(self.problem.already):
             text += f" added to the {len(self.problem.already)} measured already"
-        return text + (f" and the {moved} poses that the ascent moved off them" if moved else "")
+        return text + (f" and the {moved} poses that the ascent moved away from candidates" if moved else "")
 
     @property
     def pose_ids(self) -> tuple[str, ...]:
@@ -406,7 +406,7 @@ def check_plan(options: DesignOptions, robot: Robot) -> PlanCheckResult:
     waypoints = read_measurements(options.check, chain.joint_names, chain.prismatic, points=False, most=WAYPOINTS)
     measured = np.array([use != "skip" for use in waypoints.use])
     if not measured.any():
-        raise LabError(f"{options.check}: no stop is to be measured; give the plan.csv of lab design")
+        raise LabError(f"{options.check}: no waypoint is to be measured; give the plan.csv of lab design")
     device = observing(named_instrument(options.instrument), "points")
     faults: dict[str, str] = {}
     for j, beyond in enumerate(chain.beyond_limits(waypoints.joints, _SLACK).T):

@@ -234,8 +234,8 @@ def _verification_document(result: VerificationResult) -> Document:
             Paragraph(f"The run that calibrated the arm is {result.calibrated.result.description}."),
             Warnings(result.warnings),
             Section("Errors, observed and predicted", (*_errors(result), _histogram(result))),
-            Section("What alone would explain it", (_hypotheses(result), *_advice(result))),
-            Section("What was fitted anew", (_refitted(result),)),
+            Section("Single changes that would explain the errors", (_hypotheses(result), *_advice(result))),
+            Section("Refitted parts", (_refitted(result),)),
             Section("Minimum detectable change", (_detectable(result),) if found.good else ()),
         ),
     )
@@ -261,8 +261,8 @@ def _errors(result: VerificationResult) -> tuple[Block, ...]:
     )
     below = (
         f"{len(measured)} new poses, targets {', '.join(measured.targets)}, against the run "
-        f"{result.calibrated.folder}. Predicted: what the calibration's covariance and the instrument's noise let one "
-        "expect here."
+        f"{result.calibrated.folder}. The predicted error follows from the calibration's covariance and the "
+        "instrument's noise."
     )
     return Table(("", "mean", "rms", "95 %", "max", "points"), rows, "Position error, mm"), Paragraph(below, "note")
 
@@ -279,7 +279,7 @@ def _hypotheses(result: VerificationResult) -> Table:
         for each in listed
     )
     kinds = tuple("" if each.explains else "quiet" for each in listed)
-    columns = ("what may have changed, the best first", "χ² left", "p", Column("BIC"), "explains it")
+    columns = ("possible change, likeliest first", "remaining χ²", "p", Column("BIC"), "explains the errors")
     return Table(columns, rows, row_kinds=kinds, most_rows=_MOST_HYPOTHESES)
 
 
@@ -310,7 +310,7 @@ def _refitted(result: VerificationResult) -> Table:
 def _detectable(result: VerificationResult) -> Table:
     """Tabulate the changes that the test would have detected, with their units."""
     rows = tuple((name, short(size), unit) for name, unit, size in result.detectable if size < float("inf"))
-    caption = "In 95 of 100 such files the test detects one of these changes, each by at least"
+    caption = "Smallest change that the test detects in 95 of 100 such files"
     return Table(("", "by", "unit"), rows, caption)
 
 
@@ -404,7 +404,7 @@ def _tested(
     noise, stated = _noise(calibrated, options), options.noise_mm is not None or options.instrument is not None
     if not np.isfinite(calibrated.estimate.free_covariance).all():
         raise LabError(
-            f"{options.run}: its covariance is unknown, as its poses left no residuals to say the noise; "
+            f"{options.run}: its covariance is unknown, because it has too few poses to estimate the noise; "
             "identify again with more poses, or with --noise-mm"
         )
     with error_context(options.file):
@@ -440,13 +440,13 @@ def _refuse_unseen_base(calibrated: CalibrationRun, options: VerifyOptions) -> N
         return
     if "base" not in options.refit:
         raise LabError(
-            f"{options.run}: identified with --observe {observed}, so where the base is in an instrument's frame it "
-            "does not say; add --refit base"
+            f"{options.run}: identified with --observe {observed}, so the base's pose in an instrument's frame is "
+            "unknown; add --refit base"
         )
     if options.instrument is None and options.noise_mm is None:
         raise LabError(
-            f"{options.run}: identified with --observe {observed}, so what noise points have it does not say; "
-            "add --instrument or --noise-mm"
+            f"{options.run}: identified with --observe {observed}, so the noise of points is unknown; add --instrument "
+            "or --noise-mm"
         )
 
 
@@ -461,8 +461,8 @@ def _refuse_strange(calibrated: CalibrationRun, rows: Measurements, options: Ver
         )
     if strange and calibrated.estimate.process is not None:
         raise LabError(
-            f"target {strange[0]} was not identified, and {options.run} has the group residual, which is of its "
-            "own targets; measure one of these, or identify again without residual"
+            f"target {strange[0]} was not identified, and the group residual of {options.run} covers its own targets "
+            "only; measure one of these, or identify again without residual"
         )
 
 
@@ -477,7 +477,7 @@ def _refuse_implausible(prediction: CalibrationPrediction, observations: Observa
     ):
         other = another_unit(prediction, observations)
         raise LabError(
-            f"the measured points spread {spreads[0] / spreads[1]:.3g} times as far as the robot's do in these poses: "
+            f"the measured points spread {spreads[0] / spreads[1]:.3g} times as far as the robot's at these poses: "
             f"{'wrong unit, or another robot' if other is None else phrase(other)}"
         )
 
@@ -516,7 +516,7 @@ def _if_fitted(calibrated: CalibrationRun, options: VerifyOptions, rows: Measure
         return []
     text = (
         f"{options.file}: {len(again)} of {counted(len(rows), 'row')} {be(len(again))} among those that the "
-        f"run was identified from (the first: {rows.where(again[0])}), which verify nothing new; measure poses again"
+        f"run was identified from (first: {rows.where(again[0])}), so they verify nothing new; measure poses again"
     )
     if not options.force:
         raise LabError(f"{text}, or give --force")
@@ -541,18 +541,18 @@ def _warnings(calibrated: CalibrationRun, read: Measurements, rows: Measurements
     ]
     if len(sessions := list(dict.fromkeys(rows.sessions))) > 1:
         messages.append(
-            f"sessions {', '.join(sessions)} are taken for one setup; verify each alone if one was set up anew"
+            f"sessions {', '.join(sessions)} are treated as one setup; verify each alone if one was set up anew"
         )
     if "payload_kg" in calibrated.estimate.arm.conditions and "payload_kg" not in rows.conditions:
         messages.append("no column payload_kg: the flange is assumed to carry nothing in any pose")
     if verified.undetermined:
         names = ", ".join(verified.undetermined)
         messages.append(
-            f"these poses do not determine {names}, which stay as the run has them; the test does not depend on it"
+            f"these poses do not determine {names}, which keep the run's values; the test does not depend on them"
         )
     if verified.p_of_all > _TOO_GOOD:
         messages.append(
-            f"errors are much smaller than predicted (p = {verified.p_of_all:.6f}): the noise is given too large"
+            f"errors are much smaller than predicted (p = {verified.p_of_all:.6f}): the assumed noise is too large"
         )
     return messages
 
@@ -562,6 +562,6 @@ def _repeat_where_measured(lone: int, count: int, verified: Verified) -> list[st
     if verified.good or lone <= MOST_UNCOVERED * count:
         return []
     return [
-        "most of these poses are where the run fitted none, so what its model lacks there may look like a change; "
-        "measure again at poses of the run before the arm is called changed"
+        "most of these poses are extrapolated, so model discrepancy there may look like a change; measure again near "
+        "poses of the run to confirm it"
     ]

@@ -17,16 +17,16 @@ _TEMPLATES = {
     ),
     "certificate.ends_before_begin": f"{_ITS} of {{checked}} ends before it begins, on {{until}}",
     "certificate.later_than_issue": f"{_ITS} of {{checked}} is later than this certificate of {{issued}}",
-    "certificate.no_day": f"{_ITS} ({{either}}) cannot be judged: no day of the measurements is stated",
+    "certificate.no_day": f"{_ITS} ({{either}}) cannot be judged: the date of the measurements is not stated",
     "certificate.later_than_measured": f"{_ITS} of {{checked}} is later than {{of}}: its state then is unknown",
     "certificate.ended": f"{_ITS} ended on {{until}}, before {{of}}",
     "certificate.old": (
         f"{_ITS} of {{checked}} is {{years:.1f}} years older than {{of}}, and states no end (valid_until)"
     ),
-    "certificate.other_robot": ("the certificate is of a robot {stated}, but the run calibrates the model {of_run}"),
+    "certificate.other_robot": ("the certificate names the robot {stated}, but the run calibrates the model {of_run}"),
     "certificate.same_serial": "robot and instrument have the same serial number, {serial}",
     "certificate.other_instrument": (
-        "the certificate is of an instrument {stated}, but the run was weighted by the noise of {of_run}"
+        "the certificate names the instrument {stated}, but the run was weighted by the noise of {of_run}"
     ),
     "certificate.unfit_temperature": (
         "the temperature is {at_c:g} °C, but the instrument works from {least_c:g} to {most_c:g} °C"

@@ -205,7 +205,7 @@ def _not_in_validation(check: Check) -> str:
 def _alternative(check: Check) -> str:
     data = check.data
     text = (
-        f"{data['chosen']} and {data['other']} cannot be told apart by these poses (with {data['other']} instead, chi2 "
+        f"{data['chosen']} and {data['other']} are confounded at these poses (with {data['other']} instead, chi2 "
         f"changes by {check.statistic:+.1f}); "
     )
     if not data["can_be_told"]:
@@ -227,7 +227,7 @@ def _some_backlash(check: Check) -> str:
 
 
 def _thinned_selection(check: Check) -> str:
-    return f"groups were chosen by {check.data['used']:,} of the {check.data['count']:,} poses, evenly spaced"
+    return f"groups were selected with {check.data['used']:,} of the {check.data['count']:,} poses, evenly spaced"
 
 
 def _twist(check: Check) -> str:

@@ -191,7 +191,7 @@ def _missing(check: Check) -> str:
     )
 
 
-_MOVED = {"base": "the place of the base or the instrument", "tool": "tool point ", "joint": "the zero of joint "}
+_MOVED = {"base": "the position of the base or the instrument", "tool": "tool point ", "joint": "the zero of joint "}
 
 
 def _change(check: Check) -> str:
@@ -207,15 +207,15 @@ def _change(check: Check) -> str:
 
 
 def _residuals(check: Check) -> str:
-    return "the residuals are rounding" if check.outcome == "passed" else "not tested"
+    return "the residuals are at rounding level" if check.outcome == "passed" else "not tested"
 
 
 def _weak(_: Check) -> str:
-    return "not significant at the level of a doubt"
+    return "not significant at the level that makes a verdict doubtful"
 
 
 def _spread(check: Check) -> str:
-    times = f"{check.data['times']:.3g} times as far as the robot's do in these poses"
+    times = f"{check.data['times']:.3g} times as far as the robot's at these poses"
     return f"the measured points spread {times}: wrong unit, or another robot"
 
 
@@ -246,10 +246,10 @@ def _identifiable(check: Check) -> str:
 def _validation(check: Check) -> str:
     data = check.data
     if check.outcome == "not tested":
-        return "no poses were held out, so the accuracy is not known"
+        return "no poses were held out, so the accuracy is unknown"
     if check.outcome == "failed":
         share = f"{100 * data['fitted_share']:.0f} % of the validation poses"
-        return f"{share} are those that were fitted, so the accuracy is not known"
+        return f"{share} were also fitted, so the accuracy is unknown"
     before, after = MM.text(data["before_m"]), MM.text(data["after_m"])
     text = f"{before} with the nominal model, {after} with the calibrated one (means)"
     if "observed_p95_m" in data:
@@ -317,7 +317,7 @@ def _limit(check: Check) -> str:
     if not check.data["gate"]:
         text = f"above {limit}, half of the error of such an arm before calibration"
     elif check.data["lack_of_fit"]:
-        text = f"with the lack of fit that is above the gate of {limit}"
+        text = f"with the lack of fit it is above the gate of {limit}"
     else:
         text = f"the predicted mean of {MM.text(check.data['region'].mean_m)} is above the gate of {limit}"
     return f"{_error(check)}; {text}"
@@ -340,7 +340,7 @@ def _other_robot(check: Check) -> str:
 
 
 def _constant(_: Check) -> str:
-    return "what was measured is the same in every pose: wrong column?"
+    return "the measured values are the same in every pose: wrong column?"
 
 
 def _given_noise(check: Check) -> str:
@@ -348,8 +348,8 @@ def _given_noise(check: Check) -> str:
     name = "column sigma_mm" if data["in_column"] else "--noise-mm"
     return (
         f"{name} {MM.of(data['given_m']):g} is {data['given_m'] / data['known_m']:.0f} times too large: "
-        f"{data['whose']} are those of a noise of {MM.text(data['known_m'], 2)}. Intervals are as many times too wide, "
-        "and errors smaller than the given noise are not detected"
+        f"{data['whose']} correspond to a noise of {MM.text(data['known_m'], 2)}. Intervals are too wide by the same "
+        "factor, and errors smaller than the given noise are not detected"
     )
 
 
@@ -369,7 +369,7 @@ def _given_scale(check: Check) -> str:
 
 def _given_poses(check: Check) -> str:
     return (
-        f"the points are {MM.text(check.data['off_m'])} from the nominal robot wherever base and tool are: wrong rows, "
+        f"the points are {MM.text(check.data['off_m'])} from the nominal robot for any base and tool: wrong rows, "
         "joints in another order or direction, or another robot"
     )
 

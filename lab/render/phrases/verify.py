@@ -72,10 +72,10 @@ def _diagnosis(check: Check) -> str:
     """Word what has changed."""
     alike, name = check.data["alike"], check.data["likeliest"]
     if len(alike) > 1:
-        return f"these poses cannot tell whether {', or '.join(map(_changed, alike))}"
+        return f"these poses cannot decide whether {', or '.join(map(_changed, alike))}"
     if alike:
         return _changed(alike[0])
-    return _SEVERAL if name is None else f"{_SEVERAL}; of the parameters, a change of {name} alone explains the most"
+    return _SEVERAL if name is None else f"{_SEVERAL}; the single parameter whose change explains the most is {name}"
 
 
 def _changed(check: Check) -> str:

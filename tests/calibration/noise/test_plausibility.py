@@ -43,8 +43,8 @@ def test_a_session_without_mistakes_has_no_findings(good: list[Measurements]) ->
 @pytest.mark.parametrize(
     ("mistake", "what"),
     [
-        ("the tracker moved half way", "place of the base"),
-        ("the tracker turned", "place of the base"),
+        ("the tracker moved half way", "position of the base"),
+        ("the tracker turned", "position of the base"),
         ("a zero shifted", "zero of joint"),
         ("the reflector was reseated", "tool point p1"),
         ("half commanded, half read back", "times as large"),

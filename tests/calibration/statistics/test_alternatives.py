@@ -25,7 +25,7 @@ def test_what_cannot_be_told_apart_is_said(ei: float) -> None:
         assert found.chosen == ("bending",) and not said
         return
     assert found.chosen == ("compliance",) and len(said) == 1
-    assert said[0].startswith("compliance and bending cannot be told apart by these poses")
+    assert said[0].startswith("compliance and bending are confounded at these poses")
     assert "no pose and payload would separate them: they differ by at most" in said[0]
     each = found.alternatives[0]
     assert each.fit_rise < 10 and not each.is_distinguishable and each.differ_m < 3 * found.identification.sigma_m

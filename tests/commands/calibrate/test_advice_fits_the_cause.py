@@ -97,7 +97,7 @@ def test_numbers_in_another_unit_or_of_other_poses_are_the_first_reason() -> Non
         "wrong unit: the points are in inches where mm are expected": replace(day, points=day.points / 25.4),
         "wrong unit: the joint positions are in radians": replace(day, joints=np.deg2rad(day.joints)),
         "the points are mirrored": replace(day, points=day.points[..., [1, 0, 2]]),
-        "wherever base and tool are: wrong rows": replace(day, points=np.roll(day.points, 1, axis=0)),
+        "for any base and tool: wrong rows": replace(day, points=np.roll(day.points, 1, axis=0)),
     }
     for says, data in cases.items():
         found = lab.identify(data, robot="irb120", instrument="uniform-8um").to_dict()

@@ -64,9 +64,9 @@ def test_a_noise_that_hides_errors_is_told_and_not_good(day: Measurements) -> No
     assert sound.verdict.word == "good" and vague.verdict.word == "doubtful"
     assert vague.verdict.fit.standing == "doubtful"
     text = in_one_line(vague.verdict.reasons)
-    assert "--noise-mm 0.2 is " in text and "times too large: the residuals are those of a noise of 0.00" in text
+    assert "--noise-mm 0.2 is " in text and "times too large: the residuals correspond to a noise of 0.00" in text
     known = lab.verify(sound, day, noise_mm=0.2).warnings
-    assert any("the run's residuals are those of" in each and "not detected" in each for each in known)
+    assert any("the run's residuals correspond to" in each and "not detected" in each for each in known)
     assert not any("not detected" in each for each in lab.verify(sound, day, noise_mm=0.01).warnings)
 
 

@@ -113,7 +113,7 @@ def test_a_thin_wall_between_two_stops_is_found(plan: Path, capsys: pytest.Captu
      ("--check {plan} --extend {plan}", "--extend"), ("--check {plan} --controller rapid", "--controller"),
      ("--reference-every 0", "-every"),
      ("--check {plan} --robot scara", "joint q3 is a slide"),
-     ("--check skip.csv", "no stop is to be measured"), ("--check {plan} --cell none.toml", "none.toml")],
+     ("--check skip.csv", "no waypoint is to be measured"), ("--check {plan} --cell none.toml", "none.toml")],
 )  # fmt: skip
 def test_mistakes_are_told_in_one_line(plan: Path, capfd, flags: str, told: str) -> None:
     Path("skip.csv").write_text("use,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\nskip,0,0,0,0,0,0\n")

@@ -29,7 +29,7 @@ def test_a_verification_says_good_or_what_has_moved(seven_run: Path, tmp_path: P
         assert set(seen.figures) == {"errors-figure"} and short(result["promised_mm"]) in seen.text
         assert result["words"][1:] in seen.text
         if name == "moved":
-            found = seen.table("what may have changed, the best first")
+            found = seen.table("possible change, likeliest first")
             assert found[0][0] == result["hypotheses"][0]["words"] and found[0][-1] == "yes"
 
 
