@@ -369,7 +369,7 @@ def _certificate_document(result: Certificate) -> Document:
             *_withheld(result),
             Paragraph(_lead(result), "lead"),
             Warnings(result.warnings),
-            Section("What was calibrated", _details(result)),
+            Section("Calibrated robot and measurement", _details(result)),
             Section("Results", _results(result)),
             *((Section("Validation against the budget", _validated(result)),) if result.validation else ()),
             Section("Statement of conformity", _statement(result)),
@@ -377,9 +377,9 @@ def _certificate_document(result: Certificate) -> Document:
                 Section(f"Uncertainty budget of {_MEASURANDS[each.measurand]}", _budget(each))
                 for each in result.budgets
             ),
-            *((Section("What the uncertainty does not contain", _unseen(result)),) if result.unseen else ()),
+            *((Section("Effects not included in the uncertainty", _unseen(result)),) if result.unseen else ()),
             Section("Characteristics of ISO 9283:1998", _characteristics(result)),
-            Section("How the uncertainty was evaluated", tuple(Paragraph(text, shown_in=PAGE) for text in _METHOD)),
+            Section("Evaluation of the uncertainty", tuple(Paragraph(text, shown_in=PAGE) for text in _METHOD)),
             Section("Signature", (Table(("", ""), (("date", "_" * 24), ("signature", "_" * 40)), shown_in=PAGE),)),
         ),
     )
@@ -432,7 +432,7 @@ def _details(result: Certificate) -> tuple[Block, ...]:
             ("robot model", result.calibrated.robot.name),
             ("measured", f"{result.poses} poses, targets {', '.join(result.calibrated.estimate.arm.targets)}"),
             ("measured on", str(result.calibrated.options.date or "not stated")),
-            ("instrument", "not known" if result.device is None else result.device.name),
+            ("instrument", "unknown" if result.device is None else result.device.name),
         ]
     }
     for part, values in result.details.to_dict().items():

@@ -419,7 +419,7 @@ def _parameters(result: TrendResult) -> tuple[Figure, ...]:
 
 def _detectable(result: TrendResult) -> Table:
     anew = " and ".join(group for group in SETUP if group not in result.options.kept)
-    columns = (f"{anew} set up anew" * bool(anew), "base and tool kept")
+    columns = (f"{anew} set up anew" * bool(anew), "base and tool unchanged")
     rows: list[Row] = []
     for each in result.detectable:
         sizes = [_or_none(each.links_alone)] * bool(anew) + [_or_none(each.all_kept)]

@@ -203,7 +203,7 @@ def _change(check: Check) -> str:
     first, *others = (_MOVED[kind] + name for kind, _, name in parts)
     what = first + "".join(f" (or {other})" for other in others)
     changed = f"changed by {short_length(check.data['size_m'])} between poses {before} and {after}"
-    return f"{what} {changed}: find out what happened there"
+    return f"{what} {changed}: find the cause"
 
 
 def _residuals(check: Check) -> str:

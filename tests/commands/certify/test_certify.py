@@ -240,7 +240,7 @@ def test_what_nothing_shows_is_said_with_its_remedy(here: Path) -> None:
     assert stated.conformity is not None and stated.conformity.decision == "conforms"
     known = certify(CertifyOptions(Path("known")))  # whose tracker's file states its range's scale
     assert not any("scale" in each.description for each in known.unseen)
-    assert "What the uncertainty does not contain" in known.summary()
+    assert "Effects not included in the uncertainty" in known.summary()
 
 
 @thorough
