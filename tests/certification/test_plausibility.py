@@ -74,7 +74,7 @@ IMPOSSIBLE: dict[str, tuple[dict[str, str | float | None], str, str]] = {
     "another robot": (
         {"robot.maker": "Universal Robots", "robot.model": "UR10"},
         "robot.model",
-        "a robot Universal Robots UR10, but the run calibrates the model irb120",
+        "the robot Universal Robots UR10, but the run calibrates the model irb120",
     ),
     "a larger robot": ({"robot.model": "IRB 1200"}, "robot.model", "ABB IRB 1200"),
     "another maker": ({"robot.maker": "KUKA", "robot.model": None}, "robot.model", "KUKA"),

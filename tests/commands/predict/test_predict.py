@@ -78,7 +78,7 @@ def test_the_module_of_the_run_says_the_same(soft: tuple[Path, lab.CalibrationRe
         said["calibrated.py"]["has"] == ["geometric", "compliance", "backlash"] and not said["calibrated.py"]["lacks"]
     )
     assert said["calibrated.xml"]["lacks"] == ["compliance", "backlash"] and said["calibrated.xml"]["off_mm"] > 0.1
-    assert "lacks compliance, backlash; off by" in (folder / "calibrated.xml").read_text().splitlines()[0]
+    assert "lacks compliance, backlash, an error of" in (folder / "calibrated.xml").read_text().splitlines()[0]
 
 
 def test_the_uncertainty_is_that_of_corrected_targets(soft: tuple[Path, lab.CalibrationResult]) -> None:
