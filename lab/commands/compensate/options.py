@@ -28,9 +28,9 @@ class CompensateOptions:
     orientation: AngleConvention | None = None
     """What the targets' angles rx, ry, rz mean."""
     force: Flag = False
-    """Also for a run whose verdict is bad or not judged; of a doubtful one the result repeats the reasons."""
+    """Also accept a run whose verdict is bad or not judged. The result repeats the reasons of a doubtful verdict."""
     accept_edited: Flag = False
-    """Build on a run too whose files were changed since it was written."""
+    """Also accept a run whose files were edited after writing."""
     cell: Path | None = None
     """The cell (obstacles, narrower limits): TOML; that of the run by default."""
     controller: Controller | None = None

@@ -70,7 +70,7 @@ class TrajectoryOptions:
     force: Flag = False
     """Also for a run whose verdict is bad or not judged."""
     accept_edited: Flag = False
-    """Build on a run too whose files were changed since it was written."""
+    """Also accept a run whose files were edited after writing."""
 
     def check(self) -> None:
         """Refuse numbers that make no sense, with a LabError that names the option."""
