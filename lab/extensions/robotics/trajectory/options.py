@@ -58,7 +58,7 @@ class TrajectoryOptions:
     no_check: Flag = False
     """Check nothing for collisions."""
     controller: Controller | None = None
-    """The language of its program; that of the robot's maker, if not given and known by the robot's name."""
+    """The language of its program; that of the robot's maker, by default, if the robot's name shows it."""
     run: Path | None = None
     """The folder of a run of lab calibrate or lab identify: how far its robot misses the way, and joint positions that
     make up for it. Its robot is taken."""
