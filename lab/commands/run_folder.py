@@ -242,7 +242,7 @@ def run_folder(out: Path, inputs: Sequence[Path] = (), *, overwrite: bool = Fals
     for path in inputs:
         own = _leads_to(path)
         if own.is_relative_to(place) and not own.is_relative_to(place / INPUTS):  # copies are copied again
-            raise LabError(f"{out}: holds {path}, which this run is made from; give --out another folder")
+            raise LabError(f"{out}: holds {path}, an input of this run; give --out another folder")
     begun = False
     try:
         _refuse_other_files(out)
@@ -253,7 +253,7 @@ def run_folder(out: Path, inputs: Sequence[Path] = (), *, overwrite: bool = Fals
             (draft / CHECKSUMS).write_text(checksum_lines(draft), encoding="utf-8")
     except OSError as error:
         why = error.strerror or error
-        mend = "nothing was kept, make room and run again" if begun else "give --out another folder"
+        mend = "nothing was saved; free disk space and run again" if begun else "give --out another folder"
         text = f"writing failed ({why})" if begun else f"cannot be written ({why})"
         raise LabError(f"{out}: {text}; {mend}") from error
 
@@ -274,11 +274,11 @@ def _place(out: Path) -> Path:
     try:
         place, here = resolved(out), Path.cwd()
     except OSError as error:
-        raise LabError(f"{out}: cannot be written ({error.strerror}); go to another folder") from error
+        raise LabError(f"{out}: cannot be written ({error.strerror}); change to another folder") from error
     if here.is_relative_to(place):
         raise LabError(f"{out}: is the working folder, or holds it; give --out a folder for the run alone")
     if not place.name.strip():
-        raise LabError(f"--out '{out}': a name of blanks; give --out a folder with a name")
+        raise LabError(f"--out '{out}': the name is blank; give --out a folder with a name")
     return place
 
 
@@ -299,9 +299,9 @@ def _refuse_other_files(out: Path) -> None:
     known = _FILES | _program_of(out / "config.json") | {name for name in there if is_program_file(name)}
     strays = [name for name, path in there.items() if not _is_of_run(path, known)]
     if strays:
-        raise LabError(f"{out}: holds {min(strays)}, which is no file of a run; give --out another folder")
+        raise LabError(f"{out}: holds {min(strays)}, which is not a file of a run; give --out another folder")
     if there and not _is_config(out / "config.json"):
-        raise LabError(f"{out}: holds files that are no run of the lab; give --out another folder")
+        raise LabError(f"{out}: holds files that are not of a run of the lab; give --out another folder")
 
 
 def _is_of_run(path: Path, known: set[str]) -> bool:
@@ -442,8 +442,8 @@ def check_edits(folder: Path, names: Sequence[str], *, accept: bool) -> tuple[st
             f"lab migrate {folder} adds them",
         )
     if not accept:
-        raise LabError(f"{folder}: {found}; make the run again, or give {_ACCEPT_EDITED} to build on it as it is")
-    return (f"{folder}: {found}: built on as it is",)
+        raise LabError(f"{folder}: {found}; repeat the run, or accept the edits by {_ACCEPT_EDITED}")
+    return (f"{folder}: {found}: the edited files are used",)
 
 
 def refuse_edits(folder: Path) -> None:
@@ -480,7 +480,7 @@ def unfinished(command: str, options: Any, out: Path | None, *, resume: bool) ->
     """
     if out is None:
         if resume:
-            raise LabError("--resume goes on with a run that was interrupted: give its folder, --out")
+            raise LabError("--resume continues an interrupted run: give its folder by --out")
         yield
         return
     folder = _beside(out)
@@ -495,7 +495,7 @@ def unfinished(command: str, options: Any, out: Path | None, *, resume: bool) ->
             yield
     except BaseException as stop:
         if was_interrupted(stop) and folder.is_dir():
-            raise KeyboardInterrupt(f"the same command with --out {out} --resume goes on with what is done") from stop
+            raise KeyboardInterrupt(f"to continue, repeat the command with --out {out} --resume") from stop
         if pieces.kept and isinstance(stop, LabError) and not isinstance(stop.__cause__, OSError):
             shutil.rmtree(folder, ignore_errors=True)  # it cannot be done: there is nothing to go on with
         raise
@@ -536,15 +536,17 @@ def _refuse_other(out: Path, folder: Path, work: dict[str, Any]) -> None:
     """Pieces of other work; where none are, the work begins."""
     if not (folder / _LABEL).exists():
         return
-    there = read_json(folder / _LABEL, "leave out --resume to begin anew")
+    there = read_json(folder / _LABEL, "leave out --resume to start again")
     if there == work:
         return
     stated: dict[str, Any] = there if isinstance(there, dict) else {}
     for part, description in _PARTS.items():
         if stated.get(part) != work[part]:
             what = f"another {description}{_other(stated.get(part), work[part])}"
-            raise LabError(f"{out}: was interrupted with {what}; give the same, or leave out --resume to begin anew")
-    raise LabError(f"{out}: what was kept of it is damaged; leave out --resume to begin anew")
+            raise LabError(
+                f"{out}: was interrupted with {what}; give the same inputs, or leave out --resume to start again"
+            )
+    raise LabError(f"{out}: its saved intermediate results are damaged; leave out --resume to start again")
 
 
 def _other(old: Any, new: Any) -> str:
@@ -678,7 +680,7 @@ def provenance_section(
     rows: list[Row] = [(key, str(made["options"][key])) for key in _SHOWN if made["options"].get(key) is not None]
     rows += [("serial", serial)] if serial is not None else []
     rows += [("versions", versions), ("model (SHA-256)", Code(model_sha256))]
-    text = "All other options were at their defaults"
+    text = "All other options had their defaults"
     if command_named(name).folder:
         text += f"; config.json holds every one; lab {name} --config config.json gives the same numbers again"
     return Section(

@@ -147,7 +147,7 @@ def test_a_run_with_what_is_no_file_is_not_migrated(kind: str, older: Path, plac
     try:
         before = sorted(path.name for path in place.iterdir())
         assert ended(forked(lambda: run(MIGRATE), said := tmp_path / "said")) == 2
-        assert "older: holds stray, which is no file of a run" in the_line(said.read_text())
+        assert "older: holds stray, which is not a file of a run" in the_line(said.read_text())
         assert sorted(path.name for path in place.iterdir()) == before
     finally:
         shutil.rmtree(older)

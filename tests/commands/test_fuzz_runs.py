@@ -155,7 +155,7 @@ def wrong_with(name: str, seed: int, place: Path, capfd: pytest.CaptureFixture[s
     told = [line for line in err.splitlines() if not line.startswith("lab: warning: ")]
     if code == 2 and len(told) == 1 and told[0].startswith("lab: "):
         return None
-    said = "changed since the run was written: built on as it is" in err or "checksums are missing" in err
+    said = "changed since the run was written: the edited files are used" in err or "checksums are missing" in err
     said = said or (name == "trend" and "the run is left out" in err)
     if code in (0, 1) and (said or name in ("migrate", "calibrate", "calibrate with a load", "study")):
         return None

@@ -26,13 +26,13 @@ def earlier(folder: Path) -> Path:
 @pytest.mark.parametrize(
     ("argv", "says"),
     [
-        ("identify good.csv --robot r/calibrated.toml --out r", "r: holds r/calibrated.toml, which this run is made"),
-        ("identify good.csv --robot arm.toml --load r --out r", "r: holds r, which this run is made from"),
+        ("identify good.csv --robot r/calibrated.toml --out r", "r: holds r/calibrated.toml, an input of this run"),
+        ("identify good.csv --robot arm.toml --load r --out r", "r: holds r, an input of this run"),
         ("calibrate --robot r/calibrated.toml --out r", "r: holds r/calibrated.toml"),
         ("identify good.csv --robot arm.toml --out .", "is the working folder, or holds it"),
         ("identify good.csv --robot arm.toml --out ''", "is the working folder, or holds it"),
         ("identify good.csv --robot arm.toml --out ..", "is the working folder, or holds it"),
-        ("identify good.csv --robot arm.toml --out ' '", "a name of blanks"),
+        ("identify good.csv --robot arm.toml --out ' '", "the name is blank"),
         ("identify good.csv --robot arm.toml --out /", "is the working folder, or holds it"),
         ("identify good.csv --robot arm.toml --out arm.xml", "arm.xml: is a file"),
         ("identify good.csv --robot arm.toml --out arm.toml/x", "arm.toml/x: cannot be written"),
@@ -60,7 +60,7 @@ def test_what_is_no_file_of_a_run_is_not_replaced(earlier: Path, folder: Path, k
     else:
         (earlier / "notes.txt").write_text("")
     before = contents(folder)
-    with pytest.raises(LabError, match="is no file of a run"), run_folder(earlier):
+    with pytest.raises(LabError, match="is not a file of a run"), run_folder(earlier):
         raise AssertionError("nothing is to begin")
     assert contents(folder) == before
 
@@ -85,7 +85,7 @@ def test_a_folder_that_has_gone_is_told(folder: Path, monkeypatch: pytest.Monkey
     gone.mkdir()
     monkeypatch.chdir(gone)
     gone.rmdir()
-    words = r"cannot be written \(No such file or directory\); go to another folder"
+    words = r"cannot be written \(No such file or directory\); change to another folder"
     with pytest.raises(LabError, match=words), run_folder(Path("out")):
         raise AssertionError("nothing is to begin")
     os.chdir(folder)

@@ -96,7 +96,9 @@ def test_an_interrupted_run_goes_on_and_ends_the_same(
     for resume, count in (("", 2), (" --resume", 2)):
         stopped(count)
         assert run(argv + resume) == 130
-        assert "interrupted; the same command with --out run --resume goes on" in the_line(capfd.readouterr().err)
+        assert "interrupted; to continue, repeat the command with --out run --resume" in the_line(
+            capfd.readouterr().err
+        )
         assert not (small / "run").exists()
         assert len(list((small / ".run.unfinished").glob("*.npz"))) == (4 if resume else 2)
     stopped(0)
@@ -138,7 +140,7 @@ def test_what_cannot_go_on_is_told(
     monkeypatch.chdir(made)
     for name in COMMANDS:
         assert run(f"{COMMANDS[name]} --resume") == 2
-        assert "give its folder, --out" in the_line(capfd.readouterr().err)
+        assert "give its folder by --out" in the_line(capfd.readouterr().err)
 
 
 def test_work_that_fails_leaves_nothing_to_go_on_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

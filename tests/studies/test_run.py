@@ -396,7 +396,7 @@ def test_an_interruption_is_told(tmp_path: Path) -> None:
     until(lambda: any((tmp_path / "study").glob("campaigns/cell*")))
     os.killpg(client.pid, signal.SIGINT)
     _, err = client.communicate(timeout=30)
-    assert client.returncode == 130 and err == "lab: interrupted; --resume goes on with what is in study\n"
+    assert client.returncode == 130 and err == "lab: interrupted; --resume continues the study in study\n"
 
 
 def test_go_on_removes_only_what_the_study_left(tmp_path: Path) -> None:

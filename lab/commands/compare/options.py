@@ -18,9 +18,9 @@ class CompareOptions:
     runs: tyro.conf.Positional[tuple[Path, ...]]
     """The folders of two or more runs of lab calibrate or lab identify, the earliest first."""
     force: Flag = False
-    """Compare runs too whose verdict is bad or not judged."""
+    """Also compare runs whose verdict is bad or not judged."""
     accept_edited: Flag = False
-    """Read runs too whose files were changed since they were written."""
+    """Also read runs whose files were edited after writing."""
 
     def check(self) -> None:
         """Refuse fewer than two runs, with a LabError."""

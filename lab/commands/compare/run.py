@@ -165,9 +165,9 @@ def _sentence(result: ComparisonResult, difference: Difference) -> str:
     """Describe in a sentence what has moved."""
     p = f"p = {difference.p:.2g}" if difference.p > 0 else "p < 1e-300"
     if not difference.changed:
-        return f"The links are those of the first run, as far as the two can tell ({p})."
+        return f"No change of the links is detectable between the two runs ({p})."
     if not difference.moved:
-        return f"The links have changed, but no single parameter is surely the one that did ({p})."
+        return f"The links have changed, but the change cannot be attributed to a single parameter ({p})."
     figures = _figures(result, difference)
     text = ", ".join("{0} by {2} {3} {1}".format(name, *figures[name]) for name in difference.moved)
     return f"Moved: {text} ({p})."
@@ -245,5 +245,5 @@ def _refuse_same(runs: Sequence[CalibrationRun], estimates: Sequence[IdentifiedS
     if copies := copied_rows(np.stack([each.values for each in estimates])):
         folder, same = (runs[i].folder for i in copies[0])
         raise LabError(
-            f"{folder}: has the parameters of {same}, to the last digit; give another calibration of the robot"
+            f"{folder}: has the parameters of {same}, to the last digit; give a different calibration of the robot"
         )

@@ -52,7 +52,7 @@ def compensation_document(result: CompensationResult) -> Document:
             Paragraph(_lead(result), "lead"),
             Warnings(result.warnings),
             Section(
-                "What became of the targets",
+                "Results of the targets",
                 (
                     *_totals(result),
                     _failed(result),
@@ -63,7 +63,7 @@ def compensation_document(result: CompensationResult) -> Document:
                 ),
             ),
             *_program(result),
-            Section("How far they were moved", (*_histograms(result), *_map(result))),
+            Section("Corrections of the targets", (*_histograms(result), *_map(result))),
             Section("Every target", _every_target(result), shown_in=PAGE),
         ),
     )
@@ -88,15 +88,16 @@ def corrections_picture(result: CompensationResult) -> Picture:
 def _lead(result: CompensationResult) -> str:
     targets = f"{len(result.targets):,} targets for the arm that {result.run.folder} calibrated"
     if not len(result.reached):
-        return f"{targets}: none of them is reached."
+        return f"{targets}: none of them is within reach."
     if result.failed:
         targets = f"{len(result.reached):,} of {targets}"
     mean, largest = result.mean_and_max_mm(result.correction_m)
     if result.expected is not None:
         in_base = short(result.mean_and_max_mm(result.expected.base_95_m)[1])
         text = (
-            f"{targets} were moved by {short(mean)} mm on average, {short(largest)} mm at most. 95 % of the errors to "
-            f"expect in the robot's base are below {in_base} mm, with what the first link adds to all targets alike"
+            f"{targets} were moved by {short(mean)} mm on average, {short(largest)} mm at most. 95 % of the errors "
+            f"to expect in the robot's base are below {in_base} mm, including the error of the first link, which all "
+            "targets share"
         )
         if len(result.reached) < _SHAPED:
             return f"{text}."
@@ -116,7 +117,7 @@ def _totals(result: CompensationResult) -> tuple[Block, ...]:
     if result.expected is not None:
         expected = [
             ("expected error in the robot's base (95 %), mm", result.expected.base_95_m),
-            ("of it by the flange (95 %), mm", result.expected.flange_95_m),
+            ("part due to the flange (95 %), mm", result.expected.flange_95_m),
             ("expected error relative to each other (95 %), mm", result.expected.shape_95_m),
         ][: None if len(result.reached) >= _SHAPED else 2]
     rows = tuple(
@@ -124,7 +125,7 @@ def _totals(result: CompensationResult) -> tuple[Block, ...]:
         for name, lengths in [("moved by, mm", result.correction_m), *expected]
     )
     _, apart = result.mean_and_max_mm(result.found.scheme_disagreement_m)
-    schemes = "" if apart is None else f"The three schemes to compute them end within {short(apart)} mm of each other. "
+    schemes = "" if apart is None else f"The three correction schemes agree within {short(apart)} mm. "
     note = Paragraph(f"{schemes}Model: {result.model.replace('+', ' + ')}.", "note")
     return Table(("", "mean", "largest"), rows), note
 
@@ -137,7 +138,7 @@ def _failed(result: CompensationResult) -> Table:
 
 
 def _other_solutions(result: CompensationResult) -> Table:
-    header = ("target", "reached by another solution of the inverse: what is wrong with the nearest one")
+    header = ("target", "reached by another IK solution: reason against the nearest one")
     return Table(header, result.passed_over, most_rows=_MOST_LISTED)
 
 
@@ -148,18 +149,18 @@ def _moves(result: CompensationResult) -> tuple[Block, ...]:
     if result.program is not None:
         return (
             Paragraph(
-                f"The {len(result.reached)} corrected targets and the moves from each to the next one in the order of "
-                "the text, whatever its loops and branches do, were checked for collisions with the arm itself and "
-                "with the surroundings that the robot's model knows."
+                f"The {len(result.reached)} corrected targets and the moves from each to the next one in the order "
+                "of the text, regardless of its loops and branches, were checked for collisions with the arm itself "
+                "and with the surroundings in the robot's model."
             ),
         )
     passed = sum(name.startswith(VIA) for name in result.waypoints.names if name not in result.targets.ids)
     text = (
         f"The {len(result.reached)} corrected targets and the {len(result.waypoints.joints) - 1} moves from home "
-        "through all of them and back, each in a straight line of all joints, were checked for collisions with the arm "
-        "itself and with the surroundings that the robot's model knows."
+        "through all of them and back, each in a straight line of all joints, were checked for collisions with the "
+        "arm itself and with the surroundings in the robot's model."
     )
-    return (Paragraph(text + (f" {passed} stops are only passed, to get around something." if passed else "")),)
+    return (Paragraph(text + (f" {passed} waypoints only lead around obstacles." if passed else "")),)
 
 
 def _program(result: CompensationResult) -> tuple[Section, ...]:
@@ -171,9 +172,9 @@ def _program(result: CompensationResult) -> tuple[Section, ...]:
         f"{len(result.reached)} targets corrected, and nothing else changed."
     )
     in_base = (
-        "The base is that of the calibrated arm, by the nominal first link. No measurement shows that link itself, so "
-        "all targets together may be off as its tolerances let them be, with the correction as without it; relative to "
-        "each other they are not."
+        "The base is that of the calibrated arm, by the nominal first link. No measurement shows that link. Its "
+        "tolerances may displace all targets together, with or without the correction; relative positions are not "
+        "affected."
     )
     tools = Bullets(tuple(capital(each.description) + "." for each in result.tools))
     lines = tuple((str(each.line), each.reason) for each in program.uncorrected)
@@ -186,8 +187,8 @@ def _program(result: CompensationResult) -> tuple[Section, ...]:
                 tools,
                 Paragraph(() if result.reference is None else stated_positions_note(result.reference)),
                 Paragraph(in_base),
-                Table(("line", "what stays as it is, or needs a look"), lines, most_rows=_MOST_LISTED),
-                Table(("line", "ways that are not free"), paths, most_rows=_MOST_LISTED),
+                Table(("line", "not corrected, or to be checked"), lines, most_rows=_MOST_LISTED),
+                Table(("line", "paths that are not free of collisions"), paths, most_rows=_MOST_LISTED),
             ),
         ),
     )
@@ -218,8 +219,8 @@ def _histograms(result: CompensationResult) -> tuple[Block, ...]:
     if not len(result.reached):
         return ()
     caption = (
-        "How far the targets are moved (vermilion, hatched): without the correction the arm would miss them by about "
-        "as much. Blue: the error to expect with it."
+        "Corrections of the targets (vermilion, hatched), about the error without correction. Blue: the expected "
+        "error with it."
     )
     return (Figure("moved-figure", (corrections_picture(result),), caption),)
 
@@ -240,11 +241,11 @@ def _map(result: CompensationResult) -> tuple[Block, ...]:
     off, some = off[near], evenly(int(near.sum()), MOST_POINTS)
     crosses = off if some is None else off[some]
     shown = SizeMap(
-        positions[rows], result.correction_m[rows], "how far a target is moved", crosses, "not reached", "targets"
+        positions[rows], result.correction_m[rows], "correction of a target", crosses, "not reached", "targets"
     )
     caption = "The targets in the frame of their file. The darker a target, the farther it is moved."
     if beyond := int((~near).sum()):
-        caption += f" Not reached, and too far off to be drawn: {beyond}."
+        caption += f" Not reached, and too far away to be drawn: {beyond}."
     return (Figure("where", size_maps(shown), caption),)
 
 
@@ -263,7 +264,7 @@ def _every_target(result: CompensationResult) -> tuple[Block, ...]:
     joints = (f"{name}, {unit}" for name, unit in zip(chain.joint_names, units, strict=True))
     header = ("target", *joints, *(f"Δ{axis}, mm" for axis in "xyz"))
     note = (
-        "Joint positions that bring the calibrated arm there, and how far the corrected target is from the wanted one."
+        "Joint positions that bring the calibrated arm there, and the distance from the wanted to the corrected target."
     )
     table = Table(header, rows, most_rows=_MOST_LISTED, rest_in="joints.csv", count=len(result.reached))
     return (Paragraph(note, "note"), table) if rows else ()

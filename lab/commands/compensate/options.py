@@ -22,30 +22,30 @@ class CompensateOptions:
     run: Path
     """The folder of a run of lab calibrate or lab identify."""
     targets: tyro.conf.Positional[Path | None] = None
-    """Where the tool is to be, in the frame in which the arm was measured: CSV."""
+    """Targets of the tool, in the frame in which the arm was measured: CSV."""
     program: Path | None = None
-    """In the place of targets: a program of the controller, whose targets are corrected in its text."""
+    """Instead of targets: a controller program, whose targets are corrected in its text."""
     orientation: AngleConvention | None = None
-    """What the targets' angles rx, ry, rz mean."""
+    """Convention of the targets' angles rx, ry, rz."""
     force: Flag = False
-    """Also for a run whose verdict is bad or not judged; of a doubtful one the result repeats the reasons."""
+    """Also accept a run whose verdict is bad or not judged. The result repeats the reasons of a doubtful verdict."""
     accept_edited: Flag = False
-    """Build on a run too whose files were changed since it was written."""
+    """Also accept a run whose files were edited after writing."""
     cell: Path | None = None
     """The cell (obstacles, narrower limits): TOML; that of the run by default."""
     controller: Controller | None = None
-    """The language of its program; that of the robot's maker, if not given and known by the robot's name."""
+    """The language of its program; that of the robot's maker, by default, if the robot's name shows it."""
     no_check: Flag = False
-    """Check nothing for collisions: neither the corrected targets nor the ways between them."""
+    """Skip the collision checks of the corrected targets and of the paths between them."""
     load: Path | None = None
-    """The folder of a run of lab payload: what the arm carries at each target (as heavy as payload_kg, where given)."""
+    """The folder of a run of lab payload: the payload at each target, with the mass payload_kg where given."""
     frames: str = ""
-    """Of a program: tools and frames that its text does not hold, as the controller shows them: NAME=x,y,z,…; parted by
+    """For a program: tools and frames missing from its text, as the controller shows them: NAME=x,y,z,…; parted by
     semicolons. base is the controller's base in frame 0 of the table, flange its flange in the last frame."""
     pulses_per_deg: Numbers = ()
-    """Of a JBI program with positions in pulses: how many make a degree, of the joints S, L, U, R, B and T."""
+    """For a JBI program with positions in pulses: pulses per degree of the joints S, L, U, R, B and T."""
     require: Literal["good"] | None = None
-    """Exit with 3 where all targets are reached and the verdict is doubtful."""
+    """Exit with code 3 if all targets are reached and the verdict is doubtful."""
     no_recording: NoRecording = False
     digits: int | None = None
     """Of a program: places behind the point, at least; those of its text, if not given. Numbers get more where rounding
@@ -70,7 +70,7 @@ class CompensateOptions:
 
             refuse_own_name(f"--program {self.program}", self.program.name)
         if self.program is not None and self.orientation is not None:
-            raise LabError("--orientation is for angles of a CSV file; a program's language says what its angles mean")
+            raise LabError("--orientation is for angles of a CSV file; a program's language defines its angles")
         given = {"--frames": self.frames, "--pulses-per-deg": self.pulses_per_deg, "--digits": self.digits is not None}
         if self.program is None and (alone := [name for name, there in given.items() if there]):
             raise LabError(f"{alone[0]} goes with --program FILE")

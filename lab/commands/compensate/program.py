@@ -97,9 +97,7 @@ class CorrectedProgram:
         if self.uncorrected:
             lines = ", ".join(str(each.line) for each in self.uncorrected[:_LISTED])
             more = ", …" if len(self.uncorrected) > _LISTED else ""
-            messages.append(
-                f"{self.name}: what lines {lines}{more} say stays as it is or needs a look, see uncorrected"
-            )
+            messages.append(f"{self.name}: lines {lines}{more} are not corrected or are to be checked, see uncorrected")
         return tuple(messages)
 
 
@@ -273,7 +271,7 @@ def _outside_of(options: CompensateOptions) -> Outside:
         try:
             frames[name] = tuple(float(each) for each in numbers) if len(numbers) > 1 else value
         except ValueError as error:
-            raise LabError(f"--frames: {name} has something that is no number: '{value}'") from error
+            raise LabError(f"--frames: {name} has a value that is not a number: '{value}'") from error
         if not isinstance(frames[name], str) and not np.isfinite(np.array(frames[name], dtype=float)).all():
             raise LabError(f"--frames: {name} has a number that is not finite: '{value}'")
     pulses = options.pulses_per_deg
@@ -292,7 +290,7 @@ def open_program(options: CompensateOptions, run: CalibrationRun) -> OpenProgram
     assert path is not None
     content = read_bytes(path, PROGRAM_BYTES)
     if b"\0" in content:
-        raise LabError(f"{path}: is no text; save the program as text (in UTF-16 it cannot be read)")
+        raise LabError(f"{path}: is not a text file; save the program as text, not in UTF-16")
     text, outside = content.decode(_BYTES), _outside_of(options)
     language, read = read_program(path, text, run.robot.chain, options.controller, outside)
     if options.pulses_per_deg and language.name != "JBI":
@@ -410,7 +408,7 @@ class UsedTool:
         """Description of the tool, its number of targets, and its distance from a measured point."""
         place = ", ".join(short(MM.of(each)) for each in self.position_m)
         if not self.name:
-            return f"{_targets(self.targets)} by joint positions: the flange is brought where the nominal arm has it"
+            return f"{_targets(self.targets)} by joint positions: the flange moves to its pose on the nominal arm"
         used = f"{_targets(self.targets)} with tool {self.name}, at ({place}) mm in the flange as the program states it"
         if not self.disagrees:
             return used
@@ -454,8 +452,8 @@ def flange_note(reference: "ProgramReference", flange_95_m: Array) -> str:
         return ""
     size = short(MM.of(float(flange_95_m.max())))
     return (
-        f"the orientation of the flange is unknown{_why(reference)}: by the tolerances of the last link the tools may "
-        f"be off by up to {size} mm (95 %), with the correction as without it"
+        f"the orientation of the flange is unknown{_why(reference)}: the tolerances of the last link may displace "
+        f"the tools by up to {size} mm (95 %), with or without the correction"
     )
 
 
@@ -463,13 +461,13 @@ def stated_positions_note(reference: "ProgramReference") -> str:
     """Describe how far the measured points are from their stated positions in the flange, and the consequence."""
     off = [short(MM.of(each)) for each in reference.flange.deviation_m.tolist()]
     if not reference.stated:
-        return "No place of a measured point in the flange is stated."
+        return "No position of a measured point in the flange is given."
     text = f"The measured points ({', '.join(reference.stated)}) are {', '.join(off)} mm from their stated places"
     if not reference.flange.uses_stated:
-        return f"{text}, more than the tolerances of the last link explain, so these places are not used."
+        return f"{text}, more than the tolerances of the last link explain, so these positions are not used."
     return (
-        f"{text}. The tolerances of the last link explain that, so it is taken for the flange's own error; if the "
-        "points sit on an adapter, it is not, and the expected errors by the flange are too small."
+        f"{text}. The tolerances of the last link explain that, so it is treated as an error of the flange. If the "
+        "points are on an adapter, the expected errors by the flange are too small."
     )
 
 

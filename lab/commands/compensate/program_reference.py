@@ -432,8 +432,8 @@ def requested_solutions(
         fits = turned if target.allowed is None else turned[target.allowed(shape, turned)]
         if not len(fits):
             refused[i] = (
-                f"{target.name}: no solution of the nominal arm within its limits has the configuration that the text "
-                "asks for; are joint zeros and signs those of the controller?"
+                f"{target.name}: no solution of the nominal arm within its limits has the configuration in the text; "
+                "compare joint zeros and signs with the controller"
             )
             continue
         found[i] = last = fits[np.abs(fits - last).max(axis=1).argmin()]
@@ -511,7 +511,7 @@ def _on_line(model: RobotModel, nominal: NominalInverse, start: Array, end: Arra
     looks = _line_of_tool(nominal, start, end)
     even = np.abs(np.diff(looks, axis=0)).max() <= _JUMP_RAD and np.abs(looks[-1] - end).max() <= _JUMP_RAD
     if not even:
-        return "a straight line of the tool leads through a singularity or out of reach"
+        return "a straight line of the tool passes a singularity or leaves the reach"
     touched = collides(model, looks)
     return next(iter(describe_collisions(model, looks[touched][:1])), "")
 

@@ -44,7 +44,7 @@ def record_compensation(path: Path, result: CompensationResult) -> None:
         [
             PointErrors(
                 "uncorrected",
-                "from the target to where the arm goes with the nominal model's joint positions",
+                "from the target to the arm's position with the nominal joint positions",
                 RGB_BEFORE,
                 "vermilion",
                 _at_waypoints(before - wanted, at_target, len(waypoints))[:, None],

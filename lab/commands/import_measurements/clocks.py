@@ -351,9 +351,9 @@ class ClockComparison:
         count, follow = len(self.at), int(best.follows.sum())
         if follow < max(_FOLLOW * best.placed, 1):
             raise LabError(
-                f"at no offset of the clocks do the points follow the nominal arm (at {best.offset.flags} "
-                f"{follow} of {best.placed} placed ones do); check --robot, and the joints' unit, order and direction, "
-                "or whether the two files are of one session"
+                f"no offset of the clocks lets the points follow the nominal arm (at {best.offset.flags} {follow} of "
+                f"{best.placed} placed ones do); check --robot, and the joints' unit, order and direction, or "
+                "whether the two files are of one session"
             )
         lost = follow - int(here.follows.sum())
         differs = bool(here.conflicts(best).any()) and not (given and here in rivals)

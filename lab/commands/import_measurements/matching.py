@@ -62,7 +62,7 @@ def settled_windows(log: JointLog, prismatic: tuple[bool, ...], still: float, le
     for i in np.flatnonzero(~np.isfinite(times)):
         raise LabError(f"{log.path}: line {log.lines[i]}: the time is missing; a log needs one in every row")
     for i in np.flatnonzero(np.diff(times) < 0):
-        raise LabError(f"{log.path}: line {log.lines[i + 1]}: the time falls; give the rows in their order")
+        raise LabError(f"{log.path}: line {log.lines[i + 1]}: the time decreases; sort the rows by time")
     span = max(_SPAN_S, _ROWS * float(np.median(np.diff(times)))) if len(times) > 1 else _SPAN_S
     before = np.searchsorted(times, times - span / 2, side="left")
     after = np.searchsorted(times, times + span / 2, side="right") - 1
@@ -188,7 +188,7 @@ def _poses(options: ImportOptions, log: JointLog, prismatic: tuple[bool, ...], *
 
 
 def _split(options: ImportOptions, points: TrackerPoints, i: int, known: Container[str]) -> tuple[str, str] | None:
-    """The pose and the target that a point's name says; None where no pose is called so."""
+    """The pose and the target that a point's name says; None where no pose has this name."""
     name, target = points.names[i], points.targets[i]
     if name in known:
         return (name, target or options.targets[0]) if target or len(options.targets) == 1 else None
@@ -209,14 +209,14 @@ def _by_name(options: ImportOptions, points: TrackerPoints, log: JointLog) -> Ma
     for i, name in enumerate(log.names):
         if name in first:
             lines = f"lines {log.lines[first[name]]} and {log.lines[i]}"
-            raise LabError(f"{log.path}: {lines}: two poses are called '{name}'; rename one, or give --by time")
+            raise LabError(f"{log.path}: {lines}: two poses are named '{name}'; rename one, or give --by time")
         first[name] = i
     found: dict[str, dict[str, int]] = {}
     left = []
     for i, name in enumerate(points.names):
         which = _split(options, points, i, first)
         if which is None:
-            left.append(LeftOut(str(points.path), points.lines[i], name, "no pose is called so"))
+            left.append(LeftOut(str(points.path), points.lines[i], name, "no pose has this name"))
             continue
         pose, target = which
         if target not in options.targets:
@@ -225,20 +225,20 @@ def _by_name(options: ImportOptions, points: TrackerPoints, log: JointLog) -> Ma
             )
         if target in found.setdefault(pose, {}):
             lines = f"lines {points.lines[found[pose][target]]} and {points.lines[i]}"
-            raise LabError(f"{points.path}: {lines}: point '{name}' is there twice; rename one, or give --by time")
+            raise LabError(f"{points.path}: {lines}: point '{name}' appears twice; rename one, or give --by time")
         found[pose][target] = i
     if not found:
         raise LabError(
-            f"{points.path}: no point is called like a pose ('{points.names[0]}' here, "
-            f"'{log.names[0]}' in {log.path}); give --by order or --by time, or --targets that names end in"
+            f"{points.path}: no point has the name of a pose ('{points.names[0]}' here, '{log.names[0]}' in "
+            f"{log.path}); give --by order or --by time, or --targets with the endings of the names"
         )
     left += [
-        LeftOut(str(log.path), log.lines[i], name, "no point was measured there")
+        LeftOut(str(log.path), log.lines[i], name, "no point was measured at this pose")
         for name, i in first.items()
         if name not in found
     ]
     poses = tuple(MatchedPose(name, log.joints[i], found[name]) for name, i in first.items() if name in found)
-    return Matching("name", poses, tuple(left), ("Points belong to the poses that are called like them.",))
+    return Matching("name", poses, tuple(left), ("Points are matched to the poses of the same name.",))
 
 
 # In order
@@ -250,8 +250,8 @@ def _by_order(options: ImportOptions, points: TrackerPoints, log: JointLog, wayp
         of_each = f" with {each} points each" if each > 1 else ""
         what = "settled poses" if _is_log(log) else "poses"
         raise LabError(
-            f"{points.path}: {count} points, but {log.path} has {len(waypoints)} {what}{of_each}; remove what has no "
-            "partner, or give --by name or --by time"
+            f"{points.path}: {count} points, but {log.path} has {len(waypoints)} {what}{of_each}; remove those "
+            "without a partner, or give --by name or --by time"
         )
     poses = tuple(
         MatchedPose(
@@ -259,7 +259,7 @@ def _by_order(options: ImportOptions, points: TrackerPoints, log: JointLog, wayp
         )
         for k in range(len(waypoints))
     )
-    return Matching("order", poses, (), ("Points and poses are taken in the order of their files.",))
+    return Matching("order", poses, (), ("Points and poses are matched in the order of their files.",))
 
 
 def _in_turn(options: ImportOptions, rows: Sequence[int]) -> dict[str, int]:
@@ -285,8 +285,8 @@ def _by_time(
     compared = ClockComparison(at, *spans, window_of, waypoints.joints, points.positions, len(options.targets), nominal)
     if not same and options.clock_offset_s is None:
         raise LabError(
-            f"{points.path}: its times and those of {log.path} count from different moments; counted from the first "
-            f"of each, {compared.proposal()}"
+            f"{points.path}: its times and those of {log.path} start at different moments; counted from the first of "
+            f"each, {compared.proposal()}"
         )
     offset = ClockOffset(options.clock_offset_s or 0.0, options.clock_drift_ppm)
     placed = compared.placed_by(offset)
@@ -312,16 +312,16 @@ def _by_time(
     ]  # fmt: skip
     poses, met = list(_timed_poses(options, points, waypoints, retained)), set(retained.tolist())
     left += [
-        LeftOut(str(log.path), waypoints.lines[k], f"pose {k + 1}", "no point was measured there")
+        LeftOut(str(log.path), waypoints.lines[k], f"pose {k + 1}", "no point was measured at this pose")
         for k in range(len(waypoints))
         if k not in met
     ]
     messages = [
-        f"Points belong to the poses at which the arm stood when they were measured ({len(waypoints)} in the log)."
+        f"Points are matched to the poses at which the arm stood when they were measured ({len(waypoints)} in the log)."
     ]
     if offset.seconds or offset.drift_ppm:
         drift = f", and {offset.drift_ppm:g} ppm faster" if offset.drift_ppm else ""
-        messages.append(f"The tracker's clock was taken to be {offset.seconds:g} s ahead of the controller's{drift}.")
+        messages.append(f"The tracker's clock is assumed to be {offset.seconds:g} s ahead of the controller's{drift}.")
     timeline = Timeline(offset.on_log(at), starts, ends, placed, retained >= 0)
     return Matching("time", tuple(poses), tuple(left), tuple(messages), timeline)
 

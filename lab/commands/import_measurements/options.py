@@ -28,15 +28,15 @@ class ImportOptions:
     by: By = "auto"
     """How points find their poses: by name, order or time; auto: names if both have them, else times, else order."""
     targets: Names = ("p1",)
-    """The measured points of each pose, in the order in which they were measured."""
+    """The measured points of each pose, in the order of measurement."""
     unit: Literal["mm", "m", "in"] | None = None
     """The tracker's unit of lengths, if its file does not state it."""
     joint_unit: Literal["deg", "rad"] | None = None
     """The unit of joints that turn, if the controller's file does not state it."""
     coverage: float = 1.0
-    """By how much the tracker's uncertainties exceed one standard deviation: 2 where they are given for k = 2."""
+    """Coverage factor of the tracker's uncertainties: 2 if they are expanded with k = 2."""
     columns: Path | None = None
-    """A TOML file that names the columns, where their headers do not."""
+    """A TOML file that names the columns if the header does not."""
     clock_offset_s: float | None = None
     """By how much the tracker's clock is ahead of the controller's, at the first point. Without it they are taken to
     agree; where the points contradict that, the error proposes an offset."""
@@ -47,7 +47,7 @@ class ImportOptions:
     settled_s: float = 0.5
     """In a log: the shortest rest at a pose."""
     station: str | None = None
-    """The instrument's station, if there are several: fills the column station, begins each id."""
+    """The instrument's station, if there are several: it fills the column station and starts each id."""
 
     def check(self) -> None:
         """Refuse numbers and names that make no sense, with a LabError that names the option."""

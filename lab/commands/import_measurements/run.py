@@ -154,13 +154,13 @@ def _match(result: ImportResult) -> tuple[Section, ...]:
     checked = (
         f"Points are compared with the nominal arm, with base and tool fitted: {placed.description}."
         if placed.rms_m is not None
-        else f"{placed.description} points are placed. Fewer than {LEAST_POSES} distinct poses were met, so the "
-        "nominal arm does not check the offset of the clocks."
+        else f"{placed.description} points are placed. Fewer than {LEAST_POSES} distinct poses were measured, so the "
+        "nominal arm cannot check the clock offset."
     )
     caption = (
         "Above: when the arm stood still (grey) and when points were measured (blue; vermilion: left out), on the "
         "controller's clock. Below: the step from each pose to the next, measured and by the nominal arm, with base "
-        "and tool fitted. Points of other poses would leave the line."
+        "and tool fitted. A point matched to a wrong pose lies off the line."
     )
     pictures = (_timeline_picture(line), *([_steps_picture(result)] if placed.rms_m is not None else []))
     return (Section("Match in time", (Paragraph(checked), Figure("match", pictures, caption))),)
@@ -209,8 +209,8 @@ def _uncertainty(result: ImportResult) -> str:
     sigma = MM.of(result.measurements.sigma_m[np.isfinite(result.measurements.sigma_m)])
     if not sigma.size:
         return (
-            "The tracker's file gives no uncertainties: give lab identify --noise-mm or --instrument, "
-            "or let it estimate them."
+            "The tracker's file gives no uncertainties: give lab identify --noise-mm or --instrument, or let it "
+            "estimate the noise."
         )
     if np.ptp(sigma) < 1e-9:
         return f"The standard uncertainty of a coordinate is {fixed(float(sigma[0]), 4)} mm (column sigma_mm)."
@@ -228,7 +228,7 @@ def _columns(result: ImportResult) -> Table:
 def _left_out(result: ImportResult) -> tuple[Paragraph | Table, ...]:
     left = result.left_out
     if not left:
-        return (Paragraph("Nothing: every line is a point or a pose."),)
+        return (Paragraph("None: every line is a point or a pose."),)
     counts = "; ".join(f"{count} because: {why}" for why, count in result.left_out_counts.items())
     more = f" The first {_MOST} of {len(left)} are listed; result.json has all." if len(left) > _MOST else ""
     rows: list[Row] = [
@@ -355,7 +355,7 @@ def _doubts(options: ImportOptions, robot: Robot, data: Measurements, nominal: N
     if not 1 / _OTHER_UNIT < ratio < _OTHER_UNIT:
         raise LabError(
             f"{options.points}: points are {np.median(apart):.3g} m apart where the arm moves its flange by "
-            f"{np.median(expected):.3g} m (medians): lengths are in another unit; give the right --unit or map"
+            f"{np.median(expected):.3g} m (medians): the lengths are in another unit; give the right --unit"
         )
     pose, target = np.nonzero(data.seen)
     if not nominal.usable(data.joints[pose]):

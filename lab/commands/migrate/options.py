@@ -17,7 +17,7 @@ class MigrateOptions:
     folder: tyro.conf.Positional[Path]
     """The folder of a run, or the folder that holds the folders of runs."""
     date: str | None = None
-    """The day of the measurements of a run that has none, YYYY-MM-DD."""
+    """Measurement date for a run without one, YYYY-MM-DD."""
 
     def check(self) -> None:
         """Refuse what is no day, with a LabError."""

@@ -45,7 +45,7 @@ class MigrationResult(Result):
     def warnings(self) -> tuple[str, ...]:
         """Warnings on facts that a migration cannot recover."""
         if any(each.given and each.given[0].startswith("schema") for each in self.runs):
-            return ("edits of an older run without checksums cannot be detected; its numbers stay as they were",)
+            return ("edits of an older run without checksums cannot be detected; the numbers are not changed",)
         return ()
 
     def to_dict(self) -> dict[str, Any]:
@@ -65,7 +65,7 @@ class MigrationResult(Result):
 
 def _migration_document(result: MigrationResult) -> Document:
     """Build the document: each run, and what the migration added."""
-    given = [", ".join(each.given) or "nothing: it is as today's runs are" for each in result.runs]
+    given = [", ".join(each.given) or "nothing: the run has the current format" for each in result.runs]
     rows = tuple((str(each.folder), text) for each, text in zip(result.runs, given, strict=True))
     count = sum(bool(each.given) for each in result.runs)
     return Document(f"{count} of {len(result.runs)} runs migrated", (Table(("run", "given"), rows),))
@@ -86,7 +86,9 @@ def migrate(options: MigrateOptions) -> MigrationResult:
     for folder in folders:  # before any is changed
         refuse_edits(folder)
     if options.date is not None and len(folders) > 1:
-        raise LabError(f"{options.folder}: holds {len(folders)} runs, and --date is of one; give the folder of that")
+        raise LabError(
+            f"{options.folder}: holds {len(folders)} runs, but --date is for one run; give that run's folder"
+        )
     return MigrationResult(options, tuple(Migrated(each, _migrated(each, options.date)) for each in folders))
 
 
@@ -136,7 +138,7 @@ def _migrated(folder: Path, date: str | None) -> tuple[str, ...]:
 def _replace(folder: Path, files: Mapping[str, Any]) -> None:
     """Write the run again with other contents of some of its files."""
     if strays := sorted(path.name for path in folder.iterdir() if not _is_of_run(path)):
-        raise LabError(f"{folder}: holds {strays[0]}, which is no file of a run; move it elsewhere")
+        raise LabError(f"{folder}: holds {strays[0]}, which is not a file of a run; move it elsewhere")
     if Path.cwd().is_relative_to(folder.resolve()):
         raise LabError(f"{folder}: is the working folder, or holds it; go above it")
     try:

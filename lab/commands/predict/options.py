@@ -19,8 +19,8 @@ class PredictOptions:
     file: tyro.conf.Positional[Path]
     """Joint positions and the model's conditions, in the columns of a measurement file: CSV."""
     force: Flag = False
-    """Also for a run whose verdict is bad or not judged; of a doubtful one the result repeats the reasons."""
+    """Also accept a run whose verdict is bad or not judged. The result repeats the reasons of a doubtful verdict."""
     accept_edited: Flag = False
-    """Build on a run too whose files were changed since it was written."""
+    """Also accept a run whose files were edited after writing."""
     load: Path | None = None
     """The folder of a run of lab payload: what the arm carries in each pose (as heavy as payload_kg, where given)."""

@@ -105,7 +105,7 @@ class PredictionResult(Result):
         lost = np.flatnonzero(~np.isfinite(self.points).all(axis=(1, 2)))
         messages = []
         if len(lost):
-            messages = [f"{len(lost)} poses cannot be taken by the calibrated arm (first: {self.rows.ids[lost[0]]})"]
+            messages = [f"{len(lost)} poses are out of reach of the calibrated arm (first: {self.rows.ids[lost[0]]})"]
         return (*self.notes, *phrases(check_extrapolated("poses", ids, len(self.rows))), *messages)
 
     @cached_property
@@ -233,8 +233,8 @@ class PredictionResult(Result):
 _MOST_LISTED = 100  # poses in the table
 _CAUSES = {
     "parameters": "uncertain parameters",
-    "unmodelled": "what the model lacks",
-    "visit": "scatter from visit to visit",
+    "unmodelled": "model discrepancy",
+    "visit": "scatter between visits",
     "together": "together",
 }
 
@@ -270,13 +270,13 @@ def _two(result: PredictionResult) -> tuple[np.ndarray, np.ndarray]:
 def _lead(result: PredictionResult) -> str:
     points, size = ", ".join(result.run.estimate.arm.targets), result.radius_statistics_mm["together"]
     text = (
-        f"Where {points} is" if len(result.run.estimate.arm.targets) == 1 else f"Where the points {points} are"
+        f"Position of {points}" if len(result.run.estimate.arm.targets) == 1 else f"Positions of the points {points}"
     ) + f" at {counted(len(result.rows), 'pose')} of the arm that {result.run.folder} calibrated"
     if size["mean"] is None or size["max"] is None:
-        return text + ": it can take none of them."
+        return text + ": none of them is within reach."
     text += (
-        f": 95 % of the errors are within {short(size['mean'])} mm on average, {short(size['max'])} mm at most, the "
-        f"noise of a new measurement aside. Model: {model_name(result.run.estimate.groups)}."
+        f": 95 % of the errors are within {short(size['mean'])} mm on average, {short(size['max'])} mm at most, "
+        f"without the noise of a new measurement. Model: {model_name(result.run.estimate.groups)}."
     )
     if result.without_effects_m is None:
         return text
@@ -290,8 +290,8 @@ def _uncertainty(result: PredictionResult) -> tuple[Block, ...]:
         for name, sizes in result.radius_statistics_mm.items()
     )
     note = (
-        "Radius of the sphere that holds 95 % of the errors. Each point's covariance is in result.json and, with its "
-        f"radii, in {_PREDICTED_FILE}."
+        f"Radius of the sphere that holds 95 % of the errors. {_PREDICTED_FILE} has each point's covariance and "
+        "radii; result.json has the covariance."
     )
     table = Table(("cause of errors", "mean, mm", "largest, mm"), rows)
     if not np.isfinite(_two(result)[0]).any():
@@ -359,7 +359,7 @@ def predict(
     by = calibrated_by(run, requested.run, requested.load, accept_edited=requested.accept_edited)
     if isinstance(joints, str | Path):
         if conditions is not None:
-            raise LabError("lab.predict: conditions are for joints in memory; a file has them in its columns")
+            raise LabError("lab.predict: conditions apply to joints in memory; a file gives them in columns")
         return _predicted(requested, by, _read(requested.file, by))
     rows = joints if isinstance(joints, Measurements) else _in_memory(joints, by)
     return _predicted(requested, by, _with_conditions(rows, conditions or {}))
@@ -377,7 +377,7 @@ def _in_memory(joints: "Array | Sequence[Sequence[float]]", run: CalibrationRun)
     try:
         rows = np.atleast_2d(np.asarray(joints, dtype=np.float64))
     except (TypeError, ValueError) as error:
-        raise LabError(f"lab.predict: joints are no array of numbers ({error}); give (n, {chain.size})") from error
+        raise LabError(f"lab.predict: joints are not an array of numbers ({error}); give (n, {chain.size})") from error
     if rows.ndim != 2 or rows.shape[1] != chain.size or not np.isfinite(rows).all():
         raise LabError(
             f"lab.predict: joints of shape {rows.shape} for robot {run.robot.name}; give (n, {chain.size}) finite "
@@ -406,7 +406,7 @@ def _predicted(options: PredictOptions, run: CalibrationRun, rows: Measurements)
         run.refuse_unfit("prediction")
     run.refuse_unplaced("points")
     if not len(rows):
-        raise LabError(f"{options.file}: holds no row to predict; give joint positions")
+        raise LabError(f"{options.file}: has no row to predict; give joint positions")
     run.robot.refuse_impossible(options.file, rows)
     estimate = run.estimate
     notes = [*run.warnings, *rows.warnings, *phrases(check_limits(run.robot.chain, rows))]

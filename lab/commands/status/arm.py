@@ -23,7 +23,7 @@ from lab.formats.structured import read_structured
 __all__ = ["FEWEST_CHECKS", "STATES", "ArmStatus", "Check", "LeftOut", "Slope", "checks_of", "reason_of"]
 
 _RESULT = "result.json"
-_MEND = "make the run again, or remove it"
+_MEND = "repeat the run, or remove it"
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ def checks_of(folder: Path) -> tuple[tuple[Check, ...], tuple[LeftOut, ...]]:
         LabError: there is no such folder.
     """
     if not folder.is_dir():
-        raise LabError(f"{folder}: is no folder; give the one that holds the runs")
+        raise LabError(f"{folder}: is no folder; give the folder that contains the runs")
     found, left_out = list[Check](), list[LeftOut]()
     for run in _runs(folder, left_out):
         try:
@@ -108,7 +108,7 @@ def _runs(folder: Path, left_out: list[LeftOut]) -> Iterator[Path]:
                 continue
             inside.remove(draft)
             if not is_being_written(place):
-                left_out.append(LeftOut(here / draft, f"is half of the run {place.name}, whose writing was killed"))
+                left_out.append(LeftOut(here / draft, f"is an incomplete copy of the run {place.name}"))
         inside[:] = [each for each in inside if not each.startswith(".")]
 
 

@@ -17,14 +17,14 @@ class StatusOptions:
     """A folder of runs of one or many arms."""
 
     folder: tyro.conf.Positional[Path]
-    """The folder that holds the runs, at any depth."""
+    """The folder that contains the runs, at any depth."""
     every_days: int = 35
     """An arm is due this many days after its last calibration or verification (five weeks suit a monthly check), and a
     bad one at once."""
     on: str | None = None
     """Date of the state, YYYY-MM-DD, today by default; later runs are ignored."""
     require: Literal["good"] | None = None
-    """Exit with 3 where no arm is bad but one is not good."""
+    """Exit with code 3 if no arm is bad but one is not good."""
     out: Path | None = None
     """A folder for the page, status.csv, result.json and status.prom; by default nothing is written."""
     overwrite: Flag = False

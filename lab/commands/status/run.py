@@ -227,10 +227,7 @@ def _status_document(result: StatusResult) -> Document:
     counts = Counter(each.state for each in result.arms)
     text = ", ".join(f"{counts[state]} {state}" for state in reversed(STATES) if counts[state])
     lead = tuple(_badges(counts))
-    caption = (
-        "Every check of every arm: a stroke is a calibration, its mark and those between the strokes the verdicts. The "
-        f"dotted line is {result.on}."
-    )
+    caption = f"Every check of every arm: strokes are calibrations, marks are verdicts. The dotted line is {result.on}."
     return Document(
         f"{counted(len(result.arms), 'arm')} on {result.on}: {text}" if result.arms else "no arm",
         (
@@ -291,9 +288,9 @@ def _length(value: float | None) -> str:
 
 def _explained(result: StatusResult) -> str:
     return (
-        "The state is the verdict of the last verification of the last calibration, or of that itself. An arm is due "
-        f"{counted(result.options.every_days, 'day')} after its last check, a bad one at once. Error then: at "
-        "validation of the last calibration; now: at its last verification. The slope needs "
+        "The state is the verdict of the last verification of the last calibration, or of the calibration itself. "
+        f"An arm is due {counted(result.options.every_days, 'day')} after its last check, a bad one at once. Error "
+        "then: at validation of the last calibration; now: at its last verification. The slope needs "
         f"{FEWEST_CHECKS} verifications of one calibration; its interval is 95 %."
     )
 
@@ -326,10 +323,10 @@ def _exposition(arms: Sequence[ArmStatus], left_out: int) -> str:
         ("lab_arm_error_mm", "Mean position error at the last check, mm.", [_error(each) for each in arms]),
         (
             "lab_arm_last_calibration_timestamp_seconds",
-            "Day of the last calibration.",
+            "Date of the last calibration.",
             [None if each.calibration is None else _seconds(each.calibration.on) for each in arms],
         ),
-        ("lab_arm_due_timestamp_seconds", "Last day for the next check.", [_seconds(each.due) for each in arms]),
+        ("lab_arm_due_timestamp_seconds", "Latest date of the next check.", [_seconds(each.due) for each in arms]),
     )
     lines = list[str]()
     for name, text, values in families:
@@ -338,7 +335,7 @@ def _exposition(arms: Sequence[ArmStatus], left_out: int) -> str:
             f"{name}{_labels(arm)} {value!r}" for arm, value in zip(arms, values, strict=True) if value is not None
         ]
     name = "lab_status_left_out_runs"
-    lines += [*_head(name, "Runs of the folder that could not be used."), f"{name} {left_out}"]
+    lines += [*_head(name, "Runs in the folder that could not be read."), f"{name} {left_out}"]
     return "\n".join(lines) + "\n"
 
 
@@ -396,8 +393,8 @@ def status(folder: str | Path | StatusOptions, **options: Any) -> StatusResult:
         checks, left_out = checks_of(requested.folder)
         if not checks and not left_out:
             raise LabError(
-                f"{requested.folder}: holds no run of lab calibrate, lab identify or lab verify; give the "
-                "folder that does"
+                f"{requested.folder}: contains no run of lab calibrate, lab identify or lab verify; give a folder "
+                "that does"
             )
         arms, reasons = list[ArmStatus](), list(left_out)
         groups = _by_arm(checks)

@@ -56,7 +56,7 @@ def first_picture(result: StudyResult) -> Picture:
     """
     for picture in pictures_of(result).values():
         return picture
-    raise LabError("no factor of the study can be compared: there is nothing to draw; give a factor two levels")
+    raise LabError("no factor of the study has two levels, so the page has no figures; give a factor two levels")
 
 
 def study_document(result: StudyResult) -> Document:
@@ -168,7 +168,7 @@ def _settings(study: Study) -> Section:
     factors = {name: ", ".join(map(str, levels)) for name, levels in study.factors.items()}
     sets = {f"{kind}.{name}": str(each) for kind in named for name, each in getattr(study, kind).items()}
     rows: list[Row] = [(name, _plain(value)) for name, value in (single | factors | sets).items()]
-    again = "config.json holds all of it; the same study gives the same simulated calibrations."
+    again = "config.json has all options; the same study gives the same simulated calibrations."
     return Section("Settings", (Table(("", ""), tuple(rows)), Paragraph(again)), shown_in=PAGE)
 
 

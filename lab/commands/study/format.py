@@ -159,8 +159,7 @@ def _failures(means: Sequence[Mean], cells: Sequence[Cell]) -> list[str]:
     worst = max(means, key=lambda each: each.not_converged / max(each.campaigns, 1))
     where = circumstances({name: getattr(cells[worst.cell], name) for name in varying(cells)})
     return [
-        f"{lost:,} of {campaigns:,} simulated calibrations did not converge and are left out, in a pair where either "
-        f"did not: where there are many, the rest is too favourable; the most are {worst.not_converged:,} of "
-        f"{worst.campaigns:,}"
-        f"{f' ({where})' if where else ''}"
+        f"{lost:,} of {campaigns:,} simulated calibrations did not converge and are left out, as are pairs with one "
+        f"of them. If many fail, the results are too favourable; the most are {worst.not_converged:,} of "
+        f"{worst.campaigns:,}{f' ({where})' if where else ''}"
     ]

@@ -21,15 +21,15 @@ class StudyOptions:
     out: Path | None = None
     """The study's folder: runs/study-NAME by default, numbered if taken."""
     resume: Flag = False
-    """Go on with the study in --out that was killed or stopped."""
+    """Resume the interrupted study in --out."""
     workers: int | None = None
-    """How many processes of this machine: one for each core by default."""
+    """Number of processes on this machine; one per core by default."""
     scheduler: Annotated[str | None, tyro.conf.arg(metavar="PROTOCOL://HOST:PORT")] = None
-    """Address of a dask.distributed scheduler whose workers do it instead, e.g. tls://host:8786."""
+    """Address of a dask.distributed scheduler whose workers run the study instead, e.g. tls://host:8786."""
 
     def check(self) -> None:
         """Refuse options that contradict each other, with a LabError that names them."""
         if self.resume and self.out is None:
-            raise LabError("--resume goes on with a study: give its folder, --out")
+            raise LabError("--resume continues a study: give its folder by --out")
         if self.scheduler is not None and self.workers is not None:
-            raise LabError("--workers is of processes of this machine, --scheduler of a cluster; give one")
+            raise LabError("--workers sets processes on this machine, --scheduler a cluster; give one")

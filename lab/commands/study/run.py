@@ -168,7 +168,7 @@ def _run(options: StudyOptions, known: Study) -> StudyResult:
     except StoppedError as error:
         raise LabError(f"{folder}: {error}") from error
     except KeyboardInterrupt as stop:
-        raise KeyboardInterrupt(f"--resume goes on with what is in {folder}") from stop
+        raise KeyboardInterrupt(f"--resume continues the study in {folder}") from stop
     result = StudyResult(options, done, _analysis(done))
     result.write(done.folder)
     return result

@@ -122,7 +122,7 @@ HAND_EDITS = [
     ("covariance.csv", lambda text: covariance(text, lambda C: C * np.nan), "not finite"),
     ("covariance.csv", lambda text: covariance(text, lambda C: 3 * C - 2 * np.diag(np.diag(C))), "semidefinite"),
     ("covariance.csv", lambda text: covariance(text, lambda C: C / 100), "was changed since the run was written"),
-    ("SHA256SUMS", None, "its checksums are missing; make the run again, or give --accept-edited"),
+    ("SHA256SUMS", None, "its checksums are missing; repeat the run, or accept the edits by --accept-edited"),
 ]
 
 
@@ -143,7 +143,7 @@ def test_a_run_that_was_edited_by_hand_is_refused(soft: Path, tmp_path, name: st
 def test_what_was_edited_is_accepted_by_word_alone_and_then_told(soft: Path, tmp_path) -> None:
     other = broken(soft, tmp_path, "covariance.csv", lambda text: covariance(text, lambda C: C / 100))
     (told,) = set(read_calibrated(other, accept_edited=True).warnings) - set(read_calibrated(soft).warnings)
-    assert "covariance.csv was changed since the run was written: built on as it is" in told
+    assert "covariance.csv was changed since the run was written: the edited files are used" in told
 
 
 def test_checksums_are_those_that_sha256sum_checks(soft: Path, tmp_path) -> None:

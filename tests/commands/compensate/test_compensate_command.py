@@ -368,7 +368,7 @@ def test_what_it_is_made_from_is_not_replaced(run: Path, tmp_path, capsys, insid
     path = (copy if inside == "targets" else tmp_path) / "targets.csv"
     write_targets(path, poses(read_calibrated(run), 2))
     assert main(["compensate", str(path), "--run", str(copy), "--out", str(copy)]) == 2
-    assert "which this run is made from" in capsys.readouterr().err and (copy / "parameters.json").is_file()
+    assert "an input of this run" in capsys.readouterr().err and (copy / "parameters.json").is_file()
 
 
 @pytest.mark.thorough

@@ -261,7 +261,7 @@ WRONG = [
     ("a.jbi", JBI.replace("MOVL C00000", "IMOV C00000"), "relative (IMOV)"),
     ("a.jbi", JBI.replace("///RECTAN", "///RECTAN\n///RCONF 0,0,0,1,1,1,0,0"), "no solution of the nominal arm"),
     ("a.txt", RAPID, "p1"),
-    ("a.mod", RAPID.encode("utf-16").decode("latin-1"), "is no text"),
+    ("a.mod", RAPID.encode("utf-16").decode("latin-1"), "is not a text file"),
 ]  # fmt: skip
 
 
@@ -315,7 +315,7 @@ OPTIONS = [
     (["--program", "a.mod", "--frames", "tool"], "'tool' is no NAME=numbers"),
     (["--program", "a.mod", "--frames", "=1,2,3"], "is no NAME=numbers"),
     (["--program", "a.mod", "--frames", "a=1,2,3,4,5,6"], "a has 6 numbers; this controller writes 7"),
-    (["--program", "a.mod", "--frames", "a=1,2,3,x,5,6,7"], "something that is no number"),
+    (["--program", "a.mod", "--frames", "a=1,2,3,x,5,6,7"], "a value that is not a number"),
     (["--program", "a.mod", "--frames", "a=1,2,3,nan,5,6,7"], "not finite"),
     (["--program", "a.mod", "--frames", "a=1,2,3,0,0,0,0"], "the quaternion of a has the length 0"),
     (["--program", "a.mod", "--frames", "a=1,2,3,1,0,0,0;a=1,2,3,1,0,0,0"], "a is given twice"),
@@ -426,5 +426,5 @@ def test_the_default_tool_is_no_statement_where_it_disagrees(
         result, _ = corrected_urscript(["0,0,0.05,0,0,0"], run, tmp_path, monkeypatch)
         assert result.reference is not None
         words.append(stated_positions_note(result.reference))
-    assert words[0] == "No place of a measured point in the flange is stated."
+    assert words[0] == "No position of a measured point in the flange is given."
     assert words[1].startswith("The measured points (p1) are 0.")

@@ -102,7 +102,7 @@ def test_times_find_the_settled_poses_of_a_log(tmp_path: Path, day: MeasurementS
     np.testing.assert_allclose(result.measurements.joints, data.joints[kept], atol=2e-6)
     np.testing.assert_allclose(result.measurements.points, data.points[kept], atol=1e-8)
     assert {"temp_C", "time_s"} == set(result.measurements.conditions)
-    assert [each.why for each in result.matching.left_out] == ["no point was measured there"] * len(lost)
+    assert [each.why for each in result.matching.left_out] == ["no point was measured at this pose"] * len(lost)
 
 
 def test_a_point_measured_while_the_arm_moves_is_left_out(tmp_path: Path, day: MeasurementSession) -> None:
@@ -180,10 +180,10 @@ def wrong(case: str, points: Path, joints: Path) -> list[str]:
 
 
 CASES = {
-    "count mismatch": "remove what has no partner",
+    "count mismatch": "remove those without a partner",
     "no common name": "--by order",
-    "a pose twice": "two poses are called",
-    "a point twice": "is there twice",
+    "a pose twice": "two poses are named",
+    "a point twice": "appears twice",
     "no times": "--by name",
     "degrees called radians": "--joint-unit deg",
     "no targets": "--targets",

@@ -49,7 +49,7 @@ def test_points_find_the_nearest_moment_as_by_all_pairs(seed) -> None:
     }
     by_pose = [(pose.name, pose.points["p1"]) for pose in found.poses]
     assert [rows for _, rows in by_pose] == [i for k in range(12) for i in expected[k]]
-    lost = {each.what for each in found.left_out if each.why == "no point was measured there"}
+    lost = {each.what for each in found.left_out if each.why == "no point was measured at this pose"}
     assert lost == {f"pose {k + 1}" for k in range(12) if not expected[k]}
 
 
@@ -67,7 +67,7 @@ def test_very_many_points_find_their_poses(by) -> None:
 
 def test_many_poses_with_other_names_and_clocks_are_refused() -> None:
     at = 10.0 * np.arange(MANY)
-    with pytest.raises(LabError, match="called like a pose"):
+    with pytest.raises(LabError, match="no point has the name of a pose"):
         matched(options("name"), *files(at, at, prefix=("A", "B")), (False,) * 6)
     with pytest.raises(LabError, match=r"--clock-offset-s [0-9]+ would place 20 of 20"):
         matched(options("time"), *files(at[:20] + 5e6, at), (False,) * 6)

@@ -81,7 +81,7 @@ def test_what_cannot_be_migrated_is_left_as_it_was(old: Path, seven_run: Path, t
     with pytest.raises(LabError, match="holds no run"):
         migrate(MigrateOptions(ROOT / "models"))
     shutil.copytree(old, old.parent / "other")
-    with pytest.raises(LabError, match="holds 2 runs, and --date is of one"):
+    with pytest.raises(LabError, match="holds 2 runs, but --date is for one run"):
         migrate(MigrateOptions(old.parent, "2025-02-01"))
     edited = tmp_path / "edited"
     shutil.copytree(seven_run, edited)

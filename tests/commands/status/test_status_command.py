@@ -116,7 +116,7 @@ def test_one_arm_is_of_one_serial_and_robot(tmp_path: Path) -> None:
         (lambda run: (run / "config.json").write_text('{"options": 3}'), "config.json"),
         (lambda run: (run / "config.json").unlink(), "config.json"),
         (lambda run: (run / CHECKSUMS).unlink(), "its checksums are missing"),
-        (lambda run: run.rename(run.parent / f".{run.name}.partial-x1"), "is half of the run broken"),
+        (lambda run: run.rename(run.parent / f".{run.name}.partial-x1"), "is an incomplete copy of the run broken"),
     ],
 )
 def test_a_broken_run_is_named_and_blocks_no_other(tmp_path: Path, damage: Any, says: str, capsys: Any) -> None:
@@ -205,7 +205,7 @@ def test_exit_codes_and_files(tmp_path: Path, capsys: Any) -> None:
     assert [(row["serial"], row["state"]) for row in rows] == [("A-2", "bad"), ("A-1", "good")]  # the worst first
     assert rows[1]["next_due"] == "2026-02-14" and rows[1]["calibrations"] == "1" and rows[1]["error_now_mm"] == ""
     capsys.readouterr()
-    for folder, says in ((tmp_path / "nowhere", "is no folder"), (out.parent / "out", "holds no run")):
+    for folder, says in ((tmp_path / "nowhere", "is no folder"), (out.parent / "out", "contains no run")):
         with pytest.raises(LabError, match=says):
             lab.status(folder)
     with pytest.raises(LabError, match="--every-days 0"):

@@ -29,7 +29,7 @@ class PayloadOptions:
     run: Path | None = None
     """The folder of a calibrated arm with compliances: mass and its centre from how far it sags (tracked points)."""
     accept_edited: Flag = False
-    """Build on a run too whose files were changed since it was written."""
+    """Also accept a run whose files were edited after writing."""
     method: Literal["torques", "wrench"] | None = None
     """What of the file to use, where it has both: the wrench, if not given."""
     friction: Flag = False

@@ -58,7 +58,7 @@ class TrajectoryOptions:
     no_check: Flag = False
     """Check nothing for collisions."""
     controller: Controller | None = None
-    """The language of its program; that of the robot's maker, if not given and known by the robot's name."""
+    """The language of its program; that of the robot's maker, by default, if the robot's name shows it."""
     run: Path | None = None
     """The folder of a run of lab calibrate or lab identify: how far its robot misses the way, and joint positions that
     make up for it. Its robot is taken."""
@@ -70,7 +70,7 @@ class TrajectoryOptions:
     force: Flag = False
     """Also for a run whose verdict is bad or not judged."""
     accept_edited: Flag = False
-    """Build on a run too whose files were changed since it was written."""
+    """Also accept a run whose files were edited after writing."""
 
     def check(self) -> None:
         """Refuse numbers that make no sense, with a LabError that names the option."""
