@@ -47,7 +47,7 @@ def test_folders_are_compared_as_results_are(three: list, tmp_path: Path, capsys
     for ours, theirs in zip(told["compared"], in_memory["compared"], strict=True):
         assert ours["p"] == pytest.approx(theirs["p"], rel=1e-6) and ours["moved"] == theirs["moved"]
     assert main(["compare", *folders[:2], "--out", folders[0]]) == 2  # which would replace what it reads
-    assert "made from" in capsys.readouterr().err
+    assert "an input of this run" in capsys.readouterr().err
     assert main(["compare", folders[0]]) == 2 and "two or more runs" in capsys.readouterr().err
 
 
