@@ -130,7 +130,7 @@ NO_EXAMPLE = {"import_measurements", "payload", "study"}  # they need files: the
             "lab.verify: file and measurements are the same, given twice",
         ),
         (lambda: lab.verify("run", file="y.csv"), "lab.verify: file is no option here; give measurements alone"),
-        (lambda: lab.calibrate("irb120", poses="many"), "lab.calibrate: 'many' is no value of option 'poses'"),
+        (lambda: lab.calibrate("irb120", poses="many"), "lab.calibrate: 'many' is not a value of option 'poses'"),
         (lambda: lab.calibrate("irb121"), "robot 'irb121': no such model"),
         (lambda: lab.simulate(targets="p1"), "give a list, each a text"),
         (lambda: lab.compensate("targets.csv"), "lab.compensate: 'run' is missing"),

@@ -29,11 +29,11 @@ _USE = (
     "of the measured points by name. inverse(pose, near, point=None, **conditions) returns the joint positions near "
     "others at which the last frame, or a measured point with the axes of the tool, has a pose; a ValueError says "
     "where there are none.",
-    "Lengths are in m and angles in rad. Joint positions are those that were measured, in this order: {joints}. Poses "
+    "Lengths are in m and angles in rad. Joint positions are the measured ones, in this order: {joints}. Poses "
     "and points are in {frame}. BASE is the pose of the arm's base there (frame 0 of its table), and to_base(pose) "
     "turns a pose of that frame into one of the base.",
     "{conditions}",
-    "It needs Python 3.8 or later, and no library.",
+    "It needs Python 3.8 or later and no packages.",
 )
 _FUNCTIONS = '''
 
@@ -86,14 +86,14 @@ def plain_model(
     """
     rigid = arm.rigid
     if not isinstance(rigid, SerialArm):
-        raise LabError("it has loops, whose closure no plain module solves here")
+        raise LabError("it has loops, whose closure a standalone module cannot solve")
     effects = arm.effects if isinstance(arm, ArmWithEffects) else ()
     terms, first = [], len(rigid.names)
     for effect in effects:
         part = slice(first, first + len(effect.parameters))
         first = part.stop
         if effect.plain is None or effect.moves in ("frame", "station"):
-            raise LabError(f"effect {effect.name} is not written down in the plain terms that a module computes")
+            raise LabError(f"effect {effect.name} is not among the effects that a standalone module computes")
         terms += [dict(term) for term in effect.plain(values[part])]
     chain = rigid.chain
     _, table, points = rigid.split(values[: len(rigid.names)])

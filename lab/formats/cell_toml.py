@@ -182,7 +182,7 @@ class JointRange:
         if self.cable_deg is not None:
             lower, upper = max(lower, home - self.cable_deg * scale), min(upper, home + self.cable_deg * scale)
         if not lower < upper:
-            raise LabError(f"is left no room, from {lower / scale:g} to {upper / scale:g}")
+            raise LabError(f"has an empty range, from {lower / scale:g} to {upper / scale:g}")
         return lower, upper
 
 
@@ -266,7 +266,7 @@ def read_cell(path: Path) -> Cell:
     content = read_toml(path)
     refuse_unbounded(path, content)
     if strange := next((each for each in content if each not in _options()), None):
-        raise LabError(f"{path}: '{strange}' is no option of a cell; there are {_list(_options())}")
+        raise LabError(f"{path}: '{strange}' is not an option of a cell; valid are {_list(_options())}")
     cell = structured(path, Cell, {**content, "path": path})
     if cell.clearance_mm is not None and cell.clearance_mm < 0:
         raise LabError(f"{path}: clearance_mm is {cell.clearance_mm:g}; give zero or more")

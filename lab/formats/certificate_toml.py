@@ -175,7 +175,7 @@ def read_certificate_details(path: Path) -> CertificateDetails:
     """
     content = read_toml(path)
     if unknown := sorted(set(content) - set(_SECTIONS)):
-        raise LabError(f"{path}: [{unknown[0]}]: unknown; there are [{'], ['.join(_SECTIONS)}]")
+        raise LabError(f"{path}: [{unknown[0]}]: unknown; valid are [{'], ['.join(_SECTIONS)}]")
     parts = {name: _section(path, name, content[name]) for name in content}
     return CertificateDetails(**parts)
 

@@ -149,7 +149,7 @@ class CsvTable:
             if not name:
                 raise LabError(f"{self.path}: line 1: column {i + 1} has no name; name it or remove it")
             if name in header[:i]:
-                raise LabError(f"{self.path}: line 1: column {name} is there twice; keep one")
+                raise LabError(f"{self.path}: line 1: column {name} appears twice; keep one")
         if not rows and ragged is None:
             raise LabError(f"{self.path}: no rows below the header; add some")
         if ragged is not None:

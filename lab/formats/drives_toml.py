@@ -57,7 +57,7 @@ class Drives:
             LabError: the couplings do not tell the joints apart.
         """
         if np.linalg.matrix_rank(self.couplings) < len(self.couplings):
-            raise LabError("the couplings of the drives cannot be told apart: give ratios of another motor")
+            raise LabError("the couplings of the drives are not independent: give ratios of another motor")
         turned = motors if self.motor_zero_rad is None else motors - self.motor_zero_rad
         joints: Array = (turned / self.gear_ratio) @ np.linalg.inv(self.couplings).T
         return joints
@@ -69,9 +69,7 @@ class Drives:
             LabError: there are no drive gains.
         """
         if self.torque_nm_per_a is None:
-            raise LabError(
-                "the drives have no gains: give torque_nm_per_a of each, or torques in the place of currents"
-            )
+            raise LabError("the drives have no gains: give torque_nm_per_a of each, or torques instead of currents")
         torques: Array = currents * self.torque_nm_per_a * self.gear_ratio
         return torques
 
@@ -128,7 +126,7 @@ def _drives_of(path: Path, sections: Mapping[str, Any], joints: int) -> Drives:
                 raise LabError(f"{path}: [[drive]] {i}: {name} is {value:g}; give a number that is not zero")
         if each.counts_per_turn is not None and each.counts_per_turn not in COUNTS:
             raise LabError(
-                f"{path}: [[drive]] {i}: counts_per_turn is {each.counts_per_turn:g}; give those of a turn of the motor"
+                f"{path}: [[drive]] {i}: counts_per_turn is {each.counts_per_turn:g}; give the counts of one motor turn"
             )
         if abs(each.motor_zero_deg) not in MOTOR_ZERO_DEG:
             raise LabError(
@@ -152,7 +150,7 @@ def _of_all(path: Path, name: str, values: list[float | None]) -> Array | None:
     """A number of every drive; None where none has it."""
     given = [value for value in values if value is not None]
     if given and len(given) < len(values):
-        raise LabError(f"{path}: [[drive]] {values.index(None) + 1} has no {name}; give it of all or none")
+        raise LabError(f"{path}: [[drive]] {values.index(None) + 1} has no {name}; give it for all drives or for none")
     return np.array(given) if given else None
 
 
@@ -163,7 +161,9 @@ def _couplings(path: Path, sections: tuple[_CouplingSection, ...], gears: Array)
             if not 1 <= value <= len(gears):
                 raise LabError(f"{path}: [[coupling]] {name} is {value}; give a number from 1 to {len(gears)}")
         if each.drive == each.joint:
-            raise LabError(f"{path}: [[coupling]] drive {each.drive} with joint {each.joint}: that is its gear_ratio")
+            raise LabError(
+                f"{path}: [[coupling]] drive {each.drive} with joint {each.joint}: give this ratio as its gear_ratio"
+            )
         if abs(each.ratio) not in COUPLING_SIZE:
             raise LabError(f"{path}: [[coupling]] ratio is {each.ratio:g}; give the motor's turns for one of the joint")
         couplings[each.drive - 1, each.joint - 1] = each.ratio / gears[each.drive - 1]

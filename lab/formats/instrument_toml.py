@@ -40,7 +40,7 @@ class StatedUncertainty:
             raise LabError("give either standard (a standard uncertainty) or limit (half of an interval)")
         given = self.standard if self.limit is None else self.limit
         if given is not None and given not in UNCERTAINTY:
-            raise LabError(f"{given:g} is no uncertainty; give a number from 0 to {UNCERTAINTY.most:g}")
+            raise LabError(f"{given:g} is not an uncertainty; give a number from 0 to {UNCERTAINTY.most:g}")
         self.quantity(1.0)  # what contradicts itself is told here
 
     def quantity(self, factor: float) -> Uncertain:

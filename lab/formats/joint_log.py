@@ -83,7 +83,7 @@ def read_joint_log(
     )
     if len(set(at)) < len(at):
         raise LabError(
-            f"{path}: a column is taken for two joints; name one for each in the {option_name('columns')} file"
+            f"{path}: one column is assigned to two joints; name a column for each in the {option_name('columns')} file"
         )
     scales = [_scale(table, c, slides, unit or columns.unit) for c, slides in zip(at, prismatic, strict=True)]
     joints = np.stack(
@@ -147,14 +147,14 @@ def _scale(table: LooseTable, column: int, slides: bool, given: str | None) -> f
             )
         return _LENGTHS[stated]
     if stated and given and stated != given:
-        raise LabError(f"{where}: it is in {stated}, as it says; leave out {option_name('joint_unit')} {given}")
+        raise LabError(f"{where}: the file states {stated}; leave out {option_name('joint_unit')} {given}")
     unit = stated or given
     if not unit:
         raise LabError(
             f"{where}: its unit is not stated; give {option_name('joint_unit')} deg or {option_name('joint_unit')} rad"
         )
     if unit not in _SCALES:
-        raise LabError(f"{where}: {unit} is no unit of angles; use deg or rad")
+        raise LabError(f"{where}: {unit} is not a unit of angle; use deg or rad")
     return float(_SCALES[unit])
 
 
@@ -177,6 +177,6 @@ def _refuse_other_unit(path: Path, joints: Array, prismatic: tuple[bool, ...], s
         and np.ptp(joints, axis=0).max()
     ):
         raise LabError(
-            f"{path}: no joint turns by more than {in_degrees:.3g}°, which are radians; give "
+            f"{path}: no joint turns by more than {in_degrees:.3g}°; they are in radians; give "
             f"{option_name('joint_unit')} rad"
         )

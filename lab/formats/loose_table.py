@@ -208,7 +208,7 @@ def read_loose(path: Path, least: int) -> LooseTable:
         if i > first and _COMMENT.match(text):
             why = "a comment"
         elif i > first and len(cells[i]) == width:
-            why = "fewer numbers than a row has"
+            why = "fewer numbers than the columns"
         left.append(LeftOut(str(path), i + 1, text.strip()[:60], why))
     rows = tuple(tuple(cells[i]) for i in range(len(lines)) if is_row[i])
     numbers = tuple(i + 1 for i in range(len(lines)) if is_row[i])
@@ -226,7 +226,7 @@ def _lines(path: Path) -> list[str]:
         except UnicodeDecodeError:
             text = content.decode("cp1252", errors="replace")
     if "\0" in text:
-        raise LabError(f"{path}: is no text; export the points as text")
+        raise LabError(f"{path}: is not a text file; export the points as text")
     if not text.strip():
         raise LabError(f"{path}: the file is empty; export it again")
     ROWS(path, text.count("\n") - 1)
@@ -248,8 +248,8 @@ def _separator(path: Path, lines: Sequence[str], least: int) -> tuple[str, int]:
             best = max(best or (0, "", 0), (count, separator, width), key=lambda each: each[0])
     if best is None:
         raise LabError(
-            f"{path}: no line has {least} numbers or more, separated by tabs, semicolons, commas or spaces; "
-            "export a table with a row for each"
+            f"{path}: no line has {least} or more numbers, separated by tabs, semicolons, commas or spaces; export a "
+            "table with a row for each"
         )
     COLUMNS(path, best[2])
     return best[1], best[2]
@@ -390,5 +390,5 @@ def column_named(table: LooseTable, wanted: str) -> int:
         raise LabError(f"{table.path}: {len(same)} columns are called '{wanted}'; give the number of the right one")
     if wanted.isdecimal() and 1 <= int(wanted) <= table.width:
         return int(wanted) - 1
-    known = ", ".join(each.text for each in headings if each.text) or "none has a name"
+    known = ", ".join(each.text for each in headings if each.text) or "no column has a name"
     raise LabError(f"{table.path}: no column '{wanted}' ({known}); give a name, or a number from 1 to {table.width}")

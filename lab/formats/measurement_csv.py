@@ -138,7 +138,7 @@ def read_measurements(
 class PoseReader(CsvTable):
     """A measurement file being read: what its columns mean."""
 
-    unknown_are = "kept as they are"
+    unknown_are = "copied unchanged"
 
     def __init__(
         self,
@@ -213,7 +213,7 @@ class PoseReader(CsvTable):
         names = dict.fromkeys((name, plain))
         columns = [f"{n}_{unit}" for n in names for unit in units if f"{n}_{unit}" in self.header]
         if len(columns) > 1:
-            raise LabError(f"{self.path}: line 1: {' and '.join(columns)} are the same joint; keep one")
+            raise LabError(f"{self.path}: line 1: {' and '.join(columns)} name the same joint; keep one")
         if not columns:
             kind = "a slide, in mm or m" if self.prismatic[j] else "a revolute joint, in deg or rad"
             for n in names:
@@ -283,7 +283,7 @@ class PoseReader(CsvTable):
         stems = (f"{target}_{axis}", axis) if target == "p1" else (f"{target}_{axis}",)
         columns = [f"{s}_{unit}" for s in stems for unit in _LENGTH_EXPONENT if f"{s}_{unit}" in self.header]
         if len(columns) > 1:
-            raise LabError(f"{self.path}: line 1: {' and '.join(columns)} are the same coordinate; keep one")
+            raise LabError(f"{self.path}: line 1: {' and '.join(columns)} name the same coordinate; keep one")
         if not columns:
             raise LabError(f"{self.path}: line 1: target {target} has no {axis}; give {target}_{axis}_mm")
         return columns[0]
@@ -296,7 +296,7 @@ class PoseReader(CsvTable):
         empty = np.isnan(points)
         for row in np.flatnonzero(empty.any(axis=1) & ~empty.all(axis=1)):
             column = self._coordinate_column(target, "xyz"[int(np.argmax(empty[row]))])
-            raise self.fail(int(row), column, "empty while other coordinates are there; give all three or none")
+            raise self.fail(int(row), column, "empty beside other coordinates; give all three or none")
 
     # Everything else
 
@@ -360,7 +360,7 @@ class PoseReader(CsvTable):
 
     def _refuse_payloads(self, payloads: Array) -> None:
         if (bad := np.flatnonzero(PAYLOAD_KG.outside(payloads))).size:
-            raise self.fail(int(bad[0]), "payload_kg", f"not from {PAYLOAD_KG.shown}; fix it, or its unit")
+            raise self.fail(int(bad[0]), "payload_kg", f"outside {PAYLOAD_KG.shown}; fix the value or its unit")
 
     def _approach(self, column: str, joint: str) -> tuple[str, Array]:
         plain = [f"q{j + 1}" for j in range(len(self.joint_names))]

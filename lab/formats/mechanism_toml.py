@@ -69,7 +69,7 @@ def read_mechanism(path: Path) -> MechanismFile:
     refuse_doubled_names(path, names)
     for name in (*names, *read_tool(path, document.get("tool", {}))):
         if "." in name or name in _RESERVED:
-            raise LabError(f"{path}: {name} cannot be a joint's or a target's name; give it another, without a dot")
+            raise LabError(f"{path}: {name} cannot be a joint's or a target's name; choose one without a dot")
     limits = [joint.limits(warnings) for joint in joints]
     speed, acceleration, jerk = (np.array([joint.rate(name) for joint in joints]) for name in RATES)
     sign = np.array([joint.sign() for joint in joints])
@@ -90,9 +90,7 @@ def read_mechanism(path: Path) -> MechanismFile:
             tree=reader.tree(document),
         )
         if not mechanism.tree.passive:
-            raise LabError(
-                "nothing in it is passive, so it has no loop; describe a chain by a Denavit-Hartenberg table"
-            )
+            raise LabError("it has no passive joint, so it has no loop; describe a chain by a Denavit-Hartenberg table")
         mechanism.refuse_open()
     except LabError as error:
         raise error if str(error).startswith(str(path)) else LabError(f"{path}: {error}") from error
@@ -207,7 +205,7 @@ class _Tree:
         if not isinstance(name, str) or not name.strip() or "." in name or "," in name:
             raise LabError(f"{section.where}: name is {name!r}; give it a name, without a dot or a comma")
         if name in taken or name in _RESERVED or is_reserved_owner(name):
-            raise LabError(f"{section.where}: the name {name} is taken; give it another")
+            raise LabError(f"{section.where}: the name {name} is already used; give another name")
         return name
 
     def _frame(self, section: Section, name: Any) -> int:
@@ -224,7 +222,7 @@ class _Tree:
             told = "missing" if between is None else repr(between)
             raise LabError(f"{section.where}: between is {told}; name the two frames whose origins it joins")
         if _GROUND in between:
-            raise LabError(f"{section.where}: joins {_GROUND} itself; give that place a frame of its own")
+            raise LabError(f"{section.where}: joins {_GROUND} itself; give that point a frame of its own")
         first, second = (self._frame(section, name) for name in between)
         return first, second
 
@@ -257,7 +255,7 @@ class _Tree:
         if len(kinds) != 1:
             raise LabError(f"{section.where}: {len(kinds)} motions; give {_OF_STEP}")
         if (joint is not None) + passive + exact > 1:
-            raise LabError(f"{section.where}: a step has a joint, or is passive, or exact; keep one")
+            raise LabError(f"{section.where}: a step has a joint, is passive, or is exact; keep one")
         kind, value = kinds[0]
         if joint is not None and self.slides[joint] == (len(kind) == 2):
             turns = len(kind) == 2
@@ -286,5 +284,5 @@ class _Tree:
                     f"{section.where}: its length cannot be joint {self._names[joint]}, which turns; make it prismatic"
                 )
             if exact:
-                raise LabError(f"{section.where}: exact is of rods whose length no joint sets; leave it out")
+                raise LabError(f"{section.where}: exact is for rods whose length no joint sets; leave it out")
         return Rod(name, ends, length or 0.0, exact, joint)

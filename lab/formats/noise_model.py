@@ -43,7 +43,7 @@ class _ComponentErrors:
             raise LabError("component_errors: covariance and slopes have a row for each name")
         table = np.array(self.covariance).reshape(count, count)
         if not np.allclose(table, table.T) or (np.diag(table) < 0).any():
-            raise LabError("component_errors.covariance: is no covariance")
+            raise LabError("component_errors.covariance: is not a covariance matrix")
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class _Move:
     def __post_init__(self) -> None:
         """Refuse what is no size, with a LabError."""
         if self.size_mm < 0:
-            raise LabError("noise_model.moves: a size is not below zero")
+            raise LabError("noise_model.moves: a size is below zero; it must not be")
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class NoiseModel:
     def __post_init__(self) -> None:
         """Refuse what is no size, share or correlation, with a LabError."""
         if min(self.independent_mm, *self.sizes.values()) < 0:
-            raise LabError("noise_model: a standard deviation is not below zero")
+            raise LabError("noise_model: a standard deviation is below zero; it must not be")
         if any(len(row) != len(self.encoder_counts_rad or ()) for row in self.encoder_counts_rad or ()):
             raise LabError("noise_model: encoder_counts_rad has a row and a column for each joint")
         if not (0 < self.independent_share <= 1 and 0 <= self.wandering_correlation < 1):

@@ -48,13 +48,13 @@ def read_orientations(data: Measurements, target: str, meaning: AngleConvention 
     """
     quaternion, angles = (_columns(data, target, ends) for ends in (_QUATERNION, _ANGLES))
     if quaternion and angles:
-        raise LabError(f"columns {quaternion[0]} and {angles[0]} both state an orientation: keep one")
+        raise LabError(f"columns {quaternion[0]} and {angles[0]} both give an orientation: keep one")
     columns = quaternion or angles
     numbers = np.stack([_numbers(data.other[column]) for column in columns], axis=1)
     empty = np.isnan(numbers)
     if (half := np.flatnonzero(empty.any(axis=1) & ~empty.all(axis=1))).size:
         column = columns[int(np.argmax(empty[half[0]]))]
-        raise LabError(f"{data.where(half[0])}, column {column}: empty while others are there; give all or none")
+        raise LabError(f"{data.where(half[0])}, column {column}: empty beside others; give all or none")
     if quaternion:
         norm = np.linalg.norm(numbers, axis=1)
         if (off := np.flatnonzero(QUATERNION_NORM.outside(norm))).size:

@@ -53,7 +53,7 @@ def inverse_of(
     wanted = wanted if point is None else _product(wanted, _transposed(model["tool"]))
     across = _product(wanted, _transposed(wanted))
     if max(abs(across[i][j] - (i == j)) for i in range(3) for j in range(3)) > 1e-6:
-        raise ValueError("pose: its first three rows and columns are no rotation; give a 4x4 pose")
+        raise ValueError("pose: its first three rows and columns are not a rotation; give a 4x4 pose")
     if point is not None and point not in model["points"]:
         raise ValueError(f"point {point!r} was not measured; there are {', '.join(model['points'])}")
     for _ in range(STEPS):
@@ -93,7 +93,7 @@ def _given(model: dict[str, Any], conditions: dict[str, float]) -> dict[str, flo
     known = model["conditions"]
     for name in conditions:
         if name not in known:
-            raise TypeError(f"condition {name!r} makes no difference to this arm; there are {list(known) or 'none'}")
+            raise TypeError(f"condition {name!r} has no effect on this arm; valid are {list(known) or 'none'}")
     for name, usual in known.items():
         if name not in conditions and usual is None:
             raise TypeError(f"condition {name!r} is missing: the model needs it; give forward(joints, **{{...}})")
@@ -375,7 +375,7 @@ def _solved(rows: list[list[float]], right: list[float]) -> list[float]:
     for i in range(n):
         pivot = max(range(i, n), key=lambda k: abs(work[k][i]))
         if abs(work[pivot][i]) < 1e-14:
-            raise ValueError("the arm is singular here; give near at another place")
+            raise ValueError("the arm is singular here; give near elsewhere")
         work[i], work[pivot] = work[pivot], work[i]
         for k in range(i + 1, n):
             share = work[k][i] / work[i][i]

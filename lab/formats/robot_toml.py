@@ -67,7 +67,7 @@ class Section:
 
     def __init__(self, where: str, content: Any) -> None:
         if not isinstance(content, dict):
-            raise LabError(f"{where}: is {content!r}; write a section of it, [[...]] with a line a key")
+            raise LabError(f"{where}: is {content!r}; write a section of it, [[...]] with one key a line")
         self.content, self.unread, self.where = content, set(content), where
 
     def take(self, key: str, default: Any = None) -> Any:
@@ -83,7 +83,7 @@ class Section:
         """
         keys = [f"{quantity}_{unit}" for unit in units if f"{quantity}_{unit}" in self.content]
         if len(keys) > 1:
-            raise LabError(f"{self.where}: {' and '.join(keys)} are both there; keep one")
+            raise LabError(f"{self.where}: {' and '.join(keys)} are both given; keep one")
         if not keys:
             return None
         number = self.take(keys[0])
@@ -177,7 +177,7 @@ class JointSection(Section):
             warnings.append(f"{self.where}: no {' or '.join(absent)} limit given, so it moves to ±180° there")
         low, high = -np.pi if low is None else low, np.pi if high is None else high
         if not low < high:
-            raise LabError(f"{self.where}: the lower limit is not below the upper one; swap or mend them")
+            raise LabError(f"{self.where}: the lower limit is not below the upper one; swap or correct them")
         return low, high
 
 
@@ -289,7 +289,7 @@ def described_links(path: Path) -> tuple[str, Any] | None:
     if "robot" not in content:
         return None
     if unknown := set(content) - {"robot", "link"}:
-        raise LabError(f"{path}: unknown key '{sorted(unknown)[0]}'; beside robot there are [[link]] sections alone")
+        raise LabError(f"{path}: unknown key '{sorted(unknown)[0]}'; valid are robot and [[link]] sections")
     if not isinstance(content["robot"], str) or not content["robot"]:
         raise LabError(f'{path}: robot is {content["robot"]!r}; give a model\'s name or a file, e.g. "irb120"')
     return content["robot"], content.get("link", [])
@@ -326,12 +326,12 @@ def _compliances(section: Section) -> Array:
     both, y, z, twist, extension = given
     if "tube_mm" in section.content:
         if not np.isnan(given).all():
-            raise LabError(f"{section.where}: tube_mm and stiffnesses are both there; keep one")
+            raise LabError(f"{section.where}: tube_mm and stiffnesses are both given; keep one")
         return _tube(section)
     if "material" in section.content or {"young_gpa", "shear_gpa"} & section.unread:
-        raise LabError(f"{section.where}: a material without a section; give tube_mm = [outer diameter, wall]")
+        raise LabError(f"{section.where}: a material needs a cross-section; give tube_mm = [outer diameter, wall]")
     if not np.isnan(both) and not np.isnan([y, z]).all():
-        raise LabError(f"{section.where}: ei_nm2 is about every axis; leave out ei_y_nm2 and ei_z_nm2, or that")
+        raise LabError(f"{section.where}: ei_nm2 is for every axis; leave out ei_nm2, or ei_y_nm2 and ei_z_nm2")
     bending = [y, z] if np.isnan(both) else [both, both]
     stiffness = np.array([*bending, twist, extension])
     if np.isnan(stiffness).all() and "path_mm" not in section.content:
@@ -354,13 +354,15 @@ def _tube(section: Section) -> Array:
             known = ", ".join(MATERIALS)
             raise LabError(f"{section.where}: material is {name!r}; known are {known}; or give young_gpa and shear_gpa")
         if not np.isnan(moduli).all():
-            raise LabError(f"{section.where}: a material and moduli are both there; keep one")
+            raise LabError(f"{section.where}: a material and moduli are both given; keep one")
         material = MATERIALS[name]
     if not isinstance(size, list) or len(size) != 2 or not all(is_number(each) and each > 0 for each in size):
         raise LabError(f"{section.where}: tube_mm is {size!r}; give [outer diameter, wall], e.g. [80, 4]")
     outer, wall = (float(each) * LENGTHS["mm"] for each in size)
     if 2 * wall > outer:
-        raise LabError(f"{section.where}: tube_mm: a wall of {size[1]:g} mm in a diameter of {size[0]:g}; half at most")
+        raise LabError(
+            f"{section.where}: tube_mm: the wall of {size[1]:g} mm exceeds half the diameter of {size[0]:g} mm"
+        )
     return tube(outer, wall, material)
 
 
@@ -435,7 +437,7 @@ def read_table(path: Path) -> RobotTable:
     parallel = list(parallel_links(convention, table[:, 3]))
     for i, reader in enumerate(readers):
         if table[i, 4] != 0 and not parallel[i]:
-            raise LabError(f"{reader.where}: beta is for links between nearly parallel axes; leave it out here")
+            raise LabError(f"{reader.where}: beta is for links between nearly parallel axes; leave it out")
     signs = np.array([reader.sign() for reader in readers])
     speed, acceleration, jerk = (np.array([reader.rate(name) for reader in readers]) for name in RATES)
     mass_kg = np.array([reader.positive("mass", {"kg": 1.0}) for reader in readers])
@@ -473,7 +475,7 @@ def _corrected(path: Path, chain: Chain, file: Any) -> Chain:
     if not isinstance(file, str) or not file:
         raise LabError(f'{path}: corrections is {file!r}; give the name of a file, e.g. "calibration.conf"')
     if chain.convention != "distal" or chain.size != 6 or any(chain.prismatic):
-        raise LabError(f"{path}: corrections are of a distal table of six joints that turn; leave them out here")
+        raise LabError(f"{path}: corrections are for a distal table of six revolute joints; leave them out")
     table = np.array(chain.table)
     table[:, :4] += read_corrections(path.parent / file)
     frames = [np.eye(4)]
@@ -509,7 +511,9 @@ def _khalil_tool(path: Path, document: Mapping[str, Any], warnings: list[str]) -
         pose = pose_of(_read_khalil_frame(where, section).values)
         tool[name] = np.array(pose[:3, 3])
         if np.abs(pose[:3, :3] - np.eye(3)).max() > _TURNED:
-            warnings.append(f"{where}: its orientation is not used: a measured one is identified from no idea of it")
+            warnings.append(
+                f"{where}: its orientation is not used: the fit identifies the measured one without initial values"
+            )
     return tool
 
 

@@ -63,7 +63,7 @@ def read_bytes(path: Path, most: Limit, mend: str = "check the path") -> bytes:
     except ValueError as error:
         if isinstance(error, LabError):
             raise
-        raise LabError(f"{str(path)!r}: is no path ({error}); {mend}") from error
+        raise LabError(f"{str(path)!r}: is not a path ({error}); {mend}") from error
     most(path, content)
     return content
 
@@ -114,7 +114,7 @@ def refuse_unbounded(where: object, content: Any, *, finite: bool = True) -> Non
         elif finite and isinstance(value, float) and not isfinite(value):
             raise LabError(f"{where}: {name} is {value}; give a finite number")
         elif isinstance(value, int) and abs(value) > SEED.most:
-            raise LabError(f"{where}: {name} is a whole number of more than 63 bits; give a smaller one")
+            raise LabError(f"{where}: {name} has more than 63 bits; give a smaller integer")
 
 
 Kind = TypeVar("Kind")
@@ -191,7 +191,7 @@ def read_structured(path: Path, kind: type[Kind], mend: str) -> Kind:
     try:
         return structured("", kind, content, extra=True)
     except LabError as error:
-        raise LabError(f"{path}: does not hold what the lab writes: {error}; {mend}") from error
+        raise LabError(f"{path}: is not in the lab's format: {error}; {mend}") from error
 
 
 @cache
@@ -328,7 +328,7 @@ def _first(error: BaseException, path: tuple[str, ...]) -> str:
         unknown = [each for each in error.exceptions if isinstance(each, ForbiddenExtraKeysError)]
         return _first((unknown or error.exceptions)[0], path)
     if isinstance(error, _InvalidError):
-        return f"{error.value!r} is no value of option '{name}'; give {error.valid}"
+        return f"{error.value!r} is not a value of option '{name}'; give {error.valid}"
     if isinstance(error, KeyError):
         return f"'{name}' is missing"
     return str(error)  # a dataclass's own refusal
@@ -355,7 +355,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     except ValueError as error:  # TOMLDecodeError, and Python's own of a number of too many digits
         raise LabError(f"{path}: not a TOML file: {' '.join(str(error).split())}; fix it there") from error
     if not content:
-        raise LabError(f"{path}: is empty; write into it what it is for, or leave it out")
+        raise LabError(f"{path}: is empty; write its sections, or leave it out")
     refuse_unbounded(path, content, finite=False)
     return content
 

@@ -129,7 +129,7 @@ class _TargetReader(PoseReader):
         if half.any():
             row = int(half.argmax())
             name = self.joint_names[int(empty[row].argmax())]
-            raise self.fail(row, name, "empty, but other joints are there; give all of them or none")
+            raise self.fail(row, name, "empty beside other joints; give all of them or none")
         self._warn_of_degrees(np.nan_to_num(joints))
         return joints
 

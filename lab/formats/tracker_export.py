@@ -77,7 +77,7 @@ def _read_times(cells: Sequence[str], where: Callable[[int], str], dates: str) -
         match = _DAY_TIME.search(cell)
         date = _DATE.search(cell)
         if match is None or (date is None and match[0] != cell):
-            raise LabError(f"{where(i)}: '{cell}' is no time; write seconds, 10:15:30.5 or 2026-05-01 10:15:30.5")
+            raise LabError(f"{where(i)}: '{cell}' is not a time; write seconds, 10:15:30.5 or 2026-05-01 10:15:30.5")
         seconds = _seconds_of_day(match, cell, where(i))
         if date is not None:
             seconds += _date_seconds(date, order, cell, where(i))
@@ -103,7 +103,7 @@ def _order(given: Sequence[tuple[int, str]], where: Callable[[int], str]) -> str
         return "mdy"
     i = parts[0][1]
     raise LabError(
-        f'{where(i)}: day and month cannot be told apart; give dates = "dmy" or "mdy" in the '
+        f'{where(i)}: the order of day and month is ambiguous; give dates = "dmy" or "mdy" in the '
         f"{option_name('columns')} file"
     )
 
@@ -113,7 +113,7 @@ def _seconds_of_day(match: "re.Match[str]", cell: str, where: str) -> float:
     if match[4]:
         hours = hours % 12 + (12 if match[4].lower() == "pm" else 0)
     if hours > 23 or minutes > 59 or seconds >= 61:
-        raise LabError(f"{where}: '{cell}' is no time of day; fix it")
+        raise LabError(f"{where}: '{cell}' is not a time of day; fix it")
     return 3600.0 * hours + 60.0 * minutes + seconds
 
 
@@ -128,7 +128,7 @@ def _date_seconds(match: "re.Match[str]", order: str, cell: str, where: str) -> 
         return datetime(year, month, day, tzinfo=UTC).timestamp()
     except (ValueError, OverflowError) as error:
         raise LabError(
-            f"{where}: '{cell}' is no date; fix it, or give dates in the {option_name('columns')} file"
+            f"{where}: '{cell}' is not a date; fix it, or give dates in the {option_name('columns')} file"
         ) from error
 
 
@@ -256,8 +256,8 @@ class _Reader:
     def _take(self, column: int, what: str) -> int:
         if column in self.used:
             raise LabError(
-                f"{self.table.path}: column {self.table.name(column)} is taken for {self.used[column]} and for {what}; "
-                f"name the right ones by {option_name('columns')}"
+                f"{self.table.path}: column {self.table.name(column)} is assigned to {self.used[column]} and to "
+                f"{what}; name the right ones by {option_name('columns')}"
             )
         self.used[column] = what
         return column
@@ -294,8 +294,8 @@ class _Reader:
             numeric = numeric[1:]  # points without other names are often numbered
         if len(numeric) == self.table.width and self.table.width > 3:
             raise LabError(
-                f"{self.table.path}: {self.table.width} columns of numbers without a header: which are x, y and z "
-                f"cannot be told; name them in the {option_name('columns')} file by their numbers"
+                f"{self.table.path}: {self.table.width} columns of numbers without a header: which are x, y and z is "
+                f"unknown; name them in the {option_name('columns')} file by their numbers"
             )
         start = next((c for c in numeric if {c, c + 1, c + 2} <= set(numeric)), None)
         if start is None:
@@ -311,11 +311,11 @@ class _Reader:
             raise LabError(f"{self.table.path}: x, y and z have different units ({', '.join(sorted(units))}); fix that")
         stated = units.pop() if units else self.table.stated_unit
         if stated and stated not in LENGTHS:
-            raise LabError(f"{self.table.path}: coordinates in {stated} are no lengths; export Cartesian coordinates")
+            raise LabError(f"{self.table.path}: coordinates in {stated} are not lengths; export Cartesian coordinates")
         given = self.unit or self.given.unit
         if stated and given and stated != given:
             raise LabError(
-                f"{self.table.path}: its lengths are in {stated}, as it says; leave out {option_name('unit')} {given}"
+                f"{self.table.path}: the file states lengths in {stated}; leave out {option_name('unit')} {given}"
             )
         if not (stated or given):
             raise LabError(
@@ -346,7 +346,7 @@ class _Reader:
                 return np.full(len(table.rows), np.nan) if total is None else self._total(total, scale)
             if len(found) < 3:
                 raise LabError(
-                    f"{table.path}: uncertainties of x, y and z are not all there; name them by "
+                    f"{table.path}: not all uncertainties of x, y and z are given; name them by "
                     f"{option_name('columns')}"
                 )
         parts = np.stack([self._uncertainty(column, scale) for column in found], axis=1)
@@ -359,8 +359,8 @@ class _Reader:
     def _total(self, column: int, scale: float) -> Array:
         self._take(column, "uncertainty of the position")
         self.notes.append(
-            f"{self.table.path}: column {self.table.name(column)} is taken for the uncertainty of the whole position; "
-            "that of a coordinate is its 1/√3"
+            f"{self.table.path}: column {self.table.name(column)} is taken as the uncertainty of the whole position; "
+            "a coordinate's is 1/√3 of it"
         )
         one: Array = self._uncertainty(column, scale) / np.sqrt(3.0)
         return one
@@ -369,12 +369,14 @@ class _Reader:
         headings = self.table.headings
         unit = headings[column].unit if headings is not None else ""
         if unit and unit not in LENGTHS:
-            raise LabError(f"{self.table.path}: column {self.table.name(column)}: {unit} is no unit of lengths; fix it")
+            raise LabError(
+                f"{self.table.path}: column {self.table.name(column)}: {unit} is not a unit of length; fix it"
+            )
         values = self.table.numbers(column) * LENGTHS.get(unit, scale) / self.coverage
         for i in np.flatnonzero(values <= 0):
             raise LabError(
-                f"{self.table.path}: line {self.table.lines[i]}, column {self.table.name(column)}: an uncertainty is "
-                f"above zero; fix it, or name the right columns by {option_name('columns')}"
+                f"{self.table.path}: line {self.table.lines[i]}, column {self.table.name(column)}: an uncertainty "
+                f"must be above zero; fix it, or name the right columns by {option_name('columns')}"
             )
         return np.asarray(values)
 

@@ -92,7 +92,7 @@ def read_corrections(path: Path) -> Array:
         parser.read_string(read_text(path, TEXT_BYTES), str(path))
     except configparser.Error as error:
         text = " ".join(str(error).split())
-        raise LabError(f"{path}: is no calibration.conf of a Universal Robots controller ({text})") from error
+        raise LabError(f"{path}: is not a calibration.conf of a Universal Robots controller ({text})") from error
     if not parser.has_section("mounting"):
         raise LabError(f"{path}: has no section [mounting]; give the controller's calibration.conf")
     columns = [_list(path, key, parser.get("mounting", key, fallback="")) for key in _KEYS]
@@ -110,7 +110,7 @@ def _list(path: Path, key: str, text: str) -> Array:
         values = np.array(ast.literal_eval(text), dtype=np.float64)
     except (ValueError, SyntaxError, TypeError, OverflowError, RecursionError, MemoryError) as error:
         said = " ".join(text.split())[:40]
-        raise LabError(f"{path}: {key} = {said} is no list of numbers; fix it") from error
+        raise LabError(f"{path}: {key} = {said} is not a list of numbers; fix it") from error
     if values.shape != (6,) or not np.isfinite(values).all():
         raise LabError(f"{path}: {key} is to be a list of six finite numbers; fix it")
     return values

@@ -44,7 +44,7 @@ _GYRATION_M = 0.05
 _ABOUT = """\
 The identified geometry alone: no sag, no backlash, no shapes.
 The root link is the frame in which the arm was measured. Lengths in m, angles in rad.
-A velocity or an effort of 0 is one that is not known.
+A velocity or an effort of 0 is not given.
 """
 
 
@@ -123,7 +123,7 @@ def _placeholder_inertia(mass_kg: float) -> float:
 def _masses_note(loads: Loads | None) -> str:
     """Return a comment for the file on where its masses come from."""
     if loads is None:
-        return "Masses and inertias are placeholders: the robot's are not known."
+        return "Masses and inertias are placeholders: the robot's are not given."
     return "Masses and their centres are the nominal model's (1 g where it has none); inertias are placeholders."
 
 
@@ -229,7 +229,7 @@ def read_urdf(path: Path) -> UrdfSource:
     """
     text = read_text(path, TEXT_BYTES)
     if "<!ENTITY" in text or "<!DOCTYPE" in text:
-        raise LabError(f"{path}: it declares entities or a document type, which no URDF needs; take them out")
+        raise LabError(f"{path}: it declares entities or a document type, which no URDF needs; remove them")
     try:
         root = ET.fromstring(text)
     except ET.ParseError as error:
@@ -342,7 +342,7 @@ def _found(path: Path, name: str) -> Path:
     for file in tried:
         if file.is_file():
             return file
-    raise LabError(f"{path}: mesh '{name}' is not there; looked for it as {', '.join(map(str, tried[:3]))}")
+    raise LabError(f"{path}: mesh '{name}' is missing; paths tried: {', '.join(map(str, tried[:3]))}")
 
 
 def _places(path: Path, name: str) -> Iterator[Path]:

@@ -27,7 +27,7 @@ def test_what_is_left_out_is_at_its_default(tmp_path: Path) -> None:
     ("content", "says"),
     [
         ([], "is to be a group of options"),
-        ({"options": 3}, "3 is no value of option 'options'"),
+        ({"options": 3}, "3 is not a value of option 'options'"),
         ({"command": "identify", "options": {}}, "lab identify"),
         ({"options": {"pose": 3}}, "'pose'"),
     ],

@@ -140,7 +140,7 @@ def test_truth_values_of_older_calls_and_runs_are_read() -> None:
         assert Fitting(prior=given).prior == mode
         assert structured("", Fitting, {"prior": given}).prior == mode
         assert options_of("lab.identify", ThrowAwayOptions, {"file": "a", "prior": given}).fitting.prior == mode
-    with pytest.raises(LabError, match="'sometimes' is no value of option 'prior'; give one of auto, on, off"):
+    with pytest.raises(LabError, match="'sometimes' is not a value of option 'prior'; give one of auto, on, off"):
         structured("", Fitting, {"prior": "sometimes"})
     with pytest.raises(LabError, match="--prior sometimes: give auto, on, off"):
         Fitting(prior="sometimes").check()

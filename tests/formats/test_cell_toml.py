@@ -39,8 +39,8 @@ POST = "[[obstacle]]\nname = 'post'\nshape = 'cylinder'\nradius_mm = 50\nheight_
 HAND = "[[obstacle]]\nname = 'hand'\nshape = 'mesh'\nfile = 'hand.stl'\n"
 PLATE = "[[plate]]\nname = 'plate'\nshape = 'box'\nsize_mm = [1, 2, 3]\n"
 WRONG = {
-    "colour = 1\n": "'colour' is no option of a cell; there are name, clearance_mm",
-    "path = 'x'\n": "'path' is no option",
+    "colour = 1\n": "'colour' is not an option of a cell; valid are name, clearance_mm",
+    "path = 'x'\n": "'path' is not an option",
     "clearance_mm = -1\n": "clearance_mm is -1",
     "clearance_mm = nan\n": "clearance_mm is nan; give a finite number",
     "clearance_mm = 'wide'\n": "give a number",
@@ -108,11 +108,11 @@ def test_what_makes_no_sense_is_one_line_with_the_file(text: str, tmp_path: Path
     [
         ("[joints.q9]\nlower_deg = 1\n", "[joints.q9]: the robot has q1, q2"),
         ("[joints.q1]\nlower_mm = 1\n", "joint q1 is revolute"),
-        ("[joints.q1]\nlower_deg = 170\n", "joint q1 is left no room"),
+        ("[joints.q1]\nlower_deg = 170\n", "joint q1 has an empty range"),
         ("[home]\nq1_deg = 1\n", "[home] has q1_deg; give q1_deg, q2_deg"),
         ("[home]\nq1_rad = 1\n", "[home] has q1_rad; give q1_deg, q2_deg"),
-        ("[joints.q1]\ncable_deg = -5\n", "joint q1 is left no room"),
-        ("[joints.q1]\nlower_deg = 20\nupper_deg = 10\n", "joint q1 is left no room"),
+        ("[joints.q1]\ncable_deg = -5\n", "joint q1 has an empty range"),
+        ("[joints.q1]\nlower_deg = 20\nupper_deg = 10\n", "joint q1 has an empty range"),
     ],
 )
 def test_joints_that_the_robot_does_not_have_are_told(text: str, words: str, tmp_path: Path) -> None:

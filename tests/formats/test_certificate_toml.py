@@ -52,7 +52,7 @@ def test_what_is_missing_is_named(tmp_path: Path) -> None:
 
 
 WRONG = {
-    "[robots]\n": r"\[robots\]: unknown; there are \[certificate\]",
+    "[robots]\n": r"\[robots\]: unknown; valid are \[certificate\]",
     "robot = 3\n": "is to be a section",
     "[robot]\ncolour = 'red'\n": "colour",
     "[robot]\nserial_number = 7\n": "give a text",

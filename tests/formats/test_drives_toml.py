@@ -34,7 +34,7 @@ def test_currents_become_torques_and_couplings_ratios(tmp_path: Path) -> None:
         (TWO.split("[[drive]]\ngear_ratio = 32")[0], r"1 \[\[drive\]\], but the robot has 2 joints"),
         (TWO.replace("torque_nm_per_a = 0.1\n", ""), r"2 has no torque_nm_per_a"),
         (COUPLED.replace("joint = 1", "joint = 3"), "from 1 to 2"),
-        (COUPLED.replace("joint = 1", "joint = 2"), "that is its gear_ratio"),
+        (COUPLED.replace("joint = 1", "joint = 2"), "give this ratio as its gear_ratio"),
         (COUPLED.replace("ratio = 16", "turns = 16"), "turns"),
         ("drive = 3\n", "drive"),
     ],
@@ -83,5 +83,5 @@ def test_motor_positions_become_joint_positions(tmp_path: Path) -> None:
 def test_couplings_that_tell_no_joint(tmp_path: Path) -> None:
     path = tmp_path / "drives.toml"
     path.write_text(COUPLED.replace("ratio = 16", "ratio = 32") + "[[coupling]]\ndrive = 1\njoint = 2\nratio = -48\n")
-    with pytest.raises(LabError, match="cannot be told apart"):
+    with pytest.raises(LabError, match="are not independent"):
         read_drives(path, 2).joints(np.ones((1, 2)))

@@ -45,7 +45,7 @@ WRONG = {
     "no header": ("1,2\n3,4\n", {}, None, "no header"),
     "unit not said": ("q1,q2\n1,2\n3,4\n", {}, None, "--joint-unit"),
     "unit said twice": (GOOD, {}, "rad", "leave out"),
-    "not a unit of angles": ("q1_mm,q2_mm\n1,2\n3,4\n", {}, None, "no unit of angles"),
+    "not a unit of angles": ("q1_mm,q2_mm\n1,2\n3,4\n", {}, None, "not a unit of angle"),
     "a joint is missing": ("q1_deg,q3_deg\n1,2\n3,4\n", {}, None, "no column is joint elbow"),
     "degrees as radians": ("q1_rad,q2_rad\n1,2\n90,4\n", {}, None, "--joint-unit deg"),
     "radians as degrees": ("q1_deg,q2_deg\n1,2\n0.5,0.7\n-1,1\n", {}, None, "--joint-unit rad"),

@@ -108,7 +108,7 @@ def test_a_payload_is_what_an_arm_may_carry(kg: str, right: bool, tmp_path) -> N
         payloads = read_measurements(path, NAMES, SLIDES).conditions["payload_kg"]
         np.testing.assert_array_equal(payloads, [2.0, float(kg or "nan")])
     else:
-        with pytest.raises(LabError, match=r"line 3, column payload_kg: not from 0 to 1,000 kg"):
+        with pytest.raises(LabError, match=r"line 3, column payload_kg: outside 0 to 1,000 kg"):
             read_measurements(path, NAMES, SLIDES)
 
 

@@ -48,14 +48,17 @@ def test_json_and_back_is_the_same(value: Outer) -> None:
     ("values", "says"),
     [
         ({}, "f.json: 'count' is missing"),
-        ({"count": 1.0}, "f.json: 1.0 is no value of option 'count'; give a whole number"),
-        ({"count": True}, "f.json: True is no value of option 'count'; give a whole number"),
+        ({"count": 1.0}, "f.json: 1.0 is not a value of option 'count'; give a whole number"),
+        ({"count": True}, "f.json: True is not a value of option 'count'; give a whole number"),
         ({"count": 1, "on": 1}, "give true or false"),
-        ({"count": 1, "kind": "c"}, "'c' is no value of option 'kind'; give one of a, b"),
-        ({"count": 1, "inner": {"ratio": "1"}}, "'1' is no value of option 'inner.ratio'; give a number"),
-        ({"count": 1, "inner": {"names": "ab"}}, "'ab' is no value of option 'inner.names'; give a list, each a text"),
+        ({"count": 1, "kind": "c"}, "'c' is not a value of option 'kind'; give one of a, b"),
+        ({"count": 1, "inner": {"ratio": "1"}}, "'1' is not a value of option 'inner.ratio'; give a number"),
+        (
+            {"count": 1, "inner": {"names": "ab"}},
+            "'ab' is not a value of option 'inner.names'; give a list, each a text",
+        ),
         ({"count": 1, "inner": {"name": []}}, "inner: 'name' is no option; there are ratio, names"),
-        ({"count": 1, "inner": 3}, "3 is no value of option 'inner'; give a group"),
+        ({"count": 1, "inner": 3}, "3 is not a value of option 'inner'; give a group"),
         ([], "f.json: \\[\\] is to be a group"),
     ],
 )

@@ -91,10 +91,10 @@ def test_a_map_names_what_headings_do_not(tmp_path: Path) -> None:
 ROW = "name,x_mm,y_mm,z_mm\n"
 WRONG = {
     "empty": ("", "empty"),
-    "no numbers": ("hello\nworld\n", "3 numbers"),
+    "no numbers": ("hello\nworld\n", "3 or more numbers"),
     "no unit": ("name,x,y,z\nA,1,2,3\nB,2,3,4\n", "--unit"),
     "units differ": ("name,x_mm,y_m,z_mm\nA,1,2,3\n", "different units"),
-    "angles as coordinates": ("name,x [deg],y [deg],z [deg]\nA,1,2,3\n", "no lengths"),
+    "angles as coordinates": ("name,x [deg],y [deg],z [deg]\nA,1,2,3\n", "not lengths"),
     "no z": ("name,x_mm,y_mm,t\nA,1,2,3\nB,2,3,4\n", "no column is z"),
     "two of x": ("name,x_mm,x_mm,y_mm,z_mm\nA,1,2,3,4\n", "2 columns may be x"),
     "a coordinate is missing": (ROW + "A,1,2,3\nB,1,2,\nC,3,4,5\n", "left out"),
@@ -103,13 +103,13 @@ WRONG = {
     "too large": (ROW + "A,1e30,2,3\nB,1,2,3\n", "too large"),
     "two decimal marks": ("name;x_mm;y_mm;z_mm\nA;1,5;2;3\nB;1.5;2;3\n", "one decimal mark"),
     "columns of numbers": ("1.5 2.5 3.5 4.5\n2.5 3.5 4.5 5.5\n", "without a header"),
-    "some uncertainties": ("name,x_mm,y_mm,z_mm,ux_mm\nA,1,2,3,0.1\n", "not all there"),
+    "some uncertainties": ("name,x_mm,y_mm,z_mm,ux_mm\nA,1,2,3,0.1\n", "not all uncertainties of x, y and z"),
     "uncertainty of zero": ("name,x_mm,y_mm,z_mm,ux_mm,uy_mm,uz_mm\nA,1,2,3,0.1,0,0.1\n", "above zero"),
-    "uncertainty as an angle": ("name,x_mm,y_mm,z_mm,ux (deg),uy,uz\nA,1,2,3,0.1,0.1,0.1\n", "no unit of lengths"),
-    "no such time": ("name,x_mm,y_mm,z_mm,time\nA,1,2,3,noon\nB,1,2,3,10:00:00\n", "is no time"),
-    "no such hour": ("name,x_mm,y_mm,z_mm,time\nA,1,2,3,25:00:00\n", "no time of day"),
-    "day or month": ("name,x_mm,y_mm,z_mm,time\nA,1,2,3,05/06/2026 10:00:00\n", "cannot be told apart"),
-    "no such day": ("name,x_mm,y_mm,z_mm,time\nA,1,2,3,31.02.2026 10:00:00\n", "no date"),
+    "uncertainty as an angle": ("name,x_mm,y_mm,z_mm,ux (deg),uy,uz\nA,1,2,3,0.1,0.1,0.1\n", "not a unit of length"),
+    "no such time": ("name,x_mm,y_mm,z_mm,time\nA,1,2,3,noon\nB,1,2,3,10:00:00\n", "is not a time"),
+    "no such hour": ("name,x_mm,y_mm,z_mm,time\nA,1,2,3,25:00:00\n", "is not a time of day"),
+    "day or month": ("name,x_mm,y_mm,z_mm,time\nA,1,2,3,05/06/2026 10:00:00\n", "order of day and month is ambiguous"),
+    "no such day": ("name,x_mm,y_mm,z_mm,time\nA,1,2,3,31.02.2026 10:00:00\n", "is not a date"),
     "dates and none": ("name,x_mm,y_mm,z_mm,time\nA,1,2,3,10:00:00\nB,1,2,3,2026-05-01 10:00:00\n", "write all alike"),
 }
 
@@ -132,7 +132,7 @@ def test_a_file_that_says_its_unit_is_believed(tmp_path: Path) -> None:
 
 def test_a_binary_file_is_no_export(tmp_path: Path) -> None:
     (tmp_path / "b.xit64").write_bytes(bytes(range(256)) * 20)
-    with pytest.raises(LabError, match="no text"):
+    with pytest.raises(LabError, match="not a text file"):
         read(tmp_path / "b.xit64")
 
 

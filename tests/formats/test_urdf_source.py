@@ -128,7 +128,7 @@ def test_what_cannot_be_read_is_told(tmp_path: Path) -> None:
     path = written(tmp_path, "box.stl", exported("stl"))
     assert is_urdf(path) and not read_urdf(path).missing
     (path.parent.parent / "meshes" / "box.stl").unlink()
-    assert "mesh 'package://wild_description/meshes/box.stl' is not there" in read_urdf(path).missing
+    assert "mesh 'package://wild_description/meshes/box.stl' is missing" in read_urdf(path).missing
     assert "meshes are left out" in load_robot(str(path)).model.missing
     (path.parent.parent / "meshes" / "box.stl").write_bytes(b"solid x\nvertex 1 2\nendsolid")
     assert "not a readable STL" in read_urdf(path).missing

@@ -415,10 +415,10 @@ def test_go_on_removes_only_what_the_study_left(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"options": None}, "None is no value of option 'options'"),
-        ({"options": []}, r"\[\] is no value of option 'options'"),
-        ({"versions": 3}, "3 is no value of option 'versions'"),
-        ({"model_sha256": None}, "None is no value of option 'model_sha256'"),
+        ({"options": None}, "None is not a value of option 'options'"),
+        ({"options": []}, r"\[\] is not a value of option 'options'"),
+        ({"versions": 3}, "3 is not a value of option 'versions'"),
+        ({"model_sha256": None}, "None is not a value of option 'model_sha256'"),
         ({"model_sha256": "0"}, "other files of the robot"),
     ],
 )

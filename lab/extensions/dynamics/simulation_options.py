@@ -28,9 +28,9 @@ class SimulationOptions:
     seed: int = 0
     """Random seed."""
     seconds: float = 10.0
-    """How long each path is driven; it begins and ends at rest."""
+    """Duration of each path; it begins and ends at rest."""
     rate_hz: float = 500.0
-    """How often is measured."""
+    """Sampling rate of the measurements."""
     noise_percent: float = 0.5
     """Noise of the torques, % of each joint's largest torque."""
     friction_percent: float = 5.0
@@ -38,17 +38,17 @@ class SimulationOptions:
     motor_inertia_kgm2: float = 0.05
     """Inertia of each motor, as its joint feels it (kg of a slide)."""
     lag_ms: float = 0.0
-    """How late the torques are."""
+    """Delay of the torques."""
     filter_hz: float = 0.0
-    """A low-pass that the torques alone come through; 0 is none."""
+    """Low-pass filter of the torques alone; 0 is none."""
     base_tilt_deg: Numbers = ()
-    """How far the base leans about x and y, which the evaluation does not know: x,y."""
+    """Tilt of the base about x and y, hidden from the evaluation: x,y."""
     payload_kg: float | None = None
     """Mass of the payload, an aluminium ball; lab payload has 1 kg, lab dynamics none."""
     payload_mm: Numbers = (10.0, -5.0, 60.0)
-    """Where its centre of mass is, in the last frame: x,y,z."""
+    """Position of its centre of mass in the last frame: x,y,z."""
     rounds: int = 1
-    """How long a better path is sought: ascents from the best of some random ones."""
+    """Effort of the path search: ascents from the best of some random paths."""
 
     def check(self) -> None:
         """Refuse what makes no sense, with a LabError that names the option."""

@@ -126,7 +126,7 @@ def marked(path: Path, computed: Sequence[Computed]) -> tuple[Mark, ...]:
         if label not in requested:
             raise table.fail(row, "item", f"'{label}' is no answer of this source; keep the labels of --exercise")
         if label in given:
-            raise table.fail(row, "item", f"'{label}' is there twice; keep one")
+            raise table.fail(row, "item", f"'{label}' appears twice; keep one")
         given[label] = value.strip()
     return tuple(_mark(label, given.get(label, ""), answer) for label, answer in requested.items())
 

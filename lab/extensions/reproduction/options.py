@@ -19,7 +19,7 @@ class ReproduceOptions:
     source: tyro.conf.Positional[SourceName]
     """thesis: Mahdadi and Bouafia 2020; elastic: Benmisra 2007; course: Mallem 2011; staubli: the RX 130 and TX 40."""
     exercise: Flag = False
-    """Leave the answers blank, and write exercise.csv with a row for each."""
+    """Leave the answers blank and write exercise.csv with one row per answer."""
     mark: Path | None = None
     """An exercise.csv that was filled in: say which of its answers are right."""
 

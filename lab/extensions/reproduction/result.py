@@ -163,7 +163,7 @@ def _reproduction_document(result: ReproductionResult) -> Document:
             Section("Items", (_overview(result),) if result.marks is None else ()),
             Section("Errata", _errata(result), shown_in=TERMINAL),
             *(_section(result, each) for each in result.computed if result.marks is None),
-            Section("What cannot be computed", (_missing(result),) if result.marks is None else ()),
+            Section("Items that cannot be computed", (_missing(result),) if result.marks is None else ()),
         ),
     )
 

@@ -258,7 +258,7 @@ def test_what_cannot_be_certified_is_refused_in_a_line(here: Path, capsys, tmp_p
     cases = {
         ("nowhere",): "nowhere",
         ("known", "--tolerance-mm", "0"): "--tolerance-mm 0: give a number above zero",
-        ("known", "--details", "tracker.toml"): "unknown; there are [certificate]",
+        ("known", "--details", "tracker.toml"): "unknown; valid are [certificate]",
         ("known", "--instrument", "details.toml"): "unknown; there are name, noise",
         ("known", "--instrument", "ruler"): "instrument 'ruler' is unknown",
         ("known", "--out", "known"): "made from",

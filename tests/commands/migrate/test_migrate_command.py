@@ -110,6 +110,6 @@ def test_a_run_that_holds_something_else_gets_no_checksums(old: Path, name: str,
     content = read(old / name)
     (content[0] if isinstance(content, list) else content)[key] = value
     write(old / name, content)
-    with pytest.raises(LabError, match=f"{name}: does not hold what the lab writes: .*{key}"):
+    with pytest.raises(LabError, match=f"{name}: is not in the lab's format: .*{key}"):
         migrate(MigrateOptions(old))
     assert not (old / "SHA256SUMS").exists()

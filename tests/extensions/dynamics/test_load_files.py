@@ -222,7 +222,7 @@ def test_what_a_mounting_need_not_say(tmp_path) -> None:
     [
         ("[base]\ntilt_x_deg = 1\n", r"\[sensor\] sign is missing; write 1 if .* -1 for the opposite"),
         ("[sensor]\nsign = 0\n", r"the sensor's sign is 0; give 1 or -1"),
-        ("[sensor]\nsign = '+'\n", r"'\+' is no value of option 'sensor.sign'; give a number"),
+        ("[sensor]\nsign = '+'\n", r"'\+' is not a value of option 'sensor.sign'; give a number"),
         ("[sensor]\nsign = 1\n[base]\ngravity_m_per_s2 = 9810\n", r"gravity is 9810 m/s\^2; give 9 to 10.5"),
         (
             "[sensor]\nsign = 1\n[base]\ngravity_m_per_s2 = -9.81\n",

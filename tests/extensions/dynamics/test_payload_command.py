@@ -200,7 +200,7 @@ def test_bad_input_is_one_line(arguments, fragments, files: Path, tmp_path: Path
 
 @pytest.mark.parametrize(
     ("content", "fragment"),
-    [(None, "cannot be read"), ("{}", "does not hold what the lab writes: 'mass_kg' is missing")],
+    [(None, "cannot be read"), ("{}", "is not in the lab's format: 'mass_kg' is missing")],
 )
 def test_a_load_that_is_none_is_refused(content: str | None, fragment: str, tmp_path: Path, capsys) -> None:
     (tmp_path / "no").mkdir()

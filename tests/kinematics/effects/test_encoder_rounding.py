@@ -83,8 +83,8 @@ def test_a_calibrated_table_keeps_its_encoders(tx40: Path, tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("old", "new", "what"),
     [
-        ("counts_per_turn = 1000", "counts_per_turn = 0", "counts_per_turn is 0; give those of a turn"),
-        ("counts_per_turn = 1000\n", "", r"\[\[drive\]\] 1 has no counts_per_turn; give it of all or none"),
+        ("counts_per_turn = 1000", "counts_per_turn = 0", "counts_per_turn is 0; give the counts of one motor turn"),
+        ("counts_per_turn = 1000\n", "", r"\[\[drive\]\] 1 has no counts_per_turn; give it for all drives or for none"),
         ("\n[[drive]]\ngear_ratio = 32\ncounts_per_turn = 1000\n", "", r"5 \[\[drive\]\], but the robot has 6 joints"),
         ("joint = 5", "joint = 7", "give a number from 1 to 6"),
     ],

@@ -27,7 +27,7 @@ class DynamicsOptions:
     """Gear ratios with their signs, couplings and drive gains, TOML: needed for motor positions and currents; those of
     the robot's table where not given."""
     sensor: Path | None = None
-    """How the base stands, TOML: tilt and gravity."""
+    """Mounting of the base, TOML: tilt and gravity."""
     load: Path | None = None
     """The load of the loaded run, TOML: mass, centre of mass, inertia; estimated if not given."""
     validate: Path | None = None
@@ -37,9 +37,9 @@ class DynamicsOptions:
     without: Names = ()
     """Leave out of the model: motor-inertia, friction, offsets."""
     delay: Flag = False
-    """Fit how much later the torques are than the positions."""
+    """Fit the delay of the torques after the positions."""
     physical: Flag = False
-    """Take the nearest parameters that an arm can have."""
+    """Use the nearest physically possible parameters of an arm."""
     band_hz: float = 20.0
     """Of the filter that torques and regressor pass, half power there; an arm's torques change below 10 Hz."""
     serial: str | None = None

@@ -360,7 +360,7 @@ def _loads(result: DynamicsResult, found: DynamicsEstimate) -> tuple[Block, ...]
         return ()
     ways = [parameter_rows(load) for load in (found.load, found.by_difference) if load is not None]
     if not ways[0]:
-        return (Paragraph("The motion does not show what the load is."),)
+        return (Paragraph("The motion does not identify the load."),)
     rows = []
     true = None if result.session is None or result.session.load is None else true_values(result.session.load)
     for name, value, width, unit in ways[0]:

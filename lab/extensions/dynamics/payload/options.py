@@ -25,7 +25,7 @@ class PayloadOptions:
     cell: Path | None = None
     """The cell (obstacles, payload, narrower limits, instrument's position): TOML."""
     sensor: Path | None = None
-    """How base and wrist sensor stand, TOML: tilt and gravity, the sensor's sign and rotation."""
+    """Mounting of base and wrist sensor, TOML: tilt and gravity, the sensor's sign and rotation."""
     run: Path | None = None
     """The folder of a calibrated arm with compliances: mass and its centre from how far it sags (tracked points)."""
     accept_edited: Flag = False
@@ -33,15 +33,15 @@ class PayloadOptions:
     method: Literal["torques", "wrench"] | None = None
     """What of the file to use, where it has both: the wrench, if not given."""
     friction: Flag = False
-    """Fit what share of its torque each joint loses to friction (of torques)."""
+    """Fit the share of torque that each joint loses to friction (of torques)."""
     delay: Flag = False
-    """Fit how much later torques or wrench are than the positions."""
+    """Fit the delay of torques or wrench after the positions."""
     tilt: Flag = False
     """Fit the tilt of the base relative to --sensor (of a wrench)."""
     turn: Flag = False
     """Fit the rotation of the sensor relative to --sensor (of a wrench)."""
     physical: Flag = False
-    """Take the nearest parameters that some body has."""
+    """Use the nearest physically possible parameters of a body."""
     stiffness_nm_per_rad: float = 1e5
     """Of the joints that bear the arm, by which the cost of an uncertain load is reckoned."""
     serial: str | None = None

@@ -48,7 +48,7 @@ class TrajectoryOptions:
     turn_deg_s: float = 90.0
     """Largest speed of the tool's turn on lines and circles; in half a second it is there."""
     orientation: AngleConvention | None = None
-    """What three angles of the file mean."""
+    """Convention of three angles in the file."""
     tool_mm: Numbers = ()
     """The tool's point in the last frame, or the platform's: x,y,z; by default its origin."""
     step_ms: float = 10.0
