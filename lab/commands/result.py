@@ -19,7 +19,7 @@ from lab.kinematics.parameter import Parameter
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from lab.render.document import Document, Picture
+    from lab.render.document import Document, Picture, Section
 
 __all__ = [
     "ErrorStatistics",
@@ -114,12 +114,16 @@ class Result(ABC):
 
     def document(self) -> "Document":
         """Build the one document that terminal, page and recording show."""
-        from lab.commands.run_folder import provenance_section
         from lab.commands.sections import added_sections
 
         document: Document = load_reference(self.shown_by)(self)
-        made = provenance_section(self.command, self.options, self.model_sha256, self.serial)
-        return replace(document, blocks=(*document.blocks, *added_sections(self), made))
+        return replace(document, blocks=(*document.blocks, *added_sections(self), self.provenance()))
+
+    def provenance(self) -> "Section":
+        """Build the section on what was done: enough to do it again."""
+        from lab.commands.run_folder import provenance_section
+
+        return provenance_section(self.command, self.options, self.model_sha256, self.serial)
 
     def plot(self) -> "Figure":
         """Draw the result's main figure (matplotlib).

@@ -131,7 +131,7 @@ TABLE = {
         lambda: replace(clean(), validation=Validation(None, None)), GATE, "not judged"
     ),
     "a file validated on itself": Row(
-        validated(fitted_share=1.0), GATE, "not judged", "100 % of the validation poses are those that were fitted"
+        validated(fitted_share=1.0), GATE, "not judged", "100 % of the validation poses were also fitted"
     ),
     # bad
     "the mean is above the gate": Row(clean, 5e-6, "bad", "above the gate of 0.005 mm"),

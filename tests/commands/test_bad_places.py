@@ -68,7 +68,7 @@ def test_a_disk_that_is_full_is_told_and_the_earlier_run_stands(name: str, place
     said = tmp_path / "said"
     assert ended(forked(full, said)) == 2
     line = the_line(said.read_text())
-    assert "run: writing failed (File too large)" in line and "make room" in line
+    assert "run: writing failed (File too large)" in line and "free disk space" in line
     assert contents(place) == before and whole(place / "run")
 
 

@@ -388,8 +388,8 @@ def test_spherical_noise_taken_for_isotropic_is_told(tmp_path, capsys) -> None:
     run(capsys, "calibrate", "--instrument", "leica-at960", "--poses", "80", "--out", out)
     _, plain = run(capsys, "identify", out / "measurements.csv", "--out", tmp_path / "plain")
     uneven = [w for w in plain["warnings"] if "times those along it" in w]
-    assert len(uneven) == 1 and "own residuals" in uneven[0]
-    assert "the arm may cause" in uneven[0]  # one target a pose: the instrument cannot be told from the arm
+    assert len(uneven) == 1 and "cluster-robust by pose" in uneven[0]
+    assert "arm or instrument may cause" in uneven[0]  # one target a pose: the instrument cannot be told from the arm
     _, weighed = run(
         capsys, "identify", out / "measurements.csv", "--instrument", "leica-at960", "--out", tmp_path / "w"
     )

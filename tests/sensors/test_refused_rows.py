@@ -24,7 +24,7 @@ REFUSED = {
     "norm": (f"{POINT},qw,qx,qy,qz", "1,2,3,1,0.1,0,0", "pose", None, r"line 2, columns qw to qz.*norm is 1\.00499"),
     "half": (f"{POINT},qw,qx,qy,qz", "1,2,3,1,0,,0", "pose", None, "line 2, column qy: empty"),
     "missing": (f"{POINT},qw,qx,qy", "1,2,3,1,0,0", "pose", None, "column p1_qz is missing beside qw"),
-    "both": (f"{POINT},qw,qx,qy,qz,rx_deg,ry_deg,rz_deg", "1,2,3,1,0,0,0,1,2,3", "pose", "fixed-xyz", "both state"),
+    "both": (f"{POINT},qw,qx,qy,qz,rx_deg,ry_deg,rz_deg", "1,2,3,1,0,0,0,1,2,3", "pose", "fixed-xyz", "both give"),
     "twice": ("p1_x_mm,p1_y_mm,p1_z_mm,qw,p1_qw,qx,qy,qz", "1,2,3,1,1,0,0,0", "pose", None, "qw are the same"),
     "no cable": (POINT, "1,2,3", "cable", None, "column cable_mm is missing"),
     "negative cable": ("cable_mm", "-3", "cable", None, "line 2, column cable_mm: a wire's length is above zero"),

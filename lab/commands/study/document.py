@@ -23,6 +23,7 @@ from lab.render.document import (
     PAGE,
     TERMINAL,
     Bullets,
+    Code,
     Column,
     Document,
     Figure,
@@ -35,9 +36,9 @@ from lab.render.document import (
     sentence,
 )
 from lab.studies.analysis import Analysis
-from lab.studies.grid import Study
+from lab.studies.campaigns import origin_of
 
-__all__ = ["METRICS", "analysis_sections", "first_picture", "pictures_of", "study_document"]
+__all__ = ["METRICS", "analysis_sections", "first_picture", "pictures_of", "provenance_of", "study_document"]
 
 METRICS = ("fresh_mean_mm", "fresh_worst_mm")  # of the figures and the page; the CSV files have all
 
@@ -73,7 +74,6 @@ def study_document(result: StudyResult) -> Document:
             ),
             *analysis_sections(result.analysis, METRICS),
             Section("Figures", tuple(_figures(pictures_of(result))), shown_in=PAGE),
-            _settings(study),
             Paragraph(
                 f"{done.computed:,} of {study.campaigns:,} simulated calibrations computed{speed}.", shown_in=TERMINAL
             ),
@@ -161,15 +161,19 @@ def _figures(pictures: Mapping[str, Picture]) -> Iterable[Figure]:
         yield Figure(f"{picture.name}-figure", (picture,), f"{picture.label} Files: {name}.png, {name}.svg.")
 
 
-def _settings(study: Study) -> Section:
-    """Tabulate the settings of a study."""
+def provenance_of(result: StudyResult) -> Section:
+    """Tabulate the settings of a study; a run that goes on with one has the same."""
+    study = result.done.study
+    origin = origin_of(study.robot)
+    versions = ", ".join(f"{library} {version}" for library, version in origin["versions"].items())
     named = ("parameters", "effects")
     single = {name: value for name, value in asdict(study).items() if name not in ("factors", *named)}
     factors = {name: ", ".join(map(str, levels)) for name, levels in study.factors.items()}
     sets = {f"{kind}.{name}": str(each) for kind in named for name, each in getattr(study, kind).items()}
     rows: list[Row] = [(name, _plain(value)) for name, value in (single | factors | sets).items()]
-    again = "config.json has all options; the same study gives the same simulated calibrations."
-    return Section("Settings", (Table(("", ""), tuple(rows)), Paragraph(again)), shown_in=PAGE)
+    rows += [("versions", versions), ("model (SHA-256)", Code(origin["model_sha256"]))]
+    again = "config.json holds all settings; the same study gives the same simulated calibrations."
+    return Section("What was done", (Table(("", ""), tuple(rows)), Paragraph(again)), shown_in=PAGE)
 
 
 def _plain(value: Any) -> str:

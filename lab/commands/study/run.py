@@ -17,7 +17,7 @@ from lab.extension_points import load_reference
 from lab.formats.csv_table import text_cell
 from lab.render.terminal import bars
 from lab.studies.analysis import Analysis, Comparison, analysed
-from lab.studies.campaigns import origin_of, refuse_impossible
+from lab.studies.campaigns import refuse_impossible
 from lab.studies.executors import StoppedError, cluster_executor, local_executor
 from lab.studies.grid import FACTORS, Study, read_study
 from lab.studies.run import StudyDone, run_study
@@ -27,7 +27,7 @@ __all__ = ["StudyResult", "study", "write_csv"]
 
 
 if TYPE_CHECKING:
-    pass
+    from lab.render.document import Section
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -53,10 +53,10 @@ class StudyResult(Result):
         """Warnings of a study, always empty: what did not converge is in the analysis."""
         return ()
 
-    @property
-    def model_sha256(self) -> str:
-        """Digest of the robot's description."""
-        return str(origin_of(self.done.study.robot)["model_sha256"])
+    def provenance(self) -> "Section":
+        """Build the section on what was done; not by the command, which may have gone on with another."""
+        section: Section = load_reference("lab.commands.study.document:provenance_of")(self)
+        return section
 
     def to_dict(self) -> dict[str, Any]:
         """Return the values that ``--json`` prints."""

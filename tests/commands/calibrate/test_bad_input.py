@@ -61,7 +61,7 @@ OPTIONS = [
     Case(
         "out: a config of something else",
         f"{CALIBRATE} --out mine",
-        ("mine", "no run", "--out"),
+        ("mine", "not of a run", "--out"),
         {"mine/config.json": "{}"},
     ),
     Case(
@@ -137,7 +137,7 @@ def test_a_disk_that_fills_up_leaves_the_earlier_run(
     written, err = capfd.readouterr()
     assert written == ""
     line = the_line(err)
-    assert out in line and "No space left on device" in line and "make room" in line
+    assert out in line and "No space left on device" in line and "free disk space" in line
     assert contents(folder) == before
 
 

@@ -78,7 +78,7 @@ def without_tool(text: str) -> str:
         ("config.json", edited(command="design"), "no run of lab calibrate"),
         ("config.json", edited(model_sha256="0"), "another robot"),
         ("result.json", lambda text: text[:-9], "not JSON"),
-        ("result.json", lambda text: "[]", "does not hold"),
+        ("result.json", lambda text: "[]", "is not in the lab's format"),
         ("parameters.json", without_tool, "has no tool"),
         ("parameters.json", lambda text: text.replace("link3.d", "link3.e"), "has no link3.d"),
         ("parameters.json", lambda text: text.replace("exported", "export"), "'0.exported' is missing"),

@@ -116,7 +116,7 @@ def test_irb120_with_a_wire(holdout: float | None) -> None:
     assert holdout or rms <= 0.36 < before + 0.01  # a single split may be above; test_cable.py has their mean
     said = "\n".join(outcome.warnings)
     assert "before rows 140, 506: 3 anchors" in said and "row 950" in said
-    assert "rounded to 0.1°, which alone makes errors of 0.27" in said
+    assert "rounded to 0.1°, which causes errors of 0.27" in said
     assert outcome.verdict.word == "doubtful" and outcome.verdict.reasons[0].name == "accuracy.gain"
 
 

@@ -177,7 +177,7 @@ def test_a_program_is_written_beside_its_result_and_checked(
     assert main(["compensate", "--program", str(file), "--run", str(seven_run), "--out", str(out)]) == 1
     said = capsys.readouterr()
     assert "pFar" in said.out and "out of reach" in said.out and "Offs(...) is computed" in said.out
-    assert "needs a look" in said.err
+    assert "to be checked" in said.err
     new = (out / "Teile.mod").read_bytes().decode("latin-1")
     assert far.strip() in new and other.strip() in new and new != text and not (out / "program.mod").exists()
     result = json.loads((out / "result.json").read_text())["program"]

@@ -304,7 +304,7 @@ def test_every_way_to_write_a_file_gives_the_same_arm(
 
 
 WARNED = {
-    "unknown columns": (joined("operator", "Ann"), "columns operator", "kept"),
+    "unknown columns": (joined("operator", "Ann"), "columns operator", "copied unchanged"),
     "orientation": (joined("p1_rx_deg", "1.5"), "p1_rx_deg", "ignored"),
     "orientation without a target": (joined("qw", "1"), "qw", "ignored"),
 }

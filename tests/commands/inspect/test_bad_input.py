@@ -81,7 +81,9 @@ TABLES = [
     toml("a word for a number", swapped(ARM_TOML, "d_mm = 300", 'd_mm = "300"'), "joint q1", "d_mm is '300'", "finite"),
     toml("a truth for a number", swapped(ARM_TOML, "d_mm = 300", "d_mm = true"), "joint q1", "d_mm is True", "finite"),
     toml("infinite", swapped(ARM_TOML, "d_mm = 300", "d_mm = inf"), "joint q1", "d_mm is inf", "finite number"),
-    toml("too many digits", swapped(ARM_TOML, "d_mm = 300", f"d_mm = 1{'0' * 400}"), "d_mm", "63 bits", "smaller one"),
+    toml(
+        "too many digits", swapped(ARM_TOML, "d_mm = 300", f"d_mm = 1{'0' * 400}"), "d_mm", "63 bits", "smaller integer"
+    ),
     toml("two joints of one name", swapped(ARM_TOML, '"q2"', '"q1"'), "joints 1 and 2", "named q1", "rename"),
     toml("a joint without a name", swapped(ARM_TOML, '"q2"', '""'), "joint 2", "empty name", "name it"),
     toml(
