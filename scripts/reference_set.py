@@ -155,6 +155,7 @@ _NOT_COMPARED = {
     "folder",
 }
 _PROSE = {"words", "reason", "reasons", "warnings", "adequacy", "title", "description", "text", "notes", "headline"}
+_PROSE |= {"measure_next", "why", "why_not", "what", "scaling", "source"}
 _SKIPPED_FILES = {"config.json", "SHA256SUMS", "README.txt", "provenance.json", "result.json", "parameters.json"}
 _TABLES_AND_MODELS = {".csv", ".json", ".toml", ".txt", ".urdf", ".xml", ".yaml", ".conf", ".py"}
 _PROGRAMS = {".mod", ".script", ".src", ".dat", ".ls", ".dtx", ".jbi", ".pgx"}
