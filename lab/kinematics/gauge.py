@@ -16,6 +16,7 @@ from lab.core.errors import LabError, option_name
 from lab.core.linear_model import triangle, unit_columns
 from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.kinematics.compiled.kernels import independent, with_fallback
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter, indices_of_groups
 from lab.kinematics.serial.chain import Chain
@@ -170,11 +171,7 @@ def _of_retained(upper: Array, kept: tuple[int, ...]) -> BaseSet:
     return BaseSet(kept, tuple(i for i in range(upper.shape[1]) if i not in kept), upper)
 
 
-def independent_columns(jacobian: Array, order: Sequence[int]) -> tuple[int, ...]:
-    """Columns that those before them in ``order`` do not span, ascending.
-
-    Gram-Schmidt, done twice where the first time leaves little of a column (Daniel et al. 1976).
-    """
+def _gram_schmidt(jacobian: Array, order: Sequence[int]) -> tuple[int, ...]:
     norms = np.linalg.norm(jacobian, axis=0)
     basis = np.empty((len(jacobian), len(order)), order="F")
     retained: list[int] = []
@@ -191,6 +188,16 @@ def independent_columns(jacobian: Array, order: Sequence[int]) -> tuple[int, ...
             basis[:, len(retained)] = rest / size
             retained.append(column)
     return tuple(sorted(retained))
+
+
+@with_fallback(_gram_schmidt)
+def independent_columns(jacobian: Array, order: Sequence[int]) -> tuple[int, ...]:
+    """Return the columns that those before them in ``order`` do not span, ascending.
+
+    Gram-Schmidt, done twice where the first time leaves little of a column (Daniel et al. 1976).
+    """
+    wanted = np.array(order, dtype=np.int64)
+    return tuple(np.sort(wanted[independent(jacobian, wanted, _INDEPENDENT)]).tolist())
 
 
 def preferred_columns(chain: Chain, parameters: Sequence[Parameter]) -> tuple[int, ...]:

@@ -10,6 +10,7 @@ from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.formats.robot_toml import read_table
+from lab.kinematics.compiled import kernels
 from lab.kinematics.gauge import base_set, base_set_of, independent_columns
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.axes_to_dh import JointAxes, chain_from_axes, parameters_from_axes
@@ -289,7 +290,10 @@ def test_how_many_poses_are_needed() -> None:
     assert poses_needed(arm, arm.nominal()) == 9
 
 
-def test_columns_that_others_span_are_not_independent() -> None:
+@pytest.mark.parametrize("compiled", [True, False])
+def test_columns_that_others_span_are_not_independent(compiled: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    if not compiled:
+        monkeypatch.setattr(kernels, "_CODE", None)
     rng = np.random.default_rng(8)
     columns = rng.standard_normal((40, 9))
     columns[:, 4] = columns[:, [0, 2]] @ [1.0, -3.0] + 1e-12 * rng.standard_normal(40)

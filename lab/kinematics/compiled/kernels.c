@@ -2,7 +2,8 @@
  * shared_errors.c the filter of errors that poses share.
  *
  * Each function does what the numpy code that its comment names does, in the same order of sums, some poses at a time:
- * numpy's is the reference, and does all where there is no compiler (kernels.py chooses, numpy_kernels.py computes). Contraction to fused operations is off.
+ * numpy's is the reference, and does all where there is no compiler (kernels.py chooses, numpy_kernels.py computes).
+ * Contraction to fused operations is off.
  * Arrays are C-contiguous; lengths are checked here, shapes by the caller.
  */
 #define PY_SSIZE_T_CLEAN
@@ -14,7 +15,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define VERSION 9 /* which kernels.py takes alone */
+#define VERSION 10 /* which kernels.py takes alone */
 
 #define BLOCK 32      /* poses at a time: what fits the processor's first cache */
 #define PER_LINK 6    /* axes that a link makes: x y of the joint, y z of alpha, z x of beta */
@@ -821,6 +822,62 @@ INLINE double inner(const double *restrict a, const double *restrict b, Py_ssize
     return rest + ((part[0] + part[1]) + (part[2] + part[3]));
 }
 
+/* independent(columns, rows, order, tolerance, kept): gauge._gram_schmidt, Gram-Schmidt done twice where the
+ * first time leaves little. columns (p, rows); order (m,) of them; kept (m,), written: 1 where those before do not
+ * span it. */
+WIDE static double without(const double *restrict basis, Py_ssize_t known, Py_ssize_t rows, double *restrict rest)
+{
+    double left = 0;
+    for (int twice = 0; twice < 2 && left <= 0.1; twice++) {
+        for (Py_ssize_t i = 0; i < known; i++) {
+            const double *q = basis + i * rows, share = inner(q, rest, rows);
+            for (Py_ssize_t t = 0; t < rows; t++) rest[t] -= share * q[t];
+        }
+        left = sqrt(inner(rest, rest, rows));
+    }
+    return left;
+}
+
+static PyObject *independent(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    (void)self;
+    Views held = {.count = 0};
+    Py_ssize_t size, m, out, known = 0;
+    const double *columns;
+    const int64_t *order;
+    int64_t *kept;
+    if (given != 5) return wrong(&held);
+    Py_ssize_t rows = PyLong_AsSsize_t(args[1]);
+    double tolerance = PyFloat_AsDouble(args[3]);
+    if (PyErr_Occurred() || !(columns = numbers(&held, args[0], 0, 8, &size))
+        || !(order = numbers(&held, args[2], 0, 8, &m)) || !(kept = numbers(&held, args[4], 1, 8, &out)))
+        return wrong(&held);
+    if (rows < 0 || out != m || (rows && size % rows)) return wrong(&held);
+    for (Py_ssize_t i = 0; i < m; i++)
+        if (order[i] < 0 || (order[i] + 1) * rows > size) return wrong(&held);
+    double *basis = malloc((m * rows + 1) * sizeof(double));
+    if (basis == NULL) {
+        let_go(&held);
+        return PyErr_NoMemory();
+    }
+    for (Py_ssize_t i = 0; i < m; i++) {
+        double *rest = basis + known * rows;
+        const double *column = columns + order[i] * rows;
+        double norm = sqrt(inner(column, column, rows));
+        kept[i] = 0;
+        if (!(norm > tolerance)) continue;
+        for (Py_ssize_t t = 0; t < rows; t++) rest[t] = column[t] / norm;
+        double left = without(basis, known, rows, rest);
+        kept[i] = left > tolerance;
+        if (!kept[i]) continue;
+        for (Py_ssize_t t = 0; t < rows; t++) rest[t] /= left;
+        known++;
+    }
+    free(basis);
+    let_go(&held);
+    Py_RETURN_NONE;
+}
+
 /* cholesky(normal, right, step): x of A x = b for matrices (b, f, f), positive definite; False where one is not.
  * Only the lower half of each matrix is read. */
 WIDE static int solved(const double *restrict a, const double *restrict right, Py_ssize_t f, double *restrict l,
@@ -878,6 +935,7 @@ static PyObject *cholesky(PyObject *self, PyObject *const *args, Py_ssize_t give
 
 static PyMethodDef methods[] = {
     {"cholesky", (PyCFunction)(void (*)(void))cholesky, METH_FASTCALL, NULL},
+    {"independent", (PyCFunction)(void (*)(void))independent, METH_FASTCALL, NULL},
     {"innovations", (PyCFunction)(void (*)(void))innovations, METH_FASTCALL, NULL},
     {"inverse", (PyCFunction)(void (*)(void))inverse, METH_FASTCALL, NULL},
     {"observe", (PyCFunction)(void (*)(void))observe, METH_FASTCALL, NULL},

@@ -23,6 +23,7 @@ __all__ = [
     "CompiledChain",
     "compiled",
     "eight_solutions",
+    "independent",
     "innovations",
     "parallel_pair",
     "planar_frame",
@@ -35,7 +36,7 @@ __all__ = [
     "with_fallback",
 ]
 
-_VERSION = 9  # of kernels.c: what an earlier build left behind is not taken
+_VERSION = 10  # of kernels.c: what an earlier build left behind is not taken
 _REAL = np.dtype(np.float64)
 Columns = NDArray[np.int64]
 Flags = NDArray[np.bool_]
@@ -228,6 +229,13 @@ def whiten(factors: Array, observed: Array, gains: Array, through: Array, order:
     done = np.empty_like(rows)
     _CODE.whiten(*observed.shape[1:], factors, observed, gains, through, order, rows, done)
     return done
+
+
+def independent(columns: Array, order: Columns, tolerance: float) -> NDArray[np.bool_]:
+    """Flag, in ``order``, the columns of ``(r, p)`` that those before them do not span: ``gauge._gram_schmidt``."""
+    found = np.empty(len(order), dtype=np.int64)
+    _CODE.independent(np.ascontiguousarray(columns.T), len(columns), order, tolerance, found)
+    return found > 0
 
 
 @with_fallback(numpy_kernels.solve_systems)
