@@ -299,11 +299,11 @@ def joint_kind(joints: JointSpec, i: int) -> dict[str, Any]:
 
 def joint_limits(joints: JointSpec, i: int) -> dict[str, Any]:
     """A joint's limits and largest speed, mm or degrees."""
-    unit, scale = ("mm", 1e3) if joints.prismatic[i] else ("deg", 180 / np.pi)
+    unit = joints.unit(i)
     return {
-        f"lower_{unit}": tidy(joints.lower[i] * scale),
-        f"upper_{unit}": tidy(joints.upper[i] * scale),
-        f"speed_{unit}_per_s": tidy(joints.speed[i] * scale) if np.isfinite(joints.speed[i]) else None,
+        f"lower_{unit.key}": tidy(unit.of(joints.lower[i])),
+        f"upper_{unit.key}": tidy(unit.of(joints.upper[i])),
+        f"speed_{unit.key}_per_s": tidy(unit.of(joints.speed[i])) if np.isfinite(joints.speed[i]) else None,
     }
 
 

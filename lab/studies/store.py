@@ -148,7 +148,9 @@ class Store:
         try:
             table = _read(path)
         except (OSError, pa.ArrowException) as error:
-            raise LabError(f"{path}: not there, or not whole; lab study {option_name('resume')} does it") from error
+            raise LabError(
+                f"{path}: not there, or not whole; run the study again with {option_name('resume')}"
+            ) from error
         return table
 
     def _poses(self, cell: int) -> Path:

@@ -413,8 +413,8 @@ def _by_joint(result: CalibrationResult, residuals: Array, band: float) -> Pictu
             )  # fmt: skip
             if joint:
                 axes.axvline(joint, color=ARM, linewidth=0.8)
-            factor, unit = (1e3, "mm") if chain.prismatic[joint] else (180 / np.pi, "°")
-            ends = f"{factor * low[joint]:.0f} to {factor * high[joint]:.0f} {unit}".replace("-", "−")
+            unit = chain.unit(joint)
+            ends = f"{unit.of(low[joint]):.0f} to {unit.of(high[joint]):.0f} {unit.name}".replace("-", "−")
             axes.annotate(
                 f"{name}\n{ends}", (joint + 0.5, -0.05), xycoords=("data", "axes fraction"), ha="center", va="top",
                 fontsize=7,

@@ -217,9 +217,11 @@ def _joints(axes: Axes, chain: JointSpec, joints: Array) -> None:
     for k, row in enumerate(rows):
         tints = _in_order(np.arange(len(share)), len(share))
         axes.scatter(share[:, k], np.full(len(share), row), c=tints, s=45, edgecolors="white", linewidths=1, zorder=3)
-        scale, unit = (1e3, "mm") if chain.prismatic[k] else (180 / np.pi, "°")
+        unit = chain.unit(k)
         for x, value, side in ((-0.01, chain.lower[k], "right"), (1.01, chain.upper[k], "left")):
-            axes.annotate(f"{scale * value:.0f} {unit}".replace("-", "−"), (x, row), ha=side, va="center", color=TICK)
+            axes.annotate(
+                f"{unit.of(value):.0f} {unit.name}".replace("-", "−"), (x, row), ha=side, va="center", color=TICK
+            )
     axes.set_yticks(rows, chain.joint_names)
     axes.tick_params(axis="y", length=0)
     axes.set(xlim=(-0.09, 1.09), ylim=(-0.6, chain.size - 0.4), xticks=[], title="Joint positions between the limits")

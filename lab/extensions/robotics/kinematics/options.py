@@ -13,7 +13,7 @@ from lab.core.errors import LabError
 from lab.core.limits import OPTION_SIZE, QUATERNION_NORM
 from lab.core.orientation import AngleConvention
 from lab.core.se3 import Array
-from lab.core.units import MM
+from lab.core.units import MM, joints_to_si
 from lab.formats.orientations import rotation_from_angles
 from lab.kinematics.inverse.newton import PoseTarget
 from lab.kinematics.joints import JointSpec
@@ -75,12 +75,13 @@ class KinematicsOptions:
             LabError: there are not as many as joints, or one is not finite.
         """
         given = getattr(self, flag)
-        scale = np.where(chain.prismatic, 1e-3, np.pi / 180)
         units = ", ".join(
             f"{name} in {'mm' if slides else '°'}"
             for name, slides in zip(chain.joint_names, chain.prismatic, strict=True)
         )
-        return _row(f"--{flag}", given, chain.size, f"one number for each joint: {units}") * scale
+        return joints_to_si(
+            _row(f"--{flag}", given, chain.size, f"one number for each joint: {units}"), chain.prismatic
+        )
 
     @property
     def wanted(self) -> PoseTarget:

@@ -15,6 +15,7 @@ from lab.core.errors import LabError
 from lab.core.limits import PASSED
 from lab.core.orientation import AngleConvention
 from lab.core.se3 import Array
+from lab.core.units import joints_to_si
 from lab.formats.csv_table import CsvTable
 from lab.formats.measurement_csv import ObservedColumns, read_measurements
 from lab.formats.target_csv import holds_targets, read_targets
@@ -92,7 +93,7 @@ def read_path(
     return PathRows(
         ids, moves, joints, positions, rotations,
         1e-3 * np.stack([_column(given, name, len(ids)) for name in _VELOCITY], axis=1),
-        by_joint * np.where(prismatic, 1e-3, np.pi / 180), warnings,
+        joints_to_si(by_joint, prismatic), warnings,
     )  # fmt: skip
 
 
