@@ -6,7 +6,8 @@ verdict sees a hold-out set that was measured as the other poses were; the truth
 part of the joints' ranges, where the verdict holds. A campaign is good where its true mean error is at most 1.1 times
 the predicted one and below the gate. It is bad where that is above 1.5 times the gate, or where robot, units or signs
 are wrong. One with a mistake of the session (the tracker moved or drifted, a joint's zero was lost) is never good.
-Those between are counted apart.
+Those between are counted apart, and so are those whose gate is below what the instrument shows of such an arm: the mean
+length of true error and noise together.
 """
 
 from collections import Counter
@@ -32,8 +33,8 @@ from lab.render.phrases.registry import phrases
 
 ROBOT = load_robot("irb120")
 ARM = ROBOT.serial_arm(("p1",))
-Quality = Literal["good", "between", "bad"]
-_QUALITIES: Final[tuple[Quality, ...]] = ("good", "between", "bad")
+Quality = Literal["good", "not shown", "between", "bad"]
+_QUALITIES: Final[tuple[Quality, ...]] = ("good", "not shown", "between", "bad")
 _WORDS: Final[tuple[Word, ...]] = ("good", "doubtful", "bad", "not judged")
 _LACKING, _KNOWN = 0.4, 0.7  # shares of the campaigns
 _GATES_M = (0.05e-3, 2e-3)  # what users ask for
@@ -179,6 +180,9 @@ def _judged(
     true_m = float(errors_at(found, new, day.points(new)).after.mean())
     if true_m > _CLEARLY_BAD * gate_m:
         return Campaign(kind, "bad", judged)
+    measured_m = MEAN_OF_RMS * float(np.hypot(true_m / MEAN_OF_RMS, np.sqrt(3) * day.sigma_m))
+    if true_m <= gate_m < measured_m:
+        return Campaign(kind, "not shown", judged)
     as_good = true_m <= gate_m and true_m <= _AS_PREDICTED * MEAN_OF_RMS * judged.region.rms_m
     return Campaign(kind, "good" if as_good and kind not in _MISTAKES else "between", judged)
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from lab.calibration.extrapolation import MOST_UNCOVERED, MeasuredRange
 from lab.calibration.identify import Identification
+from lab.calibration.noise.plausibility import COMMON_NOISE_M
 from lab.calibration.observation import observation_of
 from lab.calibration.prior import Tolerance
 from lab.calibration.regions import Region, workspace_region
@@ -52,6 +53,7 @@ _UNINFORMATIVE = 0.5  # of what tolerances make of an arm: a calibration that pr
 _ROUGHLY = 1.1  # times the predicted mean error: as much a campaign's own differs from what is predicted
 _MOST_FITTED = 0.5  # of the validation poses: if more were fitted, they validate nothing
 _FLOOR_M = 1e-7  # errors below are rounding
+_ONE_SIDED = 1.645  # standard deviations: 95 % of a normal distribution lie above
 
 Word = Literal["good", "doubtful", "bad", "not judged"]
 Standing = Literal["holds", "does not matter", "doubtful", "bad", "not judged"]
@@ -355,7 +357,7 @@ class _Calibration:
         if prediction is not None and validation.judged_by != "file":  # whose noise may be another
             data |= {name: prediction.data[name] for name in ("observed_p95_m", "predicted_p95_m")}
         if self.gate_m is not None and after > self.gate_m:
-            data["without_noise_m"] = after * self._share_without_noise()
+            data["without_noise_m"] = after * self._shares_without_noise()[0]
         gate = self._gate(after)
         return [
             Check("accuracy.validation", "passed", data=data),
@@ -367,21 +369,39 @@ class _Calibration:
         ]
 
     def _gate(self, after_m: float) -> Check:
-        """Check the mean error against the gate; without one against what an arm within tolerances has uncalibrated."""
-        limit = self.workspace.tolerance_rms_m if self.gate_m is None else self.gate_m
-        above = after_m > limit and after_m * self._share_without_noise() > limit
-        times = after_m / limit if after_m > limit else 0.0
-        oriented = not np.isnan(rotation_noise_rad(self.identification))
-        data = {"after_m": after_m, "limit_m": limit, "gate": self.gate_m is not None, "oriented": oriented}
-        return Check("accuracy.gate", "failed" if above else "passed", times, data=data)
+        """Check the mean error against the gate; without one against what an arm within tolerances has uncalibrated.
 
-    def _share_without_noise(self) -> float:
-        """The share of the measured errors that is the arm's: the rest is the noise of the validation, where known."""
+        Above it, but not by more than the noise of the validation may make, nothing is shown.
+        """
+        limit = self.workspace.tolerance_rms_m if self.gate_m is None else self.gate_m
+        given = self.identification.sigma_given
+        known, least = self._shares_without_noise()
+        within = after_m <= limit or (given and after_m * known <= limit)
+        data = {
+            "after_m": after_m,
+            "limit_m": limit,
+            "gate": self.gate_m is not None,
+            "oriented": not np.isnan(rotation_noise_rad(self.identification)),
+            "noise_given": given,
+        }
+        name = "accuracy.gate" if within or after_m * least > limit else "accuracy.gate_below_noise"
+        return Check(name, "passed" if within else "failed", after_m / limit if after_m > limit else 0.0, data=data)
+
+    def _shares_without_noise(self) -> tuple[float, float]:
+        """The share of the measured errors that is the arm's, and its lower 95 % limit, without the validation's noise.
+
+        A noise that nobody gave is the residuals', as far as common instruments have it.
+        """
         errors, found = self.validation.errors, self.identification
-        if errors is None or self.validation.judged_by == "fresh" or not found.sigma_given:
-            return 1.0
-        square = float(np.nanmean(errors.after**2))
-        return float(np.sqrt(max(1 - 3 * found.sigma_m**2 / square, 0.0))) if square > 0 else 1.0
+        if errors is None or self.validation.judged_by == "fresh":
+            return 1.0, 1.0
+        squares = errors.after[np.isfinite(errors.after)] ** 2
+        noise = 3 * (found.sigma_m if found.sigma_given else min(found.sigma_m, COMMON_NOISE_M)) ** 2
+        if not (measured := float(squares.mean())) > 0:
+            return 1.0, 1.0
+        arm = max(measured - noise, 0.0)
+        least = arm - _ONE_SIDED * np.sqrt((2 / 3 * noise**2 + 4 / 3 * noise * arm) / squares.size)
+        return float(np.sqrt(arm / measured)), float(np.sqrt(max(least, 0.0) / measured))
 
     def _gain(self, errors: Errors, before: float, after: float) -> list[Check]:
         """Check that the calibrated model is better than the nominal one, where it is not as good as noise allows."""

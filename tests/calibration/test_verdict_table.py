@@ -126,6 +126,9 @@ TABLE = {
     "8 % of the hold-out set are outliers": Row(
         validated(outlier_share=0.08), GATE, "doubtful", "8 % of the hold-out set are outliers"
     ),
+    "the gate is below the noise": Row(
+        judged_by(0.5 * SPREAD, 0.022 * SPREAD), 13.8e-6, "doubtful", "the 0.0138 mm asked for cannot be shown"
+    ),
     # not judged
     "no poses to validate on": Row(
         lambda: replace(clean(), validation=Validation(None, None)), GATE, "not judged"
@@ -135,6 +138,9 @@ TABLE = {
     ),
     # bad
     "the mean is above the gate": Row(clean, 5e-6, "bad", "above the gate of 0.005 mm"),
+    "the mean is above the gate by more than noise": Row(
+        judged_by(0.5 * SPREAD, 0.1 * SPREAD), 0.05e-3, "bad", "above the gate of 0.05 mm"
+    ),
     "worse than nominal": Row(judged_by(0.2 * SPREAD, 0.3 * SPREAD), GATE, "bad", "worse than the nominal one"),
     "no gate, but worse than tolerances alone": Row(
         judged_by(9 * SPREAD, 3 * SPREAD), None, "bad", "of an uncalibrated arm within its tolerances"

@@ -6,8 +6,8 @@ poses that were measured again, or an instrument whose stated noise is as large.
 that nothing supports, nor with errors larger than common instruments and industrial arms have.
 
 Beside the shared errors that ``noise.search`` estimates, the residuals are scanned for what changed during the campaign
-(the base's place and direction, a tool point, a joint's zero, the size of the errors), for every row at which it may
-have changed.
+(the base's place and direction, a tool point, a joint's zero, the size of the arm, that of the errors), for every row
+at which it may have changed; and for an arm that grows steadily as it warms up.
 """
 
 from collections.abc import Mapping
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification
 from lab.calibration.statistics.joint_rounding import by_joint_positions
-from lab.calibration.statistics.linearized import LinearizedFit, linearized
+from lab.calibration.statistics.linearized import LinearizedFit, SubsetFit, linearized
 from lab.core.checks import Check
 from lab.core.measurements import Measurements, evenly
 from lab.core.probability import f_sf
@@ -111,8 +111,8 @@ def changes_in_time(found: Identification, observed: Observations, rows: Measure
     """The likeliest change during the campaign, where one is significant: at most one finding.
 
     F tests of whitened rows for each row at which it may have happened: the base's place and direction at once, each
-    tool point, each joint's zero; and the mean square of the errors before and after. The level is that of the whole
-    scan (Bonferroni).
+    tool point, each joint's zero, the size of the arm; of its steady growth; and of the mean square of the errors
+    before and after. The level is that of the whole scan (Bonferroni).
 
     Args:
         observed: the fitted rows, weighted as they were, without estimated shared errors.
@@ -123,15 +123,21 @@ def changes_in_time(found: Identification, observed: Observations, rows: Measure
         observed, rows, times = observed.take(some), rows.take(some), times[some]
     linear = linearized(found.model, observed, found.values, found.fit.free, found.extra_residuals)
     white = np.concatenate([linear.jacobian, linear.residual[..., None]], axis=2)[: linear.poses]
-    tried, best = 1, None
-    for what, columns in _changing(found, linear, observed, rows).items():
+    within, changing = linear.everywhere(), _changing(found, linear, observed, rows)
+    grows = next(what for what in changing if "size" in what)
+    tried, best = 2, None
+    for what, columns in changing.items():
         scan = likeliest_change(white, columns, times)
         if scan is None:
             continue
         tried += 1
         if best is None or scan.p < best[1].p:
             best = what, scan, columns
-    size = _change_of_size(linear, times)
+    size, growth = _change_of_size(within, times), _steady_growth(within, changing[grows], times)
+    first = min((each.p for each in (size, best and best[1]) if each is not None), default=1.0)
+    if growth is not None and tried * growth.p < CHANGE_IN_TIME and growth.p <= first:
+        ends = (rows.ids[i] for i in (int(np.argmin(times)), int(np.argmax(times))))
+        return [finding("change", growth.size / observed.typical_weight, between=tuple(ends), what=grows)]
     if best is not None and tried * best[1].p < CHANGE_IN_TIME and (size is None or best[1].p <= size.p):
         what, scan, columns = best
         before, after = (rows.ids[i] for i in rows_around(times, scan.change.time))
@@ -167,6 +173,9 @@ def _changing(
     moved = np.broadcast_to(np.eye(3), (*points.shape[:2], 3, 3))
     turned = np.stack([np.cross(axis, points - middle) for axis in np.eye(3)], axis=-1)
     columns: dict[tuple[str, ...], Array] = {("base",): linear.rows_of(observed, np.concatenate([moved, turned], -1))}
+    foot = [model.names.index(f"base.{axis}") for axis in "xyz" if f"base.{axis}" in model.names]
+    grown = points - (found.values[foot] if len(foot) == 3 else middle)
+    columns["size",] = linear.rows_of(observed, grown[..., None])
     for target in targets_of(model.parameters):
         own = [i for i, name in enumerate(model.names) if name.startswith(f"tool.{target}.")]
         if len(own) == 3:
@@ -180,6 +189,45 @@ def _changing(
         else:  # the first joint's zero is a turn of the base, the last one's a move of a tool point
             columns[*same, f"joint.{name}"] = columns.pop(same)
     return columns
+
+
+@dataclass(frozen=True)
+class _Growth:
+    """A steady growth of the arm.
+
+    Attributes:
+        p: the chance of as large a one, where nothing grew.
+        size: root mean square, whitened, of how far points moved by it from the first row to the last.
+    """
+
+    p: float
+    size: float
+
+
+def _steady_growth(within: SubsetFit, columns: Array, times: Array) -> _Growth | None:
+    """Test a growth that is proportional to the time within each session; None where the rows cannot show one.
+
+    Args:
+        columns: ``(poses, m, 1)`` whitened derivatives by the relative size of the arm.
+    """
+    session, since = session_of(times), np.zeros(len(times))
+    for each in np.unique(session):
+        here = session == each
+        since[here] = times[here] - times[here].mean()
+    linear, span = within.linear, float(np.ptp(since))
+    column = np.zeros_like(linear.residual)
+    column[: linear.poses] = since[:, None] * columns[..., 0]
+    own = column - linear.jacobian @ within.directions @ (
+        within.directions.T @ np.einsum("nmf,nm->f", linear.jacobian, column)
+    )
+    dof, left = within.dof - 1, float((own**2).sum())
+    if dof < 1 or left <= _SPANNED * float((column**2).sum()):
+        return None
+    pull, squares = float((own * linear.residual).sum()), float((linear.residual**2).sum())
+    explained = pull**2 / left
+    p = f_sf(explained / (max(squares - explained, 1e-300) / dof), 1, dof)
+    count = max(int(linear.mask[: linear.poses].sum()), 1)
+    return _Growth(float(p), abs(pull / left) * span * float(np.sqrt(3 * (columns**2).sum() / count)))
 
 
 def _spans(columns: Array, own: Array) -> bool:
@@ -206,13 +254,13 @@ class _ChangeOfSize:
     grows: bool
 
 
-def _change_of_size(linear: LinearizedFit, times: Array) -> _ChangeOfSize | None:
+def _change_of_size(within: SubsetFit, times: Array) -> _ChangeOfSize | None:
     """The likeliest change of the errors' size; None where there are too few rows for one.
 
     Squares of a pose, over what the fit leaves of it, before against after: F with as many degrees of freedom as both
     have, of the larger over the smaller, times two and times the candidates.
     """
-    within = linear.everywhere()
+    linear = within.linear
     left, squares = within.left()[: linear.poses], linear.residual[: linear.poses] ** 2
     mask = linear.mask[: linear.poses]
     total, freedom = (np.where(mask, each, 0.0).sum(axis=1) for each in (squares, left))

@@ -191,7 +191,12 @@ def _missing(check: Check) -> str:
     )
 
 
-_MOVED = {"base": "the position of the base or the instrument", "tool": "tool point ", "joint": "the zero of joint "}
+_MOVED = {
+    "base": "the position of the base or the instrument",
+    "size": "the size of the arm or the scale of the instrument",
+    "tool": "tool point ",
+    "joint": "the zero of joint ",
+}
 
 
 def _change(check: Check) -> str:
@@ -267,6 +272,15 @@ def _gate(check: Check) -> str:
         limit = f"the gate of {MM.text(data['limit_m'], 6)}"
     guess = "; wrong --orientation?" if data["oriented"] else ""
     return f"does not fit: {MM.text(data['after_m'])} on poses not fitted, above {limit}{guess}"
+
+
+def _gate_below_noise(check: Check) -> str:
+    after, limit = MM.text(check.data["after_m"]), MM.text(check.data["limit_m"], 6)
+    how = "measure poses several times" if check.data["noise_given"] else "give the instrument's noise"
+    return (
+        f"the {limit} asked for cannot be shown: {after} on poses not fitted, most of it perhaps noise; {how}, or ask "
+        "for less"
+    )
 
 
 def _before_after(check: Check) -> str:
@@ -409,6 +423,7 @@ PHRASES: Mapping[str, Callable[[Check], str]] = {
     "arm.identifiable": _identifiable,
     "accuracy.validation": _validation,
     "accuracy.gate": _gate,
+    "accuracy.gate_below_noise": _gate_below_noise,
     "accuracy.worse": _worse,
     "accuracy.gain": _gain,
     "accuracy.fitted_poses": _fitted_poses,
