@@ -20,8 +20,10 @@ from lab.calibration.residual.process import GROUP, JointProcess, PredictedBy
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.workspace_prediction import PredictedErrors
 from lab.core import se3
-from lab.core.errors import LabError
+from lab.core.errors import LabError, counted
 from lab.core.se3 import Array
+from lab.core.units import MM
+from lab.core.values import Value
 from lab.kinematics.dynamics.gravity import Loads
 from lab.kinematics.dynamics.rigid_body import sag_uncertainty
 from lab.kinematics.effects.arm import Arm, affected
@@ -211,8 +213,8 @@ class _Parameters(dict[str, EstimatedParameter]):
         raise LabError(f"there is no parameter '{name}'; there are {', '.join(self)}")
 
 
-@dataclass(frozen=True, eq=False)
-class Estimate:
+@dataclass(frozen=True, eq=False, repr=False)
+class Estimate(Value):
     """An identified arm, as far as it holds in other sessions.
 
     Attributes:
@@ -260,6 +262,18 @@ class Estimate:
     measured: MeasuredRange | None = None
     load: CarriedLoad | None = None
     prior_acts_in: int | None = None
+
+    def _about(self) -> str:
+        return f"{self.rigid.chain.name}, {self.model}, {counted(len(self.identified), 'identified parameter')}"
+
+    def _facts(self) -> Mapping[str, str]:
+        return {
+            "robot": self.rigid.chain.name,
+            "model": self.model,
+            "targets": ", ".join(self.rigid.targets),
+            "identified parameters": str(len(self.identified)),
+            "noise": f"{MM.text(self.noise_m)} per coordinate, {'given' if self.noise_known else 'estimated'}",
+        }
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the fields alone: what was worked out from them holds functions, which no pickle takes."""

@@ -1,6 +1,7 @@
 """Weights of measurements: by an instrument's noise, a given sigma, a row's own, or all equal."""
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -113,23 +114,22 @@ def root_mean_square_sigma(observed: Observations, positions: int) -> float:
 
 def weighted_constraints(observation: Observation, observed: Observations) -> ExtraResiduals:
     """Return the prior information of an observation, weighted as its measurements are."""
-    weight = observed.typical_weight
+    return partial(_weighted, observation, observed.typical_weight)
 
-    def rows(values: Array) -> tuple[Array, Array]:
-        residual, jacobian = observation.extra_residuals(values)
-        return weight * residual, weight * jacobian
 
-    return rows
+def _weighted(observation: Observation, weight: float, values: Array) -> tuple[Array, Array]:
+    residual, jacobian = observation.extra_residuals(values)
+    return weight * residual, weight * jacobian
 
 
 def joined(first: ExtraResiduals, second: ExtraResiduals) -> ExtraResiduals:
     """Join two sources of extra residuals."""
+    return partial(_both, first, second)
 
-    def rows(values: Array) -> tuple[Array, Array]:
-        (a, da), (b, db) = first(values), second(values)
-        return np.concatenate([a, b]), np.concatenate([da, db])
 
-    return rows
+def _both(first: ExtraResiduals, second: ExtraResiduals, values: Array) -> tuple[Array, Array]:
+    (a, da), (b, db) = first(values), second(values)
+    return np.concatenate([a, b]), np.concatenate([da, db])
 
 
 def error_shapes(

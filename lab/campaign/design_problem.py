@@ -2,8 +2,9 @@
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -201,6 +202,7 @@ class PoseProblem:
         test: ``(t, 3, f)``, Jacobians (m) of the targets at random poses.
         already: ``(n0, joints + stations - 1)``, poses measured before.
         before: ``(n0, r, f)``, sensitivities there.
+        access: by which the plan was made; None of a problem that was pickled or copied, as it remembers many looks.
     """
 
     robot: Robot
@@ -216,10 +218,13 @@ class PoseProblem:
     goal: Criterion
     scaling: Scaling
     test: Array
-    access: ReachabilityGraph
+    access: ReachabilityGraph = field(compare=False)
     already: Array
     before: Array
     warnings: tuple[str, ...]
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "access": None}
 
     @property
     def measured(self) -> Array | None:
@@ -262,12 +267,12 @@ def pose_problem(options: DesignOptions, robot: Robot | None = None, progress: P
         keep=current_keep(),
     )
     inputs = _assigned(options, model, device, candidates.joints)
-    unweighted, whitened = _sensitivities(seen, all_values, identifiable, device)
-    jacobians = whitened if scaling.kind == "whitened" else unweighted
+    derivatives = _Derivatives(seen, all_values, tuple(identifiable), device)
+    jacobians = derivatives.whitened if scaling.kind == "whitened" else derivatives.unweighted
     pool = jacobians(inputs)
     factors = scaling.columns([seen.parameters[i] for i in identifiable], pool)
     fresh = random_poses(robot.model, _TEST_POSES // len(arm.targets), rng_for(options.seed, "fresh"))
-    test = unweighted(_inputs(model, fresh)).reshape(-1, 3, len(identifiable))  # every target counts
+    test = derivatives.unweighted(_inputs(model, fresh)).reshape(-1, 3, len(identifiable))  # every target counts
     home, warnings = _home(options, robot.chain, model, candidates.joints)
     already = _measured_before(options, robot)
     return PoseProblem(
@@ -278,8 +283,8 @@ def pose_problem(options: DesignOptions, robot: Robot | None = None, progress: P
         values=values,
         candidates=candidates,
         inputs=inputs,
-        whitened=whitened,
-        sensitivity=lambda joints: jacobians(joints) * factors,
+        whitened=derivatives.whitened,
+        sensitivity=partial(_scaled, jacobians, factors),
         pool=pool * factors,
         goal=criterion(options.criterion, len(identifiable), test[::5] * factors),
         scaling=scaling,
@@ -291,33 +296,48 @@ def pose_problem(options: DesignOptions, robot: Robot | None = None, progress: P
     )
 
 
-def _sensitivities(
-    seen: Arm, values: Array, retained: Sequence[int], device: Instrument
-) -> tuple[Sensitivity, Sensitivity]:
-    """Inputs to Jacobians ``(n, r, f)`` of the base set, in m, and in standard deviations of the device's noise."""
-    everywhere = whitening(device.covariance(np.ones(3)))  # of a device whose noise is the same at every point
-    further, columns = len(seen.conditions), list(retained)
+def _scaled(jacobians: Sensitivity, factors: Array, inputs: Array) -> Array:
+    return np.asarray(jacobians(inputs) * factors)
 
-    def observed(inputs: Array) -> tuple[Array, Array]:
-        """Points and their Jacobian of the base set; zeros for a pose that the arm cannot take."""
-        if further:  # whoever asks for slopes moves these columns too, which are whole
+
+@dataclass(frozen=True)
+class _Derivatives:
+    """Derivatives ``(n, r, f)`` of what is seen by the base set, at inputs ``(n, joints + conditions)``.
+
+    Attributes:
+        seen: the arm as it is seen.
+        values: ``(p,)`` its parameters.
+        retained: f of them, the base set.
+        device: whose noise ``whitened`` is in units of.
+    """
+
+    seen: Arm
+    values: Array
+    retained: tuple[int, ...]
+    device: Instrument
+
+    def unweighted(self, inputs: Array) -> Array:
+        """In m; zeros for a pose that the arm cannot take."""
+        return self._flat(self._observed(inputs)[1])
+
+    def whitened(self, inputs: Array) -> Array:
+        """In standard deviations of the device's noise."""
+        points, jacobian = self._observed(inputs)
+        if not is_isotropic(self.device):
+            return self._flat(whitening(self.device.covariance(points)) @ jacobian)
+        everywhere = whitening(self.device.covariance(np.ones(3)))
+        return self._flat(np.multiply(jacobian, everywhere[0, 0], order="C"))  # one pose's numbers beside each other
+
+    def _observed(self, inputs: Array) -> tuple[Array, Array]:
+        """Points and their Jacobian of the base set."""
+        if further := len(self.seen.conditions):  # whoever asks for slopes moves these columns too, which are whole
             inputs = np.append(inputs[:, :-further], inputs[:, -further:].round(), axis=1)
-        points, jacobian = seen.observe(inputs, values)
-        return _finite(points), _finite(jacobian[..., columns])
+        points, jacobian = self.seen.observe(inputs, self.values)
+        return _finite(points), _finite(jacobian[..., list(self.retained)])
 
-    def unweighted(inputs: Array) -> Array:
-        return observed(inputs)[1].reshape(len(inputs), 3 * len(seen.targets), len(columns))
-
-    def whitened(inputs: Array) -> Array:
-        points, jacobian = observed(inputs)
-        if is_isotropic(device):
-            white: Array = np.multiply(jacobian, everywhere[0, 0], order="C")  # one pose's numbers beside each other
-        else:
-            white = whitening(device.covariance(points)) @ jacobian
-        flat: Array = white.reshape(len(inputs), 3 * len(seen.targets), len(columns))
+    def _flat(self, jacobian: Array) -> Array:
+        flat: Array = jacobian.reshape(len(jacobian), 3 * len(self.seen.targets), len(self.retained))
         return flat
-
-    return unweighted, whitened
 
 
 def _assigned(options: DesignOptions, model: RobotModel, device: Instrument, joints: Array) -> Array:

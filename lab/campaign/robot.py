@@ -8,11 +8,11 @@ the bit, which a run keeps of a robot that was given as a table or as a mechanis
 
 import hashlib
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Self
+from typing import Self, TypeVar
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from lab.campaign.model_files import description_of, is_own, sha256_of
 from lab.core.errors import LabError, error_context
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array
+from lab.core.values import Value
 from lab.formats.cell_toml import Cell, read_cell
 from lab.formats.description import DescriptionFormat, IdentifiedRobot, with_comment
 from lab.formats.mechanism_toml import MECHANISM_TOML, read_mechanism
@@ -44,7 +45,7 @@ from lab.simulation.closed_robot import (
     random_values,
     true_mechanism,
 )
-from lab.simulation.model import RobotModel, SerialModel
+from lab.simulation.model import Origin, RobotModel, SerialModel
 from lab.simulation.model_files import MJCF, URDF, XACRO, load_model, loads_of
 from lab.simulation.true_robot import (
     GeometryErrors,
@@ -63,11 +64,13 @@ __all__ = [
     "ClosedRobot",
     "Robot",
     "SerialRobot",
+    "load_again",
     "load_robot",
     "load_virtual",
 ]
 
 
+Model = TypeVar("Model", bound=RobotModel)
 MAKER_FORMATS: tuple[DescriptionFormat[SerialArm, SerialModel], ...] = (UR_KINEMATICS, UR_CORRECTIONS)
 SERIAL_FORMATS: tuple[DescriptionFormat[SerialArm, SerialModel], ...] = (
     MJCF,
@@ -79,25 +82,51 @@ SERIAL_FORMATS: tuple[DescriptionFormat[SerialArm, SerialModel], ...] = (
 CLOSED_FORMATS: tuple[DescriptionFormat[ClosedArm, ClosedModel], ...] = (CLOSED_MJCF, MECHANISM_TOML)
 
 
-@dataclass(frozen=True)
-class Robot(ABC):
+@dataclass(frozen=True, eq=False, repr=False)
+class Robot(Value, ABC):
     """A robot before any measurement; subclasses answer by their methods.
+
+    Two are equal where all that is known of them is. A pickled robot is loaded again from its files, which must be
+    there and the same.
 
     Attributes:
         model: its MuJoCo model; of a robot given as a table, one that is built from it.
-        sha256: of the files that it was read from.
-        warnings: for the user, on these files.
+        warnings: for the user, on the files that it was read from.
         loads: its masses, for gravity effects; None where the file gives none.
-        source: the name or path that it was loaded by.
-        cell: that it stands in; None where it is alone with what its model has.
     """
 
     model: RobotModel
-    sha256: str
     warnings: tuple[str, ...] = ()
     loads: Loads | None = None
-    source: str = ""
-    cell: Cell | None = None
+
+    def _about(self) -> str:
+        joints, targets = len(self.chain.joint_names), ", ".join(self.tool) or "none"
+        cell = "" if self.cell is None else f", in {self.cell.path.name}"
+        return f"{self.name}, {joints} joints, targets {targets}{cell}"
+
+    def _facts(self) -> Mapping[str, str]:
+        return {
+            "robot": self.name,
+            "loaded from": self.source,
+            "joints": ", ".join(self.chain.joint_names),
+            "targets": ", ".join(self.tool) or "none",
+            "cell": "none" if self.cell is None else str(self.cell.path),
+        }
+
+    @property
+    def sha256(self) -> str:
+        """Of the files that it was read from."""
+        return self.model.origin.sha256
+
+    @property
+    def source(self) -> str:
+        """The name or path that it was loaded by."""
+        return self.model.origin.source
+
+    @property
+    def cell(self) -> Cell | None:
+        """The cell that it stands in; None where it is alone with what its model has."""
+        return self.model.origin.cell
 
     @property
     def name(self) -> str:
@@ -213,9 +242,9 @@ class Robot(ABC):
         if cell is None:
             return self
         described = read_cell(cell)
-        model = in_cell(self.model, described)
+        model = _in_cell(self.model, described)
         warnings = (*self.warnings, *implausible(model, described))
-        placed = replace(self, model=model, cell=described, warnings=warnings)
+        placed = replace(self, model=model, warnings=warnings)
         return placed if self.loads is None else replace(placed, loads=placed._simulated_loads())
 
     def refuse_unknown(self, targets: tuple[str, ...]) -> None:
@@ -242,7 +271,7 @@ class Robot(ABC):
             )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class SerialRobot(Robot):
     """A serial arm."""
 
@@ -289,7 +318,7 @@ class SerialRobot(Robot):
         return with_comment(file, {each.file: each for each in SERIAL_FORMATS}[file].text(identified), comment)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class ClosedRobot(Robot):
     """A mechanism with loops."""
 
@@ -356,8 +385,27 @@ def load_robot(robot: str | Path | Robot, cell: Path | None = None) -> Robot:
         >>> robot.name, len(robot.chain.joint_names)
         ('irb120', 6)
     """
-    known = robot if isinstance(robot, Robot) else replace(_loaded(str(robot)), source=str(robot))
-    return known.placed_in(cell)
+    if isinstance(robot, Robot):
+        return robot.placed_in(cell)
+    known = _loaded(str(robot))
+    origin = replace(known.model.origin, source=str(robot))
+    return replace(known, model=replace(known.model, origin=origin)).placed_in(cell)
+
+
+def load_again(origin: Origin) -> RobotModel:
+    """Load a model from where it was loaded before.
+
+    Raises:
+        LabError: a file of it is missing, or is another one by now.
+    """
+    known = load_robot(origin.source)
+    if known.sha256 != origin.sha256:
+        raise LabError(f"{origin.source}: the robot's files changed since it was pickled; load it anew")
+    return known.model if origin.cell is None else _in_cell(known.model, origin.cell)
+
+
+def _in_cell(model: Model, cell: Cell) -> Model:
+    return replace(in_cell(model, cell), origin=replace(model.origin, cell=cell))
 
 
 def _loaded(robot: str) -> Robot:
@@ -378,7 +426,8 @@ def _read(path: Path, sha256: str) -> Robot:
         return _with_links(path, sha256, *links)
     if path.suffix == ".toml" and is_mechanism(path):
         described = read_mechanism(path)
-        return ClosedRobot(closed_model(path, described), sha256, described.warnings)
+        closed = closed_model(path, described)
+        return ClosedRobot(replace(closed, origin=Origin(str(path), sha256)), described.warnings)
     if path.suffix == ".toml":
         table = read_table(path)
         model, warnings = table_model(path, table), table.warnings
@@ -394,7 +443,7 @@ def _read(path: Path, sha256: str) -> Robot:
     if model.links is not None:
         with error_context(path):
             refuse_without_length(loads_of(model), model.links)
-    return SerialRobot(model, sha256, warnings, loads)
+    return SerialRobot(replace(model, origin=Origin(str(path), sha256)), warnings, loads)
 
 
 def _with_links(path: Path, sha256: str, base: str, sections: object) -> Robot:
@@ -408,12 +457,12 @@ def _with_links(path: Path, sha256: str, base: str, sections: object) -> Robot:
         if model.links is not None:
             raise LabError(f"robot {base} has [[link]] sections of its own; change those")
     links = links_of(path, sections, model.chain.size)
-    model = replace(model, links=links)
+    both = hashlib.sha256(f"{known.sha256} {sha256}".encode()).hexdigest()
+    model = replace(model, links=links, origin=Origin(str(path), both))
     with error_context(path):
         refuse_without_length(loads_of(model), links)
     loads = None if known.loads is None else loads_of(model)
-    both = hashlib.sha256(f"{known.sha256} {sha256}".encode()).hexdigest()
-    return replace(known, model=model, sha256=both, loads=loads)
+    return replace(known, model=model, loads=loads)
 
 
 def load_virtual(robot: str | Path | Robot, cell: Path | None = None) -> Robot:

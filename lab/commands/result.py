@@ -1,9 +1,9 @@
 """Base class of all results: export as values, document and table, and saving."""
 
 from abc import ABC, abstractmethod
+from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -12,6 +12,7 @@ import numpy as np
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.core.units import MM
+from lab.core.values import Value, data_frame
 from lab.extension_points import load_reference
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.parameter import Parameter
@@ -40,7 +41,7 @@ __all__ = [
 ]
 
 
-class Result(ABC):
+class Result(Value, ABC):
     """Result of a call of the interface.
 
     A subclass is ``@dataclass(frozen=True, repr=False, eq=False)``: it holds arrays, which neither print shortly nor
@@ -109,7 +110,7 @@ class Result(ABC):
         """Return the values of ``result.json``, where a list may be an iterator."""
         return self.to_dict()
 
-    def write_files(self, folder: Path) -> None:  # noqa: B027 (most write no others)
+    def write_files(self, folder: Path) -> None:
         """Write the files of this result alone into a folder that is there."""
 
     def document(self) -> "Document":
@@ -175,13 +176,7 @@ class Result(ABC):
         Raises:
             LabError: pandas is not installed.
         """
-        try:
-            import pandas  # type: ignore[import-not-found,import-untyped,unused-ignore]
-        except ImportError as error:
-            raise LabError(
-                "to_frame needs pandas, which is not installed; pip install pandas, or use to_dict"
-            ) from error
-        return pandas.DataFrame(dict(self.columns()))
+        return data_frame(self.columns())
 
     def save(self, folder: str | Path, *, overwrite: bool = False) -> Path:
         """Write all files of the run into a folder, completely or not at all.
@@ -208,9 +203,14 @@ class Result(ABC):
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: summary(), to_dict(), to_frame(), plot(), report(path) and save(folder)>"
 
+    def _facts(self) -> Mapping[str, str]:
+        return {self.command: self.document().title, "warnings": " ".join(self.warnings) or "none"}
+
     def _repr_html_(self) -> str:
-        """The page in a frame of its own, so that a notebook's styles and the page's do not meet."""
-        return f'<iframe srcdoc="{escape(self._page())}" style="border:0;width:100%;height:40em"></iframe>'
+        """A small table, with a link by which the page can be saved and opened."""
+        page = b64encode(self._page().encode()).decode()
+        link = f'<a download="{self.command}.html" href="data:text/html;base64,{page}">Open the page</a>'
+        return f"{super()._repr_html_()}<p>{link}</p>"
 
     def _page(self) -> str:
         from lab.render.page import to_html

@@ -5,12 +5,14 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lab.core.errors import IncompleteColumnError, LabError, be, counted
 from lab.core.se3 import Array
+from lab.core.values import Value, data_frame
 
 __all__ = [
     "FIXTURE",
@@ -38,11 +40,12 @@ SESSION = "session "  # before a session's name: the condition that says which r
 STATION = "station "  # before a station's name: the condition that says which rows were measured from it
 LAST_MOVE = "last move of "  # before a joint's name: the condition that says in which direction it moved last
 PLACE = "place in the file"  # the condition that says how far on in the campaign a row is, from 0 to 1
+_ROWS_PRINTED = 7
 _STILL = 1e-4  # rad or m: a joint that moves by less from one row to the next has not been moved
 
 
-@dataclass(frozen=True)
-class Visits:
+@dataclass(frozen=True, eq=False)
+class Visits(Value):
     """The order in which an arm took its poses.
 
     Attributes:
@@ -76,8 +79,8 @@ def last_moves(joints: Array, sessions: Sequence[str] = ()) -> Array:
     return np.asarray(np.take_along_axis(sign, np.maximum.accumulate(told, axis=0), axis=0))
 
 
-@dataclass(frozen=True)
-class Measurements:
+@dataclass(frozen=True, eq=False, repr=False)
+class Measurements(Value):
     """Joint positions with what was observed there, in the instrument's frame.
 
     Attributes:
@@ -124,6 +127,38 @@ class Measurements:
 
     def __len__(self) -> int:
         return len(self.joints)
+
+    def _about(self) -> str:
+        of = f" of {self.robot}" if self.robot else ""
+        return f"{counted(len(self), 'pose')}{of}, targets {', '.join(self.targets)}"
+
+    def __str__(self) -> str:
+        """What is measured, in ten lines at most: joint positions in rad or m, points in m."""
+        columns = [
+            [name, *(each if isinstance(each, str) else f"{each:.6g}" for each in values[:_ROWS_PRINTED])]
+            for name, values in self.columns().items()
+        ]
+        widths = [max(map(len, column)) for column in columns]
+        lines = ["  ".join(map(str.rjust, row, widths)) for row in zip(*columns, strict=True)]
+        more = [f"and {counted(len(self) - _ROWS_PRINTED, 'further pose')}"] if len(self) > _ROWS_PRINTED else []
+        return "\n".join([self._about(), *lines, *more])
+
+    def columns(self) -> dict[str, Array | tuple[str, ...]]:
+        """The rows by columns: ids, joint positions (rad or m), coordinates (m) of each target, and conditions."""
+        found: dict[str, Array | tuple[str, ...]] = {"id": self.ids}
+        found |= dict(zip(self.joint_names, self.joints.T, strict=True))
+        axes = "xyz" if self.points.shape[2] == 3 else [str(i) for i in range(self.points.shape[2])]
+        for target, points in zip(self.targets, np.moveaxis(self.points, 1, 0), strict=True):
+            found |= {f"{target}.{axis}": points[:, i] for i, axis in enumerate(axes)}
+        return found | dict(self.conditions)
+
+    def to_frame(self) -> Any:
+        """The rows as a ``pandas.DataFrame`` of ``columns``.
+
+        Raises:
+            LabError: pandas is not installed.
+        """
+        return data_frame(self.columns())
 
     @property
     def seen(self) -> NDArray[np.bool_]:

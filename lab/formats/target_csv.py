@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.core import se3
-from lab.core.errors import LabError, error_context, option_name
+from lab.core.errors import LabError, counted, error_context, option_name
 from lab.core.limits import ROWS, Limit
 from lab.core.measurements import measured
 from lab.core.orientation import AngleConvention
 from lab.core.se3 import Array
+from lab.core.values import Value
 from lab.formats.csv_table import CsvTable
 from lab.formats.measurement_csv import ObservedColumns, PoseReader, read_measurements
 from lab.formats.orientations import ENDS, read_orientations
@@ -20,8 +21,8 @@ from lab.formats.orientations import ENDS, read_orientations
 __all__ = ["JointRows", "Targets", "holds_targets", "read_joints", "read_targets"]
 
 
-@dataclass(frozen=True)
-class Targets:
+@dataclass(frozen=True, eq=False, repr=False)
+class Targets(Value):
     """Poses that a point of the tool shall take, in the frame in which the arm was measured.
 
     Attributes:
@@ -47,6 +48,9 @@ class Targets:
 
     def __len__(self) -> int:
         return len(self.positions)
+
+    def _about(self) -> str:
+        return f"{counted(len(self), 'pose')} of {self.tool}"
 
     def take(self, rows: NDArray[np.int_]) -> "Targets":
         """Return the targets of the given rows."""

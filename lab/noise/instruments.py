@@ -25,6 +25,7 @@ from lab.core.errors import LabError
 from lab.core.probability import Uncertain
 from lab.core.se3 import Array, exp
 from lab.core.units import KELVIN, MICRONS, MICRORADIANS, PPM, Unit
+from lab.core.values import Value
 
 __all__ = [
     "AIR_INDEX_PER_K",
@@ -316,8 +317,8 @@ class FieldOfView:
         return visible
 
 
-@dataclass(frozen=True)
-class Instrument:
+@dataclass(frozen=True, eq=False, repr=False)
+class Instrument(Value):
     """Noise of a measured point at range R (metres).
 
     ``gaussian`` and ``uniform`` are isotropic: each coordinate, or the one number that is measured, has standard
@@ -339,6 +340,9 @@ class Instrument:
     field_of_view: FieldOfView = field(default_factory=FieldOfView)
     errors: TrackerErrors = field(default_factory=TrackerErrors)
     source: str = ""
+
+    def _about(self) -> str:
+        return self.name
 
     def sample(self, points: Array, rng: np.random.Generator, readings: int = 1) -> Array:
         """Positions of ``points`` ``(..., 3)`` (m), each the mean of some readings; ``errors`` draws the rest."""
@@ -386,7 +390,7 @@ class Instrument:
         return points + error
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class PoseInstrument(Instrument):
     """An instrument that also measures the orientation of a frame.
 
@@ -402,7 +406,7 @@ class PoseInstrument(Instrument):
         return np.asarray(rotations @ exp(numbers.sample(np.zeros(rotations.shape[:-1]), rng, readings)))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class LineCameras(PoseInstrument):
     """Three line CCDs on a bar that faces each point, level.
 

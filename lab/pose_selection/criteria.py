@@ -8,6 +8,7 @@ ranks designs alike in all units. So do G and I, which speak of positions; O2 to
 number and A depend on the scaling.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -36,6 +37,7 @@ CRITERIA = ("O1", "O2", "O3", "O4", "O5", "condition", "A", "G", "I")
 _CHARACTERISTIC_LENGTH_M = 0.300
 _LEAST = 1e-300
 _ROUNDING = 1e-14  # of the largest singular value: as good as zero
+_STEP = 1e-5  # of an entry of the information, for differences of a score
 _SINGULAR = 1e-13  # smallest eigenvalue of an information matrix of unit diagonal
 
 
@@ -122,21 +124,35 @@ def indices(jacobian: Array, test: Array | None = None) -> Indices:
     return Indices(o1, last / first, last, last**2 / first, o5, condition, a, g, i)
 
 
-@dataclass(frozen=True)
-class Criterion:
-    """A criterion as a concave-or-not score of the information matrix, larger is better.
+class Criterion(ABC):
+    """A criterion of pose selection: a score of the information matrix, larger is better.
+
+    Your own is a subclass with a ``name`` and a ``score``; ``lab.design(criterion=...)`` takes an object of it.
 
     Attributes:
-        name: one of ``CRITERIA``.
-        score: information matrices ``(..., p, p)`` to scores ``(...)``, worse than any other where singular.
-        slope: ``(p, p)`` information to the score's derivative with respect to it, symmetric.
+        name: what it is called, in options and results.
         weight: W ``(p, p)`` where the score is -log tr(W M^-1); None for the others.
     """
 
     name: str
-    score: Callable[[Array], Array]
-    slope: Callable[[Array], Array]
     weight: Array | None = None
+
+    @abstractmethod
+    def score(self, information: Array) -> Array:
+        """Information matrices ``(..., p, p)`` to scores ``(...)``, worse than any other where singular."""
+
+    def slope(self, information: Array) -> Array:
+        """Derivative ``(p, p)``, symmetric, of the score by the information ``(p, p)``: here by central differences."""
+        size = len(information)
+        rows, columns = np.triu_indices(size)
+        step = _STEP * np.sqrt(np.abs(np.outer(np.diag(information), np.diag(information))))[rows, columns]
+        moved = np.zeros((len(rows), size, size))
+        moved[np.arange(len(rows)), rows, columns] = step
+        moved[np.arange(len(rows)), columns, rows] = step
+        by_entry = (self.score(information + moved) - self.score(information - moved)) / (2 * step)
+        slope = np.zeros((size, size))
+        slope[rows, columns] = np.where(rows == columns, by_entry, by_entry / 2)
+        return np.asarray(slope + np.triu(slope, 1).T)
 
 
 def criterion(name: str, size: int, test: Array | None = None) -> Criterion:
@@ -148,19 +164,79 @@ def criterion(name: str, size: int, test: Array | None = None) -> Criterion:
     if name not in CRITERIA:
         raise LabError(f"criterion '{name}' is unknown: choose one of {', '.join(CRITERIA)}")
     if name == "O1":
-        return Criterion(name, _log_determinant, _inverse)
-    if name in ("A", "I"):
-        weight = np.eye(size)
-        if name == "I":
-            assert test is not None
-            weight = np.einsum("trp,trq->pq", test, test) / len(test)
-        return Criterion(name, lambda m: _trace_score(m, weight), lambda m: _trace_slope(m, weight), weight)
-    if name == "G":
+        return _Determinant()
+    if name == "A":
+        return _Trace(name, np.eye(size))
+    if name in ("G", "I"):
         assert test is not None
-        points = test
-        return Criterion(name, lambda m: _worst_score(m, points), lambda m: _worst_slope(m, points))
-    score, by_value = _SPECTRAL[name]
-    return Criterion(name, lambda m: score(_values(m)), lambda m: _spectral_slope(m, by_value))
+        return _Worst(test) if name == "G" else _Trace(name, np.einsum("trp,trq->pq", test, test) / len(test))
+    return _Spectral(name)
+
+
+@dataclass(frozen=True)
+class _Determinant(Criterion):
+    """O1."""
+
+    name: str = "O1"
+
+    def score(self, information: Array) -> Array:
+        total: Array = np.log(_values(information)).sum(-1)
+        return total
+
+    def slope(self, information: Array) -> Array:
+        return _inverse(information)
+
+
+@dataclass(frozen=True)
+class _Trace(Criterion):
+    """The trace of the weighted inverse: A and I."""
+
+    name: str
+    weight: Array
+
+    def score(self, information: Array) -> Array:
+        values, vectors = np.linalg.eigh(information)
+        gains = np.einsum("...pk,pq,...qk->...k", vectors, self.weight, vectors, optimize=True)
+        total: Array = -np.log((gains / np.maximum(values, _LEAST)).sum(-1))
+        return total
+
+    def slope(self, information: Array) -> Array:
+        inverse = np.linalg.inv(information)
+        slope: Array = inverse @ self.weight @ inverse / np.trace(self.weight @ inverse)
+        return slope
+
+
+@dataclass(frozen=True)
+class _Worst(Criterion):
+    """G: the largest predicted variance over test poses ``(t, r, p)``."""
+
+    test: Array
+    name: str = "G"
+
+    def score(self, information: Array) -> Array:
+        score: Array = -np.log(_variances(information, self.test).max(-1))
+        return score
+
+    def slope(self, information: Array) -> Array:
+        variances = _variances(information, self.test)
+        worst = self.test[np.argmax(variances)] @ _inverse(information)
+        slope: Array = worst.T @ worst / variances.max()
+        return slope
+
+
+@dataclass(frozen=True)
+class _Spectral(Criterion):
+    """A function of the eigenvalues alone: O2 to O5 and the condition number."""
+
+    name: str
+
+    def score(self, information: Array) -> Array:
+        return _SPECTRAL[self.name][0](_values(information))
+
+    def slope(self, information: Array) -> Array:
+        values, vectors = np.linalg.eigh(information)
+        slope: Array = (vectors * _SPECTRAL[self.name][1](np.maximum(values, _LEAST))) @ vectors.T
+        return slope
 
 
 def _values(information: Array) -> Array:
@@ -168,26 +244,8 @@ def _values(information: Array) -> Array:
     return np.asarray(np.maximum(np.linalg.eigvalsh(information), _LEAST), dtype=np.float64)
 
 
-def _log_determinant(information: Array) -> Array:
-    total: Array = np.log(_values(information)).sum(-1)
-    return total
-
-
 def _inverse(information: Array) -> Array:
     return np.asarray(np.linalg.inv(information), dtype=np.float64)
-
-
-def _trace_score(information: Array, weight: Array) -> Array:
-    values, vectors = np.linalg.eigh(information)
-    gains = np.einsum("...pk,pq,...qk->...k", vectors, weight, vectors, optimize=True)
-    total: Array = -np.log((gains / np.maximum(values, _LEAST)).sum(-1))
-    return total
-
-
-def _trace_slope(information: Array, weight: Array) -> Array:
-    inverse = np.linalg.inv(information)
-    slope: Array = inverse @ weight @ inverse / np.trace(weight @ inverse)
-    return slope
 
 
 def _variances(information: Array, test: Array) -> Array:
@@ -201,24 +259,6 @@ def _variances(information: Array, test: Array) -> Array:
     variances: Array = ((flat @ inverse) * flat).sum(-1).reshape(*information.shape[:-2], *test.shape[:2]).sum(-1)
     variances[singular] = np.inf
     return variances
-
-
-def _worst_score(information: Array, test: Array) -> Array:
-    score: Array = -np.log(_variances(information, test).max(-1))
-    return score
-
-
-def _worst_slope(information: Array, test: Array) -> Array:
-    variances = _variances(information, test)
-    worst = test[np.argmax(variances)] @ _inverse(information)
-    slope: Array = worst.T @ worst / variances.max()
-    return slope
-
-
-def _spectral_slope(information: Array, by_value: Callable[[Array], Array]) -> Array:
-    values, vectors = np.linalg.eigh(information)
-    slope: Array = (vectors * by_value(np.maximum(values, _LEAST))) @ vectors.T
-    return slope
 
 
 def _ends(low: float, high: float) -> Callable[[Array], Array]:

@@ -27,7 +27,7 @@ __all__ = ["CLOSED_MJCF", "ClosedModel", "TrueMechanism", "closed_model", "rando
 _SAMPLES = 1000  # random poses
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ClosedModel(RobotModel):
     """The nominal model of a mechanism.
 
@@ -111,7 +111,7 @@ def _legs(mechanism: Mechanism) -> list[str]:
     return [f"{rod.name}.length" for rod in mechanism.tree.rods]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class TrueMechanism(TrueRobot):
     """A mechanism whose dimensions are off.
 

@@ -4,10 +4,10 @@ import copy
 import itertools
 import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
@@ -15,6 +15,9 @@ import numpy as np
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
+from lab.core.values import Value
+from lab.extension_points import load_reference
+from lab.formats.cell_toml import Cell
 from lab.kinematics.dynamics.beam import LinkSections
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
@@ -25,6 +28,7 @@ from lab.kinematics.serial.chain import Chain
 __all__ = [
     "FLANGE",
     "TRACKER",
+    "Origin",
     "RobotModel",
     "SerialModel",
     "add_targets",
@@ -49,11 +53,32 @@ FLANGE, TRACKER = "flange", "tracker"
 _DEFAULT_TRACKER = (1.6, -1.3, 1.1)  # head of a tracker (m) beside a small arm
 
 
-@dataclass(frozen=True, kw_only=True)
-class RobotModel(ABC):
-    """A robot's nominal model in MuJoCo; its kind answers by its methods.
+@dataclass(frozen=True)
+class Origin:
+    """What a robot was loaded from.
 
     Attributes:
+        source: the name or path that it was loaded by; "" where it was made in memory.
+        sha256: of the files that it was read from.
+        cell: that it stands in; None where it is alone with what its model has.
+    """
+
+    source: str = ""
+    sha256: str = ""
+    cell: Cell | None = None
+
+
+_LOAD_AGAIN = "lab.campaign.robot:load_again"  # from an origin to the model
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class RobotModel(Value, ABC):
+    """A robot's nominal model in MuJoCo; its kind answers by its methods.
+
+    It is pickled and copied as its origin, and loaded from there again: MuJoCo's descriptions cannot be pickled.
+
+    Attributes:
+        origin: what it was loaded from.
         spec: what the model was compiled from; copy it before editing.
         model: nominal, with a site for each target of ``tool`` and one for the tracker's head.
         chain: the joints that are measured.
@@ -79,7 +104,7 @@ class RobotModel(ABC):
     travel_is_bounded: ClassVar[bool] = True
 
     path: Path
-    spec: mujoco.MjSpec
+    spec: mujoco.MjSpec = field(compare=False)
     model: mujoco.MjModel
     chain: JointSpec
     T_world_frame0: Array
@@ -94,6 +119,15 @@ class RobotModel(ABC):
     stations: tuple[str, ...] = ()
     obstacles: Mapping[str, float | None] = field(default_factory=dict)
     plates: tuple[str, ...] = ()
+    origin: Origin = Origin()
+
+    def _about(self) -> str:
+        return self.chain.name
+
+    def __reduce__(self) -> tuple[Callable[..., "RobotModel"], tuple[Any, ...]]:
+        if not self.origin.source:
+            raise TypeError(f"robot {self.chain.name} was made in memory; save it as a file and load that to pickle it")
+        return load_reference(_LOAD_AGAIN), (self.origin,)
 
     @property
     def assumed(self) -> str:
@@ -261,7 +295,7 @@ def joint_of(model: mujoco.MjModel, body: str) -> "mujoco._structs._MjModelJoint
     return model.joint(int(model.body(body).jntadr[0]))
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class SerialModel(RobotModel):
     """A serial arm.
 

@@ -12,6 +12,7 @@ import numpy as np
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
+from lab.core.values import Value
 from lab.kinematics.effects.bending import ElasticLinks
 from lab.kinematics.effects.compliance import HardeningSprings, JointSprings
 from lab.kinematics.effects.effect import PAYLOAD, PoseConditions
@@ -107,8 +108,8 @@ def random_table(arm: SerialArm, position_sigma_m: float, rotation_sigma_rad: fl
     return arm.assemble(base, table + sigma * rng.standard_normal(table.shape), tool)
 
 
-@dataclass(frozen=True, kw_only=True)
-class TrueRobot(ABC):
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class TrueRobot(Value, ABC):
     """A perturbed arm before a tracker: what may be measured, and what it truly is.
 
     Attributes:
@@ -122,6 +123,9 @@ class TrueRobot(ABC):
     model: mujoco.MjModel
     T_world_tracker: Array
     effects: Effects
+
+    def _about(self) -> str:
+        return self.robot.chain.name
 
     def with_effects(self, effects: Effects) -> Self:
         """This arm and tracker with these effects alone.
@@ -180,7 +184,7 @@ class TrueRobot(ABC):
         """MuJoCo's coordinates ``(m, nq)`` where the motors put the joints ``(m, n)``; NaN where it cannot stand."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class TrueSerialRobot(TrueRobot):
     """A perturbed serial arm.
 

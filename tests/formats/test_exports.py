@@ -38,7 +38,7 @@ ROBOTS = ["irb120", *CHAINS, "ur10", "panda"]
 def as_table(chain: Chain) -> Robot:
     """A robot of which only the table is known."""
     model = table_model(Path("arm.toml"), RobotTable(chain, None, {}, None, *np.full((2, chain.size), np.nan), ()))
-    return SerialRobot(model, "")
+    return SerialRobot(model)
 
 
 def write_arm(folder: Path, robot: Robot, arm: SerialArm, values: Array) -> None:

@@ -323,7 +323,7 @@ class JointProcess:
             offsets = self.offsets(np.real(joints))
             return offsets * values[0], offsets[..., None]
 
-        return Effect(GROUP, (SHARE,), moved, plain=self._plain)
+        return Effect(GROUP, (SHARE,), moved, plain=self._plain, made_by=self.effect)
 
     def _plain(self, values: Array) -> list[dict[str, Any]]:
         """Return the offsets as a term of ``formats.plain_arm``."""

@@ -1,7 +1,7 @@
 """Result of ``lab calibrate`` and ``lab identify``: the identified parameters and their prediction error."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -148,7 +148,7 @@ class CalibrationResult(Result):
     options: VirtualCampaign | MeasuredCampaign
     robot: Robot
     fit: Fitted
-    seconds: float
+    seconds: float = field(compare=False)
     real: TrueRobot | None = None
     comparison: TruthComparison | None = None
     bad: frozenset[str] = frozenset()

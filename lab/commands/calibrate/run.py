@@ -39,6 +39,7 @@ from lab.core.measurements import Measurements, setups, thinned, without_copies
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.units import MM
+from lab.core.values import Value
 from lab.formats.measurement_csv import read_measurements
 from lab.kinematics.effects.registry import CAMPAIGN_SPECIFIC
 from lab.noise.instruments import observing
@@ -60,7 +61,7 @@ __all__ = [
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class MeasurementSession:
+class MeasurementSession(Value):
     """A simulated measurement session.
 
     Attributes:
@@ -82,11 +83,8 @@ class MeasurementSession:
         fresh = fresh_poses(self.true_robot, self.options, requested_conditions(self.robot, self.options))
         return replace(fresh, robot=self.robot.source)
 
-    def __repr__(self) -> str:
-        rows = len(self.measurements)
-        return (
-            f"<MeasurementSession: {rows} poses of {self.robot.name}, targets {', '.join(self.measurements.targets)}>"
-        )
+    def _about(self) -> str:
+        return f"{len(self.measurements)} poses of {self.robot.name}, targets {', '.join(self.measurements.targets)}"
 
 
 @takes(VirtualCampaign)

@@ -1,7 +1,7 @@
 """A plan of a measurement session: typed, as plain values, and as the files that a person takes there."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
@@ -181,7 +181,7 @@ class DesignResult(Result):
     prediction: PredictedAccuracy
     curve: tuple[DesignStep, ...]
     tour: Tour
-    seconds: float
+    seconds: float = field(compare=False)
     warnings: tuple[str, ...]
 
     @property

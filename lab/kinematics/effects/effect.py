@@ -10,7 +10,7 @@ Along a trajectory also how the joints move.
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -209,6 +209,8 @@ class ArmFacts:
 class Effect:
     """A fitted group of parameters, all zero in the nominal model.
 
+    Its functions are no values: it is pickled as what makes it, ``made_by``.
+
     Attributes:
         name: of the group, e.g. ``compliance``.
         parameters: what they are, e.g. ``joint2.compliance``.
@@ -226,16 +228,27 @@ class Effect:
         links: those whose far ends it moves, from 0; none unless it moves links.
         plain: parameters ``(p,)`` to the terms of ``formats.plain_arm`` that say the same, by which ``calibrated.py``
             has the effect; None where it cannot.
+        made_by: makes it again, in another process too.
     """
 
     name: str
     parameters: tuple[Parameter, ...]
-    offsets: Offsets
+    offsets: Offsets = field(compare=False)
     conditions: tuple[str, ...] = ()
     moves: Moves = "joints"
     typical: tuple[float, ...] = ()
     links: tuple[int, ...] = ()
-    plain: PlainTerms | None = None
+    plain: PlainTerms | None = field(default=None, compare=False)
+    made_by: "Callable[[], Effect] | None" = None
+
+    def __reduce__(self) -> "tuple[Callable[..., Effect], tuple[Any, ...]]":
+        if self.made_by is None:
+            raise TypeError(f"effect {self.name}: it does not say what makes it (made_by), so it cannot be pickled")
+        return _made, (self.made_by,)
+
+
+def _made(made_by: "Callable[[], Effect]") -> Effect:
+    return made_by()
 
 
 @dataclass(frozen=True)

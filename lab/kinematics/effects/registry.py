@@ -6,7 +6,8 @@ what is drawn for the others stays as it is.
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from functools import partial
 from typing import TypeVar
 
 from lab.core.errors import LabError, option_name
@@ -121,7 +122,12 @@ def effect(
     Raises:
         LabError: there is no such group, the arm cannot have it, or there are no masses or sessions for it.
     """
-    facts = ArmFacts(chain, loads, sessions, moving=moving)
+    found = _fitted(name, ArmFacts(chain, loads, sessions, moving=moving))
+    return replace(found, made_by=partial(effect, name, chain, loads, sessions, moving=moving))
+
+
+def _fitted(name: str, facts: ArmFacts) -> Effect:
+    chain = facts.chain
     if (term := _term(name)) is not None:
         family, joint, number = term
         if joint > chain.size:

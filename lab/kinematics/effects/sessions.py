@@ -9,6 +9,7 @@ where the frame was moved by a little (``sessions``), a station stands anywhere.
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import ClassVar, Self
 
 import numpy as np
@@ -124,10 +125,15 @@ def stations(names: Sequence[str]) -> tuple[Effect, ...]:
     None where there is one station alone. Nothing is known of them beforehand: they are placed like the base
     (``initial_guess``).
     """
+    return (_stations(tuple(names)),) if len(names) > 1 else ()
+
+
+def _stations(names: tuple[str, ...]) -> Effect:
     placed = [placed_parameters(_OWNER + name, GROUP, AXES) for name in names[1:]]
     parameters = tuple(itertools.chain.from_iterable(placed))
     conditions = tuple(STATION + name for name in names[1:])
-    return (Effect(GROUP, parameters, _frame_each(-1.0), conditions, "station"),) if parameters else ()
+    again = partial(_stations, names)
+    return Effect(GROUP, parameters, _frame_each(-1.0), conditions, "station", made_by=again)
 
 
 def further_stations(parameters: Sequence[Parameter]) -> dict[str, tuple[int, ...]]:

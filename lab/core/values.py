@@ -1,0 +1,111 @@
+"""Values: objects that are equal where all that they hold is, and print in one line."""
+
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from functools import partial
+from html import escape
+from types import BuiltinFunctionType, FunctionType, MethodType
+from typing import Any
+
+import numpy as np
+
+from lab.core.errors import LabError
+
+__all__ = ["Value", "data_frame", "same"]
+
+
+class Value:
+    """Base of frozen dataclasses (``eq=False, repr=False``) that hold arrays.
+
+    Two are equal where they are of one class and all their fields that are compared are the same: arrays with equal
+    shapes, kinds of number and entries, NaN equal to NaN. The representation is one line, ``<Class: about>``; a
+    notebook shows a small table.
+    """
+
+    def _about(self) -> str:
+        """What the representation says beside the class."""
+        return ""
+
+    def _facts(self) -> Mapping[str, str]:
+        """What a notebook shows, by name."""
+        return {type(self).__name__: self._about()}
+
+    def __repr__(self) -> str:
+        about = self._about()
+        return f"<{type(self).__name__}{': ' if about else ''}{about}>"
+
+    def _repr_html_(self) -> str:
+        cells = (f"<tr><th>{escape(name)}</th><td>{escape(text)}</td></tr>" for name, text in self._facts().items())
+        return f"<table>{''.join(cells)}</table>"
+
+    def __eq__(self, other: object) -> bool:
+        if self is other:
+            return True
+        if type(self) is not type(other):
+            return NotImplemented
+        return _same_fields(self, other)
+
+    def __hash__(self) -> int:
+        return hash(type(self))  # equal ones have the same, as they must; arrays have none of their own
+
+
+def same(first: Any, second: Any) -> bool:
+    """Whether two objects hold the same, however they are nested: dataclasses, mappings, sequences, arrays, numbers.
+
+    NaN is the same as NaN, whether alone or in an array.
+    """
+    if first is second:
+        return True
+    if type(first) is not type(second):
+        return False
+    if isinstance(first, partial):
+        return same((first.func, first.args, first.keywords), (second.func, second.args, second.keywords))
+    if isinstance(first, MethodType):
+        return first.__func__ is second.__func__ and same(first.__self__, second.__self__)
+    if isinstance(first, FunctionType | BuiltinFunctionType | type):
+        return bool(first == second)
+    if isinstance(first, np.ndarray):
+        return _same_arrays(first, second)
+    if is_dataclass(first):
+        return _same_fields(first, second)
+    if isinstance(first, Mapping):
+        return first.keys() == second.keys() and all(same(value, second[key]) for key, value in first.items())
+    if isinstance(first, list | tuple):
+        return len(first) == len(second) and all(map(same, first, second))
+    if isinstance(first, float):
+        return first == second or (first != first and second != second)
+    own: Any = type(first).__eq__
+    if own is object.__eq__:
+        return _same_state(first, second)
+    return bool(first == second)
+
+
+def data_frame(columns: Mapping[str, Any]) -> Any:
+    """Columns of one length as a ``pandas.DataFrame``.
+
+    Raises:
+        LabError: pandas is not installed.
+    """
+    try:
+        import pandas  # type: ignore[import-not-found,import-untyped,unused-ignore]
+    except ImportError as error:
+        raise LabError("to_frame needs pandas, which is not installed; pip install pandas, or use columns()") from error
+    return pandas.DataFrame(dict(columns))
+
+
+def _same_arrays(first: np.ndarray[Any, Any], second: np.ndarray[Any, Any]) -> bool:
+    if first.dtype != second.dtype or first.shape != second.shape:
+        return False
+    if first.dtype == object:
+        return all(map(same, first.ravel().tolist(), second.ravel().tolist()))
+    return bool(np.array_equal(first, second, equal_nan=first.dtype.kind in "fc"))
+
+
+def _same_fields(first: Any, second: Any) -> bool:
+    names = (each.name for each in fields(first) if each.compare)
+    return all(same(getattr(first, name), getattr(second, name)) for name in names)
+
+
+def _same_state(first: Any, second: Any) -> bool:
+    """Compare objects that have no comparison of their own by what they would be pickled as."""
+    return same(first.__reduce_ex__(4)[1:], second.__reduce_ex__(4)[1:])

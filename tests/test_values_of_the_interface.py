@@ -1,0 +1,112 @@
+"""What the library gives is a value: it is pickled, copied and compared, and prints shortly."""
+
+import copy
+import pickle
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.cells import CELL, PLACES
+from helpers.robots import MODELS
+
+import lab
+from lab.formats.target_csv import Targets
+
+
+def in_a_cell(file: Path) -> lab.Robot:
+    file.write_text(CELL.format(20, *PLACES["irb120"]))
+    return lab.load_robot("irb120", file)
+
+
+MADE: dict[str, Callable[[Path], Any]] = {
+    "robot": lambda run: lab.load_robot("irb120"),
+    "mechanism": lambda run: lab.load_robot("delta"),
+    "robot in a cell": lambda run: in_a_cell(run.parent / "cell.toml"),
+    "instrument": lambda run: lab.instrument("leica-at960"),
+    "session": lambda run: lab.simulate("irb120", poses=20, seed=3),
+    "measurements": lambda run: lab.simulate("irb120", poses=20, seed=3).measurements,
+    "targets": lambda run: Targets("p1", ("1",), np.ones((1, 3)), np.full((1, 3, 3), np.nan), np.full((1, 6), np.nan)),
+    "identify": lambda run: lab.identify(
+        lab.simulate("irb120", poses=20, seed=3).measurements, robot="irb120", holdout=0.3
+    ),
+    "calibrate": lambda run: lab.calibrate("irb120", poses=60, seed=3, observe="cable"),
+    "estimate": lambda run: lab.load_estimate(run),
+    "design": lambda run: lab.design("irb120", poses=10, candidates=60, starts=1, criterion="I"),
+    "inspect": lambda run: lab.inspect("irb120"),
+    "predict": lambda run: lab.predict(np.zeros((2, 6)), run),
+    "verify": lambda run: lab.verify(
+        run, lab.simulate("irb120", poses=12, seed=3).measurements, refit=("base", "tool")
+    ),
+    "solve_kinematics": lambda run: lab.solve_kinematics("irb120", joints=(0.0,) * 6),
+}
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    folder = tmp_path_factory.mktemp("values") / "run"
+    yield lab.calibrate("irb120", poses=30, seed=3).save(folder)
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_it_is_pickled_copied_compared_and_printed(name: str, run: Path) -> None:
+    made = MADE[name](run)
+    for again in (pickle.loads(pickle.dumps(made)), copy.deepcopy(made)):
+        assert again == made and again is not made
+    assert len(repr(made)) < 150 and "\n" not in repr(made) and len(str(made).splitlines()) >= 1
+    assert made._repr_html_().startswith("<table>")
+
+
+def test_what_differs_is_not_equal(run: Path) -> None:
+    data = lab.simulate("irb120", poses=20, seed=3).measurements
+    moved = data.points.copy()
+    moved[7, 0, 1] += 1e-9
+    assert replace(data, points=moved) != data and data.take(range(10)) != data
+    assert lab.load_robot("irb120") != lab.load_robot("tx40") != "tx40"
+    assert lab.inspect("irb120") != lab.inspect("irb120", targets=("p2",))
+
+
+def test_a_result_that_was_pickled_says_and_saves_the_same(tmp_path: Path) -> None:
+    found = lab.calibrate("irb120", poses=20, seed=3)
+    again = pickle.loads(pickle.dumps(found))
+    assert again.summary() == found.summary() and again.to_dict() == found.to_dict()
+    assert (again.save(tmp_path / "again") / "result.json").read_bytes() == (
+        found.save(tmp_path / "first") / "result.json"
+    ).read_bytes()
+
+
+def test_a_robot_whose_files_changed_since_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "arm.toml"
+    file.write_text((MODELS / "ur10" / "robot.toml").read_text())
+    kept = pickle.dumps(lab.load_robot(file))
+    assert pickle.loads(kept) == lab.load_robot(file)
+    file.write_text(file.read_text() + "\n# another\n")
+    with pytest.raises(lab.LabError, match="changed since it was pickled"):
+        pickle.loads(kept)
+
+
+def _identified(robot: lab.Robot, seed: int) -> lab.CalibrationResult:
+    return lab.identify(lab.simulate(robot, poses=20, seed=seed).measurements, robot=robot)
+
+
+@pytest.mark.thorough
+def test_other_processes_take_robots_and_give_results() -> None:
+    robot = lab.load_robot("irb120")
+    with ProcessPoolExecutor(2, get_context("spawn")) as pool:
+        found = list(pool.map(_identified, [robot] * 2, (1, 2)))
+    assert found == [_identified(robot, seed) for seed in (1, 2)] and found[0] != found[1]
+
+
+def test_measurements_print_in_ten_lines_and_give_their_columns() -> None:
+    data = lab.simulate("irb120", poses=20, seed=3, targets=("p1", "p2")).measurements
+    lines = str(data).splitlines()
+    assert len(lines) == 10 and lines[0] == "20 poses of irb120, targets p1, p2" and lines[-1] == "and 13 further poses"
+    columns = data.columns()
+    assert [*columns][:10] == ["id", "q1", "q2", "q3", "q4", "q5", "q6", "p1.x", "p1.y", "p1.z"]
+    np.testing.assert_array_equal(columns["p2.z"], data.points[:, 1, 2])
+    pandas = pytest.importorskip("pandas")
+    assert isinstance(data.to_frame(), pandas.DataFrame) and len(data.to_frame()) == 20
