@@ -150,6 +150,7 @@ def judge(checks: Sequence[Check], gate_m: float | None = None) -> Verdict:
     return Verdict(word, accuracy, fit, determination, tuple(reasons), tuple(checks), gate_m)
 
 
+_COMPARED = ("observed_p95_m", "predicted_p95_m", "extrapolated")  # of the check of the prediction
 _SEVERITIES: tuple[Word, ...] = ("bad", "not judged", "doubtful")
 _MAKES: Mapping[str, Word] = {  # of a calibration, by the check that failed; another makes it doubtful
     "accuracy.validation": "not judged",
@@ -355,7 +356,7 @@ class _Calibration:
         before, after = float(np.nanmean(errors.before)), float(np.nanmean(errors.after))
         data = {"before_m": before, "after_m": after}
         if prediction is not None and validation.judged_by != "file":  # whose noise may be another
-            data |= {name: prediction.data[name] for name in ("observed_p95_m", "predicted_p95_m")}
+            data |= {name: prediction.data[name] for name in _COMPARED}
         if self.gate_m is not None and after > self.gate_m:
             data["without_noise_m"] = after * self._shares_without_noise()[0]
         gate = self._gate(after)

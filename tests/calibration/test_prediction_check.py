@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from helpers.mistakes import ARM, session_with_noise
 
+from lab.calibration.extrapolation import MeasuredRange
 from lab.calibration.identify import Identification, identify
 from lab.calibration.prediction_check import check_prediction
 from lab.calibration.validation import Errors, Validation, validate_folds, validate_rows
@@ -73,3 +74,20 @@ def test_folds_are_compared_and_nothing_else_is_where_rows_are_not_known() -> No
     assert check is not None and check.outcome != "failed"
     for nothing in (replace(folds, rows=None), replace(folds, errors=None), replace(folds, fitted_share=0.5)):
         assert check_prediction(found, nothing, Noise()) is None
+
+
+def test_what_is_unknown_beyond_the_measured_region_hides_no_errors_within_it() -> None:
+    fitted, held = halves(4)
+    found = identify(ARM, fitted, ARM.nominal())
+    lower, upper = fitted.joints.min(axis=0), fitted.joints.max(axis=0)
+    size = np.ones(len(lower))
+    measured = MeasuredRange(lower, upper, size > 0, 0.1 * size, slope=1.0 * size)
+    far = replace(held, joints=held.joints + np.where(np.arange(len(held)) % 2, 0.0, 10.0)[:, None])
+    beyond = int((measured.beyond(far.joints) > 0).any(axis=1).sum())
+    assert 10 <= len(far) - beyond < len(far)
+    rng = np.random.default_rng(0)
+    off = replace(held, points=held.points + 3 * SIGMA_M * rng.normal(size=held.points.shape))
+    for rows, outcome in ((held, "passed"), (off, "failed")):
+        validation = replace(validate_rows(found, rows), rows=replace(rows, joints=far.joints))
+        check = check_prediction(found, validation, Noise(), measured)
+        assert check is not None and check.outcome == outcome and check.data["extrapolated"] == beyond

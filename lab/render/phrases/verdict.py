@@ -8,6 +8,7 @@ from lab.calibration.noise.plausibility import COMMON_NOISE_M
 from lab.calibration.regions import RegionKind
 from lab.calibration.workspace_prediction import Distance, RegionPrediction
 from lab.core.checks import Check
+from lab.core.errors import counted
 from lab.core.units import DEGREES, MM, MRAD, short_length
 
 __all__ = ["PHRASES", "gate_text", "region_text", "without_figures"]
@@ -260,6 +261,8 @@ def _validation(check: Check) -> str:
     if "observed_p95_m" in data:
         observed, predicted = MM.text(data["observed_p95_m"]), MM.text(data["predicted_p95_m"])
         text += f"; 95 % are below {observed}, where {predicted} was predicted"
+        if left_out := data["extrapolated"]:
+            text += f" ({counted(left_out, 'pose')} beyond the measured region left out)"
     if "without_noise_m" in data:
         text += f", {MM.text(data['without_noise_m'])} of it without the noise of the validation"
     return text
