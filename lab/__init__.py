@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from lab.calibration.estimate_files import save_estimate
     from lab.campaign.instruments import instrument
     from lab.campaign.robot import Robot, load_robot
+    from lab.commands.arrays import measurements, robot_from_dh
     from lab.commands.calibrate.load_run import load_estimate
     from lab.commands.calibrate.result import CalibrationResult
     from lab.commands.calibrate.run import MeasurementSession, calibrate, identify, simulate
@@ -82,9 +83,11 @@ __all__ = [
     "instrument",
     "load_estimate",
     "load_robot",
+    "measurements",
     "payload",
     "predict",
     "read_measurements",
+    "robot_from_dh",
     "save_estimate",
     "simulate",
     "solve_kinematics",
@@ -101,6 +104,7 @@ _MODULES = {  # where each name is, imported when it is asked for
     "lab.calibration.estimate_files": ("save_estimate",),
     "lab.campaign.instruments": ("instrument",),
     "lab.campaign.robot": ("Robot", "load_robot"),
+    "lab.commands.arrays": ("measurements", "robot_from_dh"),
     "lab.commands.calibrate.load_run": ("load_estimate",),
     "lab.commands.calibrate.result": ("CalibrationResult",),
     "lab.commands.calibrate.run": ("MeasurementSession", "calibrate", "identify", "simulate"),

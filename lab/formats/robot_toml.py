@@ -50,6 +50,7 @@ __all__ = [
     "read_table",
     "read_tool",
     "refuse_doubled_names",
+    "write_table",
     "written_base_and_tool",
 ]
 
@@ -264,11 +265,13 @@ def quoted(text: str) -> str:
     return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
-def written_base_and_tool(base: Array, tool: dict[str, Array], where: str) -> list[str]:
-    """Lines of ``[base]`` and ``[tool]`` that read back to the bit."""
-    position, rotation = (", ".join(repr(float(v)) for v in part) for part in (base[:3], base[3:]))
-    lines = ["", "[base]  # in the tracker's frame"]
-    lines += [f"position_m = [{position}]", f"rotation_vector_rad = [{rotation}]"]
+def written_base_and_tool(base: Array | None, tool: Mapping[str, Array], where: str) -> list[str]:
+    """Lines of ``[base]``, if it is known, and ``[tool]`` that read back to the bit."""
+    lines: list[str] = []
+    if base is not None:
+        position, rotation = (", ".join(repr(float(v)) for v in part) for part in (base[:3], base[3:]))
+        lines += ["", "[base]  # in the tracker's frame"]
+        lines += [f"position_m = [{position}]", f"rotation_vector_rad = [{rotation}]"]
     lines += ["", f"[tool]  # targets in {where}"]
     return [*lines, *(f"{quoted(name)} = [{', '.join(repr(float(v)) for v in point)}]" for name, point in tool.items())]
 
@@ -530,8 +533,8 @@ def _document(path: Path) -> dict[str, Any]:
     return document
 
 
-def _write_table(chain: Chain, base: Array, tool: dict[str, Array]) -> str:
-    """A table that reads back to the bit, with the base ``(6,)`` (m, rad) and the targets (m)."""
+def write_table(chain: Chain, base: Array | None, tool: Mapping[str, Array]) -> str:
+    """A table that reads back to the bit, with the base ``(6,)`` (m, rad), if it is known, and the targets (m)."""
     lines = [f"name = {quoted(chain.name)}", f'convention = "{chain.convention}"']
     for i, joint in enumerate(chain.joint_names):
         unit = "m" if chain.prismatic[i] else "rad"
@@ -551,7 +554,7 @@ def _write_table(chain: Chain, base: Array, tool: dict[str, Array]) -> str:
 def _identified_table(identified: IdentifiedRobot[SerialArm, object]) -> str:
     arm = identified.arm
     base, table, tool = arm.split(identified.values)
-    return _write_table(arm.chain.with_table(table), base, dict(zip(arm.targets, tool, strict=True)))
+    return write_table(arm.chain.with_table(table), base, dict(zip(arm.targets, tool, strict=True)))
 
 
 TABLE_TOML = DescriptionFormat("calibrated.toml", _identified_table)

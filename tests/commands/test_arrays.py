@@ -1,0 +1,144 @@
+"""From arrays: the same answers as from files, and wrong arrays refused in one line."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import lab
+from lab.commands.arrays import measurements, robot_from_dh
+from lab.core.measurements import Measurements
+
+TABLE = [
+    [0, 290, 0, -90], [-90, 0, 270, 0], [0, 0, 70, -90], [0, 302, 0, 90], [0, 0, 0, -90], [180, 72, 0, 0],
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def day() -> Measurements:
+    return lab.simulate("irb120", poses=30, seed=3).measurements
+
+
+def test_arrays_in_other_units_and_shapes_are_the_same_measurements(day: Measurements) -> None:
+    in_mm, in_degrees = 1e3 * day.points[:, 0], np.rad2deg(day.joints)
+    own = measurements(in_degrees.tolist(), in_mm, robot="irb120", unit="mm", joint_unit="deg")
+    np.testing.assert_allclose(own.joints, day.joints, atol=1e-14)
+    np.testing.assert_allclose(own.points, day.points, atol=1e-14)
+    assert own.robot == day.robot and own.targets == day.targets
+    same = measurements(day.joints, day.points, robot=lab.load_robot("irb120"))
+    assert same.points.shape == (30, 1, 3) and (same.points == day.points).all()
+    ours, theirs = (lab.identify(each, instrument="uniform-8um").identification.values for each in (same, day))
+    assert (ours == theirs).all()
+
+
+def test_slides_are_in_the_unit_of_lengths() -> None:
+    day = lab.simulate("versatran", poses=20, seed=3).measurements
+    slides = np.array(lab.load_robot("versatran").chain.prismatic)
+    scaled = np.where(slides, 1e3 * day.joints, np.rad2deg(day.joints))
+    own = measurements(scaled, 1e3 * day.points, robot="versatran", unit="mm", joint_unit="deg")
+    np.testing.assert_allclose(own.joints, day.joints, atol=1e-13)
+
+
+@pytest.mark.parametrize("observe", ["pose", "cable", "plane"])
+def test_other_observations_are_made_of_arrays(observe: str) -> None:
+    day = lab.simulate("irb120", poses=60, seed=5, observe=observe).measurements
+    given = {"points": day.points} if day.targets else {}
+    if observe == "pose":
+        quaternions = np.array([[float(x) for x in day.other[f"p1_q{c}"]] for c in "wxyz"]).T
+        given["orientations"] = lab.core.se3.rotation_from_quaternion(quaternions)
+    else:
+        given["columns"] = dict(day.other)
+    own = measurements(day.joints, robot="irb120", conditions=day.conditions, sessions=day.sessions, **given)
+    ours, theirs = (lab.identify(each, observe=observe).identification.values for each in (own, day))
+    np.testing.assert_allclose(ours, theirs, atol=1e-8)
+
+
+def test_missing_points_and_what_is_told_of_rows(day: Measurements) -> None:
+    points = day.points[:, 0].copy()
+    points[3, 1] = np.nan
+    own = measurements(
+        day.joints, points, robot="irb120", targets=["nest"], ids=range(10, 40), use=["calibrate"] * 25 + ["test"] * 5,
+        sessions=["a"] * 30, sigma=0.01, conditions={"temp_C": 20.0},
+    )  # fmt: skip
+    assert own.targets == ("nest",) and own.ids[0] == "10" and own.marked and not own.seen[3, 0]
+    assert (own.sigma_m == 0.01).all() and (own.conditions["temp_C"] == 20).all() and own.sessions[0] == "a"
+    assert len(own.only("test")) == 5
+
+
+WRONG = {
+    "another number of joints": ({"joints": np.zeros((30, 5))}, r"robot .* has 6 joints; give one row of 6 numbers"),
+    "another number of rows": ({"points": np.zeros((29, 3))}, r"points have shape \(29, 3\); give \(30, 3\)"),
+    "a flat array": ({"points": np.zeros(90)}, r"points have shape \(90,\)"),
+    "ragged rows": ({"joints": [[0.0], [1.0, 2.0]]}, r"^joints: not numbers in rows of one length"),
+    "not finite": ({"joints": np.full((30, 6), np.nan)}, r"joints\[0, 0\] is nan"),
+    "words": ({"points": [["a", "b", "c"]] * 30}, r"^points: not numbers"),
+    "an unknown unit": ({"unit": "inch"}, r"^unit is 'inch'; give 'm' or 'mm'"),
+    "names": ({"targets": ("a", "b")}, r"targets are a, b, but points have 1"),
+    "uses": ({"use": ["fit"] * 30}, r"use 'fit' is unknown"),
+    "ids": ({"ids": ["1"]}, r"ids has 1 entries; give 30"),
+    "orientations": ({"orientations": np.zeros((30, 3, 3))}, r"orientations\[0\] is no rotation matrix"),
+    "mirrored ones": ({"orientations": np.broadcast_to(-np.eye(3), (30, 3, 3))}, r"is no rotation matrix"),
+    "noise": ({"sigma": np.zeros(7)}, r"sigma has shape \(7,\)"),
+    "a robot that is not there": ({"robot": "irb12"}, r"irb120"),
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+def test_wrong_arrays_are_refused_in_a_line(day: Measurements, wrong: str) -> None:
+    given, message = WRONG[wrong]
+    with pytest.raises(lab.LabError, match=message) as caught:
+        measurements(**{"joints": day.joints, "points": day.points, "robot": "irb120", **given})
+    assert "\n" not in str(caught.value)
+
+
+def test_other_units_than_those_said_are_refused(day: Measurements) -> None:
+    with pytest.raises(lab.LabError, match=r"in another unit|divide them by 1000"):
+        measurements(day.joints, 1e3 * day.points, robot="irb120")
+    with pytest.raises(lab.LabError, match=r"joint_unit='deg'"):
+        measurements(np.rad2deg(day.joints), day.points, robot="irb120")
+
+
+def test_a_robot_of_a_table_is_that_of_its_file(tmp_path: Path) -> None:
+    tool = {"p1": [60.0, 0.0, 40.0]}
+    arm = robot_from_dh(TABLE, unit="mm", joint_unit="deg", tool=tool, path=tmp_path / "own.toml", name="own")
+    in_metres = np.array(TABLE) * [np.pi / 180, 1e-3, 1e-3, np.pi / 180]
+    again = robot_from_dh(in_metres, tool={"p1": [0.06, 0.0, 0.04]})
+    np.testing.assert_allclose(again.serial_model.chain.table, arm.serial_model.chain.table, atol=1e-15)
+    assert lab.load_robot(tmp_path / "own.toml") == arm and arm.name == "own"
+    assert lab.calibrate(arm, poses=40, seed=1).to_dict()["verdict"] == "good"
+
+
+def test_a_robot_of_a_table_moves_as_the_one_that_has_it() -> None:
+    """Distances between poses of a target, which no base changes."""
+    known = lab.load_robot("irb120")
+    chain = known.serial_model.chain
+    own = robot_from_dh(
+        chain.table[:, :4], convention=chain.convention, tool=dict(known.tool),
+        limits=np.stack([chain.lower, chain.upper], axis=1),
+    )  # fmt: skip
+    assert (chain.sign == 1).all() and (own.chain.lower == chain.lower).all()
+    joints = np.random.default_rng(0).uniform(-1, 1, (8, 6))
+    ours, theirs = (
+        np.linalg.norm(np.diff(arm.points(joints, arm.nominal(robot.tool))[:, 0], axis=0), axis=1)
+        for robot in (own, known)
+        for arm in (robot.arm(("p1",)),)
+    )
+    np.testing.assert_allclose(ours, theirs, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"table": np.zeros((6, 3))}, r"shape \(6, 3\); give a row of four finite numbers"),
+        ({"convention": "denavit"}, r"give 'distal' or 'craig'"),
+        ({"prismatic": [True] * 6}, r"a slide needs its limits"),
+        ({"prismatic": [True]}, r"prismatic has 1 entries"),
+        ({"limits": np.zeros((6, 2))}, r"the lower limit and then the upper one"),
+        ({"tool": {"p1": [0.0]}}, r"tool\['p1'\] has shape \(1,\)"),
+        ({"path": "/nowhere/at/all.toml"}, r"cannot be written"),
+    ],
+)
+def test_wrong_tables_are_refused_in_a_line(given: dict[str, object], message: str) -> None:
+    with pytest.raises(lab.LabError, match=message) as caught:
+        robot_from_dh(**{"table": np.array(TABLE) * 1e-3, **given})  # type: ignore[arg-type]
+    assert "\n" not in str(caught.value)
