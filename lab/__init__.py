@@ -52,10 +52,12 @@ if TYPE_CHECKING:
     from lab.extensions.robotics.trajectory.run import trajectory
     from lab.formats.target_csv import Targets
     from lab.noise.instruments import Instrument
+    from lab.pose_selection.criteria import Criterion
 
 __all__ = [
     "CalibrationResult",
     "CompensationResult",
+    "Criterion",
     "DesignResult",
     "Estimate",
     "Inspection",
@@ -125,6 +127,7 @@ _MODULES = {  # where each name is, imported when it is asked for
     "lab.core.measurements": ("Measurements",),
     "lab.formats.target_csv": ("Targets",),
     "lab.noise.instruments": ("Instrument",),
+    "lab.pose_selection.criteria": ("Criterion",),
 }
 
 

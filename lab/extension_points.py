@@ -11,6 +11,7 @@ A package adds an object by a line of its ``pyproject.toml``, e.g. ``[project.en
   ``lab.kinematics.inverse.closed_form``, or to None where it has none for such an arm.
 - ``lab.shapes``: a function from a ``Mechanism`` to what ``lab inspect`` reports of its closed form, or None.
 - ``lab.sections``: an ``AddedSection`` of ``lab.commands.sections``.
+- ``lab.criteria``: an object or a subclass of ``lab.Criterion``; the name is the value of ``--criterion``.
 - ``lab.sources``: a ``Source`` of ``lab.extensions.reproduction.item``; the name is what ``lab reproduce`` takes.
 
 An extension may use the public interface ``lab``, this module, and the toolbox, which the import contract names:

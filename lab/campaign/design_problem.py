@@ -30,7 +30,7 @@ from lab.kinematics.gauge import BaseSet, base_set
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
 from lab.noise.instruments import Instrument, is_isotropic, observing
-from lab.pose_selection.criteria import Criterion, Scaling, criterion
+from lab.pose_selection.criteria import Criterion, Scaling, criterion, is_singular
 from lab.pose_selection.exchange import Design, Feasible, Sensitivity, ascend, exchange, information
 from lab.pose_selection.tour import FreePath, fastest_path
 from lab.render.terminal import Stage, no_stage
@@ -236,10 +236,16 @@ class PoseProblem:
         return _station_of(inputs[:, self.arm.chain.size :])
 
 
-def pose_problem(options: DesignOptions, robot: Robot | None = None, progress: Progress = no_progress) -> PoseProblem:
+def pose_problem(
+    options: DesignOptions,
+    robot: Robot | None = None,
+    progress: Progress = no_progress,
+    own: Criterion | None = None,
+) -> PoseProblem:
     """Load the arm, draw candidates, and set up what a design needs.
 
     Args:
+        own: the criterion, in the place of the one that the options name.
         progress: told how many candidates are found.
 
     Raises:
@@ -286,7 +292,7 @@ def pose_problem(options: DesignOptions, robot: Robot | None = None, progress: P
         whitened=derivatives.whitened,
         sensitivity=partial(_scaled, jacobians, factors),
         pool=pool * factors,
-        goal=criterion(options.criterion, len(identifiable), test[::5] * factors),
+        goal=criterion(options.criterion, len(identifiable), test[::5] * factors) if own is None else own,
         scaling=scaling,
         test=test,
         access=reachability(model, home, candidates.joints, _feasible(model, options.targets, device)),
@@ -454,7 +460,14 @@ def best_design(options: DesignOptions, problem: PoseProblem, count: int, progre
         if best is None or design.score > best.score:
             best = design
     assert best is not None
-    return _uphill(problem, best, _ROUNDS - 1)
+    best = _uphill(problem, best, _ROUNDS - 1)
+    measured = 0.0 if problem.measured is None else problem.measured
+    if is_singular(information(best.jacobian) + measured):
+        raise LabError(
+            f"criterion {problem.goal.name} chose {count} poses that cannot tell all parameters: a score must be worse "
+            "than any other where the information is singular"
+        )
+    return best
 
 
 def _begun(problem: PoseProblem, count: int, rng: np.random.Generator) -> Design:

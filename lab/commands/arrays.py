@@ -81,7 +81,7 @@ def measurements(
     length, angle = _unit("unit", unit, LENGTHS), _unit("joint_unit", joint_unit, ANGLES)
     positions = _numbers("joints", joints)
     size = known.chain.size
-    if positions.ndim != 2 or positions.shape[1] != size:
+    if positions.ndim != 2 or positions.shape[1] != size or not len(positions):
         raise LabError(
             f"{_CALL}: joints have shape {positions.shape}, but robot {known.name} has {size} joints; give one row of "
             f"{size} numbers a pose"
@@ -233,7 +233,9 @@ def _points(points: ArrayLike, n: int) -> Array:
             f"{_CALL}: points have shape {np.shape(points)}; give ({n}, 3) or ({n}, targets, 3): one row for each of "
             f"the {n} poses"
         )
-    return np.where(np.isfinite(found).all(axis=2, keepdims=True), found, np.nan)
+    if (infinite := np.isinf(found).any(axis=(1, 2))).any():
+        raise LabError(f"{_CALL}: points[{infinite.argmax()}] is not finite; give NaN where a target was not seen")
+    return np.where(np.isnan(found).any(axis=2, keepdims=True), np.nan, found)
 
 
 def _refuse_degrees(hinges: Array, unit: AngleUnit) -> None:

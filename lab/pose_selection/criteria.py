@@ -8,16 +8,19 @@ ranks designs alike in all units. So do G and I, which speak of positions; O2 to
 number and A depend on the scaling.
 """
 
+import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.core.units import MM, MRAD
+from lab.extension_points import load, registered
 from lab.kinematics.parameter import Parameter
 
 __all__ = [
@@ -28,7 +31,10 @@ __all__ = [
     "Scaling",
     "criterion",
     "indices",
+    "is_singular",
+    "own_criterion",
     "predict",
+    "refuse_unknown",
     "smallest_count",
 ]
 
@@ -37,7 +43,7 @@ CRITERIA = ("O1", "O2", "O3", "O4", "O5", "condition", "A", "G", "I")
 _CHARACTERISTIC_LENGTH_M = 0.300
 _LEAST = 1e-300
 _ROUNDING = 1e-14  # of the largest singular value: as good as zero
-_STEP = 1e-5  # of an entry of the information, for differences of a score
+_STEP = 1e-5  # of the information, for differences of a score
 _SINGULAR = 1e-13  # smallest eigenvalue of an information matrix of unit diagonal
 
 
@@ -127,7 +133,8 @@ def indices(jacobian: Array, test: Array | None = None) -> Indices:
 class Criterion(ABC):
     """A criterion of pose selection: a score of the information matrix, larger is better.
 
-    Your own is a subclass with a ``name`` and a ``score``; ``lab.design(criterion=...)`` takes an object of it.
+    Your own is a subclass with a ``name`` and a ``score``. ``lab.design(criterion=...)`` takes an object of it; where
+    a package registers it as an entry point of ``lab.criteria``, commands and studies take it by name.
 
     Attributes:
         name: what it is called, in options and results.
@@ -142,17 +149,39 @@ class Criterion(ABC):
         """Information matrices ``(..., p, p)`` to scores ``(...)``, worse than any other where singular."""
 
     def slope(self, information: Array) -> Array:
-        """Derivative ``(p, p)``, symmetric, of the score by the information ``(p, p)``: here by central differences."""
-        size = len(information)
-        rows, columns = np.triu_indices(size)
-        step = _STEP * np.sqrt(np.abs(np.outer(np.diag(information), np.diag(information))))[rows, columns]
-        moved = np.zeros((len(rows), size, size))
-        moved[np.arange(len(rows)), rows, columns] = step
-        moved[np.arange(len(rows)), columns, rows] = step
-        by_entry = (self.score(information + moved) - self.score(information - moved)) / (2 * step)
-        slope = np.zeros((size, size))
-        slope[rows, columns] = np.where(rows == columns, by_entry, by_entry / 2)
-        return np.asarray(slope + np.triu(slope, 1).T)
+        """Derivative ``(p, p)``, symmetric, of the score by the information ``(p, p)``.
+
+        Here by central differences, in coordinates in which the information is the identity.
+        """
+        root = np.linalg.cholesky(information)  # the information is root root'
+        rows, columns = np.triu_indices(len(root))
+        one, other = root.T[rows], root.T[columns]
+        moved = _STEP * (one[:, :, None] * other[:, None, :] + other[:, :, None] * one[:, None, :]) / 2
+        by_entry = (self.score(information + moved) - self.score(information - moved)) / (2 * _STEP)
+        slope = np.zeros_like(root)
+        slope[rows, columns] = slope[columns, rows] = by_entry
+        back: Array = np.linalg.inv(root)
+        return np.asarray(back.T @ slope @ back)
+
+
+def refuse_unknown(name: str, *others: str) -> None:
+    """A LabError where no criterion has this name, nor is it one of ``others``."""
+    known = (*others, *CRITERIA, *registered("lab.criteria"))
+    if name not in known:
+        raise LabError(f"criterion '{name}' is unknown: choose one of {', '.join(known)}")
+
+
+def own_criterion(given: object) -> Criterion:
+    """A criterion that somebody brings.
+
+    Raises:
+        LabError: it is no ``Criterion``, or has no name.
+    """
+    if isinstance(given, type) and issubclass(given, Criterion) and not inspect.isabstract(given):
+        given = given()
+    if not isinstance(given, Criterion) or not isinstance(getattr(given, "name", None), str):
+        raise LabError(f"criterion {given!r}: give an object of a subclass of lab.Criterion, with a name and a score")
+    return given
 
 
 def criterion(name: str, size: int, test: Array | None = None) -> Criterion:
@@ -161,8 +190,9 @@ def criterion(name: str, size: int, test: Array | None = None) -> Criterion:
     Raises:
         LabError: the name is unknown.
     """
+    refuse_unknown(name)
     if name not in CRITERIA:
-        raise LabError(f"criterion '{name}' is unknown: choose one of {', '.join(CRITERIA)}")
+        return own_criterion(load("lab.criteria", name))
     if name == "O1":
         return _Determinant()
     if name == "A":
@@ -248,11 +278,21 @@ def _inverse(information: Array) -> Array:
     return np.asarray(np.linalg.inv(information), dtype=np.float64)
 
 
+def is_singular(information: Array) -> NDArray[np.bool_]:
+    """Decide whether information matrices ``(..., p, p)`` say nothing of some parameter, in whatever units."""
+    return _unit_diagonal(information)[2]
+
+
+def _unit_diagonal(information: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Information scaled to a diagonal of one, the roots of its diagonal, and whether it is singular."""
+    size = np.sqrt(np.maximum(np.diagonal(information, axis1=-2, axis2=-1), _LEAST))
+    scaled: Array = information / size[..., :, None] / size[..., None, :]
+    return scaled, size, np.asarray(np.linalg.eigvalsh(scaled)[..., 0] < _SINGULAR, dtype=np.bool_)
+
+
 def _variances(information: Array, test: Array) -> Array:
     """Predicted variances ``(..., t)`` at test poses ``(t, r, p)``; infinite where information is singular."""
-    size = np.sqrt(np.maximum(np.diagonal(information, axis1=-2, axis2=-1), _LEAST))
-    scaled = information / size[..., :, None] / size[..., None, :]
-    singular = np.linalg.eigvalsh(scaled)[..., 0] < _SINGULAR
+    scaled, size, singular = _unit_diagonal(information)
     scaled[singular] = np.eye(information.shape[-1])
     inverse = np.linalg.inv(scaled) / size[..., :, None] / size[..., None, :]
     flat = test.reshape(-1, test.shape[-1])

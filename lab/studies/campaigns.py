@@ -31,7 +31,7 @@ from lab.kinematics.gauge import base_set
 from lab.kinematics.parameter import names_of
 from lab.kinematics.serial.arm import Stacked, stacked
 from lab.noise.instruments import Instrument, instrument, is_isotropic, observing
-from lab.pose_selection.criteria import CRITERIA
+from lab.pose_selection.criteria import refuse_unknown
 from lab.simulation.collisions import random_poses
 from lab.simulation.tracking import misalignments, track
 from lab.simulation.true_robot import TrueRobot
@@ -81,8 +81,7 @@ def refuse_impossible(study: Study) -> None:
     robot = load_virtual(study.robot)
     robot.refuse_unknown(study.targets)
     for cell in study.cells:
-        if cell.criterion not in (RANDOM, *CRITERIA):
-            raise LabError(f"criterion '{cell.criterion}' is unknown: choose one of {RANDOM}, {', '.join(CRITERIA)}")
+        refuse_unknown(cell.criterion, RANDOM)
     fitted: dict[tuple[object, ...], _Fitted] = {}
     for cell in study.cells:
         what = (cell.parameters, cell.effects, cell.instrument)

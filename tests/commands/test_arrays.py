@@ -67,6 +67,8 @@ def test_missing_points_and_what_is_told_of_rows(day: Measurements) -> None:
 
 WRONG = {
     "another number of joints": ({"joints": np.zeros((30, 5))}, r"robot .* has 6 joints; give one row of 6 numbers"),
+    "no pose": ({"joints": np.zeros((0, 6)), "points": np.zeros((0, 3))}, r"joints have shape \(0, 6\)"),
+    "infinite points": ({"points": np.full((30, 3), np.inf)}, r"points\[0\] is not finite; give NaN"),
     "another number of rows": ({"points": np.zeros((29, 3))}, r"points have shape \(29, 3\); give \(30, 3\)"),
     "a flat array": ({"points": np.zeros(90)}, r"points have shape \(90,\)"),
     "ragged rows": ({"joints": [[0.0], [1.0, 2.0]]}, r"^joints: not numbers in rows of one length"),

@@ -15,6 +15,7 @@ COMMAND = '''
 
 from dataclasses import dataclass
 
+import numpy as np
 import tyro
 
 import lab
@@ -68,6 +69,23 @@ SCALE = AddedSection(Weight, scale_of)
 INSPECTED = AddedSection(lab.Inspection, scale_of)
 
 
+class Volume(lab.Criterion):
+    name = "volume"
+
+    def score(self, information):
+        return np.linalg.slogdet(information)[1]
+
+
+class Frobenius(lab.Criterion):
+    name = "frobenius"
+
+    def score(self, information):
+        return (information**2).sum(axis=(-2, -1))
+
+    def slope(self, information):
+        return 2 * information
+
+
 class Spoken:
     """A language of robots of two joints."""
 
@@ -102,6 +120,7 @@ def python(site: Path, *arguments: str, cwd: Path | None = None) -> subprocess.C
 def site(tmp_path: Path) -> Path:
     sections = "[lab.sections]\nscale = weighing:SCALE\nat_inspection = weighing:INSPECTED\n"
     commands = "[lab.commands]\nweigh = weighing:WEIGH\n[lab.languages]\nspoken = weighing:Spoken\n"
+    commands += "[lab.criteria]\nfrobenius = weighing:Frobenius\nvolume = weighing:Volume\n"
     package(tmp_path, "weighing", commands + sections, COMMAND)
     return tmp_path
 
@@ -141,6 +160,24 @@ print(plan_files(load_robot("course2r").chain, "spoken", tour), refusal(load_rob
 """
     done = python(site, "-c", code)
     assert done.stdout == "{'plan.txt': b'two: 4 stops'} no spoken program for 6 joints\n", done.stderr
+
+
+def test_a_third_party_s_criterion_chooses_the_poses_of_designs_and_studies(site: Path) -> None:
+    design = ["design", "--robot", "course2r", "--poses", "6", "--candidates", "60", "--starts", "1", "--json"]
+    own = python(site, "-m", "lab", *design, "--criterion", "frobenius", "--out", "own")
+    known = python(site, "-m", "lab", *design, "--out", "known")
+    assert own.returncode == known.returncode == 0, own.stderr + known.stderr
+    first, second = json.loads(own.stdout), json.loads(known.stdout)
+    assert first["criterion"] == "frobenius" and first["indices"]["o1"]["value"] < second["indices"]["o1"]["value"]
+    refused = python(site, "-m", "lab", *design, "--criterion", "frobenios")
+    assert refused.returncode == 2 and refused.stderr.rstrip().endswith("A, G, I, frobenius, volume")
+    (site / "grid.toml").write_text(
+        'name = "grid"\nrobots = 2\ndraws = 2\nfresh = 10\n[factors]\ncriterion = ["random", "volume"]\nposes = 20\n'
+    )
+    study = python(site, "-m", "lab", "study", "grid.toml", "--workers", "1", "--json", "--out", "study")
+    assert study.returncode == 0, study.stderr
+    blind = python(site, "-m", "lab", "design", "--criterion", "frobenius", "--poses", "14", "--candidates", "60")
+    assert blind.returncode == 2 and "criterion frobenius chose 14 poses that cannot tell all" in blind.stderr
 
 
 def test_what_cannot_be_imported_is_reported_in_a_line_and_breaks_nothing(site: Path) -> None:

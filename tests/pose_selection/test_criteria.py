@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120
 
+import lab
 from lab.core.errors import LabError
 from lab.kinematics.gauge import base_set
 from lab.kinematics.serial.arm import SerialArm
-from lab.pose_selection.criteria import CRITERIA, Scaling, criterion, indices
+from lab.pose_selection.criteria import CRITERIA, Criterion, Scaling, criterion, indices
 
 ARM = SerialArm(IRB120.chain)
 KEPT = list(base_set(ARM, ARM.nominal()).identifiable)
@@ -120,3 +121,31 @@ def test_every_score_ranks_as_its_index(name: str) -> None:
 def test_an_unknown_criterion_lists_those_there_are() -> None:
     with pytest.raises(LabError, match=r"'D'.*O1.*condition.*I"):
         criterion("D", 27)
+
+
+class Product(Criterion):
+    """O1 again, as somebody would write it: by its score alone."""
+
+    name = "product"
+
+    def score(self, information: np.ndarray) -> np.ndarray:
+        return np.linalg.slogdet(information)[1]
+
+
+def test_a_criterion_of_one_s_own_needs_a_score_alone() -> None:
+    """Its differences are the derivative, and its design is as good as O1's."""
+    rows = jacobian(9, 3).reshape(-1, len(KEPT))
+    information = rows.T @ rows
+    known = criterion("O1", len(information))
+    own, exact = Product().slope(information), known.slope(information)
+    np.testing.assert_allclose(own, exact, atol=1e-7 * np.abs(exact).max(), rtol=0)
+    options = {"poses": 14, "candidates": 60, "starts": 1, "seed": 3, "no_check": True}
+    own, o1, other = (lab.design("irb120", criterion=each, **options) for each in (Product(), "O1", "O4"))
+    assert own.to_dict()["criterion"] == "product"
+    assert own.indices.o1 == pytest.approx(o1.indices.o1, rel=1e-3) and other.indices.o1 < 0.99 * o1.indices.o1
+
+
+@pytest.mark.parametrize("given", [3, Criterion, type("Nameless", (Product,), {"name": None})(), np.linalg.det])
+def test_what_is_no_criterion_is_refused(given: object) -> None:
+    with pytest.raises(lab.LabError, match=r"give an object of a subclass of lab.Criterion"):
+        lab.design("irb120", criterion=given)

@@ -19,7 +19,14 @@ from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.kinematics.joints import JointSpec
-from lab.pose_selection.criteria import PredictedAccuracy, indices, predict, smallest_count
+from lab.pose_selection.criteria import (
+    Criterion,
+    PredictedAccuracy,
+    indices,
+    own_criterion,
+    predict,
+    smallest_count,
+)
 from lab.pose_selection.exchange import Certificate, Design, certify, information
 from lab.pose_selection.tour import Tour, one_after_another, plan_tour, rated, with_reference
 from lab.render.terminal import Stage, status
@@ -39,7 +46,7 @@ def design(robot: str | Path | Robot | DesignOptions = "irb120", **options: Any)
     Args:
         robot: a model's name, a path, or a loaded robot; or all options in one object.
         options: those of ``lab design``, by name: ``poses`` or ``accuracy_mm``, ``criterion``, ``instrument`` and so
-            on.
+            on; ``criterion`` may be an object of a subclass of ``lab.Criterion``.
 
     Returns:
         Joint positions (rad or m) in the order of the tour, and what accuracy to expect of them; with ``check`` whether
@@ -54,6 +61,10 @@ def design(robot: str | Path | Robot | DesignOptions = "irb120", **options: Any)
         >>> plan.joints.shape
         (14, 6)
     """
+    own = None
+    if not isinstance(options.get("criterion", ""), str):
+        own = own_criterion(options["criterion"])
+        options["criterion"] = own.name
     if isinstance(robot, DesignOptions):
         requested, known = robot, load_virtual(robot.robot, robot.cell)
     else:
@@ -61,26 +72,28 @@ def design(robot: str | Path | Robot | DesignOptions = "irb120", **options: Any)
         requested = options_of("lab.design", DesignOptions, {"robot": known.source, **options})
         known = known.placed_in(requested.cell)
     requested.refuse_nonsense()
-    return check_plan(requested, known) if requested.check is not None else planned_session(requested, known)
+    return check_plan(requested, known) if requested.check is not None else planned_session(requested, known, own)
 
 
-def planned_session(options: DesignOptions, robot: Robot | None = None) -> DesignResult:
+def planned_session(options: DesignOptions, robot: Robot | None = None, own: Criterion | None = None) -> DesignResult:
     """Choose poses, and order them.
 
     Args:
         options: what is asked.
         robot: in its cell; loaded as the options say, if not given.
+        own: the criterion, in the place of the one that the options name.
 
     Raises:
         LabError: the request cannot be met; the message says by what.
     """
     with status("planning") as progress:
-        return _planned(options, load_virtual(options.robot, options.cell) if robot is None else robot, progress)
+        known = load_virtual(options.robot, options.cell) if robot is None else robot
+        return _planned(options, known, own, progress)
 
 
-def _planned(options: DesignOptions, robot: Robot, progress: Stage) -> DesignResult:
+def _planned(options: DesignOptions, robot: Robot, own: Criterion | None, progress: Stage) -> DesignResult:
     started = time.perf_counter()
-    problem = pose_problem(options, robot, partial(progress, "1 of 5, candidates"))
+    problem = pose_problem(options, robot, partial(progress, "1 of 5, candidates"), own)
     least = _least(problem)
     quick = _of_any_size(options, problem)
     if options.accuracy_mm is not None:
