@@ -18,42 +18,6 @@ from importlib import import_module
 
 from lab.core.version import __version__
 
-TYPE_CHECKING = False  # as type checkers read it; importing typing would take longer than all the rest
-if TYPE_CHECKING:
-    from typing import Any
-
-    from lab.calibration.estimate import Estimate
-    from lab.calibration.estimate_files import save_estimate
-    from lab.campaign.instruments import instrument
-    from lab.campaign.robot import Robot, load_robot
-    from lab.commands.arrays import measurements, robot_from_dh
-    from lab.commands.calibrate.load_run import load_estimate
-    from lab.commands.calibrate.result import CalibrationResult
-    from lab.commands.calibrate.run import MeasurementSession, calibrate, identify, simulate
-    from lab.commands.compare.run import compare
-    from lab.commands.compensate.result import CompensationResult
-    from lab.commands.compensate.run import compensate
-    from lab.commands.design.result import DesignResult
-    from lab.commands.design.run import design
-    from lab.commands.import_measurements.run import import_measurements
-    from lab.commands.inspect.run import Inspection, inspect
-    from lab.commands.measurements import WorldFrames, read_measurements, world_frames, write_measurements
-    from lab.commands.predict.run import PredictionResult, predict
-    from lab.commands.result import Result
-    from lab.commands.status.run import status
-    from lab.commands.study.run import StudyResult, study
-    from lab.commands.verify.run import VerificationResult, verify
-    from lab.core.errors import LabError
-    from lab.core.measurements import Measurements
-    from lab.extensions.dynamics.arm.run import dynamics
-    from lab.extensions.dynamics.payload.result import PayloadResult
-    from lab.extensions.dynamics.payload.run import payload
-    from lab.extensions.robotics.kinematics.run import solve_kinematics
-    from lab.extensions.robotics.trajectory.run import trajectory
-    from lab.formats.target_csv import Targets
-    from lab.noise.instruments import Instrument
-    from lab.pose_selection.criteria import Criterion
-
 __all__ = [
     "CalibrationResult",
     "CompensationResult",
@@ -137,7 +101,7 @@ _EXTENSIONS = {  # the lab's own extensions, with the names that each registers 
 }
 
 
-def __getattr__(name: str) -> "Any":
+def __getattr__(name: str) -> object:
     for module, names in _MODULES.items():
         if name in names:
             value = globals()[name] = getattr(import_module(module), name)

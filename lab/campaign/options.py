@@ -142,7 +142,7 @@ class DesignOptions:
     accuracy_mm: float | None = None
     """Choose as few poses as keep 95 % of the validation poses within this, in 95 % of the campaigns."""
     criterion: str = "O1"
-    """What to make as good as can be: O1, O2, O3, O4, O5, condition, A, G, I, or one that a package registers."""
+    """What to make as good as can be: O1, O2, O3, O4, O5, condition, A, G or I. Packages may add others."""
     scaling: Literal["raw", "unit", "length", "whitened"] = "whitened"
     """Units of the indices: mm and rad, unit columns, a characteristic length, or tolerances and noise."""
     targets: Names = ("p1",)
