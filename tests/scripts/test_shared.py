@@ -8,7 +8,11 @@ from helpers.robots import ROOT
 from shared import run_script
 
 SCRIPTS = [path for path in sorted((ROOT / "scripts").glob("*.py")) if "__main__" in path.read_text(encoding="utf-8")]
-NO_STUDIES = {"build_closed_models", "build_irb120_shells", "build_kernels", "reference_set", "structure"}
+NO_STUDIES = {f"build_{what}" for what in ("closed_models", "irb120_shells", "kernels")} | {
+    "public_stub",
+    "reference_set",
+    "structure",
+}
 
 
 @pytest.mark.thorough
