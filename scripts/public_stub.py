@@ -1,6 +1,6 @@
 """Write ``lab/__init__.pyi``: what ``import lab`` offers to type checkers, every option of a call in its signature.
 
-Run it where an option or a public name has changed; a test tells when it must be.
+Run it after an option or a public name has changed: until then a test fails.
 """
 
 import ast
@@ -113,10 +113,10 @@ def stub_text() -> str:
             stub.named(given.__module__, name)
     imports = "".join(f"from {module} import {', '.join(names)}\n" for module, names in stub.imports.items())
     listed = "".join(f'    "{name}",\n' for name in lab.__all__)
-    return tidied("\n".join([imports, f"__all__ = [\n{listed}]\n", "__version__: str\n", *calls]))
+    return _tidied("\n".join([imports, f"__all__ = [\n{listed}]\n", "__version__: str\n", *calls]))
 
 
-def tidied(text: str) -> str:
+def _tidied(text: str) -> str:
     """The text as ruff writes it."""
     for order in (["check", "--fix", "--quiet"], ["format", "--quiet"]):
         command = [sys.executable, "-m", "ruff", *order, f"--stdin-filename={STUB}", "-"]

@@ -371,6 +371,10 @@ class MeasuredRange:
         beyond = np.maximum(self.lower - joints, joints - self.upper)
         return np.where(beyond > _ROUNDING, beyond, 0.0)
 
+    def outside(self, joints: Array) -> NDArray[np.bool_]:
+        """``(n,)`` which positions ``(n, joints)`` are beyond the measured range, or near no measured one."""
+        return np.asarray(self.uncovered(joints) | (self.beyond(joints) > 0).any(axis=1))
+
     def uncovered(self, joints: Array) -> NDArray[np.bool_]:
         """``(n,)`` which positions ``(n, joints)`` no measured one is near: a region that nobody measured."""
         return np.asarray(self._away(joints) > 0)

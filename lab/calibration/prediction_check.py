@@ -3,8 +3,8 @@
 The predicted errors are those of the parameters (by their covariance, and beyond the measured range what the model may
 lack there) and, where measured points judge, those of the noise. They are drawn many times, with one draw of the
 parameters for all poses, so that the 95 % error of the campaign's own poses is known with its chance. Poses in regions
-that were not measured are left out where enough others remain: what a model may lack there is wide, and would hide
-errors where the poses were measured.
+that were not measured are left out where enough others remain: the model discrepancy there is wide, and would hide
+errors where poses were measured.
 """
 
 import numpy as np
@@ -28,7 +28,7 @@ DRAWS = 999
 _MAX_POSES = 300
 SHARE = 95.0  # percent
 ROUNDING_M = 1e-7  # errors below are those of the arithmetic
-_LEAST_POSES = 10  # in the measured region, that they alone are compared
+_LEAST_POSES = 10  # in the measured region: of fewer, those beyond it are compared too
 
 
 def prediction_check(
@@ -104,11 +104,10 @@ def check_prediction(
 
 
 def _measured_region(measured: MeasuredRange | None, rows: Measurements) -> NDArray[np.int_] | None:
-    """The rows whose poses lie where some were measured; None where all are compared."""
+    """Return the rows whose poses lie in the measured region; None where all are compared."""
     if measured is None or not measured.is_worse_beyond:
         return None
-    outside = measured.beyond(rows.joints).any(axis=1) | measured.uncovered(rows.joints)
-    inside = np.flatnonzero(~outside)
+    inside = np.flatnonzero(~measured.outside(rows.joints))
     return inside if _LEAST_POSES <= len(inside) < len(rows) else None
 
 

@@ -372,7 +372,7 @@ class _Calibration:
     def _gate(self, after_m: float) -> Check:
         """Check the mean error against the gate; without one against what an arm within tolerances has uncalibrated.
 
-        Above it, but not by more than the noise of the validation may make, nothing is shown.
+        A mean error above it that the noise of the validation may explain fails ``accuracy.gate_below_noise`` instead.
         """
         limit = self.workspace.tolerance_rms_m if self.gate_m is None else self.gate_m
         given = self.identification.sigma_given
@@ -391,7 +391,7 @@ class _Calibration:
     def _shares_without_noise(self) -> tuple[float, float]:
         """The share of the measured errors that is the arm's, and its lower 95 % limit, without the validation's noise.
 
-        A noise that nobody gave is the residuals', as far as common instruments have it.
+        Where no noise is given, that of the residuals counts, up to what common instruments have.
         """
         errors, found = self.validation.errors, self.identification
         if errors is None or self.validation.judged_by == "fresh":

@@ -251,7 +251,7 @@ def predict_elsewhere(
         return None
     model, values, size = identification.model, identification.values, len(measured.lower)
     inputs = workspace_region(model, values, np.stack([measured.lower, measured.upper]), measured.turning).inputs
-    far = measured.uncovered(inputs[:, :size]) | (measured.beyond(inputs[:, :size]) > 0).any(axis=1)
+    far = measured.outside(inputs[:, :size])
     if not far.any():
         return None
     found = predict_over_region(identification, tolerance, Region("workspace", inputs[far]), left, measured=measured)

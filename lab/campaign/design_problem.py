@@ -202,7 +202,7 @@ class PoseProblem:
         test: ``(t, 3, f)``, Jacobians (m) of the targets at random poses.
         already: ``(n0, joints + stations - 1)``, poses measured before.
         before: ``(n0, r, f)``, sensitivities there.
-        access: by which the plan was made; None of a problem that was pickled or copied, as it remembers many looks.
+        access: the collision-free ways between the poses; None after pickling or copying, because it is too large.
     """
 
     robot: Robot

@@ -4,7 +4,7 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,16 +14,15 @@ from lab.commands.calibrate.run import checked
 from lab.core.errors import LabError
 from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
+from lab.formats.measurement_csv import USES
 from lab.formats.orientations import orientation_texts
 from lab.formats.robot_toml import ANGLES, LENGTHS, write_table
-from lab.kinematics.serial.chain import Chain, parallel_links
+from lab.kinematics.serial.chain import Chain, Convention, parallel_links
 
 __all__ = ["measurements", "robot_from_dh"]
 
-Convention = Literal["distal", "craig"]
 AngleUnit = Literal["rad", "deg"]
 LengthUnit = Literal["m", "mm"]
-_USES = ("calibrate", "reference", "test", "skip")
 _CALL = "lab.measurements"
 _COLUMNS = ("theta", "d", "a", "alpha")
 _ROUNDING = 1e-3  # of rotation matrices that were printed
@@ -160,7 +159,7 @@ def robot_from_dh(
             f"lab.robot_from_dh: the table has shape {rows.shape}; give a row of four finite numbers a link: "
             f"{', '.join(_COLUMNS)}"
         )
-    if convention not in ("distal", "craig"):
+    if convention not in get_args(Convention):
         raise LabError(f"lab.robot_from_dh: convention is {convention!r}; give 'distal' or 'craig'")
     rows = np.column_stack([rows * [angle, length, length, angle], np.zeros(len(rows))])
     slides = _flags(prismatic, len(rows))
@@ -263,8 +262,8 @@ def _texts(argument: str, values: Sequence[Any], n: int) -> tuple[str, ...]:
 
 def _uses(use: Sequence[str], n: int) -> tuple[str, ...]:
     found = _texts("use", use, n)
-    if wrong := set(found) - set(_USES):
-        raise LabError(f"{_CALL}: use '{min(wrong)}' is unknown; there are {', '.join(_USES)}")
+    if wrong := set(found) - set(USES):
+        raise LabError(f"{_CALL}: use '{min(wrong)}' is unknown; there are {', '.join(USES)}")
     return found
 
 

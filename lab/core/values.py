@@ -1,4 +1,4 @@
-"""Values: objects that are equal where all that they hold is, and print in one line."""
+"""Values: objects that compare by what they hold, and print in one line."""
 
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
@@ -46,11 +46,11 @@ class Value:
         return _same_fields(self, other)
 
     def __hash__(self) -> int:
-        return hash(type(self))  # equal ones have the same, as they must; arrays have none of their own
+        return hash(type(self))  # equal objects must have equal hashes, and arrays have none
 
 
 def same(first: Any, second: Any) -> bool:
-    """Whether two objects hold the same, however they are nested: dataclasses, mappings, sequences, arrays, numbers.
+    """Decide whether two objects hold the same: dataclasses, mappings, sequences, arrays and numbers, however nested.
 
     NaN is the same as NaN, whether alone or in an array.
     """

@@ -172,7 +172,7 @@ def refuse_unknown(name: str, *others: str) -> None:
 
 
 def own_criterion(given: object) -> Criterion:
-    """A criterion that somebody brings.
+    """The criterion that a user or a package gives: an object, or a class of such objects.
 
     Raises:
         LabError: it is no ``Criterion``, or has no name.

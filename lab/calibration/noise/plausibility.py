@@ -124,7 +124,7 @@ def changes_in_time(found: Identification, observed: Observations, rows: Measure
     linear = linearized(found.model, observed, found.values, found.fit.free, found.extra_residuals)
     white = np.concatenate([linear.jacobian, linear.residual[..., None]], axis=2)[: linear.poses]
     within, changing = linear.everywhere(), _changing(found, linear, observed, rows)
-    grows = next(what for what in changing if "size" in what)
+    grows = next(what for what in changing if "size" in what)  # a joint that moves points alike is named beside it
     tried, best = 2, None
     for what, columns in changing.items():
         scan = likeliest_change(white, columns, times)
@@ -217,9 +217,7 @@ def _steady_growth(within: SubsetFit, columns: Array, times: Array) -> _Growth |
     linear, span = within.linear, float(np.ptp(since))
     column = np.zeros_like(linear.residual)
     column[: linear.poses] = since[:, None] * columns[..., 0]
-    own = column - linear.jacobian @ within.directions @ (
-        within.directions.T @ np.einsum("nmf,nm->f", linear.jacobian, column)
-    )
+    own = within.residuals(column)
     dof, left = within.dof - 1, float((own**2).sum())
     if dof < 1 or left <= _SPANNED * float((column**2).sum()):
         return None

@@ -209,7 +209,7 @@ class ArmFacts:
 class Effect:
     """A fitted group of parameters, all zero in the nominal model.
 
-    Its functions are no values: it is pickled as what makes it, ``made_by``.
+    Functions like these cannot be pickled, so that it is pickled as the call that makes it, ``made_by``.
 
     Attributes:
         name: of the group, e.g. ``compliance``.
@@ -228,7 +228,7 @@ class Effect:
         links: those whose far ends it moves, from 0; none unless it moves links.
         plain: parameters ``(p,)`` to the terms of ``formats.plain_arm`` that say the same, by which ``calibrated.py``
             has the effect; None where it cannot.
-        made_by: makes it again, in another process too.
+        made_by: the call that makes it again, in another process too; None of an effect that cannot be pickled.
     """
 
     name: str
