@@ -1,18 +1,18 @@
-"""Load what installed packages add to the lab, by their entry points.
+"""Load extensions of installed packages by their entry points.
 
 A package adds an object by a line of its ``pyproject.toml``, e.g. ``[project.entry-points."lab.commands"]`` with
-``weigh = "my_package.commands:WEIGH"``. These are the groups, with what an entry names and what its own name means:
+``weigh = "my_package.commands:WEIGH"``. These are the groups, with the object and the meaning of its name:
 
-- ``lab.commands``: a ``Command`` of ``lab.commands.registry``; the name is what is typed.
-- ``lab.names``: a function or a class that ``import lab`` offers as ``lab.NAME``.
-- ``lab.languages``: the class of a ``Language`` of ``lab.formats.programs.protocol``, which is made without arguments;
+- ``lab.commands``: a ``Command`` of ``lab.commands.registry``; the name is the command.
+- ``lab.names``: a function or a class, available as ``lab.NAME``.
+- ``lab.languages``: the class of a ``Language`` of ``lab.formats.programs.protocol``, made without arguments;
   the name is its ``name`` in small letters, and the value of ``--controller``.
 - ``lab.inverses``: a function from a ``Chain`` and the tool ``(3,)`` m in its last frame to a ``ClosedForm`` of
-  ``lab.kinematics.inverse.closed_form``, or to None where it has none for such an arm.
-- ``lab.shapes``: a function from a ``Mechanism`` to what ``lab inspect`` reports of its closed form, or None.
+  ``lab.kinematics.inverse.closed_form``, or None if it has none for this arm.
+- ``lab.shapes``: a function from a ``Mechanism`` to the ``ClosedFormShape`` that ``lab inspect`` reports, or None.
 - ``lab.sections``: an ``AddedSection`` of ``lab.commands.sections``.
 - ``lab.criteria``: an object or a subclass of ``lab.Criterion``; the name is the value of ``--criterion``.
-- ``lab.sources``: a ``Source`` of ``lab.extensions.reproduction.item``; the name is what ``lab reproduce`` takes.
+- ``lab.sources``: a ``Source`` of ``lab.extensions.reproduction.item``; the name is the argument of ``lab reproduce``.
 
 An extension may use the public interface ``lab``, this module, and the toolbox, which the import contract names:
 
@@ -25,8 +25,8 @@ An extension may use the public interface ``lab``, this module, and the toolbox,
 - ``lab.render``: documents, charts, recordings; the modules of ``lab.commands`` (not its folders): a command's result,
   its run's folder, values for ``--json``.
 
-The lab's own extensions (``lab.extensions``) are registered in the same way. An entry is imported when it is used. One
-that cannot be imported is left out, and reported in one line on the standard error.
+The lab's own extensions (``lab.extensions``) are registered in the same way. An entry is imported at its first use. One
+that cannot be imported is left out, with a line on the standard error.
 """
 
 import sys
@@ -41,12 +41,12 @@ if TYPE_CHECKING:
 
 __all__ = ["choice_of", "load", "load_all", "load_reference", "registered"]
 
-_reported = set[str]()  # entries, so that each is reported once
+_reported = set[str]()  # entries that could not be loaded: each is reported once
 
 
 @cache
 def _entries(group: str) -> "dict[str, EntryPoint]":
-    """Return the entry points of a group by name, in alphabetical order; of several with one name the first found."""
+    """Return the entry points of a group by name; the first found of several with one name."""
     from importlib.metadata import entry_points  # slow to import, and not every process needs it
 
     found: dict[str, EntryPoint] = {}
@@ -56,7 +56,7 @@ def _entries(group: str) -> "dict[str, EntryPoint]":
 
 
 def registered(group: str) -> tuple[str, ...]:
-    """Return the names that are registered in a group; nothing of them is imported."""
+    """Return the names that are registered in a group, without an import."""
     return tuple(_entries(group))
 
 
@@ -68,19 +68,19 @@ def load(group: str, name: str) -> Any:
     """
     entry = _entries(group).get(name)
     if entry is None:
-        known = ", ".join(registered(group)) or "none"
-        raise LabError(f"'{name}' is not registered as an entry point of {group}; there are {known}")
+        names = ", ".join(registered(group)) or "none"
+        raise LabError(f"'{name}' is not registered as an entry point of {group}; there are {names}")
     try:
         return entry.load()
     except Exception as error:
         raise LabError(
-            f"extension '{name}' ({entry.value}) cannot be loaded ({type(error).__name__}: {_one_line(error)}); "
+            f"extension '{name}' ({entry.value}) cannot be loaded ({type(error).__name__}: {' '.join(str(error).split())}); "
             "repair or uninstall its package"
         ) from error
 
 
 def load_all(group: str) -> dict[str, Any]:
-    """Import all registered objects of a group, by their names; those that cannot be imported are left out."""
+    """Import all registered objects of a group; leave out those that cannot be imported, with a warning."""
     found = dict[str, Any]()
     for name in registered(group):
         try:
@@ -93,16 +93,12 @@ def load_all(group: str) -> dict[str, Any]:
 
 
 def load_reference(reference: str) -> Any:
-    """Import what ``module:name`` names."""
+    """Import the object ``module:name``."""
     module, _, name = reference.partition(":")
     return getattr(import_module(module), name)
 
 
 def choice_of(group: str) -> Any:
-    """Return the type of an option whose values are the registered names; ``str`` where there is none."""
+    """Return the type of an option whose values are the registered names; ``str`` without any."""
     names = registered(group)
     return Literal[names] if names else str
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())

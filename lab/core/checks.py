@@ -1,4 +1,4 @@
-"""Results of tests as numbers: verdicts are decided by them, and sentences are made from them."""
+"""Test results as numbers, from which verdicts and sentences are made."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -11,15 +11,15 @@ Outcome = Literal["passed", "failed", "not tested", "noted"]
 
 @dataclass(frozen=True)
 class Check:
-    """A test of data or of a fit: numbers with a level, from which verdicts and sentences are made.
+    """Result of a test of data or of a fit.
 
     Attributes:
         name: what is tested, e.g. ``lack_of_fit.repeats``; the phrase of this name words it.
-        outcome: what came out at ``level``; ``noted`` where a fact is reported and nothing was tested.
-        statistic: the test's; NaN where there is none.
-        p: its p-value; NaN where there is none.
-        level: below which ``p`` is a failure; NaN where there is none.
-        data: what else a sentence or a decision needs, in SI units.
+        outcome: the result at ``level``; ``noted`` for a fact without a test.
+        statistic: the test statistic; NaN without one, as ``p`` and ``level``.
+        p: the p-value.
+        level: the significance level, below which ``p`` is a failure.
+        data: further numbers for sentences and decisions, in SI units.
     """
 
     name: str

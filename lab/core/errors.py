@@ -1,17 +1,9 @@
-"""Errors that a person reads, and the grammar of their sentences."""
+"""Error messages to the user, and their grammar."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-__all__ = [
-    "IncompleteColumnError",
-    "LabError",
-    "be",
-    "counted",
-    "error_context",
-    "option_name",
-    "options_as_flags",
-]
+__all__ = ["IncompleteColumnError", "LabError", "be", "counted", "error_context", "option_name", "options_as_flags"]
 
 _as_flags = False
 
@@ -26,11 +18,7 @@ class IncompleteColumnError(LabError):
 
 @contextmanager
 def error_context(context: object) -> Iterator[None]:
-    """Say in what happens here which file or option it comes from.
-
-    Raises:
-        LabError: one that is raised within, with the context before its message.
-    """
+    """Put the file or option before the message of a LabError that is raised within."""
     try:
         yield
     except LabError as error:
@@ -44,7 +32,7 @@ def option_name(name: str) -> str:
 
 @contextmanager
 def options_as_flags() -> Iterator[None]:
-    """Name options as flags in the messages that are made here: of a command, not of a call."""
+    """Name options as flags in messages, for a command instead of a Python call."""
     global _as_flags
     before, _as_flags = _as_flags, True
     try:
@@ -54,10 +42,10 @@ def options_as_flags() -> Iterator[None]:
 
 
 def counted(count: int, noun: str) -> str:
-    """A count and what it counts: ``1 pose``, ``12,000 poses``; the plural takes an s."""
+    """Write a count with its noun: ``1 pose``, ``12,000 poses``; the plural takes an s."""
     return f"{count:,} {noun}{'' if count == 1 else 's'}"
 
 
 def be(count: int) -> str:
-    """The verb that fits a count: ``is`` or ``are``."""
+    """Return the verb for a count: ``is`` or ``are``."""
     return "is" if count == 1 else "are"

@@ -1,14 +1,8 @@
-"""Limits of what a user may give, and checks that name the option, the value and what is allowed.
+"""Limits of a user's input, refused before any work begins by errors with the option, the value and the limit.
 
-How large an input may be: what is more is refused where it enters, before any work begins.
-
-The limits are far above what a calibration needs, and small enough that the work ends and fits into memory. Each is
-listed in docs/reference/limits.md.
-
-Which numbers an input may hold: what lies outside is refused where it enters, before any work begins.
-
-The ranges are wider than what arms, instruments and rooms have: a number outside is of another unit, or of another
-column. Each is listed in docs/reference/limits.md.
+Limits of size are far above what a calibration needs, and small enough that the work ends and fits into memory. Ranges
+are wider than those of arms, instruments and rooms: a number outside is in another unit or from another column.
+docs/reference/limits.md lists them.
 """
 
 import re
@@ -118,12 +112,12 @@ _MIB: Final = 1 << 20
 
 @dataclass(frozen=True)
 class Limit:
-    """The most of something.
+    """Maximum number of something.
 
     Attributes:
-        what: in the plural, as an error and the documentation say it.
-        most: how many.
-        why: what it protects from, or what a larger one could not mean.
+        what: the noun in the plural, for errors and the documentation.
+        most: the maximum.
+        why: the reason, for the documentation.
     """
 
     what: str
@@ -132,25 +126,22 @@ class Limit:
 
     @property
     def shown(self) -> str:
-        """The number as a person reads it."""
+        """The maximum as text."""
         if self.most % _MIB == 0 and self.what.startswith("bytes"):
             return f"{self.most // _MIB} MiB"
         return f"{self.most:,}"
 
     def __call__(self, where: object, given: int | Sized) -> None:
-        """Refuse more.
+        """Refuse more with a LabError.
 
         Args:
-            where: the option or the file, as an error begins.
-            given: how many, or what has so many.
-
-        Raises:
-            LabError: it is more than the limit.
+            where: the option or the file, with which the message begins.
+            given: a number, or a collection of so many.
         """
         count = given if isinstance(given, int) else len(given)
         if count > self.most:
-            told = f"{count:,}" if count < 10**15 else f"{float(min(count, 10**300)):.0e}"
-            raise LabError(f"{where}: {told} {self.what} are too many; give at most {self.shown}")
+            shown = f"{count:,}" if count < 10**15 else f"{float(min(count, 10**300)):.0e}"
+            raise LabError(f"{where}: {shown} {self.what} are too many; give at most {self.shown}")
 
 
 TABLE_BYTES = Limit("bytes of a CSV file", 512 * _MIB, "a million rows of three targets have 300 MiB")
@@ -200,15 +191,11 @@ SEED = Limit("as a seed", (1 << 63) - 1, "a seed is a whole number of 63 bits")
 LIMITS: Final = tuple(value for value in list(globals().values()) if isinstance(value, Limit))
 
 _NOT_IN_NAMES = frozenset("./\\,;")  # of parameters, folders and lists of names
-_NOT_FIRST = frozenset("=+-@")  # a spreadsheet takes for a formula what begins so
+_NOT_FIRST = frozenset("=+-@")  # beginnings of a formula in a spreadsheet
 
 
 def checked_name(where: object, name: str) -> str:
-    """A name of a joint or a target that every file format and folder can hold.
-
-    Raises:
-        LabError: it is empty, too long, or has a character with a meaning of its own.
-    """
+    """Return a name of a joint or a target; refuse one that is empty, too long, or not writable in every format."""
     if not name.strip():
         raise LabError(f"{where}: an empty name; name it")
     NAME(f"{where}: the name {name[:20]}…", name)
@@ -221,14 +208,12 @@ def checked_name(where: object, name: str) -> str:
 
 @dataclass(frozen=True)
 class Range:
-    """The numbers that something may have.
+    """Allowed range of a number.
 
     Attributes:
-        what: as the documentation says it.
-        least: the smallest.
-        most: the largest.
-        unit: of both; "" of a plain number.
-        why: what lies outside.
+        what: the quantity, for the documentation.
+        unit: unit of both ends; "" of a plain number.
+        why: what a number outside means, for the documentation.
     """
 
     what: str
@@ -239,11 +224,10 @@ class Range:
 
     @property
     def shown(self) -> str:
-        """The ends as a person reads them."""
+        """The ends as text."""
         return f"{self.least:,.10g} to {self.most:,.10g} {self.unit}".replace("-", "−").strip()
 
     def __contains__(self, value: float) -> bool:
-        """Decide whether a number is in the range; one that is not finite never is."""
         return self.least <= value <= self.most
 
     def outside(self, values: Array) -> NDArray[np.bool_]:
@@ -251,14 +235,7 @@ class Range:
         return np.asarray((values < self.least) | (values > self.most))
 
     def __call__(self, where: object, value: float) -> None:
-        """Refuse another number.
-
-        Args:
-            where: the option, or the name in a file, as an error begins.
-
-        Raises:
-            LabError: it is outside.
-        """
+        """Refuse a number outside with a LabError that begins with ``where``, an option or a name in a file."""
         if value not in self:
             raise LabError(f"{where} is {value:g}; give {self.shown}")
 
@@ -303,41 +280,23 @@ RANGES: Final = tuple(value for value in list(globals().values()) if isinstance(
 
 
 def whole(flag: str, value: int, least: int, most: Limit) -> None:
-    """Refuse a count that is too small or too large.
-
-    Raises:
-        LabError: ``value`` is below ``least``, or above the limit.
-    """
+    """Refuse a count below ``least`` or above a limit with a LabError."""
     if value < least:
         raise LabError(f"{flag} {value}: give a whole number of {least} or more")
     most(flag, value)
 
 
 def positive(flag: str, value: float) -> None:
-    """Refuse what is not above zero, or is too large to be meant.
-
-    Raises:
-        LabError: ``value`` is outside ``POSITIVE_OPTION``.
-    """
+    """Refuse a number outside ``POSITIVE_OPTION`` with a LabError."""
     if value not in POSITIVE_OPTION:
         least, most = POSITIVE_OPTION.least, POSITIVE_OPTION.most
         raise LabError(f"{flag} {value:g}: give a number above zero, from {least:g} to {most:g}")
 
 
-_FORM = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}")
-
-
 def day(where: str, text: str) -> date:
-    """The day that a text names.
-
-    Args:
-        where: the option or file that holds it.
-
-    Raises:
-        LabError: it is no day in the form YYYY-MM-DD.
-    """
+    """Parse a date YYYY-MM-DD, or raise a LabError that begins with ``where``, the option or file."""
     try:
-        if not _FORM.fullmatch(text):  # ISO 8601 has others, which a reader would have to know
+        if not re.fullmatch(r"[0-9]{4}-[0-9]{2}-[0-9]{2}", text):  # no other form of ISO 8601
             raise ValueError
         return date.fromisoformat(text)
     except ValueError:
@@ -356,19 +315,16 @@ def check_serial(serial: str | None) -> None:
 
 
 def called(robot: str, serial: str | None) -> str:
-    """Return how a person names the arm: its model, and its serial number where that is known."""
+    """Return the name of an arm: its model, and its serial number if given."""
     return robot if serial is None else f"{robot} {serial}"
 
 
 def one_serial(serials: Mapping[str, str | None], mend: str) -> str | None:
-    """Return the serial number that several sources share; None where none of them states one.
+    """Return the serial number that several sources share, or None without any; refuse different ones.
 
     Args:
-        serials: by the source's name, as an error gives it, the serial number that it states.
-        mend: what to do where they differ, for the end of the message.
-
-    Raises:
-        LabError: two sources state different ones.
+        serials: the serial numbers by their source's name in messages.
+        mend: advice for the end of the message.
     """
     stated = [(where, serial) for where, serial in serials.items() if serial is not None]
     for where, serial in stated[1:]:

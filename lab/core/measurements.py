@@ -21,7 +21,6 @@ __all__ = [
     "SESSION",
     "STATION",
     "Measurements",
-    "Visits",
     "asked",
     "copied_rows",
     "describe_copies",
@@ -35,38 +34,37 @@ __all__ = [
     "without_copies",
 ]
 
-FIXTURE = "fixture"  # the condition that numbers a row's fixture: an anchor, a socket, a plane
-SESSION = "session "  # before a session's name: the condition that says which rows are of it
-STATION = "station "  # before a station's name: the condition that says which rows were measured from it
-LAST_MOVE = "last move of "  # before a joint's name: the condition that says in which direction it moved last
-PLACE = "place in the file"  # the condition that says how far on in the campaign a row is, from 0 to 1
+FIXTURE = "fixture"  # condition: number of a row's fixture (anchor, socket, plane)
+SESSION = "session "  # prefix of a session's name: condition 1 in its rows, else 0
+STATION = "station "  # prefix of a station's name: condition 1 in its rows, else 0
+LAST_MOVE = "last move of "  # prefix of a joint's name: condition of its last direction of motion
+PLACE = "place in the file"  # condition: progress of the campaign, from 0 to 1
 _ROWS_PRINTED = 7
-_STILL = 1e-4  # rad or m: a joint that moves by less from one row to the next has not been moved
+_STILL = 1e-4  # rad or m: smaller changes from row to row are no motion
 
 
 @dataclass(frozen=True, eq=False)
-class Visits(Value):
-    """The order in which an arm took its poses.
+class _Visits(Value):
+    """Order of the poses.
 
     Attributes:
-        place: ``(n,)``, 0 of the first row of all that were measured together, 1 of the last.
-        last_move: ``(n, joints)``: 1 or -1 by the direction in which each joint moved last, 0 where nobody knows.
+        place: ``(n,)``, from 0 for the first row of the campaign to 1 for the last.
+        last_move: ``(n, joints)``: each joint's last direction of motion, 1 or -1; 0 if unknown.
     """
 
     place: Array
     last_move: Array
 
-    def take(self, rows: NDArray[np.int_]) -> "Visits":
-        """Those of some rows."""
-        return Visits(self.place[rows], self.last_move[rows])
+    def take(self, rows: NDArray[np.int_]) -> "_Visits":
+        return _Visits(self.place[rows], self.last_move[rows])
 
 
 def last_moves(joints: Array, sessions: Sequence[str] = ()) -> Array:
-    """The direction in which each joint moved last ``(n, joints)``: 1, -1, or 0 where that is not known.
+    """Return each joint's last direction of motion ``(n, joints)``: 1, -1, or 0 if unknown.
 
     Args:
         joints: ``(n, joints)`` positions (rad, m of a slide) in the order of the visits.
-        sessions: of the rows, where there are several: before the first row of each, nothing is known.
+        sessions: of the rows; directions are unknown before the first row of each.
     """
     moved = np.diff(joints, axis=0, prepend=joints[:1])
     sign = np.where(np.abs(moved) > _STILL, np.sign(moved), 0.0)
@@ -75,31 +73,31 @@ def last_moves(joints: Array, sessions: Sequence[str] = ()) -> Array:
     if sessions:
         begins[1:] = [a != b for a, b in pairwise(sessions)]
     sign[begins] = 0.0
-    told = np.where((sign != 0) | begins[:, None], np.arange(len(joints))[:, None], 0)
-    return np.asarray(np.take_along_axis(sign, np.maximum.accumulate(told, axis=0), axis=0))
+    latest = np.where((sign != 0) | begins[:, None], np.arange(len(joints))[:, None], 0)
+    return np.asarray(np.take_along_axis(sign, np.maximum.accumulate(latest, axis=0), axis=0))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Measurements(Value):
-    """Joint positions with what was observed there, in the instrument's frame.
+    """Joint positions and the points observed there, in the instrument's frame.
 
     Attributes:
         joint_names: of the columns of ``joints``.
         joints: ``(n, joints)``, rad for a revolute joint, m for a slide.
         targets: names of the measured points.
-        points: ``(n, k, 3)`` m; NaN where not measured. Of another kind of observation ``(n, k, d)``.
-        ids: what a row is called: its ``id``, else its 0-based data row.
+        points: ``(n, k, 3)`` m; NaN if not measured. ``(n, k, d)`` for another kind of observation.
+        ids: the row's ``id``, else its 0-based data row.
         use: ``calibrate``, ``reference``, ``test`` or ``skip``, one per row.
         sessions: the row's session, "" where the file has none.
-        sigma_m: ``(n,)`` standard deviation of a coordinate, NaN where not given.
-        other: further columns as texts, kept as they are.
-        marked: whether the file said what each row is for.
-        warnings: what a reader should be told.
-        lines: of the file, as an editor counts them, one per row; empty where there is no file.
-        conditions: what else was set or read at a pose, ``(n,)`` each, NaN where not given, by the name of
-            its column: ``payload_kg``, ``temp_C``, ``time_s``, ``cable_mm``, ``approach_<joint>``.
-        visits: the order of the rows among all that were measured together; None where these rows are all.
-        robot: the name or path of the robot whose joints they are, "" where that is not known.
+        sigma_m: ``(n,)`` standard deviation of a coordinate, NaN if not given.
+        other: further columns as texts.
+        marked: True if the file has a column ``use``.
+        warnings: messages for the user.
+        lines: line in the file of each row, from 1; empty without a file.
+        conditions: further columns ``(n,)``, NaN if not given: ``payload_kg``, ``temp_C``, ``time_s``, ``cable_mm``,
+            ``approach_<joint>``.
+        visits: order of the rows in their campaign; None for a whole campaign.
+        robot: name or path of the robot, "" if unknown.
     """
 
     joint_names: tuple[str, ...]
@@ -115,7 +113,7 @@ class Measurements(Value):
     warnings: tuple[str, ...] = ()
     lines: tuple[int, ...] = ()
     conditions: Mapping[str, Array] = field(default_factory=dict)
-    visits: Visits | None = None
+    visits: _Visits | None = None
     robot: str = ""
 
     def __post_init__(self) -> None:
@@ -133,7 +131,7 @@ class Measurements(Value):
         return f"{counted(len(self), 'pose')}{of}, targets {', '.join(self.targets)}"
 
     def __str__(self) -> str:
-        """What is measured, in ten lines at most: joint positions in rad or m, points in m."""
+        """Return a table of the first rows: joint positions in rad or m, points in m."""
         columns = [
             [name, *(each if isinstance(each, str) else f"{each:.6g}" for each in values[:_ROWS_PRINTED])]
             for name, values in self.columns().items()
@@ -144,7 +142,7 @@ class Measurements(Value):
         return "\n".join([self._about(), *lines, *more])
 
     def columns(self) -> dict[str, Array | tuple[str, ...]]:
-        """The rows by columns: ids, joint positions (rad or m), coordinates (m) of each target, and conditions."""
+        """Return ids, joint positions (rad or m), coordinates (m) of each target, and conditions."""
         found: dict[str, Array | tuple[str, ...]] = {"id": self.ids}
         found |= dict(zip(self.joint_names, self.joints.T, strict=True))
         axes = "xyz" if self.points.shape[2] == 3 else [str(i) for i in range(self.points.shape[2])]
@@ -153,25 +151,21 @@ class Measurements(Value):
         return found | dict(self.conditions)
 
     def to_frame(self) -> Any:
-        """The rows as a ``pandas.DataFrame`` of ``columns``.
-
-        Raises:
-            LabError: pandas is not installed.
-        """
+        """Return ``columns`` as a ``pandas.DataFrame``; raise a LabError if pandas is not installed."""
         return data_frame(self.columns())
 
     @property
     def seen(self) -> NDArray[np.bool_]:
-        """``(n, k)``: whether a target was seen at a pose."""
+        """Mask ``(n, k)`` of the targets seen at each pose."""
         return seen_mask(self.points)
 
     @property
     def stations(self) -> tuple[str, ...]:
-        """Station of the instrument from which each row was measured, "" where the file gives none."""
+        """Station of the instrument of each row, "" if not given."""
         return self.other.get("station", ("",) * len(self))
 
     def take(self, rows: Sequence[int] | NDArray[np.int_]) -> "Measurements":
-        """The measurements of some rows."""
+        """Return some rows."""
         index = np.asarray(rows, dtype=np.int_)
         if len(index) == len(self) and (index == np.arange(len(self))).all():
             return self
@@ -191,21 +185,19 @@ class Measurements(Value):
         )
 
     @cached_property
-    def _visited(self) -> Visits:
-        """The order of the rows among all that were measured together."""
+    def _visited(self) -> _Visits:
         if self.visits is not None:
             return self.visits
-        return Visits(np.linspace(0.0, 1.0, len(self)), last_moves(self.joints, self.sessions))
+        return _Visits(np.linspace(0.0, 1.0, len(self)), last_moves(self.joints, self.sessions))
 
     def where(self, row: int) -> str:
         """Return a row's location for an error message: its line in the file, else its id."""
         return f"line {self.lines[row]}" if self.lines else f"row {self.ids[row]}"
 
     def inputs(self, conditions: Sequence[str]) -> Array:
-        """The readings and, beside them, some conditions: ``(n, joints + conditions)``, what a model is asked at.
+        """Return a model's inputs ``(n, joints + conditions)``: joint readings and conditions.
 
-        Where nothing is said of a payload there is none. ``session NAME`` is 1 in the rows of that session, else 0, and
-        ``station NAME`` likewise. What the order of the rows says (``PLACE``, ``LAST_MOVE``) is no column.
+        A payload that is not given is zero. ``SESSION``, ``STATION``, ``PLACE`` and ``LAST_MOVE`` are derived.
 
         Raises:
             LabError: another condition is missing, or empty in a row.
@@ -228,20 +220,20 @@ class Measurements(Value):
         return self.take(np.flatnonzero(self.seen.any(axis=1)))
 
     def without(self, ids: Sequence[str]) -> "Measurements":
-        """The rows that are called otherwise."""
+        """Return the rows with other ids."""
         left_out = set(ids)
         return self.take([i for i, name in enumerate(self.ids) if name not in left_out])
 
     def only(self, *uses: str) -> "Measurements":
-        """The rows of these uses."""
+        """Return the rows of these uses."""
         return self.take([i for i, use in enumerate(self.use) if use in uses])
 
 
 def asked(conditions: Mapping[str, Array], name: str, rows: int, where: Callable[[int], str]) -> Array:
-    """Return the column of a condition that a model requires; without a payload column it is zero.
+    """Return the column of a condition that a model requires; a missing payload is zero.
 
     Args:
-        where: what an error calls a row.
+        where: location of a row for an error message.
 
     Raises:
         LabError: another condition is missing.
@@ -259,48 +251,44 @@ def asked(conditions: Mapping[str, Array], name: str, rows: int, where: Callable
 
 
 def setups(data: Measurements) -> tuple[tuple[str, str], ...]:
-    """The session and the station of each row: what was set up anew between two rows where they differ."""
+    """Return session and station of each row: rows that differ have another base or instrument pose."""
     return tuple(zip(data.sessions, data.stations, strict=True))
 
 
 def rows_called(data: Measurements, ids: Sequence[str]) -> list[int]:
-    """The first row of each of these names.
-
-    Raises:
-        KeyError: no row is called so.
-    """
+    """Return the first row with each id; raise a KeyError without one."""
     first = {name: i for i, name in reversed([*enumerate(data.ids)])}
     return [first[name] for name in ids]
 
 
 def evenly(rows: int, most: int) -> NDArray[np.int_] | None:
-    """So many of the rows, evenly spaced, where there are more; None where all are no more."""
+    """Return ``most`` evenly spaced row numbers; None if there are no more rows."""
     return None if rows <= most else np.linspace(0, rows - 1, most).round().astype(np.int_)
 
 
 def thinned(data: Measurements, most: int) -> Measurements:
-    """So many of the rows, evenly spaced; all where there are no more."""
+    """Return at most so many rows, evenly spaced."""
     some = evenly(len(data), most)
     return data if some is None else data.take(some)
 
 
 def seen_mask(points: Array) -> NDArray[np.bool_]:
-    """``(n, k)``: which of the points ``(n, k, d)`` were seen."""
+    """Return the mask ``(n, k)`` of seen points ``(n, k, d)``."""
     return np.asarray(np.isfinite(points).all(axis=2), dtype=np.bool_)
 
 
 def measured(joint_names: tuple[str, ...], joints: Array, targets: tuple[str, ...], points: Array) -> Measurements:
-    """Measurements of plain arrays: every row for calibration, ids 0 to n - 1."""
+    """Return measurements of plain arrays: every row for calibration, ids 0 to n - 1."""
     n = len(joints)
     ids, sigma = tuple(str(i) for i in range(n)), np.full(n, np.nan)
     return Measurements(joint_names, joints, targets, points, ids, ("calibrate",) * n, ("",) * n, sigma)
 
 
-LEAST_ROWS = 5  # of fewer the fit says what they lack
+_LEAST_ROWS = 5
 
 
 def copied_rows(numbers: Array) -> list[tuple[int, int]]:
-    """Find the rows of numbers ``(n, c)`` that are copies, each with the first equal row."""
+    """Find copied rows of numbers ``(n, c)``, each with the first equal row."""
     size = numbers.itemsize * numbers.shape[1]
     alike = np.ascontiguousarray(numbers).view(np.dtype((np.void, size))).ravel()
     _, first, group = np.unique(alike, return_index=True, return_inverse=True)
@@ -309,24 +297,16 @@ def copied_rows(numbers: Array) -> list[tuple[int, int]]:
 
 
 def describe_copies(source: object, count: int, row: str, same: str) -> str:
-    """Describe copied rows, for a warning or an error.
-
-    Args:
-        count: how many there are.
-        row: the first of them, for a person, and ``same`` the row that it repeats.
-    """
+    """Describe ``count`` copied rows: ``row``, the first, repeats the row ``same``."""
     copies = "1 row is a copy" if count == 1 else f"{count} rows are copies"
     first = f"(the first: {row}, of {same})"
     return f"{source}: {copies} of an earlier one to the last digit {first}, which measurements never are"
 
 
 def without_copies(path: Path, data: Measurements) -> Measurements:
-    """The rows that do not repeat an earlier one to the last digit, with a warning of the others.
+    """Leave out rows that repeat an earlier one to the last digit, with a warning.
 
-    Nothing is measured twice alike: a copy would count as a measurement of its own, and make intervals too narrow.
-
-    Raises:
-        LabError: next to nothing but copies is left.
+    Copies would make intervals too narrow. Too few other rows raise a LabError.
     """
     conditions = [column for _, column in sorted(data.conditions.items())]
     names = {name: float(i) for i, name in enumerate(dict.fromkeys(data.sessions))}
@@ -338,7 +318,7 @@ def without_copies(path: Path, data: Measurements) -> Measurements:
     if not copies:
         return data
     message, left = describe_copies(path, len(copies), *map(data.where, copies[0])), len(data) - len(copies)
-    if left < LEAST_ROWS:
+    if left < _LEAST_ROWS:
         raise LabError(f"{message}: {counted(left, 'row')} {be(left)} left; measure more poses")
     gone = {row for row, _ in copies}
     kept = data.take([row for row in range(len(data)) if row not in gone])

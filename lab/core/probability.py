@@ -1,13 +1,7 @@
-"""Distribution functions of test statistics, and p-values.
+"""Distribution functions of test statistics, as in ``scipy.stats``, which is slow to import.
 
-Probabilities of the distributions that tests and intervals stand on, and their inverses.
-
-``scipy.stats`` has them too, but importing it takes a fifth of a short command's time. These are the special functions
-below it (``scipy.special``), loaded at the first use.
-
-Each name says the distribution and what is asked: ``sf`` the chance of more than x, ``cdf`` that of no more, ``isf``
-the x that is exceeded with chance p, ``ppf`` the x that is not. Arguments broadcast; where degrees of freedom are none,
-NaN.
+``sf`` is the survival function, ``cdf`` the distribution function, ``isf`` the upper and ``ppf`` the lower quantile.
+Arguments broadcast.
 """
 
 from dataclasses import dataclass
@@ -39,7 +33,7 @@ __all__ = [
 ]
 
 DistributionName = Literal["normal", "rectangular", "triangular", "arcsine"]
-_MIN_DOF = 3.0  # below, Student's t has no variance that a standard uncertainty could be
+_MIN_DOF = 3.0  # below, Student's t has no variance
 
 
 @dataclass(frozen=True)
@@ -47,9 +41,9 @@ class Uncertain:
     """A quantity whose best estimate is zero (JCGM 100:2008, 4.3; JCGM 101:2008, 6.4).
 
     Attributes:
-        standard: its standard uncertainty, in the quantity's SI unit.
-        distribution: its form. A normal one whose uncertainty is itself uncertain is drawn as Student's t.
-        dof: degrees of freedom of the standard uncertainty; infinite where that is taken as exact.
+        standard: standard uncertainty, in the quantity's SI unit.
+        distribution: a normal one with finite ``dof`` is drawn as Student's t.
+        dof: degrees of freedom of the standard uncertainty.
     """
 
     standard: float = 0.0
@@ -66,7 +60,7 @@ class Uncertain:
 
     @classmethod
     def within(cls, limit: float, distribution: DistributionName = "rectangular") -> "Uncertain":
-        """A quantity that lies between minus and plus a limit."""
+        """Return a quantity between minus and plus a limit."""
         if distribution == "normal":
             raise LabError("a normal distribution has no limits; give its standard uncertainty")
         return cls(limit / _LIMITS[distribution], distribution)
@@ -77,7 +71,7 @@ class Uncertain:
         return np.inf if self.distribution == "normal" else self.standard * _LIMITS[self.distribution]
 
     def sample(self, rng: np.random.Generator, shape: int | tuple[int, ...]) -> Array:
-        """Values of this shape."""
+        """Draw values."""
         if self.distribution == "normal":
             if np.isinf(self.dof):
                 return self.standard * rng.standard_normal(shape)
@@ -143,7 +137,7 @@ def f_cdf(x: ArrayLike, first: ArrayLike, second: ArrayLike) -> Array:
 
 
 def f_isf(p: ArrayLike, first: ArrayLike, second: ArrayLike) -> Array:
-    """Upper quantile of F: one over F with the degrees of freedom exchanged has the other tail."""
+    """Upper quantile of F."""
     return np.asarray(1 / scipy.special.fdtri(second, first, p))
 
 
@@ -153,6 +147,6 @@ def beta_ppf(p: ArrayLike, first: ArrayLike, second: ArrayLike) -> Array:
 
 
 def binomial_cdf(count: ArrayLike, trials: ArrayLike, chance: ArrayLike) -> Array:
-    """Probability of at most so many successes, from -1 on, among so many trials."""
+    """Probability of at most ``count`` successes, from -1 on, among trials."""
     below = np.floor(np.asarray(count, dtype=np.float64))
     return np.asarray(np.where(below < 0, 0.0, scipy.special.bdtr(np.maximum(below, 0), trials, chance)))

@@ -1,11 +1,11 @@
-"""Progress callbacks: a bar on a terminal, or none."""
+"""Progress callbacks."""
 
 from collections.abc import Callable
 
 __all__ = ["Progress", "no_progress"]
 
-Progress = Callable[[int, int], None]  # how many parts are done, of how many
+Progress = Callable[[int, int], None]  # parts done, and their number
 
 
 def no_progress(done: int, of: int) -> None:
-    """Tell nobody."""
+    """Show nothing."""

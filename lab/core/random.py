@@ -1,14 +1,7 @@
-"""Random substreams by purpose, and Sobol points.
+"""Independent random streams by seed and purpose, and Sobol points.
 
-Independent, named streams of random numbers from one seed.
-
-A stream depends on the seed and on its own name alone, so drawing more poses changes
-neither the arm nor the fresh poses.
-
-Points that fill a cube evenly: Sobol's sequence, scrambled.
-
-``scipy.stats.qmc`` has the same points from the same generator, but importing it takes longer than drawing a plan's
-candidates does.
+A stream depends on the seed and its own name alone: drawing more poses does not change the arm. ``scipy.stats.qmc`` has
+the same points, but importing it takes longer than drawing a plan's candidates.
 """
 
 from typing import Literal
@@ -48,12 +41,12 @@ Purpose = Literal[
 
 
 def rng_for(seed: int, purpose: Purpose, *of: int) -> np.random.Generator:
-    """The generator of one purpose, e.g. ``rng_for(7, "noise")``; of one thing of many, by its numbers."""
+    """Return the generator of a purpose, e.g. ``rng_for(7, "noise")``, and of one of many things by its numbers."""
     return np.random.default_rng(_sequence(seed, purpose, *of))
 
 
 def seed_of(seed: int, purpose: Purpose, *of: int) -> int:
-    """A seed of its own for one thing of many."""
+    """Return a seed for one of many things."""
     return int(_sequence(seed, purpose, *of).generate_state(1)[0])
 
 
@@ -84,15 +77,7 @@ class ScrambledSobol:
     """
 
     def __init__(self, dimensions: int, rng: np.random.Generator) -> None:
-        """The sequence before its first point.
-
-        Args:
-            dimensions: of the cube, up to ``MOST_DIMENSIONS``.
-            rng: draws the scrambling, once.
-
-        Raises:
-            LabError: there are more dimensions than that.
-        """
+        """Begin a sequence of up to ``MOST_DIMENSIONS`` dimensions; refuse more with a LabError."""
         if dimensions > MOST_DIMENSIONS:
             raise LabError(
                 f"{dimensions} joints: poses are drawn evenly over up to {MOST_DIMENSIONS}; fix some of them"
@@ -110,7 +95,7 @@ class ScrambledSobol:
         self._drawn = 0
 
     def points(self, count: int) -> Array:
-        """The next ``(count, dimensions)`` points, from 0 to 1; in powers of two they are most even."""
+        """Return the next ``(count, dimensions)`` points, from 0 to 1; powers of two are most even."""
         rank = np.arange(self._drawn, self._drawn + count)
         self._drawn += count
         gray = rank ^ rank >> 1
@@ -125,7 +110,7 @@ def _bits(rng: np.random.Generator, shape: tuple[int, ...]) -> NDArray[np.uint32
 
 
 def _directions(dimension: int) -> list[int]:
-    """The direction numbers of a dimension, from the recurrence of Bratley and Fox (1988)."""
+    """Return direction numbers by the recurrence of Bratley and Fox (1988)."""
     if dimension == 0:
         return [1 << _BITS - 1 - k for k in range(_BITS)]
     polynomial, *odd = _NUMBERS[dimension - 1]

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 __all__ = [
     "Array",
-    "direction_cosines",
     "exp",
     "inverse",
     "left_jacobian",
@@ -19,7 +18,6 @@ __all__ = [
     "quaternion_from_rotation",
     "roll_pitch_yaw",
     "rotation_between",
-    "rotation_from_direction_cosines",
     "rotation_from_quaternion",
     "rotation_from_roll_pitch_yaw",
     "skew",
@@ -40,11 +38,11 @@ _PRODUCTS = np.array(
         [1, 0, 0, 0, 0, -1, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1],
     ],
     dtype=np.float64,
-)  # of the nine numbers of a rotation in 4 q q' - 1, for its quaternion q = wxyz
+)  # from a rotation's nine numbers to 4 q q' - 1, for its quaternion q = wxyz
 
 
 def skew(v: Array) -> Array:
-    """The matrix ``[v]x`` with ``[v]x w = v x w``; ``(..., 3)`` in, ``(..., 3, 3)`` out."""
+    """Return the matrix ``[v]x`` with ``[v]x w = v x w``; ``(..., 3)`` to ``(..., 3, 3)``."""
     v = np.asarray(v)
     matrix = np.zeros((*v.shape, 3), dtype=v.dtype)
     matrix[..., 2, 1], matrix[..., 0, 2], matrix[..., 1, 0] = v[..., 0], v[..., 1], v[..., 2]
@@ -53,12 +51,9 @@ def skew(v: Array) -> Array:
 
 
 def _angle_series(angle_squared: Array) -> tuple[Array, Array, Array]:
-    """``sin t / t``, ``(1 - cos t) / t^2`` and ``(t - sin t) / t^3`` from t^2, smooth at zero.
-
-    Written without an absolute value, so that a complex step passes through.
-    """
+    """``sin t / t``, ``(1 - cos t) / t^2`` and ``(t - sin t) / t^3`` from t^2, analytic for complex steps."""
     small = np.abs(angle_squared) < 1e-4
-    if small.ndim == 0:  # one rotation: its own branch alone, as this is in the inner loop of every fit
+    if small.ndim == 0:  # one rotation, in the inner loop of every fit: one branch alone
         return _near_zero(angle_squared) if small else _away_from_zero(angle_squared)
     away = _away_from_zero(np.where(small, 1.0, angle_squared))
     a, b, c = (np.where(small, s, t) for s, t in zip(_near_zero(angle_squared), away, strict=True))
@@ -86,7 +81,7 @@ def exp(vector: Array) -> Array:
 
 
 def log(rotation: Array) -> Array:
-    """Rotation vector of a rotation, of length at most pi, right at every angle; the inverse of exp."""
+    """Rotation vector of a rotation, of length at most pi; the inverse of exp."""
     q = quaternion_from_rotation(rotation)
     sine = np.sqrt((q[..., 1:] ** 2).sum(axis=-1, keepdims=True))
     angle = 2 * np.arctan2(sine, np.abs(q[..., :1]))
@@ -124,16 +119,13 @@ def rotation_from_quaternion(quaternion: Array) -> Array:
 
 
 def roll_pitch_yaw(rotation: Array) -> Array:
-    """Angles x, y, z (rad) with ``R = Rz(z) Ry(y) Rx(x)``, right at every pitch; ``(..., 3, 3)`` in, ``(..., 3)`` out.
-
-    Where the pitch is +-90 degrees the yaw is free, and 0.
-    """
+    """Angles x, y, z (rad) with ``R = Rz(z) Ry(y) Rx(x)``, and z = 0 at a pitch of +-90 degrees."""
     r = np.asarray(rotation, dtype=np.float64)
     yaw = np.where(np.hypot(r[..., 0, 0], r[..., 1, 0]) < 1e-15, 0.0, np.arctan2(r[..., 1, 0], r[..., 0, 0]))
     c, s = np.cos(yaw), np.sin(yaw)
     pitch = np.arctan2(-r[..., 2, 0], c * r[..., 0, 0] + s * r[..., 1, 0])
     roll = np.arctan2(s * r[..., 0, 2] - c * r[..., 1, 2], c * r[..., 1, 1] - s * r[..., 0, 1])
-    return _stack(roll, pitch, yaw)
+    return np.stack([roll, pitch, yaw], axis=-1)
 
 
 def rotation_from_roll_pitch_yaw(angles: Array) -> Array:
@@ -141,22 +133,6 @@ def rotation_from_roll_pitch_yaw(angles: Array) -> Array:
     x, y, z = (exp(np.asarray(angles)[..., i, None] * np.eye(3)[i]) for i in range(3))
     rotation: Array = z @ y @ x
     return rotation
-
-
-def direction_cosines(rotation: Array) -> Array:
-    """Return direction cosines of the turned x and y axes: six numbers, three of them independent.
-
-    ``(..., 3, 3)`` in, ``(..., 6)`` out; the z axis is across both.
-    """
-    r = np.asarray(rotation, dtype=np.float64)
-    return np.concatenate([r[..., :, 0], r[..., :, 1]], axis=-1)
-
-
-def rotation_from_direction_cosines(cosines: Array) -> Array:
-    """The rotation nearest to the two axes ``(..., 6)``, which may be rounded; ``(..., 3, 3)`` out."""
-    c = np.asarray(cosines, dtype=np.float64)
-    x, y = c[..., :3], c[..., 3:]
-    return nearest_rotation(np.stack([x, y, np.cross(x, y)], axis=-1))
 
 
 def pose(rotation: Array, position: Array) -> Array:
@@ -177,13 +153,13 @@ def inverse(matrix: Array) -> Array:
 
 
 def transform(matrix: Array, points: Array) -> Array:
-    """Points ``(..., n, 3)`` given in b, in a, by the pose ``T_a_b`` ``(..., 4, 4)``."""
+    """Transform points ``(..., n, 3)`` from b into a, by the pose ``T_a_b`` ``(..., 4, 4)``."""
     moved: Array = points @ np.swapaxes(matrix[..., :3, :3], -1, -2) + matrix[..., None, :3, 3]
     return moved
 
 
 def nearest_rotation(matrix: Array) -> Array:
-    """The rotations nearest to matrices ``(..., 3, 3)`` in the Frobenius norm (Kabsch 1976)."""
+    """Return the rotations nearest to matrices ``(..., 3, 3)`` in the Frobenius norm (Kabsch 1976)."""
     u, _, vt = np.linalg.svd(matrix)
     u[..., 2] *= np.sign(np.linalg.det(u @ vt))[..., None]
     nearest: Array = u @ vt
@@ -191,7 +167,7 @@ def nearest_rotation(matrix: Array) -> Array:
 
 
 def rotation_between(a: Array, b: Array) -> Array:
-    """The smallest rotation that turns unit vector a into unit vector b, both ``(3,)``."""
+    """Return the smallest rotation from unit vector a to unit vector b, both ``(3,)``."""
     axis, cosine = np.cross(a, b), float(np.dot(a, b))
     if cosine < -1 + 1e-12:  # opposite: half a turn about any axis normal to a
         normal = np.cross(a, np.eye(3)[np.argmin(np.abs(a))])
@@ -199,7 +175,3 @@ def rotation_between(a: Array, b: Array) -> Array:
     k = skew(axis)
     rotation: Array = np.eye(3) + k + k @ k / (1 + cosine)
     return rotation
-
-
-def _stack(*parts: Array) -> Array:
-    return np.stack(parts, axis=-1)

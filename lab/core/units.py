@@ -1,4 +1,4 @@
-"""Units in which people read quantities, and the conversion from and to SI units, in which the code computes."""
+"""Display units of quantities, and their conversion from and to SI units."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,18 +10,18 @@ from lab.core.se3 import Array
 
 __all__ = ["DEGREES", "KELVIN", "MICRONS", "MICRORADIANS", "MM", "MRAD", "PPM", "Unit", "joints_to_si", "short_length"]
 
-Quantity = TypeVar("Quantity", float, Array)
+_Quantity = TypeVar("Quantity", float, Array)
 
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit in which people read a quantity.
+    """A display unit.
 
     Attributes:
         si: the SI unit of the same quantity, ``rad/Nm``; empty for a ratio.
-        name: as it is displayed, ``µrad/Nm``.
-        factor: how many of it are one SI unit.
-        decimals: places behind the point that a parameter is displayed with, at most.
+        name: as displayed, ``µrad/Nm``.
+        factor: number of this unit in one SI unit.
+        decimals: maximum decimals of a displayed parameter.
     """
 
     si: str
@@ -31,19 +31,19 @@ class Unit:
 
     @property
     def key(self) -> str:
-        """Its name in JSON keys, CSV columns and flags: ``deg``, ``um``, ``k_per_m``."""
+        """Name in JSON keys, CSV columns and flags: ``deg``, ``um``, ``k_per_m``."""
         return self.name.replace("°", "deg").replace("µ", "u").replace("/", "_per_").lower()
 
-    def of(self, size: Quantity) -> Quantity:
+    def of(self, size: _Quantity) -> _Quantity:
         """Convert from SI units: ``MM.of(length_m)``."""
         return self.factor * size
 
-    def to_si(self, size: Quantity) -> Quantity:
+    def to_si(self, size: _Quantity) -> _Quantity:
         """Convert to SI units: ``MM.to_si(length_mm)``."""
         return size / self.factor
 
     def text(self, size: float, digits: int = 3) -> str:
-        """Write a size (SI) with its unit, to so many significant digits: ``1.23 mm``, ``2,500 mm``, ``30°``."""
+        """Write a size (SI) with its unit and significant digits: ``1.23 mm``, ``2,500 mm``, ``30°``."""
         value = self.of(size)
         number = f"{value:,.0f}" if abs(value) >= 10 ** (digits - 1) else f"{value:.{digits}g}"
         return f"{number}{self.name}" if self.name == "°" else f"{number} {self.name}"

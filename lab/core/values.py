@@ -1,4 +1,4 @@
-"""Values: objects that compare by what they hold, and print in one line."""
+"""Base class of dataclasses that compare arrays by content, and print in one line."""
 
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
@@ -17,17 +17,16 @@ __all__ = ["Value", "data_frame", "same"]
 class Value:
     """Base of frozen dataclasses (``eq=False, repr=False``) that hold arrays.
 
-    Two are equal where they are of one class and all their fields that are compared are the same: arrays with equal
-    shapes, kinds of number and entries, NaN equal to NaN. The representation is one line, ``<Class: about>``; a
-    notebook shows a small table.
+    Two are equal if they have the same class and equal fields: arrays with equal shapes, types and entries, NaN equal
+    to NaN. The representation is one line, ``<Class: about>``; a notebook shows a small table.
     """
 
     def _about(self) -> str:
-        """What the representation says beside the class."""
+        """Return the text of the representation beside the class."""
         return ""
 
     def _facts(self) -> Mapping[str, str]:
-        """What a notebook shows, by name."""
+        """Return the table for a notebook."""
         return {type(self).__name__: self._about()}
 
     def __repr__(self) -> str:
@@ -50,10 +49,7 @@ class Value:
 
 
 def same(first: Any, second: Any) -> bool:
-    """Decide whether two objects hold the same: dataclasses, mappings, sequences, arrays and numbers, however nested.
-
-    NaN is the same as NaN, whether alone or in an array.
-    """
+    """Compare two nested objects of dataclasses, mappings, sequences, arrays and numbers; NaN equals NaN."""
     if first is second:
         return True
     if type(first) is not type(second):
@@ -76,16 +72,12 @@ def same(first: Any, second: Any) -> bool:
         return first == second or (first != first and second != second)
     own: Any = type(first).__eq__
     if own is object.__eq__:
-        return _same_state(first, second)
+        return same(first.__reduce_ex__(4)[1:], second.__reduce_ex__(4)[1:])  # their state when pickled
     return bool(first == second)
 
 
 def data_frame(columns: Mapping[str, Any]) -> Any:
-    """Columns of one length as a ``pandas.DataFrame``.
-
-    Raises:
-        LabError: pandas is not installed.
-    """
+    """Return a ``pandas.DataFrame``; raise a LabError if pandas is not installed."""
     try:
         import pandas  # type: ignore[import-not-found,import-untyped,unused-ignore]
     except ImportError as error:
@@ -104,8 +96,3 @@ def _same_arrays(first: np.ndarray[Any, Any], second: np.ndarray[Any, Any]) -> b
 def _same_fields(first: Any, second: Any) -> bool:
     names = (each.name for each in fields(first) if each.compare)
     return all(same(getattr(first, name), getattr(second, name)) for name in names)
-
-
-def _same_state(first: Any, second: Any) -> bool:
-    """Compare objects that have no comparison of their own by what they would be pickled as."""
-    return same(first.__reduce_ex__(4)[1:], second.__reduce_ex__(4)[1:])

@@ -1,13 +1,7 @@
-"""Folders that are written whole or not at all, and the finished pieces of work that a killed run resumes from.
+"""Folders written whole or not at all, and finished pieces of work from which a killed run resumes.
 
-A folder that is there whole or not at all: written under a temporary name and renamed; its files' checksums.
-
-A draft is locked while it is written. The lock ends with its process, so what a killed one left is told from what
-another one is writing.
-
-Pieces of long work, kept on the disk as they are done, so that work that was stopped goes on where it was.
-
-A piece is there whole, as it was written, or not at all: beside each stands the checksum of its bytes.
+A folder is written under a temporary name, locked, and renamed; the lock ends with its process, so that leftovers of a
+killed process are recognized. Each piece has a checksum beside it.
 """
 
 import errno
@@ -62,22 +56,20 @@ except ImportError:  # no POSIX: leftovers stay until they are removed by hand
 CHECKSUMS: Final = "SHA256SUMS"  # as sha256sum writes and checks it
 _DRAFT, _ASIDE = "partial", "replaced"
 _LEFT = re.compile(rf"\.(.+)\.(?:{_DRAFT}|{_ASIDE})-[^.]*")
-_BLOCK = 1 << 20
 
 
 @contextmanager
 def draft_of(place: Path, *, replacing: bool) -> Iterator[Path]:
-    """A folder to write into, which becomes ``place`` when the block ends well.
+    """Yield a folder to write into, which becomes ``place``, an absolute path, if the block succeeds.
 
-    Until the new folder stands, an earlier one is only moved aside. Parents of ``place`` that are made and stay empty
-    are removed again, as is what killed processes left.
+    Until then an earlier folder is only moved aside. New parents that stay empty and leftovers of killed processes are
+    removed.
 
     Args:
-        place: absolute.
-        replacing: whether a folder that stands there with something in it is replaced.
+        replacing: replace a folder that is not empty.
 
     Raises:
-        LabError: another process is writing this folder, or it holds something that is not to be replaced.
+        LabError: another process is writing this folder, or it must not be replaced.
         OSError: it cannot be written.
     """
     new_parents = [parent for parent in place.parents if not parent.exists()]
@@ -87,12 +79,12 @@ def draft_of(place: Path, *, replacing: bool) -> Iterator[Path]:
         _recover(place)
         _refuse_to_replace(place, replacing)
         draft = Path(tempfile.mkdtemp(prefix=f".{place.name}.{_DRAFT}-", dir=place.parent))
-        draft.chmod(0o777 & ~_umask())
+        draft.chmod(0o777 & ~_umask())  # mkdtemp makes folders that only their owner may read
         with _locked(draft):
             if is_being_written(place, but=draft):
                 raise LabError(f"{place}: is being written by another run; wait for it, or give another folder")
             yield draft
-            _refuse_to_replace(place, replacing)  # what another one has written meanwhile
+            _refuse_to_replace(place, replacing)  # another process may have written it meanwhile
             _swap(draft, place)
     finally:
         if draft is not None:
@@ -104,11 +96,7 @@ def draft_of(place: Path, *, replacing: bool) -> Iterator[Path]:
 
 @contextmanager
 def held(folder: Path) -> Iterator[None]:
-    """Nobody else writes a folder that is there, while the block runs.
-
-    Raises:
-        LabError: somebody does.
-    """
+    """Lock an existing folder against other writers; raise a LabError if one is writing it."""
     with _locked(folder) as alone:
         if not alone:
             raise LabError(f"{folder}: is being written by another run; wait for it, or give another folder")
@@ -116,17 +104,13 @@ def held(folder: Path) -> Iterator[None]:
 
 
 def place_of_draft(path: Path) -> Path | None:
-    """Return the folder that a draft, or an earlier folder moved aside, is of; None of any other path."""
+    """Return the folder of a draft, or of an earlier folder moved aside; None for any other path."""
     left = _LEFT.fullmatch(path.name)
     return None if left is None else path.parent / left[1]
 
 
 def is_being_written(place: Path, but: Path | None = None) -> bool:
-    """Decide whether a process is writing this folder.
-
-    Args:
-        but: a draft that does not count.
-    """
+    """Check whether a process is writing this folder, apart from the draft ``but``."""
     for draft in _siblings(place, _DRAFT):
         if draft != but:
             with _locked(draft) as free:
@@ -136,14 +120,7 @@ def is_being_written(place: Path, but: Path | None = None) -> bool:
 
 
 def recover(place: Path) -> None:
-    """Put back what killed processes had moved aside of a folder and of those in it, and remove what they left.
-
-    Args:
-        place: absolute.
-
-    Raises:
-        OSError: something cannot be moved.
-    """
+    """Restore a folder and those in it after killed processes, and remove their drafts."""
     if place.parent.is_dir():
         _recover(place)
     if place.is_dir():
@@ -152,18 +129,13 @@ def recover(place: Path) -> None:
 
 
 def checksum_lines(folder: Path) -> str:
-    """A line for each file of a folder and of those in it, by its path, as ``sha256sum`` writes it."""
+    """Return a line of ``sha256sum`` for each file below a folder, in the order of paths."""
     files = sorted(path for path in folder.rglob("*") if path.is_file() and path != folder / CHECKSUMS)
     return "".join(f"{file_digest(path)}  {path.relative_to(folder).as_posix()}\n" for path in files)
 
 
 def edited_files(folder: Path, text: str, names: Sequence[str]) -> tuple[str, ...]:
-    """The files that are not as the lines of their checksums say: changed, added or gone.
-
-    Args:
-        text: the lines.
-        names: of the files that are looked at.
-    """
+    """Return those of the named files that differ from the lines of ``sha256sum``: changed, added or gone."""
     digests: dict[str, str] = {}
     for line in text.splitlines():
         digest, _, name = line.partition("  ")
@@ -173,22 +145,18 @@ def edited_files(folder: Path, text: str, names: Sequence[str]) -> tuple[str, ..
 
 
 def file_digest(path: Path) -> str:
-    """The SHA-256 of a file, read in blocks."""
-    digest = hashlib.sha256()
+    """Return the SHA-256 of a file."""
     with path.open("rb") as file:
-        while block := file.read(_BLOCK):
-            digest.update(block)
-    return digest.hexdigest()
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _siblings(place: Path, kind: str) -> list[Path]:
-    """Drafts of a folder, or what of it was moved aside."""
     start = f".{place.name}.{kind}-"
     return [path for path in place.parent.iterdir() if path.name.startswith(start) and path.is_dir()]
 
 
 def _recover(place: Path) -> None:
-    """Put back what a killed process had moved aside, and remove what it had not finished."""
+    """Restore a folder that a killed process had moved aside, and remove unfinished drafts."""
     if fcntl is None:
         return
     for old in _siblings(place, _ASIDE):
@@ -212,7 +180,7 @@ def _refuse_to_replace(place: Path, replacing: bool) -> None:
 
 
 def _swap(draft: Path, place: Path) -> None:
-    """Rename the draft; what stands in its place is moved aside, and removed when the new folder stands."""
+    """Rename the draft; an earlier folder is moved aside, and removed afterwards."""
     if not place.exists():
         draft.rename(place)
         return
@@ -226,20 +194,20 @@ def _swap(draft: Path, place: Path) -> None:
             raise
         try:
             shutil.rmtree(old, ignore_errors=True)
-        except KeyboardInterrupt:  # the new folder stands: what it replaced goes all the same
+        except KeyboardInterrupt:  # the earlier folder is removed nevertheless
             shutil.rmtree(old, ignore_errors=True)
             raise
 
 
 @contextmanager
 def _locked(folder: Path) -> Iterator[bool]:
-    """Hold a folder's lock, which is not waited for: whether it was free."""
+    """Lock a folder if it is free, and yield whether it was."""
     if fcntl is None:
         yield True
         return
     try:
         descriptor = os.open(folder, os.O_RDONLY)
-    except FileNotFoundError:  # gone meanwhile
+    except FileNotFoundError:
         yield True
         return
     try:
@@ -254,11 +222,7 @@ def _locked(folder: Path) -> Iterator[bool]:
 
 
 def resolved(path: Path) -> Path:
-    """Return the absolute path with links resolved.
-
-    Raises:
-        OSError: it is a loop of links, or the working folder is gone.
-    """
+    """Return the absolute path with links resolved; raise an OSError for a loop of links."""
     try:
         return path.absolute().resolve()
     except RuntimeError as error:  # Python 3.11 and 3.12
@@ -266,14 +230,13 @@ def resolved(path: Path) -> Path:
 
 
 def _umask() -> int:
-    """Return the umask of this process: ``mkdtemp`` makes folders that only their owner may read."""
     mask = os.umask(0)
     os.umask(mask)
     return mask
 
 
-_LEFT_OVER = re.compile(r"\.(.+)\.partial-\d+")  # what a killed process left of a file
-WORTH_S = 5.0  # of processor time: work that takes less is done again, not kept
+_LEFT_OVER = re.compile(r"\.(.+)\.partial-\d+")  # a file that a killed process left unfinished
+_MIN_CPU_S = 5.0  # pieces are kept only after this processor time
 _SUM = ".sha256"
 
 Columns = Mapping[str, NDArray[Any]]
@@ -281,12 +244,12 @@ Keep = Callable[[str, Sequence[NDArray[Any]], Callable[[], Columns]], Columns]
 
 
 def at_once(stage: str, of: Sequence[NDArray[Any]], work: Callable[[], Columns]) -> Columns:
-    """Do a piece of work, and keep nothing."""
+    """Do a piece of work without keeping it."""
     return work()
 
 
 def of_one(keep: Keep, *names: str) -> Keep:
-    """Return a ``Keep`` whose pieces also depend on names: each of several robots has its own pieces."""
+    """Return a ``Keep`` whose pieces also depend on names, e.g. of several robots."""
 
     def kept(stage: str, of: Sequence[NDArray[Any]], work: Callable[[], Columns]) -> Columns:
         return keep(stage, [np.array(names), *of], work)
@@ -297,36 +260,36 @@ def of_one(keep: Keep, *names: str) -> Keep:
 class Pieces:
     """Finished pieces of one run, in a folder that is made with the first piece.
 
-    Called with a stage's name, the arrays from which a piece follows and the work that makes it, it returns the piece:
-    as it was kept, if it was made of the same arrays, else made now. The same arrays have to give the same piece.
+    Called with a stage's name, input arrays and the work, it returns the kept piece of the same stage and arrays, or
+    does the work.
 
     Attributes:
-        kept: whether this process has kept any.
+        kept: True if this process has kept a piece.
     """
 
     def __init__(self, folder: Path, label: str, content: bytes) -> None:
-        """Begin, or go on with what the folder holds.
+        """Begin or resume.
 
         Args:
-            label: of a file that says of which run the pieces are.
-            content: its.
+            label: name of a file that identifies the run.
+            content: its content.
         """
         self.folder, self.kept = folder, False
         self._label, self._content, self._begun, self._full = label, content, time.process_time(), False
 
     def __call__(self, stage: str, of: Sequence[NDArray[Any]], work: Callable[[], Columns]) -> Columns:
-        """A piece, by the names of its arrays."""
+        """Return a piece as arrays by name."""
         path = self.folder / f"{stage}-{_digest(of)}.npz"
-        known = _unpacked(read_checked(path))
-        if known is not None:
-            return known
+        kept = _unpacked(read_checked(path))
+        if kept is not None:
+            return kept
         made = work()
-        if not self._full and time.process_time() - self._begun > WORTH_S:
+        if not self._full and time.process_time() - self._begun > _MIN_CPU_S:
             self._keep(path, made)
         return made
 
     def _keep(self, path: Path, made: Columns) -> None:
-        """Write a piece; where that is not possible the work goes on all the same."""
+        """Write a piece; on a full disk no further ones are kept."""
         try:
             if not self.kept:
                 self.folder.mkdir(exist_ok=True)
@@ -342,7 +305,7 @@ _CURRENT: ContextVar[Keep] = ContextVar("keep", default=at_once)
 
 @contextmanager
 def keeping(keep: Keep) -> Iterator[None]:
-    """Let the work inside the block keep its pieces."""
+    """Keep the pieces of work within the block."""
     token = _CURRENT.set(keep)
     try:
         yield
@@ -356,11 +319,7 @@ def current_keep() -> Keep:
 
 
 def write_whole(path: Path, content: Any) -> None:
-    """Write bytes as a file that is there whole, on the disk, or not at all.
-
-    Raises:
-        OSError: the disk is full, or does not let it be written.
-    """
+    """Write a file whole, flushed to the disk, or not at all."""
     draft = path.parent / f".{path.name}.partial-{os.getpid()}"
     try:
         with draft.open("wb") as file:
@@ -375,22 +334,18 @@ def write_whole(path: Path, content: Any) -> None:
 
 
 def keep_checked(path: Path, content: bytes) -> None:
-    """Write a file, and its checksum beside it, as ``sha256sum`` writes it.
-
-    Raises:
-        OSError: the disk is full, or does not let it be written.
-    """
+    """Write a file, and its checksum beside it as ``sha256sum`` writes it."""
     write_whole(path, content)
     write_whole(path.with_suffix(_SUM), _sum_line(content, path).encode())
 
 
 def piece_files(path: Path) -> tuple[Path, Path]:
-    """A file that is kept with its checksum, and the file of that."""
+    """Return the paths of a kept file and of its checksum."""
     return path, path.with_suffix(_SUM)
 
 
 def left_of(path: Path) -> str:
-    """The name of the file that a killed process had half written as this one; "" of any other file."""
+    """Return the name of the file of which this is an unfinished draft; "" for any other file."""
     found = _LEFT_OVER.fullmatch(path.name)
     return "" if found is None else found[1]
 

@@ -19,21 +19,11 @@ from lab.core.units import MM, joints_to_si
 from lab.formats.structured import read_toml, refuse_unbounded, structured
 from lab.kinematics.joints import JointSpec
 
-__all__ = [
-    "ACCEPTANCE_DEG",
-    "Cell",
-    "JointRange",
-    "Obstacle",
-    "Place",
-    "Reflector",
-    "Station",
-    "ToolPoint",
-    "read_cell",
-]
+__all__ = ["Cell", "Obstacle", "Place", "ToolPoint", "read_cell"]
 
-Triple = tuple[float, ...]
+_Triple = tuple[float, ...]
 # Largest angle off a reflector's axis, representative: hollow corner cubes take 30 degrees, cat's eyes 60 to 75.
-ACCEPTANCE_DEG = {"corner cube": 30.0, "cat's eye": 75.0}
+_ACCEPTANCE_DEG = {"corner cube": 30.0, "cat's eye": 75.0}
 _SIZES = {"box": ("size_mm",), "cylinder": ("radius_mm", "height_mm"), "mesh": ("file",)}
 _UNITS = {"mm": 1e-3, "m": 1.0}
 
@@ -42,8 +32,8 @@ _UNITS = {"mm": 1e-3, "m": 1.0}
 class Place:
     """Position and rotation of an object."""
 
-    position_mm: Triple = (0.0, 0.0, 0.0)
-    rotation_deg: Triple = (0.0, 0.0, 0.0)
+    position_mm: _Triple = (0.0, 0.0, 0.0)
+    rotation_deg: _Triple = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         for name in ("position_mm", "rotation_deg"):
@@ -69,7 +59,7 @@ class Obstacle(Place):
 
     name: str
     shape: Literal["box", "cylinder", "mesh"]
-    size_mm: Triple = ()
+    size_mm: _Triple = ()
     radius_mm: float = 0.0
     height_mm: float = 0.0
     file: Path = Path()
@@ -104,8 +94,8 @@ class ToolPoint:
     """A measured point of the tool, in the robot's last frame, and the way its reflector looks."""
 
     name: str
-    position_mm: Triple
-    axis: Triple = (0.0, 0.0, 1.0)
+    position_mm: _Triple
+    axis: _Triple = (0.0, 0.0, 1.0)
 
     def __post_init__(self) -> None:
         for name in ("position_mm", "axis"):
@@ -126,7 +116,7 @@ class ToolPoint:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Station(Place):
+class _Station(Place):
     """Station of the instrument, with its name."""
 
     name: str
@@ -137,7 +127,7 @@ class Station(Place):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Reflector:
+class _Reflector:
     """Reflector on the tool: its kind, or the largest incidence angle that it accepts."""
 
     kind: Literal["corner cube", "cat's eye", "other"] = "corner cube"
@@ -152,11 +142,11 @@ class Reflector:
     @property
     def degrees(self) -> float:
         """The largest angle off its axis."""
-        return ACCEPTANCE_DEG[self.kind] if self.acceptance_deg is None else self.acceptance_deg
+        return _ACCEPTANCE_DEG[self.kind] if self.acceptance_deg is None else self.acceptance_deg
 
 
 @dataclass(frozen=True, kw_only=True)
-class JointRange:
+class _JointRange:
     """Narrower limits of a joint, and how far its cables let it turn either way from home."""
 
     lower_deg: float | None = None
@@ -210,12 +200,12 @@ class Cell:
     clearance_mm: float | None = None
     robot: Place = field(default_factory=Place)
     instrument: Place | None = None
-    station: tuple[Station, ...] = ()
-    reflector: Reflector | None = None
+    station: tuple[_Station, ...] = ()
+    reflector: _Reflector | None = None
     tool: tuple[ToolPoint, ...] = ()
     plate: tuple[Obstacle, ...] = ()
     obstacle: tuple[Obstacle, ...] = ()
-    joints: Mapping[str, JointRange] = field(default_factory=dict)
+    joints: Mapping[str, _JointRange] = field(default_factory=dict)
     home: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -242,7 +232,7 @@ class Cell:
         lower, upper = joints.lower.copy(), joints.upper.copy()
         for i, name in enumerate(joints.joint_names):
             try:
-                limits = self.joints.get(name, JointRange()).limits(joints.prismatic[i], lower[i], upper[i], start[i])
+                limits = self.joints.get(name, _JointRange()).limits(joints.prismatic[i], lower[i], upper[i], start[i])
             except LabError as error:
                 raise LabError(f"{self.path}: joint {name} {error}") from None
             lower[i], upper[i] = limits

@@ -18,7 +18,7 @@ from lab.core.se3 import Array
 
 __all__ = ["stl_of_collada", "stl_of_triangles"]
 
-Indices = NDArray[np.int_]
+_Indices = NDArray[np.int_]
 
 _HEADER = 80  # bytes of a binary STL before the number of its triangles
 
@@ -130,7 +130,7 @@ def _points(source: ET.Element) -> Array:
     return np.array((array.text or "").split(), dtype=np.float64).reshape(-1, stride)[:, :3]
 
 
-def _fans(group: ET.Element, corners: Indices) -> Indices:
+def _fans(group: ET.Element, corners: _Indices) -> _Indices:
     """The corners ``(n, 3)`` of triangles."""
     counts = group.find("vcount")
     if group.tag == "triangles":

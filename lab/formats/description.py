@@ -11,14 +11,14 @@ from lab.kinematics.model import RigidArm
 
 __all__ = ["DescriptionFormat", "IdentifiedRobot", "with_comment"]
 
-ArmT_co = TypeVar("ArmT_co", bound=RigidArm, covariant=True)
-ModelT_co = TypeVar("ModelT_co", covariant=True)
-ArmT_contra = TypeVar("ArmT_contra", bound=RigidArm, contravariant=True)
-ModelT_contra = TypeVar("ModelT_contra", contravariant=True)
+_ArmT_co = TypeVar("ArmT_co", bound=RigidArm, covariant=True)
+_ModelT_co = TypeVar("ModelT_co", covariant=True)
+_ArmT_contra = TypeVar("ArmT_contra", bound=RigidArm, contravariant=True)
+_ModelT_contra = TypeVar("ModelT_contra", contravariant=True)
 
 
 @dataclass(frozen=True)
-class IdentifiedRobot(Generic[ArmT_co, ModelT_co]):
+class IdentifiedRobot(Generic[_ArmT_co, _ModelT_co]):
     """The geometry of a robot with identified parameters, and what else a description may hold.
 
     Attributes:
@@ -30,10 +30,10 @@ class IdentifiedRobot(Generic[ArmT_co, ModelT_co]):
     """
 
     name: str
-    arm: ArmT_co
+    arm: _ArmT_co
     values: Array
     loads: Loads | None
-    model: ModelT_co
+    model: _ModelT_co
 
 
 def with_comment(file: str, text: str, comment: str) -> str:
@@ -48,7 +48,7 @@ def with_comment(file: str, text: str, comment: str) -> str:
 
 
 @dataclass(frozen=True)
-class DescriptionFormat(Generic[ArmT_contra, ModelT_contra]):
+class DescriptionFormat(Generic[_ArmT_contra, _ModelT_contra]):
     """A file format that describes a kind of robot.
 
     Attributes:
@@ -57,4 +57,4 @@ class DescriptionFormat(Generic[ArmT_contra, ModelT_contra]):
     """
 
     file: str
-    text: Callable[[IdentifiedRobot[ArmT_contra, ModelT_contra]], str]
+    text: Callable[[IdentifiedRobot[_ArmT_contra, _ModelT_contra]], str]

@@ -40,7 +40,7 @@ class Link:
 
 
 @dataclass(frozen=True)
-class LinkTree:
+class _LinkTree:
     """The links of an arm, every parent before its children.
 
     Attributes:
@@ -63,7 +63,7 @@ class LinkTree:
         return (self.instrument, self.base, *self.moving, self.flange, *self.targets)
 
 
-def link_tree(arm: SerialArm, values: Array) -> LinkTree:
+def link_tree(arm: SerialArm, values: Array) -> _LinkTree:
     """The links of an arm with parameters ``values`` ``(p,)``.
 
     A target's link has the target's name; the others are ``instrument``, ``base``, ``link1`` ... and
@@ -85,7 +85,7 @@ def link_tree(arm: SerialArm, values: Array) -> LinkTree:
         Link(target, flange.name, se3.pose(np.eye(3), point), one)
         for target, point in zip(arm.targets, tool, strict=True)
     )
-    return LinkTree(root, still, tuple(moving), flange, tuple(targets))
+    return _LinkTree(root, still, tuple(moving), flange, tuple(targets))
 
 
 def last_axis_frame(arm: SerialArm, values: Array) -> Array:

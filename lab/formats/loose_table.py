@@ -22,8 +22,6 @@ from lab.core.se3 import Array
 from lab.formats.structured import read_bytes, read_toml, structured
 
 __all__ = [
-    "ColumnMap",
-    "Heading",
     "JointColumns",
     "LeftOut",
     "LooseTable",
@@ -67,7 +65,7 @@ class LeftOut:
 
 
 @dataclass(frozen=True)
-class Heading:
+class _Heading:
     """A column's name: as it is written, without its unit in plain words, and the unit ("" where it has none)."""
 
     text: str
@@ -90,7 +88,7 @@ class LooseTable:
     """
 
     path: Path
-    headings: tuple[Heading, ...] | None
+    headings: tuple[_Heading, ...] | None
     rows: tuple[tuple[str, ...], ...]
     lines: tuple[int, ...]
     titles: tuple[tuple[int, str], ...]
@@ -163,14 +161,14 @@ class LooseTable:
         return units.pop() if len(units) == 1 else ""
 
 
-def heading_of(text: str) -> Heading:
+def heading_of(text: str) -> _Heading:
     """A column's name taken apart: ``X [mm]``, ``X (mm)``, ``X_mm``, ``X, mm`` and ``X mm`` are x in mm."""
     plain = text.strip().strip("\"'")
     for pattern in (r"^(.*?)\s*[\[({<]\s*([^\])}>]+?)\s*[\])}>]\s*$", r"^(.+?)[\s_,/.]+([^\s_,/.]+)$"):
         match = re.match(pattern, plain)
         if match and match[2].lower() in _UNITS and match[1].strip():
-            return Heading(plain, _key(match[1]), _UNITS[match[2].lower()])
-    return Heading(plain, _key(plain), "")
+            return _Heading(plain, _key(match[1]), _UNITS[match[2].lower()])
+    return _Heading(plain, _key(plain), "")
 
 
 def _key(text: str) -> str:
@@ -269,7 +267,7 @@ def _count(cells: Sequence[str], separator: str) -> int:
 
 def _header(
     lines: Sequence[str], cells: Sequence[list[str]], separator: str, first: int, width: int, least: int
-) -> tuple[tuple[Heading, ...] | None, set[int]]:
+) -> tuple[tuple[_Heading, ...] | None, set[int]]:
     """The headings, and the lines that they stand in: a header, and perhaps a line of units below it."""
     used: set[int] = set()
     units: list[str] | None = None
@@ -292,7 +290,7 @@ def _header(
         headings = [heading_of(cell) for cell in found]
         if units is not None:
             headings = [
-                Heading(h.text, h.key, h.unit or _UNITS.get(unit.strip("[](){}").lower(), ""))
+                _Heading(h.text, h.key, h.unit or _UNITS.get(unit.strip("[](){}").lower(), ""))
                 for h, unit in zip(headings, units, strict=True)
             ]
         return tuple(headings), used
@@ -351,22 +349,22 @@ class JointColumns:
 
 
 @dataclass(frozen=True)
-class ColumnMap:
+class _ColumnMap:
     """Meaning of the columns, in both files."""
 
     points: PointColumns = field(default_factory=PointColumns)
     joints: JointColumns = field(default_factory=JointColumns)
 
 
-def read_column_map(path: Path | None) -> ColumnMap:
+def read_column_map(path: Path | None) -> _ColumnMap:
     """Read a map of columns; an empty one without a file.
 
     Raises:
         LabError: it cannot be read, or says what no column can be.
     """
     if path is None:
-        return ColumnMap()
-    found = structured(path, ColumnMap, read_toml(path))
+        return _ColumnMap()
+    found = structured(path, _ColumnMap, read_toml(path))
     if len(found.points.sigma) not in (0, 1, 3):
         raise LabError(f"{path}: points.sigma has {len(found.points.sigma)} columns; give those of x, y and z, or one")
     given = [each for each in (found.points.x, found.points.y, found.points.z) if each]

@@ -117,7 +117,7 @@ def refuse_unbounded(where: object, content: Any, *, finite: bool = True) -> Non
             raise LabError(f"{where}: {name} has more than 63 bits; give a smaller integer")
 
 
-Kind = TypeVar("Kind")
+_Kind = TypeVar("Kind")
 _PLAIN = {int: "a whole number", float: "a number", str: "a text", bool: "true or false", Path: "a path as text"}
 
 
@@ -129,7 +129,7 @@ class _InvalidError(ValueError):
         self.value, self.valid = value, valid
 
 
-def structured(where: object, kind: type[Kind], values: object, *, extra: bool = False) -> Kind:
+def structured(where: object, kind: type[_Kind], values: object, *, extra: bool = False) -> _Kind:
     """A dataclass from plain values.
 
     Args:
@@ -177,7 +177,7 @@ def read_json(path: Path, mend: str) -> Any:
     return content
 
 
-def read_structured(path: Path, kind: type[Kind], mend: str) -> Kind:
+def read_structured(path: Path, kind: type[_Kind], mend: str) -> _Kind:
     """A file that the lab wrote, as JSON, typed; what it holds beside the fields of ``kind`` is passed over.
 
     Args:

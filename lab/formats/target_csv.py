@@ -18,7 +18,7 @@ from lab.formats.csv_table import CsvTable
 from lab.formats.measurement_csv import ObservedColumns, PoseReader, read_measurements
 from lab.formats.orientations import ENDS, read_orientations
 
-__all__ = ["JointRows", "Targets", "holds_targets", "read_joints", "read_targets"]
+__all__ = ["Targets", "holds_targets", "read_joints", "read_targets"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -158,7 +158,7 @@ class _TargetReader(PoseReader):
 
 
 @dataclass(frozen=True)
-class JointRows:
+class _JointRows:
     """Joint positions of a file.
 
     Attributes:
@@ -189,7 +189,7 @@ def holds_targets(path: Path, most: Limit = ROWS) -> bool:
     return any(cell for name in columns for cell in table.texts(name) or ())
 
 
-def read_joints(path: Path, joint_names: Sequence[str], prismatic: Sequence[bool]) -> JointRows:
+def read_joints(path: Path, joint_names: Sequence[str], prismatic: Sequence[bool]) -> _JointRows:
     """Read a file of joint positions.
 
     Args:
@@ -202,4 +202,4 @@ def read_joints(path: Path, joint_names: Sequence[str], prismatic: Sequence[bool
     """
     data = read_measurements(path, joint_names, prismatic, points=False, columns=ObservedColumns())
     kept = np.array([i for i, use in enumerate(data.use) if use != "skip"], dtype=np.int_)
-    return JointRows(tuple(data.ids[i] for i in kept), data.joints[kept], data.warnings)
+    return _JointRows(tuple(data.ids[i] for i in kept), data.joints[kept], data.warnings)

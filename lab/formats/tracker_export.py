@@ -20,7 +20,7 @@ from lab.core.errors import LabError, option_name
 from lab.core.se3 import Array
 from lab.formats.loose_table import LeftOut, LooseTable, PointColumns, column_named, read_loose
 
-__all__ = ["LENGTHS", "Clock", "Times", "TrackerPoints", "column_times", "read_tracker_points"]
+__all__ = ["Clock", "TrackerPoints", "column_times", "read_tracker_points"]
 
 Clock = Literal["seconds", "date", "day"]
 _SECONDS = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?", re.ASCII)
@@ -30,7 +30,7 @@ _DAY = 86400.0
 
 
 @dataclass(frozen=True)
-class Times:
+class _Times:
     """When rows were written.
 
     Attributes:
@@ -43,7 +43,7 @@ class Times:
     clock: Clock
 
 
-def column_times(table: LooseTable, time: int, day: int | None, dates: str) -> Times:
+def column_times(table: LooseTable, time: int, day: int | None, dates: str) -> _Times:
     """Read the times of a table's rows.
 
     Args:
@@ -61,16 +61,16 @@ def column_times(table: LooseTable, time: int, day: int | None, dates: str) -> T
     return _read_times(cells, lambda i: f"{table.path}: line {table.lines[i]}, column {table.name(time)}", dates)
 
 
-def _read_times(cells: Sequence[str], where: Callable[[int], str], dates: str) -> Times:
+def _read_times(cells: Sequence[str], where: Callable[[int], str], dates: str) -> _Times:
     """The times of texts, one for each row; a row without one has no time."""
     given = [(i, cell.strip()) for i, cell in enumerate(cells) if cell.strip()]
     found = np.full(len(cells), np.nan)
     if not given:
-        return Times(found, "seconds")
+        return _Times(found, "seconds")
     if all(_SECONDS.fullmatch(cell) for _, cell in given):
         for i, cell in given:
             found[i] = float(cell.replace(",", "."))
-        return Times(found, "date" if np.nanmin(found) > 1e9 else "seconds")
+        return _Times(found, "date" if np.nanmin(found) > 1e9 else "seconds")
     order = dates or _order(given, where)
     clocks = set()
     for i, cell in given:
@@ -88,8 +88,8 @@ def _read_times(cells: Sequence[str], where: Callable[[int], str], dates: str) -
     if not clocks.pop():  # a day of measuring may pass midnight
         steps = np.nan_to_num(np.diff(found[[i for i, _ in given]], prepend=found[given[0][0]]))
         found[[i for i, _ in given]] += _DAY * np.cumsum(steps < -_DAY / 2)
-        return Times(found, "day")
-    return Times(found, "date")
+        return _Times(found, "day")
+    return _Times(found, "date")
 
 
 def _order(given: Sequence[tuple[int, str]], where: Callable[[int], str]) -> str:
@@ -132,7 +132,7 @@ def _date_seconds(match: "re.Match[str]", order: str, cell: str, where: str) -> 
         ) from error
 
 
-LENGTHS = {"mm": 1e-3, "m": 1.0, "in": 25.4e-3, "um": 1e-6}
+_LENGTHS = {"mm": 1e-3, "m": 1.0, "in": 25.4e-3, "um": 1e-6}
 _PRESSURES = {"hPa": 1.0, "kPa": 10.0, "Pa": 0.01, "mmHg": 1.33322387415, "": 1.0}  # hPa
 _NAMES = (
     "name", "point", "point name", "pointname", "point id", "pointid", "target", "target name", "label", "id",
@@ -217,7 +217,7 @@ class _Reader:
     def read(self) -> TrackerPoints:
         table = self.table
         at = [self._coordinate(axis) for axis in "xyz"]
-        scale = LENGTHS[self._length_unit(at)]
+        scale = _LENGTHS[self._length_unit(at)]
         positions = np.stack([scale * table.numbers(column) for column in at], axis=1)
         name, target = self._name(at), self._named("target", self.given.target)
         sigma = self._sigma(scale)
@@ -310,7 +310,7 @@ class _Reader:
         if len(units) > 1:
             raise LabError(f"{self.table.path}: x, y and z have different units ({', '.join(sorted(units))}); fix that")
         stated = units.pop() if units else self.table.stated_unit
-        if stated and stated not in LENGTHS:
+        if stated and stated not in _LENGTHS:
             raise LabError(f"{self.table.path}: coordinates in {stated} are not lengths; export Cartesian coordinates")
         given = self.unit or self.given.unit
         if stated and given and stated != given:
@@ -368,11 +368,11 @@ class _Reader:
     def _uncertainty(self, column: int, scale: float) -> Array:
         headings = self.table.headings
         unit = headings[column].unit if headings is not None else ""
-        if unit and unit not in LENGTHS:
+        if unit and unit not in _LENGTHS:
             raise LabError(
                 f"{self.table.path}: column {self.table.name(column)}: {unit} is not a unit of length; fix it"
             )
-        values = self.table.numbers(column) * LENGTHS.get(unit, scale) / self.coverage
+        values = self.table.numbers(column) * _LENGTHS.get(unit, scale) / self.coverage
         for i in np.flatnonzero(values <= 0):
             raise LabError(
                 f"{self.table.path}: line {self.table.lines[i]}, column {self.table.name(column)}: an uncertainty "

@@ -44,7 +44,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def small(made: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Pieces of less than a second are kept, too."""
     monkeypatch.chdir(made)
-    monkeypatch.setattr(kept_pieces, "WORTH_S", -1.0)
+    monkeypatch.setattr(kept_pieces, "_MIN_CPU_S", -1.0)
     monkeypatch.setattr(measure, "_BLOCK", 200)
     for module in (compensator, reachability):
         monkeypatch.setattr(module, "_BLOCK", 3)
@@ -147,7 +147,7 @@ def test_work_that_fails_leaves_nothing_to_go_on_with(tmp_path: Path, monkeypatc
     from lab.core.errors import LabError
     from lab.core.whole_folder import current_keep
 
-    monkeypatch.setattr(kept_pieces, "WORTH_S", -1.0)
+    monkeypatch.setattr(kept_pieces, "_MIN_CPU_S", -1.0)
     options = lab.commands.compensate.options.CompensateOptions(run=tmp_path)
     for cause, left in ((None, False), (OSError("no room"), True)):
         with pytest.raises(LabError), unfinished.unfinished("compensate", options, tmp_path / "run", resume=False):

@@ -11,7 +11,7 @@ A, B = np.arange(4.0), np.asfortranarray(np.arange(6.0).reshape(2, 3))
 
 @pytest.fixture(autouse=True)
 def worth_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(kept_pieces, "WORTH_S", -1.0)
+    monkeypatch.setattr(kept_pieces, "_MIN_CPU_S", -1.0)
 
 
 class Work:
@@ -81,7 +81,7 @@ def test_what_takes_no_time_or_has_no_room_is_done_and_not_kept(
     full = pieces(tmp_path)
     full("stage", [A], work)
     assert work.times == 1 and not full.kept
-    monkeypatch.setattr(kept_pieces, "WORTH_S", 5.0)
+    monkeypatch.setattr(kept_pieces, "_MIN_CPU_S", 5.0)
     quick = Pieces(tmp_path / "quick", "work.json", b"{}")
     quick("stage", [A], work)
     assert work.times == 2 and not quick.kept and not (tmp_path / "quick").exists()

@@ -110,28 +110,19 @@ def test_roll_pitch_yaw_at_every_pitch(off_rad: float) -> None:
 
 @pytest.mark.parametrize("regime", REGIMES)
 def test_every_way_to_write_a_rotation_leads_back(regime: str) -> None:
-    """Direction cosines, rotation vector, quaternion, angles; the same as another library's."""
+    """Rotation vector, quaternion, angles; the same as another library's."""
     vectors = rotation_vectors(regime, np.random.default_rng(6))
     vectors[:3] = np.pi * np.eye(3)  # half a turn about a coordinate axis
     vectors[3] = 0.0
     rotations = se3.exp(vectors)
     np.testing.assert_allclose(rotations, Rotation.from_rotvec(vectors).as_matrix(), atol=1e-15)
     for there, back in (
-        (se3.direction_cosines, se3.rotation_from_direction_cosines),
         (se3.log, se3.exp),
         (se3.quaternion_from_rotation, se3.rotation_from_quaternion),
         (se3.roll_pitch_yaw, se3.rotation_from_roll_pitch_yaw),
     ):
         np.testing.assert_allclose(back(there(rotations)), rotations, atol=1e-14, err_msg=there.__name__)
         np.testing.assert_allclose(back(there(rotations[7])), rotations[7], atol=1e-14)  # one alone
-
-
-def test_rounded_direction_cosines_give_a_rotation() -> None:
-    rotations = se3.exp(np.random.default_rng(7).normal(size=(200, 3)))
-    rounded = se3.rotation_from_direction_cosines(np.round(se3.direction_cosines(rotations), 4))
-    np.testing.assert_allclose(rounded, rotations, atol=2e-4)
-    np.testing.assert_allclose(rounded @ rounded.swapaxes(1, 2), np.broadcast_to(np.eye(3), (200, 3, 3)), atol=1e-14)
-    np.testing.assert_allclose(np.linalg.det(rounded), 1, atol=1e-14)
 
 
 VECTORS = arrays(np.float64, 3, elements=st.floats(-1e3, 1e3))

@@ -25,7 +25,7 @@ __all__ = ["ClosedArm"]
 
 _HALF_PARALLELOGRAM = 0.05  # of a rod: half of the short side of the parallelogram that is drawn for it
 _STEP = 1e-5  # rad or m, of differences
-Place = tuple[int, int]  # a frame, and a step of its path
+_Place = tuple[int, int]  # a frame, and a step of its path
 
 
 @dataclass(frozen=True)
@@ -261,7 +261,7 @@ class ClosedArm:
         configuration, tree = closed.configuration, self.chain.tree
         count = configuration.passive.shape[1]
 
-        def twist(step: Place) -> Array:
+        def twist(step: _Place) -> Array:
             axis = configuration.steps[step[0]][step[1]][0][:3]
             moved = configuration.motion(step, point[:, None])[:, 0]
             turned = axis if tree.step(*step).is_turn else np.zeros((3, 1))
@@ -277,8 +277,8 @@ class ClosedArm:
         self,
         out: Array,
         closed: Closed,
-        motion: Callable[[Place], Array],
-        steps: Mapping[Place, int],
+        motion: Callable[[_Place], Array],
+        steps: Mapping[_Place, int],
         rods: Mapping[int, int],
     ) -> None:
         """Add h_p - h_z c_z^-1 c_p to rows of ``out`` ``(rows, ..., n)``.

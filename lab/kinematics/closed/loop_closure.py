@@ -120,7 +120,7 @@ class Pin:
     axes: tuple[int, ...]
 
 
-class Opening(NamedTuple):
+class _Opening(NamedTuple):
     """A step (its frame, and its index in the path) that moves the first (sign +1) or second end of a closure."""
 
     step: tuple[int, int]
@@ -188,7 +188,7 @@ class Tree:
         return tuple(any(self.step(f, s).passive for f, s in self.ancestry(frame)) for frame in range(len(self.frames)))
 
     @cached_property
-    def openings(self) -> tuple[tuple[Opening, ...], ...]:
+    def openings(self) -> tuple[tuple[_Opening, ...], ...]:
         """The steps that open each closure: rods in order, then the pins' axes.
 
         What moves both ends of a closure alike does not open it.
@@ -199,14 +199,14 @@ class Tree:
             of_a, of_b = self.ancestry(a), self.ancestry(b)
             found.append(
                 (
-                    *(Opening(step, a, 1.0) for step in of_a if step not in of_b),
-                    *(Opening(step, b, -1.0) for step in of_b if step not in of_a),
+                    *(_Opening(step, a, 1.0) for step in of_a if step not in of_b),
+                    *(_Opening(step, b, -1.0) for step in of_b if step not in of_a),
                 )
             )
         return tuple(found)
 
 
-Axes = tuple[Array, Array, Array]
+_Axes = tuple[Array, Array, Array]
 
 
 @dataclass(frozen=True)
@@ -241,8 +241,8 @@ class Configuration:
     dimensions: Dimensions
     joint_values: Array
     passive: Array
-    base: tuple[Axes, Array]
-    frames: list[tuple[Axes, Array]]
+    base: tuple[_Axes, Array]
+    frames: list[tuple[_Axes, Array]]
     steps: list[list[tuple[Array, Array | None]]]
 
     @staticmethod
@@ -250,7 +250,7 @@ class Configuration:
         """At joint positions ``(n, joints)`` and passive values ``(z, n)``."""
         x, y, z = (padded(column) for column in exp(dimensions.base[3:]).T)
         count = len(tree.frames)
-        empty: tuple[Axes, Array] = ((x, y, z), padded(dimensions.base[:3]))
+        empty: tuple[_Axes, Array] = ((x, y, z), padded(dimensions.base[:3]))
         joint_values = dimensions.scale[:, None] * joints.T
         found = Configuration(
             tree, dimensions, joint_values, passive, empty, [empty] * count, [[] for _ in range(count)]

@@ -20,7 +20,7 @@ from lab.kinematics.differential import ROTATION_M
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
 
-__all__ = ["SINGULAR", "BodyCount", "ClosedFormShape", "Mobility", "Nearest", "body_count", "mobility", "mobility_of"]
+__all__ = ["SINGULAR", "BodyCount", "ClosedFormShape", "Nearest", "body_count", "mobility", "mobility_of"]
 
 _SPACE, _PLANE = 6, 3
 
@@ -151,7 +151,7 @@ _NONE = 1e-9  # of the largest singular value
 
 
 @dataclass(frozen=True)
-class Mobility:
+class _Mobility:
     """Mobility of an arm.
 
     Attributes:
@@ -184,7 +184,7 @@ class Mobility:
         )
 
 
-def mobility_of(chain: Chain) -> Mobility:
+def mobility_of(chain: Chain) -> _Mobility:
     """Compute the mobility of a nominal arm's last frame."""
     arm = SerialArm(chain)
     joints = rng_for(0, "structure").uniform(-1.5, 1.5, (_POSES, chain.size))
@@ -193,7 +193,7 @@ def mobility_of(chain: Chain) -> Mobility:
     sizes, rows = np.linalg.svd(J)[1:]
     freedoms = int((sizes > _NONE * sizes[:, :1]).sum(axis=1).max())
     moving = np.abs(rows[:, freedoms:]).max(axis=(0, 1), initial=0.0) > 1e-6
-    return Mobility(chain.size, freedoms, tuple(moving.tolist()), _missing(J[:, 3:]), _missing(J[:, :3]))
+    return _Mobility(chain.size, freedoms, tuple(moving.tolist()), _missing(J[:, 3:]), _missing(J[:, :3]))
 
 
 def _missing(parts: Array) -> Array:

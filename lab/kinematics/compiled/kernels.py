@@ -38,8 +38,8 @@ __all__ = [
 
 _VERSION = 10  # of kernels.c: what an earlier build left behind is not taken
 _REAL = np.dtype(np.float64)
-Columns = NDArray[np.int64]
-Flags = NDArray[np.bool_]
+_Columns = NDArray[np.int64]
+_Flags = NDArray[np.bool_]
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -98,8 +98,8 @@ class CompiledChain:
 
     chain: Chain
     targets: int
-    every: Columns
-    _shape: Columns = field(init=False, repr=False)
+    every: _Columns
+    _shape: _Columns = field(init=False, repr=False)
     _sign: Array = field(init=False, repr=False)
     _forward: bool = field(init=False, repr=False)
 
@@ -110,13 +110,13 @@ class CompiledChain:
         object.__setattr__(self, "_forward", bool((chain.sign > 0).all()))
         object.__setattr__(self, "_sign", np.ascontiguousarray(chain.sign, dtype=np.float64))
 
-    def some(self, columns: list[int]) -> Columns:
+    def some(self, columns: list[int]) -> _Columns:
         """``(p,)`` which row each parameter takes, where these columns are wanted: -1 for none."""
         slot = np.full(len(self.every), -1, dtype=np.int64)
         slot[columns] = np.arange(len(columns))
         return slot
 
-    def observe(self, joints: Array, values: Array, slot: Columns, rows: int) -> tuple[Array, Array]:
+    def observe(self, joints: Array, values: Array, slot: _Columns, rows: int) -> tuple[Array, Array]:
         """Target positions ``(n, k, 3)`` m and derivatives ``(n, k, 3, rows)``: ``SerialArm.observe``.
 
         Args:
@@ -148,7 +148,7 @@ class CompiledChain:
         _CODE.oriented(self._shape, self._sign, *given, points, jacobian)
         return points.transpose(2, 1, 0), jacobian.transpose(3, 2, 1, 0)
 
-    def by_joints(self, joints: Array, values: Array, slot: Columns) -> Array:
+    def by_joints(self, joints: Array, values: Array, slot: _Columns) -> Array:
         """Derivatives ``(n, k, 3, joints)`` of the targets by the joint positions: ``SerialArm.joint_jacobian``.
 
         Args:
@@ -167,7 +167,7 @@ class CompiledChain:
 
     def reach(
         self, start: Array, values: Array, positions: Array, rotations: Array, target: int
-    ) -> tuple[Array, Array, Columns]:
+    ) -> tuple[Array, Array, _Columns]:
         """Joint positions ``(n, joints)``, what is missing there ``(n, 6)``, and steps ``(n,)``: ``newton.reach``.
 
         Of six joints and more.
@@ -189,7 +189,7 @@ class CompiledChain:
         _CODE.settle(self._shape, self._sign, values, np.ascontiguousarray(Ts), settled, off)
         return settled, off
 
-    def stacked(self, joints: Array, values: Array, slot: Columns, rows: int) -> tuple[Array, Array]:
+    def stacked(self, joints: Array, values: Array, slot: _Columns, rows: int) -> tuple[Array, Array]:
         """Positions ``(b, k, 3, n)`` m and derivatives ``(b, rows, k, 3, n)`` of many arms.
 
         Args:
@@ -204,7 +204,7 @@ class CompiledChain:
 
 
 @with_fallback(numpy_kernels.innovations)
-def innovations(own: Array, observed: Array, through: Array, order: Columns) -> tuple[Array, Array]:
+def innovations(own: Array, observed: Array, through: Array, order: _Columns) -> tuple[Array, Array]:
     """Inverse Cholesky factors ``(n, m, m)`` of the innovations of a Kalman filter, and gains ``(n, s, m)``.
 
     Args:
@@ -224,14 +224,14 @@ def innovations(own: Array, observed: Array, through: Array, order: Columns) -> 
 
 
 @with_fallback(numpy_kernels.whiten)
-def whiten(factors: Array, observed: Array, gains: Array, through: Array, order: Columns, rows: Array) -> Array:
+def whiten(factors: Array, observed: Array, gains: Array, through: Array, order: _Columns, rows: Array) -> Array:
     """Rows ``(n, m, c)`` of unit variance and without correlation, by the filter that ``innovations`` describes."""
     done = np.empty_like(rows)
     _CODE.whiten(*observed.shape[1:], factors, observed, gains, through, order, rows, done)
     return done
 
 
-def independent(columns: Array, order: Columns, tolerance: float) -> NDArray[np.bool_]:
+def independent(columns: Array, order: _Columns, tolerance: float) -> NDArray[np.bool_]:
     """Flag, in ``order``, the columns of ``(r, p)`` that those before them do not span: ``gauge._gram_schmidt``."""
     found = np.empty(len(order), dtype=np.int64)
     _CODE.independent(np.ascontiguousarray(columns.T), len(columns), order, tolerance, found)
@@ -250,7 +250,7 @@ def solve_positive(matrices: Array, right: Array) -> Array:
     return numpy_kernels.solve_systems(matrices, right)
 
 
-class CompilableArm(numpy_kernels.WalkedArm, Protocol):
+class _CompilableArm(numpy_kernels.WalkedArm, Protocol):
     """A serial arm with what the compiled functions take of it: ``serial.arm.SerialArm``."""
 
     @property
@@ -259,7 +259,7 @@ class CompilableArm(numpy_kernels.WalkedArm, Protocol):
 
 
 @with_fallback(numpy_kernels.settle)
-def settle(arm: CompilableArm, values: Array, Ts: Array, joints: Array) -> tuple[Array, Array]:
+def settle(arm: _CompilableArm, values: Array, Ts: Array, joints: Array) -> tuple[Array, Array]:
     """Candidates ``(n, k, 5)`` after a few steps of Gauss and Newton where they are near; none leads away.
 
     Returns:
@@ -272,7 +272,7 @@ def settle(arm: CompilableArm, values: Array, Ts: Array, joints: Array) -> tuple
 # of the extension's classes.
 
 
-def eight_solutions(shape: str, numbers: Array, Ts: Array, reference: Array | float) -> tuple[Array, Array, Flags]:
+def eight_solutions(shape: str, numbers: Array, Ts: Array, reference: Array | float) -> tuple[Array, Array, _Flags]:
     """Joint positions ``(n, 8, 6)``, gaps ``(n, 8)`` and free joints of an arm of six joints.
 
     Args:
@@ -288,7 +288,7 @@ def eight_solutions(shape: str, numbers: Array, Ts: Array, reference: Array | fl
 
 def three_joints(
     numbers: Array, Ts: Array, reference: Array | float, branches: int, *, tilted: bool
-) -> tuple[Array, Array, Array, Flags]:
+) -> tuple[Array, Array, Array, _Flags]:
     """Joint positions ``(n, k, 3)``, gaps and tilts ``(n, k)``, and free joints of an arm of three joints."""
     n, k = len(Ts), branches
     joints, gap, free = np.empty((n, k, 3)), np.empty((n, k)), np.empty((n, k, 3), dtype=np.bool_)
@@ -305,14 +305,14 @@ def _liked(reference: Array | float, count: int, joints: int) -> Array | None:
     return np.ascontiguousarray(np.broadcast_to(reference, (count, joints)), dtype=np.float64)
 
 
-def parallel_pair(numbers: Array, Ts: Array) -> tuple[Flags, Array]:
+def parallel_pair(numbers: Array, Ts: Array) -> tuple[_Flags, Array]:
     """Poses ``(n,)`` whose equations determine joints 4 and 5, and candidates ``(4, 5, n)``."""
     joints, plain = np.empty((len(Ts), 4, 5)), np.empty(len(Ts), dtype=np.bool_)
     _CODE.parallel_pair(numbers, np.ascontiguousarray(Ts), joints, plain)
     return plain, joints.transpose(1, 2, 0)
 
 
-def two_axes(numbers: Array, Ts: Array, first: Array) -> tuple[Array, Flags]:
+def two_axes(numbers: Array, Ts: Array, first: Array) -> tuple[Array, _Flags]:
     """Candidates ``(k, 5, n)`` by their first three joints ``(k, 3, n)``, and where P is on a hinge's axis."""
     count = first.shape[2]
     out, near = np.empty((count, len(first), 5)), np.empty(count, dtype=np.bool_)
@@ -321,7 +321,7 @@ def two_axes(numbers: Array, Ts: Array, first: Array) -> tuple[Array, Flags]:
     return out.transpose(1, 2, 0), near
 
 
-def planar_frame(numbers: Array, roots: int, Ts: Array, liked: Array) -> tuple[Array, Flags]:
+def planar_frame(numbers: Array, roots: int, Ts: Array, liked: Array) -> tuple[Array, _Flags]:
     """Targets ``(5, m, n)`` of a planar arm beyond two joints, and where the first joint is free."""
     found, free = np.empty((5, roots, len(Ts))), np.empty(len(Ts), dtype=np.bool_)
     _CODE.planar_frame(numbers, np.ascontiguousarray(Ts), np.ascontiguousarray(liked[:2].T), found, free)

@@ -19,7 +19,6 @@ from lab.kinematics.serial.chain import Chain
 from lab.kinematics.serial.walk import RIGID, Axes, Displaced, Motion, Torsors, along, chunks, fill, padded, some_poses
 
 __all__ = [
-    "ManyArms",
     "WalkedArm",
     "flange",
     "innovations",
@@ -72,7 +71,7 @@ class WalkedArm(Protocol):
         """Derivatives ``(..., joints)`` by the joint positions, of those by the parameters."""
 
 
-class ManyArms(Protocol):
+class _ManyArms(Protocol):
     """Arms of one nominal model: ``serial.arm.StackedArm``."""
 
     @property
@@ -202,12 +201,12 @@ def walk_stacked(arm: WalkedArm, joints: Array, values: Array, rows: int) -> tup
     return motions + links, there, frame
 
 
-def points_stacked(many: ManyArms, /, joints: Array, values: Array) -> Array:
+def points_stacked(many: _ManyArms, /, joints: Array, values: Array) -> Array:
     """``StackedArm.points``."""
     return walk_stacked(many.arm, joints, values, 3)[1].transpose(2, 1, 0, 3)
 
 
-def observe_stacked(many: ManyArms, /, joints: Array, values: Array, free: Sequence[int]) -> tuple[Array, Array]:
+def observe_stacked(many: _ManyArms, /, joints: Array, values: Array, free: Sequence[int]) -> tuple[Array, Array]:
     """``StackedArm.observe``."""
     motions, there, frame = walk_stacked(many.arm, joints, values, 5)
     slot = {parameter: i for i, parameter in enumerate(free)}

@@ -15,13 +15,7 @@ import scipy  # its parts are loaded at their first use, which not every process
 from lab.core.se3 import Array
 from lab.kinematics.trajectory.profiles import SLACK, TINY, Span, change_seconds, shortest_changes
 
-__all__ = [
-    "Profile",
-    "SmoothAxis",
-    "mixed",
-    "quickest_smooth_ramps",
-    "rest_to_rest_smooth",
-]
+__all__ = ["Profile", "SmoothAxis", "mixed", "quickest_smooth_ramps", "rest_to_rest_smooth"]
 
 _ROUNDS, _GRID, _DECADES, _HALVINGS = 5, 49, 16.0, 48  # of the search for common phases
 

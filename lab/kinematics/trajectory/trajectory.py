@@ -31,14 +31,7 @@ from lab.kinematics.trajectory.profiles import (
     stretches_and_blends,
 )
 
-__all__ = [
-    "blended",
-    "common_phases",
-    "independent",
-    "own_phases",
-    "possible_seconds",
-    "through",
-]
+__all__ = ["blended", "common_phases", "independent", "own_phases", "possible_seconds", "through"]
 
 Law = Callable[[JointSpec, Array, Array, Array, Array], Trajectory]
 """A move from start to end, at a start speed and an end speed, ``(n,)`` each."""
