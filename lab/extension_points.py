@@ -73,9 +73,9 @@ def load(group: str, name: str) -> Any:
     try:
         return entry.load()
     except Exception as error:
+        cause = f"{type(error).__name__}: {' '.join(str(error).split())}"
         raise LabError(
-            f"extension '{name}' ({entry.value}) cannot be loaded ({type(error).__name__}: {' '.join(str(error).split())}); "
-            "repair or uninstall its package"
+            f"extension '{name}' ({entry.value}) cannot be loaded ({cause}); repair or uninstall its package"
         ) from error
 
 

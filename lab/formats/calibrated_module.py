@@ -80,9 +80,6 @@ def plain_model(
         loads: the nominal masses; None where they are not known.
         R_last_tool: rotation ``(3, 3)`` of the measured tool in the last frame.
         usual: values of conditions where none are given; others must be given.
-
-    Raises:
-        LabError: the arm has loops, or an effect that is not written down in plain terms.
     """
     rigid = arm.rigid
     if not isinstance(rigid, SerialArm):

@@ -156,11 +156,7 @@ class _JointRange:
     cable_deg: float | None = None
 
     def limits(self, slides: bool, lower: float, upper: float, home: float) -> tuple[float, float]:
-        """The limits (rad or m) of a joint that has these and this home.
-
-        Raises:
-            LabError: they are in the wrong unit, or leave no room.
-        """
+        """The limits (rad or m) of a joint that has these and this home."""
         scale, wrong = (1e-3, "deg") if slides else (np.pi / 180, "mm")
         if any(getattr(self, each) is not None for each in (f"lower_{wrong}", f"upper_{wrong}")) or (
             slides and self.cable_deg is not None
@@ -219,11 +215,7 @@ class Cell:
         return None if stated is None else MM.to_si(stated)
 
     def joint_spec_values(self, joints: JointSpec) -> tuple[Array, Array, Array | None]:
-        """Lower and upper limits ``(n,)`` and home ``(n,)`` (rad or m; None where not given) of a robot in this cell.
-
-        Raises:
-            LabError: a joint is unknown, or has no room, or home is beyond its limits or not of all joints.
-        """
+        """Lower and upper limits ``(n,)`` and home ``(n,)`` (rad or m; None where not given) of a robot in this cell."""
         for name in self.joints:
             if name not in joints.joint_names:
                 raise LabError(f"{self.path}: [joints.{name}]: the robot has {_list(joints.joint_names)}")
@@ -248,11 +240,7 @@ class Cell:
 
 
 def read_cell(path: Path) -> Cell:
-    """Read a cell's file.
-
-    Raises:
-        LabError: it cannot be read, or says what makes no sense; the message names the file and the key.
-    """
+    """Read a cell file."""
     content = read_toml(path)
     refuse_unbounded(path, content)
     if strange := next((each for each in content if each not in _options()), None):

@@ -130,9 +130,6 @@ class CertificateDetails:
         Args:
             serial: of the arm, by its run; None where that was given none.
             where: the file of the details, and ``run`` the folder of the run, for the error.
-
-        Raises:
-            LabError: they state the serial number of another arm.
         """
         stated = {run: serial, f"{where}: serial_number of [robot]": self.robot.serial_number or None}
         shared = one_serial(stated, "give the details of the arm that was calibrated")
@@ -168,11 +165,7 @@ class CertificateDetails:
 
 
 def read_certificate_details(path: Path) -> CertificateDetails:
-    """A certificate's file: ``[certificate]``, ``[robot]``, ``[instrument]``, ``[reflector]``, ``[environment]``.
-
-    Raises:
-        LabError: the file cannot be read, or a name or a value in it makes no sense.
-    """
+    """A certificate's file: ``[certificate]``, ``[robot]``, ``[instrument]``, ``[reflector]``, ``[environment]``."""
     content = read_toml(path)
     if unknown := sorted(set(content) - set(_SECTIONS)):
         raise LabError(f"{path}: [{unknown[0]}]: unknown; valid are [{'], ['.join(_SECTIONS)}]")

@@ -34,11 +34,7 @@ def stl_of_triangles(triangles: Array) -> bytes:
 
 
 def stl_of_collada(path: Path, content: bytes) -> bytes:
-    """The file's triangles as a binary STL.
-
-    Raises:
-        LabError: it is no such file, or has no triangle.
-    """
+    """The file's triangles as a binary STL."""
     try:
         root = ET.fromstring(content)
     except ET.ParseError as error:

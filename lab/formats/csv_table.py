@@ -78,9 +78,6 @@ class CsvTable:
         header: names of the columns.
         lines: of the rows, as an editor counts them.
         unread: columns that were not read yet.
-
-    Raises:
-        LabError: the file cannot be read, is empty, or is no table of comma-separated values.
     """
 
     def __init__(self, path: Path, most: Limit = ROWS) -> None:
@@ -176,9 +173,6 @@ class CsvTable:
             column: one of the header's.
             exponent: of ten.
             empty: whether cells may be empty.
-
-        Raises:
-            LabError: a cell is not a number, or empty though it may not be.
         """
         if column in self.unread:
             self.unread.remove(column)

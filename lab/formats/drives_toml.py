@@ -41,21 +41,13 @@ class Drives:
 
     @property
     def encoders(self) -> Encoders | None:
-        """The encoders; None where their counts are not given.
-
-        Raises:
-            LabError: the couplings do not tell the joints apart.
-        """
+        """The encoders; None where their counts are not given."""
         if self.counts_per_turn is None:
             return None
         return Encoders(self.gear_ratio, self.couplings, self.counts_per_turn)
 
     def joints(self, motors: Array) -> Array:
-        """The joint positions ``(n, J)`` (rad, m) of motor positions ``(n, J)`` rad: q = (G C)^-1 (motors - zero).
-
-        Raises:
-            LabError: the couplings do not tell the joints apart.
-        """
+        """The joint positions ``(n, J)`` (rad, m) of motor positions ``(n, J)`` rad: q = (G C)^-1 (motors - zero)."""
         if np.linalg.matrix_rank(self.couplings) < len(self.couplings):
             raise LabError("the couplings of the drives are not independent: give ratios of another motor")
         turned = motors if self.motor_zero_rad is None else motors - self.motor_zero_rad
@@ -63,11 +55,7 @@ class Drives:
         return joints
 
     def torques(self, currents: Array) -> Array:
-        """The drives' torques ``(n, J)`` (Nm; N of a slide), as the joints feel them, of motor currents ``(n, J)`` A.
-
-        Raises:
-            LabError: there are no drive gains.
-        """
+        """The drives' torques ``(n, J)`` (Nm; N of a slide), as the joints feel them, of motor currents ``(n, J)`` A."""
         if self.torque_nm_per_a is None:
             raise LabError("the drives have no gains: give torque_nm_per_a of each, or torques instead of currents")
         torques: Array = currents * self.torque_nm_per_a * self.gear_ratio
@@ -96,20 +84,12 @@ class _DrivesFile:
 
 
 def read_drives(path: Path, joints: int) -> Drives:
-    """Read the drives of an arm with so many joints: a ``[[drive]]`` for each, and ``[[coupling]]`` where it has some.
-
-    Raises:
-        LabError: the file is missing or malformed, or a number cannot be.
-    """
+    """Read the drives of an arm with so many joints: a ``[[drive]]`` for each, and ``[[coupling]]`` where it has some."""
     return _drives_of(path, read_toml(path), joints)
 
 
 def drives_in(path: Path, table: Mapping[str, Any], joints: int) -> Drives | None:
-    """The drives that a robot's table names; None where it names none.
-
-    Raises:
-        LabError: one is malformed, or a number cannot be.
-    """
+    """The drives that a robot's table names; None where it names none."""
     sections = {key: table[key] for key in ("drive", "coupling") if key in table}
     return _drives_of(path, sections, joints) if sections else None
 

@@ -44,11 +44,7 @@ class StatedUncertainty:
         self.quantity(1.0)  # what contradicts itself is told here
 
     def quantity(self, factor: float) -> Uncertain:
-        """Return the uncertainty in SI units, of which ``factor`` of the file's unit make one.
-
-        Raises:
-            LabError: limits and distribution, or distribution and degrees of freedom, contradict each other.
-        """
+        """Return the uncertainty in SI units, of which ``factor`` of the file's unit make one."""
         dof = np.inf if self.freedom is None else self.freedom
         if self.standard is not None:
             return Uncertain(self.standard / factor, self.distribution or "normal", dof)
@@ -98,11 +94,7 @@ class _View:
 
 
 def read_instrument(path: Path) -> Instrument:
-    """A tracker's description: ``name``, ``[noise]``, and if wanted ``[field_of_view]`` and ``[systematic]``.
-
-    Raises:
-        LabError: the file cannot be read, or a name or a value in it makes no sense.
-    """
+    """A tracker's description: ``name``, ``[noise]``, and if wanted ``[field_of_view]`` and ``[systematic]``."""
     content = read_toml(path)
     if unknown := sorted(set(content) - {"name", "noise", "field_of_view", "systematic"}):
         raise LabError(f"{path}: {unknown[0]}: unknown; there are name, noise, field_of_view and systematic")

@@ -64,9 +64,6 @@ def read_joint_log(
         prismatic: which of them slide.
         columns: what is said of its columns.
         unit: of joints that turn, where the file does not say it: deg or rad.
-
-    Raises:
-        LabError: with the file, the line as an editor counts it, and the column.
     """
     table = read_loose(path, len(joint_names))
     if table.headings is None and not columns.joints:

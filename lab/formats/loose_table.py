@@ -114,11 +114,7 @@ class LooseTable:
         return not any(self.texts(column))
 
     def numbers(self, column: int, *, empty: bool = True) -> Array:
-        """A column ``(n,)`` as numbers, NaN where empty.
-
-        Raises:
-            LabError: a cell is no number, too large, or empty though it may not be.
-        """
+        """A column ``(n,)`` as numbers, NaN where empty."""
         cells = self.texts(column)
         found = np.full(len(cells), np.nan)
         marks: dict[str, int] = {}
@@ -183,9 +179,6 @@ def read_loose(path: Path, least: int) -> LooseTable:
     Args:
         path: of the file.
         least: how many numbers a row has at least.
-
-    Raises:
-        LabError: the file cannot be read, or has no such rows.
     """
     lines = _lines(path)
     separator, width = _separator(path, lines, least)
@@ -357,11 +350,7 @@ class _ColumnMap:
 
 
 def read_column_map(path: Path | None) -> _ColumnMap:
-    """Read a map of columns; an empty one without a file.
-
-    Raises:
-        LabError: it cannot be read, or says what no column can be.
-    """
+    """Read a map of columns; an empty one without a file."""
     if path is None:
         return _ColumnMap()
     found = structured(path, _ColumnMap, read_toml(path))
@@ -374,11 +363,7 @@ def read_column_map(path: Path | None) -> _ColumnMap:
 
 
 def column_named(table: LooseTable, wanted: str) -> int:
-    """The column that a map names, by its header or its number from 1.
-
-    Raises:
-        LabError: there is none, or several are called so.
-    """
+    """The column that a map names, by its header or its number from 1."""
     headings = table.headings or ()
     same = [i for i, each in enumerate(headings) if each.text == wanted]
     same = same or [i for i, each in enumerate(headings) if each.key == heading_of(wanted).key]

@@ -127,9 +127,6 @@ def read_measurements(
         points: whether a file without any point is refused, where points are observed.
         columns: what is observed; points if not given. Orientations are kept as texts for ``orientations``.
         most: how many rows it may have.
-
-    Raises:
-        LabError: with the file, the line as an editor counts it, and the column.
     """
     reader = PoseReader(path, list(joint_names), list(prismatic), columns or ObservedColumns(), most)
     return reader.read(points and reader.observed.positions)
@@ -153,11 +150,7 @@ class PoseReader(CsvTable):
         self.warnings: list[str] = []
 
     def read(self, need_points: bool) -> Measurements:
-        """The whole file as measurements.
-
-        Raises:
-            LabError: no point is measured, or a cell or column is not what it should be; with file, line and column.
-        """
+        """The whole file as measurements."""
         n = len(self)
         joints = np.stack([self._joint(j) for j in range(len(self.joint_names))], axis=1)
         self._refuse_further_joints()

@@ -55,11 +55,7 @@ class MechanismFile:
 
 
 def read_mechanism(path: Path) -> MechanismFile:
-    """Read a description.
-
-    Raises:
-        LabError: the file is malformed, or what it describes cannot be measured by its joints.
-    """
+    """Read a description."""
     document = read_toml(path)
     if unknown := set(document) - set(_TOP_KEYS):
         raise LabError(f"{path}: unknown key '{sorted(unknown)[0]}'; known are {', '.join(_TOP_KEYS)}")

@@ -111,9 +111,6 @@ def noise_model_from_dict(
     Args:
         content: what ``noise_model_to_dict`` made.
         values: the run's parameters by name.
-
-    Raises:
-        LabError: it lacks a number, or one is not possible.
     """
     if content is None:
         return None

@@ -9,8 +9,7 @@ from lab.core import se3
 from lab.core.errors import LabError, option_name
 from lab.core.limits import QUATERNION_NORM
 from lab.core.measurements import Measurements
-from lab.core.orientation import ANGLE_CONVENTIONS, AngleConvention
-from lab.core.se3 import Array
+from lab.core.se3 import ANGLE_CONVENTIONS, AngleConvention, Array
 
 __all__ = ["ENDS", "orientation_texts", "oriented_target", "read_orientations", "rotation_from_angles"]
 
@@ -20,11 +19,7 @@ ENDS = (*_QUATERNION, *_ANGLES)  # of the columns of an orientation
 
 
 def oriented_target(data: Measurements) -> str:
-    """The one target whose orientation the file holds.
-
-    Raises:
-        LabError: no target has an orientation, or several have.
-    """
+    """The one target whose orientation the file holds."""
     found = [t for t in data.targets if any(f"{t}_{end}" in data.other for end in ENDS)]
     if not found and len(data.targets) == 1 and set(ENDS) & set(data.other):
         found = [data.targets[0]]
@@ -40,11 +35,7 @@ def read_orientations(data: Measurements, target: str, meaning: AngleConvention 
     """Unit quaternions wxyz ``(n, 4)`` of a target in the instrument's frame, NaN where not measured.
 
     Args:
-        meaning: of three angles about x, y, z (``lab.core.orientation``).
-
-    Raises:
-        LabError: a column is missing or there twice, a cell is empty beside others, a quaternion's norm is not 1, or
-            the meaning of angles is not given.
+        meaning: of three angles about x, y, z (``lab.core.se3``).
     """
     quaternion, angles = (_columns(data, target, ends) for ends in (_QUATERNION, _ANGLES))
     if quaternion and angles:
@@ -94,7 +85,7 @@ def _numbers(texts: tuple[str, ...]) -> Array:
 
 
 def rotation_from_angles(angles: Array, meaning: AngleConvention) -> Array:
-    """Rotations ``(..., 3, 3)`` of three angles (rad) each, ``(..., 3)``; what they mean is in ``core.orientation``."""
+    """Rotations ``(..., 3, 3)`` of three angles (rad) each, ``(..., 3)``; what they mean is in ``core.se3``."""
     if meaning == "rotation-vector":
         return se3.exp(angles)
     if meaning == "fixed-xyz":

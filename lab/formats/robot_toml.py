@@ -77,11 +77,7 @@ class Section:
         return self.content.get(key, default)
 
     def optional(self, quantity: str, units: dict[str, float]) -> float | None:
-        """A number in one of some units, in SI; None where there is none.
-
-        Raises:
-            LabError: it is given in two units, or is no finite number.
-        """
+        """A number in one of some units, in SI; None where there is none."""
         keys = [f"{quantity}_{unit}" for unit in units if f"{quantity}_{unit}" in self.content]
         if len(keys) > 1:
             raise LabError(f"{self.where}: {' and '.join(keys)} are both given; keep one")
@@ -93,33 +89,21 @@ class Section:
         return float(number) * units[keys[0].removeprefix(quantity + "_")]
 
     def value(self, quantity: str, units: dict[str, float]) -> float:
-        """A number that must be there.
-
-        Raises:
-            LabError: it is missing, or no finite number.
-        """
+        """A number that must be there."""
         found = self.optional(quantity, units)
         if found is None:
             raise LabError(f"{self.where}: {quantity} is missing; give {quantity}_{' or _'.join(units)}")
         return found
 
     def positive(self, quantity: str, units: dict[str, float]) -> float:
-        """A number above zero; NaN where there is none.
-
-        Raises:
-            LabError: it is not above zero.
-        """
+        """A number above zero; NaN where there is none."""
         found = self.optional(quantity, units)
         if found is not None and not found > 0:
             raise LabError(f"{self.where}: {quantity} is {found:g}; give more than zero, or leave it out")
         return np.nan if found is None else found
 
     def flag(self, key: str) -> bool:
-        """Return a boolean; false if the key is absent.
-
-        Raises:
-            LabError: it is neither true nor false.
-        """
+        """Return a boolean; false if the key is absent."""
         value = self.take(key, False)
         if not isinstance(value, bool):
             raise LabError(f"{self.where}: {key} is {value!r}; write true or false")
@@ -153,22 +137,14 @@ class JointSection(Section):
         return self.positive("force", {"n": 1.0}) if self.prismatic else self.positive("torque", {"nm": 1.0})
 
     def sign(self) -> float:
-        """+1 or -1: how the joint's position counts.
-
-        Raises:
-            LabError: it is neither 1 nor -1.
-        """
+        """+1 or -1: how the joint's position counts."""
         sign = self.take("sign", 1)
         if sign not in (1, -1) or isinstance(sign, bool):
             raise LabError(f"{self.where}: sign is {sign!r}; write 1 or -1")
         return float(sign)
 
     def limits(self, warnings: list[str]) -> tuple[float, float]:
-        """The lower and the upper one; ``warnings`` takes what is assumed.
-
-        Raises:
-            LabError: a slide has none, or the lower one is not below the upper one.
-        """
+        """The lower and the upper one; ``warnings`` takes what is assumed."""
         units = LENGTHS if self.prismatic else ANGLES
         low, high = self.optional("lower", units), self.optional("upper", units)
         absent = [end for end, value in (("lower", low), ("upper", high)) if value is None]
@@ -188,11 +164,7 @@ def is_mechanism(path: Path) -> bool:
 
 
 def read_height(path: Path, document: dict[str, Any]) -> float | None:
-    """``height_mm``, in m.
-
-    Raises:
-        LabError: it is no finite number.
-    """
+    """``height_mm``, in m."""
     height = document.get("height_mm")
     if height is not None and not (is_number(height) and height >= 0):
         raise LabError(f"{path}: height_mm is {height!r}; give frame 0's height above the floor, or leave it out")
@@ -209,11 +181,7 @@ def refuse_doubled_names(path: Path, names: list[str]) -> None:
 
 
 def read_base(path: Path, section: Any) -> Array:
-    """``[base]``, ``(6,)`` m and rad.
-
-    Raises:
-        LabError: a part is not three numbers.
-    """
+    """``[base]``, ``(6,)`` m and rad."""
     parts = ("position_m", "rotation_vector_rad")
     numbers = [section.get(part) if isinstance(section, dict) else None for part in parts]
     for part, number in zip(parts, numbers, strict=True):
@@ -227,9 +195,6 @@ def _read_khalil_frame(where: str, section: Any) -> KhalilFrame:
 
     Returns:
         The six as the pose that they make has them.
-
-    Raises:
-        LabError: one is missing, given twice or no number, or there is another key.
     """
     read = Section(where, section)
     values = [read.value(name, ANGLES if turns else LENGTHS) for name, turns in zip(SYMBOLS, ANGULAR, strict=True)]
@@ -238,11 +203,7 @@ def _read_khalil_frame(where: str, section: Any) -> KhalilFrame:
 
 
 def read_tool(path: Path, section: Any) -> dict[str, Array]:
-    """``[tool]``: targets (m).
-
-    Raises:
-        LabError: it is no section, or a target is not three numbers.
-    """
+    """``[tool]``: targets (m)."""
     if not isinstance(section, dict):
         raise LabError(f"{path}: tool is {section!r}; write a [tool] section with a line p1 = [x, y, z]")
     tool = {}
@@ -283,11 +244,7 @@ _MODULI = {"gpa": 1e9}
 
 
 def described_links(path: Path) -> tuple[str, Any] | None:
-    """The robot that a file takes from elsewhere, as it names it, and its ``[[link]]`` sections; None of another file.
-
-    Raises:
-        LabError: the file is no TOML, or has more than that.
-    """
+    """The robot that a file takes from elsewhere, as it names it, and its ``[[link]]`` sections; None of another file."""
     content = read_toml(path)
     if "robot" not in content:
         return None
@@ -299,11 +256,7 @@ def described_links(path: Path) -> tuple[str, Any] | None:
 
 
 def links_of(path: Path, sections: Any, size: int) -> LinkSections:
-    """Read the ``[[link]]`` sections of an arm with so many links.
-
-    Raises:
-        LabError: a link is unknown or named twice, or its section is missing, doubled or impossible.
-    """
+    """Read the ``[[link]]`` sections of an arm with so many links."""
     if not isinstance(sections, list) or not sections:
         raise LabError(f"{path}: no links; give each elastic link a [[link]] section")
     compliances, paths, numbers = np.zeros((size, 4)), {}, set()
@@ -420,11 +373,7 @@ class RobotTable:
 
 
 def read_table(path: Path) -> RobotTable:
-    """Read a Denavit-Hartenberg table.
-
-    Raises:
-        LabError: the file is missing or malformed, or a joint lacks or doubles a value.
-    """
+    """Read a Denavit-Hartenberg table."""
     document = _document(path)
     convention = document.get("convention")
     if convention not in ("distal", "craig"):

@@ -46,9 +46,6 @@ def read_bytes(path: Path, most: Limit, mend: str = "check the path") -> bytes:
     Args:
         most: how large it may be.
         mend: what to do if it cannot be read, for the end of the message.
-
-    Raises:
-        LabError: it cannot be read, is no regular file (a device or a pipe may never end), or is too large.
     """
     try:
         found = path.stat()
@@ -79,9 +76,6 @@ def read_text(path: Path, most: Limit, mend: str = "check the path") -> str:
     Args:
         most: how large it may be.
         mend: what to do if it cannot be read, for the end of the message.
-
-    Raises:
-        LabError: as of ``read_bytes``, or it is not in UTF-8, or has zero bytes (as UTF-16 without a mark has).
     """
     content = read_bytes(path, most, mend).removeprefix(_MARK)
     try:
@@ -98,9 +92,6 @@ def refuse_unbounded(where: object, content: Any, *, finite: bool = True) -> Non
 
     Args:
         finite: whether numbers that are not finite are refused here; not where their reader says more of them.
-
-    Raises:
-        LabError: with the name of the value.
     """
     waiting, count = [("", content, 0)], 0
     while waiting:
@@ -137,9 +128,6 @@ def structured(where: object, kind: type[_Kind], values: object, *, extra: bool 
         values: a mapping from the fields' names; one that is no mapping is refused.
         extra: whether the values are of a file that the lab wrote: names that are no field's are passed over, no
             number may be of a size that none has, and an error names the place in a list.
-
-    Raises:
-        LabError: a name is unknown or missing, or a value is not of its field's type; the message says what is valid.
     """
     from cattrs import BaseValidationError
 
@@ -162,9 +150,6 @@ def read_json(path: Path, mend: str) -> Any:
 
     Args:
         mend: what to do if it cannot be read, for the end of the message.
-
-    Raises:
-        LabError: the file cannot be read, is no JSON, or holds numbers that are not finite.
     """
     text = read_text(path, TEXT_BYTES, mend)
     try:
@@ -183,9 +168,6 @@ def read_structured(path: Path, kind: type[_Kind], mend: str) -> _Kind:
     Args:
         kind: a dataclass, or a tuple of one.
         mend: what to do if it is not so, for the end of the message.
-
-    Raises:
-        LabError: the file cannot be read, is no JSON, or lacks a value or has one that is not of its field's type.
     """
     content = read_json(path, mend)
     try:
@@ -339,11 +321,7 @@ _DEEP = re.compile(rf"(?:{_PART}[ \t]*+\.[ \t]*+){{{DEPTH.most}}}")  # dotted na
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """The content of a TOML file.
-
-    Raises:
-        LabError: it cannot be read, is no TOML, or holds more or larger values than a description needs.
-    """
+    """The content of a TOML file."""
     text = read_text(path, TOML_BYTES)
     if deep := _DEEP.search(text):
         line = text.count("\n", 0, deep.start()) + 1

@@ -11,8 +11,7 @@ from lab.core import se3
 from lab.core.errors import LabError, counted, error_context, option_name
 from lab.core.limits import ROWS, Limit
 from lab.core.measurements import measured
-from lab.core.orientation import AngleConvention
-from lab.core.se3 import Array
+from lab.core.se3 import AngleConvention, Array
 from lab.core.values import Value
 from lab.formats.csv_table import CsvTable
 from lab.formats.measurement_csv import ObservedColumns, PoseReader, read_measurements
@@ -78,11 +77,8 @@ def read_targets(
         path: of the file.
         joint_names: the robot's: a file may have their columns (or q1…qn), each row all or none of them.
         prismatic: which of them slide.
-        meaning: of three angles (``lab.core.orientation``).
+        meaning: of three angles (``lab.core.se3``).
         columns: which further columns have a meaning: numbers become conditions.
-
-    Raises:
-        LabError: with the file, the line as an editor counts it, and the column.
     """
     return _TargetReader(path, list(joint_names), list(prismatic), columns).read_all(meaning)
 
@@ -180,9 +176,6 @@ def holds_targets(path: Path, most: Limit = ROWS) -> bool:
     Args:
         path: of the file.
         most: how many rows it may have.
-
-    Raises:
-        LabError: it cannot be read, or has more rows than ``most``.
     """
     table = CsvTable(path, most)
     columns = [name for name in table.header if name in ("x_mm", "x_m") or name.endswith(("_x_mm", "_x_m"))]
@@ -196,9 +189,6 @@ def read_joints(path: Path, joint_names: Sequence[str], prismatic: Sequence[bool
         path: of the file.
         joint_names: the robot's; the file may call them q1 ... qn.
         prismatic: which of them slide.
-
-    Raises:
-        LabError: with the file, the line as an editor counts it, and the column.
     """
     data = read_measurements(path, joint_names, prismatic, points=False, columns=ObservedColumns())
     kept = np.array([i for i, use in enumerate(data.use) if use != "skip"], dtype=np.int_)

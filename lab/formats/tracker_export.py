@@ -51,9 +51,6 @@ def column_times(table: LooseTable, time: int, day: int | None, dates: str) -> _
         time: the column of times, or of dates with times of day.
         day: the column of dates alone; None where there is none.
         dates: ``dmy`` or ``mdy``, where a day cannot be told from a month; "" to tell by the days above 12.
-
-    Raises:
-        LabError: a text is no time, rows are written differently, or days cannot be told from months.
     """
     cells = table.texts(time)
     if day is not None:
@@ -199,9 +196,6 @@ def read_tracker_points(path: Path, columns: PointColumns, unit: str | None, cov
         columns: what is said of its columns.
         unit: of lengths, where the file does not say it: mm, m or in.
         coverage: factor by which its uncertainties exceed one standard deviation.
-
-    Raises:
-        LabError: with the file, the line as an editor counts it, and the column.
     """
     return _Reader(read_loose(path, 3), columns, unit, coverage).read()
 

@@ -82,11 +82,7 @@ class _UrFrames:
 
 
 def read_corrections(path: Path) -> Array:
-    """Read a controller's ``calibration.conf``: corrections ``(6, 4)`` to the nominal theta, d, a, alpha (rad, m).
-
-    Raises:
-        LabError: it cannot be read, or its lists are not six finite numbers each of a size that they can have.
-    """
+    """Read a controller's ``calibration.conf``: corrections ``(6, 4)`` to the nominal theta, d, a, alpha (rad, m)."""
     parser = configparser.ConfigParser(strict=False, interpolation=None, inline_comment_prefixes=("#",))
     try:
         parser.read_string(read_text(path, TEXT_BYTES), str(path))

@@ -145,9 +145,6 @@ def with_origins(text: str, origins: Mapping[str, Array]) -> str:
     Args:
         text: of a URDF.
         origins: poses ``(4, 4)`` (m) of the joints' frames in their parents', by the joints' names.
-
-    Raises:
-        LabError: a joint is not in the text.
     """
     plain = _COMMENT.sub(lambda match: " " * len(match[0]), text)  # comments may hold joints too
     found, parts, at = set[str](), list[str](), 0
@@ -223,9 +220,6 @@ def read_urdf(path: Path) -> UrdfSource:
 
     Links whose shape is given for looks alone keep it where no link has one for collisions. Where an arm forks into
     branches that all have fewer joints than it has, these are taken for a gripper, and held at zero.
-
-    Raises:
-        LabError: it is no URDF, a xacro that is not expanded, or a joint of it names no link that it joins.
     """
     text = read_text(path, TEXT_BYTES)
     if "<!ENTITY" in text or "<!DOCTYPE" in text:
@@ -260,11 +254,7 @@ def read_urdf(path: Path) -> UrdfSource:
 
 
 def mesh_files(path: Path) -> Iterator[Path]:
-    """The meshes of a URDF, as far as they are there.
-
-    Raises:
-        LabError: it is no XML.
-    """
+    """The meshes of a URDF, as far as they are there."""
     try:
         root = ET.fromstring(read_text(path, TEXT_BYTES))
     except ET.ParseError as error:

@@ -1,8 +1,8 @@
-"""Differential models of an arm: rates of its joints, the tool's twist, and where the one cannot follow the other.
+"""Differential kinematics: joint rates, the tool's twist, and singularities.
 
-The direct model is the geometric Jacobian itself, twist = J rates (``SerialArm.tool``): velocity of the target (m/s)
-and angular velocity (rad/s) in the tracker's frame, from rates in rad/s, m/s of a slide. ``rates`` is the inverse one.
-Singular values are in metres: a radian of the tool weighs as much as ``ROTATION_M``; joints count as they are.
+The geometric Jacobian (``SerialArm.tool``) maps rates in rad/s, m/s of a slide, to the target's velocity (m/s) and
+angular velocity (rad/s) in the tracker's frame: twist = J rates. Singular values are in metres: radians of the tool are
+weighted by ``ROTATION_M``.
 """
 
 from dataclasses import dataclass
@@ -14,25 +14,23 @@ from lab.core.se3 import Array
 
 __all__ = ["ROTATION_M", "SINGULAR_M", "WEIGHTS", "manipulability", "pseudo_inverse", "rates", "singular_distance"]
 
-ROTATION_M = 0.3  # a radian of the tool weighs as much as this beside its metres
-SINGULAR_M = 1e-9  # of a singular value: a motion that joints move less than this a radian is not theirs
-_FAR_FROM_SINGULAR = 1e6  # by Frobenius norms: ten digits of an inverse are kept
+ROTATION_M = 0.3  # weight of a radian of the tool
+SINGULAR_M = 1e-9  # singular values up to this are zero
+_WELL_CONDITIONED = 1e6  # condition number by Frobenius norms: ten digits are kept
 WEIGHTS = np.array([1.0, 1.0, 1.0, ROTATION_M, ROTATION_M, ROTATION_M])
 
 
 @dataclass(frozen=True)
-class Rates:
-    """Joint rates for some twists.
+class _Rates:
+    """Joint rates for twists.
 
     Attributes:
-        joints: ``(n, joints)`` the shortest rates that come nearest to the twist, rad/s or m/s.
-        missing: ``(n, 6)`` m/s and rad/s, what of the twist cannot be had: J joints = twist - missing.
+        joints: ``(n, joints)`` least-squares rates of least norm, rad/s or m/s.
+        missing: ``(n, 6)`` m/s and rad/s: J joints = twist - missing.
         rank: ``(n,)`` of the Jacobian.
-        free: ``(n, joints, joints)`` rows of unit length, at right angles to each other: combinations of the joints
-            that move nothing. There are joints - rank of them; the other rows are zero.
-        lost: ``(n, 6, 6)`` rows, directions of motion (m, rad) that no joint moves in, not even partly: at right
-            angles to all that can be had, and of unit length, both with weighed radians. There are 6 - rank of them;
-            the other rows are zero.
+        free: ``(n, joints, joints)`` orthonormal rows: the null space of the joints, joints - rank of them, then zeros.
+        lost: ``(n, 6, 6)`` rows of unit length with weighted radians: directions (m, rad) orthogonal to all motions, 6
+            - rank of them, then zeros.
     """
 
     joints: Array
@@ -42,12 +40,12 @@ class Rates:
     lost: Array
 
 
-def rates(jacobian: Array, twists: Array, least_m: float = SINGULAR_M) -> Rates:
-    """The inverse differential model, by a pseudo-inverse that is cut off at a singularity (e.g. Khalil & Dombre 2002).
+def rates(jacobian: Array, twists: Array, least_m: float = SINGULAR_M) -> _Rates:
+    """Invert the differential model by a truncated pseudo-inverse (e.g. Khalil & Dombre 2002).
 
     Args:
         jacobian: ``(n, 6, joints)``, geometric.
-        twists: wanted, ``(n, 6)`` m/s and rad/s.
+        twists: ``(n, 6)`` m/s and rad/s.
         least_m: singular values up to this count as zero.
     """
     u, sizes, vt = np.linalg.svd(WEIGHTS[:, None] * jacobian)
@@ -59,7 +57,7 @@ def rates(jacobian: Array, twists: Array, least_m: float = SINGULAR_M) -> Rates:
     free = _last_rows(vt, rank)
     lost = _last_rows(u.swapaxes(1, 2), rank)
     missing = np.einsum("nki,nk->ni", lost, np.einsum("nki,ni->nk", lost, WEIGHTS * twists)) / WEIGHTS
-    return Rates(np.einsum("nkj,nk->nj", vt[:, :count], by_size), missing, rank, free, lost / WEIGHTS)
+    return _Rates(np.einsum("nkj,nk->nj", vt[:, :count], by_size), missing, rank, free, lost / WEIGHTS)
 
 
 def _last_rows(rows: Array, first: NDArray[np.int_]) -> Array:
@@ -72,7 +70,7 @@ def _last_rows(rows: Array, first: NDArray[np.int_]) -> Array:
 
 
 def pseudo_inverse(matrix: Array, damping: Array | float = 0.0, least: float = SINGULAR_M) -> Array:
-    """Invert ``(n, r, c)`` without singular values up to ``least``: V s / (s^2 + damping^2) U' where damped.
+    """Invert ``(n, r, c)`` without singular values up to ``least``: V s / (s^2 + damping^2) U'.
 
     Args:
         damping: ``(n,)``, in the singular values' unit.
@@ -85,14 +83,12 @@ def pseudo_inverse(matrix: Array, damping: Array | float = 0.0, least: float = S
 
 
 def manipulability(jacobian: Array) -> Array:
-    """The product w ``(n,)`` of the singular values of ``(n, 6, joints)``: of six joints |det J|, of more
-    sqrt(det J J') (Yoshikawa 1985); m^3.
-    """
+    """Return the product w ``(n,)`` m^3 of the singular values, sqrt(det J J') (Yoshikawa 1985)."""
     return np.asarray(np.prod(np.linalg.svd(jacobian, compute_uv=False), axis=1))
 
 
 def _clipped_inverse(jacobian: Array) -> Array:
-    """Pseudo-inverses ``(n, joints, 6)`` of matrices ``(n, 6, joints)``, no singular value taken for zero."""
+    """Return pseudo-inverses ``(n, joints, 6)``, with singular values clipped above zero."""
     u, sizes, vt = np.linalg.svd(jacobian, full_matrices=False)
     sizes = np.maximum(sizes, 1e-15 * sizes[:, :1])
     inverse: Array = (vt.swapaxes(1, 2) / sizes[:, None]) @ u.swapaxes(1, 2)
@@ -100,22 +96,21 @@ def _clipped_inverse(jacobian: Array) -> Array:
 
 
 def _inverse(jacobian: Array) -> Array:
-    """Invert the Jacobian of six joints by elimination (a fifth of the time) where it is far from singular."""
     if jacobian.shape[2] > 6:
         return _clipped_inverse(jacobian)
     regular = np.linalg.det(jacobian) != 0
     inverse = np.full(jacobian.shape, np.inf)
     inverse[regular] = np.linalg.inv(jacobian[regular])
     sizes = np.linalg.norm(jacobian, axis=(1, 2)) * np.linalg.norm(inverse, axis=(1, 2))
-    near = np.flatnonzero(~(sizes < _FAR_FROM_SINGULAR))
+    near = np.flatnonzero(~(sizes < _WELL_CONDITIONED))
     inverse[near] = _clipped_inverse(jacobian[near])
     return inverse
 
 
 def _where_singular(jacobian: Array, gradient: Array) -> None:
-    """Put into a gradient ``(n, joints)`` of log w what it is where fewer than six joints are singular exactly.
+    """Correct a gradient ``(n, joints)`` of log w where fewer than six joints are exactly singular.
 
-    They leave more than one direction in which the least singular value may grow.
+    The least singular value then may grow in more than one direction.
     """
     u, sizes, vt = np.linalg.svd(jacobian)
     last, sizes = sizes.shape[1] - 1, np.maximum(sizes, 1e-15 * sizes[:, :1])
@@ -134,15 +129,12 @@ def _where_singular(jacobian: Array, gradient: Array) -> None:
 def singular_distance(jacobian: Array) -> tuple[Array, NDArray[np.int_]]:
     """Return the first-order distance (rad, m of a slide) of the joints from a singularity.
 
-    The manipulability w is zero there: by its gradient that is w / |dw/dq| away. The gradient is w tr(J+ dJ/dq_k),
-    and of a serial arm's columns (v_i, o_i) dv_i/dq_k = o_k x v_i for k <= i, else o_i x v_k; do_i/dq_k = o_k x o_i
-    for k < i, else 0 (Hollerbach 1985). Of six joints and more neither units nor the choice of the target change it.
-
-    Args:
-        jacobian: ``(n, 6, joints)``, geometric.
+    The manipulability w is zero there: w / |dw/dq| away. The gradient is w tr(J+ dJ/dq_k), with the columns (v_i, o_i)
+    of a serial arm dv_i/dq_k = o_k x v_i for k <= i, else o_i x v_k; do_i/dq_k = o_k x o_i for k < i, else 0
+    (Hollerbach 1985). For six joints and more it depends neither on units nor on the target.
 
     Returns:
-        ``(n,)`` the distances, and the joint (from 0) that would have to move most.
+        ``(n,)`` distances, and the joint (from 0) that moves most.
     """
     few = jacobian.shape[2] < 6
     inverse = _clipped_inverse(jacobian) if few else _inverse(jacobian)

@@ -1,7 +1,7 @@
-"""The canonical gauge: which parameters of an arm can be told apart, one choice for each arm.
+"""The canonical gauge: one choice of identifiable parameters for each arm.
 
-Columns of the Jacobian are taken in a fixed order of preference, and one is kept if it says
-something that those before it do not. Every parameter left out is an alias of kept ones.
+Columns of the Jacobian are taken in a fixed order of preference, each retained if earlier ones do not span it. Errors
+of the others equal errors of retained ones.
 """
 
 from collections.abc import Sequence
@@ -32,21 +32,21 @@ __all__ = [
     "structure_jacobian",
 ]
 
-_INDEPENDENT = 1e-8  # the least part of a unit column that is orthogonal to those kept
-_MUCH = 0.1  # of a unit column: so much left of it is orthogonal to the others but for its last digit
+_INDEPENDENT = 1e-8  # least part of a unit column orthogonal to the retained ones
+_NO_REPEAT = 0.1  # part of a unit column above which one orthogonalization suffices
 STRUCTURE_POSES = 200
 
 
 @dataclass(frozen=True)
 class BaseSet:
-    """The identifiable parameters, and what each of the others is hidden in.
+    """Identifiable parameters, and the fixed ones that are confounded with them.
 
     Attributes:
-        identifiable: indices of the identifiable parameters, ascending.
+        identifiable: indices, ascending.
         fixed: indices of the others, ascending.
-        triangle: ``(r, p)`` R of the Jacobian that says so.
-        fixed_observable: those of the fixed that could be identified: fixed on request, or observable only because
-            others are fixed.
+        triangle: ``(r, p)`` R of the Jacobian.
+        fixed_observable: fixed parameters that could be identified: fixed on request, or observable only because others
+            are fixed.
     """
 
     identifiable: tuple[int, ...]
@@ -56,16 +56,11 @@ class BaseSet:
 
     @cached_property
     def alias(self) -> Array:
-        """``(identifiable, fixed)``: errors of identifiable parameters that equal an error of 1 in a fixed one.
-
-        Units: those of identifiable per fixed, in SI.
-        """
+        """Errors ``(identifiable, fixed)`` of identifiable parameters that equal an error of 1 in a fixed one (SI)."""
         identifiable, fixed = list(self.identifiable), list(self.fixed)
         scaled, scale = unit_columns(self.triangle)
         found = np.linalg.lstsq(scaled[:, identifiable], scaled[:, fixed], rcond=None)[0]
-        found[:, np.linalg.norm(self.triangle[:, fixed], axis=0) < _INDEPENDENT] = (
-            0.0  # of what moves nothing, rounding
-        )
+        found[:, np.linalg.norm(self.triangle[:, fixed], axis=0) < _INDEPENDENT] = 0.0  # rounding
         found[:, [self.fixed.index(i) for i in self.fixed_observable]] = 0.0
         return np.asarray(found * scale[fixed] / scale[identifiable][:, None])
 
@@ -79,21 +74,20 @@ def base_set(
     free: Sequence[str] = (),
     prior_rows: Array | None = None,
 ) -> BaseSet:
-    """The identifiable parameters at ``values``, from ``inputs`` or random ones in the limits, at most 200.
+    """Return the identifiable parameters at ``values``, from ``inputs`` or at most 200 random ones.
 
-    Take ``values`` at the nominal links: away from them the null directions are only nearly
-    null, and no tolerance repairs that.
+    Take ``values`` at the nominal links: elsewhere the null directions are only nearly null.
 
     Args:
-        fix: parameters to hold at nominal, names or patterns (``tool.*``).
-        free: parameters to keep that would be fixed, in the place of fixed ones.
-        prior_rows: ``(r, p)`` derivatives of what is known beside the measurements, in m.
+        fix: parameters to fix at nominal, names or patterns (``tool.*``).
+        free: fixed parameters to identify, in place of others.
+        prior_rows: ``(r, p)`` derivatives of prior information, in m.
 
     Raises:
-        LabError: a name is unknown, or a parameter to free cannot be told apart from the others.
+        LabError: a name is unknown, or a parameter to free is not identifiable.
     """
     if inputs is None:
-        jacobian = structure_jacobian(model, values, min(STRUCTURE_POSES, 2 * len(model.names)))  # each seen twice
+        jacobian = structure_jacobian(model, values, min(STRUCTURE_POSES, 2 * len(model.names)))
     else:
         jacobian = model.observe(inputs, model.rank_point(values))[1]
     flat, order = jacobian.reshape(-1, len(model.names)), model.column_priority()
@@ -106,21 +100,12 @@ def base_set(
 
 
 def structure_jacobian(model: Model, values: Array, poses: int) -> Array:
-    """Derivatives ``(poses, k, d, p)`` of what is observed at random poses in the limits, where the rank is decided.
-
-    Args:
-        values: ``(p,)``.
-        poses: how many; the same ones each time.
-    """
+    """Return derivatives ``(poses, k, d, p)`` at reproducible random poses, for decisions on rank."""
     return model.observe(model.structure_joints(poses, rng_for(0, "structure")), model.rank_point(values))[1]
 
 
 def named(names: Sequence[str], option: str, patterns: Sequence[str]) -> tuple[int, ...]:
-    """Indices of the parameters that some names or patterns mean, in the order of the model.
-
-    Raises:
-        LabError: a name or pattern means no parameter.
-    """
+    """Return indices of the parameters that match names or patterns; refuse one without a match."""
     found: set[int] = set()
     for pattern in patterns:
         hits = [i for i, name in enumerate(names) if fnmatchcase(name, pattern)]
@@ -131,14 +116,14 @@ def named(names: Sequence[str], option: str, patterns: Sequence[str]) -> tuple[i
 
 
 def _there_are(pattern: str, names: Sequence[str]) -> str:
-    """The names nearest to one that is none, and the groups of all."""
+    """Describe the nearest names, and the groups of all."""
     near = get_close_matches(pattern, names)
     groups = ", ".join(dict.fromkeys(f"{name.rsplit('.', 1)[0]}.*" for name in names))
     return f"the nearest are {', '.join(near)}; the groups are {groups}" if near else f"the groups are {groups}"
 
 
 def _as_wished(model: Model, usual: BaseSet, fix: Sequence[int], free: Sequence[int]) -> BaseSet:
-    """The base set less what is to be fixed, with what is to be free."""
+    """Return the base set with some parameters fixed and some freed."""
     if both := set(fix) & set(free):
         raise LabError(
             f"{option_name('fix')} and {option_name('free')} both name {model.names[min(both)]}: name it once"
@@ -162,7 +147,7 @@ def _as_wished(model: Model, usual: BaseSet, fix: Sequence[int], free: Sequence[
 
 
 def base_set_of(jacobian: Array, order: Sequence[int]) -> BaseSet:
-    """The base set of a Jacobian ``(rows, p)``, its columns preferred in ``order``."""
+    """Return the base set of a Jacobian ``(rows, p)`` with columns preferred in ``order``."""
     upper = triangle(jacobian)  # the same inner products, fewer rows
     return _of_retained(upper, independent_columns(upper, order))
 
@@ -178,11 +163,11 @@ def _gram_schmidt(jacobian: Array, order: Sequence[int]) -> tuple[int, ...]:
     for column in order:
         if norms[column] <= _INDEPENDENT:
             continue
-        rest, known = jacobian[:, column] / norms[column], basis[:, : len(retained)]
+        rest, spanned = jacobian[:, column] / norms[column], basis[:, : len(retained)]
         for _ in range(2):
-            rest = rest - known @ (known.T @ rest)
+            rest = rest - spanned @ (spanned.T @ rest)
             size = np.sqrt(rest @ rest)
-            if size > _MUCH:
+            if size > _NO_REPEAT:
                 break
         if size > _INDEPENDENT:
             basis[:, len(retained)] = rest / size
@@ -192,20 +177,20 @@ def _gram_schmidt(jacobian: Array, order: Sequence[int]) -> tuple[int, ...]:
 
 @with_fallback(_gram_schmidt)
 def independent_columns(jacobian: Array, order: Sequence[int]) -> tuple[int, ...]:
-    """Return the columns that those before them in ``order`` do not span, ascending.
+    """Return the columns that earlier ones in ``order`` do not span, ascending.
 
-    Gram-Schmidt, done twice where the first time leaves little of a column (Daniel et al. 1976).
+    Gram-Schmidt, repeated if little of a column remains (Daniel et al. 1976).
     """
     wanted = np.array(order, dtype=np.int64)
     return tuple(np.sort(wanted[independent(jacobian, wanted, _INDEPENDENT)]).tolist())
 
 
 def preferred_columns(chain: Chain, parameters: Sequence[Parameter]) -> tuple[int, ...]:
-    """Return all columns of a serial arm in the order of preference that gives the canonical gauge.
+    """Return all columns of a serial arm in the canonical order of preference.
 
-    First the base, which carries the first link; then each link outward without what its
-    neighbours carry (Hayati's beta instead of d between parallel axes; neither d nor, in a
-    Craig table, a of a slide); then the tool, which carries the last link; then all the rest.
+    First the base, which moves the first link; then each link outward without what its neighbours move (Hayati's beta
+    instead of d between parallel axes; neither d nor, in a Craig table, a of a slide); then the tool, which moves the
+    last link; then all others.
     """
     rule = _preferred_distal if chain.convention == "distal" else _preferred_craig
     at = {parameter.name: i for i, parameter in enumerate(parameters)}
@@ -217,11 +202,7 @@ def preferred_columns(chain: Chain, parameters: Sequence[Parameter]) -> tuple[in
 def _preferred_distal(chain: Chain, i: int) -> list[str]:
     if i == chain.size - 1:
         return []
-    drop = set()
-    if chain.joins_parallel_axes(i):
-        drop |= {"d"}
-    else:
-        drop |= {"beta"}
+    drop = {"d"} if chain.joins_parallel_axes(i) else {"beta"}
     if i == 0:
         drop |= {"theta", "d"}
     if chain.prismatic[i]:

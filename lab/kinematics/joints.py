@@ -1,11 +1,9 @@
-"""Joint specifications of serial chains and mechanisms with loops: names, kinds, directions, limits.
+"""Joints of serial chains and mechanisms: names, kinds, directions, limits, encoders.
 
-Encoders at the motors: whole counts, through gears and a coupled wrist, of which joint positions are made.
-
-A drive turns G (C q) where the joints are at q: gear ratios G on the diagonal, couplings C with ones there (of a wrist
-whose joints 5 and 6 share their drives, Khalil & Dombre 2002, section 2.4). A controller that counts a drive's turns
-reports the joint positions q' = (N G C)^-1 round(N G C q), N counts for each radian of the motors. Its couplings and
-gains are nominal: what the arm truly has beside them is an error of the arm (``effects.coupling``, ``Gear``).
+A drive turns G (C q) at joint positions q: gear ratios G on the diagonal, couplings C with unit diagonal (a wrist whose
+joints 5 and 6 share their drives, Khalil & Dombre 2002, section 2.4). A controller that counts a drive's turns reports
+q' = (N G C)^-1 round(N G C q), N counts per radian of the motors. Couplings and gains are nominal; errors of the arm
+are effects (``effects.coupling``, ``Gear``).
 """
 
 from dataclasses import dataclass
@@ -23,12 +21,11 @@ __all__ = ["Encoders", "JointSpec"]
 
 @dataclass(frozen=True)
 class Encoders:
-    """Those of one arm with n joints.
+    """Encoders at the motors of n joints.
 
     Attributes:
-        gear_ratio: ``(n,)`` turns of each motor for one of its joint (rad per m of a slide), with their signs.
-        couplings: ``(n, n)`` what each drive turns by the joints' positions, as its own joint feels it: ones on the
-            diagonal.
+        gear_ratio: ``(n,)`` signed turns of each motor per turn of its joint (rad per m of a slide).
+        couplings: ``(n, n)`` turns of each drive by the joints' positions, as its own joint feels them: unit diagonal.
         counts_per_turn: ``(n,)`` of the motors.
     """
 
@@ -42,34 +39,33 @@ class Encoders:
 
     @property
     def counts(self) -> Array:
-        """``(n, n)`` counts of each encoder for a radian (or metre) of each joint."""
+        """Counts ``(n, n)`` of each encoder per radian (or metre) of each joint."""
         return (self.counts_per_turn * self.gear_ratio / (2 * np.pi))[:, None] * self.couplings
 
     def rounded(self, joints: Array) -> Array:
-        """The joint positions ``(m, n)`` that whole counts make of joint positions ``(m, n)``."""
+        """Return joint positions ``(m, n)`` rounded to whole counts."""
         counts = self.counts
-        whole: Array = np.round(joints @ counts.T) @ np.linalg.inv(counts).T
-        return whole
+        return np.asarray(np.round(joints @ counts.T) @ np.linalg.inv(counts).T)
 
     @property
     def covariance(self) -> Array:
-        """``(n, n)`` of the joint positions' errors (rad, m): each count is off by half of one at most, uniformly."""
+        """Covariance ``(n, n)`` of rounded joint positions (rad, m): uniform errors of up to half a count."""
         per_count = np.linalg.inv(self.counts)
         return np.asarray(per_count @ per_count.T / 12)
 
 
 @dataclass(frozen=True, kw_only=True)
 class JointSpec:
-    """The n measured joints of a robot, nominal.
+    """Nominal joints of a robot.
 
     Attributes:
-        sign: ``(n,)``, +1 or -1, how a joint's position counts.
+        sign: ``(n,)``, +1 or -1, direction of each joint's position.
         lower, upper: ``(n,)`` limits of the joint positions, rad or m.
-        speed, acceleration: ``(n,)`` largest ones of the joints, rad or m per s or s^2; NaN where unknown.
-        given_home: ``(n,)`` joint positions to start from, where somebody has said them.
-        encoders: whose whole counts the joint positions are; None for ideal ones.
-        jerk: ``(n,)`` largest ones of the joints, rad or m per s^3, infinite where not limited; None where none is.
-        gear_ratio: ``(n,)`` turns of each motor for a turn of its joint (rad per m of a slide); None where unknown.
+        speed, acceleration: ``(n,)`` limits, rad or m per s or s^2; NaN if unknown.
+        given_home: ``(n,)`` home joint positions, if given.
+        encoders: None for ideal ones.
+        jerk: ``(n,)`` limits, rad or m per s^3, infinite for a joint without a limit; None without any.
+        gear_ratio: ``(n,)`` turns of each motor per turn of its joint (rad per m of a slide), or None.
     """
 
     name: str
@@ -101,17 +97,17 @@ class JointSpec:
 
     @property
     def size(self) -> int:
-        """The number of joints."""
+        """Number of joints."""
         return len(self.joint_names)
 
     @property
     def home(self) -> Array:
-        """Joint positions ``(n,)`` to start from: those that are said, else nominal ones."""
+        """Given or nominal home joint positions ``(n,)``."""
         return self.nominal_home if self.given_home is None else self.given_home
 
     @property
     def nominal_home(self) -> Array:
-        """Joint positions ``(n,)`` zero, or the limits nearest to it."""
+        """Joint positions ``(n,)`` zero, or the nearest limits."""
         return np.clip(np.zeros(self.size), self.lower, self.upper)
 
     @property
@@ -121,18 +117,16 @@ class JointSpec:
 
     @property
     def offset_lengths(self) -> tuple[str, ...]:
-        """The parameters that are lengths of a mechanism's legs and add to joint positions; a chain has none."""
+        """Lengths of legs that add to joint positions; none for a chain."""
         return ()
 
     def random_joints(self, count: int, rng: np.random.Generator) -> Array:
-        """Joint positions ``(count, n)`` uniform within the limits."""
+        """Draw joint positions ``(count, n)`` uniform within the limits."""
         return rng.uniform(self.lower, self.upper, (count, self.size))
 
     def is_assemblable(self, joints: Array, *, well: bool = False) -> NDArray[np.bool_]:
-        """``(m,)`` whether the nominal model can stand at joint positions ``(m, n)``, limits aside; a chain always can.
-
-        Args:
-            well: away from parallel singularities, too.
+        """Flag joint positions ``(m, n)`` at which the nominal model's loops close; ``well`` away from parallel
+        singularities.
         """
         return np.ones(len(joints), dtype=bool)
 
@@ -142,20 +136,19 @@ class JointSpec:
 
     def beyond_limits(self, joints: Array, slack: float | Array) -> NDArray[np.bool_]:
         """Flag joint positions ``(m, n)`` beyond the limits by more than ``slack``, ``(n,)`` or one, rad or m."""
-        beyond: NDArray[np.bool_] = (joints < self.lower - slack) | (joints > self.upper + slack)
-        return beyond
+        return np.asarray((joints < self.lower - slack) | (joints > self.upper + slack))
 
     def unit(self, joint: int) -> Unit:
-        """Unit in which people read the positions of a joint (from 0)."""
+        """Return the display unit of a joint (from 0)."""
         return MM if self.prismatic[joint] else DEGREES
 
     @property
     def column_names(self) -> tuple[str, ...]:
-        """Names of the columns of joint positions, with the unit in which people read them: ``q1_deg``."""
+        """Names of the columns of joint positions, with units: ``q1_deg``."""
         return tuple(f"{name}_{self.unit(i).key}" for i, name in enumerate(self.joint_names))
 
     def shown(self, joint: int, value: float) -> str:
-        """A joint position (rad or m) of a joint (from 0), or its speed, in the unit in which people read it."""
+        """Write a position (rad or m) or speed of a joint (from 0) in its display unit."""
         return self.unit(joint).text(value, 6).replace("-", "−")
 
     def limit_note(self, joint: int, reading: float) -> str:

@@ -1,5 +1,6 @@
-"""The seam: all that identification, observability and assessment ever need of an arm."""
+"""The model protocol: the robot as identification, observability and assessment need it."""
 
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -9,92 +10,110 @@ from lab.core.se3 import Array
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.parameter import Parameter
 from lab.kinematics.serial.chain import Chain
-from lab.kinematics.skeleton import Skeleton
 
-__all__ = ["Model", "RigidArm"]
+__all__ = ["Model", "RigidArm", "Skeleton"]
 
 
 class Model(Protocol):
-    """Joints and parameters in, positions and their derivatives out.
+    """Joints and parameters in, observations and their derivatives out.
 
-    A chain is one (``serial.SerialArm``), a mechanism with loops another (``closed.ClosedArm``), either with joint
-    effects a third (``effects.arm.ArmWithEffects``), and nothing above asks which. Where the joint positions cannot be
-    met (loops that do not close) its answers are NaN. Parameters of the groups ``base`` (position and rotation vector
-    in the tracker's frame) and ``tool`` (a target's position in the last frame) are located with no initial guess; all
-    others start at their nominal values.
+    A chain (``serial.SerialArm``), a mechanism with loops (``closed.ClosedArm``), or either with effects
+    (``effects.arm.ArmWithEffects``). Loops that do not close give NaN. Parameters of the groups ``base`` (position and
+    rotation vector in the tracker's frame) and ``tool`` (positions in the last frame) have no initial values; all
+    others start at nominal.
     """
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Specifications of the parameters, in the order of every ``values``."""
+        """Parameters in the order of ``values``."""
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Their names."""
+        """Names of the parameters."""
 
     @property
     def targets(self) -> tuple[str, ...]:
-        """The measured points."""
+        """Measured points."""
 
     @property
     def conditions(self) -> tuple[str, ...]:
-        """Conditions that the model requires: columns of ``Measurements.conditions``, after the joints."""
+        """Required columns of ``Measurements.conditions``, after the joints."""
 
     def observe(self, inputs: Array, values: Array) -> tuple[Array, Array]:
-        """Observations ``(n, k, d)`` at settings ``(n, joints + conditions)``; derivatives ``(n, k, d, p)``.
+        """Return observations ``(n, k, d)`` at inputs ``(n, joints + conditions)``; derivatives ``(n, k, d, p)``.
 
-        Of points they are positions (m, in the tracker's frame), d = 3.
+        Points are positions (m, in the tracker's frame), d = 3.
         """
 
     def points(self, inputs: Array, values: Array) -> Array:
-        """The observations alone."""
+        """Return the observations alone."""
 
     def column_priority(self) -> tuple[int, ...]:
-        """Parameter indices in the order in which they are retained if they are identifiable."""
+        """Return parameter indices in the order of preference for identification."""
 
     def rank_point(self, values: Array) -> Array:
-        """``values`` where the rank is decided: exactly as the drawing means them."""
+        """Return ``values`` for decisions on rank, with nominal parallelism exact."""
 
     def structure_joints(self, count: int, rng: np.random.Generator) -> Array:
-        """Settings ``(count, joints + conditions)`` spread over the limits, at which the rank is decided."""
+        """Draw inputs ``(count, joints + conditions)`` within the limits for decisions on rank."""
+
+
+@dataclass(frozen=True)
+class Skeleton:
+    """An arm as lines at each of ``n`` joint positions, in the frame of its base (m).
+
+    Attributes:
+        lines: ``(n, c, 3)`` each: one along a chain, with its corners; one along each leg of a mechanism.
+        frame_lines: ``(n, f, 3)`` each: straight from frame to frame.
+        frames: ``(n, f, 3)`` the frames on the lines, last that of the targets.
+        origins: ``(n, f, 3)`` all frames, from the base outward to that of the targets.
+        rods: ``(n, rods, 2, 3)`` ends of a mechanism's rods, and of legs whose length is a joint position, the base's
+            side first; the four sides of a parallelogram, the long ones first.
+        measured: flags of rods whose length is a joint position.
+    """
+
+    lines: list[Array]
+    frame_lines: list[Array]
+    frames: Array
+    origins: Array
+    rods: Array
+    measured: tuple[bool, ...]
 
 
 class RigidArm(Model, Protocol):
-    """A robot's geometry alone, serial or closed, before joint effects."""
+    """Geometry of a robot, serial or closed, without effects."""
 
     @property
     def chain(self) -> JointSpec:
-        """The drawing, whose joints are measured."""
+        """Nominal model."""
 
     def nominal(self, tool: dict[str, Array] | None = None) -> Array:
-        """The drawing's parameters: base at the tracker's origin, targets of ``tool`` (m), else of the default tool."""
+        """Return nominal parameters: base at the tracker's origin, targets of ``tool`` (m) or the default tool."""
 
     @property
     def rigid(self) -> "RigidArm":
-        """Its geometry alone: the arm itself."""
+        """The arm itself."""
 
     @property
     def groups(self) -> tuple[str, ...]:
-        """The names of its groups of effects: none."""
+        """No groups of effects."""
 
     def dh_chain(self, values: Array) -> Chain | None:
-        """The Denavit-Hartenberg chain with the links of parameters ``(p,)``; None of a robot with loops."""
+        """Return the Denavit-Hartenberg chain of parameters ``(p,)``; None for a robot with loops."""
 
     def skeleton(self, joints: Array, values: Array) -> Skeleton:
-        """The arm as lines at joint positions ``(n, joints)``; parameters ``(p,)`` with the base at the origin."""
+        """Return lines at joint positions ``(n, joints)``; parameters ``(p,)`` with the base at the origin."""
 
     def T_tracker_frame0(self, values: Array) -> Array:
-        """Pose ``(4, 4)`` of the base's frame in the tracker's: what the base's parameters say."""
+        """Pose ``(4, 4)`` of the base's frame in the tracker's frame."""
 
     def joint_derivatives(self, jacobian: Array) -> Array:
         """Return the columns of derivatives ``(..., parameters)`` for the readings, ``(..., joints)``."""
 
     def tool(self, joints: Array, values: Array, target: int = 0) -> tuple[Array, Array]:
-        """Poses ``(n, 4, 4)`` of a target, and its geometric Jacobian by the readings ``(n, 6, joints)``."""
+        """Return poses ``(n, 4, 4)`` of a target, and its geometric Jacobian ``(n, 6, joints)``."""
 
     def singular_distance(self, joints: Array, values: Array, target: int = 0) -> tuple[Array, NDArray[np.int_]]:
-        """Return the first-order distance (rad, m of a slide) of readings ``(n, joints)`` from a singularity.
-
-        Returns:
-            ``(n,)`` the distances, and the joint (from 0) that would have to move most.
+        """Return the first-order distance ``(n,)`` (rad, m of a slide) from a singularity, and the joint that moves
+        most.
         """

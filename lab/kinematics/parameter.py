@@ -30,7 +30,7 @@ __all__ = [
 
 Kind = Literal["length", "angle", "ratio", "compliance", "section", "mass", "length rate", "angle rate", "ratio rate"]
 
-TOLERANCE_M, TOLERANCE_RAD = 0.5e-3, 1.5e-3  # one standard deviation of a link's manufacture, unless said otherwise
+TOLERANCE_M, TOLERANCE_RAD = 0.5e-3, 1.5e-3  # default standard deviations of a link's manufacture
 _UNITS: Final[Mapping[Kind, Unit]] = {
     "length": MM,
     "angle": DEGREES,
@@ -41,8 +41,8 @@ _UNITS: Final[Mapping[Kind, Unit]] = {
     "angle rate": Unit("rad/h", "mrad/h", 1e3, 4),
     "ratio rate": Unit("1/h", "ppm/h", 1e6, 2),
 }
-_EFFECT_UNITS: Final[Mapping[Kind, Unit]] = {**_UNITS, "angle": MRAD}  # in a joint or a link, where it is small
-_EFFECT_SCALES: Final[Mapping[Kind, float]] = {  # large, so that a prior only keeps what is not geometry in bounds
+_EFFECT_UNITS: Final[Mapping[Kind, Unit]] = {**_UNITS, "angle": MRAD}  # in a joint or a link
+_EFFECT_SCALES: Final[Mapping[Kind, float]] = {  # large, so that a prior only bounds the effects
     "length": 1e-2,
     "angle": 1e-3,
     "ratio": 1e-3,
@@ -52,18 +52,7 @@ _EFFECT_SCALES: Final[Mapping[Kind, float]] = {  # large, so that a prior only k
     "angle rate": 1e-2,
     "ratio rate": 1e-3,
 }
-_OWNERS = (
-    "base",
-    "tool",
-    "drift",
-    "session",
-    "station",
-    "payload",
-    "anchor",
-    "socket",
-    "plane",
-    "cable",
-)  # that are no link
+_OWNERS = ("base", "tool", "drift", "session", "station", "payload", "anchor", "socket", "plane", "cable")  # no links
 
 
 @dataclass(frozen=True)
@@ -71,19 +60,18 @@ class Parameter:
     """A parameter of a model.
 
     Attributes:
-        owner: what has it, the part of its name before the last dot: ``link2``, ``tool.p1``, ``joint3``.
-        symbol: which of the owner's it is: ``alpha``, ``x``, ``compliance``.
-        group: ``base``, ``tool`` or ``link`` (whatever the nominal model dimensions), else the name of the effect or
-            of the kind of fixture (``anchor``, ``socket``, ``plane``) that adds it.
-        kind: the quantity that it is.
-        unit: in which people read it; values are in the SI unit of that.
-        scale: its typical size, one standard deviation (SI): of a link the usual tolerance of manufacture, of
-            an effect how large such effects are; infinite where nothing is known beforehand.
-        nominal: its value in the nominal model (SI).
-        joint: the joint that it is of, from 0; None where it is of none.
-        target: the target that it locates; empty where it locates none.
-        wave: of an effect that is periodic in a joint's position, how often it comes back in a turn; 0 of others.
-        turning: the joint in whose position it is periodic, from 0; None where that is ``joint``.
+        owner: part of its name before the last dot: ``link2``, ``tool.p1``, ``joint3``.
+        symbol: its name within the owner: ``alpha``, ``x``, ``compliance``.
+        group: ``base``, ``tool`` or ``link`` (dimensions of the nominal model), else the effect or the kind of fixture
+            (``anchor``, ``socket``, ``plane``).
+        unit: display unit; values are in its SI unit.
+        scale: typical size, one standard deviation (SI): a link's tolerance of manufacture, an effect's size; infinite
+            without prior information.
+        nominal: nominal value (SI).
+        joint: its joint, from 0, or None.
+        target: the target that it locates, or "".
+        wave: periods in a turn of the joint, for a periodic effect; else 0.
+        turning: the joint, from 0, in whose position it is periodic; None for ``joint``.
     """
 
     owner: str
@@ -100,12 +88,12 @@ class Parameter:
 
     @property
     def name(self) -> str:
-        """Its name in files and on the command line."""
+        """Name in files and on the command line."""
         return f"{self.owner}.{self.symbol}"
 
     @property
     def is_link(self) -> bool:
-        """True if the nominal model dimensions it: for a parameter of a link, a frame or a rod."""
+        """True for a dimension of the nominal model: of a link, a frame or a rod."""
         return self.group == "link"
 
     @property
@@ -115,17 +103,17 @@ class Parameter:
 
     @property
     def unit_of_change(self) -> Unit:
-        """Unit in which people read a change of it."""
+        """Display unit of a change."""
         return MRAD if self.is_angle else self.unit
 
 
 def names_of(parameters: Iterable[Parameter]) -> tuple[str, ...]:
-    """The names, in the same order."""
+    """Return the names."""
     return tuple(parameter.name for parameter in parameters)
 
 
 def targets_of(parameters: Iterable[Parameter]) -> tuple[str, ...]:
-    """The targets that these parameters locate, in their order."""
+    """Return the targets that these parameters locate."""
     return tuple(dict.fromkeys(parameter.target for parameter in parameters if parameter.target))
 
 
@@ -135,19 +123,19 @@ def indices_of_groups(parameters: Iterable[Parameter], groups: Sequence[str]) ->
 
 
 def frame_rotations(parameters: Sequence[Parameter]) -> tuple[list[int], ...]:
-    """Return the indices of rotation vectors (rx, ry, rz) of frames: the base's, and those of instrument stations."""
+    """Return the indices of rotation vectors (rx, ry, rz) of the base and of instrument stations."""
     owners = dict.fromkeys(each.owner for each in parameters if each.group in ("base", "stations"))
     return tuple([i for i, each in enumerate(parameters) if each.owner == owner and each.is_angle] for owner in owners)
 
 
 def link_parameter(owner: str, symbol: str, kind: Kind, nominal: float) -> Parameter:
-    """A dimension of the nominal model."""
+    """Return a dimension of the nominal model."""
     scale = TOLERANCE_RAD if kind == "angle" else TOLERANCE_M
     return Parameter(owner, symbol, "link", kind, _UNITS[kind], scale, nominal)
 
 
 def tool_parameters(positions: Mapping[str, Array]) -> tuple[Parameter, ...]:
-    """The coordinates of targets, whose nominal positions ``(3,)`` (m) are in the last frame."""
+    """Return coordinates of targets with nominal positions ``(3,)`` (m) in the last frame."""
     return tuple(
         Parameter(f"tool.{target}", axis, "tool", "length", MM, nominal=float(value), target=target)
         for target, position in positions.items()
@@ -158,11 +146,11 @@ def tool_parameters(positions: Mapping[str, Array]) -> tuple[Parameter, ...]:
 def placed_parameters(
     owner: str, group: str, symbols: Sequence[str], *, rate: bool = False, scaled: bool = False
 ) -> tuple[Parameter, ...]:
-    """Coordinates of a frame or a fixture: angles ``rx``, ``ry``, ``rz``, a ratio ``scale``, else lengths.
+    """Return coordinates of a frame or a fixture: angles ``rx``, ``ry``, ``rz``, a ratio ``scale``, else lengths.
 
     Args:
-        rate: each is what changes in an hour.
-        scaled: an effect, whose size is known; else nothing is known beforehand.
+        rate: changes per hour.
+        scaled: an effect with a typical size; else there is no prior information.
     """
     found = []
     for symbol in symbols:
@@ -186,43 +174,32 @@ def joint_parameter(
     wave: int = 0,
     turning: int | None = None,
 ) -> Parameter:
-    """A parameter of an effect in one joint, which counts from 0 here and from 1 in its name.
+    """Return a parameter of an effect in one joint, from 0 here and from 1 in its name.
 
     Args:
-        unit: where it is not the kind's own.
-        scale: where it is not usual for the kind.
-        wave: how often it comes back in a turn of the joint; 0 where it is not periodic.
-        turning: the joint, from 0, of whose turn that is; the joint itself where None.
+        unit, scale: instead of the kind's own.
+        wave, turning: as in ``Parameter``.
     """
     size = _EFFECT_SCALES[kind] if scale is None else scale
-    return Parameter(
-        f"joint{joint + 1}",
-        symbol,
-        group,
-        kind,
-        unit or _EFFECT_UNITS[kind],
-        size,
-        joint=joint,
-        wave=wave,
-        turning=turning,
-    )
+    unit = unit or _EFFECT_UNITS[kind]
+    return Parameter(f"joint{joint + 1}", symbol, group, kind, unit, size, joint=joint, wave=wave, turning=turning)
 
 
 def link_end_parameter(group: str, link: int, symbol: str, kind: Literal["length", "angle"], turning: int) -> Parameter:
-    """A displacement of a link's far end that comes back once a turn of a joint; both count from 0 here."""
+    """Return a displacement of a link's far end, periodic in a joint; both from 0."""
     return Parameter(
         f"link{link + 1}", symbol, group, kind, _EFFECT_UNITS[kind], _EFFECT_SCALES[kind], wave=1, turning=turning
     )
 
 
 def section_parameter(group: str, link: int, symbol: str) -> Parameter:
-    """A compliance of a link's section, 1/EI, 1/GJ or 1/EA; the link counts from 0 here and from 1 in its name."""
+    """Return a compliance of a link's section, 1/EI, 1/GJ or 1/EA; the link is from 0 here and from 1 in its name."""
     unit = Unit("1/N", "1/MN", 1e6) if symbol == "ea" else _UNITS["section"]
     return Parameter(f"link{link + 1}", symbol, group, "section", unit, _EFFECT_SCALES["section"])
 
 
 def is_reserved_owner(name: str) -> bool:
-    """Decide whether a name is not allowed for a frame or a rod, because other parameters are named after it."""
+    """Check whether other parameters have this owner, so that it is no name of a frame or a rod."""
     return name in _OWNERS or name.removeprefix("joint").isdigit()
 
 

@@ -13,17 +13,16 @@ from lab.kinematics.serial.chain import Chain
 
 __all__ = ["extents", "reach_from_axis"]
 
-_STARTS = 12  # of the search for the farthest pose
-_CLIMBERS, _CLIMBS, _FIRST_CLIMB = 12, 60, 0.15  # of the search for the farthest places
-_SHRINKING = 0.9  # what each step of a climb makes of the next
+_STARTS = 12
+_CLIMBERS, _CLIMBS, _FIRST_CLIMB = 12, 60, 0.15
+_SHRINKING = 0.9  # of the step size
 
 
 def reach_from_axis(chain: Chain, point: Array | None = None, *, least: bool = False) -> float:
-    """The largest distance (m) of a point from axis 1, or from frame 0 where joint 1 slides, within the limits.
+    """Return the largest (or ``least``) distance (m) of a point from axis 1, or from frame 0 if joint 1 slides.
 
     Args:
-        point: ``(3,)`` m in the last frame; its origin unless given.
-        least: whether the least distance is asked for instead.
+        point: ``(3,)`` m in the last frame; its origin by default.
     """
     arm = SerialArm(chain, ("flange",))
     values = arm.nominal({"flange": np.zeros(3) if point is None else point})
@@ -48,14 +47,14 @@ def reach_from_axis(chain: Chain, point: Array | None = None, *, least: bool = F
 def extents(
     joints: JointSpec, places_of: Callable[[Array], Array], known: Array, places: Array, others: Sequence[Array] = ()
 ) -> Array:
-    """The least and largest coordinates ``(3, 2)`` m of a robot's point, within the limits.
+    """Return the least and largest coordinates ``(3, 2)`` m of a robot's point, within the limits.
 
-    By walks from the farthest of some poses, with random steps that shrink, each taken where it leads farther.
+    By random walks with shrinking steps from the farthest known poses.
 
     Args:
-        places_of: places ``(m, 3)`` m at joint positions ``(m, joints)``; NaN where the robot cannot stand so.
-        known, places: joint positions ``(n, joints)`` of poses, and their places ``(n, 3)`` m.
-        others: further places ``(3,)`` m that are reached.
+        places_of: positions ``(m, 3)`` m at joint positions ``(m, joints)``; NaN if not possible.
+        known, places: joint positions ``(n, joints)`` and their positions ``(n, 3)`` m.
+        others: further positions ``(3,)`` m that are reached.
     """
     rng, outward = rng_for(0, "structure"), np.repeat(np.concatenate([np.eye(3), -np.eye(3)]), _CLIMBERS, axis=0)
     farthest = np.argsort(-places @ outward[::_CLIMBERS].T, axis=0)[:_CLIMBERS].T.ravel()

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from lab.calibration.identify import Ellipsoids
 from lab.core import se3
 from lab.core.se3 import Array
-from lab.kinematics.model import RigidArm
-from lab.kinematics.skeleton import Skeleton
+from lab.kinematics.model import RigidArm, Skeleton
 from lab.render.charts.chart import axes_picture, cube
 from lab.render.charts.marks import Axes
 from lab.render.document import Picture, Strong, Text

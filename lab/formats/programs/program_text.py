@@ -180,11 +180,7 @@ class Number(NamedTuple):
 
 
 def values_of(numbers: Sequence[Number]) -> Array:
-    """Return the values of numbers.
-
-    Raises:
-        LabError: one is so large that it is no number of a position.
-    """
+    """Return the values of numbers."""
     values = [each.value for each in numbers]
     for each, value in zip(numbers, values, strict=True):
         if abs(value) not in COORDINATE_SIZE:
@@ -364,11 +360,7 @@ class Outside:
     pulses_per_deg: tuple[float, ...] = ()
 
     def posed(self, spelling: PoseSpelling) -> dict[str, Array]:
-        """Poses ``(4, 4)`` (m) of those that are numbers.
-
-        Raises:
-            LabError: one has not as many numbers as the controller writes.
-        """
+        """Poses ``(4, 4)`` (m) of those that are numbers."""
         found = {}
         for name, values in self.frames.items():
             if isinstance(values, str):
@@ -416,39 +408,23 @@ class ProgramReader:
     _reached: int = field(default=0, init=False)
 
     def _count_move(self) -> None:
-        """Count a move when it is read, so that a program with too many is refused before the rest is read.
-
-        Raises:
-            LabError: the program has too many moves.
-        """
+        """Count a move when it is read, so that a program with too many is refused before the rest is read."""
         self._reached += 1
         PROGRAM_MOVES("the program", self._reached)
 
     def _add(self, target: TargetText, made: Sequence[tuple[int, Motion]]) -> None:
-        """Add a target, and the moves to it by their lines.
-
-        Raises:
-            LabError: the program has too many moves.
-        """
+        """Add a target, and the moves to it by their lines."""
         PROGRAM_MOVES("the program", len(self.moves) + len(made))
         self.moves += [Move(line, len(self.targets), motion) for line, motion in made]
         self.targets.append(target)
 
     def _describe(self, name: str, T: Array) -> None:
-        """Add a tool or a base that the text describes.
-
-        Raises:
-            LabError: the program has too many of them.
-        """
+        """Add a tool or a base that the text describes."""
         self.frames[name] = T
         PROGRAM_FRAMES("the program", self.frames)
 
     def _read(self) -> ProgramText:
-        """Return the content of the program as read.
-
-        Raises:
-            LabError: the program has too many moves.
-        """
+        """Return the content of the program as read."""
         PROGRAM_MOVES("the program", self.moves)
         self.moves.sort(key=lambda move: move.line)
         return ProgramText(tuple(self.targets), tuple(self.moves), self.frames, tuple(self.uncorrected), self.computed)
@@ -459,11 +435,7 @@ class ProgramReader:
 
 
 def refuse_unknown_frames(read: ProgramText, spelling: PoseSpelling) -> None:
-    """Refuse a program with targets whose frames are neither in the text nor given.
-
-    Raises:
-        LabError: with the names of all of them, and how to give them.
-    """
+    """Refuse a program with targets whose frames are neither in the text nor given."""
     asked = (name for each in read.targets for name in (each.tool, each.base) if name and name not in read.frames)
     names = dict.fromkeys(" ".join(name.split()) for name in asked)
     if not names:

@@ -153,8 +153,4 @@ class Language(Protocol):
         """The file of a program that moves along a trajectory: by its joints, on lines and on circles of the tool."""
 
     def read(self, text: str, outside: Outside) -> ProgramText:
-        """The targets and moves of a program in it.
-
-        Raises:
-            LabError: what is given from outside the text does not suit the language.
-        """
+        """The targets and moves of a program in it."""

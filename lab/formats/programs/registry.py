@@ -143,12 +143,7 @@ def program_file_names() -> tuple[str, ...]:
 def read_program(
     path: Path, text: str, joints: JointSpec, controller: str | None, outside: Outside
 ) -> tuple[Language, ProgramText]:
-    """A program and its language: the one that is asked for, else that of its name's end, else of the robot's maker.
-
-    Raises:
-        LabError: the language is not known or cannot move these joints, no target is in the text, or a frame of one
-            is neither in it nor given.
-    """
+    """A program and its language: the one that is asked for, else that of its name's end, else of the robot's maker."""
     by_name = [each for each in languages() if path.suffix.lower() in each.reads]
     language = by_name[0] if by_name and controller is None else language_of(joints, controller)
     if language is None:

@@ -16,10 +16,10 @@ from lab.core.errors import LabError
 from lab.core.se3 import Array, exp, left_jacobian, pose
 from lab.kinematics.closed.loop_closure import Closed, Configuration, crossed
 from lab.kinematics.closed.mechanism import Mechanism
+from lab.kinematics.model import Skeleton
 from lab.kinematics.parameter import Parameter, names_of, tool_parameters
 from lab.kinematics.serial.arm import target_positions
 from lab.kinematics.serial.walk import chunks, padded
-from lab.kinematics.skeleton import Skeleton
 
 __all__ = ["ClosedArm"]
 

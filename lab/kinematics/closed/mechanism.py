@@ -224,11 +224,7 @@ class Mechanism(JointSpec):
         ]
 
     def random_joints(self, count: int, rng: np.random.Generator) -> Array:
-        """``(count, joints)`` uniform within the limits where the nominal model assembles, well from singularities.
-
-        Raises:
-            LabError: hardly any such joint positions are found.
-        """
+        """``(count, joints)`` uniform within the limits where the nominal model assembles, well from singularities."""
         found: list[Array] = []
         have = 0
         for _ in range(_MOST_BLOCKS + count // _BLOCK):
@@ -297,11 +293,7 @@ class Mechanism(JointSpec):
 
     @cached_property
     def _stations(self) -> tuple[SolvedPoses, Any]:
-        """Nominal poses with solved passive values, continued from home pose by pose; and their search tree.
-
-        Raises:
-            LabError: the loops do not close at home, or are singular there.
-        """
+        """Nominal poses with solved passive values, continued from home pose by pose; and their search tree."""
         assembly = self._assembly(self.nominal_values)
         passive, gaps = assembly.nearest(self.home, self._nominal_passive)
         if np.abs(gaps).max(initial=0.0) > CLOSED_M:

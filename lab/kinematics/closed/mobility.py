@@ -34,9 +34,6 @@ def mobility(bodies: int, joints_freedoms: Sequence[int], planar: bool = False, 
         bodies: how many there are, the base among them.
         joints_freedoms: of each joint: a hinge or a slide 1, a universal joint 2, a ball joint 3.
         internal: freedoms that move no other body, as a rod's idle turn about itself (m_int of Mallem 2011, 11.4).
-
-    Raises:
-        LabError: there is no body, or a joint has freedoms that no joint has.
     """
     most = _PLANE if planar else _SPACE
     if bodies < 1 or internal < 0 or not all(0 < freedoms < most for freedoms in joints_freedoms):

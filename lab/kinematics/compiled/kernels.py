@@ -1,16 +1,14 @@
-"""Choose between the functions of ``kernels.c``, where a build with a C compiler left them, and numpy.
+"""Compiled kernels of ``kernels.c``, with numpy as a fallback.
 
-numpy spends half a millisecond a walk on its calls alone, however few the poses. A compiled walk of one pose takes some
-microseconds, and nothing has to be loaded or warmed up before: it serves at every size. ``scripts/build_kernels.py``
-compiles it, which ``pip install`` runs. A function ``with_fallback`` names the numpy function that does the same;
-``numpy_kernels`` holds those that nothing else needs.
+A compiled walk of one pose takes some microseconds, in numpy half a millisecond for any number of poses.
+``scripts/build_kernels.py`` compiles it, which ``pip install`` runs.
 """
 
 import importlib
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import wraps
-from typing import Any, ParamSpec, Protocol, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +26,6 @@ __all__ = [
     "parallel_pair",
     "planar_frame",
     "real",
-    "settle",
     "solve_positive",
     "three_joints",
     "two_axes",
@@ -36,7 +33,7 @@ __all__ = [
     "with_fallback",
 ]
 
-_VERSION = 10  # of kernels.c: what an earlier build left behind is not taken
+_VERSION = 10  # of kernels.c: other builds are ignored
 _REAL = np.dtype(np.float64)
 _Columns = NDArray[np.int64]
 _Flags = NDArray[np.bool_]
@@ -63,12 +60,7 @@ def compiled() -> bool:
 def with_fallback(
     fallback: Callable[..., R], when: Callable[..., bool] | None = None
 ) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Run a function that needs machine code where there is some, else ``fallback``, which does the same in numpy.
-
-    Args:
-        fallback: takes the same arguments.
-        when: checks the arguments, and decides whether machine code can do it; it always can if not given.
-    """
+    """Run a compiled function if the package has it and ``when`` accepts the arguments, else ``fallback`` in numpy."""
 
     def decorate(fast: Callable[P, R]) -> Callable[P, R]:
         @wraps(fast)
@@ -83,7 +75,7 @@ def with_fallback(
 
 
 def real(first: Array, *more: Array) -> bool:
-    """Decide whether arrays hold real numbers of 8 bytes, which the compiled functions take."""
+    """Check that arrays hold real numbers of 8 bytes."""
     return first.dtype == _REAL and (not more or real(*more))
 
 
@@ -92,8 +84,8 @@ class CompiledChain:
     """A rigid chain and its targets as the compiled functions take them.
 
     Attributes:
-        targets: k, how many.
-        every: ``(p,)`` which row of the derivatives each parameter takes, where all are wanted.
+        targets: their number k.
+        every: ``(p,)`` row of each parameter's derivative if all are computed.
     """
 
     chain: Chain
@@ -111,19 +103,17 @@ class CompiledChain:
         object.__setattr__(self, "_sign", np.ascontiguousarray(chain.sign, dtype=np.float64))
 
     def some(self, columns: list[int]) -> _Columns:
-        """``(p,)`` which row each parameter takes, where these columns are wanted: -1 for none."""
+        """Return the row ``(p,)`` of each parameter if only these columns are computed; -1 for the others."""
         slot = np.full(len(self.every), -1, dtype=np.int64)
         slot[columns] = np.arange(len(columns))
         return slot
 
     def observe(self, joints: Array, values: Array, slot: _Columns, rows: int) -> tuple[Array, Array]:
-        """Target positions ``(n, k, 3)`` m and derivatives ``(n, k, 3, rows)``: ``SerialArm.observe``.
+        """Return ``SerialArm.observe``.
 
         Args:
-            joints: ``(n, joints)``.
-            values: ``(p,)``.
-            slot: ``(p,)`` which row each parameter's derivative takes, or -1.
-            rows: so many, or 0 for positions alone.
+            slot: ``(p,)`` row of each parameter's derivative, or -1.
+            rows: their number, or 0 for positions alone.
         """
         points = np.empty((3, self.targets, len(joints)))
         jacobian = np.empty((rows, *points.shape))
@@ -134,13 +124,12 @@ class CompiledChain:
     def oriented(
         self, joints: Array, values: Array, turn: Array, quaternions: Array, *, rates: bool
     ) -> tuple[Array, Array]:
-        """Positions, then the rotation's error, ``(n, k + 1, 3)``; derivatives ``(n, k + 1, 3, p + 3)``: ``Poses``.
+        """Return positions with the rotation's error ``(n, k + 1, 3)``, and derivatives ``(n, k + 1, 3, p + 3)``.
 
         Args:
-            joints: ``(n, joints)``.
             turn: ``(3,)`` rotation vector (rad) of the measured frame in the last one.
             quaternions: ``(n, 4)`` measured.
-            rates: whether derivatives are wanted.
+            rates: compute derivatives.
         """
         points = np.empty((3, self.targets + 1, len(joints)))
         jacobian = np.empty((len(values) + 3 if rates else 0, *points.shape))
@@ -149,16 +138,12 @@ class CompiledChain:
         return points.transpose(2, 1, 0), jacobian.transpose(3, 2, 1, 0)
 
     def by_joints(self, joints: Array, values: Array, slot: _Columns) -> Array:
-        """Derivatives ``(n, k, 3, joints)`` of the targets by the joint positions: ``SerialArm.joint_jacobian``.
-
-        Args:
-            slot: ``(p,)`` the joint whose position adds to each parameter, or -1.
-        """
+        """Return ``SerialArm.joint_jacobian``; ``slot`` ``(p,)`` is the joint that adds to each parameter, or -1."""
         moved = self.observe(joints, values, slot, len(self._sign))[1]
         return moved if self._forward else moved * self._sign
 
     def tool(self, joints: Array, values: Array, target: int) -> tuple[Array, Array]:
-        """Poses ``(n, 4, 4)`` and the geometric Jacobian ``(n, 6, joints)`` of a target: ``SerialArm.tool``."""
+        """Return ``SerialArm.tool``."""
         n, size = joints.shape
         Ts, jacobian = np.empty((n, 4, 4)), np.empty((6, size, n))
         given = np.ascontiguousarray(values), np.ascontiguousarray(joints)
@@ -168,14 +153,10 @@ class CompiledChain:
     def reach(
         self, start: Array, values: Array, positions: Array, rotations: Array, target: int
     ) -> tuple[Array, Array, _Columns]:
-        """Joint positions ``(n, joints)``, what is missing there ``(n, 6)``, and steps ``(n,)``: ``newton.reach``.
-
-        Of six joints and more.
+        """Return ``newton.reach`` of six joints and more: joint positions, errors ``(n, 6)`` and steps ``(n,)``.
 
         Args:
-            start: ``(n, joints)``.
-            positions: ``(n, 3)`` m.
-            rotations: ``(n, 3, 3)``; NaN where any will do.
+            rotations: ``(n, 3, 3)``; NaN for any rotation.
         """
         n = len(start)
         joints, errors, steps = np.empty(start.shape), np.empty((n, 6)), np.empty(n, dtype=np.int64)
@@ -184,17 +165,17 @@ class CompiledChain:
         return joints, errors, steps
 
     def settle(self, values: Array, Ts: Array, joints: Array) -> tuple[Array, Array]:
-        """Candidates and what they miss: ``settle``."""
+        """Return ``SerialArm.settle``."""
         settled, off = np.array(joints, order="C"), np.empty((*joints.shape[:2], 2))
         _CODE.settle(self._shape, self._sign, values, np.ascontiguousarray(Ts), settled, off)
         return settled, off
 
     def stacked(self, joints: Array, values: Array, slot: _Columns, rows: int) -> tuple[Array, Array]:
-        """Positions ``(b, k, 3, n)`` m and derivatives ``(b, rows, k, 3, n)`` of many arms.
+        """Return positions ``(b, k, 3, n)`` m and derivatives ``(b, rows, k, 3, n)`` of arms with parameters ``(b,
+        p)``.
 
         Args:
             joints: ``(n, joints)`` of all arms, or ``(b, n, joints)`` of each.
-            values: ``(b, p)``.
         """
         b, n = len(values), joints.shape[-2]
         points, jacobian = np.empty((b, self.targets, 3, n)), np.empty((b, rows, self.targets, 3, n))
@@ -205,12 +186,12 @@ class CompiledChain:
 
 @with_fallback(numpy_kernels.innovations)
 def innovations(own: Array, observed: Array, through: Array, order: _Columns) -> tuple[Array, Array]:
-    """Inverse Cholesky factors ``(n, m, m)`` of the innovations of a Kalman filter, and gains ``(n, s, m)``.
+    """Return inverse Cholesky factors ``(n, m, m)`` of the innovations of a Kalman filter, and gains ``(n, s, m)``.
 
     Args:
         own: ``(n, m, m)`` covariances of each pose's own errors.
-        observed: ``(n, m, s)`` what each component of the state does.
-        through: ``(n, s)`` how much of each component is left at a pose of that at the pose before.
+        observed: ``(n, m, s)`` effect of each state component on the observations.
+        through: ``(n, s)`` autocorrelation of each component from the pose before.
         order: ``(n,)`` of the poses in time.
 
     Raises:
@@ -225,14 +206,14 @@ def innovations(own: Array, observed: Array, through: Array, order: _Columns) ->
 
 @with_fallback(numpy_kernels.whiten)
 def whiten(factors: Array, observed: Array, gains: Array, through: Array, order: _Columns, rows: Array) -> Array:
-    """Rows ``(n, m, c)`` of unit variance and without correlation, by the filter that ``innovations`` describes."""
+    """Whiten rows ``(n, m, c)`` by the filter of ``innovations``."""
     done = np.empty_like(rows)
     _CODE.whiten(*observed.shape[1:], factors, observed, gains, through, order, rows, done)
     return done
 
 
 def independent(columns: Array, order: _Columns, tolerance: float) -> NDArray[np.bool_]:
-    """Flag, in ``order``, the columns of ``(r, p)`` that those before them do not span: ``gauge._gram_schmidt``."""
+    """Flag, in ``order``, the columns ``(r, p)`` that earlier ones do not span: ``gauge._gram_schmidt``."""
     found = np.empty(len(order), dtype=np.int64)
     _CODE.independent(np.ascontiguousarray(columns.T), len(columns), order, tolerance, found)
     return found > 0
@@ -240,9 +221,9 @@ def independent(columns: Array, order: _Columns, tolerance: float) -> NDArray[np
 
 @with_fallback(numpy_kernels.solve_systems)
 def solve_positive(matrices: Array, right: Array) -> Array:
-    """The solutions ``(b, f)`` of systems with symmetric matrices ``(b, f, f)`` and right sides ``(b, f)``.
+    """Solve systems with symmetric matrices ``(b, f, f)`` and right sides ``(b, f)``.
 
-    By Cholesky factors where all matrices are positive definite to rounding, else by elimination.
+    By Cholesky factors if all matrices are positive definite, else by elimination.
     """
     step = np.empty_like(right)
     if _CODE.cholesky(np.ascontiguousarray(matrices), right.shape[1], np.ascontiguousarray(right), step):
@@ -250,35 +231,16 @@ def solve_positive(matrices: Array, right: Array) -> Array:
     return numpy_kernels.solve_systems(matrices, right)
 
 
-class _CompilableArm(numpy_kernels.WalkedArm, Protocol):
-    """A serial arm with what the compiled functions take of it: ``serial.arm.SerialArm``."""
-
-    @property
-    def compiled(self) -> CompiledChain:
-        """The chain and its targets for the compiled functions."""
-
-
-@with_fallback(numpy_kernels.settle)
-def settle(arm: _CompilableArm, values: Array, Ts: Array, joints: Array) -> tuple[Array, Array]:
-    """Candidates ``(n, k, 5)`` after a few steps of Gauss and Newton where they are near; none leads away.
-
-    Returns:
-        Joint positions, and what they miss of poses ``(n, 4, 4)``: ``(n, k, 2)``, m and rad.
-    """
-    return arm.compiled.settle(values, Ts, joints)
-
-
-# Closed forms of the inverse, by the numbers of an arm in the order that ``inverse.c`` reads them. Their numpy is that
-# of the extension's classes.
+# Closed forms of the inverse, by the numbers of an arm in the order of ``inverse.c``. Their numpy fallback is in the
+# extension's classes.
 
 
 def eight_solutions(shape: str, numbers: Array, Ts: Array, reference: Array | float) -> tuple[Array, Array, _Flags]:
-    """Joint positions ``(n, 8, 6)``, gaps ``(n, 8)`` and free joints of an arm of six joints.
+    """Return joint positions ``(n, 8, 6)``, gaps ``(n, 8)`` and free joints of an arm of six joints.
 
     Args:
         shape: ``inverse`` for a spherical wrist, or ``three_parallel``.
-        Ts: ``(n, 4, 4)``.
-        reference: joint positions ``(n, 6)`` that free joints take.
+        reference: joint positions ``(n, 6)`` of free joints.
     """
     n = len(Ts)
     joints, gap, free = np.empty((n, 8, 6)), np.empty((n, 8)), np.empty((n, 8, 6), dtype=np.bool_)
@@ -289,7 +251,7 @@ def eight_solutions(shape: str, numbers: Array, Ts: Array, reference: Array | fl
 def three_joints(
     numbers: Array, Ts: Array, reference: Array | float, branches: int, *, tilted: bool
 ) -> tuple[Array, Array, Array, _Flags]:
-    """Joint positions ``(n, k, 3)``, gaps and tilts ``(n, k)``, and free joints of an arm of three joints."""
+    """Return joint positions ``(n, k, 3)``, gaps and tilts ``(n, k)``, and free joints of an arm of three joints."""
     n, k = len(Ts), branches
     joints, gap, free = np.empty((n, k, 3)), np.empty((n, k)), np.empty((n, k, 3), dtype=np.bool_)
     tilt = (np.empty if tilted else np.zeros)((n, k))
@@ -299,21 +261,20 @@ def three_joints(
 
 
 def _liked(reference: Array | float, count: int, joints: int) -> Array | None:
-    """The reference as the compiled functions take it: None where it is zero."""
     if isinstance(reference, float) and reference == 0.0:
         return None
     return np.ascontiguousarray(np.broadcast_to(reference, (count, joints)), dtype=np.float64)
 
 
 def parallel_pair(numbers: Array, Ts: Array) -> tuple[_Flags, Array]:
-    """Poses ``(n,)`` whose equations determine joints 4 and 5, and candidates ``(4, 5, n)``."""
+    """Return poses ``(n,)`` whose equations determine joints 4 and 5, and candidates ``(4, 5, n)``."""
     joints, plain = np.empty((len(Ts), 4, 5)), np.empty(len(Ts), dtype=np.bool_)
     _CODE.parallel_pair(numbers, np.ascontiguousarray(Ts), joints, plain)
     return plain, joints.transpose(1, 2, 0)
 
 
 def two_axes(numbers: Array, Ts: Array, first: Array) -> tuple[Array, _Flags]:
-    """Candidates ``(k, 5, n)`` by their first three joints ``(k, 3, n)``, and where P is on a hinge's axis."""
+    """Return candidates ``(k, 5, n)`` by their first three joints ``(k, 3, n)``, and poses with P on a hinge's axis."""
     count = first.shape[2]
     out, near = np.empty((count, len(first), 5)), np.empty(count, dtype=np.bool_)
     out[:, :, :3] = first.transpose(2, 0, 1)
@@ -322,7 +283,7 @@ def two_axes(numbers: Array, Ts: Array, first: Array) -> tuple[Array, _Flags]:
 
 
 def planar_frame(numbers: Array, roots: int, Ts: Array, liked: Array) -> tuple[Array, _Flags]:
-    """Targets ``(5, m, n)`` of a planar arm beyond two joints, and where the first joint is free."""
+    """Return targets ``(5, m, n)`` of a planar arm beyond two joints, and poses with a free first joint."""
     found, free = np.empty((5, roots, len(Ts))), np.empty(len(Ts), dtype=np.bool_)
     _CODE.planar_frame(numbers, np.ascontiguousarray(Ts), np.ascontiguousarray(liked[:2].T), found, free)
     return found, free

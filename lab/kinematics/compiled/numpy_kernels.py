@@ -1,13 +1,12 @@
-"""Compute in numpy what the functions of ``kernels.c`` do: where none are built, and as the reference of the tests.
+"""Kernels in numpy: the fallback without compiled ones, for elastic links and for complex numbers.
 
-They also take what the compiled ones do not: elastic links, and complex numbers. Every elementary motion of a chain
-turns about an axis or slides along it, so a target's derivative is axis x lever or the axis itself: one walk along the
-chain gives all columns, and a joint's derivative is that of its theta or d.
+Every elementary motion of a chain turns about an axis or slides along it: a target's derivative is axis x lever, or the
+axis. One walk along the chain gives all columns; a joint's derivative is that of its theta or d.
 """
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,11 +14,12 @@ from numpy.typing import NDArray
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.kinematics.parameter import BASE_PARAMETERS
-from lab.kinematics.serial.chain import Chain
 from lab.kinematics.serial.walk import RIGID, Axes, Displaced, Motion, Torsors, along, chunks, fill, padded, some_poses
 
+if TYPE_CHECKING:
+    from lab.kinematics.serial.arm import SerialArm, StackedArm
+
 __all__ = [
-    "WalkedArm",
     "flange",
     "innovations",
     "joint_jacobian",
@@ -37,50 +37,12 @@ __all__ = [
 ]
 
 _STEPS = 4
-_NEAR = 1e-2  # of a pose (m, rad): a candidate farther off is no solution
+_NEAR = 1e-2  # m, rad: candidates farther from the pose are not refined
 _EXACTLY = 1e-13
 
 
-class WalkedArm(Protocol):
-    """A serial arm as the kernels take it: ``serial.arm.SerialArm``."""
-
-    @property
-    def chain(self) -> Chain:
-        """The links and joints."""
-
-    @property
-    def targets(self) -> tuple[str, ...]:
-        """Names of the targets."""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the parameters."""
-
-    @property
-    def table_rows(self) -> NDArray[np.int_]:
-        """Row of each parameter of the table."""
-
-    @property
-    def table_columns(self) -> NDArray[np.int_]:
-        """Column of each parameter of the table."""
-
-    def split(self, values: Array) -> tuple[Array, Array, Array]:
-        """Base ``(6,)``, table ``(n, 5)`` and targets ``(k, 3)`` of a parameter vector."""
-
-    def joint_derivatives(self, jacobian: Array) -> Array:
-        """Derivatives ``(..., joints)`` by the joint positions, of those by the parameters."""
-
-
-class _ManyArms(Protocol):
-    """Arms of one nominal model: ``serial.arm.StackedArm``."""
-
-    @property
-    def arm(self) -> WalkedArm:
-        """The nominal model."""
-
-
 def walk(
-    arm: WalkedArm, joints: Array, values: Array, torsors: Torsors = RIGID
+    arm: "SerialArm", joints: Array, values: Array, torsors: Torsors = RIGID
 ) -> tuple[list[Motion], tuple[Array, Array, Array], Array]:
     """Return all elementary motions, then the last frame's axes and origin, each ``(5, n)``."""
     base, table, _ = arm.split(values)
@@ -93,13 +55,13 @@ def walk(
     return motions + links, last, end
 
 
-def flange(arm: WalkedArm, joints: Array, values: Array) -> Array:
+def flange(arm: "SerialArm", joints: Array, values: Array) -> Array:
     """Poses ``(n, 4, 4)`` of the last frame."""
     _, frame, origin = walk(arm, joints, values)
     return _poses(frame, origin, len(joints))
 
 
-def points(arm: WalkedArm, /, joints: Array, values: Array, torsors: Torsors = RIGID) -> Array:
+def points(arm: "SerialArm", /, joints: Array, values: Array, torsors: Torsors = RIGID) -> Array:
     """``SerialArm.points``."""
     out = np.empty((3, len(arm.targets), len(joints)), dtype=np.result_type(joints, values, *torsors.values()))
     for part in chunks(len(joints), len(arm.targets)):
@@ -108,7 +70,7 @@ def points(arm: WalkedArm, /, joints: Array, values: Array, torsors: Torsors = R
     return out.transpose(2, 1, 0)
 
 
-def observe(arm: WalkedArm, /, joints: Array, values: Array, torsors: Torsors = RIGID) -> tuple[Array, Array]:
+def observe(arm: "SerialArm", /, joints: Array, values: Array, torsors: Torsors = RIGID) -> tuple[Array, Array]:
     """``SerialArm.observe``."""
     kind, count = np.result_type(joints, values, *torsors.values()), len(arm.targets)
     out = np.empty((3, count, len(joints)), dtype=kind)
@@ -125,13 +87,13 @@ def observe(arm: WalkedArm, /, joints: Array, values: Array, torsors: Torsors = 
     return out.transpose(2, 1, 0), jacobian.transpose(3, 2, 1, 0)
 
 
-def joint_jacobian(arm: WalkedArm, /, joints: Array, values: Array) -> Array:
+def joint_jacobian(arm: "SerialArm", /, joints: Array, values: Array) -> Array:
     """``SerialArm.joint_jacobian``."""
     return arm.joint_derivatives(observe(arm, joints, values)[1])
 
 
 def tool(
-    arm: WalkedArm, /, joints: Array, values: Array, target: int = 0, torsors: Torsors = RIGID
+    arm: "SerialArm", /, joints: Array, values: Array, target: int = 0, torsors: Torsors = RIGID
 ) -> tuple[Array, Array]:
     """``SerialArm.tool``."""
     kind = np.result_type(joints, values, *torsors.values())
@@ -153,14 +115,12 @@ def tool(
     return Ts, jacobian.transpose(2, 0, 1)
 
 
-def _targets(arm: WalkedArm, frame: Sequence[Array], origin: Array, values: Array) -> Array:
-    """Target positions ``(5, k, n)`` from the last frame."""
+def _targets(arm: "SerialArm", frame: Sequence[Array], origin: Array, values: Array) -> Array:
     x, y, z = frame
     return np.stack([origin + px * x + py * y + pz * z for px, py, pz in arm.split(values)[2]], axis=1)
 
 
 def _poses(frame: Sequence[Array], origin: Array, count: int) -> Array:
-    """Poses ``(count, 4, 4)`` of a frame's axes and origin ``(5, count)``, or ``(5, 1)`` where all are the same."""
     poses = np.zeros((count, 4, 4), dtype=np.result_type(*frame, origin))
     for column, vector in enumerate((*frame, origin)):
         poses[:, :3, column] = vector[:3].T
@@ -171,16 +131,15 @@ def _poses(frame: Sequence[Array], origin: Array, count: int) -> Array:
 # Many arms
 
 
-def walk_stacked(arm: WalkedArm, joints: Array, values: Array, rows: int) -> tuple[list[Motion], Array, Axes]:
+def walk_stacked(arm: "SerialArm", joints: Array, values: Array, rows: int) -> tuple[list[Motion], Array, Axes]:
     """Return all motions, targets ``(rows, k, b, n)``, and the last frame's axes ``(rows, b, n)``: x y z (x y).
 
     Args:
-        joints: joint positions ``(n, joints)`` of all arms, or ``(b, n, joints)`` of each.
+        joints: ``(n, joints)`` of all arms, or ``(b, n, joints)`` of each.
         values: ``(b, p)``.
     """
 
     def stacked(vectors: Array) -> Array:
-        """Vectors ``(b, 3)`` as ``(rows, b, 1)``."""
         return np.concatenate([vectors.T, vectors.T[: rows - 3]])[:, :, None]
 
     columns = values.T[:, :, None]  # (p, b, 1)
@@ -201,12 +160,12 @@ def walk_stacked(arm: WalkedArm, joints: Array, values: Array, rows: int) -> tup
     return motions + links, there, frame
 
 
-def points_stacked(many: _ManyArms, /, joints: Array, values: Array) -> Array:
+def points_stacked(many: "StackedArm", /, joints: Array, values: Array) -> Array:
     """``StackedArm.points``."""
     return walk_stacked(many.arm, joints, values, 3)[1].transpose(2, 1, 0, 3)
 
 
-def observe_stacked(many: _ManyArms, /, joints: Array, values: Array, free: Sequence[int]) -> tuple[Array, Array]:
+def observe_stacked(many: "StackedArm", /, joints: Array, values: Array, free: Sequence[int]) -> tuple[Array, Array]:
     """``StackedArm.observe``."""
     motions, there, frame = walk_stacked(many.arm, joints, values, 5)
     slot = {parameter: i for i, parameter in enumerate(free)}
@@ -225,8 +184,8 @@ def observe_stacked(many: _ManyArms, /, joints: Array, values: Array, free: Sequ
 # Candidates of five joints
 
 
-def settle(arm: WalkedArm, /, values: Array, Ts: Array, joints: Array) -> tuple[Array, Array]:
-    """``kernels.settle``."""
+def settle(arm: "SerialArm", /, values: Array, Ts: Array, joints: Array) -> tuple[Array, Array]:
+    """``SerialArm.settle``."""
     count, many = joints.shape[:2]
     flat, each = joints.reshape(-1, 5).copy(), np.repeat(np.arange(count), many)
     apart = Ts[:, None] - flange(arm, flat, values).reshape(count, many, 4, 4)
@@ -235,7 +194,6 @@ def settle(arm: WalkedArm, /, values: Array, Ts: Array, joints: Array) -> tuple[
     size = error.reshape(-1, 2)
 
     def missed(rows: NDArray[np.int_], at: Array) -> tuple[Array, Array]:
-        """Return the residuals ``(m, 6)`` to the poses of some candidates, and the Jacobians ``(m, 6, 5)``."""
         (there, jacobian), wanted = tool(arm, at, values), Ts[each[rows]]
         turned = se3.log(wanted[:, :3, :3] @ there[:, :3, :3].swapaxes(1, 2))
         return np.concatenate([wanted[:, :3, 3] - there[:, :3, 3], turned], axis=1), jacobian
@@ -253,8 +211,8 @@ def settle(arm: WalkedArm, /, values: Array, Ts: Array, joints: Array) -> tuple[
         rows, missing, jacobian = rows[better], left[better], ahead[better]
         flat[rows] += step[better]
         size[rows] = np.linalg.norm(missing.reshape(-1, 2, 3), axis=2)
-        going = np.abs(missing).max(axis=1) > _EXACTLY
-        rows, missing, jacobian = rows[going], missing[going], jacobian[going]
+        inexact = np.abs(missing).max(axis=1) > _EXACTLY
+        rows, missing, jacobian = rows[inexact], missing[inexact], jacobian[inexact]
     hinges = ~np.array(arm.chain.prismatic)
     flat[:, hinges] -= 2 * np.pi * np.round(flat[:, hinges] / (2 * np.pi))
     return flat.reshape(joints.shape), error

@@ -40,9 +40,6 @@ class Beam:
         path: ``(k + 1, 3)`` m, corners of its line from the near end to the far end.
         mass_kg: its mass.
         centre_m: ``(3,)`` m, its centre of mass.
-
-    Raises:
-        LabError: the path has no segments, or one without a length.
     """
 
     path: Array

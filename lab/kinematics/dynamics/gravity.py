@@ -314,9 +314,6 @@ def link_loads(loads: Loads) -> LinkLoads:
 
     Args:
         loads: the arm's masses, with the lines of links that are not straight.
-
-    Raises:
-        LabError: a path is of no link, or does not begin and end where the link does.
     """
     ends, chain, paths = link_ends(loads.chain), loads.chain, loads.link_paths
     for link, path in paths.items():

@@ -247,11 +247,7 @@ class Lag(VirtualEffect):
     """Lag of the joint positions, as a share of the last move, from 0 to below 1."""
 
     def check(self) -> None:
-        """Refuse a joint that never moves.
-
-        Raises:
-            LabError: with the option.
-        """
+        """Refuse a joint that never moves."""
         if not self.lag < 1:
             raise LabError(f"{option_name('lag')} {self.lag:g}: give a share from 0 to below 1")
 

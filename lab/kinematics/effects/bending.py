@@ -169,11 +169,7 @@ class Bending(VirtualEffect):
 
 
 def _of_each(flag: str, given: tuple[float, ...], arm: ArmFacts) -> Array:
-    """Return one number per link ``(n,)``.
-
-    Raises:
-        LabError: there are more or fewer than links, or nothing loads the arm.
-    """
+    """Return one number per link ``(n,)``."""
     size, name = arm.chain.size, arm.chain.name
     if arm.chain.has_loops or arm.loads is None:
         why = "has loops" if arm.chain.has_loops else "has no masses"

@@ -189,9 +189,6 @@ def compliances(chain: JointSpec, stiffness: Mapping[int, float]) -> Array:
     """``(n,)`` rad/Nm (m/N of a slide), zero for a stiff joint, from stiffnesses (Nm/rad) by joint, from 1.
 
     A slide takes a stiffness as a hinge would at ``LEVER_M``.
-
-    Raises:
-        LabError: a stiffness is of no joint, or not above zero.
     """
     found = np.zeros(chain.size)
     for joint, value in stiffness.items():
@@ -258,11 +255,7 @@ class Compliance(VirtualEffect):
             positive(option_name("stiffness_nm_per_rad"), self.stiffness_nm_per_rad)
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
-        """Return the same stiffness for every joint that bears the arm's weight.
-
-        Raises:
-            LabError: the arm has no masses.
-        """
+        """Return the same stiffness for every joint that bears the arm's weight."""
         at = np.zeros(3) if arm.loads is None else arm.loads.payload_at_m
         if self.stiffness_nm_per_rad is None:
             return JointSprings(np.zeros(arm.chain.size), at)
@@ -343,11 +336,7 @@ class Hardening(VirtualEffect):
     )
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
-        """Return the same hardening for every joint that bears the arm's weight.
-
-        Raises:
-            LabError: the arm has no masses.
-        """
+        """Return the same hardening for every joint that bears the arm's weight."""
         cubic = np.zeros(arm.chain.size)
         if self.hardening_mrad:
             if arm.loads is None:

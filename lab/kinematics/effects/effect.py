@@ -471,9 +471,6 @@ class VirtualEffect(ABC):
 
         Args:
             rngs: ``draws`` of them.
-
-        Raises:
-            LabError: the arm cannot have it.
         """
 
 

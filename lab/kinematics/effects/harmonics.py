@@ -124,11 +124,7 @@ class Runout(SimulatedEffect, MovesJoints):
         return {f"joint{i}.{name}": value for i, row in rows for name, value in zip(_NAMES, row, strict=True)}
 
     def refuse_unfit(self, chain: JointSpec) -> None:
-        """A slide does not turn.
-
-        Raises:
-            LabError: a slide is to have harmonics.
-        """
+        """A slide does not turn."""
         if self.harmonics_rad[list(chain.prismatic)].any():
             raise LabError(f"robot {chain.name}: a slide has no harmonics_rad; give it zeros")
 

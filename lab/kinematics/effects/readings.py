@@ -251,11 +251,7 @@ class BadReadings(VirtualEffect):
     """Least and largest displacement of a bad reading."""
 
     def check(self) -> None:
-        """Refuse a share above one, and sizes that are none or without a share.
-
-        Raises:
-            LabError: with the option.
-        """
+        """Refuse a share above one, and sizes that are none or without a share."""
         if not self.bad_share <= 1:
             raise LabError(f"{option_name('bad_share')} {self.bad_share:g}: give a share from 0 to 1")
         if len(self.bad_mm) != 2 or not 0 < self.bad_mm[0] <= self.bad_mm[1]:

@@ -205,11 +205,7 @@ class Payloads(VirtualEffect):
     """Payloads at the flange, one of which each pose has."""
 
     def check(self) -> None:
-        """Refuse no payload at all.
-
-        Raises:
-            LabError: with the option.
-        """
+        """Refuse no payload at all."""
         if not self.payload_kg:
             raise LabError(f"{option_name('payload_kg')}: give at least one payload, e.g. 0,3")
 

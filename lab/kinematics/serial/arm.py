@@ -1,4 +1,4 @@
-"""Forward kinematics of a serial arm and its derivatives, batched over poses: compiled, or by ``numpy_kernels``."""
+"""Forward kinematics of a serial arm and its derivatives, batched over poses."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -14,11 +14,10 @@ from lab.kinematics.compiled import numpy_kernels
 from lab.kinematics.compiled.kernels import CompiledChain, real, with_fallback
 from lab.kinematics.differential import singular_distance
 from lab.kinematics.gauge import preferred_columns
-from lab.kinematics.model import RigidArm
+from lab.kinematics.model import RigidArm, Skeleton
 from lab.kinematics.parameter import BASE_PARAMETERS, Kind, Parameter, link_parameter, names_of, tool_parameters
 from lab.kinematics.serial.chain import COLUMNS, Chain
 from lab.kinematics.serial.walk import RIGID, Motion, Torsors
-from lab.kinematics.skeleton import Skeleton
 
 __all__ = ["DEFAULT_TOOL", "BentArm", "SerialArm", "Stacked", "StackedArm", "stacked", "target_positions"]
 
@@ -53,7 +52,7 @@ class SerialArm:
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The base's, the table's entries row by row, the targets'."""
+        """Parameters of the base, of the table row by row, and of the targets."""
         links = [
             link_parameter(f"link{i + 1}", COLUMNS[j], _KINDS[j], float(self.chain.table[i, j]))
             for i, j in zip(self.table_rows.tolist(), self.table_columns.tolist(), strict=True)
@@ -62,31 +61,31 @@ class SerialArm:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """The parameters' names."""
+        """Names of the parameters."""
         return names_of(self.parameters)
 
     def nominal(self, tool: dict[str, Array] | None = None) -> Array:
-        """The nominal parameters: base at the tracker's origin, targets of ``tool``.
+        """Return the nominal parameters: base at the tracker's origin, targets of ``tool``.
 
-        A target that ``tool`` (m, in the last frame) does not name takes its place on the default
-        tool, or the last frame's origin where that has no such target either.
+        A target without a position in ``tool`` (m, in the last frame) has that of the default tool, or the last frame's
+        origin.
         """
         points = np.array(list(target_positions(self.targets, tool).values()))
         return self.assemble(np.zeros(6), self.chain.table, points)
 
     def assemble(self, base: Array, table: Array, tool: Array) -> Array:
-        """Parameter vector from base ``(6,)``, table ``(n, 5)`` and target positions ``(k, 3)``."""
+        """Return the parameter vector of base ``(6,)``, table ``(n, 5)`` and target positions ``(k, 3)``."""
         return np.concatenate([base, table[self.table_rows, self.table_columns], np.ravel(tool)])
 
     def split(self, values: Array) -> tuple[Array, Array, Array]:
-        """Base ``(6,)``, table ``(n, 5)`` and targets ``(k, 3)`` of a parameter vector."""
+        """Return base ``(6,)``, table ``(n, 5)`` and targets ``(k, 3)`` of a parameter vector."""
         first_tool = len(values) - 3 * len(self.targets)
         table = self.chain.table.astype(values.dtype)
         table[self.table_rows, self.table_columns] = values[6:first_tool]
         return values[:6], table, values[first_tool:].reshape(len(self.targets), 3)
 
     def T_tracker_frame0(self, values: Array) -> Array:
-        """Pose ``(4, 4)`` of frame 0 in the tracker's frame: what the base's parameters say."""
+        """Pose ``(4, 4)`` of frame 0 in the tracker's frame."""
         base = self.split(values)[0]
         return pose(exp(base[3:]), base[:3])
 
@@ -98,40 +97,38 @@ class SerialArm:
         return joints
 
     def _compilable(self, joints: Array, values: Array, torsors: Torsors = RIGID) -> bool:
-        """Decide whether machine code can do it: it takes rigid links and real numbers."""
         return real(self._checked(joints), values) and not torsors
 
     @with_fallback(numpy_kernels.points, when=_compilable)
     def points(self, joints: Array, values: Array, torsors: Torsors = RIGID) -> Array:
-        """Target positions ``(n, k, 3)`` in the tracker's frame (m) at joint positions ``(n, joints)``."""
+        """Return target positions ``(n, k, 3)`` in the tracker's frame (m) at joint positions ``(n, joints)``."""
         return self.compiled.observe(joints, values, self.compiled.every, 0)[0]
 
     @with_fallback(numpy_kernels.observe, when=_compilable)
     def observe(self, joints: Array, values: Array, torsors: Torsors = RIGID) -> tuple[Array, Array]:
-        """Target positions ``(n, k, 3)`` and their derivatives ``(n, k, 3, parameters)``.
+        """Return target positions ``(n, k, 3)`` and their derivatives ``(n, k, 3, parameters)``.
 
-        With torsors, six more columns for each link that has one follow, in their order.
+        Six further columns follow for each link with torsors.
         """
         return self.compiled.observe(joints, values, self.compiled.every, len(self.names))
 
     @with_fallback(numpy_kernels.joint_jacobian, when=_compilable)
     def joint_jacobian(self, joints: Array, values: Array) -> Array:
-        """Derivatives of the targets with respect to the joint positions, ``(n, k, 3, joints)``."""
+        """Return derivatives of the targets by the joint positions, ``(n, k, 3, joints)``."""
         return self.compiled.by_joints(joints, values, self._joint_slots)
 
     def joint_derivatives(self, jacobian: Array) -> Array:
         """Return the columns of derivatives ``(..., parameters)`` for the joint positions, ``(..., joints)``."""
-        moved: Array = jacobian[..., self._joint_columns] * self.chain.sign
-        return moved
+        return np.asarray(jacobian[..., self._joint_columns] * self.chain.sign)
 
     @cached_property
     def _joint_columns(self) -> list[int]:
-        """The parameter that each joint's position adds to: its theta, of a slide its d."""
+        """Index of each joint's theta, or d of a slide."""
         cells = list(zip(self.table_rows.tolist(), self.table_columns.tolist(), strict=True))
         return [len(BASE_PARAMETERS) + cells.index((i, 1 if p else 0)) for i, p in enumerate(self.chain.prismatic)]
 
     def flange(self, joints: Array, values: Array) -> Array:
-        """Poses of the last frame in the tracker's frame, ``(n, 4, 4)``."""
+        """Return poses of the last frame in the tracker's frame, ``(n, 4, 4)``."""
         return numpy_kernels.flange(self, self._checked(joints), values)
 
     def _tool_compilable(self, joints: Array, values: Array, target: int = 0, torsors: Torsors = RIGID) -> bool:
@@ -139,32 +136,31 @@ class SerialArm:
 
     @with_fallback(numpy_kernels.tool, when=_tool_compilable)
     def tool(self, joints: Array, values: Array, target: int = 0, torsors: Torsors = RIGID) -> tuple[Array, Array]:
-        """Poses of a target, turned as the last frame is, and how the joint positions move them.
+        """Return poses of a target with the rotation of the last frame, and the geometric Jacobian.
 
         Returns:
-            ``(n, 4, 4)`` in the tracker's frame; and the geometric Jacobian ``(n, 6, joints)``: velocity of the
-            target (m) and angular velocity (rad), both in the tracker's frame, by the joint positions. It is the direct
-            differential model: twist = J rates. ``differential.rates`` is the inverse one.
+            ``(n, 4, 4)`` and ``(n, 6, joints)``: twist = J rates, with the target's velocity (m) and angular velocity
+            (rad) in the tracker's frame. ``differential.rates`` inverts it.
         """
         return self.compiled.tool(joints, values, target)
 
     def singular_distance(self, joints: Array, values: Array, target: int = 0) -> tuple[Array, NDArray[np.int_]]:
-        """Distance to the nearest singularity, as ``RigidArm.singular_distance`` describes it."""
+        """Return ``RigidArm.singular_distance``."""
         return singular_distance(self.tool(joints, values, target)[1])
 
     def frame(self, joints: Array, values: Array, size: int) -> Array:
-        """Poses ``(n, 4, 4)`` of the table's frame ``size`` (from 1) in frame 0, at joint positions ``(n, joints)``."""
+        """Return poses ``(n, 4, 4)`` of the frame ``size`` (from 1) in frame 0, at joint positions ``(n, joints)``."""
         part = SerialArm(self.dh_chain(values).first(size))
         return part.flange(joints[:, :size], part.nominal())
 
     def links(self, joints: Array, values: Array) -> Array:
-        """The link matrices T_i-1,i ``(n, links, 4, 4)`` (m) at joint positions ``(n, joints)``, without the base."""
+        """Return the link matrices T_i-1,i ``(n, links, 4, 4)`` (m), without the base."""
         sizes = range(1, self.chain.size + 1)
         frames = np.stack([np.tile(np.eye(4), (len(joints), 1, 1)), *(self.frame(joints, values, i) for i in sizes)], 1)
         return np.asarray(inverse(frames[:, :-1]) @ frames[:, 1:])
 
     def motions(self, values: Array) -> list[Motion]:
-        """The chain's elementary motions with every joint position zero, base first."""
+        """Return the chain's elementary motions at zero joint positions, base first."""
         return numpy_kernels.walk(self, np.zeros((1, self.chain.size)), values)[0]
 
     @property
@@ -178,20 +174,19 @@ class SerialArm:
         return ()
 
     def dh_chain(self, values: Array) -> Chain:
-        """The chain with the links of these parameters ``(p,)``."""
+        """Return the chain with the links of these parameters ``(p,)``."""
         return self.chain.with_table(self.split(values)[1])
 
     def skeleton(self, joints: Array, values: Array) -> Skeleton:
-        """The chain as one line with corners, in frame 0."""
+        """Return the chain as one line with corners, in frame 0."""
         line = self.corners(joints, values)
         frames = line[:, ::2]
         return Skeleton([line], [frames], frames, frames, np.empty((len(joints), 0, 2, 3)), ())
 
     def corners(self, joints: Array, values: Array) -> Array:
-        """The chain in frame 0 as a strip of lines ``(n, 2 joints + 1, 3)``; every other corner is a frame's origin.
+        """Return the chain in frame 0 as a line ``(n, 2 joints + 1, 3)``; every other corner is a frame's origin.
 
-        A link runs along its joint's axis and then along the common normal (a Craig one the other
-        way round): between two origins there is the corner where it turns.
+        A link runs along its joint's axis and the common normal, in the order of its convention.
         """
         table = self.split(values)[1]
         corners = [np.zeros((len(joints), 3))]
@@ -207,7 +202,7 @@ class SerialArm:
         return np.stack(corners, axis=1)
 
     def column_priority(self) -> tuple[int, ...]:
-        """Column indices in the order of preference that gives the canonical gauge (``gauge``)."""
+        """Return column indices in the order of preference of the canonical gauge (``gauge``)."""
         return self._column_priority
 
     @cached_property
@@ -215,11 +210,11 @@ class SerialArm:
         return preferred_columns(self.chain, self.parameters)
 
     def structure_joints(self, count: int, rng: np.random.Generator) -> Array:
-        """Joint positions at which identifiability is decided: random within the limits."""
+        """Draw joint positions for identifiability within the limits."""
         return self.chain.random_joints(count, rng)
 
     def rank_point(self, values: Array) -> Array:
-        """``values`` with nominally parallel axes exactly parallel, where the rank is decided."""
+        """Return ``values`` with nominally parallel axes exactly parallel, for decisions on rank."""
         turns, skews = self._parallel_columns
         found = values.copy()
         found[turns] = np.pi * np.round(found[turns] / np.pi)
@@ -228,14 +223,22 @@ class SerialArm:
 
     @cached_property
     def _parallel_columns(self) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
-        """Return the columns of the alpha and the beta of nominally parallel axes."""
         of_parallel = np.array(self.chain.parallel)[self.table_rows]
         turns, skews = (6 + np.flatnonzero(of_parallel & (self.table_columns == column)) for column in (3, 4))
         return turns, skews
 
+    @with_fallback(numpy_kernels.settle)
+    def settle(self, values: Array, Ts: Array, joints: Array) -> tuple[Array, Array]:
+        """Refine inverse solutions ``(n, k, 5)`` of five joints near poses ``(n, 4, 4)`` by a few Gauss-Newton steps.
+
+        Returns:
+            Joint positions, and their errors ``(n, k, 2)``, m and rad.
+        """
+        return self.compiled.settle(values, Ts, joints)
+
     @cached_property
     def compiled(self) -> CompiledChain:
-        """The chain as the compiled functions take it."""
+        """Chain for the compiled functions."""
         return CompiledChain(self.chain, len(self.targets), np.arange(len(self.names)))
 
     @cached_property
@@ -245,7 +248,7 @@ class SerialArm:
 
 @dataclass(frozen=True)
 class BentArm:
-    """An arm with its links' ends displaced, pose by pose: ``SerialArm`` with torsors for the poses asked."""
+    """A serial arm with displaced ends of links, pose by pose."""
 
     arm: SerialArm
     torsors: Torsors
@@ -264,9 +267,9 @@ class BentArm:
 
 
 def target_positions(targets: Sequence[str], tool: Mapping[str, Array] | None = None) -> dict[str, Array]:
-    """Nominal positions ``(3,)`` (m, in the last frame) of targets: by ``tool``, else the default tool, else zero."""
-    known = {**DEFAULT_TOOL, **(tool or {})}
-    return {target: np.asarray(known.get(target, (0.0, 0.0, 0.0))) for target in targets}
+    """Return nominal positions ``(3,)`` (m, in the last frame) of targets: by ``tool``, the default tool, or zero."""
+    positions = {**DEFAULT_TOOL, **(tool or {})}
+    return {target: np.asarray(positions.get(target, (0.0, 0.0, 0.0))) for target in targets}
 
 
 class Stacked(Protocol):
@@ -277,30 +280,30 @@ class Stacked(Protocol):
         """The nominal model and its targets."""
 
     def points(self, joints: Array, values: Array) -> Array:
-        """Target positions ``(b, k, 3, n)`` m of arms with parameters ``(b, p)`` at joint positions ``(n, joints)``."""
+        """Return target positions ``(b, k, 3, n)`` m of parameters ``(b, p)`` at joint positions ``(n, joints)``."""
 
     def observe(self, joints: Array, values: Array, free: Sequence[int]) -> tuple[Array, Array]:
-        """The positions, and their derivatives ``(f, 3, k, b, n)`` by some of the parameters."""
+        """Return the positions, and their derivatives ``(f, 3, k, b, n)`` by the ``free`` parameters."""
 
 
 @singledispatch
 def stacked(arm: RigidArm) -> Stacked:
-    """Many arms of this nominal model: one after the other, unless its kind registers something quicker."""
-    return SequentialBatch(arm)
+    """Return a stack of arms: a sequential one, unless one is registered for the kind of arm."""
+    return _SequentialBatch(arm)
 
 
 @dataclass(frozen=True)
-class SequentialBatch:
-    """Arms of one nominal model, asked one after the other: of a mechanism, whose loops close in their own time."""
+class _SequentialBatch:
+    """A stack of mechanisms, computed one after the other."""
 
     arm: RigidArm
 
     def points(self, joints: Array, values: Array) -> Array:
-        """Target positions ``(b, k, 3, n)`` m of arms with parameters ``(b, p)``, one arm after the other."""
+        """Return ``Stacked.points``."""
         return np.stack([self.arm.points(joints, row).transpose(1, 2, 0) for row in values])
 
     def observe(self, joints: Array, values: Array, free: Sequence[int]) -> tuple[Array, Array]:
-        """Positions ``(b, k, 3, n)`` m and their derivatives by the ``free`` parameters, one arm after the other."""
+        """Return ``Stacked.observe``."""
         both = [self.arm.observe(joints, row) for row in values]
         points = np.stack([points.transpose(1, 2, 0) for points, _ in both])
         columns = np.stack([jacobian[..., list(free)].transpose(3, 2, 1, 0) for _, jacobian in both], axis=3)
@@ -309,11 +312,7 @@ class SequentialBatch:
 
 @dataclass(frozen=True)
 class StackedArm:
-    """Arms of one nominal model, as many as there are rows of parameters.
-
-    Attributes:
-        arm: the nominal model and its targets.
-    """
+    """A stack of serial arms, computed at once."""
 
     arm: SerialArm
 
@@ -322,13 +321,13 @@ class StackedArm:
 
     @with_fallback(numpy_kernels.points_stacked, when=_compilable)
     def points(self, joints: Array, values: Array) -> Array:
-        """Target positions ``(b, k, 3, n)`` m of arms with parameters ``(b, p)`` at joint positions ``(n, joints)``."""
+        """Return ``Stacked.points``."""
         code = self.arm.compiled
         return code.stacked(joints, values, code.every, 0)[0]
 
     @with_fallback(numpy_kernels.observe_stacked, when=_compilable)
     def observe(self, joints: Array, values: Array, free: Sequence[int]) -> tuple[Array, Array]:
-        """The positions, and their derivatives ``(f, 3, k, b, n)`` by some of the parameters."""
+        """Return ``Stacked.observe``."""
         code = self.arm.compiled
         points, columns = code.stacked(joints, values, code.some(list(free)), len(free))
         return points, columns.transpose(1, 3, 2, 0, 4)

@@ -1,8 +1,7 @@
 """Denavit-Hartenberg parameters from an arm's joint axes.
 
-The axes at zero joint positions, with the targets, say all there is to know of a rigid serial arm.
-``chain_from_axes`` draws the table of a nominal arm; ``parameters_from_axes`` finds the one
-vector of the canonical gauge, near the nominal model, that a perturbed arm has.
+``chain_from_axes`` gives the table of a nominal arm; ``parameters_from_axes`` the parameters of a perturbed arm in the
+canonical gauge.
 """
 
 from collections.abc import Mapping, Sequence
@@ -28,12 +27,11 @@ _MEETING_M = 0.010  # axes nearer than this meet, on the nominal model
 
 @dataclass(frozen=True)
 class JointAxes:
-    """An arm's axes with every joint position zero, in one frame (m).
+    """Joint axes of an arm at zero joint positions, in one frame (m).
 
     Attributes:
         origins: ``(n, 3)``, a point on each axis.
-        directions: ``(n, 3)``, unit vectors, along which (or about which, right-handed) the
-            joint position counts positive.
+        directions: ``(n, 3)``, unit vectors of positive joint motion.
         targets: ``(k, 3)``, the measured points.
     """
 
@@ -44,10 +42,10 @@ class JointAxes:
 
 @dataclass(frozen=True)
 class Truth:
-    """The parameters of a virtual arm in the canonical gauge, which only the assessment reads.
+    """True parameters of a virtual arm in the canonical gauge, only for the assessment.
 
-    ``values`` belong to ``arm.names``; those outside ``base_set`` are at their nominal values.
-    ``effects`` are the parameters of what is not geometry, by name; those not named are zero.
+    ``values`` belong to ``arm.names``; those outside ``base_set`` are nominal. ``effects`` are other parameters by
+    name, zero by default.
     """
 
     arm: Model
@@ -56,9 +54,9 @@ class Truth:
     effects: Mapping[str, float] = field(default_factory=dict)
 
     def of(self, names: Sequence[str]) -> Array:
-        """The true values of these parameters."""
-        known = {**self.effects, **dict(zip(self.arm.names, self.values.tolist(), strict=True))}
-        return np.array([known.get(name, 0.0) for name in names])
+        """Return the true values of parameters by name."""
+        values = {**self.effects, **dict(zip(self.arm.names, self.values.tolist(), strict=True))}
+        return np.array([values.get(name, 0.0) for name in names])
 
 
 def chain_from_axes(
@@ -70,12 +68,11 @@ def chain_from_axes(
     flange: Array,
     limits: tuple[Array, Array, Array, Array],
 ) -> tuple[Chain, Array]:
-    """The distal table of an arm, and the pose ``(4, 4)`` of its frame 0 where the axes are given.
+    """Return the distal table of an arm, and the pose ``(4, 4)`` of its frame 0 in the axes' frame.
 
-    Frame 0 stands on axis 1 at the foot of ``base`` ``(4, 4)``, with z along the axis and x as
-    near the base's as can be. x of each further frame is the common normal, of which theta is
-    the smaller where the axes meet; where axes are parallel d is zero. The last frame stands on
-    the last axis at the foot of ``flange``, with z as near the flange's as the axis allows.
+    Frame 0 is on axis 1, nearest to ``base`` ``(4, 4)``, with z along the axis and x nearest to the base's. x of each
+    further frame is the common normal, with the smaller theta if the axes meet; d is zero between parallel axes. The
+    last frame is on the last axis, nearest to ``flange``.
 
     Args:
         limits: lower, upper, speed and acceleration, each ``(n,)``.
@@ -108,7 +105,7 @@ def chain_from_axes(
 
 
 def _link(x: Array, z: Array, position: Array, next_x: Array, next_z: Array, foot: Array) -> tuple[Array, Array]:
-    """A row of the distal table from one frame to the next, and x of the next frame after alpha and beta."""
+    """Return a row of the distal table, and x of the next frame after alpha and beta."""
     theta = np.arctan2(np.dot(next_x, np.cross(z, x)), np.dot(next_x, x))
     d, a = np.dot(foot - position, z), np.dot(foot - position, next_x)
     turned = np.stack([next_x, np.cross(z, next_x), z], axis=1)
@@ -120,7 +117,7 @@ def _link(x: Array, z: Array, position: Array, next_x: Array, next_z: Array, foo
 
 
 def _across(wanted: Array, z: Array, otherwise: Array) -> Array:
-    """The unit vector normal to z nearest to ``wanted``, or to ``otherwise`` where z is along that."""
+    """Return the unit vector normal to z nearest to ``wanted``, or to ``otherwise`` if that is along z."""
     flat = wanted - z * np.dot(wanted, z)
     if np.linalg.norm(flat) < 1e-6:
         flat = otherwise - z * np.dot(otherwise, z)
@@ -129,7 +126,7 @@ def _across(wanted: Array, z: Array, otherwise: Array) -> Array:
 
 
 def _common_normal(x: Array, z: Array, position: Array, next_z: Array, next_origin: Array) -> tuple[Array, Array]:
-    """X of the next frame and its origin's place on this axis plus a x: the next frame's origin."""
+    """Return x and the origin of the next frame."""
     normal = np.cross(z, next_z)
     apart = next_origin - position
     if np.linalg.norm(normal) < PARALLEL_RAD:  # parallel: meet the plane through this origin
@@ -149,18 +146,13 @@ def _common_normal(x: Array, z: Array, position: Array, next_z: Array, next_orig
 
 
 def parameters_from_axes(arm: SerialArm, axes: JointAxes, start: Array) -> Truth:
-    """The canonical gauge of the arm that has these axes, near ``start``.
+    """Return the parameters near ``start`` of the arm with these axes, in the canonical gauge, by Newton's method.
 
-    Each revolute axis is four equations, each slide two, each target three: as many as the
-    gauge has parameters. Newton's method on them.
+    Each revolute axis is four equations, each slide two, each target three: as many as parameters of the gauge.
 
     Args:
-        arm: the nominal model, with the targets in the order of ``axes.targets``.
         axes: in the tracker's frame.
-        start: parameter values ``(p,)``: nominal links and targets, and roughly the base.
-
-    Raises:
-        LabError: the axes are too far from the nominal for a chain of its kind.
+        start: ``(p,)`` nominal links and targets, and roughly the base.
     """
     chosen = base_set(arm, start)
     identifiable = list(chosen.identifiable)
@@ -184,7 +176,7 @@ def parameters_from_axes(arm: SerialArm, axes: JointAxes, start: Array) -> Truth
 
 
 def _axis_errors(arm: SerialArm, axes: JointAxes, values: Array) -> tuple[Array, Array]:
-    """Errors of directions, of places across each revolute axis, of targets, and derivatives."""
+    """Return errors of directions, of positions across each revolute axis, and of targets, with derivatives."""
     motions = arm.motions(values)
     errors: list[Array] = []
     rows: list[Array] = []
@@ -210,7 +202,7 @@ def _axis_errors(arm: SerialArm, axes: JointAxes, values: Array) -> tuple[Array,
 
 
 def _rates(motions: list[Motion], direction: Array, position: Array, count: int) -> tuple[Array, Array]:
-    """Derivatives ``(3, count)`` of a direction and a place carried by these motions."""
+    """Return derivatives ``(3, count)`` of a direction and a position by these motions."""
     turned, moved = np.zeros((3, count)), np.zeros((3, count))
     columns = [motion.column for motion in motions]
     axis = np.array([motion.axis[:3, 0] for motion in motions]).T

@@ -45,11 +45,11 @@ class Chain(JointSpec):
                 raise LabError(f"robot '{self.name}', joint {name}: a value is not finite")
 
     def with_table(self, table: Array) -> "Chain":
-        """A chain of these joints with other link parameters ``(n, 5)``."""
+        """Return a chain with other link parameters ``(n, 5)``."""
         return replace(self, table=np.array(table, dtype=np.float64))
 
     def first(self, size: int) -> "Chain":
-        """The chain cut off after so many joints; every link keeps its beta."""
+        """Return the first ``size`` joints; every link keeps its beta."""
         cut = slice(0, size)
         return Chain(
             name=self.name, convention=self.convention, joint_names=self.joint_names[cut],
@@ -59,13 +59,13 @@ class Chain(JointSpec):
         )  # fmt: skip
 
     def joins_parallel_axes(self, i: int) -> bool:
-        """Decide whether axes i and i + 1 (0-based joints) are parallel on the nominal model."""
+        """Check whether axes i and i + 1 (0-based joints) are nominally parallel."""
         link = i if self.convention == "distal" else i + 1
         return i + 1 < self.size and self.parallel[link]
 
 
 def parallel_links(convention: Convention, alpha: Array) -> tuple[bool, ...]:
-    """Decide which links join nominally parallel (or antiparallel) axes, from alpha ``(n,)``.
+    """Flag links that join nominally parallel (or antiparallel) axes, from alpha ``(n,)``.
 
     A distal chain's last link and a Craig chain's first one join no two joints.
     """

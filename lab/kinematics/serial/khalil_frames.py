@@ -1,11 +1,10 @@
-"""Base and tool in the six parameters of Khalil and Kleinfinger, beside a position and a rotation vector.
+"""Base and tool in the six parameters of Khalil and Kleinfinger.
 
 A pose is T = Rz(gamma) Tz(b) Rx(alpha) Tx(d) Rz(theta) Tz(r) (Khalil & Dombre 2002, sections 7.2 and 11.2: Z from the
-instrument's frame to frame 0, E from the last frame to the tool's). alpha is the angle between the two z axes and d
-their distance, along the common normal. With the position p turned back by gamma, q = Rz(-gamma) p:
-q = (d, -r sin alpha, b + r cos alpha), so that b and r are those of axes that are not parallel. Of parallel axes only
-gamma + theta and b + r (or b - r, of opposite ones) are determined: then r = 0 here, and gamma points to the other
-axis, or is 0 where there is one axis.
+instrument's frame to frame 0, E from the last frame to the tool's). alpha is the angle between the z axes, d their
+distance. With position p, q = Rz(-gamma) p = (d, -r sin alpha, b + r cos alpha). Parallel axes determine only gamma +
+theta and b + r (opposite ones gamma - theta and b - r): then r = 0, and gamma points to the other axis, or is 0 for one
+axis.
 """
 
 from collections.abc import Mapping
@@ -32,7 +31,7 @@ class KhalilFrame:
 
     Attributes:
         values: ``(6,)`` gamma, b, alpha, d, theta, r; rad and m.
-        note: where they are not all determined, or hardly, in words; "" where they are.
+        note: message on parameters that are not or weakly determined, or "".
     """
 
     values: Array
@@ -40,12 +39,12 @@ class KhalilFrame:
 
     @property
     def named(self) -> Mapping[str, float]:
-        """The values by their symbols."""
+        """Values by symbol."""
         return dict(zip(SYMBOLS, self.values.tolist(), strict=True))
 
 
 def pose_of(values: Array) -> Array:
-    """The pose ``(4, 4)`` (m) of six parameters ``(6,)``: gamma, b, alpha, d, theta, r."""
+    """Return the pose ``(4, 4)`` (m) of six parameters ``(6,)``: gamma, b, alpha, d, theta, r."""
     gamma, b, alpha, d, theta, r = values
     z, x = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
     first, tilt, last = se3.pose(se3.exp(gamma * z), b * z), se3.pose(se3.exp(alpha * x), np.zeros(3)), r * z
@@ -54,7 +53,7 @@ def pose_of(values: Array) -> Array:
 
 
 def khalil_frame(pose: Array) -> KhalilFrame:
-    """The six parameters of a pose ``(4, 4)`` (m), alpha from 0 to pi."""
+    """Return the six parameters of a pose ``(4, 4)`` (m), alpha from 0 to pi."""
     rotation, position = pose[:3, :3], pose[:3, 3]
     sine = float(np.hypot(rotation[0, 2], rotation[1, 2]))
     alpha = float(np.arctan2(sine, rotation[2, 2]))

@@ -1,6 +1,6 @@
-"""The walk along a serial chain: every elementary motion with its axis, for all poses at once, elastic links' ends too.
+"""Elementary motions along a serial chain, for all poses at once, with elastic links.
 
-Each vector is kept as rows x y z x y of length n: a cross product is then three calls on views, without copies.
+Vectors are stored as rows x y z x y of length n: a cross product is three calls on views, without copies.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -27,20 +27,20 @@ __all__ = [
     "turned",
 ]
 
-CHUNK = 2048  # poses at a time: what fits the processor's cache
+_CHUNK = 2048  # poses at a time, for the processor's cache
 
 Torsors = Mapping[int, Array]
-"""By link, from 0: how far its far end is displaced, ``(n, 6)`` (dx dy dz rx ry rz, m and rad) in the link's axes."""
+"""Displacements ``(n, 6)`` (dx dy dz rx ry rz, m and rad) of links' far ends in the links' axes, by link from 0."""
 
 RIGID: Torsors = MappingProxyType({})
 
 
 @dataclass(frozen=True)
 class Motion:
-    """An elementary motion: column ``column`` of the parameters turns about or slides along ``axis``.
+    """An elementary motion: parameter ``column`` turns about or slides along ``axis``.
 
-    ``axis`` and ``origin`` are ``(5, n)`` (or ``(5, 1)`` before the first joint) in the tracker's
-    frame; ``origin`` is None for a slide. ``joint`` is set where a joint's position moves along.
+    ``axis`` and ``origin`` are ``(5, n)`` (``(5, 1)`` before the first joint) in the tracker's frame; ``origin`` is
+    None for a slide, ``joint`` the joint with this motion.
     """
 
     column: int
@@ -54,19 +54,19 @@ Axes = tuple[Array, Array, Array]
 
 @dataclass(frozen=True)
 class Displaced:
-    """Elastic links: the displacements of their ends, and the first of the columns that their derivatives take."""
+    """Displacements of elastic links' ends, and the first column of their derivatives."""
 
     torsors: Torsors = field(default_factory=lambda: RIGID)
     column: int = 0
 
     def end(self, link: int, motions: list[Motion], frame: Axes, at: Array, origin: Array) -> tuple[Axes, Array]:
-        """The axes and an origin carried by the link's end, after T_flex = Rot Trans there (Benmisra 2007, eq. 3.34).
+        """Return axes and an origin moved by the link's end, T_flex = Rot Trans (Benmisra 2007, eq. 3.34).
 
         Args:
-            motions: the six motions are added to these.
+            motions: the six motions are appended.
             frame: the link's axes.
-            at: where the end is, ``(5, n)``.
-            origin: what is carried, ``(5, n)``.
+            at: position of the end, ``(5, n)``.
+            origin: ``(5, n)``, moved with the end.
         """
         if link not in self.torsors:
             return frame, origin
@@ -84,26 +84,26 @@ class Displaced:
 
 
 def chunks(count: int, targets: int) -> Iterator[slice]:
-    """So many poses in parts that fit the processor's cache."""
-    size = max(1, CHUNK // targets)
+    """Split poses into parts that fit the processor's cache."""
+    size = max(1, _CHUNK // targets)
     return (slice(start, min(start + size, count)) for start in range(0, count, size))
 
 
 def some_poses(torsors: Torsors, part: slice) -> Torsors:
-    """The torsors of some of the poses."""
+    """Return the torsors of some poses."""
     return {link: torsor[part] for link, torsor in torsors.items()} if torsors else RIGID
 
 
 def along(
     chain: Chain, frame: Axes, origin: Array, table: Array, joints: Array, flexible: Displaced | None = None
 ) -> tuple[list[Motion], Axes, Array]:
-    """The links' elementary motions from frame 0 outward, and the last frame's axes and origin.
+    """Return the links' elementary motions from frame 0 outward, and the last frame's axes and origin.
 
     Args:
         frame, origin: of frame 0, rows x y z x y, ``(5, ...)`` each.
-        table: ``(links, 5)``, or ``(links, 5, ...)`` where every arm of many has its own.
-        joints: joint positions ``(joints, ...)``.
-        flexible: displaced ends of links; all are rigid if not given.
+        table: ``(links, 5)``, or ``(links, 5, ...)`` for many arms.
+        joints: ``(joints, ...)``.
+        flexible: displaced ends of links; rigid by default.
     """
     flexible = flexible or Displaced()
     x, y, z = frame
@@ -147,18 +147,18 @@ def along(
 
 
 def padded(vector: Array) -> Array:
-    """``(3,)`` as the rows x y z x y, ``(5, 1)``."""
+    """Return ``(3,)`` as rows x y z x y, ``(5, 1)``."""
     return np.concatenate([vector, vector[:2]])[:, None]
 
 
 def turned(u: Array, v: Array, angle: Array) -> tuple[Array, Array]:
-    """The axes u, v after a turn from u towards v."""
+    """Turn the axes u, v by an angle from u towards v."""
     c, s = np.cos(angle), np.sin(angle)
     return c * u + s * v, c * v - s * u
 
 
 def fill(jacobian: Array, motions: Sequence[Motion], points: Array) -> None:
-    """Write the columns of the motions at ``points`` ``(5, k, ...)`` into ``(parameters, 3, k, ...)``."""
+    """Write the derivatives of ``points`` ``(5, k, ...)`` by the motions into ``(parameters, 3, k, ...)``."""
     origin: Array | None = None
     lever = product = points
     product = np.empty_like(points[:3])
@@ -176,7 +176,6 @@ def fill(jacobian: Array, motions: Sequence[Motion], points: Array) -> None:
 
 
 def _combined(frame: Axes, weights: Array) -> Axes:
-    """The axes ``(5, n)`` that matrices ``(n, 3, 3)`` make of some, by their columns."""
     x, y, z = frame
     first, second, third = (weights[:, 0, i] * x + weights[:, 1, i] * y + weights[:, 2, i] * z for i in range(3))
     return first, second, third

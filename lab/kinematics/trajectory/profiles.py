@@ -1,16 +1,9 @@
-"""Joint motion in phases of constant acceleration, between speeds that need not be zero.
+"""Velocity profiles of joints, and trajectories in phases of constant acceleration or jerk.
 
-Lengths are in rad or m, times in s. The equations were worked out here; for one joint they agree with those of
-Berscheid & Kroeger (2021, ruckig) without a limit of jerk, for several at rest with Khalil & Dombre (2002, chapter 13).
-
-A trajectory of the joints as phases of constant jerk, or of constant acceleration where jerk has no limit.
-
-Joint positions are in rad or m, times in s.
-
-Changes of speed within limits of acceleration and jerk, without acceleration at their ends: double S shapes.
-
-A change by d takes |d| / a + a / j seconds where its acceleration reaches a, and else 2 sqrt(|d| / j) (Biagiotti &
-Melchiorri 2008, section 3.4).
+End speeds need not be zero. For one joint the results agree with those of Berscheid & Kroeger (2021, ruckig) without a
+limit of jerk, for several at rest with Khalil & Dombre (2002, chapter 13). A double S changes the speed by d in |d| / a
++ a / j seconds if it reaches the acceleration a, else in 2 sqrt(|d| / j) (Biagiotti & Melchiorri 2008, section 3.4).
+Lengths are in rad or m, times in s.
 """
 
 import math
@@ -45,11 +38,10 @@ __all__ = [
     "rest_to_rest_seconds",
     "rounding_seconds",
     "shortest_changes",
-    "slowing",
     "stretches_and_blends",
 ]
 
-TINY = 1e-300  # in place of a zero divisor under a zero
+TINY = 1e-300  # replaces a zero divisor
 
 
 def change_seconds(change: float, acceleration: float, jerk: float) -> float:
@@ -61,54 +53,50 @@ def change_seconds(change: float, acceleration: float, jerk: float) -> float:
 
 
 def rounding_seconds(ramp: Array | float, jerks: Array | float) -> Array:
-    """Return the duration of the jerk in changes of speed that take ``ramp`` s in all.
+    """Return the duration of the jerk in changes of speed that take ``ramp`` ``(m,)`` s.
 
     Args:
-        ramp: ``(m,)``.
-        jerks: ``(m,)`` |d| / j of the joint for which it is the largest, s^2.
+        jerks: ``(m,)`` largest |d| / j of the joints, s^2.
     """
     return np.asarray(0.5 * (ramp - np.sqrt(np.maximum(np.square(ramp) - 4 * np.asarray(jerks), 0.0))))
 
 
 def shortest_changes(pulls: Array, jerks: Array) -> Array:
-    """The shortest durations ``(m,)`` of changes of speed that joints make together.
+    """Return the shortest durations ``(m,)`` of common changes of speed.
 
     Args:
-        pulls: ``(m,)`` the largest |d| / a, s.
-        jerks: ``(m,)`` the largest |d| / j, s^2.
+        pulls: ``(m,)`` largest |d| / a, s.
+        jerks: ``(m,)`` largest |d| / j, s^2.
     """
     reached = jerks <= pulls**2
     return np.where(reached, pulls + jerks / np.maximum(pulls, TINY), 2 * np.sqrt(jerks))
 
 
-def slowing(pulls: Array, jerks: Array, longest: Array) -> Array:
-    """Return the factor k that slows down changes of speed so that d / k takes at most k times ``longest``.
-
-    All ``(m,)``; 1 where they need not be.
-    """
+def _slowing(pulls: Array, jerks: Array, longest: Array) -> Array:
+    """Return the factor k, at least 1, for changes of speed d / k in at most k times ``longest``; all ``(m,)``."""
     part = jerks / np.maximum(pulls, TINY)
     reaching = (part + np.sqrt(part**2 + 4 * longest * pulls)) / (2 * longest)
     found = np.where(reaching * jerks <= pulls**2, reaching, np.cbrt(4 * jerks / longest**2))
     return np.asarray(np.maximum(found, 1.0))
 
 
-SLACK = 1e-13  # relative: a limit or a duration missed by less is met, but for rounding
-ROUNDS = 100  # of slowing down single stretches, before what is left slows down the whole path
+SLACK = 1e-13  # relative tolerance of limits and durations for rounding
+_ROUNDS = 100  # of slowing down single stretches, before the whole path
 
 Span = tuple[float, float]
 
 
 @dataclass(frozen=True)
 class Axis:
-    """Motion of one joint: speed up or slow down, cruise, and speed up or slow down again.
+    """Motion of one joint: change its speed, cruise, and change it again.
 
-    With U and L the larger and the smaller one of its two end speeds, any duration T splits into (U - L) / a, which
-    the change of speed takes, and c, which is to spare.
+    With U and L the larger and the smaller one of its end speeds, a duration T is (U - L) / a, of the change of speed,
+    and a rest c.
 
     Attributes:
-        moved: how far, with its sign.
-        start_speed, end_speed: at its ends, with their signs.
-        speed, acceleration: largest ones, v and a, above zero.
+        moved: signed distance.
+        start_speed, end_speed: signed speeds.
+        speed, acceleration: limits v and a, above zero.
     """
 
     moved: float
@@ -119,23 +107,23 @@ class Axis:
 
     @property
     def ramp(self) -> float:
-        """The seconds (U - L) / a that the change of speed takes at least."""
+        """Shortest seconds (U - L) / a of the change of speed."""
         return abs(self.end_speed - self.start_speed) / self.acceleration
 
     @property
     def rest(self) -> float:
-        """Remaining distance of the move after a change of speed without a detour."""
+        """Remaining distance after the direct change of speed."""
         return self.moved - 0.5 * (self.start_speed + self.end_speed) * self.ramp
 
     def mirrored(self) -> "Axis":
-        """The mirrored profile: the joint moves the other way."""
+        """Return the opposite motion."""
         return replace(self, moved=-self.moved, start_speed=-self.start_speed, end_speed=-self.end_speed)
 
     def spans(self) -> list[Span]:
-        """The durations that are possible: one span without end, and at most one before it.
+        """Return the possible durations: one span without end, and at most one before it.
 
-        In c seconds to spare the joint comes as far as Dmin(c) to Dmax(c), and anywhere between. Dmax is convex and
-        Dmin concave, so that each of them rules out one open interval.
+        In c seconds the joint moves by Dmin(c) to Dmax(c), and any distance between. Dmax is convex and Dmin concave,
+        so that each rules out one open interval.
         """
         possible, start = [], 0.0
         for low, high in sorted([*self._too_near(), *self.mirrored()._too_near()]):
@@ -145,7 +133,7 @@ class Axis:
         return [*possible, (self.ramp + start, math.inf)]
 
     def _too_near(self) -> list[Span]:
-        """The c at which Dmax(c) < D: the joint can only stop short; one interval or none, which may begin below zero.
+        """Return the c with Dmax(c) < D, too short for the distance: one interval, which may begin below zero, or none.
 
         Dmax - D = a c^2 / 4 + U c - rest up to the c at which v is reached, then v c - (v - U)^2 / a - rest.
         """
@@ -163,10 +151,9 @@ class Axis:
         return [(low, high)] if high > 0 else []
 
     def cruise(self, seconds: float) -> float:
-        """The speed at which to cruise, so that the move lasts a duration that is possible.
+        """Return the cruise speed of a move with a possible duration.
 
-        How far the joint comes grows with this speed at a rate of the time of cruising: linear where the speed is
-        between L and U, else as a parabola.
+        The distance grows with this speed at the rate of the cruising time: linear between L and U, else as a parabola.
         """
         lower, upper = sorted((self.start_speed, self.end_speed))
         spare = max(seconds - self.ramp, 0.0)
@@ -186,7 +173,7 @@ class _OfDurations(Protocol):
 
 
 def possible_spans(axes: Sequence[_OfDurations]) -> list[Span]:
-    """The durations that are possible for all joints, in rising order; the last span has no end."""
+    """Return the durations that are possible for all joints, ascending; the last span has no end."""
     each, found = [axis.spans() for axis in axes], list[Span]()
     for seconds in sorted(low for spans in each for low, _ in spans):
         if not found or seconds > found[-1][1]:
@@ -197,24 +184,17 @@ def possible_spans(axes: Sequence[_OfDurations]) -> list[Span]:
 
 
 def _end(spans: Sequence[Span], seconds: float) -> float:
-    """Return the end of the span that contains a duration; -1 if none does."""
     slack = SLACK * seconds
     return next((high for low, high in spans if low - slack <= seconds <= high + slack), -1.0)
 
 
 def lasts(spans: Sequence[Span], seconds: float) -> bool:
-    """Decide whether a duration is possible."""
+    """Check whether a duration is possible."""
     return _end(spans, seconds) >= 0
 
 
 def check_rates(names: Sequence[str], speed: Array, acceleration: Array, jerk: Array | None = None) -> None:
-    """Refuse largest speeds, accelerations or jerks ``(n,)`` of joints that are not above zero, or not finite.
-
-    A joint whose jerk is not limited beside others has an infinite one.
-
-    Raises:
-        LabError: naming the joint.
-    """
+    """Refuse limits ``(n,)`` that are not above zero, or not finite; a jerk may be infinite."""
     limits = (("speed", speed), ("acceleration", acceleration), *([] if jerk is None else [("jerk", jerk)]))
     for what, rates in limits:
         if np.shape(rates) != (len(names),):
@@ -225,17 +205,14 @@ def check_rates(names: Sequence[str], speed: Array, acceleration: Array, jerk: A
 
 
 def rest_to_rest(moved: Array, speed: Array, acceleration: Array) -> tuple[Array, Array]:
-    """The quickest phases tau, u - tau, tau that joints at rest have in common.
+    """Return the quickest common phases tau, u - tau, tau of joints at rest, as tau and u ``(...,)``.
 
-    u = max(max |D| / v, sqrt(max |D| / a)) and tau = max(|D| / a) / u: at a given u the shortest ramp is the best
-    one, and u + tau then grows with u from tau = u on.
+    u = max(max |D| / v, sqrt(max |D| / a)) and tau = max(|D| / a) / u: for a given u the shortest ramp is best, and u +
+    tau then grows with u from tau = u on.
 
     Args:
         moved: D ``(..., n)``.
         speed, acceleration: v and a ``(n,)``.
-
-    Returns:
-        tau and u ``(...,)``, zero where nothing moves.
     """
     far = np.abs(moved)
     cruised, ramped = (
@@ -247,14 +224,11 @@ def rest_to_rest(moved: Array, speed: Array, acceleration: Array) -> tuple[Array
 
 
 def rest_to_rest_seconds(moved: Array, speed: Array, acceleration: Array) -> Array:
-    """Return the durations ``(...,)`` s of the fastest moves from rest to rest whose phases the joints share.
+    """Return the durations ``(...,)`` s of the fastest moves from rest to rest with common phases.
 
     Args:
-        moved: ``(..., n)`` how far each joint moves, rad or m.
-        speed, acceleration: ``(n,)`` largest ones.
-
-    Raises:
-        LabError: a largest speed or acceleration that is not finite or not above zero.
+        moved: ``(..., n)`` rad or m.
+        speed, acceleration: limits ``(n,)``.
     """
     check_rates([str(i + 1) for i in range(np.shape(moved)[-1])], speed, acceleration)
     tau, between = rest_to_rest(moved, speed, acceleration)
@@ -264,21 +238,17 @@ def rest_to_rest_seconds(moved: Array, speed: Array, acceleration: Array) -> Arr
 def quickest_ramps(
     moved: Array, start_speed: Array, end_speed: Array, speed: Array, acceleration: Array
 ) -> tuple[float, float]:
-    """The quickest phases tau, u - tau, tau that joints have in common, whatever their end speeds.
+    """Return the quickest common phases tau, u - tau, tau of joints with any end speeds, as tau and u.
 
-    A joint cruises at w = (D - m tau) / u, m the mean of its end speeds, so that |w| <= v, w - L <= a tau and
-    U - w <= a tau, L and U the smaller and the larger one, read p <= q u with p and q linear in tau; so does tau <= u.
-    Along one of the curves p = q u, u + tau is stationary only where u - tau = (L - U) / (2 a) <= 0. So it is least
-    where two of them meet: at roots of quadratics, all of which are tried. One is always good, as a long enough move
-    with u = 2 tau breaks no limit.
+    A joint cruises at w = (D - m tau) / u, m the mean of its end speeds. |w| <= v, w - L <= a tau and U - w <= a tau, L
+    and U the smaller and the larger end speed, are p <= q u with p and q linear in tau; so is tau <= u. Along a curve p
+    = q u, u + tau is stationary only where u - tau = (L - U) / (2 a) <= 0. So it is least where two of them meet: at
+    roots of quadratics, all of which are tried. One is always possible, as a long move with u = 2 tau breaks no limit.
 
     Args:
         moved: D ``(n,)``, not all zero if the speeds are.
         start_speed, end_speed: ``(n,)``.
         speed, acceleration: v and a ``(n,)``.
-
-    Returns:
-        tau and u, to rounding.
     """
     mean, zero = 0.5 * (start_speed + end_speed), np.zeros(len(moved))
     rows = [np.array([[0.0, 1.0, 1.0, 0.0]])]  # p = p0 + p1 tau and q = q0 + q1 tau as (p0, p1, q0, q1)
@@ -303,7 +273,6 @@ def quickest_ramps(
 
 
 def _roots(a: Array, b: Array, c: Array) -> Array:
-    """Roots above zero of a t^2 + b t + c; complex ones are replaced by real numbers."""
     half = -0.5 * (b + np.copysign(np.sqrt(np.maximum(b**2 - 4 * a * c, 0.0)), b))
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         roots = np.concatenate([half / a, c / half])
@@ -315,15 +284,14 @@ def stretches_and_blends(
 ) -> tuple[Array, Array]:
     """Plan a move near via points from rest to rest: stretches of constant velocity V, joined by parabolic blends.
 
-    A blend that takes tau misses its via point by |dV| tau / 8, so that it takes 8 error / |dV| (Khalil & Dombre
-    2002, chapter 13), of the joint for which that is least; and no more than what lets it have half of the stretches
-    beside it. Where it would need a larger acceleration than there is, the faster one of the two is slowed down.
+    A blend of duration tau misses its via point by |dV| tau / 8, so that it takes 8 error / |dV| (Khalil & Dombre 2002,
+    chapter 13), for the joint with the least; and at most half of the stretches beside it. If it needs too large an
+    acceleration, the faster one of the two is slowed down.
 
     Args:
         moved: ``(m - 1, n)`` between the points, no row zero.
-        allowed: the errors at the via points ``(n,)``, or one for all.
-        speed, acceleration: largest ones ``(n,)``.
-        jerk: largest ones ``(n,)``; a blend is then a double S of speed, which misses its point by less.
+        allowed: errors at the via points ``(n,)``, or one for all.
+        speed, acceleration, jerk: limits ``(n,)``; with jerk a blend is a double S.
 
     Returns:
         dV ``(m, n)`` of the blends; and durations ``(2 m - 1,)``, of blends and stretches in turns.
@@ -331,7 +299,7 @@ def stretches_and_blends(
     far = np.abs(moved)
     least = np.full(len(speed), math.inf) if jerk is None else jerk
     lasting = (far / speed).max(axis=1)  # from the middle of a blend to that of the next, (m - 1,)
-    for _ in range(ROUNDS):
+    for _ in range(_ROUNDS):
         changes, longest = _blends(moved, lasting, allowed)
         slower = _slower(changes, longest, acceleration, least)
         pace = (far / acceleration).max(axis=1) / lasting
@@ -350,8 +318,8 @@ def stretches_and_blends(
 
 
 def _slower(changes: Array, longest: Array, acceleration: Array, jerk: Array) -> Array:
-    """Return the factors k that slow down blends ``(m,)``: the change is then dV / k, and has room for k tau."""
-    return slowing(*_hardest(changes, acceleration, jerk), longest)
+    """Return the factors k by which blends ``(m,)`` are slowed down: the change is dV / k, in k tau."""
+    return _slowing(*_hardest(changes, acceleration, jerk), longest)
 
 
 def _hardest(changes: Array, acceleration: Array, jerk: Array) -> tuple[Array, Array]:
@@ -360,7 +328,7 @@ def _hardest(changes: Array, acceleration: Array, jerk: Array) -> tuple[Array, A
 
 
 def _blends(moved: Array, lasting: Array, allowed: Array | float) -> tuple[Array, Array]:
-    """Return m blends dV ``(m, n)`` and their longest durations ``(m,)``; those at the ends miss nothing."""
+    """Return m blends dV ``(m, n)`` and their longest durations ``(m,)``."""
     velocities = moved / lasting[:, None]
     still = np.zeros_like(velocities[:1])
     changes = np.diff(np.vstack([still, velocities, still]), axis=0)
@@ -370,7 +338,7 @@ def _blends(moved: Array, lasting: Array, allowed: Array | float) -> tuple[Array
     return changes, 1 / np.maximum(missing, 1 / room)
 
 
-EXACT = 1e-9  # rad or m, or per s: by how much a joint position may pass its limit, or two ends miss each other
+EXACT = 1e-9  # rad or m, or per s: tolerance of limits and of joined ends
 
 
 @dataclass(frozen=True)
@@ -400,7 +368,7 @@ class Trajectory:
 
     @property
     def jerk(self) -> Array:
-        """The jerks ``(m, n)``, zero where accelerations are constant."""
+        """Jerks ``(m, n)``, zero for constant accelerations."""
         return np.zeros_like(self.accelerations) if self.jerks is None else self.jerks
 
     @cached_property
@@ -428,27 +396,27 @@ class Trajectory:
 
     @property
     def peak_speed(self) -> Array:
-        """The largest magnitudes ``(n,)`` of the speeds, also where an acceleration passes zero within a phase."""
+        """Largest magnitudes ``(n,)`` of the speeds."""
         speeds = self.knots[2]
         inner = _at_zero(speeds[:-1], self.accelerations, self.jerk, self.durations)
         return np.asarray(np.abs(np.vstack([speeds, inner])).max(axis=0))
 
     @property
     def peaks(self) -> tuple[Array, Array]:
-        """The largest magnitudes ``(n,)`` of the speeds and of the accelerations."""
+        """Largest magnitudes ``(n,)`` of the speeds and of the accelerations."""
         ends = self.accelerations + self.jerk * self.durations[:, None]
         return self.peak_speed, np.asarray(np.abs(np.vstack([self.accelerations, ends])).max(axis=0, initial=0.0))
 
     @property
     def peak_jerk(self) -> Array:
-        """The largest magnitudes ``(n,)`` of the jerks; infinite where accelerations change at once."""
+        """Largest magnitudes ``(n,)`` of the jerks; infinite for constant accelerations."""
         if self.jerks is None:
             return np.full(len(self.start), np.inf)
         return np.asarray(np.abs(self.jerks).max(axis=0, initial=0.0))
 
     @property
     def extremes(self) -> tuple[Array, Array]:
-        """The lowest and the highest joint positions ``(n,)``, where joints turn back between the ends too."""
+        """Lowest and highest joint positions ``(n,)``."""
         _, positions, speeds = self.knots
         v, a, j, each = speeds[:-1], self.accelerations, self.jerk, self.durations[:, None]
         half = -0.5 * (a + np.copysign(np.sqrt(np.maximum(a**2 - 2 * j * v, 0.0)), a))
@@ -461,10 +429,10 @@ class Trajectory:
         return every.min(axis=0), every.max(axis=0)
 
     def at(self, times: Array) -> tuple[Array, Array, Array]:
-        """Joint positions, speeds and accelerations ``(k, n)`` at times ``(k,)`` since the start.
+        """Return joint positions, speeds and accelerations ``(k, n)`` at times ``(k,)`` since the start.
 
-        Before the start all is as at the start, and after the end as at the end. Between two phases the acceleration
-        is the next one's; from the end on it is zero.
+        They are clipped to start and end. Between two phases the acceleration is that of the next one; from the end on
+        it is zero.
         """
         _, positions, speeds = self.knots
         phase, since, jerk = self._phase(times)
@@ -474,11 +442,11 @@ class Trajectory:
         return positions[phase] + moved, speeds[phase] + 0.5 * (accelerations + now) * since, now
 
     def jerks_at(self, times: Array) -> Array:
-        """Jerks ``(k, n)`` at times ``(k,)``; zero where accelerations are constant."""
+        """Return jerks ``(k, n)`` at times ``(k,)``."""
         return self._phase(times)[2]
 
     def _phase(self, times: Array) -> tuple[NDArray[np.int_], Array, Array]:
-        """The phase of each time, the seconds ``(k, 1)`` since it began, and its jerk ``(k, n)``."""
+        """Return the phase of each time, the seconds ``(k, 1)`` since it began, and its jerk ``(k, n)``."""
         knots = self.knots[0]
         held = np.clip(times, 0.0, self.seconds)
         phase = np.searchsorted(knots, held, side="right") - 1
@@ -486,17 +454,12 @@ class Trajectory:
 
 
 def _at_zero(speeds: Array, accelerations: Array, jerks: Array, durations: Array) -> Array:
-    """Speeds ``(m, n)`` where the acceleration passes zero within a phase; elsewhere those at its start."""
     crosses = (accelerations * (accelerations + jerks * durations[:, None]) < 0) & (jerks != 0)
     return np.where(crosses, speeds - 0.5 * accelerations**2 / np.where(crosses, jerks, 1.0), speeds)
 
 
 def joined(parts: Sequence[Trajectory]) -> Trajectory:
-    """Join trajectories in sequence.
-
-    Raises:
-        LabError: one begins elsewhere than the one before it ends, or at another speed.
-    """
+    """Join trajectories; refuse gaps of position or speed."""
     for i, (first, second) in enumerate(pairwise(parts)):
         for what, end, start in (
             ("reading", first.end, second.start),
@@ -519,11 +482,7 @@ def joined(parts: Sequence[Trajectory]) -> Trajectory:
 
 
 def check_within(chain: JointSpec, trajectory: Trajectory) -> None:
-    """Refuse a trajectory that leaves the limits of the joint positions between its ends.
-
-    Raises:
-        LabError: naming the joint that goes the farthest beyond.
-    """
+    """Refuse a trajectory that leaves the limits of the joint positions between its ends."""
     lowest, highest = trajectory.extremes
     beyond = np.array([chain.lower - lowest, highest - chain.upper])
     side, j = divmod(int(np.argmax(beyond)), chain.size)

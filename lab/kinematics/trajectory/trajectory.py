@@ -1,25 +1,29 @@
-"""Trajectories of the joints: moves between points at given speeds, and paths past via points.
+"""Trajectories of the joints: moves between points at given speeds, and paths through or near via points.
 
-Every law keeps the chain's limits of joint position, speed and acceleration. It is made of phases of constant
-acceleration; of a chain whose jerks are limited of phases of constant jerk, within these limits, too. Joint positions
-are in rad or m, times in s.
+Every law keeps the chain's limits of joint position, speed and acceleration, by phases of constant acceleration, or of
+constant jerk if the chain has limits of jerk. Double S profiles change between any speeds without acceleration at the
+ends; their durations agree with those of Berscheid & Kroeger (2021, ruckig). Joint positions are in rad or m, times in
+s.
 """
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy  # its parts are loaded at their first use, which not every process comes to
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.kinematics.joints import JointSpec
-from lab.kinematics.trajectory.double_s import SmoothAxis, mixed, quickest_smooth_ramps, rest_to_rest_smooth
 from lab.kinematics.trajectory.profiles import (
     EXACT,
     SLACK,
+    TINY,
     Axis,
     Span,
     Trajectory,
+    change_seconds,
     check_rates,
     check_within,
     joined,
@@ -28,22 +32,254 @@ from lab.kinematics.trajectory.profiles import (
     quickest_ramps,
     rest_to_rest,
     rounding_seconds,
+    shortest_changes,
     stretches_and_blends,
 )
 
-__all__ = ["blended", "common_phases", "independent", "own_phases", "possible_seconds", "through"]
+__all__ = ["SmoothAxis", "blended", "common_phases", "independent", "own_phases", "possible_seconds", "through"]
 
-Law = Callable[[JointSpec, Array, Array, Array, Array], Trajectory]
+_ROUNDS, _GRID, _DECADES, _HALVINGS = 5, 49, 16.0, 48  # of the search for common phases
+
+
+@dataclass(frozen=True)
+class _Profile:
+    """Motion of one joint in m phases.
+
+    Attributes:
+        durations: ``(m,)`` s.
+        accelerations: ``(m,)`` at the start of each phase.
+        jerks: ``(m,)``.
+    """
+
+    durations: Array
+    accelerations: Array
+    jerks: Array
+
+    def at(self, knots: Array) -> tuple[Array, Array]:
+        """Return accelerations at the start and jerks of spans between times ``(k + 1,)``, each within one phase."""
+        own = np.append(0.0, np.cumsum(self.durations))
+        phase = np.searchsorted(own, 0.5 * (knots[:-1] + knots[1:]), side="right") - 1
+        still = phase >= len(self.durations)  # it has stopped before
+        phase = np.minimum(phase, len(self.durations) - 1)
+        jerks = np.where(still, 0.0, self.jerks[phase])
+        return np.where(still, 0.0, self.accelerations[phase] + jerks * (knots[:-1] - own[phase])), jerks
+
+
+def _rest_to_rest_smooth(moved: Array, speed: Array, acceleration: Array, jerk: Array) -> tuple[float, float]:
+    """Return the quickest common phases tau, u - tau, tau of joints at rest, each tau a double S.
+
+    With r = max |D| / a and h = max |D| / j a ramp takes r / u + h / r, or 2 sqrt(h / u) without reaching its
+    acceleration. u is the least for which all joints reach their cruise speed D / u.
+
+    Args:
+        moved: D ``(n,)``.
+        speed, acceleration, jerk: limits ``(n,)``.
+    """
+    far = np.abs(moved)
+    cruised, pulls, jerks = (float((far / rate).max()) for rate in (speed, acceleration, jerk))
+    if pulls == 0:
+        return 0.0, 0.0
+    part = jerks / pulls
+    u = 0.5 * (part + math.sqrt(part**2 + 4 * pulls))
+    if u * jerks > pulls**2:
+        u = float(np.cbrt(4 * jerks))
+    u = max(u, cruised)
+    return float(shortest_changes(np.array(pulls / u), np.array(jerks / u))), u
+
+
+def _quickest_smooth_ramps(
+    moved: Array, ends: tuple[Array, Array], limits: tuple[Array, Array, Array]
+) -> tuple[float, float]:
+    """Return the quickest common phases tau, u - tau, tau of joints with any end speeds, to about 1e-6.
+
+    It searches over tau. For a given tau the limits are convex in 1 / u: with the jerk of a ramp lasting tau - e, e
+    must be at least |dV| / a, and (tau - e) e at least |dV| / j, which is best at max(|dV| / a, tau / 2).
+
+    Args:
+        moved: D ``(n,)``, not all zero if the speeds are.
+        ends: speeds ``(n,)`` at the start and at the end.
+        limits: of speed, acceleration and jerk ``(n,)``.
+    """
+    speed, acceleration, jerk = limits
+    mean = 0.5 * (ends[0] + ends[1])
+    longest = math.log((np.abs(moved) / speed + 4 * speed / acceleration + np.sqrt(8 * speed / jerk)).max())
+
+    def excess(tau: Array, rate: Array) -> Array:
+        """Return a number below zero for moves with tau and 1 / u ``(k,)`` within all limits."""
+        cruise = (moved - mean * tau[:, None]) * rate[:, None]
+        worst = (np.abs(cruise) / speed).max(axis=1) - 1
+        for end in ends:
+            change = np.abs(cruise - end)
+            even = np.maximum((change / acceleration).max(axis=1), 0.5 * tau)
+            worst = np.maximum(worst, ((change / jerk).max(axis=1) - even * (tau - even)) / tau**2)
+        return np.asarray(worst)
+
+    span, best = (longest - _DECADES, longest), (math.inf, 0.0, 0.0)
+    for _ in range(_ROUNDS):
+        tau = np.exp(np.linspace(*span, _GRID))
+        low, high = np.zeros(_GRID), 1 / tau
+        for _ in range(_HALVINGS):  # where it is least
+            third = (high - low) / 3
+            left = excess(tau, low + third) < excess(tau, high - third)
+            low, high = np.where(left, low, low + third), np.where(left, high - third, high)
+        good, high = low, 1 / tau
+        for _ in range(_HALVINGS):  # the largest 1 / u beyond
+            middle = np.where(excess(tau, high) <= 0, high, 0.5 * (good + high))
+            kept = excess(tau, middle) <= 0
+            good, high = np.where(kept, middle, good), np.where(kept, high, middle)
+        u = np.where(excess(tau, good) <= 0, 1 / np.maximum(good, TINY), np.inf)
+        i = int(np.argmin(tau + u))
+        best = min(best, (float(tau[i] + u[i]), float(tau[i]), float(u[i])))
+        wide = (span[1] - span[0]) / (_GRID - 1)
+        span = (math.log(best[1]) - wide, min(math.log(best[1]) + wide, longest))
+    return best[1], best[2]
+
+
+@dataclass(frozen=True)
+class SmoothAxis:
+    """Motion of one joint: change its speed, cruise, and change it again.
+
+    In T seconds it moves by Dmin(T) to Dmax(T), and any distance between by a mixture of the two moves. Dmax rises with
+    T, after a fall if both speeds are negative: below all limits but that of jerk its slope is w + j t1 t2 / 2, with
+    the cruise speed w and half the times t1, t2 of the changes of speed. So Dmax rules out at most one open interval of
+    durations, and so does Dmin.
+
+    Attributes:
+        moved: signed distance.
+        start_speed, end_speed: signed speeds.
+        speed, acceleration, jerk: limits above zero.
+    """
+
+    moved: float
+    start_speed: float
+    end_speed: float
+    speed: float
+    acceleration: float
+    jerk: float
+
+    @property
+    def direct(self) -> float:
+        """Shortest seconds of the change of speed."""
+        return change_seconds(self.end_speed - self.start_speed, self.acceleration, self.jerk)
+
+    def mirrored(self) -> "SmoothAxis":
+        """Return the opposite motion."""
+        return replace(self, moved=-self.moved, start_speed=-self.start_speed, end_speed=-self.end_speed)
+
+    def spans(self) -> list[Span]:
+        """Return the possible durations: one span without end, and at most one before it."""
+        possible, start = list[Span](), self.direct
+        for low, high in sorted([*self._too_near(), *self.mirrored()._too_near()]):
+            if low >= start:
+                possible.append((start, low))
+            start = max(start, high)
+        return [*possible, (start, math.inf)]
+
+    def profiles(self, seconds: float) -> list[tuple[float, _Profile]]:
+        """Return the farthest and the nearest move of a possible duration, with the share of each in this one."""
+        far, near = self._farthest(seconds), -self.mirrored()._farthest(seconds)
+        share = min(max((self.moved - near) / (far - near), 0.0), 1.0) if far > near else 1.0
+        back = self.mirrored()._profile(seconds)
+        turned = _Profile(back.durations, -back.accelerations, -back.jerks)
+        return [(share, self._profile(seconds)), (1 - share, turned)]
+
+    def _ramps(self, cruise: float) -> float:
+        """Return the duration of the changes from the start speed to a cruise speed and from there to the end speed."""
+        return sum(
+            change_seconds(cruise - end, self.acceleration, self.jerk) for end in (self.start_speed, self.end_speed)
+        )
+
+    def _cruise(self, seconds: float) -> float:
+        """Return the cruise speed of the move to Dmax, in at least ``direct`` seconds."""
+        a, j = self.acceleration, self.jerk
+        lower, upper = sorted((self.start_speed, self.end_speed))
+        gap, reached = upper - lower, a * a / j  # by a change of ``reached`` the acceleration is
+        if seconds >= self._ramps(self.speed):
+            return self.speed
+        if seconds >= self._ramps(upper + reached):
+            more = 0.5 * (a * (seconds - 2 * a / j) - gap)
+        elif gap >= reached or seconds >= self._ramps(lower + reached):  # y = sqrt(more), y^2 + 2 a y / sqrt(j) = ...
+            far = max(a * seconds - gap, 0.0)
+            more = max((far - reached) / (math.sqrt(far) + math.sqrt(reached)), 0.0) ** 2
+        else:  # sqrt(more) + sqrt(more + gap) = half
+            half = 0.5 * seconds * math.sqrt(j)
+            more = max((half * half - gap) / max(2 * half, TINY), 0.0) ** 2
+        return min(upper + max(more, 0.0), self.speed)
+
+    def _farthest(self, seconds: float) -> float:
+        """Return Dmax of a duration of at least ``direct``."""
+        cruise, way, left = self._cruise(seconds), 0.0, seconds
+        for end in (self.start_speed, self.end_speed):
+            ramp = change_seconds(cruise - end, self.acceleration, self.jerk)
+            way, left = way + 0.5 * (cruise + end) * ramp, left - ramp
+        return way + cruise * left
+
+    def _too_near(self) -> list[Span]:
+        """Return the durations with Dmax < D, too short for the distance: one interval or none."""
+        first, upper = self.direct, max(self.start_speed, self.end_speed)
+        full = self._ramps(self.speed)  # from where on Dmax is a straight line
+
+        def beyond(seconds: float) -> float:
+            return self._farthest(seconds) - self.moved
+
+        bottom = first
+        if upper < 0:  # it is least before the cruise speed is zero
+            bounds = (first, self._ramps(0.0))
+            bottom = float(scipy.optimize.minimize_scalar(beyond, bounds=bounds, method="bounded").x)
+        if beyond(bottom) >= -SLACK * (abs(self.moved) + self.speed * bottom):
+            return []
+        short = beyond(full)
+        high = full - short / self.speed if short <= 0 else _root(beyond, bottom, full)
+        return [(_root(beyond, first, bottom) if bottom > first and beyond(first) > 0 else -math.inf, high)]
+
+    def _profile(self, seconds: float) -> _Profile:
+        a, j = self.acceleration, self.jerk
+        cruise = self._cruise(seconds)
+        phases = list[tuple[float, float, float]]()
+        for change in (cruise - self.start_speed, self.end_speed - cruise):
+            size, sign = abs(change), math.copysign(1.0, change)
+            reached = size > 0 and size * j >= a * a
+            rounding = a / j if reached else math.sqrt(size / j)
+            level = a if reached else rounding and j * rounding
+            even = size / a - rounding if reached else 0.0
+            hard = sign * j if rounding else 0.0
+            phases += [(rounding, 0.0, hard), (even, sign * level, 0.0), (rounding, sign * level, -hard)]
+        left = max(seconds - sum(phase[0] for phase in phases), 0.0)
+        durations, accelerations, jerks = np.array([*phases[:3], (left, 0.0, 0.0), *phases[3:]]).T
+        return _Profile(durations, accelerations, jerks)
+
+
+def _root(function: Callable[[float], float], low: float, high: float) -> float:
+    return float(scipy.optimize.brentq(function, low, high, xtol=1e-14 * high, rtol=1e-14))
+
+
+def _mixed(joints: Sequence[Sequence[tuple[float, _Profile]]]) -> tuple[Array, Array, Array]:
+    """Return durations ``(m,)``, initial accelerations and jerks ``(m, n)`` of joints that move at the same time.
+
+    Args:
+        joints: for each joint the profiles of its move, with the share of each.
+    """
+    ends = [np.append(0.0, np.cumsum(profile.durations)) for parts in joints for _, profile in parts]
+    knots = np.unique(np.concatenate(ends))
+    knots = knots[np.append(True, np.diff(knots) > SLACK * knots[-1])]
+    shape = (max(len(knots) - 1, 0), len(joints))
+    accelerations, jerks = np.zeros(shape), np.zeros(shape)
+    for i, parts in enumerate(joints):
+        for share, profile in parts:
+            at = profile.at(knots)
+            accelerations[:, i] += share * at[0]
+            jerks[:, i] += share * at[1]
+    return np.diff(knots), accelerations, jerks
+
+
+_Law = Callable[[JointSpec, Array, Array, Array, Array], Trajectory]
 """A move from start to end, at a start speed and an end speed, ``(n,)`` each."""
 
 
 def possible_seconds(
     chain: JointSpec, start: Array, end: Array, start_speed: Array | None = None, end_speed: Array | None = None
 ) -> list[Span]:
-    """The durations that ``own_phases`` can have, as spans (from, to) in rising order; the last one goes to infinity.
-
-    Args and errors are those of ``own_phases``.
-    """
+    """Return the possible durations of ``own_phases``, as ascending spans (from, to); the last one has no end."""
     move = _move(chain, start, end, start_speed, end_speed)
     return possible_spans(_axes(chain, *move) if chain.jerk is None else _smooth_axes(chain, *move))
 
@@ -56,16 +292,12 @@ def own_phases(
     end_speed: Array | None = None,
     seconds: float | None = None,
 ) -> Trajectory:
-    """A move in which all joints start and stop together, each with phases of its own.
+    """Return a move in which all joints start and stop together, each with phases of its own.
 
     Args:
         start, end: joint positions ``(n,)``.
-        start_speed, end_speed: ``(n,)``, zero unless given.
-        seconds: how long it is to take, instead of the least that is possible for all joints.
-
-    Raises:
-        LabError: a point, a speed or a limit that cannot be used, a duration that is not possible, or a joint that
-            would leave its limits on the way.
+        start_speed, end_speed: ``(n,)``, zero by default.
+        seconds: duration, by default the shortest one for all joints.
     """
     points, speeds = _move(chain, start, end, start_speed, end_speed)
     limited, axes = _smooth_axes(chain, points, speeds), _axes(chain, points, speeds)
@@ -76,14 +308,14 @@ def own_phases(
     if chain.jerk is None:
         found = _lasting(chain, axes, points[0], speeds, lasting)
     else:
-        durations, ramps, jerks = mixed([axis.profiles(lasting) for axis in limited])
+        durations, ramps, jerks = _mixed([axis.profiles(lasting) for axis in limited])
         found = Trajectory(durations, ramps, points[0], speeds[0], jerks)
     check_within(chain, found)
     return found
 
 
 def _lasting(chain: JointSpec, axes: Sequence[Axis], start: Array, speeds: Array, lasting: float) -> Trajectory:
-    """The move that takes a duration that is possible for all joints, with the full accelerations."""
+    """Return the move of a duration that is possible for all joints, at full accelerations."""
     cruises = np.array([axis.cruise(lasting) for axis in axes])
     changes = np.array([cruises - speeds[0], speeds[1] - cruises])
     first, last = np.abs(changes) / chain.acceleration
@@ -97,7 +329,7 @@ def _lasting(chain: JointSpec, axes: Sequence[Axis], start: Array, speeds: Array
 
 
 def _durations(spans: Sequence[Span]) -> str:
-    """Durations in words, rounded so that they are possible."""
+    """Describe durations, rounded so that they are possible."""
     rounded = [(f"{math.ceil(1e6 * low) / 1e6:.6f}", high) for low, high in spans]
     bounded = "".join(f"{low} to {math.floor(1e6 * high) / 1e6:.6f} s, or " for low, high in rounded[:-1])
     return f"{bounded}{rounded[-1][0]} s or more"
@@ -106,10 +338,9 @@ def _durations(spans: Sequence[Span]) -> str:
 def common_phases(
     chain: JointSpec, start: Array, end: Array, start_speed: Array | None = None, end_speed: Array | None = None
 ) -> Trajectory:
-    """The quickest move whose phases tau, u - tau, tau all joints have in common: straight if at rest at both ends.
+    """Return the quickest move with common phases tau, u - tau, tau of all joints: straight from rest to rest.
 
-    At rest in closed form, else by ``quickest_ramps``, which tries every duration that could be the least one; with
-    limits of jerk by ``quickest_smooth_ramps``, which searches. Args and errors are those of ``own_phases``.
+    At rest in closed form, else by ``quickest_ramps``, or by a search with limits of jerk.
     """
     points, (v0, vf) = _move(chain, start, end, start_speed, end_speed)
     moved, limits = points[1] - points[0], (chain.speed, chain.acceleration)
@@ -117,9 +348,9 @@ def common_phases(
     if chain.jerk is None:
         tau, u = rest_to_rest(moved, *limits) if at_rest else quickest_ramps(moved, v0, vf, *limits)
     elif at_rest:
-        tau, u = rest_to_rest_smooth(moved, *limits, chain.jerk)
+        tau, u = _rest_to_rest_smooth(moved, *limits, chain.jerk)
     else:
-        tau, u = quickest_smooth_ramps(moved, (v0, vf), (*limits, chain.jerk))
+        tau, u = _quickest_smooth_ramps(moved, (v0, vf), (*limits, chain.jerk))
     cruise = (moved - 0.5 * (v0 + vf) * tau) / u if u > 0 else v0
     ramps = np.array([cruise - v0, np.zeros_like(v0), vf - cruise])
     found = _in_phases(chain, np.array([tau, u - tau, tau]), ramps, points[0], v0)
@@ -130,46 +361,36 @@ def common_phases(
 def independent(
     chain: JointSpec, start: Array, end: Array, start_speed: Array | None = None, end_speed: Array | None = None
 ) -> Trajectory:
-    """A move from rest to rest in which each joint is as quick as it can be alone: they start together, and stop apart.
-
-    Args and errors are those of ``own_phases``; speeds at the ends have to be zero.
-    """
+    """Return a move from rest to rest, each joint at its own quickest: they start together, and stop apart."""
     points, speeds = _move(chain, start, end, start_speed, end_speed)
     if speeds.any():
         raise LabError("joints that are not synchronised move from rest to rest; leave out the speeds at the ends")
     axes = _smooth_axes(chain, points, speeds)
-    durations, ramps, jerks = mixed([axis.profiles(axis.spans()[0][0]) for axis in axes])
+    durations, ramps, jerks = _mixed([axis.profiles(axis.spans()[0][0]) for axis in axes])
     return Trajectory(durations, ramps, points[0], speeds[0], None if chain.jerk is None else jerks)
 
 
-def through(chain: JointSpec, points: Array, speeds: Array, law: Law = common_phases) -> Trajectory:
-    """A path through via points, each passed exactly and at the speed that is asked for.
+def through(chain: JointSpec, points: Array, speeds: Array, law: _Law = common_phases) -> Trajectory:
+    """Return a path through via points, exactly and at the given speeds.
 
     Args:
         points: joint positions ``(m, n)``, with the start and the end.
-        speeds: ``(m, n)`` there.
+        speeds: ``(m, n)``.
         law: of the moves between, ``common_phases`` or ``own_phases``.
-
-    Raises:
-        LabError: as ``own_phases``.
     """
     points, speeds = _checked(chain, points, speeds)
     return joined([law(chain, *points[i : i + 2], *speeds[i : i + 2]) for i in range(len(points) - 1)])
 
 
 def blended(chain: JointSpec, points: Array, error: Array | float) -> Trajectory:
-    """A path that passes near via points, from rest to rest: stretches of constant speed, joined by parabolic blends.
+    """Return a path near via points, from rest to rest: stretches of constant speed, joined by parabolic blends.
 
-    With limits of jerk the speed changes in double S shapes in these, which miss the point by less.
-    A stretch is only as fast as the blends at its ends allow all along, so that a path with sharp turns and a small
-    error is quicker if it stops at its via points; and this is not the quickest path of its kind.
+    Limits of jerk give double S shapes, which are nearer to the points. A stretch is as fast as the blends at its ends
+    allow; with sharp turns and a small error, stops at the via points are quicker.
 
     Args:
-        points: joint positions ``(m, n)``, with the start and the end, which are met exactly.
-        error: the largest deviation of each joint at the via points, ``(n,)`` or one for all, rad or m.
-
-    Raises:
-        LabError: a point, an error or a limit that cannot be used.
+        points: joint positions ``(m, n)``, with the start and the end, which are exact.
+        error: largest deviation of each joint at the via points, ``(n,)`` or one for all, rad or m.
     """
     points, speeds = _checked(chain, points, np.zeros((len(points), chain.size)))
     allowed = np.asarray(error, dtype=np.float64)
@@ -186,7 +407,7 @@ def blended(chain: JointSpec, points: Array, error: Array | float) -> Trajectory
 
 
 def _in_phases(chain: JointSpec, durations: Array, ramps: Array, start: Array, start_speed: Array) -> Trajectory:
-    """A trajectory in which speeds change by ``ramps`` ``(m, n)``, without those that only rounding has made."""
+    """Return a trajectory with changes of speed ``ramps`` ``(m, n)``, without phases from rounding."""
     lasting = durations > SLACK * durations.sum()
     each, ramps = durations[lasting], ramps[lasting]
     rounding = (
@@ -208,13 +429,11 @@ def _in_phases(chain: JointSpec, durations: Array, ramps: Array, start: Array, s
 
 
 def _axes(chain: JointSpec, points: Array, speeds: Array) -> list[Axis]:
-    """Return each joint's motion between two points."""
     rows = np.stack([points[1] - points[0], *speeds, chain.speed, chain.acceleration], axis=1)
     return [Axis(*row) for row in rows.tolist()]
 
 
 def _smooth_axes(chain: JointSpec, points: Array, speeds: Array) -> list[SmoothAxis]:
-    """Return each joint's motion between two points, with its largest jerk, infinite where there is none."""
     jerk = np.full(chain.size, np.inf) if chain.jerk is None else chain.jerk
     rows = np.stack([points[1] - points[0], *speeds, chain.speed, chain.acceleration, jerk], axis=1)
     return [SmoothAxis(*row) for row in rows.tolist()]
@@ -223,17 +442,12 @@ def _smooth_axes(chain: JointSpec, points: Array, speeds: Array) -> list[SmoothA
 def _move(
     chain: JointSpec, start: Array, end: Array, start_speed: Array | None, end_speed: Array | None
 ) -> tuple[Array, Array]:
-    """The points and speeds ``(2, n)`` of a move, checked."""
     speeds = [np.zeros(chain.size) if speed is None else speed for speed in (start_speed, end_speed)]
     return _checked(chain, [start, end], speeds)
 
 
 def _checked(chain: JointSpec, points: Sequence[Array] | Array, speeds: Sequence[Array] | Array) -> tuple[Array, Array]:
-    """Points and the speeds there ``(m, n)``, if the chain can have them: the one place where all of it is checked.
-
-    Raises:
-        LabError: what does not fit or is beyond a limit, and where.
-    """
+    """Check points and speeds ``(m, n)`` against the limits, and return them."""
     check_rates(chain.joint_names, chain.speed, chain.acceleration, chain.jerk)
     if len(points) < 2 or len(speeds) != len(points):
         raise LabError(f"{len(points)} points and {len(speeds)} speeds: give at least two points, and speeds for each")
@@ -258,5 +472,4 @@ def _checked(chain: JointSpec, points: Sequence[Array] | Array, speeds: Sequence
 
 
 def _where(i: int, count: int) -> str:
-    """Return the description of a point."""
     return {0: "the start", count - 1: "the end"}.get(i, f"via point {i}")

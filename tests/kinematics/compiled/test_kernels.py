@@ -325,12 +325,12 @@ def test_candidates_of_five_axes_settle_as_numpy_s_do(name: str) -> None:
     Ts = form.arm.flange(joints, form.arm.nominal())
     off = rng.choice([0.0, 1e-12, 1e-6, 1e-3, 1.0], (90, 4, 1))
     start = joints[:, None] + off * rng.standard_normal((90, 4, 5))
-    fast, fast_off = kernels.settle(form.arm, form._values, Ts, start)
+    fast, fast_off = form.arm.settle(form._values, Ts, start)
     slow, slow_off = numpy_kernels.settle(form.arm, form._values, Ts, start.copy())
     assert np.abs(fast - slow).max() < 1e-9 and np.abs(fast_off - slow_off).max() < 1e-11
     assert fast_off[off[..., 0] < 0.1].max() < 1e-9 < np.median(fast_off[off[..., 0] == 1.0])
     with pytest.raises(ValueError, match="belong"):
-        kernels.settle(form.arm, form._values, Ts[:-1], start)
+        form.arm.settle(form._values, Ts[:-1], start)
 
 
 def test_positive_systems_and_others_are_solved() -> None:

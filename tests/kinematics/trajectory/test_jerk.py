@@ -10,9 +10,15 @@ from scipy.optimize import linprog
 
 from lab.core.se3 import Array
 from lab.kinematics.joints import JointSpec
-from lab.kinematics.trajectory.double_s import SmoothAxis
 from lab.kinematics.trajectory.profiles import Trajectory, check_within
-from lab.kinematics.trajectory.trajectory import blended, common_phases, independent, own_phases, possible_seconds
+from lab.kinematics.trajectory.trajectory import (
+    SmoothAxis,
+    blended,
+    common_phases,
+    independent,
+    own_phases,
+    possible_seconds,
+)
 
 
 def arm(speed, acceleration, jerk) -> JointSpec:

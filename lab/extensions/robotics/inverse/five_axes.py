@@ -48,7 +48,7 @@ from lab.extensions.robotics.inverse.first_joints import (
 from lab.extensions.robotics.inverse.fitted_factor import fitted_factor
 from lab.extensions.robotics.inverse.five_axes_planar import PlanarEnd, PlanarMiddle, turn_between
 from lab.extensions.robotics.inverse.khalil_equations import TINY, type_2
-from lab.kinematics.compiled.kernels import parallel_pair, settle, two_axes, with_fallback
+from lab.kinematics.compiled.kernels import parallel_pair, two_axes, with_fallback
 from lab.kinematics.inverse.closed_form import (
     EXACT,
     Axes,
@@ -703,7 +703,7 @@ class FiveAxes:
         """The solutions of poses ``(n, 4, 4)`` among candidates ``(n, k, 5)``, made exact."""
         if self.backwards:
             joints, free = joints[:, :, ::-1], free[:, :, ::-1]
-        joints, off = settle(self.arm, self._values, Ts, joints * self.chain.sign)
+        joints, off = self.arm.settle(self._values, Ts, joints * self.chain.sign)
         return self._best(joints, off, free)
 
     @cached_property

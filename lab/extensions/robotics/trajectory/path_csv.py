@@ -13,8 +13,7 @@ import numpy as np
 
 from lab.core.errors import LabError
 from lab.core.limits import PASSED
-from lab.core.orientation import AngleConvention
-from lab.core.se3 import Array
+from lab.core.se3 import AngleConvention, Array
 from lab.core.units import joints_to_si
 from lab.formats.csv_table import CsvTable
 from lab.formats.measurement_csv import ObservedColumns, read_measurements
@@ -63,7 +62,7 @@ def read_path(
         path: of the file.
         joint_names: the robot's; the file may call them q1 ... qn.
         prismatic: which of them slide.
-        meaning: of three angles (``lab.core.orientation``).
+        meaning: of three angles (``lab.core.se3``).
 
     Raises:
         LabError: with the file, and where there is one the line and the column.
