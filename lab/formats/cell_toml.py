@@ -215,7 +215,7 @@ class Cell:
         return None if stated is None else MM.to_si(stated)
 
     def joint_spec_values(self, joints: JointSpec) -> tuple[Array, Array, Array | None]:
-        """Lower and upper limits ``(n,)`` and home ``(n,)`` (rad or m; None where not given) of a robot in this cell."""
+        """Return lower and upper limits and home ``(n,)`` (rad or m; None if not given) of a robot in this cell."""
         for name in self.joints:
             if name not in joints.joint_names:
                 raise LabError(f"{self.path}: [joints.{name}]: the robot has {_list(joints.joint_names)}")

@@ -55,7 +55,7 @@ class Drives:
         return joints
 
     def torques(self, currents: Array) -> Array:
-        """The drives' torques ``(n, J)`` (Nm; N of a slide), as the joints feel them, of motor currents ``(n, J)`` A."""
+        """Return the drives' torques ``(n, J)`` (Nm; N of a slide) at the joints from motor currents ``(n, J)`` A."""
         if self.torque_nm_per_a is None:
             raise LabError("the drives have no gains: give torque_nm_per_a of each, or torques instead of currents")
         torques: Array = currents * self.torque_nm_per_a * self.gear_ratio
@@ -84,7 +84,7 @@ class _DrivesFile:
 
 
 def read_drives(path: Path, joints: int) -> Drives:
-    """Read the drives of an arm with so many joints: a ``[[drive]]`` for each, and ``[[coupling]]`` where it has some."""
+    """Read the drives of an arm: a ``[[drive]]`` for each joint, and ``[[coupling]]``."""
     return _drives_of(path, read_toml(path), joints)
 
 

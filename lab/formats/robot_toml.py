@@ -244,7 +244,7 @@ _MODULI = {"gpa": 1e9}
 
 
 def described_links(path: Path) -> tuple[str, Any] | None:
-    """The robot that a file takes from elsewhere, as it names it, and its ``[[link]]`` sections; None of another file."""
+    """Return the robot that a file refers to and its ``[[link]]`` sections; None without a reference."""
     content = read_toml(path)
     if "robot" not in content:
         return None

@@ -1,4 +1,4 @@
-"""An arm with effects: the same seam as the rigid arm's, with the effects' parameters after its own."""
+"""A model with effects: the rigid arm, with further parameters."""
 
 import itertools
 from collections import Counter
@@ -19,16 +19,16 @@ from lab.kinematics.serial.walk import Torsors
 
 __all__ = ["Arm", "ArmWithEffects", "affected"]
 
-_PLACE = 3  # parameters of every arm that come first: where its base is, about which it grows
+_PLACE = 3  # number of the first parameters: position of the base, about which the arm grows
 _FRAMES: Final = ("frame", "station")
 
 
 @dataclass(frozen=True)
 class ArmWithEffects:
-    """An arm whose joints stand, and whose links' ends are displaced, as its effects say.
+    """An arm with offsets of joints, displaced ends of links, and motions of the frame by its effects.
 
-    Every effect sees the readings, and their offsets add up: what one effect does to another is of
-    second order (20 nm of 1 mrad). The parameters are the arm's, then each effect's.
+    Every effect depends on the readings, and their offsets add up: the effect of one on another is of second order (20
+    nm of 1 mrad). The parameters are the arm's, then each effect's.
     """
 
     arm: RigidArm
@@ -57,21 +57,21 @@ class ArmWithEffects:
 
     @property
     def rigid(self) -> RigidArm:
-        """Its geometry alone, whose parameters come first."""
+        """Rigid arm, whose parameters come first."""
         return self.arm
 
     @property
     def groups(self) -> tuple[str, ...]:
-        """The names of its groups of effects."""
+        """Names of its groups of effects."""
         return tuple(effect.name for effect in self.effects)
 
     def nominal(self, tool: dict[str, Array] | None = None) -> Array:
-        """The drawing's parameters: those of the arm, and no effect."""
-        drawn = self.arm.nominal(tool)
-        return np.concatenate([drawn, np.zeros(len(self.names) - len(drawn))])
+        """Return the arm's nominal parameters, and zero effects."""
+        rigid = self.arm.nominal(tool)
+        return np.concatenate([rigid, np.zeros(len(self.names) - len(rigid))])
 
     def points(self, inputs: Array, values: Array) -> Array:
-        """Target positions ``(n, k, 3)`` in the tracker's frame (m) at settings ``(n, joints + conditions)``."""
+        """Return target positions ``(n, k, 3)`` in the tracker's frame (m) at inputs ``(n, joints + conditions)``."""
         moved = self._moved(inputs, values, alone=True)
         arm = self._bent(moved) if self.links and moved["links"][0].any() else self.arm
         points = arm.points(moved["joints"][0], self._geometric(values))
@@ -82,7 +82,7 @@ class ArmWithEffects:
         return points
 
     def observe(self, inputs: Array, values: Array) -> tuple[Array, Array]:
-        """The positions, and their derivatives ``(n, k, 3, parameters)``."""
+        """Return the positions, and their derivatives ``(n, k, 3, parameters)``."""
         moved = self._moved(inputs, values)
         stands, by_joint = moved["joints"]
         points, rigid = self._bent(moved).observe(stands, self._geometric(values))
@@ -105,9 +105,9 @@ class ArmWithEffects:
         return points, jacobian
 
     def tool(self, inputs: Array, values: Array, target: int = 0) -> tuple[Array, Array]:
-        """Poses of a target and how the readings move them, as of the arm alone (``RigidArm.tool``).
+        """Return poses of a target and the geometric Jacobian, as ``RigidArm.tool``.
 
-        The derivative is the rigid arm's where its joints stand: it lacks how effects change with the readings.
+        The Jacobian is the rigid arm's at the true joint positions, without derivatives of the effects by the readings.
         """
         moved = self._moved(inputs, values)
         Ts, jacobian = self._bent(moved).tool(moved["joints"][0], self._geometric(values), target)
@@ -119,31 +119,30 @@ class ArmWithEffects:
         return Ts, jacobian
 
     def standing(self, inputs: Array, values: Array) -> Array:
-        """Return the true joint positions ``(n, joints)`` (rad or m) at settings ``(n, joints + conditions)``."""
+        """Return the true joint positions ``(n, joints)`` (rad or m) at inputs ``(n, joints + conditions)``."""
         return self._moved(inputs, values)["joints"][0]
 
     def torsors(self, inputs: Array, values: Array) -> Torsors:
-        """Return the torsors of the links' ends (``serial.walk.Torsors``) at settings ``(n, joints + conditions)``."""
+        """Return the torsors of the links' ends (``serial.walk.Torsors``) at inputs ``(n, joints + conditions)``."""
         return self._by_link(self._moved(inputs, values)["links"][0]) if self.links else {}
 
     def column_priority(self) -> tuple[int, ...]:
-        """The arm's order of preference, then the effects'."""
+        """Return the arm's order of preference, then the effects'."""
         return (*self.arm.column_priority(), *range(len(self.arm.names), len(self.names)))
 
     def rank_point(self, values: Array) -> Array:
-        """``values`` with nominally parallel axes exactly parallel, and effects that show their parameters."""
+        """Return ``values`` with nominal parallelism exact, and typical effects."""
         typical = [effect.typical or (0.0,) * len(effect.parameters) for effect in self.effects]
         return np.concatenate([self.arm.rank_point(self._geometric(values)), *typical])
 
     def structure_joints(self, count: int, rng: np.random.Generator) -> Array:
-        """Readings within the limits, and conditions of every kind."""
+        """Draw readings within the limits, and conditions."""
         joints = self.arm.structure_joints(count, rng)
         columns = [structure_values(name, count, rng)[:, None] for name in self.conditions]
         return np.concatenate([joints, *columns], axis=1)
 
     @property
     def _moving_frames(self) -> tuple[Literal["frame", "station"], ...]:
-        """The kinds of effects that move the frame of the points, in this order."""
         moving = {effect.moves for effect in self.effects}
         return tuple(what for what in _FRAMES if what in moving)
 
@@ -155,7 +154,6 @@ class ArmWithEffects:
         return values[: len(self.arm.names)]
 
     def _bent(self, moved: "_Moved") -> RigidArm | BentArm:
-        """The arm with its links displaced."""
         if not isinstance(self.arm, SerialArm) or not self.links:
             return self.arm
         return BentArm(self.arm, self._by_link(moved["links"][0]))
@@ -164,23 +162,24 @@ class ArmWithEffects:
         return {link: torsors[:, 6 * i : 6 * i + 6] for i, link in enumerate(self.links)}
 
     def _moved(self, inputs: Array, values: Array, *, alone: bool = False) -> "_Moved":
-        """Joints ``(n, joints)``, frame, station ``(n, 7)``, links' torsors ``(n, 6 links)``, size ``(n, 1)``.
+        """Return joints ``(n, joints)``, frame, station ``(n, 7)``, torsors ``(n, 6 links)`` and size ``(n, 1)``, if
+        moved.
 
-        Each comes with its derivatives by the effects' parameters; what no effect moves is left out.
+        Each comes with its derivatives by the effects' parameters.
 
         Args:
-            alone: without the derivatives, which are left out; no time is spent on effects that are off.
+            alone: without derivatives, and without effects that are off.
         """
         size, first = self.arm.chain.size, len(self.arm.names)
         joints, conditions = inputs[:, :size], inputs[:, size:]
         kind = np.result_type(inputs, values)
         total = 0 if alone else len(self.names) - first
         sizes: dict[Moves, int] = {"joints": size, "frame": 7, "links": 6 * len(self.links), "size": 1, "station": 7}
-        requested_solutions = {"joints", *(effect.moves for effect in self.effects)}
+        needed = {"joints", *(effect.moves for effect in self.effects)}
         found: _Moved = {
             what: (np.zeros((len(joints), count), dtype=kind), np.zeros((len(joints), count, total), dtype=kind))
             for what, count in sizes.items()
-            if what in requested_solutions
+            if what in needed
         }
         found["joints"][0][:] = joints
         at = 0
@@ -189,8 +188,8 @@ class ArmWithEffects:
             at = part.stop
             if alone and not values[first:][part].any():
                 continue
-            asked = conditions[:, [self.conditions.index(name) for name in effect.conditions]]
-            moved, derivative = effect.offsets(joints, asked, values[first:][part])
+            own_conditions = conditions[:, [self.conditions.index(name) for name in effect.conditions]]
+            moved, derivative = effect.offsets(joints, own_conditions, values[first:][part])
             sum_of, by_effects = found[effect.moves]
             own = [6 * self.links.index(link) + i for link in effect.links for i in range(6)] or slice(None)
             sum_of[:, own] += moved
@@ -203,7 +202,7 @@ _Moved = dict[Moves, tuple[Array, Array]]
 
 
 def _seen_from(vectors: Array, frame: Array, *, shifted: bool = True) -> Array:
-    """Points (or, not shifted, differences of points) ``(n, k, ..., 3)`` in a frame that moved by ``(n, 7)``."""
+    """Return points (or, not shifted, differences of points) ``(n, k, ..., 3)`` in a frame that moved by ``(n, 7)``."""
     if not frame.any():
         return vectors
     axes = [1] * (vectors.ndim - 2)
@@ -215,7 +214,7 @@ def _seen_from(vectors: Array, frame: Array, *, shifted: bool = True) -> Array:
 
 
 def _by_frame(points: Array, frame: Array) -> Array:
-    """Derivatives of points ``(n, k, 3)``, as they are before, by the frame's seven numbers, ``(n, k, 3, 7)``."""
+    """Return derivatives of points ``(n, k, 3)`` by the frame's seven numbers, ``(n, k, 3, 7)``."""
     seen, stretch = _seen_from(points, frame), 1 + frame[:, None, 6:]
     out = np.zeros((*points.shape, 7), dtype=seen.dtype)
     out[..., :3] = stretch[..., None] * se3.exp(frame[:, 3:6])[:, None]
@@ -228,5 +227,5 @@ Arm = RigidArm | ArmWithEffects
 
 
 def affected(arm: RigidArm, effects: Sequence[Effect]) -> Arm:
-    """The arm with these effects; the arm itself where there are none."""
+    """Return the arm with these effects, or the arm itself without any."""
     return ArmWithEffects(arm, tuple(effects)) if effects else arm

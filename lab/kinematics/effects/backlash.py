@@ -1,9 +1,7 @@
-"""Errors that depend on how a pose was approached: backlash, hysteresis and lag.
+"""Errors that depend on the approach of a pose: backlash, hysteresis and lag.
 
-Hysteresis of width h_i: joint i is at q_i + s_i h_i / 2, where s_i is the direction in which it moved last.
-
-What friction and wind-up leave behind: like play, but told by the order of the poses alone, where a file does not say
-from which side each joint came (``backlash``).
+Backlash of width b_i: joint i is at q_i + s_i b_i / 2, with the direction of approach s_i of a file's column.
+Hysteresis, from friction and wind-up, is the same by the last direction of motion in the order of the poses.
 """
 
 from collections.abc import Callable, Container, Sequence
@@ -27,8 +25,7 @@ from lab.kinematics.effects.effect import (
     TermFamily,
     VirtualEffect,
     approach_of,
-    by_joint,
-    joint_terms,
+    from_signals,
     last_move_of,
     levers,
     refuse_negative,
@@ -45,47 +42,35 @@ __all__ = [
     "ReadingLag",
     "approached_groups",
     "backlash",
-    "hysteresis",
 ]
 
 _SCALE = 1e-3  # rad, m of a slide
 
 
 def backlash(chain: JointSpec) -> Effect:
-    """The fitted group: b_i of every joint."""
+    """Return the fitted group: b_i of every joint."""
     return _fitted_widths("backlash", chain, approach_of)
 
 
 def _fitted_widths(group: str, chain: JointSpec, direction_of: Callable[[str], str]) -> Effect:
-    """The fitted group of widths w_i: joint i is at q_i + s_i w_i / 2, with a direction s_i of 1 or -1.
-
-    Args:
-        direction_of: from a joint's name to the condition that is its direction.
-    """
+    """Return the group of widths w_i: joint i is at q_i + s_i w_i / 2, with s_i = 1 or -1 of a condition."""
     parameters = tuple(_width(group, chain, i, group) for i in range(chain.size))
-    conditions = tuple(map(direction_of, chain.joint_names))
-    where = [(i, ("condition", name, 0.0)) for i, name in enumerate(conditions)]
-    return Effect(
-        group,
-        parameters,
-        lambda _, direction, values: by_joint(direction / 2, values),
-        conditions,
-        plain=lambda values: joint_terms(values, *where, times=0.5),
-    )
+    return _widths(group, parameters, range(chain.size), tuple(map(direction_of, chain.joint_names)))
+
+
+def _widths(group: str, widths: tuple[Parameter, ...], joints: Sequence[int], conditions: tuple[str, ...]) -> Effect:
+    plain = [("condition", name, 0.0) for name in conditions]
+    return from_signals(group, widths, joints, lambda _, direction: direction, plain, conditions, times=0.5)
 
 
 def approached_groups(chain: JointSpec, columns: Container[str]) -> tuple[str, ...]:
-    """The groups that stand for ``backlash`` where measurements have some columns alone.
+    """Return the groups that replace ``backlash`` for measurements with these conditions.
 
-    Args:
-        columns: the names of the measurements' conditions.
-
-    Returns:
-        A group for each joint whose direction of approach is among the columns, where others' are not; else
-        ``backlash`` itself.
+    They are of the joints whose direction of approach is among ``columns``, if others' are not; else ``backlash``
+    itself.
     """
-    known = [joint for joint, name in enumerate(chain.joint_names) if approach_of(name) in columns]
-    return tuple(map(_PLAY.name, known)) if 0 < len(known) < chain.size else ("backlash",)
+    approached = [joint for joint, name in enumerate(chain.joint_names) if approach_of(name) in columns]
+    return tuple(map(_PLAY.name, approached)) if 0 < len(approached) < chain.size else ("backlash",)
 
 
 def _width(group: str, chain: JointSpec, joint: int, symbol: str) -> Parameter:
@@ -94,17 +79,9 @@ def _width(group: str, chain: JointSpec, joint: int, symbol: str) -> Parameter:
 
 
 def _of_one_joint(arm: ArmFacts, joint: int, _: int) -> Effect:
-    name, size = _PLAY.name(joint), arm.chain.size
-
-    def offsets(joints: Array, direction: Array, values: Array) -> tuple[Array, Array]:
-        derivative = np.zeros((len(joints), size, 1))
-        derivative[:, joint] = direction / 2
-        return derivative @ values, derivative
-
+    name, condition = _PLAY.name(joint), approach_of(arm.chain.joint_names[joint])
     width = _width(name, arm.chain, joint, "backlash")
-    condition = approach_of(arm.chain.joint_names[joint])
-    where = (joint, ("condition", condition, 0.0))
-    return Effect(name, (width,), offsets, (condition,), plain=lambda values: joint_terms(values, where, times=0.5))
+    return _widths(name, (width,), (joint,), (condition,))
 
 
 _PLAY = TermFamily("backlash", "", _of_one_joint, lambda _: (), lambda joint, _: f"joint {joint} has play")
@@ -125,20 +102,19 @@ class Play(SimulatedEffect, MovesJoints):
 
     @classmethod
     def none(cls, joints: int) -> Self:
-        """Joints without play."""
+        """Return joints without backlash."""
         return cls(np.zeros(joints))
 
     def conditions(self, joint_names: tuple[str, ...]) -> tuple[str, ...]:
-        """The direction of approach of joints with play."""
+        """Return the directions of approach of joints with backlash."""
         return tuple(approach_of(name) for name, width in zip(joint_names, self.backlash_rad, strict=True) if width)
 
     def joint_offsets(self, joints: Array, conditions: PoseConditions) -> Array:
-        """Half the width above the measured position at approach +1, below it at -1."""
-        offsets: Array = self.backlash_rad / 2 * conditions.approach
-        return offsets
+        """Return half the width above the measured position at approach +1, below it at -1."""
+        return np.asarray(self.backlash_rad / 2 * conditions.approach)
 
     def true_parameters(self) -> dict[str, float]:
-        """b_i."""
+        """Return b_i."""
         return {f"joint{i + 1}.backlash": float(value) for i, value in enumerate(self.backlash_rad)}
 
 
@@ -158,11 +134,6 @@ class Backlash(VirtualEffect):
         return Play(levers(arm.chain) * MRAD.to_si(self.backlash_mrad) * rngs[0].uniform(0.5, 1.5, arm.chain.size))
 
 
-def hysteresis(chain: JointSpec) -> Effect:
-    """The fitted group: h_i of every joint."""
-    return _fitted_widths("hysteresis", chain, last_move_of)
-
-
 @dataclass(frozen=True)
 class JointHysteresis(SimulatedEffect, MovesJoints):
     """Hysteresis of one arm.
@@ -178,17 +149,17 @@ class JointHysteresis(SimulatedEffect, MovesJoints):
 
     @classmethod
     def none(cls, joints: int) -> Self:
-        """Joints without friction."""
+        """Return joints without hysteresis."""
         return cls(np.zeros(joints))
 
     def joint_offsets(self, joints: Array, conditions: PoseConditions) -> Array:
-        """Half the width to where the joint came from its last position, by the order of the poses."""
+        """Return half the width in each joint's last direction of motion."""
         if not self.hysteresis_rad.any():
             return np.zeros(joints.shape)
         return np.asarray(self.hysteresis_rad / 2 * last_moves(joints))
 
     def true_parameters(self) -> dict[str, float]:
-        """h_i."""
+        """Return h_i."""
         return {f"joint{i + 1}.hysteresis": float(value) for i, value in enumerate(self.hysteresis_rad)}
 
 
@@ -203,7 +174,7 @@ class Hysteresis(VirtualEffect):
     groups: ClassVar[tuple[FittedGroup, ...]] = (
         FittedGroup(
             "hysteresis",
-            lambda arm: hysteresis(arm.chain),
+            lambda arm: _fitted_widths("hysteresis", arm.chain, last_move_of),
             "play by the direction of the last move, as rows are ordered",
         ),
     )
@@ -219,7 +190,7 @@ class ReadingLag(SimulatedEffect, ChangesJointPositions):
     """Lag of one arm's joint readings.
 
     Attributes:
-        lag: share of the last move that a joint position still lacks when it is read, in [0, 1).
+        lag: share of the last move that a reading lacks, in [0, 1).
     """
 
     lag: float
@@ -230,13 +201,12 @@ class ReadingLag(SimulatedEffect, ChangesJointPositions):
 
     @classmethod
     def none(cls, joints: int) -> Self:
-        """Joint positions of the settled arm."""
+        """Return no lag."""
         return cls(0.0)
 
     def shown(self, joints: Array) -> Array:
-        """Behind where they will settle; the first pose is settled."""
-        shown: Array = joints - self.lag * np.diff(joints, axis=0, prepend=joints[:1])
-        return shown
+        """Return readings behind the settled positions; the first pose is settled."""
+        return np.asarray(joints - self.lag * np.diff(joints, axis=0, prepend=joints[:1]))
 
 
 @dataclass(frozen=True)
@@ -247,7 +217,7 @@ class Lag(VirtualEffect):
     """Lag of the joint positions, as a share of the last move, from 0 to below 1."""
 
     def check(self) -> None:
-        """Refuse a joint that never moves."""
+        """Refuse a lag of one or more."""
         if not self.lag < 1:
             raise LabError(f"{option_name('lag')} {self.lag:g}: give a share from 0 to below 1")
 

@@ -1,7 +1,7 @@
-"""Links that bend and twist: each is a beam, its far end is displaced by the torsor of its loads (``dynamics.beam``).
+"""Links that bend and twist: beams with far ends displaced by the torsor of their loads (``dynamics.beam``).
 
-Fitted are compliances, 1/EI and 1/GJ, by the nominal model's masses at the nominal pose: the displacements are linear
-in them. What the sag changes in the loads is left out: of a sag of s over a reach of r, the share s/r.
+Fitted are compliances, 1/EI and 1/GJ, with the nominal model's masses at the nominal pose: displacements are linear in
+them. The change of the loads by the sag is neglected: for a sag s over a reach r, the share s/r.
 """
 
 from collections.abc import Mapping, Sequence
@@ -27,11 +27,11 @@ from lab.kinematics.effects.effect import (
 )
 from lab.kinematics.parameter import section_parameter
 
-__all__ = ["Bending", "ElasticLinks", "elastic_links"]
+__all__ = ["Bending", "ElasticLinks"]
 
 _TWIST_OF_TUBES = 1.32  # EI / GJ = 1 + Poisson's ratio, 0.29 to 0.35 of steel and aluminium (Gere & Goodno 2009, H-2)
-Symbols = Mapping[str, tuple[float, float, float, float]]
-FITTED: Mapping[str, Symbols] = {  # of each parameter, what it makes of a link's COMPLIANCES
+_Symbols = Mapping[str, tuple[float, float, float, float]]
+_FITTED: Mapping[str, _Symbols] = {  # factors of a link's COMPLIANCES, by parameter
     "bending": {"ei_y": (1, 0, 0, 0), "ei_z": (0, 1, 0, 0)},
     "torsion": {"gj": (0, 0, 1, 0)},
     "extension": {"ea": (0, 0, 0, 1)},
@@ -39,17 +39,17 @@ FITTED: Mapping[str, Symbols] = {  # of each parameter, what it makes of a link'
 }
 
 
-def elastic_links(group: str, links: LinkLoads, *, moving: bool = False) -> Effect:
-    """The fitted group: ``bending``, 1/EI about two axes (1/(N m^2)) of every link; ``torsion``, 1/GJ.
+def _elastic_links(group: str, links: LinkLoads, *, moving: bool = False) -> Effect:
+    """Return the fitted group: ``bending``, 1/EI about two axes (1/(N m^2)) of every link; ``torsion``, 1/GJ.
 
     ``extension`` is 1/EA (1/N); ``tubes`` is one 1/EI a link of round metal tubes, which bend about every axis and
-    twist by it. With ``moving``, inertia loads the links too, as the joints' rates say.
+    twist by it. With ``moving``, inertia is a load, too.
     """
-    own = [(link, symbol) for link in links.beams for symbol in FITTED[group]]
+    own = [(link, symbol) for link in links.beams for symbol in _FITTED[group]]
     parameters = tuple(section_parameter(group, link, symbol) for link, symbol in own)
     used = 18 if moving else 9  # at rest gravity is the same everywhere
     by_loads = [
-        np.tensordot(links.beams[link].by_loads[:used], FITTED[group][symbol], axes=(1, 0)) for link, symbol in own
+        np.tensordot(links.beams[link].by_loads[:used], _FITTED[group][symbol], axes=(1, 0)) for link, symbol in own
     ]
     chain = links.loads.chain
 
@@ -71,12 +71,12 @@ def elastic_links(group: str, links: LinkLoads, *, moving: bool = False) -> Effe
             beams[link] += value * rows
         return [{"beams": {link: rows.tolist() for link, rows in beams.items()}}]
 
-    requested = (PAYLOAD, *rates_of(chain.joint_names)) if moving else (PAYLOAD,)
+    required = (PAYLOAD, *rates_of(chain.joint_names)) if moving else (PAYLOAD,)
     return Effect(
         group,
         parameters,
         offsets,
-        requested,
+        required,
         moves="links",
         links=tuple(links.beams),
         plain=None if moving else plain,
@@ -92,7 +92,7 @@ def _fitted(group: str, arm: ArmFacts) -> Effect:
         raise LabError(
             f"{option_name('model')} {group}: robot {arm.chain.name} is a table without masses; give it as MJCF or URDF"
         )
-    return elastic_links(group, link_loads(arm.loads), moving=arm.moving)
+    return _elastic_links(group, link_loads(arm.loads), moving=arm.moving)
 
 
 @dataclass(frozen=True)
@@ -100,8 +100,8 @@ class ElasticLinks(SimulatedEffect):
     """Elastic links of one arm; ``simulation.elastic`` finds the equilibrium.
 
     Attributes:
-        compliances: ``(n, 4)`` of each link, as ``dynamics.beam.COMPLIANCES``: 1/EI about y and z and 1/GJ in
-            1/(N m^2), 1/EA in 1/N. Zero where a link is stiff.
+        compliances: ``(n, 4)`` of each link, as ``dynamics.beam.COMPLIANCES``: 1/EI about y and z and 1/GJ in 1/(N
+            m^2), 1/EA in 1/N; zero for a stiff link.
     """
 
     compliances: Array
@@ -111,18 +111,18 @@ class ElasticLinks(SimulatedEffect):
 
     @classmethod
     def none(cls, joints: int) -> Self:
-        """Stiff links."""
+        """Return stiff links."""
         return cls(np.zeros((joints, len(COMPLIANCES))))
 
     def conditions(self, joint_names: tuple[str, ...]) -> tuple[str, ...]:
-        """The payload."""
+        """Return the payload."""
         return (PAYLOAD,) if self.compliances.any() else ()
 
     def true_parameters(self) -> dict[str, float]:
-        """1/EI, 1/GJ and 1/EA; of tubes 1/EI in the mean over the axes across."""
+        """Return 1/EI, 1/GJ and 1/EA; for tubes the mean 1/EI across."""
         found = {}
         for link, own in enumerate(self.compliances):
-            for symbols in FITTED.values():
+            for symbols in _FITTED.values():
                 for symbol, shares in symbols.items():
                     across = np.array(shares) * [1, 1, 0 if sum(shares) > 1 else 1, 1]
                     found[f"link{link + 1}.{symbol}"] = float(own @ across / across.sum())
@@ -169,7 +169,6 @@ class Bending(VirtualEffect):
 
 
 def _of_each(flag: str, given: tuple[float, ...], arm: ArmFacts) -> Array:
-    """Return one number per link ``(n,)``."""
     size, name = arm.chain.size, arm.chain.name
     if arm.chain.has_loops or arm.loads is None:
         why = "has loops" if arm.chain.has_loops else "has no masses"

@@ -1,24 +1,18 @@
-"""Elastic joints: compliance, hardening springs, gravity compensators.
+"""Elastic joints: compliance, hardening springs, gravity compensators, links of unknown mass.
 
-Joints whose springs are not linear: joint i gives way by d_i g_i^3 beside what is in proportion to its torque g_i.
+Hardening: joint i deflects by d_i g_i^3 beside the part in proportion to its torque g_i, at the measured joint
+positions. Harmonic drives grow stiffer with torque (d_i < 0).
 
-Harmonic drives grow stiffer with torque (d_i < 0). The cube is that of the torque at the measured joint positions: what
-the joint gives way changes it by one part in a thousand.
+A gravity compensator is a spring between two links, whose joint deflects. With stiffness k, free length l0 and ends at
+distances a and b from the joint its torque is k a b sin(phi) (1 - l0 / l), with l^2 = a^2 + b^2 - 2 a b cos(phi). With
+s^2 = a^2 + b^2 and r = 2 a b / s^2 its length is s sqrt(1 - r cos(phi)): the first two harmonics of the joint's angle,
+which are fitted, are all but about 3 r^2 / 32 of it.
 
-A gravity compensator: a spring between two links that bears part of the arm's weight, and whose joint gives way.
-
-A spring of stiffness k and free length l0 whose ends are at distances a and b from the joint pulls with the torque
-k a b sin(phi) (1 - l0 / l), where l^2 = a^2 + b^2 - 2 a b cos(phi). With s^2 = a^2 + b^2 and r = 2 a b / s^2 its length
-is s sqrt(1 - r cos(phi)): the torque is a function of the joint's own angle, whose first two harmonics hold all but
-about 3 r^2 / 32 of it. They are fitted, as a spring's ends are seldom known.
-
-Joints that give way to the weight of links whose masses nobody knows.
-
-The torque of link l's weight about joint i is linear in the link's mass and first moment (Khalil & Dombre 2002,
-section 9.3.2). A mass times a constant lever acts like a first moment of the link that holds the lever, and a moment
-along axis l like one of the link before: what is left of each link are its first moments across its own axis, along x
-and y of its frame. A joint that gives way by c_i then stands at q_i + c_i m_l |g| (x_l, y_l) . r_il, with r_il the
-torques of a unit weight there; c_i and m_l are known as their product alone, which is the parameter.
+Unknown masses: the torque of link l's weight about joint i is linear in the link's mass and first moment (Khalil &
+Dombre 2002, section 9.3.2). A mass times a constant lever acts like a first moment of the link with the lever, and a
+moment along axis l like one of the link before: what remains are each link's first moments across its own axis, along x
+and y of its frame. A joint with compliance c_i is at q_i + c_i m_l |g| (x_l, y_l) . r_il, with r_il the torques of a
+unit weight there; the parameter is the product of c_i and the moment.
 """
 
 from collections.abc import Mapping, Sequence
@@ -43,7 +37,7 @@ from lab.kinematics.effects.effect import (
     SimulatedEffect,
     TermFamily,
     VirtualEffect,
-    joint_terms,
+    from_signals,
     levers,
     rates_in,
     rates_of,
@@ -55,7 +49,6 @@ from lab.kinematics.parameter import Parameter, joint_parameter
 from lab.kinematics.serial.chain import Chain
 
 __all__ = [
-    "GRAVITY",
     "NEWTON_STEPS",
     "Compensator",
     "CompensatorSpring",
@@ -63,37 +56,31 @@ __all__ = [
     "Hardening",
     "HardeningSprings",
     "JointSprings",
-    "compensator",
-    "compliance",
     "compliances",
-    "hardening",
 ]
 
-_DOWN = np.array([0.0, 0.0, -1.0])  # in frame 0, where a file does not say
+_DOWN = np.array([0.0, 0.0, -1.0])  # default in frame 0
 
 
 def _of_one_link(arm: ArmFacts, joint: int, link: int) -> Effect:
-    """Return the deflection (rad) of a joint, from 0, under a link's weight, from 1: along x and y of its frame."""
-    name, chain = GRAVITY.name(joint, link), arm.chain
+    """Return the group of a joint's deflections (rad), from 0, under a link's weight, from 1."""
+    name, chain = _GRAVITY.name(joint, link), arm.chain
     if not isinstance(chain, Chain) or (joint, link) not in _searched(arm):
         raise LabError(
             f"{option_name('model')} {name}: give a joint that turns and a link that it carries, of a robot "
-            f"without loops"
+            "without loops"
         )
     parameters = tuple(joint_parameter(name, joint, f"gravity{link}{axis}") for axis in "xy")
     down = _DOWN if arm.loads is None else arm.loads.gravity / np.linalg.norm(arm.loads.gravity)
 
-    def offsets(joints: Array, _: Array, values: Array) -> tuple[Array, Array]:
-        derivative = np.zeros((*joints.shape, 2))
-        derivative[:, joint] = _unit_torques(chain, joints, down, joint, link - 1)
-        return derivative @ values, derivative
-
-    where = [(joint, ("weight", joint, link - 1, axis, down.tolist())) for axis in range(2)]
-    return Effect(name, parameters, offsets, plain=lambda values: joint_terms(values, *where))
+    plain = [("weight", joint, link - 1, axis, down.tolist()) for axis in range(2)]
+    return from_signals(
+        name, parameters, (joint, joint), lambda joints, _: _unit_torques(chain, joints, down, joint, link - 1), plain
+    )
 
 
 def _unit_torques(chain: Chain, joints: Array, down: Array, joint: int, link: int) -> Array:
-    """Torques about a hinge of a unit weight times metre on a link, along x and y of its frame, ``(n, 2)``.
+    """Return torques about a hinge of a unit weight times metre on a link, along x and y of its frame, ``(n, 2)``.
 
     Args:
         down: unit vector ``(3,)`` in frame 0.
@@ -113,7 +100,7 @@ def _searched(arm: ArmFacts) -> list[tuple[int, int]]:
     return [(i, link + 1) for i in turning for link in turning if link >= i]
 
 
-GRAVITY = TermFamily(
+_GRAVITY = TermFamily(
     "gravity",
     "a link, whose weight it gives way to",
     _of_one_link,
@@ -122,17 +109,16 @@ GRAVITY = TermFamily(
 )
 
 
-NEWTON_STEPS = 2  # the first leaves about 1e-11 rad of a sag of 1 mrad
+NEWTON_STEPS = 2  # after the first an error of about 1e-11 rad of a sag of 1 mrad remains
 _TYPICAL_COMPLIANCE = 1e-5  # rad/Nm
 _MASS_SCALE_KG = 10.0
 
 
-def compliance(loads: Loads, payload: bool = False, *, moving: bool = False) -> Effect:
-    """The fitted group: c_i of the joints that bear the arm's weight.
+def _compliance(loads: Loads, payload: bool = False, *, moving: bool = False) -> Effect:
+    """Return the fitted group: c_i of the joints that bear the arm's weight, by Newton's method for the equilibrium.
 
-    The equilibrium is solved by Newton's method, with c the compliances (rad/Nm) and g the joints' torques
-    (``Loads``). With ``payload``, an unknown mass at the last frame's origin is fitted too, beside the rows' own
-    ``payload_kg``. With ``moving``, inertia loads the joints too, as their rates say.
+    With ``payload``, a mass at the last frame's origin is fitted, beside the rows' ``payload_kg``. With ``moving``,
+    inertia is a load, too.
     """
     links = link_loads(loads) if moving else None
     bearing = loads.bearing(rng_for(0, "structure"))
@@ -167,8 +153,8 @@ def compliance(loads: Loads, payload: bool = False, *, moving: bool = False) -> 
         return [{"springs": soft, "payload_kg": float(values[-1]) if payload else 0.0}]
 
     typical = (*[_TYPICAL_COMPLIANCE] * len(bearing), 0.0) if payload else ()
-    asked = (PAYLOAD, *rates_of(loads.chain.joint_names)) if moving else (PAYLOAD,)
-    return Effect(group, parameters, offsets, asked, typical=typical, plain=None if moving else plain)
+    required = (PAYLOAD, *rates_of(loads.chain.joint_names)) if moving else (PAYLOAD,)
+    return Effect(group, parameters, offsets, required, typical=typical, plain=None if moving else plain)
 
 
 def _fitted(name: str, arm: ArmFacts) -> Effect:
@@ -178,17 +164,16 @@ def _fitted(name: str, arm: ArmFacts) -> Effect:
         )
     if arm.loads is None:
         raise LabError(
-            f"{option_name('model')} {name}: robot {arm.chain.name} is a table without masses; give it as MJCF "
-            f"or URDF, "
-            "or fit what gives way to unknown masses: joint2.gravity2 and its like"
+            f"{option_name('model')} {name}: robot {arm.chain.name} is a table without masses; give it as MJCF or "
+            "URDF, or fit what gives way to unknown masses: joint2.gravity2 and its like"
         )
-    return compliance(arm.loads, payload=name == "payload", moving=arm.moving)
+    return _compliance(arm.loads, payload=name == "payload", moving=arm.moving)
 
 
 def compliances(chain: JointSpec, stiffness: Mapping[int, float]) -> Array:
-    """``(n,)`` rad/Nm (m/N of a slide), zero for a stiff joint, from stiffnesses (Nm/rad) by joint, from 1.
+    """Return ``(n,)`` rad/Nm (m/N of a slide), zero for a stiff joint, from stiffnesses (Nm/rad) by joint, from 1.
 
-    A slide takes a stiffness as a hinge would at ``LEVER_M``.
+    A slide takes a stiffness as a hinge at ``LEVER_M``.
     """
     found = np.zeros(chain.size)
     for joint, value in stiffness.items():
@@ -206,7 +191,7 @@ class JointSprings(SimulatedEffect):
     """Compliant joints of one arm; ``simulation.elastic`` finds the equilibrium.
 
     Attributes:
-        compliance_rad_per_nm: ``(n,)``; a joint gives way by this times the weight's torque about it.
+        compliance_rad_per_nm: ``(n,)`` deflection per torque.
         payload_at_m: ``(3,)``, payloads' centre of mass in the last frame.
     """
 
@@ -218,15 +203,15 @@ class JointSprings(SimulatedEffect):
 
     @classmethod
     def none(cls, joints: int) -> Self:
-        """Stiff joints."""
+        """Return stiff joints."""
         return cls(np.zeros(joints), np.zeros(3))
 
     def conditions(self, joint_names: tuple[str, ...]) -> tuple[str, ...]:
-        """The payload."""
+        """Return the payload."""
         return (PAYLOAD,) if self.compliance_rad_per_nm.any() else ()
 
     def true_parameters(self) -> dict[str, float]:
-        """c_i."""
+        """Return c_i."""
         return {f"joint{i + 1}.compliance": float(value) for i, value in enumerate(self.compliance_rad_per_nm)}
 
 
@@ -247,10 +232,10 @@ class Compliance(VirtualEffect):
         ),
     )
 
-    terms: ClassVar[tuple[TermFamily, ...]] = (GRAVITY,)
+    terms: ClassVar[tuple[TermFamily, ...]] = (_GRAVITY,)
 
     def check(self) -> None:
-        """Refuse a stiffness that is none."""
+        """Refuse a stiffness that is not above zero."""
         if self.stiffness_nm_per_rad is not None:
             positive(option_name("stiffness_nm_per_rad"), self.stiffness_nm_per_rad)
 
@@ -268,27 +253,27 @@ class Compliance(VirtualEffect):
         return JointSprings(compliances(arm.chain, stiffness), at)
 
 
-_TORQUE_NM = 30.0  # at which the option states its size
+_TORQUE_NM = 30.0  # torque of the option's size
 _SCALE = 1e-7  # rad/(Nm)^3
 
 
-def hardening(loads: Loads) -> Effect:
-    """The fitted group: d_i of the joints that bear the arm's weight."""
+def _hardening(loads: Loads) -> Effect:
+    """Return the fitted group: d_i of the joints that bear the arm's weight."""
     bearing, slides = list(loads.bearing(rng_for(0, "structure"))), loads.chain.prismatic
     units = Unit("rad/(Nm)^3", "nrad/(Nm)³", 1e9, 4), Unit("m/N^3", "nm/N³", 1e9, 4)
     parameters = tuple(
         joint_parameter("hardening", i, "hardening", "compliance", unit=units[slides[i]], scale=_SCALE) for i in bearing
     )
 
-    def offsets(joints: Array, payload: Array, values: Array) -> tuple[Array, Array]:
-        torque = loads.forces(joints, payload[:, 0])[0]
-        derivative = np.zeros((*joints.shape, len(bearing)), dtype=torque.dtype)
-        for column, i in enumerate(bearing):
-            derivative[:, i, column] = torque[:, i] ** 3
-        return derivative @ values, derivative
-
-    where = [(i, ("torque cubed", i)) for i in bearing]
-    return Effect("hardening", parameters, offsets, (PAYLOAD,), plain=lambda values: joint_terms(values, *where))
+    plain = [("torque cubed", i) for i in bearing]
+    return from_signals(
+        "hardening",
+        parameters,
+        bearing,
+        lambda joints, payload: loads.forces(joints, payload[:, 0])[0][:, bearing] ** 3,
+        plain,
+        (PAYLOAD,),
+    )
 
 
 def _fitted_hardening(arm: ArmFacts) -> Effect:
@@ -297,7 +282,7 @@ def _fitted_hardening(arm: ArmFacts) -> Effect:
         raise LabError(
             f"{option_name('model')} hardening: robot {arm.chain.name} {why}, so nothing is known to load its joints"
         )
-    return hardening(arm.loads)
+    return _hardening(arm.loads)
 
 
 @dataclass(frozen=True)
@@ -305,22 +290,22 @@ class HardeningSprings(SimulatedEffect):
     """Hardening joint springs of one arm; ``simulation.elastic`` finds the equilibrium.
 
     Attributes:
-        cubic_rad_per_nm3: ``(n,)``, by which a joint gives way for the cube of its torque; below zero it hardens.
+        cubic_rad_per_nm3: ``(n,)`` deflection by the cube of the torque; negative for hardening.
     """
 
     cubic_rad_per_nm3: Array
 
     @classmethod
     def none(cls, joints: int) -> Self:
-        """Linear springs."""
+        """Return linear springs."""
         return cls(np.zeros(joints))
 
     def conditions(self, joint_names: tuple[str, ...]) -> tuple[str, ...]:
-        """The payload."""
+        """Return the payload."""
         return (PAYLOAD,) if self.cubic_rad_per_nm3.any() else ()
 
     def true_parameters(self) -> dict[str, float]:
-        """d_i."""
+        """Return d_i."""
         return {f"joint{i + 1}.hardening": float(value) for i, value in enumerate(self.cubic_rad_per_nm3)}
 
 
@@ -348,13 +333,13 @@ class Hardening(VirtualEffect):
         return HardeningSprings(levers(arm.chain) ** 4 * cubic)
 
 
-_JOINT = 1  # from 0: the one that lifts the arm, where compensators are
+_JOINT = 1  # from 0: the joint with a compensator, which lifts the arm
 _ORDERS = (1, 2)
-_RATIO, _PRELOAD = 0.2, 0.7  # r, and l0 / s, of a virtual arm: ends at 0.1 and 1 of a length, stretched at all angles
+_RATIO, _PRELOAD = 0.2, 0.7  # r and l0 / s of a virtual arm: a spring that is stretched at all angles
 
 
-def compensator(chain: JointSpec) -> Effect:
-    """The fitted group: sine and cosine of joint 2's angle and of twice that, times what it gives way to the spring."""
+def _compensator(chain: JointSpec) -> Effect:
+    """Return the fitted group: joint 2's deflections by sine and cosine of its angle and of twice that."""
     _refuse_without(chain, f"{option_name('model')} compensator")
     parameters = tuple(
         joint_parameter("compensator", _JOINT, f"spring_{function}{order}", wave=order)
@@ -362,23 +347,20 @@ def compensator(chain: JointSpec) -> Effect:
         for function in ("sin", "cos")
     )
 
-    def offsets(joints: Array, _: Array, values: Array) -> tuple[Array, Array]:
-        angle = joints[:, _JOINT]
-        derivative = np.zeros((*joints.shape, len(parameters)))
-        waves = [function(order * angle) for order in _ORDERS for function in (np.sin, np.cos)]
-        derivative[:, _JOINT] = np.stack(waves, axis=1)
-        return derivative @ values, derivative
+    def signals(joints: Array, _: Array) -> Array:
+        waves = [function(order * joints[:, _JOINT]) for order in _ORDERS for function in (np.sin, np.cos)]
+        return np.stack(waves, axis=1)
 
-    where = [(_JOINT, (function, order, _JOINT)) for order in _ORDERS for function in ("sin", "cos")]
-    return Effect("compensator", parameters, offsets, plain=lambda values: joint_terms(values, *where))
+    plain = [(function, order, _JOINT) for order in _ORDERS for function in ("sin", "cos")]
+    return from_signals("compensator", parameters, [_JOINT] * len(plain), signals, plain)
 
 
 @dataclass(frozen=True)
 class CompensatorSpring(SimulatedEffect, MovesJoints):
-    """Gravity compensator of one arm: a spring stretched at all angles, without torque where joint 2 is at zero.
+    """Gravity compensator of one arm: a spring stretched at all angles, without torque at zero of joint 2.
 
     Attributes:
-        deflects_rad: how far joint 2 would give way to k a b, the torque of a spring without free length at 90 degrees.
+        deflects_rad: deflection of joint 2 by k a b, the torque of a spring without free length at 90 degrees.
     """
 
     deflects_rad: float
@@ -389,7 +371,7 @@ class CompensatorSpring(SimulatedEffect, MovesJoints):
         return cls(0.0)
 
     def joint_offsets(self, joints: Array, conditions: PoseConditions) -> Array:
-        """Joint 2's, by the spring's torque at its angle."""
+        """Return joint 2's deflection at its angle."""
         offsets: Array = np.zeros(joints.shape)
         if self.deflects_rad:
             angle = joints[:, _JOINT]
@@ -399,14 +381,14 @@ class CompensatorSpring(SimulatedEffect, MovesJoints):
         return offsets
 
     def true_parameters(self) -> dict[str, float]:
-        """The first two harmonics; those of the cosine are zero, by symmetry."""
+        """Return the first two harmonics; those of the cosine are zero, by symmetry."""
         angle = np.linspace(-np.pi, np.pi, 256, endpoint=False)
         at = self.joint_offsets(np.tile(angle[:, None], (1, _JOINT + 1)), PoseConditions({}, len(angle), ()))
         sines = {f"joint2.spring_sin{k}": float(2 * np.mean(at[:, _JOINT] * np.sin(k * angle))) for k in _ORDERS}
         return sines | {f"joint2.spring_cos{k}": 0.0 for k in _ORDERS}
 
     def refuse_unfit(self, chain: JointSpec) -> None:
-        """The spring sits at joint 2."""
+        """Refuse an arm without a joint 2 that turns."""
         if self.deflects_rad:
             _refuse_without(chain, "effects: deflects_rad")
 
@@ -419,7 +401,7 @@ class Compensator(VirtualEffect):
     """How far joint 2 gives way to its gravity compensator, a spring, at 90 degrees."""
 
     groups: ClassVar[tuple[FittedGroup, ...]] = (
-        FittedGroup("compensator", lambda arm: compensator(arm.chain), "joint 2 gives way to a spring"),
+        FittedGroup("compensator", lambda arm: _compensator(arm.chain), "joint 2 gives way to a spring"),
     )
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
@@ -430,6 +412,5 @@ class Compensator(VirtualEffect):
 
 
 def _refuse_without(chain: JointSpec, what: str) -> None:
-    """A LabError where there is no joint 2 that turns."""
     if _JOINT not in turning_joints(chain):
         raise LabError(f"{what}: robot {chain.name} has no joint 2 that turns, where a compensator would be")

@@ -19,38 +19,28 @@ from lab.kinematics.effects.effect import (
     SimulatedEffect,
     TermFamily,
     VirtualEffect,
-    by_joint,
-    joint_terms,
+    from_signals,
     turning_joints,
 )
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.parameter import joint_parameter
 
 __all__ = [
-    "COUPLED",
     "Coupling",
     "FullCoupling",
-    "FullJointCoupling",
     "Gear",
     "GearErrors",
     "JointCoupling",
-    "coupling",
     "gear",
 ]
 
 
-def coupling(group: str, pairs: Sequence[tuple[int, int]]) -> Effect:
-    """The fitted group: k_ij of these pairs of joints, from 0."""
+def _coupling(group: str, pairs: Sequence[tuple[int, int]]) -> Effect:
+    """Return the fitted group: k_ij of these pairs of joints, from 0."""
     parameters = tuple(joint_parameter(group, i, f"coupling{j + 1}", "ratio") for i, j in pairs)
-
-    def offsets(joints: Array, _: Array, values: Array) -> tuple[Array, Array]:
-        derivative = np.zeros((*joints.shape, len(pairs)))
-        for k, (i, j) in enumerate(pairs):
-            derivative[:, i, k] = joints[:, j]
-        return derivative @ values, derivative
-
-    where = [(i, ("position", j)) for i, j in pairs]
-    return Effect(group, parameters, offsets, plain=lambda values: joint_terms(values, *where))
+    others = [j for _, j in pairs]
+    plain = [("position", j) for j in others]
+    return from_signals(group, parameters, [i for i, _ in pairs], lambda joints, _: joints[:, others], plain)
 
 
 def _neighbours(arm: ArmFacts) -> list[tuple[int, int]]:
@@ -61,17 +51,17 @@ def _neighbours(arm: ArmFacts) -> list[tuple[int, int]]:
 
 
 def _of_one_pair(arm: ArmFacts, joint: int, other: int) -> Effect:
-    name = COUPLED.name(joint, other)
+    name = _COUPLED.name(joint, other)
     if (joint, other - 1) not in _all_pairs(arm):
         raise LabError(f"{option_name('model')} {name}: give two different joints that turn, of 1 to {arm.chain.size}")
-    return coupling(name, [(joint, other - 1)])
+    return _coupling(name, [(joint, other - 1)])
 
 
 def _all_pairs(arm: ArmFacts) -> list[tuple[int, int]]:
     return list(itertools.permutations(turning_joints(arm.chain), 2))
 
 
-COUPLED = TermFamily(
+_COUPLED = TermFamily(
     "coupling",
     "the joint that it follows",
     _of_one_pair,
@@ -85,7 +75,7 @@ class JointCoupling(SimulatedEffect, MovesJoints):
     """Joint coupling of one arm.
 
     Attributes:
-        coupling: ``(n, n)``; joint i moves by coupling[i, j] where joint j's position says 1. Zero diagonal.
+        coupling: ``(n, n)``; joint i moves by coupling[i, j] per unit of joint j's position. Zero diagonal.
     """
 
     coupling: Array
@@ -96,16 +86,15 @@ class JointCoupling(SimulatedEffect, MovesJoints):
 
     @classmethod
     def none(cls, joints: int) -> Self:
-        """Joints that do not follow each other."""
+        """Return uncoupled joints."""
         return cls(np.zeros((joints, joints)))
 
     def joint_offsets(self, joints: Array, conditions: PoseConditions) -> Array:
         """Return offsets in proportion to the other joints' positions."""
-        offsets: Array = joints @ self.coupling.T
-        return offsets
+        return np.asarray(joints @ self.coupling.T)
 
     def true_parameters(self) -> dict[str, float]:
-        """k_ij of all pairs."""
+        """Return k_ij of all pairs."""
         n = len(self.coupling)
         pairs = ((i, j) for i in range(n) for j in range(n) if i != j)
         return {f"joint{i + 1}.coupling{j + 1}": float(self.coupling[i, j]) for i, j in pairs}
@@ -120,12 +109,12 @@ class Coupling(VirtualEffect):
 
     draws: ClassVar[int] = 1
     groups: ClassVar[tuple[FittedGroup, ...]] = (
-        FittedGroup("coupling", lambda arm: coupling("coupling", _neighbours(arm))),
+        FittedGroup("coupling", lambda arm: _coupling("coupling", _neighbours(arm))),
     )
-    terms: ClassVar[tuple[TermFamily, ...]] = (COUPLED,)
+    terms: ClassVar[tuple[TermFamily, ...]] = (_COUPLED,)
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
-        """Normal draws, of the last two hinges with their inner neighbour, itself a hinge."""
+        """Draw the couplings of the last two hinges to their inner neighbour, itself a hinge."""
         chain = arm.chain
         coupled = np.zeros((chain.size, chain.size))
         for i in range(max(1, chain.size - 2), chain.size):
@@ -134,13 +123,13 @@ class Coupling(VirtualEffect):
 
 
 @dataclass(frozen=True)
-class FullJointCoupling(JointCoupling):
-    """Full joint coupling of one arm: any hinge follows any other, beside the wrist coupling."""
+class _FullJointCoupling(JointCoupling):
+    """Coupling of any hinge to any other, beside the wrist coupling."""
 
 
 @dataclass(frozen=True)
 class FullCoupling(VirtualEffect):
-    """Joints of a virtual arm that all follow each other."""
+    """Couplings of all joints of a virtual arm."""
 
     full_coupling_ppm: float = 0.0
     """How far every joint follows every other (1σ)."""
@@ -148,22 +137,17 @@ class FullCoupling(VirtualEffect):
     draws: ClassVar[int] = 1
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
-        """Normal draws, of all pairs of hinges."""
+        """Draw the couplings of all pairs of hinges."""
         size, turning = arm.chain.size, ~np.array(arm.chain.prismatic)
         pairs = np.outer(turning, turning) & ~np.eye(size, dtype=bool)
-        return FullJointCoupling(PPM.to_si(self.full_coupling_ppm) * rngs[0].standard_normal((size, size)) * pairs)
+        return _FullJointCoupling(PPM.to_si(self.full_coupling_ppm) * rngs[0].standard_normal((size, size)) * pairs)
 
 
 def gear(chain: JointSpec) -> Effect:
-    """The fitted group: e_i of every joint."""
+    """Return the fitted group: e_i of every joint."""
     parameters = tuple(joint_parameter("gear", i, "gear", "ratio") for i in range(chain.size))
-    where = [(i, ("position", i)) for i in range(chain.size)]
-    return Effect(
-        "gear",
-        parameters,
-        lambda joints, _, values: by_joint(joints, values),
-        plain=lambda values: joint_terms(values, *where),
-    )
+    plain = [("position", i) for i in range(chain.size)]
+    return from_signals("gear", parameters, range(chain.size), lambda joints, _: joints, plain)
 
 
 @dataclass(frozen=True)
@@ -171,23 +155,22 @@ class GearErrors(SimulatedEffect, MovesJoints):
     """Gear ratio errors of one arm.
 
     Attributes:
-        gear: ``(n,)``; the joint moves by 1 + gear where its measured position says 1.
+        gear: ``(n,)``; a joint moves by 1 + gear per unit of its measured position.
     """
 
     gear: Array
 
     @classmethod
     def none(cls, joints: int) -> Self:
-        """Exact gears."""
+        """Return exact gears."""
         return cls(np.zeros(joints))
 
     def joint_offsets(self, joints: Array, conditions: PoseConditions) -> Array:
         """Return offsets in proportion to the joint's position."""
-        offsets: Array = self.gear * joints
-        return offsets
+        return np.asarray(self.gear * joints)
 
     def true_parameters(self) -> dict[str, float]:
-        """e_i."""
+        """Return e_i."""
         return {f"joint{i + 1}.gear": float(value) for i, value in enumerate(self.gear)}
 
 
@@ -202,5 +185,5 @@ class Gear(VirtualEffect):
     groups: ClassVar[tuple[FittedGroup, ...]] = (FittedGroup("gear", lambda arm: gear(arm.chain)),)
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
-        """Normal draws, one a joint."""
+        """Draw one normal number a joint."""
         return GearErrors(PPM.to_si(self.gear_ppm) * rngs[0].standard_normal(arm.chain.size))

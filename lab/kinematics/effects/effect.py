@@ -1,11 +1,7 @@
 """Effects: a fitted group of parameters, its simulated counterpart, and the options that select it.
 
-A module of this folder describes one effect, or a small family: the fitted function with its derivative, what it does
-to a virtual arm, how large that is drawn, and the options of ``lab calibrate`` that say so. ``registry`` lists them.
-
-What is set at each pose beside the joints: payload, approach, time, temperature, sessions; columns of a file.
-
-Along a trajectory also how the joints move.
+Each module of this folder has one effect or a small family; ``registry`` lists them. Conditions are set or read at each
+pose beside the joints: payload, approach, time, temperature, sessions; along a trajectory also rates of the joints.
 """
 
 from abc import ABC, abstractmethod
@@ -56,9 +52,8 @@ __all__ = [
     "VirtualEffect",
     "absent",
     "approach_of",
-    "by_joint",
+    "from_signals",
     "in_order",
-    "joint_terms",
     "last_move_of",
     "levers",
     "rates_in",
@@ -69,47 +64,47 @@ __all__ = [
 ]
 
 PAYLOAD, TIME, TEMPERATURE = "payload_kg", "time_s", "temp_C"
-CHANGING_WITH_TIME = (TIME, PLACE, TEMPERATURE)  # slowly, from pose to pose: what follows them looks like wandering
-REFERENCE_C = 20.0  # at which lengths are stated (ISO 1:2022)
-BUMPED = SESSION + "2"  # 1 of the rows after a bump
+CHANGING_WITH_TIME = (TIME, PLACE, TEMPERATURE)  # slowly: their effects look like autocorrelated errors
+REFERENCE_C = 20.0  # reference temperature of lengths (ISO 1:2022)
+BUMPED = SESSION + "2"  # condition 1 after a bump
 HOUR_S = 3600.0
-LARGEST_PAYLOAD_KG, LARGEST_WARMING_C = 3.0, 20.0  # where the rank is decided
+LARGEST_PAYLOAD_KG, LARGEST_WARMING_C = 3.0, 20.0  # for decisions on rank
 _APPROACH, _SPEED, _ACCELERATION = "approach_", "speed_", "acceleration_"
 
 
 def approach_of(joint_name: str) -> str:
-    """The condition that says from which side a joint came: +1 or -1."""
+    """Return the condition of a joint's direction of approach: +1 or -1."""
     return _APPROACH + joint_name
 
 
 def last_move_of(joint_name: str) -> str:
-    """The condition that says in which direction a joint moved last, by the order of the poses: +1 or -1."""
+    """Return the condition of a joint's last direction of motion, by the order of the poses: +1 or -1."""
     return LAST_MOVE + joint_name
 
 
 def absent(name: str, rows: int) -> Array:
-    """A condition ``(rows,)`` where nothing is said of it: none, or as warm as where lengths are stated."""
+    """Return the default ``(rows,)`` of a condition: zero, or the reference temperature."""
     return np.full(rows, REFERENCE_C if name == TEMPERATURE else 0.0)
 
 
 def rates_of(joint_names: Sequence[str]) -> tuple[str, ...]:
-    """The conditions that say how the joints move: speeds, then accelerations, rad or m per s and per s^2."""
+    """Return the conditions of the joints' speeds, then accelerations, rad or m per s and per s^2."""
     return (*(_SPEED + name for name in joint_names), *(_ACCELERATION + name for name in joint_names))
 
 
 def rates_in(conditions: Array, joints: int) -> tuple[Array, Array]:
-    """Speeds and accelerations ``(n, joints)`` of conditions ``(n, c)`` that end with those of ``rates_of``."""
+    """Return speeds and accelerations ``(n, joints)`` at the end of conditions ``(n, c)``."""
     return conditions[:, -2 * joints : -joints], conditions[:, -joints:]
 
 
 def in_order(names: Sequence[str]) -> tuple[str, ...]:
-    """Conditions, each once, in the order of a file's columns: payload, approaches, time, temperature, sessions."""
+    """Return unique conditions in the order of a file's columns: payload, approaches, time, temperature, sessions."""
     ranks = {PAYLOAD: 0, TIME: 2, TEMPERATURE: 3}
     return tuple(sorted(dict.fromkeys(names), key=lambda name: ranks.get(name, 1 if name.startswith(_APPROACH) else 4)))
 
 
 def structure_values(name: str, count: int, rng: np.random.Generator) -> Array:
-    """Values ``(count,)`` of a condition at which the rank is decided."""
+    """Draw values ``(count,)`` of a condition for decisions on rank."""
     if name == PAYLOAD:
         return rng.choice([0.0, LARGEST_PAYLOAD_KG], count)
     if name.startswith((_APPROACH, LAST_MOVE)):
@@ -130,8 +125,7 @@ class PoseConditions:
     """Conditions at m poses of an arm.
 
     Attributes:
-        columns: ``(m,)`` each, by name; where one is missing there is no payload, no approach, no time, no bump, and
-            it is as warm as where lengths are stated.
+        columns: ``(m,)`` each, by name; missing ones have the default of ``absent``.
     """
 
     columns: Mapping[str, Array]
@@ -145,12 +139,12 @@ class PoseConditions:
                 raise LabError(f"condition {name}: give one finite number for each of {self.poses} poses")
 
     def column(self, name: str) -> Array:
-        """Return one condition ``(m,)``; its default if it is missing."""
+        """Return one condition ``(m,)``, or its default."""
         return self.columns.get(name, absent(name, self.poses))
 
     @property
     def warmer(self) -> Array:
-        """Temperature above the reference temperature of lengths ``(m,)``, K."""
+        """Temperature above the reference temperature ``(m,)``, K."""
         return self.column(TEMPERATURE) - REFERENCE_C
 
     @property
@@ -163,7 +157,7 @@ Offsets = Callable[[Array, Array, Array], tuple[Array, Array]]
 PlainTerms = Callable[[Array], Sequence[Mapping[str, Any]]]
 Moves = Literal["joints", "frame", "links", "size", "station"]
 AXES = ("x", "y", "z", "rx", "ry", "rz")
-LEVER_M = 0.3  # a slide's sizes are those of a hinge at this distance: rad times this, Nm/rad over its square
+LEVER_M = 0.3  # a slide's effects are those of a hinge at this distance: rad times this, Nm/rad over its square
 
 
 @dataclass(frozen=True)
@@ -172,9 +166,9 @@ class SessionInfo:
 
     Attributes:
         sessions: in their order.
-        start_s: when its clock was started.
-        timed: whether it had one.
-        stations: of its instrument, the one first in whose frame the arm's base is; one alone needs no name.
+        start_s: start of its clock.
+        timed: True if it had a clock.
+        stations: of its instrument, the first one defining the frame.
     """
 
     sessions: tuple[str, ...] = ()
@@ -188,14 +182,13 @@ NO_SESSIONS = SessionInfo()
 
 @dataclass(frozen=True)
 class ArmFacts:
-    """Facts about the arm that are given to an effect.
+    """Properties of the arm for an effect.
 
     Attributes:
         chain: the nominal joints.
         loads: the masses.
-        sessions: how the campaign went.
-        moving: whether its groups are to know how the joints move (``rates_of``): inertia loads it too.
-        sections: ``(n, 4)`` the links' compliances (``beam.COMPLIANCES``) by the robot's description, if it has them.
+        moving: effects depend on the joints' rates (``rates_of``): inertia is a load, too.
+        sections: ``(n, 4)`` the links' compliances (``beam.COMPLIANCES``) of the robot's description.
     """
 
     chain: JointSpec
@@ -209,26 +202,22 @@ class ArmFacts:
 class Effect:
     """A fitted group of parameters, all zero in the nominal model.
 
-    Functions like these cannot be pickled, so that it is pickled as the call that makes it, ``made_by``.
+    Its functions cannot be pickled: it is pickled as the call that makes it, ``made_by``.
 
     Attributes:
         name: of the group, e.g. ``compliance``.
-        parameters: what they are, e.g. ``joint2.compliance``.
-        offsets: joint positions ``(n, joints)``, conditions ``(n, c)`` and parameters ``(p,)`` to how far the
-            joints are from their measured positions ``(n, joints)`` (rad, m of a slide), and the derivatives
-            ``(n, joints, p)``. An effect that moves the frame gives seven numbers instead: by which
-            the measured points p are shifted v, turned r and stretched s: (1 + s) exp(r) (p + v). So does one that
-            says where the instrument stands (``station``), on the points as the frame has moved. One that moves
-            links gives six for each of ``links``: the torsor of its far end (``serial.walk.Torsors``). One that
-            changes the arm's size gives one: the share by which all its lengths grow.
-        conditions: columns of ``Measurements.conditions`` that it asks for.
-        moves: the joints, the frame in which points are measured, the far ends of links, the size of the arm, or the
-            whole instrument.
-        typical: values at which the rank is decided, where zeros would hide a parameter.
-        links: those whose far ends it moves, from 0; none unless it moves links.
-        plain: parameters ``(p,)`` to the terms of ``formats.plain_arm`` that say the same, by which ``calibrated.py``
-            has the effect; None where it cannot.
-        made_by: the call that makes it again, in another process too; None of an effect that cannot be pickled.
+        parameters: e.g. ``joint2.compliance``.
+        offsets: from joint positions ``(n, joints)``, conditions ``(n, c)`` and parameters ``(p,)`` to offsets of the
+            joints ``(n, joints)`` (rad, m of a slide), and derivatives ``(n, joints, p)``. An effect on the frame has
+            seven numbers instead: measured points p are shifted v, turned r and stretched s: (1 + s) exp(r) (p + v); so
+            has ``station``, after the frame's motion. One on links has six for each of ``links``: the torsor of its far
+            end (``serial.walk.Torsors``). One on the size has one: the relative growth of all lengths.
+        conditions: required columns of ``Measurements.conditions``.
+        moves: the joints, the frame of the measured points, the links' far ends, the arm's size, or the instrument.
+        typical: values for decisions on rank, if zeros would hide a parameter.
+        links: links with displaced far ends, from 0.
+        plain: from parameters ``(p,)`` to terms of ``formats.plain_arm``, for ``calibrated.py``; None if not possible.
+        made_by: the call that makes it again; None if it cannot be pickled.
     """
 
     name: str
@@ -244,22 +233,18 @@ class Effect:
     def __reduce__(self) -> "tuple[Callable[..., Effect], tuple[Any, ...]]":
         if self.made_by is None:
             raise TypeError(f"effect {self.name}: it does not say what makes it (made_by), so it cannot be pickled")
-        return _made, (self.made_by,)
-
-
-def _made(made_by: "Callable[[], Effect]") -> Effect:
-    return made_by()
+        return self.made_by, ()
 
 
 @dataclass(frozen=True)
 class FittedGroup:
-    """A group that ``--model`` can name.
+    """A group for ``--model``.
 
     Attributes:
-        fitted: the group for an arm; it raises a LabError where the arm cannot have it.
-        meaning: what its name does not say, for the help.
-        of_one_campaign: it says nothing of another day.
-        is_candidate: ``--model auto`` tries it.
+        fitted: makes the group for an arm, or raises a LabError.
+        meaning: addition to the name in the help.
+        of_one_campaign: not valid for another session.
+        is_candidate: tried by ``--model auto``.
     """
 
     name: str
@@ -273,17 +258,16 @@ class FittedGroup:
 class TermFamily:
     """Groups of one joint or link each, with that and a number in their names: ``joint2.harmonic20``.
 
-    There are too many to try each by an exact fit: ``--model auto`` searches all of them at once.
+    They are too many for an exact fit of each: ``--model auto`` searches all at once.
 
     Attributes:
-        symbol: what stands between the two numbers.
-        number: what the second one counts, for the help; empty where a name has none (``joint2.backlash``).
-        fitted: the group of a joint, from 0, and a number (0 where a name has none); a LabError where the arm has no
-            such.
-        searched: the pairs of a joint, from 0, and a number that are searched for an arm.
-        words: what such a group says of the arm, from the two numbers of its name.
-        expected: those of the pairs that the robot's description leads one to expect: the search begins with them.
-        owner: what the first number counts, ``joint`` or ``link``.
+        symbol: text between the two numbers.
+        number: meaning of the second number, for the help; empty without one (``joint2.backlash``).
+        fitted: makes the group of a joint, from 0, and a number (0 without one), or raises a LabError.
+        searched: pairs of a joint, from 0, and a number that are searched for an arm.
+        describe: describes a group by the two numbers of its name.
+        expected: pairs that the robot's description suggests: the search begins with them.
+        owner: kind of the first number, ``joint`` or ``link``.
     """
 
     symbol: str
@@ -301,31 +285,31 @@ class TermFamily:
 
 @dataclass(frozen=True)
 class SimulatedEffect(ABC):
-    """An effect of one virtual arm with n joints, in SI units; it is off at zero.
+    """An effect of one virtual arm with n joints, in SI units; zero is off.
 
-    What it does is said by the classes that it also derives from: ``MovesJoints``, ``MovesArm``, ``MovesTracker``,
+    Subclasses derive from the classes of what it changes, too: ``MovesJoints``, ``MovesArm``, ``MovesTracker``,
     ``ChangesJointPositions``, ``ScattersJoints``, ``DisplacesReadings``, ``ShapesNoise``.
     """
 
     @classmethod
     @abstractmethod
     def none(cls, joints: int) -> Self:
-        """Return the effect at zero, on an arm of so many joints."""
+        """Return the effect at zero."""
 
     def conditions(self, joint_names: tuple[str, ...]) -> tuple[str, ...]:
-        """Names of the conditions that matter to it."""
+        """Return the conditions that it depends on."""
         return ()
 
     def true_parameters(self) -> dict[str, float]:
-        """Its share of what an identifier should find, by the parameters' names; shares of several effects add up."""
+        """Return its contribution to the true parameters, by name."""
         return {}
 
     def obscured(self) -> tuple[str, ...]:
-        """Names of parameters that have no true value while it is on."""
+        """Return the parameters without a true value while it is on."""
         return ()
 
     def refuse_unfit(self, chain: JointSpec) -> None:  # noqa: B027 (most fit every arm)
-        """A LabError where an arm with these joints cannot have it."""
+        """Raise a LabError if an arm with these joints cannot have it."""
 
 
 class MovesJoints(ABC):
@@ -335,7 +319,7 @@ class MovesJoints(ABC):
 
     @abstractmethod
     def joint_offsets(self, joints: Array, conditions: PoseConditions) -> Array:
-        """``(m, n)`` rad or m, at measured joint positions ``(m, n)``."""
+        """Return offsets ``(m, n)`` rad or m, at measured joint positions ``(m, n)``."""
 
 
 class MovesArm(ABC):
@@ -343,7 +327,7 @@ class MovesArm(ABC):
 
     @abstractmethod
     def moved(self, points: Array, base: Array, conditions: PoseConditions) -> Array:
-        """Points of the arm ``(m, k, 3)`` after it moved, its foot ``(3,)`` in the same frame."""
+        """Return points of the arm ``(m, k, 3)`` after its motion; its base is at ``(3,)`` in their frame."""
 
 
 class MovesTracker(ABC):
@@ -351,17 +335,17 @@ class MovesTracker(ABC):
 
     @abstractmethod
     def seen_after(self, points: Array, conditions: PoseConditions) -> Array:
-        """Points ``(m, k, 3)`` of the tracker's first frame in its frame at each pose."""
+        """Return points ``(m, k, 3)`` of the tracker's first frame in its frame at each pose."""
 
 
 @dataclass(frozen=True)
 class TrackerMotion(SimulatedEffect, MovesTracker):
-    """The tracker moves in one way, more or less of it at a pose.
+    """A motion of the tracker, in proportion to a condition.
 
     Attributes:
-        motion: ``(6,)`` in its own frame, m and rad, where the share is one.
-        condition: the column of a pose's conditions that the share is read from.
-        whole: what that column holds where the share is one.
+        motion: ``(6,)`` in its own frame, m and rad, for a share of one.
+        condition: the condition of the share.
+        whole: value of the condition for a share of one.
     """
 
     motion: Array
@@ -370,12 +354,12 @@ class TrackerMotion(SimulatedEffect, MovesTracker):
 
     @classmethod
     def none(cls, joints: int) -> Self:
-        """A tracker that stays."""
+        """Return a tracker at rest."""
         return cls(np.zeros(6))
 
     @classmethod
     def random(cls, size_m: float, size_rad: float, rngs: Sequence[np.random.Generator]) -> Self:
-        """A shift and a turn of these sizes, in and about random directions."""
+        """Draw the directions of a shift and a turn of these sizes."""
         sizes = size_m, size_rad
         return cls(np.concatenate([size * _random_direction(rng) for size, rng in zip(sizes, rngs, strict=True)]))
 
@@ -391,15 +375,15 @@ class TrackerMotion(SimulatedEffect, MovesTracker):
 
 
 class ChangesJointPositions(ABC):
-    """An effect that makes the measured joint positions differ from the true ones."""
+    """An effect on the measured joint positions."""
 
     @abstractmethod
     def shown(self, joints: Array) -> Array:
-        """The measured joint positions ``(m, n)`` of where the joints settle, in the order visited."""
+        """Return the measured positions ``(m, n)`` of settled joints, in the order visited."""
 
 
 class ScattersJoints(ABC):
-    """An effect that scatters the joints at each visit, at random."""
+    """An effect that scatters the joints at each visit."""
 
     @property
     @abstractmethod
@@ -408,11 +392,11 @@ class ScattersJoints(ABC):
 
     @abstractmethod
     def scatter(self, poses: int, rng: np.random.Generator) -> Array:
-        """``(poses, n)`` rad or m."""
+        """Draw scatter ``(poses, n)`` rad or m."""
 
 
 class DisplacesReadings(ABC):
-    """An effect that displaces some of the measured points, at random."""
+    """An effect that displaces some of the measured points."""
 
     @property
     @abstractmethod
@@ -425,7 +409,7 @@ class DisplacesReadings(ABC):
 
 
 class ShapesNoise(ABC):
-    """An effect that gives the instrument's noise another distribution."""
+    """An effect on the distribution of the instrument's noise."""
 
     @property
     @abstractmethod
@@ -434,25 +418,24 @@ class ShapesNoise(ABC):
 
     @property
     def is_of_a_tracker(self) -> bool:
-        """True if it moves the tracker, which not every kind of measurement has."""
+        """True if it moves the tracker, which some kinds of measurement do not have."""
         return False
 
     @abstractmethod
     def shaped(self, noise: Array, rng: np.random.Generator) -> Array:
-        """Noise ``(poses, k, 3)`` m from independent noise of the instrument, in the order of the poses."""
+        """Return noise ``(poses, k, 3)`` m made from independent noise, in the order of the poses."""
 
 
 @dataclass(frozen=True)
 class VirtualEffect(ABC):
-    """The options of ``lab calibrate`` for one effect of a virtual arm, which are the fields of a subclass.
+    """Options of ``lab simulate`` for one effect, the fields of a subclass.
 
-    A field's default means that the effect is off; the text below it is the option's help.
+    The default of a field is no effect; the text below it is the option's help.
 
     Attributes:
-        draws: how many random substreams it takes. Each is its own, so that one effect leaves the draws of the others
-            as they are.
-        groups: what of it is fitted.
-        terms: what of it is fitted joint by joint.
+        draws: number of its random substreams. Each is its own, so that effects do not change each other's draws.
+        groups: its fitted groups.
+        terms: its fitted groups of single joints.
     """
 
     draws: ClassVar[int] = 0
@@ -460,69 +443,67 @@ class VirtualEffect(ABC):
     terms: ClassVar[tuple[TermFamily, ...]] = ()
 
     def check(self) -> None:  # noqa: B027 (most have nothing to add)
-        """Refuse numbers that make no sense together, with a LabError that names the option.
-
-        That each is finite and not negative is checked beforehand.
-        """
+        """Refuse inconsistent numbers with a LabError about the option; each is finite and not negative."""
 
     @abstractmethod
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
-        """The effect of one arm, as large as the options say; None of options that describe no effect.
-
-        Args:
-            rngs: ``draws`` of them.
-        """
+        """Return the effect of one arm by the options and ``draws`` generators; None for options without one."""
 
 
 def _in_moved_frame(points: Array, moved: Array) -> Array:
-    """Points ``(m, k, 3)`` in a frame that has moved by ``(m, 6)``, m and rad, in itself."""
+    """Return points ``(m, k, 3)`` in a frame that has moved by ``(m, 6)``, m and rad, in itself."""
     Ts_first_now = se3.pose(se3.exp(moved[:, 3:]), moved[:, :3])
     return se3.transform(se3.inverse(Ts_first_now), points)
 
 
 def turning_joints(chain: JointSpec) -> tuple[int, ...]:
-    """The hinges, from 0."""
+    """Return the hinges, from 0."""
     return tuple(i for i in range(chain.size) if not chain.prismatic[i])
 
 
-def by_joint(signals: Array, values: Array) -> tuple[Array, Array]:
-    """Offsets ``(n, joints)``, each a signal times the joint's own parameter, and derivatives ``(n, joints, joints)``.
+def from_signals(
+    group: str,
+    parameters: tuple[Parameter, ...],
+    joints: Sequence[int],
+    signals: Callable[[Array, Array], Array],
+    plain: Sequence[Sequence[Any]],
+    conditions: tuple[str, ...] = (),
+    times: float = 1.0,
+) -> Effect:
+    """Return a fitted group of joint offsets, each a parameter times a signal.
 
     Args:
-        signals: ``(n, joints)``, or ``(n, 1)`` where one is of all joints.
-        values: ``(joints,)``.
+        joints: joint of each parameter, from 0.
+        signals: from joint positions and conditions to signals ``(n, p)``.
+        plain: the signals in ``formats.plain_arm``.
+        times: a common factor.
     """
-    joints = np.arange(len(values))
-    derivative = np.zeros((len(signals), len(values), len(values)))
-    derivative[:, joints, joints] = signals
-    return signals * values, derivative
+    where = list(zip(joints, plain, strict=True))
 
+    def offsets(positions: Array, given: Array, values: Array) -> tuple[Array, Array]:
+        columns = times * signals(positions, given)
+        derivative = np.zeros((*positions.shape, len(parameters)), dtype=columns.dtype)
+        derivative[:, joints, range(len(parameters))] = columns
+        return derivative @ values, derivative
 
-def joint_terms(values: Array, *where: tuple[int, Sequence[Any]], times: float = 1.0) -> list[dict[str, Any]]:
-    """Terms of ``formats.plain_arm``: each parameter times a signal is an offset of a joint.
+    def terms(values: Array) -> list[dict[str, Any]]:
+        pairs = zip(where, values.tolist(), strict=True)
+        return [{"joint": joint, "times": times * value, "of": list(signal)} for (joint, signal), value in pairs]
 
-    Args:
-        values: ``(p,)``.
-        where: of each parameter its joint, from 0, and the signal.
-        times: a factor of all of them.
-    """
-    pairs = zip(where, values.tolist(), strict=True)
-    return [{"joint": i, "times": times * value, "of": list(signal)} for (i, signal), value in pairs]
+    return Effect(group, parameters, offsets, conditions, plain=terms)
 
 
 def levers(chain: JointSpec) -> Array:
-    """``(n,)``, 1 of a hinge, and of a slide how many m are like one rad."""
+    """Return ``(n,)``, 1 for a hinge, and for a slide the m equivalent to one rad."""
     return np.where(chain.prismatic, LEVER_M, 1.0)
 
 
 def _random_direction(rng: np.random.Generator) -> Array:
-    """A unit vector ``(3,)``, any direction as likely."""
     vector = rng.standard_normal(3)
-    unit: Array = vector / np.linalg.norm(vector)
-    return unit
+    return np.asarray(vector / np.linalg.norm(vector))
 
 
 def refuse_negative(name: str, values: Array) -> None:
-    """A LabError where an entry is below zero."""
+    """Raise a LabError if an entry is below zero."""
     if (values < 0).any():
         raise LabError(f"effects: {name} has a negative entry; give zero or more")

@@ -1,12 +1,10 @@
 """Errors that are periodic in a joint's position: harmonics, cross-harmonics and ripple.
 
-Cross-harmonics: the turn of one joint moves another joint's frame by s sin q_j + c cos q_j, once a turn.
-
-An eccentric shaft or a bent axis that runs through other joints does that. The frame of joint i + 1 is the far end of
-link i. It is displaced as one of a link's dimensions would displace it: along x (as ``a``), along z (as ``d``), about x
-(as ``alpha``), and about y where the next axis is nominally parallel (as ``beta``). About z it is joint i's position.
-Displacements in any direction are sums of these, but for the last link, whose end no joint follows: that moves along y
-and about y, too.
+Cross-harmonics, from an eccentric shaft or a bent axis through other joints: the turn of joint j moves another frame by
+s sin q_j + c cos q_j. The frame of joint i + 1 is the far end of link i. It moves as one of a link's dimensions would
+move it: along x (as ``a``), along z (as ``d``), about x (as ``alpha``), and about y before a nominally parallel axis
+(as ``beta``). About z it is joint i's position. Displacements in any direction are sums of these; the last link's end
+moves along y and about y, too.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -29,7 +27,7 @@ from lab.kinematics.effects.effect import (
     SimulatedEffect,
     TermFamily,
     VirtualEffect,
-    joint_terms,
+    from_signals,
     levers,
     turning_joints,
 )
@@ -37,28 +35,24 @@ from lab.kinematics.joints import JointSpec
 from lab.kinematics.parameter import Kind, joint_parameter, link_end_parameter
 from lab.kinematics.serial.chain import Chain
 
-__all__ = ["CROSS_FAMILIES", "CrossHarmonics", "CrossRunout", "GearWaves", "Harmonics", "Ripple", "Runout", "harmonics"]
+__all__ = ["CROSS_FAMILIES", "CrossHarmonics", "Harmonics", "Ripple", "Runout", "harmonics"]
 
-_LARGEST_ORDER = 64  # that is searched where nothing says of more: above, none of a real arm was worth its poses
-
+_LARGEST_ORDER = 64  # of the search without gear ratios: above, none of a real arm was significant
 _NAMES = ("sin1", "cos1", "sin2", "cos2")
 
 
 def harmonics(group: str, joints: Sequence[int], order: int) -> Effect:
-    """The fitted group of one order k: s_i and c_i of these joints, from 0."""
+    """Return the fitted group of one order k: s_i and c_i of these joints, from 0."""
     parameters = tuple(
         joint_parameter(group, i, f"{function}{order}", wave=order) for i in joints for function in ("sin", "cos")
     )
 
-    def offsets(positions: Array, _: Array, values: Array) -> tuple[Array, Array]:
-        derivative = np.zeros((*positions.shape, len(parameters)))
-        for column, i in enumerate(joints):
-            derivative[:, i, 2 * column] = np.sin(order * positions[:, i])
-            derivative[:, i, 2 * column + 1] = np.cos(order * positions[:, i])
-        return derivative @ values, derivative
+    def signals(positions: Array, _: Array) -> Array:
+        angles = order * positions[:, joints]
+        return np.stack([np.sin(angles), np.cos(angles)], axis=2).reshape(len(positions), -1)
 
-    where = [(i, (function, order, i)) for i in joints for function in ("sin", "cos")]
-    return Effect(group, parameters, offsets, plain=lambda values: joint_terms(values, *where))
+    plain = [(function, order, i) for i in joints for function in ("sin", "cos")]
+    return from_signals(group, parameters, [i for i in joints for _ in range(2)], signals, plain)
 
 
 def _of_one_joint(arm: ArmFacts, joint: int, order: int) -> Effect:
@@ -74,7 +68,7 @@ def _searched(arm: ArmFacts) -> list[tuple[int, int]]:
 
 
 def _expected(arm: ArmFacts) -> list[tuple[int, int]]:
-    """Waves of the motors by the gear ratios: once a turn, as an eccentric one, and twice, as a wave generator."""
+    """Return waves of the motors by the gear ratios: once (eccentricity) and twice (wave generator) a turn."""
     if (ratio := arm.chain.gear_ratio) is None:
         return []
     waves = [(joint, turns * abs(float(ratio[joint]))) for joint in turning_joints(arm.chain) for turns in (1, 2)]
@@ -106,25 +100,24 @@ class Runout(SimulatedEffect, MovesJoints):
 
     @classmethod
     def none(cls, joints: int) -> Self:
-        """Joints that run true."""
+        """Return joints without runout."""
         return cls(np.zeros((joints, 4)))
 
     def joint_offsets(self, joints: Array, conditions: PoseConditions) -> Array:
-        """Waves of the joint's position."""
+        """Return waves of the joint's position."""
         if not self.harmonics_rad.any():
             return np.zeros(joints.shape)
         sin1, cos1, sin2, cos2 = self.harmonics_rad.T
         once, twice = (np.sin(joints), np.cos(joints)), (np.sin(2 * joints), np.cos(2 * joints))
-        waves: Array = sin1 * once[0] + cos1 * once[1] + sin2 * twice[0] + cos2 * twice[1]
-        return waves
+        return np.asarray(sin1 * once[0] + cos1 * once[1] + sin2 * twice[0] + cos2 * twice[1])
 
     def true_parameters(self) -> dict[str, float]:
-        """s_i and c_i of both orders."""
+        """Return s_i and c_i of both orders."""
         rows = enumerate(self.harmonics_rad.tolist(), start=1)
         return {f"joint{i}.{name}": value for i, row in rows for name, value in zip(_NAMES, row, strict=True)}
 
     def refuse_unfit(self, chain: JointSpec) -> None:
-        """A slide does not turn."""
+        """Refuse harmonics of a slide."""
         if self.harmonics_rad[list(chain.prismatic)].any():
             raise LabError(f"robot {chain.name}: a slide has no harmonics_rad; give it zeros")
 
@@ -165,7 +158,7 @@ _DIRECTIONS: Mapping[str, tuple[Literal["length", "angle"], str]] = {
 
 
 def _of_position(arm: ArmFacts, joint: int, other: int) -> Effect:
-    """The position of a joint, from 0, by the turn of another one, from 1."""
+    """Return the group of the position of a joint, from 0, by the turn of another one, from 1."""
     name, turning = _POSITION.name(joint, other), other - 1
     if joint == turning or joint >= arm.chain.size or turning not in turning_joints(arm.chain):
         raise LabError(f"{option_name('model')} {name}: give two different joints, the second one a joint that turns")
@@ -174,17 +167,12 @@ def _of_position(arm: ArmFacts, joint: int, other: int) -> Effect:
         joint_parameter(name, joint, f"cross{other}_{wave}", kind, wave=1, turning=turning) for wave in ("sin", "cos")
     )
 
-    def offsets(joints: Array, _: Array, values: Array) -> tuple[Array, Array]:
-        derivative = np.zeros((*joints.shape, 2))
-        derivative[:, joint] = _waves(joints[:, turning])
-        return derivative @ values, derivative
-
-    where = [(joint, wave) for wave in _plain_waves(turning)]
-    return Effect(name, parameters, offsets, plain=lambda values: joint_terms(values, *where))
+    waves = _plain_waves(turning)
+    return from_signals(name, parameters, (joint, joint), lambda joints, _: _waves(joints[:, turning]), waves)
 
 
 def _of_link_end(direction: str, arm: ArmFacts, link: int, other: int) -> Effect:
-    """The far end of a link, from 0, by the turn of a joint, from 1."""
+    """Return the group of the far end of a link, from 0, by the turn of a joint, from 1."""
     name, turning = f"link{link + 1}.{direction}_cross{other}", other - 1
     if (link, other) not in _link_pairs(direction, arm):
         raise LabError(
@@ -209,12 +197,10 @@ def _of_link_end(direction: str, arm: ArmFacts, link: int, other: int) -> Effect
 
 
 def _waves(position: Array) -> Array:
-    """Sine and cosine ``(n, 2)`` of a joint's position ``(n,)``."""
     return np.stack([np.sin(position), np.cos(position)], axis=1)
 
 
 def _plain_waves(turning: int) -> list[tuple[str, int, int]]:
-    """Return the waves as signals of ``formats.plain_arm``."""
     return [(function, 1, turning) for function in ("sin", "cos")]
 
 
@@ -224,7 +210,7 @@ def _position_pairs(arm: ArmFacts) -> list[tuple[int, int]]:
 
 
 def _link_pairs(direction: str, arm: ArmFacts) -> list[tuple[int, int]]:
-    """The links that can be displaced so, without what a joint's position does, with every joint that turns."""
+    """List the links with such a displacement beside their joint's position, each with every hinge."""
     chain = arm.chain
     if not isinstance(chain, Chain):
         return []
@@ -270,28 +256,25 @@ CROSS_FAMILIES = (
 
 
 @dataclass(frozen=True)
-class CrossRunout(SimulatedEffect, MovesJoints):
+class _CrossRunout(SimulatedEffect, MovesJoints):
     """Cross-joint harmonics of one arm.
 
     Attributes:
         cross_rad: ``(n, n, 2)``: coefficients (rad, m of a slide) of sine and cosine of joint j's position in joint
-            i's, by i and j. Zero diagonal, and zero where j is a slide.
+            i's, by i and j. Zero diagonal, and zero for a slide j.
     """
 
     cross_rad: Array
 
     @classmethod
     def none(cls, joints: int) -> Self:
-        """Joints that leave each other in place."""
         return cls(np.zeros((joints, joints, 2)))
 
     def joint_offsets(self, joints: Array, conditions: PoseConditions) -> Array:
-        """Waves of the other joints' positions."""
         sine, cosine = np.moveaxis(self.cross_rad, 2, 0)
         return np.asarray(np.sin(joints) @ sine.T + np.cos(joints) @ cosine.T)
 
     def true_parameters(self) -> dict[str, float]:
-        """Those of ``joint2.cross6`` and its like."""
         found: dict[str, float] = {}
         for i, j in np.argwhere(self.cross_rad.any(axis=2)).tolist():
             sine, cosine = self.cross_rad[i, j].tolist()
@@ -299,7 +282,6 @@ class CrossRunout(SimulatedEffect, MovesJoints):
         return found
 
     def refuse_unfit(self, chain: JointSpec) -> None:
-        """A slide does not turn, and a joint's own waves are runout."""
         if self.cross_rad[:, list(chain.prismatic)].any() or np.diagonal(self.cross_rad).any():
             raise LabError(f"robot {chain.name}: cross_rad of a slide's turn, or of a joint by itself; give it zeros")
 
@@ -323,36 +305,31 @@ class CrossHarmonics(VirtualEffect):
             if others := [j for j in turning_joints(arm.chain) if j != i]:
                 j = others[int(partner[i] * len(others))]
                 cross[i, j] = amplitude[i] * np.array([np.cos(phase[i]), np.sin(phase[i])])
-        return CrossRunout(cross)
+        return _CrossRunout(cross)
 
 
-_ORDERS = (3, 60)  # least and largest: those of one and two are runout
+_ORDERS = (3, 60)  # least and largest; one and two are runout
 
 
 @dataclass(frozen=True)
-class GearWaves(SimulatedEffect, MovesJoints):
+class _GearWaves(SimulatedEffect, MovesJoints):
     """Gear ripple of one arm.
 
     Attributes:
-        waves: ``(n, 3)``: how often a turn of its own position each joint is off, and the coefficients (rad) of sine
-            and cosine of that many times the position. Zero for a slide.
+        waves: ``(n, 3)``: periods in a turn of each joint, and coefficients (rad) of sine and cosine. Zero for a slide.
     """
 
     waves: Array
 
     @classmethod
     def none(cls, joints: int) -> Self:
-        """Smooth gears."""
         return cls(np.zeros((joints, 3)))
 
     def joint_offsets(self, joints: Array, conditions: PoseConditions) -> Array:
-        """Waves of the joint's position."""
         order, sine, cosine = self.waves.T
-        offsets: Array = sine * np.sin(order * joints) + cosine * np.cos(order * joints)
-        return offsets
+        return np.asarray(sine * np.sin(order * joints) + cosine * np.cos(order * joints))
 
     def true_parameters(self) -> dict[str, float]:
-        """Those of ``joint2.harmonic20`` and its like."""
         found: dict[str, float] = {}
         for i, (order, sine, cosine) in enumerate(self.waves.tolist(), start=1):
             if order:
@@ -360,7 +337,6 @@ class GearWaves(SimulatedEffect, MovesJoints):
         return found
 
     def refuse_unfit(self, chain: JointSpec) -> None:
-        """A slide does not turn."""
         if self.waves[list(chain.prismatic), 1:].any():
             raise LabError(f"robot {chain.name}: a slide has no waves; give it zeros")
 
@@ -383,4 +359,4 @@ class Ripple(VirtualEffect):
         phase = rngs[0].uniform(0.0, 2 * np.pi, size)
         amplitude = MRAD.to_si(self.ripple_mrad) * ~np.array(arm.chain.prismatic)
         waves = np.stack([order, amplitude * np.cos(phase), amplitude * np.sin(phase)], axis=1)
-        return GearWaves(waves * (amplitude > 0)[:, None])
+        return _GearWaves(waves * (amplitude > 0)[:, None])

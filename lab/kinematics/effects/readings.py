@@ -1,4 +1,4 @@
-"""Simulated scatter of what is read: repeatability, encoder rounding, correlated noise, bad readings."""
+"""Simulated scatter of readings: repeatability, encoder rounding, correlated noise, outliers."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -40,7 +40,7 @@ class VisitScatter(SimulatedEffect, ScattersJoints):
     """Repeatability of one arm's joints.
 
     Attributes:
-        repeatability_rad: ``(n,)`` standard deviation of where a joint stops from one visit to the next, m of a slide.
+        repeatability_rad: ``(n,)`` standard deviation of a joint's position between visits, m of a slide.
     """
 
     repeatability_rad: Array
@@ -50,7 +50,7 @@ class VisitScatter(SimulatedEffect, ScattersJoints):
 
     @classmethod
     def none(cls, joints: int) -> Self:
-        """Joints that stop where they did before."""
+        """Return no scatter."""
         return cls(np.zeros(joints))
 
     @property
@@ -59,9 +59,8 @@ class VisitScatter(SimulatedEffect, ScattersJoints):
         return bool(self.repeatability_rad.any())
 
     def scatter(self, poses: int, rng: np.random.Generator) -> Array:
-        """Normal draws."""
-        drawn: Array = self.repeatability_rad * rng.standard_normal((poses, len(self.repeatability_rad)))
-        return drawn
+        """Draw normal scatter."""
+        return np.asarray(self.repeatability_rad * rng.standard_normal((poses, len(self.repeatability_rad))))
 
 
 @dataclass(frozen=True)
@@ -72,23 +71,19 @@ class Repeatability(VirtualEffect):
     """Scatter of a joint's position between visits (1σ)."""
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
-        """Alike for all joints."""
+        """Return equal scatter of all joints."""
         return VisitScatter(levers(arm.chain) * MRAD.to_si(self.repeatability_mrad))
 
 
 @dataclass(frozen=True)
 class EncoderCounts(SimulatedEffect, ChangesJointPositions):
-    """Encoder resolution of one arm.
-
-    Attributes:
-        encoders: those of its table; None for ideal ones.
-    """
+    """Encoder resolution of one arm; None for ideal encoders."""
 
     encoders: Encoders | None
 
     @classmethod
     def none(cls, joints: int) -> Self:
-        """Ideal encoders."""
+        """Return ideal encoders."""
         return cls(None)
 
     def shown(self, joints: Array) -> Array:
@@ -98,14 +93,14 @@ class EncoderCounts(SimulatedEffect, ChangesJointPositions):
 
 @dataclass(frozen=True)
 class EncoderRounding(VirtualEffect):
-    """Encoders of a virtual arm: a robot's table says them, no option."""
+    """Encoders of a virtual arm, from the robot's table, without an option."""
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
         """Return the encoders of the nominal model."""
         return None if arm.chain.encoders is None else EncoderCounts(arm.chain.encoders)
 
 
-_LEAST_DOF = 2.0  # of Student's t: there its variance ends
+_LEAST_DOF = 2.0  # Student's t has a variance above
 
 
 @dataclass(frozen=True)
@@ -113,10 +108,10 @@ class ShapedNoise(SimulatedEffect, ShapesNoise):
     """Noise distribution of one instrument, with its variance unchanged.
 
     Attributes:
-        correlation: of each number's noise from one pose to the next: an autoregressive process of the first order.
-        tail_dof: degrees of freedom of Student's t, which the noise is stretched to by chance; infinite for none.
-        moved_m: how far the base or the tracker moves at once in each set of measurements; their mean stays.
-        moved_after: how many poses are measured before; 0 for half of them.
+        correlation: of each number's noise from one pose to the next, AR(1).
+        tail_dof: degrees of freedom of Student's t; infinite for normal tails.
+        moved_m: step of the base or the tracker in each set of measurements; the mean is unchanged.
+        moved_after: number of poses before the step; 0 for half of them.
     """
 
     correlation: float
@@ -132,7 +127,7 @@ class ShapedNoise(SimulatedEffect, ShapesNoise):
 
     @classmethod
     def none(cls, joints: int) -> Self:
-        """Noise that is independent, and as the instrument has it."""
+        """Return independent normal noise."""
         return cls(0.0, np.inf)
 
     @property
@@ -142,11 +137,11 @@ class ShapedNoise(SimulatedEffect, ShapesNoise):
 
     @property
     def is_of_a_tracker(self) -> bool:
-        """True if it moves the tracker, which not every kind of measurement has."""
+        """True if it moves the tracker, which some kinds of measurement do not have."""
         return self.moved_m > 0
 
     def shaped(self, noise: Array, rng: np.random.Generator) -> Array:
-        """Independent noise ``(poses, k, 3)`` m, stretched by number, carried on from pose to pose, and moved."""
+        """Return noise ``(poses, k, 3)`` m with tails, autocorrelation and a step."""
         return self._carried(noise, rng) + self._moved(len(noise), rng)
 
     def _carried(self, noise: Array, rng: np.random.Generator) -> Array:
@@ -160,7 +155,6 @@ class ShapedNoise(SimulatedEffect, ShapesNoise):
         return carried
 
     def _moved(self, poses: int, rng: np.random.Generator) -> Array:
-        """``(poses, 1, 3)`` m against the mean, in a random direction."""
         if not self.moved_m:
             return np.zeros((1, 1, 1))
         after = np.arange(poses) >= (self.moved_after or poses / 2)
@@ -170,7 +164,7 @@ class ShapedNoise(SimulatedEffect, ShapesNoise):
 
 @dataclass(frozen=True)
 class InstrumentNoise(VirtualEffect):
-    """The noise of a virtual instrument."""
+    """Noise of a virtual instrument."""
 
     noise_correlation: float = 0.0
     """Correlation of the instrument's noise from one pose to the next."""
@@ -182,7 +176,7 @@ class InstrumentNoise(VirtualEffect):
     """Poses that are measured before that; 0 for half of them."""
 
     def check(self) -> None:
-        """Refuse a correlation of one, tails without a variance, and the time of a step that there is none of."""
+        """Refuse a correlation of one, tails without a variance, and the time of a step without a size."""
         if not self.noise_correlation < 1:
             raise LabError(
                 f"{option_name('noise_correlation')} {self.noise_correlation:g}: give a correlation from 0 to below 1"
@@ -208,8 +202,8 @@ class Displaced(SimulatedEffect, DisplacesReadings):
     """Outliers of one campaign.
 
     Attributes:
-        bad_share: how likely a pose's reading is bad.
-        bad_range_m: least and largest displacement of a bad reading; log-uniform between, in any direction.
+        bad_share: probability of an outlier.
+        bad_range_m: least and largest displacement of an outlier; log-uniform between, in any direction.
     """
 
     bad_share: float
@@ -223,7 +217,7 @@ class Displaced(SimulatedEffect, DisplacesReadings):
 
     @classmethod
     def none(cls, joints: int) -> Self:
-        """Good readings."""
+        """Return no outliers."""
         return cls(0.0, (1e-3, 1e-3))
 
     @property
@@ -232,7 +226,7 @@ class Displaced(SimulatedEffect, DisplacesReadings):
         return self.bad_share > 0
 
     def displacements(self, poses: int, rng: np.random.Generator) -> tuple[Array, NDArray[np.bool_]]:
-        """Four draws a pose: whether it is bad, how far it is displaced, and where."""
+        """Draw four numbers a pose: for the outlier, its size and its direction."""
         chance, size, height, turn = rng.random((poses, 4)).T
         bad = chance < self.bad_share
         least, largest = np.log(self.bad_range_m)
@@ -243,7 +237,7 @@ class Displaced(SimulatedEffect, DisplacesReadings):
 
 @dataclass(frozen=True)
 class BadReadings(VirtualEffect):
-    """Bad readings of a virtual arm."""
+    """Outliers of a virtual arm."""
 
     bad_share: float = 0.0
     """Share of the poses whose reading is bad."""
@@ -251,7 +245,7 @@ class BadReadings(VirtualEffect):
     """Least and largest displacement of a bad reading."""
 
     def check(self) -> None:
-        """Refuse a share above one, and sizes that are none or without a share."""
+        """Refuse a share above one, and sizes that are not valid or without a share."""
         if not self.bad_share <= 1:
             raise LabError(f"{option_name('bad_share')} {self.bad_share:g}: give a share from 0 to 1")
         if len(self.bad_mm) != 2 or not 0 < self.bad_mm[0] <= self.bad_mm[1]:

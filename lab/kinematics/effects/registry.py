@@ -1,7 +1,7 @@
-"""Registry of all effects, one line each: the groups of ``--model`` and the options of a virtual arm.
+"""Registry of all effects: the groups of ``--model`` and the options of a virtual arm.
 
-The order is that of the options, of the groups and of the random substreams: a new effect goes to the end, so that
-what is drawn for the others stays as it is.
+The order is that of the options, of the groups and of the random substreams: a new effect goes to the end, so that the
+draws of others stay the same.
 """
 
 import re
@@ -45,7 +45,7 @@ __all__ = [
     "searched_terms",
 ]
 
-Kind = TypeVar("Kind", bound=VirtualEffect)
+_Kind = TypeVar("Kind", bound=VirtualEffect)
 
 
 @dataclass(frozen=True)
@@ -75,18 +75,18 @@ class EffectOptions(  # a dataclass takes the fields of its last base first: a n
     Payloads,
     Compliance,
 ):
-    """The options of all effects side by side."""
+    """Options of all effects."""
 
-    def of(self, kind: type[Kind]) -> Kind:
-        """Those of one effect."""
+    def of(self, kind: type[_Kind]) -> _Kind:
+        """Return the options of one effect."""
         return kind(**{each.name: getattr(self, each.name) for each in fields(kind)})
 
     def each(self) -> Iterator[VirtualEffect]:
-        """Those of every effect, in their order."""
+        """Iterate over the options of every effect."""
         return (self.of(kind) for kind in EFFECTS)
 
     def check(self) -> None:
-        """Refuse numbers that make no sense, with a LabError that names the option."""
+        """Refuse numbers out of range with a LabError about the option."""
         for each in fields(self):
             value, flag = getattr(self, each.name), "--" + each.name.replace("_", "-")
             for number in value if isinstance(value, tuple) else (value,):
@@ -103,7 +103,7 @@ CANDIDATES = tuple(group.name for group in _FITTED.values() if group.is_candidat
 _TERM_FAMILIES = tuple(family for kind in EFFECTS for family in kind.terms)
 _FAMILIES = {(str(family.owner), family.symbol, bool(family.number)): family for family in _TERM_FAMILIES}
 _TERM = re.compile(r"(joint|link)([1-9]\d*)\.([a-z_]+)([1-9]\d*)?")
-CAMPAIGN_SPECIFIC = tuple(group.name for group in _FITTED.values() if group.of_one_campaign)  # nothing of another day
+CAMPAIGN_SPECIFIC = tuple(group.name for group in _FITTED.values() if group.of_one_campaign)
 
 
 def fitted_groups() -> tuple[FittedGroup, ...]:
@@ -114,13 +114,10 @@ def fitted_groups() -> tuple[FittedGroup, ...]:
 def effect(
     name: str, chain: JointSpec, loads: Loads | None, sessions: SessionInfo = NO_SESSIONS, *, moving: bool = False
 ) -> Effect:
-    """The fitted group of that name for an arm.
-
-    Args:
-        moving: whether it is to know how the joints move (``ArmFacts``).
+    """Return the fitted group of that name for an arm; ``moving`` as in ``ArmFacts``.
 
     Raises:
-        LabError: there is no such group, the arm cannot have it, or there are no masses or sessions for it.
+        LabError: there is no such group, the arm cannot have it, or it needs masses or sessions.
     """
     found = _fitted(name, ArmFacts(chain, loads, sessions, moving=moving))
     return replace(found, made_by=partial(effect, name, chain, loads, sessions, moving=moving))
@@ -147,13 +144,13 @@ def _fitted(name: str, facts: ArmFacts) -> Effect:
 
 
 def searched_terms(facts: ArmFacts) -> dict[str, Effect]:
-    """The groups of single joints and links that ``--model auto`` searches for an arm, by name."""
+    """Return the groups of single joints and links that ``--model auto`` searches, by name."""
     names = (family.name(*pair) for family in _TERM_FAMILIES for pair in family.searched(facts))
     return {name: effect(name, facts.chain, facts.loads, facts.sessions) for name in names}
 
 
 def expected_terms(facts: ArmFacts) -> tuple[str, ...]:
-    """Those of ``searched_terms`` that the robot's description leads one to expect."""
+    """Return those of ``searched_terms`` that the robot's description suggests."""
     return tuple(family.name(*pair) for family in _TERM_FAMILIES for pair in family.expected(facts))
 
 
@@ -166,7 +163,7 @@ def describe_term(name: str) -> str:
 
 
 def _term(name: str) -> tuple[TermFamily, int, int] | None:
-    """The family, the joint or link from 1 and the number of such a name; 0 where it has none."""
+    """Return family, joint or link from 1, and number of a name; 0 without one."""
     match = _TERM.fullmatch(name)
     if match is None or (family := _FAMILIES.get((match[1], match[3], match[4] is not None))) is None:
         return None

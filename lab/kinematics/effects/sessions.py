@@ -1,9 +1,7 @@
 """Sessions and stations of a campaign: bumps of the frame, several stations, duration and payloads.
 
-Stations of an instrument: it measures some poses from one place, and others from another, each in its own frame.
-
-The frame of the first station is that in which the arm's base is. A session is the same, but for its size: it begins
-where the frame was moved by a little (``sessions``), a station stands anywhere.
+A station is a place of the instrument, with its own frame; the first one's is the frame of the arm's base. A session
+begins after a small motion of the frame (``sessions``).
 """
 
 import itertools
@@ -41,30 +39,23 @@ __all__ = [
     "Duration",
     "Payloads",
     "StationPoses",
-    "TrackerBump",
     "at_first_station",
     "further_stations",
-    "sessions",
     "station_parameters",
     "stations",
 ]
 
 
-def sessions(names: Sequence[str]) -> Effect:
-    """The fitted group: how the frame of every session but the first is moved and turned."""
+def _sessions(names: Sequence[str]) -> Effect:
+    """Return the fitted group: motions of the frame in every session but the first."""
     moved = [placed_parameters(f"session.{name}", "sessions", AXES, scaled=True) for name in names[1:]]
     parameters = tuple(itertools.chain.from_iterable(moved))
     return Effect("sessions", parameters, _frame_each(1.0), tuple(SESSION + name for name in names[1:]), "frame")
 
 
 def _frame_each(sign: float) -> Offsets:
-    """Return the frame motion of each setup but the first, by six parameters of its own.
-
-    Args:
-        sign: 1 where they are how the points move, -1 where they are how the frame moves.
-
-    Returns:
-        The ``offsets`` of an effect whose conditions are one for each of these setups: 1 of its rows, else 0.
+    """Return ``offsets`` of a frame, six parameters for each condition; ``sign`` is -1 for motions of the frame, 1 of
+    points.
     """
 
     def offsets(_: Array, within: Array, values: Array) -> tuple[Array, Array]:
@@ -80,17 +71,16 @@ def _frame_each(sign: float) -> Offsets:
 def _fitted(arm: ArmFacts) -> Effect:
     if len(arm.sessions.sessions) < 2:
         raise LabError(f"{option_name('model')} sessions: all rows are of one session; add a column session")
-    return sessions(arm.sessions.sessions)
+    return _sessions(arm.sessions.sessions)
 
 
 @dataclass(frozen=True)
-class TrackerBump(TrackerMotion):
+class _TrackerBump(TrackerMotion):
     """Tracker bump of one campaign: the motion happens at once in its middle."""
 
     condition: ClassVar[str] = BUMPED
 
     def true_parameters(self) -> dict[str, float]:
-        """The tracker's motion reversed."""
         return {f"session.2.{axis}": float(value) for axis, value in zip(AXES, -self.motion, strict=True)}
 
 
@@ -111,8 +101,8 @@ class Bump(VirtualEffect):
     )
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
-        """Both directions are drawn."""
-        return TrackerBump.random(MM.to_si(self.bump_mm), MRAD.to_si(self.bump_mrad), rngs)
+        """Draw both directions."""
+        return _TrackerBump.random(MM.to_si(self.bump_mm), MRAD.to_si(self.bump_mrad), rngs)
 
 
 GROUP = "stations"  # of the parameters
@@ -120,10 +110,9 @@ _OWNER = "station."
 
 
 def stations(names: Sequence[str]) -> tuple[Effect, ...]:
-    """Return the poses of all stations but the first, in the first one's frame: head position and rotation vector.
+    """Return the group of the poses of all stations but the first, in the first one's frame; none for one station.
 
-    None where there is one station alone. Nothing is known of them beforehand: they are placed like the base
-    (``initial_guess``).
+    They have no initial values, like the base (``initial_guess``).
     """
     return (_stations(tuple(names)),) if len(names) > 1 else ()
 
@@ -137,7 +126,7 @@ def _stations(names: tuple[str, ...]) -> Effect:
 
 
 def further_stations(parameters: Sequence[Parameter]) -> dict[str, tuple[int, ...]]:
-    """The conditions that say which rows are of each station but the first, and where its six parameters stand."""
+    """Return indices of the six parameters of each station but the first, by the condition of its rows."""
     found: dict[str, list[int]] = {}
     for i, parameter in enumerate(parameters):
         if parameter.group == GROUP:
@@ -146,7 +135,7 @@ def further_stations(parameters: Sequence[Parameter]) -> dict[str, tuple[int, ..
 
 
 def at_first_station(conditions: Sequence[str], inputs: Array) -> Array:
-    """Settings ``(n, joints + conditions)`` as if the first station measured all of them."""
+    """Return inputs ``(n, joints + conditions)`` with all rows at the first station."""
     first = inputs.shape[1] - len(conditions)
     columns = [first + i for i, name in enumerate(conditions) if name.startswith(STATION)]
     if not columns:
@@ -157,7 +146,7 @@ def at_first_station(conditions: Sequence[str], inputs: Array) -> Array:
 
 
 def station_parameters(Ts_world_station: Array) -> Array:
-    """The parameters ``(s - 1, 6)`` of all stations but the first, from the poses ``(s, 4, 4)`` (m) of all."""
+    """Return the parameters ``(s - 1, 6)`` of all stations but the first, from the poses ``(s, 4, 4)`` (m) of all."""
     Ts = se3.inverse(Ts_world_station[0]) @ Ts_world_station[1:]
     return np.concatenate([Ts[:, :3, 3], se3.log(Ts[:, :3, :3])], axis=1)
 
@@ -182,7 +171,7 @@ class StationPoses(SimulatedEffect, MovesTracker):
         return tuple(STATION + name for name in self.Ts_first_station)
 
     def true_parameters(self) -> dict[str, float]:
-        """Their places."""
+        """Return the stations' poses."""
         truth: dict[str, float] = {}
         for name, T in self.Ts_first_station.items():
             numbers = [*T[:3, 3].tolist(), *se3.log(T[:3, :3]).tolist()]
@@ -205,7 +194,7 @@ class Payloads(VirtualEffect):
     """Payloads at the flange, one of which each pose has."""
 
     def check(self) -> None:
-        """Refuse no payload at all."""
+        """Refuse an empty list."""
         if not self.payload_kg:
             raise LabError(f"{option_name('payload_kg')}: give at least one payload, e.g. 0,3")
 
@@ -222,7 +211,7 @@ class Duration(VirtualEffect):
     """How long the campaign takes: an hour, if drift or growth need to know."""
 
     def check(self) -> None:
-        """Refuse a time that is none."""
+        """Refuse a duration that is not above zero."""
         if self.hours is not None:
             positive(option_name("hours"), self.hours)
 

@@ -1,12 +1,7 @@
 """Effects of temperature and time: thermal growth, zeros by temperature, drift of the frame.
 
-Temperature: an arm whose lengths expand, and whose joints' zeros shift, in proportion to the column ``temp_C``.
-
-Both are zero at 20 degrees Celsius, where lengths are stated (ISO 1:2022).
-
-A tracker that creeps, a base that yields, or a frame that grows: what is measured moves steadily.
-
-In proportion to the time from a start where a file has ``time_s``, else to a row's place in the file.
+Expansion and zeros are in proportion to ``temp_C`` above 20 degrees, the reference temperature of lengths (ISO 1:2022).
+Drift is in proportion to ``time_s``, or to a row's place in a file without it.
 """
 
 from collections.abc import Sequence
@@ -34,8 +29,7 @@ from lab.kinematics.effects.effect import (
     SimulatedEffect,
     TrackerMotion,
     VirtualEffect,
-    by_joint,
-    joint_terms,
+    from_signals,
     levers,
 )
 from lab.kinematics.joints import JointSpec
@@ -51,16 +45,14 @@ __all__ = [
     "TrackerDrift",
     "ZerosByTemperature",
     "drift",
-    "expansion",
-    "thermal_zeros",
 ]
 
-_WARMER = ("condition", TEMPERATURE, REFERENCE_C)  # as a signal of formats.plain_arm
+_WARMER = ("condition", TEMPERATURE, REFERENCE_C)  # signal of formats.plain_arm
 _EXPANSION_SCALE, _ZERO_SCALE = 1e-4, 1e-4  # 1/K, rad/K: several times those of aluminium, and of its joints
 
 
-def expansion() -> Effect:
-    """The fitted group: the coefficient (1/K) by which all lengths of the arm, its tool's too, expand."""
+def _expansion() -> Effect:
+    """Return the fitted group: the coefficient (1/K) of expansion of all lengths of the arm and its tool."""
     parameter = Parameter("thermal", "expansion", "expansion", "ratio", Unit("1/K", "ppm/K", 1e6), _EXPANSION_SCALE)
 
     def offsets(_: Array, temperature: Array, values: Array) -> tuple[Array, Array]:
@@ -73,8 +65,8 @@ def expansion() -> Effect:
     return Effect("expansion", (parameter,), offsets, (TEMPERATURE,), "size", plain=plain)
 
 
-def thermal_zeros(chain: JointSpec) -> Effect:
-    """The fitted group: how far each joint's zero shifts for a degree (rad/K, m/K of a slide)."""
+def _thermal_zeros(chain: JointSpec) -> Effect:
+    """Return the fitted group: shifts of the joints' zeros per degree (rad/K, m/K of a slide)."""
     kinds: tuple[tuple[Kind, Unit], ...] = ("angle", Unit("rad/K", "µrad/K", 1e6)), ("length", Unit("m/K", "µm/K", 1e6))
     parameters = tuple(
         joint_parameter("thermal_zeros", i, "thermal", kind, unit=unit, scale=_ZERO_SCALE)
@@ -82,12 +74,13 @@ def thermal_zeros(chain: JointSpec) -> Effect:
         for kind, unit in kinds[slides : slides + 1]
     )
 
-    return Effect(
+    return from_signals(
         "thermal_zeros",
         parameters,
-        lambda _, temperature, values: by_joint(temperature - REFERENCE_C, values),
+        range(chain.size),
+        lambda _, temperature: temperature - REFERENCE_C,
+        [_WARMER] * chain.size,
         (TEMPERATURE,),
-        plain=lambda values: joint_terms(values, *((i, _WARMER) for i in range(chain.size))),
     )
 
 
@@ -96,7 +89,7 @@ class ThermalExpansion(SimulatedEffect, MovesArm):
     """Thermal expansion of one arm.
 
     Attributes:
-        expansion_per_k: by which all its lengths grow about its foot for a degree, relative.
+        expansion_per_k: relative growth of all its lengths about its base per degree.
     """
 
     expansion_per_k: float
@@ -107,22 +100,22 @@ class ThermalExpansion(SimulatedEffect, MovesArm):
 
     @classmethod
     def none(cls, joints: int) -> Self:
-        """An arm of a material that does not expand."""
+        """Return no expansion."""
         return cls(0.0)
 
     def conditions(self, joint_names: tuple[str, ...]) -> tuple[str, ...]:
-        """The temperature."""
+        """Return the temperature."""
         return (TEMPERATURE,) if self.expansion_per_k else ()
 
     def moved(self, points: Array, base: Array, conditions: PoseConditions) -> Array:
-        """Farther from the foot where it is warmer."""
+        """Return the points scaled about the base."""
         if not self.expansion_per_k:
             return points
         scale = 1 + self.expansion_per_k * conditions.warmer
         return np.asarray(base + scale[:, None, None] * (points - base))
 
     def true_parameters(self) -> dict[str, float]:
-        """The coefficient."""
+        """Return the coefficient."""
         return {"thermal.expansion": self.expansion_per_k}
 
 
@@ -131,18 +124,18 @@ class ThermalZeros(SimulatedEffect, MovesJoints):
     """Thermal zero offsets of one arm.
 
     Attributes:
-        zeros_rad_per_k: ``(n,)`` by which each joint's zero shifts for a degree; m/K of a slide.
+        zeros_rad_per_k: ``(n,)`` shift of each joint's zero per degree; m/K of a slide.
     """
 
     zeros_rad_per_k: Array
 
     @classmethod
     def none(cls, joints: int) -> Self:
-        """Zeros that stay."""
+        """Return constant zeros."""
         return cls(np.zeros(joints))
 
     def conditions(self, joint_names: tuple[str, ...]) -> tuple[str, ...]:
-        """The temperature."""
+        """Return the temperature."""
         return (TEMPERATURE,) if self.zeros_rad_per_k.any() else ()
 
     def joint_offsets(self, joints: Array, conditions: PoseConditions) -> Array:
@@ -150,19 +143,19 @@ class ThermalZeros(SimulatedEffect, MovesJoints):
         return np.asarray(conditions.warmer[:, None] * self.zeros_rad_per_k)
 
     def true_parameters(self) -> dict[str, float]:
-        """The shifts."""
+        """Return the shifts."""
         return {f"joint{i + 1}.thermal": float(value) for i, value in enumerate(self.zeros_rad_per_k)}
 
 
 @dataclass(frozen=True)
 class Temperature(VirtualEffect):
-    """A virtual arm that warms up."""
+    """Thermal expansion of a virtual arm."""
 
     expansion_ppm_per_k: float = 0.0
     """How much all lengths of the arm grow with its temperature: 12 of steel, 23 of aluminium."""
 
     groups: ClassVar[tuple[FittedGroup, ...]] = (
-        FittedGroup("expansion", lambda _: expansion(), "lengths that grow with temp_C"),
+        FittedGroup("expansion", lambda _: _expansion(), "lengths that grow with temp_C"),
     )
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
@@ -172,18 +165,18 @@ class Temperature(VirtualEffect):
 
 @dataclass(frozen=True)
 class ZerosByTemperature(VirtualEffect):
-    """A virtual arm whose joints' zeros shift as it warms up."""
+    """Thermal shifts of a virtual arm's zeros."""
 
     thermal_zero_mrad_per_k: float = 0.0
     """How far the joints' zeros shift with the temperature (1σ)."""
 
     draws: ClassVar[int] = 1
     groups: ClassVar[tuple[FittedGroup, ...]] = (
-        FittedGroup("thermal_zeros", lambda arm: thermal_zeros(arm.chain), "joints' zeros that shift with temp_C"),
+        FittedGroup("thermal_zeros", lambda arm: _thermal_zeros(arm.chain), "joints' zeros that shift with temp_C"),
     )
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
-        """Normal draws, one a joint."""
+        """Draw one normal number a joint."""
         sizes = MRAD.to_si(self.thermal_zero_mrad_per_k) * rngs[0].standard_normal(arm.chain.size)
         return ThermalZeros(levers(arm.chain) * sizes)
 
@@ -193,7 +186,7 @@ class ThermalGrowth(SimulatedEffect, MovesArm):
     """Thermal growth of one arm.
 
     Attributes:
-        growth_per_h: how much all lengths of the arm grow about its foot in an hour, relative.
+        growth_per_h: relative growth of all lengths of the arm about its base per hour.
     """
 
     growth_per_h: float
@@ -204,23 +197,22 @@ class ThermalGrowth(SimulatedEffect, MovesArm):
 
     @classmethod
     def none(cls, joints: int) -> Self:
-        """An arm that keeps its size."""
+        """Return no growth."""
         return cls(0.0)
 
     def conditions(self, joint_names: tuple[str, ...]) -> tuple[str, ...]:
-        """The time."""
+        """Return the time."""
         return (TIME,) if self.growth_per_h else ()
 
     def moved(self, points: Array, base: Array, conditions: PoseConditions) -> Array:
-        """Farther from the foot."""
+        """Return the points scaled about the base."""
         if not self.growth_per_h:
             return points
         scale = 1 + self.growth_per_h * conditions.column(TIME) / HOUR_S
-        grown: Array = base + scale[:, None, None] * (points - base)
-        return grown
+        return np.asarray(base + scale[:, None, None] * (points - base))
 
     def obscured(self) -> tuple[str, ...]:
-        """Growth about the foot shifts and stretches what is measured; it does not turn it."""
+        """Return the shifts and the stretch of drift, which growth about the base changes."""
         return tuple(f"drift.{axis}" for axis in ("x", "y", "z", "scale")) if self.growth_per_h else ()
 
 
@@ -237,28 +229,22 @@ class Growth(VirtualEffect):
 
 
 def drift(start_s: float = 0.0) -> Effect:
-    """The fitted group: how far what is measured is shifted, turned and stretched in an hour."""
-    parameters = placed_parameters("drift", "drift", (*AXES, "scale"), rate=True, scaled=True)
-
-    def offsets(_: Array, time_s: Array, values: Array) -> tuple[Array, Array]:
-        hours = (time_s - start_s) / HOUR_S  # (n, 1)
-        return hours * values, hours[:, :, None] * np.eye(7)
-
-    return Effect("drift", parameters, offsets, (TIME,), "frame")
+    """Return the fitted group: shift, turn and stretch of the measured points per hour."""
+    return _drift(TIME, start_s, HOUR_S)
 
 
-def _drift_by_row() -> Effect:
-    """The fitted group where nobody wrote down the time: how far what is measured moves from first row to last."""
-    parameters = placed_parameters("drift", "drift", (*AXES, "scale"), scaled=True)
+def _drift(condition: str, start: float, whole: float) -> Effect:
+    parameters = placed_parameters("drift", "drift", (*AXES, "scale"), rate=condition == TIME, scaled=True)
 
-    def offsets(_: Array, place: Array, values: Array) -> tuple[Array, Array]:
-        return place * values, place[:, :, None] * np.eye(7)
+    def offsets(_: Array, given: Array, values: Array) -> tuple[Array, Array]:
+        share = (given - start) / whole  # (n, 1)
+        return share * values, share[:, :, None] * np.eye(7)
 
-    return Effect("drift", parameters, offsets, (PLACE,), "frame")
+    return Effect("drift", parameters, offsets, (condition,), "frame")
 
 
 def _fitted(arm: ArmFacts) -> Effect:
-    return drift(arm.sessions.start_s) if arm.sessions.timed else _drift_by_row()
+    return drift(arm.sessions.start_s) if arm.sessions.timed else _drift(PLACE, 0.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -269,7 +255,7 @@ class TrackerDrift(TrackerMotion):
     whole: ClassVar[float] = HOUR_S
 
     def true_parameters(self) -> dict[str, float]:
-        """The tracker's motion reversed: ``p' = exp(w t) (p + v t)``."""
+        """Return the tracker's motion reversed: ``p' = exp(w t) (p + v t)``."""
         rates = {f"drift.{axis}": float(value) for axis, value in zip(AXES, -self.motion, strict=True)}
         return rates | {"drift.scale": 0.0}
 
@@ -287,5 +273,5 @@ class Drift(VirtualEffect):
     groups: ClassVar[tuple[FittedGroup, ...]] = (FittedGroup("drift", _fitted, of_one_campaign=True),)
 
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
-        """Both directions are drawn."""
+        """Draw both directions."""
         return TrackerDrift.random(MM.to_si(self.drift_mm_per_h), MRAD.to_si(self.drift_mrad_per_h), rngs)
