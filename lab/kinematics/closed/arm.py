@@ -1,8 +1,7 @@
-"""A mechanism with loops behind the seam of a serial arm: joint positions, parameters in; points, derivatives out.
+"""A mechanism with loops as a model.
 
-The targets are h(q, z, p) with the passive values z that close the loops, c(q, z, p) = 0; by implicit
-differentiation dh/dp = h_p - h_z c_z^-1 c_p. Closures hang on few parameters each, so that the product is made
-column by column.
+The targets are h(q, z, p) with the passive values z that close the loops, c(q, z, p) = 0; by implicit differentiation
+dh/dp = h_p - h_z c_z^-1 c_p. Each closure depends on few parameters, so that the product is made column by column.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -23,7 +22,7 @@ from lab.kinematics.serial.walk import chunks, padded
 
 __all__ = ["ClosedArm"]
 
-_HALF_PARALLELOGRAM = 0.05  # of a rod: half of the short side of the parallelogram that is drawn for it
+_HALF_PARALLELOGRAM = 0.05  # half of the short side of a drawn parallelogram, relative to the rod
 _STEP = 1e-5  # rad or m, of differences
 _Place = tuple[int, int]  # a frame, and a step of its path
 
@@ -33,8 +32,8 @@ class ClosedArm:
     """A mechanism with a base in the tracker's frame and measured targets on its platform.
 
     The parameters, in the order of ``names``: ``base.x y z rx ry rz`` (m; rotation vector, rad), the mechanism's own
-    (``Mechanism.names``), ``tool.<target>.x y z`` (m, in the platform's frame). Where the loops cannot be closed in the
-    nominal mode, or are singular, points and derivatives are NaN: no jump to another mode is taken for an answer.
+    (``Mechanism.names``), ``tool.<target>.x y z`` (m, in the platform's frame). Points and derivatives are NaN if the
+    loops cannot be closed in the nominal mode, or are singular.
     """
 
     chain: Mechanism
@@ -47,16 +46,16 @@ class ClosedArm:
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The mechanism's, then the targets'."""
+        """Parameters of the mechanism, then of the targets."""
         return (*self.chain.parameters, *tool_parameters(target_positions(self.targets)))
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """The parameters' names."""
+        """Names of the parameters."""
         return names_of(self.parameters)
 
     def nominal(self, tool: dict[str, Array] | None = None) -> Array:
-        """The nominal parameters: base at the tracker's origin, targets of ``tool`` (m), else of the default tool."""
+        """Return nominal parameters: base at the tracker's origin, targets of ``tool`` (m) or the default tool."""
         points = np.array(list(target_positions(self.targets, tool).values()))
         return np.concatenate([self.chain.nominal_values, np.ravel(points)])
 
@@ -69,7 +68,7 @@ class ClosedArm:
         return pose(exp(values[3:6]), values[:3])
 
     def points(self, joints: Array, values: Array) -> Array:
-        """Target positions ``(n, k, 3)`` in the tracker's frame (m) at ``joints`` ``(n, joints)``, or NaN."""
+        """Return target positions ``(n, k, 3)`` in the tracker's frame (m) at ``joints`` ``(n, joints)``, or NaN."""
         out = np.empty((3, len(self.targets), len(joints)))
         for part, closed in self._closed(joints, values):
             out[..., part] = self._targets(closed.configuration, values)[:3]
@@ -77,7 +76,7 @@ class ClosedArm:
         return out.transpose(2, 1, 0)
 
     def observe(self, joints: Array, values: Array) -> tuple[Array, Array]:
-        """Target positions ``(n, k, 3)`` and their derivatives ``(n, k, 3, parameters)``."""
+        """Return target positions ``(n, k, 3)`` and their derivatives ``(n, k, 3, parameters)``."""
         out = np.empty((3, len(self.targets), len(joints)))
         jacobian = np.zeros((len(self.names), 3, len(self.targets), len(joints)))
         for part, closed in self._closed(joints, values):
@@ -91,14 +90,14 @@ class ClosedArm:
     def joint_derivatives(self, jacobian: Array) -> Array:
         """Return the columns of derivatives ``(..., parameters)`` for the joint positions, ``(..., joints)``."""
         offsets = [self.names.index(self.chain.offset_of(joint)) for joint in range(self.chain.size)]
-        moved: Array = jacobian[..., offsets] * self.chain.sign
-        return moved
+        return np.asarray(jacobian[..., offsets] * self.chain.sign)
 
     def tool(self, joints: Array, values: Array, target: int = 0) -> tuple[Array, Array]:
-        """Poses ``(n, 4, 4)`` of a target, turned as the platform, and its geometric Jacobian ``(n, 6, joints)``.
+        """Return poses ``(n, 4, 4)`` of a target, with the platform's rotation, and its geometric Jacobian ``(n, 6,
+        joints)``.
 
-        The Jacobian is velocity of the target (m), then angular velocity (rad), in the tracker's frame, by the joint
-        positions. NaN where refused, or not closed quickly (``Mechanism.assembled``).
+        The Jacobian is velocity (m), then angular velocity (rad), in the tracker's frame. NaN if not closed quickly
+        (``Mechanism.assembled``).
         """
         Ts, jacobian = np.zeros((len(joints), 4, 4)), np.zeros((len(joints), 6, self.chain.size))
         Ts[:, 3, 3] = 1.0
@@ -112,19 +111,19 @@ class ClosedArm:
         return Ts, jacobian
 
     def platforms(self, joints: Array, values: Array) -> Array:
-        """Poses ``(n, 4, 4)`` of the platform in the tracker's frame; NaN where the loops are not closed."""
+        """Return poses ``(n, 4, 4)`` of the platform in the tracker's frame, or NaN."""
         (x, y, z), origin = self.chain.assembled(joints, values).configuration.frames[self.chain.tree.platform]
         columns = [np.broadcast_to(vector[:3], (3, len(joints))).T for vector in (x, y, z)]
         return pose(np.stack(columns, axis=2), np.broadcast_to(origin[:3], (3, len(joints))).T)
 
     def legs(self, joints: Array, values: Array) -> list[Array]:
-        """The frames' origins along each closure ``(n, c, 3)`` m, from the end that is less loose to the other."""
+        """Return the frames' origins along each closure ``(n, c, 3)`` m, from its fixed end."""
         configuration = self.chain.assembled(joints, values).configuration
         ends = [rod.ends for rod in self.chain.tree.rods] + [pin.ends for pin in self.chain.tree.pins]
         return [self._along(configuration, sorted(pair, key=lambda end: self.chain.tree.loose[end])) for pair in ends]
 
     def rods(self, joints: Array, values: Array) -> Array:
-        """The two ends of each rod ``(n, rods, 2, 3)`` m in the tracker's frame, the fixed one first."""
+        """Return the two ends of each rod ``(n, rods, 2, 3)`` m in the tracker's frame, the fixed one first."""
         configuration, loose = self.chain.assembled(joints, values).configuration, self.chain.tree.loose
         out = np.empty((len(joints), len(self.chain.tree.rods), 2, 3))
         for i, rod in enumerate(self.chain.tree.rods):
@@ -142,8 +141,8 @@ class ClosedArm:
     def singular_distance(self, joints: Array, values: Array, target: int = 0) -> tuple[Array, NDArray[np.int_]]:
         """Return the first-order distance to the nearer serial or parallel singularity; zero if the loops do not close.
 
-        There the target's Jacobian, and here the closures' derivatives by the passive values, lose a singular value:
-        the product of all, over the length of its gradient by the joint positions (differences), is the way to there.
+        The distance is the product of the singular values, over the length of its gradient by the joint positions
+        (differences): of the target's Jacobian, and of the closures' derivatives by the passive values.
         """
         if not len(joints):
             return np.empty(0), np.empty(0, dtype=np.int_)
@@ -157,7 +156,7 @@ class ClosedArm:
         return 1 / np.maximum(steepest[which, rows], 1e-300), np.asarray(steep.argmax(axis=0))
 
     def _sizes(self, joints: Array, values: Array, target: int) -> Array:
-        """Logarithms ``(2, n)`` of products of singular values: of how the target moves, of what closes the loops."""
+        """Return logarithms ``(2, n)`` of products of singular values: of target motions and of closures."""
         moved = self.tool(joints, values, target)[1][:, : min(3, self.chain.size)]
         closed = np.concatenate([each.inverse for _, each in self._closed(joints, values, quickly=True)])
         with np.errstate(all="ignore"):
@@ -178,7 +177,7 @@ class ClosedArm:
         """Return None: a mechanism with loops is no serial chain."""
 
     def skeleton(self, joints: Array, values: Array) -> Skeleton:
-        """Lines along the legs, in the frame that the base's parameters are given in."""
+        """Return lines along the legs, in the frame of the base's parameters."""
         lines, platform = self.legs(joints, values), self.platforms(joints, values)[:, None, :3, 3]
         frames = np.concatenate([*lines, platform], axis=1)
         origins = np.concatenate([np.zeros((len(joints), 1, 3)), frames], axis=1)
@@ -193,10 +192,10 @@ class ClosedArm:
         return Skeleton(lines, lines, frames, origins, rods, tuple(measured))
 
     def _hinges(self, joints: Array, values: Array) -> list[Array | None]:
-        """Return for each parallelogram rod the axis ``(n, 3)`` along which its two sides lie, else None.
+        """Return the axis ``(n, 3)`` of the short sides of each parallelogram, or None for a rod.
 
-        A platform that nothing lets turn, although each of its rods has ball ends, hangs on parallelograms, whose
-        short sides are parallel to the axes of the arms (Clavel's Delta).
+        A platform that cannot turn, on rods with ball ends, is on parallelograms, whose short sides are parallel to the
+        axes of the arms (Clavel's Delta).
         """
         tree = self.chain.tree
         turns = any(tree.step(*step).is_turn for step in tree.passive)
@@ -214,16 +213,16 @@ class ClosedArm:
         return found
 
     def column_priority(self) -> tuple[int, ...]:
-        """The base, the mechanism's parameters as they come, then the targets."""
+        """Return the base, the mechanism's parameters in order, then the targets."""
         return tuple(range(len(self.names)))
 
     def rank_point(self, values: Array) -> Array:
-        """``values`` with nominal dimensions: what a symmetry of them hides, an imperfect copy may show."""
+        """Return ``values`` with nominal dimensions: an imperfect copy may show what a symmetry hides."""
         nominal = self.chain.nominal_values
         return np.concatenate([values[:6], nominal[6:], values[len(nominal) :]])
 
     def structure_joints(self, count: int, rng: np.random.Generator) -> Array:
-        """Joint positions at which identifiability is decided: random within the limits, where the loops close."""
+        """Draw joint positions for identifiability within the limits, where the loops close."""
         return self.chain.random_joints(count, rng)
 
     def _closed(self, joints: Array, values: Array, *, quickly: bool = False) -> Iterator[tuple[slice, Closed]]:
@@ -235,14 +234,13 @@ class ClosedArm:
             yield part, self.chain.assembled(joints[part], values, quickly=quickly)
 
     def _targets(self, configuration: Configuration, values: Array) -> Array:
-        """Target positions ``(5, k, n)`` from the platform."""
         (x, y, z), origin = configuration.frames[self.chain.tree.platform]
         tool = values[len(self.chain.names) :].reshape(-1, 3)
         shape = (5, configuration.passive.shape[1])
         return np.stack([np.broadcast_to(origin + px * x + py * y + pz * z, shape) for px, py, pz in tool], axis=1)
 
     def _fill(self, jacobian: Array, closed: Closed, points: Array) -> None:
-        """Write derivatives ``(parameters, 3, k, n)``, which are zero."""
+        """Write derivatives into zeros ``(parameters, 3, k, n)``."""
         configuration, tree = closed.configuration, self.chain.tree
         base = configuration.dimensions.base
         jacobian[:3] = np.eye(3)[:, :, None, None]
@@ -257,7 +255,6 @@ class ClosedArm:
                 jacobian[len(self.chain.names) + 3 * k + axis, :, k] = vector[:3]
 
     def _twists(self, closed: Closed, point: Array) -> Array:
-        """Return the Jacobian ``(n, 6, joints)`` of a point ``(5, n)`` of the platform."""
         configuration, tree = closed.configuration, self.chain.tree
         count = configuration.passive.shape[1]
 
@@ -284,8 +281,8 @@ class ClosedArm:
         """Add h_p - h_z c_z^-1 c_p to rows of ``out`` ``(rows, ..., n)``.
 
         Args:
-            motion: h by a step that carries the platform, ``(..., n)``.
-            steps, rods: the row of each step's constant and each rod's length that are asked for.
+            motion: h by a step that moves the platform, ``(..., n)``.
+            steps, rods: rows of the steps' constants and the rods' lengths.
         """
         configuration, tree = closed.configuration, self.chain.tree
         carried = tree.ancestry(tree.platform)
@@ -293,7 +290,7 @@ class ClosedArm:
         for i, step in enumerate(tree.passive):
             if step in carried:
                 by_passive[i] = motion(step)
-        answer = _answers(closed, by_passive)
+        by_gaps = _by_gaps(closed, by_passive)
         for step in carried:
             if step in steps:
                 out[steps[step]] += motion(step)
@@ -301,22 +298,22 @@ class ClosedArm:
             for step, end, sign in opening:
                 if step in steps:
                     slope = configuration.slope(step, configuration.frames[end][1], closed.directions[i])
-                    out[steps[step]] -= answer[i] * (sign * slope)
+                    out[steps[step]] -= by_gaps[i] * (sign * slope)
         for rod, row in rods.items():
-            out[row] += answer[rod]
+            out[row] += by_gaps[rod]
 
 
-def _answers(closed: Closed, motions: Array) -> Array:
+def _by_gaps(closed: Closed, motions: Array) -> Array:
     """Map motions ``(z, ..., n)`` by passive values to motions ``(closures, ..., n)`` by the closures' gaps."""
     inverse = closed.inverse.transpose(2, 1, 0)  # (closures, z, n)
-    answer = np.zeros_like(motions)
+    by_gaps = np.zeros_like(motions)
     for i, row in enumerate(inverse):
         for motion, part in zip(motions, row, strict=True):
-            answer[i] += motion * part
-    return answer
+            by_gaps[i] += motion * part
+    return by_gaps
 
 
 def _parallelogram(ends: Array, aside: Array) -> list[Array]:
-    """The four sides ``(n, 2, 3)`` around a line from end to end; ``aside`` ``(n, 3)`` is half of a short one."""
+    """Return the four sides ``(n, 2, 3)`` around a line; ``aside`` ``(n, 3)`` is half of a short one."""
     corners = np.stack([ends + aside[:, None], ends - aside[:, None]])  # side, pose, end
     return [*corners, *np.moveaxis(corners, (2, 0), (0, 2))]

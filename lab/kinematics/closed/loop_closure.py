@@ -1,24 +1,17 @@
-"""Solve the loop-closure equations of a mechanism from its structure.
+"""Mechanisms with loops: their structure, their configuration, and the solution of their closure equations.
 
-What the closures make of a mechanism's passive values: Newton's method from places where they are known.
+The structure is a tree of elementary slides and hinges, closed by rods and pins. Every value in the tree is a constant
+plus a joint's position, or passive, solved from the closures. All have the same kind of derivative, an axis or an axis
+x lever.
 
-A mechanism assembles in several ways (modes), and Newton's method from afar may end in any. Meant is the mode into
-which a known place can be moved. So the passive values are followed from there, in steps that shrink until Newton's
-corrections do: by Deuflhard's monotonicity test (Newton Methods for Nonlinear Problems, 2004, section 5.1) corrections
-of at most a quarter of the one before say that the way has not been left. A turn is no small correction by itself: a
-first one of radians may end a turn away with nothing to be noticed. And on a way without singularities the determinant
-of the closures' derivatives keeps its sign.
+Vectors are rows x y z x y of n poses, ``(5, n)``, or ``(5, 1)`` if equal in all poses: a cross product is three calls
+on views.
 
-Where the frames of a mechanism stand, how far its closures are from closed, and how each step moves both.
-
-Vectors are rows x y z x y of n poses each, ``(5, n)``, or ``(5, 1)`` where they are the same in all poses: what no
-joint position and no passive value moves is computed once, and a cross product is three calls on views (``serial``).
-
-The structure of a mechanism with loops: a tree of elementary slides and hinges, closed by rods and pins.
-
-Every value in the tree is a constant plus, where a joint moves it, the joint's position; or it is passive:
-what the closures make it. A parameter is a joint that stands still during the campaign, so that constants,
-joint positions and passive values have the same kind of derivative, an axis or an axis x lever.
+A mechanism assembles in several modes, and Newton's method from afar may end in any. So passive values are continued
+from a solved pose, in steps that shrink until Newton's corrections do: Deuflhard's monotonicity test (Newton Methods
+for Nonlinear Problems, 2004, section 5.1) requires corrections of at most a quarter of the one before. First
+corrections of radians, which may end a turn away, are refused. Without a singularity on the way the determinant of the
+closures' derivatives keeps its sign.
 """
 
 from collections.abc import Sequence
@@ -57,17 +50,17 @@ __all__ = [
 ]
 
 Kind = Literal["x", "y", "z", "rx", "ry", "rz"]
-BASE = -1  # the frame that the tree stands on
+BASE = -1  # index of the base as a frame
 
 
 @dataclass(frozen=True)
 class Step:
-    """An elementary motion: a slide along, or a turn about, an axis of the frame as the previous steps have left it.
+    """An elementary motion: a slide along, or a turn about, an axis of the frame after the previous steps.
 
     Attributes:
-        value: its constant (m, rad); of a passive step, where it stands in the nominal position.
-        exact: whether the constant is taken for granted, and no parameter.
-        joint: the one (from 0) whose position, times its sign, adds to the constant, its offset.
+        value: its constant (m, rad); of a passive step, its nominal value.
+        exact: True if the constant is no parameter.
+        joint: the joint (from 0) whose position, times its sign, adds to the constant.
     """
 
     kind: Kind
@@ -89,7 +82,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Frame:
-    """A frame that stands ``on`` another (its index, or ``BASE``), at the end of a path of steps."""
+    """A frame at the end of a path of steps ``on`` another (its index, or ``BASE``)."""
 
     name: str
     on: int
@@ -101,7 +94,7 @@ class Rod:
     """A distance between the origins of two frames: a rod with ball ends, or a leg whose length a joint sets.
 
     Attributes:
-        length_m: its constant; the offset of a joint's position, where a joint sets the length.
+        length_m: constant, to which a joint's position adds.
     """
 
     name: str
@@ -130,7 +123,7 @@ class _Opening(NamedTuple):
 
 @dataclass(frozen=True)
 class Tree:
-    """Frames, each on an earlier one, what closes their loops, and the frame that carries the targets."""
+    """Frames, each on an earlier one, their closures, and the frame with the targets."""
 
     frames: tuple[Frame, ...]
     rods: tuple[Rod, ...]
@@ -142,7 +135,7 @@ class Tree:
         assert all(frame.on < i for i, frame in enumerate(self.frames))
 
     def step(self, frame: int, step: int) -> Step:
-        """A step of a frame's path."""
+        """Return a step of a frame's path."""
         return self.frames[frame].path[step]
 
     @cached_property
@@ -168,15 +161,15 @@ class Tree:
 
     @cached_property
     def lengths(self) -> tuple[int, ...]:
-        """The rods whose length, or its offset, is a parameter."""
+        """Rods whose length, or its offset, is a parameter."""
         return tuple(i for i, rod in enumerate(self.rods) if not rod.exact)
 
     def name_of(self, frame: int, step: int) -> str:
-        """The name of a step's constant."""
+        """Return the name of a step's constant."""
         return f"{self.frames[frame].name}.{self.step(frame, step).kind}"
 
     def ancestry(self, frame: int) -> tuple[tuple[int, int], ...]:
-        """Frame and step of every motion that moves a frame, the base's side first."""
+        """Return frame and step of every motion that moves a frame, from the base."""
         if frame == BASE:
             return ()
         own = tuple((frame, s) for s in range(len(self.frames[frame].path)))
@@ -189,10 +182,7 @@ class Tree:
 
     @cached_property
     def openings(self) -> tuple[tuple[_Opening, ...], ...]:
-        """The steps that open each closure: rods in order, then the pins' axes.
-
-        What moves both ends of a closure alike does not open it.
-        """
+        """Steps that open each closure: rods in order, then the pins' axes; not those that move both ends alike."""
         ends = [rod.ends for rod in self.rods] + [pin.ends for pin in self.pins for _ in pin.axes]
         found = []
         for a, b in ends:
@@ -211,13 +201,13 @@ _Axes = tuple[Array, Array, Array]
 
 @dataclass(frozen=True)
 class Dimensions:
-    """The numbers of a mechanism, by which it may differ from its nominal model.
+    """Dimensions of a mechanism.
 
     Attributes:
-        base: ``(6,)`` place and rotation vector of the base in the tracker's frame.
-        steps: of each frame's path, the constants (m, rad).
+        base: ``(6,)`` position and rotation vector of the base in the tracker's frame.
+        steps: constants of each frame's path (m, rad).
         lengths: of the rods (m).
-        scale: the sign with which each joint's position counts.
+        scale: sign of each joint's position.
     """
 
     base: Array
@@ -247,7 +237,7 @@ class Configuration:
 
     @staticmethod
     def of(tree: Tree, dimensions: Dimensions, joints: Array, passive: Array) -> "Configuration":
-        """At joint positions ``(n, joints)`` and passive values ``(z, n)``."""
+        """Return the configuration at joint positions ``(n, joints)`` and passive values ``(z, n)``."""
         x, y, z = (padded(column) for column in exp(dimensions.base[3:]).T)
         count = len(tree.frames)
         empty: tuple[_Axes, Array] = ((x, y, z), padded(dimensions.base[:3]))
@@ -300,8 +290,8 @@ class Configuration:
     def closures(self) -> tuple[list[Array], list[Array]]:
         """Return the gap of each closure (m) and the direction ``(5, n)`` in which its first end opens it.
 
-        Of a rod from b to a it is (|a - b|^2 - l^2) / 2 l, whose direction is (a - b) / l: unlike a distance
-        it is of second order in the frames' places, and smooth where the ends meet.
+        The gap of a rod from b to a is (|a - b|^2 - l^2) / 2 l, in direction (a - b) / l: of second order in the
+        frames' positions, and smooth where the ends meet.
         """
         gaps: list[Array] = []
         directions: list[Array] = []
@@ -322,19 +312,19 @@ class Configuration:
         return a - b
 
     def slope(self, step: tuple[int, int], point: Array, direction: Array) -> Array:
-        """Return the speed along a direction ``(5, n)`` of a point ``(5, n)`` that a step carries."""
+        """Return the speed along a direction ``(5, n)`` of a point ``(5, n)`` moved by a step."""
         axis, origin = self.steps[step[0]][step[1]]
         if origin is None:
             return _dot(axis, direction)
         return _dot(axis, crossed(point - origin, direction))
 
     def motion(self, step: tuple[int, int], points: Array) -> Array:
-        """Return the derivative ``(3, k, n)`` of points ``(5, k, n)`` that a step carries."""
+        """Return the derivative ``(3, k, n)`` of points ``(5, k, n)`` moved by a step."""
         axis, origin = self.steps[step[0]][step[1]]
         return axis[:3, None] if origin is None else crossed(axis[:, None], points - origin[:, None])
 
     def by_passive(self, directions: Sequence[Array]) -> Array:
-        """Derivatives of the closures by the passive values, ``(n, closures, z)``."""
+        """Return derivatives of the closures by the passive values, ``(n, closures, z)``."""
         size, count = len(self.tree.passive), self.passive.shape[1]
         out = np.zeros((size, size, count))
         for i, opening in enumerate(self.tree.openings):
@@ -345,33 +335,32 @@ class Configuration:
 
 
 def _dot(u: Array, v: Array) -> Array:
-    """Return the dot products ``(n,)`` of vectors ``(3 or 5, n)``."""
     product: Array = u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
     return product
 
 
 def crossed(u: Array, v: Array) -> Array:
-    """The cross products of vectors ``(5, n)``, ``(3, n)``."""
+    """Return the cross products ``(3, n)`` of vectors ``(5, n)``."""
     return u[1:4] * v[2:5] - u[2:5] * v[1:4]
 
 
-SINGULAR = 1e3  # condition of the closures by the passive values from which on a pose is refused
-CONTRACTED = 0.25  # of the correction before, the next at most
+SINGULAR = 1e3  # condition of the closures by the passive values: poses above are refused
+CONTRACTED = 0.25  # largest ratio of successive corrections
 _LARGEST_TURN = 0.5  # rad, of a first correction
-CLOSED_M = 1e-9  # a closure open by less closes to rounding with one more correction
-ROUNDING_M = 1e-11  # corrections below this say nothing
+CLOSED_M = 1e-9  # gaps below close to rounding by one more correction
+ROUNDING_M = 1e-11  # corrections below are rounding
 MOST_CORRECTIONS = 8
-FIRST_STEP, LEAST_STEP = 0.5, 2.0**-6  # of the way from a known place
+FIRST_STEP, LEAST_STEP = 0.5, 2.0**-6  # of the path from a solved pose
 
 
 @dataclass(frozen=True)
 class SolvedPoses:
-    """Poses whose passive values are known, all of one mode.
+    """Poses with solved passive values, all of one mode.
 
     Attributes:
         joints: joint positions ``(m, joints)``.
         passive: ``(z, m)``.
-        sense: the sign of the determinant of the closures' derivatives by the passive values.
+        sense: sign of the determinant of the closures' derivatives by the passive values.
     """
 
     joints: Array
@@ -388,8 +377,8 @@ class Assembly:
     """A mechanism of given dimensions, to be assembled.
 
     Attributes:
-        lever_m: ``(z,)`` one for a slide; for a turn the length at which its corrections compare with a slide's.
-        rotational: ``(z,)`` which passive values are turns.
+        lever_m: ``(z,)`` one for a slide; for a turn the length for comparing its corrections with a slide's.
+        rotational: ``(z,)`` flags of turns.
     """
 
     tree: Tree
@@ -397,25 +386,24 @@ class Assembly:
     lever_m: Array
     rotational: NDArray[np.bool_]
 
-    def from_solved(self, joints: Array, known: SolvedPoses, least_step: float = LEAST_STEP) -> "Closed":
-        """At joint positions ``(n, joints)``, each from a known place of its own.
+    def from_solved(self, joints: Array, solved: SolvedPoses, least_step: float = LEAST_STEP) -> "Closed":
+        """Close the loops at joint positions ``(n, joints)``, each from a solved pose of its own.
 
         Args:
-            least_step: of the way there, below which it is taken to end.
+            least_step: smallest step of the continuation.
         """
         with np.errstate(all="ignore"):  # on a way to nowhere numbers may grow
-            configuration, smooth = self._corrected(joints, known.passive, 0.0)
+            configuration, smooth = self._corrected(joints, solved.passive, 0.0)
             if not smooth.all():
                 rows = np.flatnonzero(~smooth)
                 passive = configuration.passive.copy()
-                passive[:, rows] = self._followed(joints[rows], known.take(rows), least_step)
+                passive[:, rows] = self._followed(joints[rows], solved.take(rows), least_step)
                 configuration.move(passive)
-            return self.closed(configuration, known.sense)
+            return self.closed(configuration, solved.sense)
 
     def nearest(self, joints: Array, passive: Array) -> tuple[Array, Array]:
-        """Find passive values ``(z,)`` near these that minimize the gaps of one pose ``(joints,)``; and the gaps.
-
-        Of use where they cannot be closed, or to close them for the first time; the gaps ``(closures,)`` are in m.
+        """Find passive values ``(z,)`` near these that minimize the gaps ``(closures,)`` m of one pose ``(joints,)``;
+        and the gaps.
         """
         configuration = Configuration.of(self.tree, self.dimensions, joints[None], passive[:, None])
         if not len(passive):
@@ -431,13 +419,12 @@ class Assembly:
     def _corrected(
         self, joints: Array, start: Array, open_by: Array | float
     ) -> tuple[Configuration, NDArray[np.bool_]]:
-        """Newton's method from passive values ``(z, n)``; and ``(n,)`` where it stayed on its way and closed.
+        """Apply Newton's method from passive values ``(z, n)``; return a mask ``(n,)`` of success, too.
 
-        The loop is its own: it follows a way that must not be left, so that a step which is not much shorter than the
-        one before ends a row, and what counts is how far the loops are open.
+        A row ends with a step that is not much shorter than the one before; it succeeds if the loops close.
 
         Args:
-            open_by: gaps ``(closures, n)`` m that are to be left.
+            open_by: gaps ``(closures, n)`` m to leave.
         """
         configuration = Configuration.of(self.tree, self.dimensions, joints, start)
         smooth, before = np.ones(len(joints), dtype=bool), np.full(len(joints), np.inf)
@@ -454,17 +441,17 @@ class Assembly:
                 return configuration, smooth
         return configuration, smooth & shut
 
-    def _followed(self, joints: Array, known: SolvedPoses, least_step: float) -> Array:
-        """Passive values ``(z, n)`` along straight ways from known places; NaN where a way ends.
+    def _followed(self, joints: Array, solved: SolvedPoses, least_step: float) -> Array:
+        """Continue passive values ``(z, n)`` on straight paths from solved poses; NaN on failure.
 
-        The gaps that these dimensions leave at a place known of others are closed in proportion on the way.
+        Gaps of these dimensions at a pose solved for others are closed in proportion on the way.
         """
-        passive, reached = known.passive.copy(), np.zeros(len(joints))
+        passive, reached = solved.passive.copy(), np.zeros(len(joints))
         step = np.full(len(joints), FIRST_STEP)
-        gaps = np.array(Configuration.of(self.tree, self.dimensions, known.joints, passive).closures()[0])
+        gaps = np.array(Configuration.of(self.tree, self.dimensions, solved.joints, passive).closures()[0])
         while (rows := np.flatnonzero((reached < 1) & (step >= least_step))).size:
             to = np.minimum(reached[rows] + step[rows], 1.0)
-            at = known.joints[rows] + to[:, None] * (joints[rows] - known.joints[rows])
+            at = solved.joints[rows] + to[:, None] * (joints[rows] - solved.joints[rows])
             configuration, smooth = self._corrected(at, passive[:, rows], (1 - to) * gaps[:, rows])
             there = rows[smooth]
             passive[:, there], reached[there] = configuration.passive[:, smooth], to[smooth]
@@ -487,13 +474,13 @@ class Assembly:
 
 @dataclass(frozen=True)
 class Closed:
-    """n poses whose loops are closed, where they can be.
+    """n poses with closed loops, if possible.
 
     Attributes:
-        configuration: there; NaN where they cannot be in the mode of what was known.
+        configuration: NaN if they cannot be closed in the mode of the solved poses.
         directions: of the closures (``Configuration.closures``).
         inverse: ``(n, z, closures)`` of the closures' derivatives by the passive values.
-        condition: ``(n,)`` of these, one at best, lengths beside levers; inf where the loops are open.
+        condition: ``(n,)`` of these, one at best, with levers; inf for open loops.
     """
 
     configuration: Configuration
@@ -503,12 +490,12 @@ class Closed:
 
     @property
     def fits(self) -> NDArray[np.bool_]:
-        """``(n,)`` which poses close, away from parallel singularities."""
+        """Mask ``(n,)`` of poses that close, away from parallel singularities."""
         return np.asarray(self.condition < SINGULAR)
 
 
 def _solved(matrix: Array, right: Array) -> Array:
-    """The solutions of systems ``(n, z, z)``, NaN of singular ones."""
+    """Solve systems ``(n, z, z)``; NaN for singular ones."""
     vector = right.ndim == 2
     right = right[..., None] if vector else right
     try:

@@ -1,4 +1,4 @@
-"""A mechanism with loops, nominal: its structure, its joints, its parameters, and the poses it can take."""
+"""A nominal mechanism with loops: its structure, joints, parameters, and possible poses."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -32,7 +32,6 @@ __all__ = ["Mechanism", "platform_poses"]
 
 
 def _refuse_unsound(joints: JointSpec, tree: Tree) -> None:
-    """A LabError where joints, passive values and closures do not go together."""
     _refuse_misnamed(joints, tree)
     missing = len(tree.passive) - tree.equations
     if missing:
@@ -57,7 +56,7 @@ def _refuse_misnamed(joints: JointSpec, tree: Tree) -> None:
 
 
 def _refuse_idle(joints: JointSpec, tree: Tree) -> None:
-    """Passive values move closures; joints move these or the platform, which moves."""
+    """Refuse passive values that move no closure, and joints that move neither a closure nor the platform."""
     carrying = tree.ancestry(tree.platform)
     ends = [end for rod in tree.rods for end in rod.ends] + [end for pin in tree.pins for end in pin.ends]
     closing = {step for end in ends for step in tree.ancestry(end)}
@@ -78,7 +77,7 @@ def _refuse_idle(joints: JointSpec, tree: Tree) -> None:
 
 
 def _refuse_short(joints: JointSpec, rod: Rod, joint: int) -> None:
-    """A leg has a length wherever its joint stands."""
+    """Refuse a leg without a positive length at any position of its joint."""
     ends = rod.length_m + joints.sign[joint] * np.array([joints.lower[joint], joints.upper[joint]])
     if ends.min() <= 0:
         raise LabError(
@@ -87,13 +86,13 @@ def _refuse_short(joints: JointSpec, rod: Rod, joint: int) -> None:
         )
 
 
-_SAMPLED = 1.5  # times the closures' condition in the nominal position, up to which poses are drawn at random
-_STATION = 3.0  # condition of the closures, one at best, up to which passive values serve as known
-_COPIES, _COPY_ERROR = 3, 1e-3  # imperfect ones, how far off (m and rad), that are to take poses drawn at random too
-_WITH_COPIES = 2.0  # times the condition that the nominal model is to have
-_QUICK_STEP = 0.25  # of a way that is not to cost much
-_MAX_COPY_ERROR = 0.05  # m or rad: dimensions this far from the nominal model's are no copy's, and not worth a way
-_STATIONS = 512  # joint positions at which the nominal model's passive values are sought beforehand
+_SAMPLED = 1.5  # largest condition of random poses, relative to the nominal position's
+_STATION = 3.0  # largest condition of the closures at a station
+_COPIES, _COPY_ERROR = 3, 1e-3  # imperfect copies that also take random poses, with errors in m and rad
+_WITH_COPIES = 2.0  # largest condition of copies, relative to the nominal model's
+_QUICK_STEP = 0.25  # least step of a quick continuation
+_MAX_COPY_ERROR = 0.05  # m or rad: continuation is quick for larger errors
+_STATIONS = 512  # joint positions with passive values solved beforehand
 _LEAST_LEVER_M = 1e-3
 _BLOCK, _MOST_BLOCKS = 256, 200  # of random joint positions
 
@@ -110,7 +109,7 @@ class Mechanism(JointSpec):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The parameters, without targets': the base's, ``<frame>.<step>``, ``<rod>.length``.
+        """Parameters without targets: of the base, ``<frame>.<step>``, ``<rod>.length``.
 
         The constant of a step or a rod that a joint moves is that joint's offset.
         """
@@ -125,18 +124,18 @@ class Mechanism(JointSpec):
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """The parameters' names."""
+        """Names of the parameters."""
         return names_of(self.parameters)
 
     @cached_property
     def nominal_values(self) -> Array:
-        """The nominal parameters ``(p,)``, with the base at the tracker's origin."""
+        """Nominal parameters ``(p,)``, with the base at the tracker's origin."""
         tree = self.tree
         steps = [tree.step(f, s).value for f, s in tree.constants]
         return np.array([*np.zeros(6), *steps, *(tree.rods[i].length_m for i in tree.lengths)])
 
     def dimensions(self, values: Array) -> Dimensions:
-        """Return the dimensions from parameters ``(p,)`` in the order of ``names``; further ones are ignored."""
+        """Return the dimensions from parameters ``(p,)``; further ones are ignored."""
         tree, first = self.tree, 6 + len(self.tree.constants)
         kind = values.dtype
         steps = [np.array([step.value for step in frame.path], dtype=kind) for frame in tree.frames]
@@ -153,24 +152,24 @@ class Mechanism(JointSpec):
 
     @property
     def offset_lengths(self) -> tuple[str, ...]:
-        """The lengths of the legs that joints measure."""
+        """Names of the lengths of legs that joints measure."""
         return tuple(f"{rod.name}.length" for rod in self.tree.rods if rod.joint is not None)
 
     def offset_of(self, joint: int) -> str:
-        """The name of the constant that a joint's position adds to."""
+        """Return the name of the constant that a joint's position adds to."""
         for f, s in self.tree.constants:
             if self.tree.step(f, s).joint == joint:
                 return self.tree.name_of(f, s)
         return next(f"{rod.name}.length" for rod in self.tree.rods if rod.joint == joint)
 
     def assembled(self, joints: Array, values: Array, *, quickly: bool = False) -> Closed:
-        """The loops closed at ``joints`` ``(n, joints)``, in the mode of the nominal position where a way leads there.
+        """Close the loops at ``joints`` ``(n, joints)``, in the mode of the nominal position.
 
-        From a station, with these parameters; where that way ends, with the nominal ones, and on to these at the joint
+        By continuation from a station; if that fails, with the nominal parameters, then to these at the joint
         positions.
 
         Args:
-            quickly: take few steps on the way, and leave open what takes more, nearly singular or none of this mode.
+            quickly: take few steps; poses that need more, are nearly singular or of another mode stay open.
         """
         nearest, assembly = self._nearest(joints), self._assembly(values)
         own = slice(len(BASE_PARAMETERS), len(self.names))
@@ -189,19 +188,18 @@ class Mechanism(JointSpec):
         return assembly.closed(found.configuration, nearest.sense)
 
     def _nearest(self, joints: Array) -> SolvedPoses:
-        """The station nearest to each of the joint positions ``(n, joints)``."""
-        known, tree = self._stations
-        return known.take(tree.query(joints / self._ranges)[1])
+        stations, tree = self._stations
+        return stations.take(tree.query(joints / self._ranges)[1])
 
     def _assembly(self, values: Array) -> Assembly:
         return Assembly(self.tree, self.dimensions(values), self.levers, self._rotational)
 
     def refuse_open(self) -> None:
-        """A LabError where the loops do not close in the nominal position."""
+        """Raise a LabError if the loops do not close in the nominal position."""
         assert self._stations
 
     def is_assemblable(self, joints: Array, *, well: bool = False) -> NDArray[np.bool_]:
-        """``(m,)`` whether the nominal model's loops close, in the mode of the nominal position."""
+        """Flag joint positions at which the nominal model's loops close, in the nominal mode."""
         if not well:
             return np.asarray(self.assembled(joints, self.nominal_values).condition < SINGULAR)
         most = _SAMPLED * max(self._home_condition, 1.0)
@@ -212,19 +210,20 @@ class Mechanism(JointSpec):
 
     @cached_property
     def _home_condition(self) -> float:
-        """Condition number of the closures in the nominal position."""
         return float(self.assembled(self.home[None], self.nominal_values).condition[0])
 
     @cached_property
     def _copies(self) -> list[Array]:
-        """Parameters ``(p,)`` of imperfect copies, off by more than a real one should be."""
+        """Parameters ``(p,)`` of imperfect copies, with larger errors than real ones."""
         rng = rng_for(0, "arm")
         return [
             self.nominal_values + _COPY_ERROR * rng.standard_normal(len(self.nominal_values)) for _ in range(_COPIES)
         ]
 
     def random_joints(self, count: int, rng: np.random.Generator) -> Array:
-        """``(count, joints)`` uniform within the limits where the nominal model assembles, well from singularities."""
+        """Draw ``(count, joints)`` uniform within the limits where the nominal model assembles, away from
+        singularities.
+        """
         found: list[Array] = []
         have = 0
         for _ in range(_MOST_BLOCKS + count // _BLOCK):
@@ -251,7 +250,7 @@ class Mechanism(JointSpec):
         return "beyond a parallel singularity: its loops close there only in another assembly mode"
 
     def _describe_open(self, joints: Array, gaps: Array) -> str:
-        """Describe the closures that stay open at joint positions ``(joints,)``, and by how much, from their gaps."""
+        """Describe the closures that stay open at joint positions ``(joints,)``."""
         configuration = Configuration.of(
             self.tree, self.dimensions(self.nominal_values), joints[None], self._nominal_passive[:, None]
         )
@@ -264,19 +263,18 @@ class Mechanism(JointSpec):
 
     @cached_property
     def levers(self) -> Array:
-        """``(z,)`` one for a passive slide; for a turn, how far it moves the closures in the nominal position, m."""
+        """One for a passive slide, ``(z,)``; for a turn, its motion of the closures in the nominal position, m."""
         configuration = self._at_home(self._nominal_passive)
         slopes = np.abs(configuration.by_passive(configuration.closures()[1])[0]).max(axis=0, initial=_LEAST_LEVER_M)
         return np.where(self._rotational, slopes, 1.0)
 
     @cached_property
     def _rotational(self) -> NDArray[np.bool_]:
-        """``(z,)`` which passive values are turns."""
         return np.array([self.tree.step(f, s).is_turn for f, s in self.tree.passive], dtype=bool)
 
     @property
     def nominal_home(self) -> Array:
-        """Those of the nominal position: zero, or the middle of the limits where zero is beyond them."""
+        """Joint positions zero, or the middle of the limits if zero is beyond them."""
         within = (self.lower <= 0) & (self.upper >= 0)
         return np.where(within, 0.0, (self.lower + self.upper) / 2)
 
@@ -310,25 +308,25 @@ class Mechanism(JointSpec):
                 f"robot '{self.name}': the nominal position is singular, the closures do not hold the platform there; "
                 "place rods that are alike or in line otherwise, or describe another position"
             )
-        known = SolvedPoses(self.home[None], passive[:, None], sense)
+        stations = SolvedPoses(self.home[None], passive[:, None], sense)
         even = ScrambledSobol(self.size, rng_for(0, "structure")).points(_STATIONS)
         left = self.lower + even * (self.upper - self.lower)
         grown = True
         while grown and len(left):
-            nearest = scipy.spatial.cKDTree(known.joints / self._ranges).query(left / self._ranges)[1]
-            found = assembly.from_solved(left, known.take(nearest))
+            nearest = scipy.spatial.cKDTree(stations.joints / self._ranges).query(left / self._ranges)[1]
+            found = assembly.from_solved(left, stations.take(nearest))
             good = found.condition < _STATION  # an imperfect copy may lack what is nearly singular
-            known = SolvedPoses(
-                np.concatenate([known.joints, left[good]]),
-                np.concatenate([known.passive, found.configuration.passive[:, good]], axis=1),
-                known.sense,
+            stations = SolvedPoses(
+                np.concatenate([stations.joints, left[good]]),
+                np.concatenate([stations.passive, found.configuration.passive[:, good]], axis=1),
+                stations.sense,
             )
             left, grown = left[~good], bool(good.any())
-        return known, scipy.spatial.cKDTree(known.joints / self._ranges)
+        return stations, scipy.spatial.cKDTree(stations.joints / self._ranges)
 
 
 def platform_poses(mechanism: Mechanism, joints: Array, passive: Array) -> Array:
-    """Poses ``(n, 4, 4)`` of the nominal platform in the base, at joint positions and passive values ``(n, z)``."""
+    """Return poses ``(n, 4, 4)`` of the nominal platform in the base; ``passive`` is ``(n, z)``."""
     dimensions = mechanism.dimensions(mechanism.nominal_values)
     axes, origin = Configuration.of(mechanism.tree, dimensions, joints, passive.T).frames[mechanism.tree.platform]
     shape = (3, len(joints))

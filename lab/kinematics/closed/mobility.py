@@ -1,10 +1,8 @@
-"""Mobility of a mechanism: its number of degrees of freedom by count.
+"""Mobility: degrees of freedom of mechanisms by count, and of serial arms by rank.
 
-How freely a serial arm moves its last frame: mobility index, degrees of freedom, redundancy, and what it cannot do.
-
-The mobility index is the number of joints, the degrees of freedom the rank of the Jacobian at positions in general; an
-arm is redundant by their difference (Mallem 2011, section 6.2). Directions of the twist that no joint makes at any
-position are missing for good: a planar arm has three.
+A serial arm's mobility index is its number of joints, its degrees of freedom the rank of the Jacobian at general
+positions; the difference is its redundancy (Mallem 2011, section 6.2). Directions of the twist that no joint has at any
+position are fixed: three for a planar arm.
 """
 
 from collections.abc import Sequence
@@ -26,14 +24,15 @@ _SPACE, _PLANE = 6, 3
 
 
 def mobility(bodies: int, joints_freedoms: Sequence[int], planar: bool = False, internal: int = 0) -> int:
-    """Gruebler's count m (bodies - 1 - joints) + sum of freedoms - internal ones, m = 3 in the plane and 6 in space.
+    """Return Gruebler's count m (bodies - 1 - joints) + sum of freedoms - internal ones, m = 3 in the plane and 6 in
+    space.
 
-    A special geometry may leave more freedoms than that.
+    A special geometry may leave more degrees of freedom.
 
     Args:
-        bodies: how many there are, the base among them.
+        bodies: their number, with the base.
         joints_freedoms: of each joint: a hinge or a slide 1, a universal joint 2, a ball joint 3.
-        internal: freedoms that move no other body, as a rod's idle turn about itself (m_int of Mallem 2011, 11.4).
+        internal: degrees of freedom that move no other body, as a rod's turn about itself (m_int of Mallem 2011, 11.4).
     """
     most = _PLANE if planar else _SPACE
     if bodies < 1 or internal < 0 or not all(0 < freedoms < most for freedoms in joints_freedoms):
@@ -43,10 +42,10 @@ def mobility(bodies: int, joints_freedoms: Sequence[int], planar: bool = False, 
 
 @dataclass(frozen=True)
 class BodyCount:
-    """The bodies and joints that a description stands for.
+    """Bodies and joints of a mechanism.
 
     Attributes:
-        bodies: that move; a step that a joint or the loops move carries one.
+        bodies: moving ones; each active or passive step has one.
         freedoms: of each joint between two of them, or to the base.
         internal: of rods with ball ends, which turn about themselves.
     """
@@ -58,16 +57,16 @@ class BodyCount:
 
     @property
     def mobility(self) -> int:
-        """Mobility by Gruebler's count."""
+        """Gruebler's count."""
         return mobility(self.bodies + 1, self.freedoms, self.planar, self.internal)
 
 
 def body_count(tree: Tree) -> BodyCount:
-    """The bodies of a mechanism.
+    """Count the bodies of a mechanism.
 
-    A platform that the loops alone place is a free body where it has all freedoms there are; else it is guided by the
-    slides and hinges of its passive steps. A rod has a ball joint at both ends, in the plane a hinge; a leg whose
-    length a joint sets is two bodies with a slide between them.
+    A platform with all passive degrees of freedom is a free body; else slides and hinges of its passive steps guide it.
+    A rod has a ball joint at both ends, in the plane a hinge; a leg of variable length is two bodies with a slide
+    between them.
     """
     planar = _is_planar(tree)
     most, bodies, freedoms, internal = (_PLANE if planar else _SPACE), 0, list[int](), 0
@@ -89,7 +88,7 @@ def body_count(tree: Tree) -> BodyCount:
 
 
 def _is_planar(tree: Tree) -> bool:
-    """Decide by the axes of the steps whether all motions lie in the plane of x and y."""
+    """Check by the axes of the steps whether all motions are in the plane of x and y."""
     if any(2 in pin.axes for pin in tree.pins):
         return False
     for frame in tree.frames:
@@ -101,18 +100,18 @@ def _is_planar(tree: Tree) -> bool:
     return True
 
 
-SINGULAR = 1e-3  # a distance below which a pose is at a singularity
+SINGULAR = 1e-3  # distance of a pose at a singularity
 
 
 @dataclass(frozen=True)
 class Nearest:
-    """The pose of the nominal assembly mode that is nearest to a kind of singularity, within the limits.
+    """Pose of the nominal assembly mode nearest to a kind of singularity, within the limits.
 
     Attributes:
         distance: 0 at one, 1 at best (``Distances``).
-        joints: ``(n,)`` readings of the pose that is nearest to one.
-        place: ``(3,)`` m, where the platform's origin is there in the base.
-        where: what is special about such poses, in words.
+        joints: ``(n,)`` readings of the pose.
+        place: ``(3,)`` m, position of the platform's origin in the base.
+        where: description of such poses.
     """
 
     kind: str
@@ -127,11 +126,11 @@ class ClosedFormShape:
     """Results of a mechanism's closed form, in the nominal assembly mode.
 
     Attributes:
-        name: what people call the mechanism.
-        dimensions: of the closed form by name, which ends in the unit: ``_m`` or ``_rad``.
-        modes: ways to assemble it at the joint positions of home.
-        working: ways of its legs to reach the pose of home.
-        reachable: area (m^2) of a planar robot, else volume (m^3), that the platform gets to by its passive slides.
+        name: of the mechanism.
+        dimensions: by name, which ends in the unit: ``_m`` or ``_rad``.
+        modes: number of assembly modes at home.
+        working: number of working modes at the pose of home.
+        reachable: area (m^2) of a planar robot, else volume (m^3), of the platform's passive slides.
     """
 
     name: str
@@ -152,12 +151,11 @@ class _Mobility:
     """Mobility of an arm.
 
     Attributes:
-        index: how many joints it has.
-        freedoms: the rank of its Jacobian at positions in general.
-        moving: ``(n,)`` which joints take part in motions that leave the last frame where it is, at positions in
-            general; none of an arm that is not redundant.
-        still: ``(k, 3)`` the turns of the last frame, as unit vectors in frame 0, that no joint makes at any position.
-        fixed_directions: ``(k, 3)`` the same of its origin's displacements.
+        index: number of joints.
+        freedoms: rank of its Jacobian at general positions.
+        moving: ``(n,)`` joints of motions that leave the last frame at rest.
+        still: ``(k, 3)`` turns of the last frame, as unit vectors in frame 0, of no joint at any position.
+        fixed_directions: ``(k, 3)`` likewise for its origin's displacements.
     """
 
     index: int
@@ -194,6 +192,5 @@ def mobility_of(chain: Chain) -> _Mobility:
 
 
 def _missing(parts: Array) -> Array:
-    """Directions ``(k, 3)`` in which none of the columns of ``(n, 3, joints)`` has a part."""
     sides, sizes, _ = np.linalg.svd(parts.transpose(1, 0, 2).reshape(3, -1))
     return np.asarray(sides.T[sizes <= _NONE * max(float(sizes[0]), ROTATION_M)])

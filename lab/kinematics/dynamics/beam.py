@@ -1,14 +1,13 @@
-"""Links as beams: how far loads displace the end of an elastic link, by Euler, Bernoulli and Saint-Venant.
+"""Elastic links as beams: displacements of a link's end by Euler, Bernoulli and Saint-Venant.
 
-A link is clamped at its near end, on the axis of the joint that moves it, and runs in straight segments to its far end.
-The displacement of the far end is its torsor u = (dx, dy, dz, rx, ry, rz) (Benmisra 2007, section 3-2-3), in the link's
-axes. It is linear in the loads: of a segment of length L under a force F and a moment M across at its end and a load w
-per metre, the deflection is F L^3 / 3EI + M L^2 / 2EI + w L^4 / 8EI, the slope F L^2 / 2EI + M L / EI + w L^3 / 6EI,
-the twist M L / GJ and the extension F L / EA.
+A link is clamped at its near end, on the axis of its joint, and runs in straight segments to its far end, whose
+displacement is the torsor u = (dx, dy, dz, rx, ry, rz) (Benmisra 2007, section 3-2-3), in the link's axes. For a
+segment of length L under a force F and a moment M across at its end and a load w per metre, the deflection is F L^3 /
+3EI + M L^2 / 2EI + w L^4 / 8EI, the slope F L^2 / 2EI + M L / EI + w L^3 / 6EI, the twist M L / GJ and the extension F
+L / EA.
 
-A link's own mass is spread evenly along its segments, beside them by one and the same vector: that which keeps its
-centre of mass. A load that grows along the segment adds 11 w L^4 / 120 EI and w L^3 / 8EI: in motion the acceleration
-does.
+A link's own mass is uniform along its segments, with one offset that gives its centre of mass. A load that grows along
+the segment, as in motion, adds 11 w L^4 / 120 EI and w L^3 / 8EI.
 """
 
 from collections.abc import Iterator, Mapping
@@ -23,23 +22,20 @@ from lab.core.se3 import Array
 __all__ = ["COMPLIANCES", "MATERIALS", "Beam", "LinkSections", "Material", "loads_on", "tube"]
 
 COMPLIANCES = ("ei_y", "ei_z", "gj", "ea")  # 1/EI about y and about z, 1/GJ, 1/EA, in this order everywhere
-_PARALLEL = 1e-6  # the sine of the angle to the joint's axis below which a segment runs along that
-_LOADS = 18  # force, moment, pull at the near end, how the pull changes by x, y, z
+_PARALLEL = 1e-6  # sine of the angle of a segment along the joint's axis
+_LOADS = 18  # force, moment, pull at the near end, gradient of the pull
 
 
 @dataclass(frozen=True)
 class Beam:
-    """A link as a beam, in its own axes.
+    """A link as a beam, in its own axes: origin at the near end on the joint's axis, which is z.
 
-    The link's axes: the origin is the near end, on the axis of the joint that moves the link; z is that axis. A
-    segment's axes: x from its near to its far end, z across that in the plane of x and of the link's z, y completes
-    them; where the segment runs along the link's z, its y is the link's x. ``ei_y`` is the stiffness against bending
-    about y.
+    A segment's axes: x from its near to its far end, z across in the plane of x and of the link's z, y completes them;
+    for a segment along the link's z, its y is the link's x. ``ei_y`` is the stiffness against bending about y.
 
     Attributes:
         path: ``(k + 1, 3)`` m, corners of its line from the near end to the far end.
-        mass_kg: its mass.
-        centre_m: ``(3,)`` m, its centre of mass.
+        centre_m: ``(3,)`` m, centre of mass.
     """
 
     path: Array
@@ -54,25 +50,23 @@ class Beam:
 
     @property
     def length_m(self) -> float:
-        """The length of its line."""
+        """Length of its line."""
         return float(self._lengths.sum())
 
     @property
     def beside_m(self) -> Array:
         """Offset ``(3,)`` m of the mass from the line, uniform along it."""
         middles = (self.path[1:] + self.path[:-1]) / 2
-        beside: Array = self.centre_m - self._lengths @ middles / self.length_m
-        return beside
+        return np.asarray(self.centre_m - self._lengths @ middles / self.length_m)
 
     @property
     def second_moment(self) -> Array:
-        """The integral of r r' dm ``(3, 3)`` kg m^2 of its mass, about its centre of mass."""
+        """Integral of r r' dm ``(3, 3)`` kg m^2, about the centre of mass."""
         total, centre = np.zeros((3, 3)), self.centre_m - self.beside_m
         for near, far, _ in self._segments():
             a, b = near - centre, far - centre
             total += np.linalg.norm(far - near) * (np.outer(a, a) + np.outer(b, b) + np.outer(a + b, a + b)) / 6
-        spread: Array = self.mass_kg / self.length_m * total
-        return spread
+        return np.asarray(self.mass_kg / self.length_m * total)
 
     @cached_property
     def by_loads(self) -> Array:
@@ -80,9 +74,8 @@ class Beam:
         return self._displacements(np.eye(_LOADS))
 
     def torsor(self, loads: Array, compliances: Array) -> Array:
-        """The torsor ``(..., 6)`` (m, rad) under loads ``(..., 18)`` with ``(4,)`` 1/EI, 1/EI, 1/GJ, 1/EA."""
-        found: Array = loads @ np.tensordot(self.by_loads, compliances, axes=(1, 0))
-        return found
+        """Return the torsor ``(..., 6)`` (m, rad) under loads ``(..., 18)`` with ``(4,)`` 1/EI, 1/EI, 1/GJ, 1/EA."""
+        return np.asarray(loads @ np.tensordot(self.by_loads, compliances, axes=(1, 0)))
 
     @property
     def _lengths(self) -> Array:
@@ -97,7 +90,6 @@ class Beam:
             yield near, far, np.stack([x, y, np.cross(x, y)])
 
     def _displacements(self, loads: Array) -> Array:
-        """Torsors ``(n, 4, 6)`` under loads ``(n, 18)``, one for each unit compliance."""
         force, moment, pull = loads[:, :3], loads[:, 3:6], loads[:, 6:9]
         change = loads[:, 9:].reshape(-1, 3, 3)
         density, beside = self.mass_kg / self.length_m, self.beside_m
@@ -113,7 +105,7 @@ class Beam:
 
 @dataclass(frozen=True)
 class _Spread:
-    """A load along a segment of a length (m): ``(n, 3)`` N/m at its near and its far end, linear between, beside it."""
+    """A load along a segment of a length (m), linear from ``near`` to ``far`` ``(n, 3)`` N/m, with an offset."""
 
     length: float
     near: Array
@@ -122,15 +114,14 @@ class _Spread:
 
     @property
     def resultant(self) -> Array:
-        force: Array = self.length * (self.near + self.far) / 2
-        return force
+        return np.asarray(self.length * (self.near + self.far) / 2)
 
     def moment_about_near(self, along: Array) -> Array:
         lever: Array = np.cross(along, self.length * (self.near / 6 + self.far / 3))
         return lever + np.cross(self.beside, self.resultant)
 
     def displacements(self, force: Array, moment: Array, axes: Array) -> Array:
-        """``(n, 4, 6)`` of the segment's far end under this, and a force and a moment there, by unit compliances."""
+        """Return ``(n, 4, 6)`` of the far end, with a force and a moment there, by unit compliances."""
         L = self.length
         f, m, w, grows = (each @ axes.T for each in (force, moment, self.near, self.far - self.near))
         c, c_grows = (np.cross(self.beside, each) @ axes.T for each in (self.near, self.far - self.near))
@@ -147,18 +138,16 @@ class _Spread:
 
 
 def _carried(torsors: Array, lever: Array) -> Array:
-    """Torsors ``(..., 6)`` of an end that is beyond by ``lever`` ``(3,)`` on a rigid piece."""
     return np.concatenate([torsors[..., :3] + np.cross(torsors[..., 3:], lever), torsors[..., 3:]], axis=-1)
 
 
 def loads_on(force: Array, moment: Array, pull: Array, change: Array | None = None) -> Array:
-    """The loads on a link as one vector ``(..., 18)``, in the link's axes.
+    """Return the loads on a link as one vector ``(..., 18)``, in the link's axes.
 
     Args:
-        force, moment: ``(..., 3)`` N and Nm at its far end, of all that it carries.
-        pull: ``(..., 3)`` m/s^2 at the near end: gravity less the acceleration there; a mass takes a force of this
-            times itself.
-        change: ``(..., 3, 3)`` 1/s^2, how the pull changes with the place; none at rest.
+        force, moment: ``(..., 3)`` N and Nm at its far end.
+        pull: ``(..., 3)`` m/s^2 at the near end: gravity less the acceleration, the force per mass.
+        change: ``(..., 3, 3)`` 1/s^2, gradient of the pull; zero at rest.
     """
     grows = np.zeros((*force.shape[:-1], 9)) if change is None else change.reshape(*force.shape[:-1], 9)
     return np.concatenate([force, moment, pull, grows], axis=-1)
@@ -182,12 +171,12 @@ MATERIALS: Mapping[str, Material] = {  # Gere & Goodno 2009, table H-2, the midd
 
 @dataclass(frozen=True)
 class LinkSections:
-    """The links of an arm as beams, by what their maker says of them.
+    """Links of an arm as beams, from the robot's description.
 
     Attributes:
-        compliances: ``(n, 4)`` of each link, as ``beam.COMPLIANCES``; zero where a link is stiff.
-        paths: by link (from 0), ``(k, 3)`` m: corners of its line in its own axes (``beam.Beam``), its far end last; a
-            link that is not named is straight.
+        compliances: ``(n, 4)`` of each link, as ``COMPLIANCES``; zero for a stiff link.
+        paths: by link (from 0), ``(k, 3)`` m: corners of its line in its own axes, its far end last; others are
+            straight.
     """
 
     compliances: Array
@@ -195,12 +184,11 @@ class LinkSections:
 
 
 def tube(outer_m: float, wall_m: float, material: Material) -> Array:
-    """Compliances ``(4,)`` (``beam.COMPLIANCES``) of a round tube, by its outer diameter and its wall.
+    """Return compliances ``(4,)`` (``COMPLIANCES``) of a round tube, by its outer diameter and its wall.
 
     I = pi (D^4 - d^4) / 64 about any axis across, the polar one twice that, and A = pi (D^2 - d^2) / 4.
     """
     inner = outer_m - 2 * wall_m
     area, second = np.pi * (outer_m**2 - inner**2) / 4, np.pi * (outer_m**4 - inner**4) / 64
     bending, twisting = material.young_pa * second, material.shear_pa * 2 * second
-    found: Array = 1 / np.array([bending, bending, twisting, material.young_pa * area])
-    return found
+    return np.asarray(1 / np.array([bending, bending, twisting, material.young_pa * area]))

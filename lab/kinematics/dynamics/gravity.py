@@ -1,10 +1,8 @@
-"""Forces and moments of gravity and inertia on joints and links.
+"""Loads of gravity, payload and inertia on joints and links.
 
-What an arm's links bear: gravity, a payload, and in motion the inertia of all that they carry.
-
-Each link is a beam (``dynamics.beam``) from the axis of the joint that moves it to the next joint's axis, the last one
-to the last frame: the straight line between the feet of the two common normals, which the nominal table gives, unless
-it has a path of its own. A slide's link begins where the slide stands.
+Each link is a beam (``dynamics.beam``) from its joint's axis to the next joint's axis, the last one to the last frame:
+the straight line between the ends of the two common normals of the nominal table, or its own path. A slide's link
+begins at the slide.
 """
 
 from collections.abc import Mapping
@@ -21,7 +19,7 @@ from lab.kinematics.serial.chain import Chain
 
 __all__ = ["LinkFrames", "LinkLoads", "Loads", "link_ends", "link_loads", "refuse_without_length"]
 
-BEARS = 0.1  # of the largest root mean square torque (force of slides): joints above bear the arm's weight
+_BEARS = 0.1  # share of the largest root mean square torque (force of slides) of joints that bear weight
 _LEAST_FORCE = 1e-9  # Nm or N: rounding
 _POSES = 200
 
@@ -31,9 +29,9 @@ class LinkFrames:
     """Poses of an arm's links at n poses, in frame 0.
 
     Attributes:
-        axes, anchors: ``(n, joints, 3)``, of each joint; a hinge's anchor is where its link begins.
-        rotations: ``(n, joints, 3, 3)`` of each link, as ``dynamics.beam`` has its axes: z is the joint's axis of the
-            table, x the common normal that is fixed to the link.
+        axes, anchors: ``(n, joints, 3)``, of each joint; a hinge's anchor is the beginning of its link.
+        rotations: ``(n, joints, 3, 3)`` of each link, as in ``dynamics.beam``: z is the joint's axis of the table, x
+            the common normal on the link.
         centres: ``(n, joints, 3)`` m, of each link's mass.
         payload: ``(n, 3)`` m, of a payload's mass.
         end: ``(n, 3)`` m, the last frame's origin.
@@ -48,13 +46,13 @@ class LinkFrames:
 
 
 @dataclass(frozen=True)
-class Equilibrium:
+class _Equilibrium:
     """Equilibrium of compliant joints.
 
     Attributes:
-        offset: ``(n, joints)`` how far they have given way, rad or m.
-        force: ``(n, joints)`` Nm (N of a slide), gravity's and what is beside it, before the last step.
-        equations: ``(n, joints, joints)`` 1 - C dg/dq there, which any further force is solved by.
+        offset: ``(n, joints)`` deflections, rad or m.
+        force: ``(n, joints)`` Nm (N of a slide) of all loads, before the last step.
+        equations: ``(n, joints, joints)`` 1 - C dg/dq there.
     """
 
     offset: Array
@@ -64,10 +62,10 @@ class Equilibrium:
 
 @dataclass(frozen=True)
 class Loads:
-    """Masses on the links of a nominal arm, and which way is down.
+    """Masses on the links of a nominal arm, and gravity.
 
     Attributes:
-        mass_kg: ``(n,)``, of what turns with each joint.
+        mass_kg: ``(n,)``, of the body moved by each joint.
         centre_m: ``(n, 3)``, their centres in the frames of the table that turn with them.
         gravity: ``(3,)`` m/s^2 in frame 0.
         payload_at_m: ``(3,)``, a payload's centre of mass in the last frame.
@@ -82,19 +80,19 @@ class Loads:
     link_paths: Mapping[int, Array] = field(default_factory=dict)
 
     def forces(self, joints: Array, payload_kg: Array) -> tuple[Array, Array]:
-        """Gravity's generalized forces and their derivatives by the joints.
+        """Return gravity's generalized forces and their derivatives by the joints.
 
-        With z_j and o_j the axis of joint j, M_j the mass beyond it and S_j the first moment of that
-        about o_j, the torque is g . F_j with F_j = z_j x S_j (M_j z_j of a slide), and turning joint
-        i <= j by dq turns F_j: d(g . F_j) / dq_i = g . (z_i x F_j).
+        With z_j and o_j the axis of joint j, M_j the mass beyond it and S_j the first moment of that about o_j, the
+        torque is g . F_j with F_j = z_j x S_j (M_j z_j of a slide), and turning joint i <= j by dq turns F_j: d(g .
+        F_j) / dq_i = g . (z_i x F_j).
 
         Args:
-            joints: joint positions ``(n, joints)``.
+            joints: ``(n, joints)``.
             payload_kg: ``(n,)`` at ``payload_at_m``.
 
         Returns:
-            ``(n, joints)`` Nm (N of a slide), positive where gravity pushes the joint position up; and the
-            symmetric ``(n, joints, joints)``.
+            ``(n, joints)`` Nm (N of a slide), positive if gravity increases the joint position; and the symmetric ``(n,
+            joints, joints)``.
         """
         placed = self.frames(joints)
         axes, slides = placed.axes, np.array(self.chain.prismatic)
@@ -113,35 +111,34 @@ class Loads:
 
     def equilibrium(
         self, joints: Array, compliance: Array, payload_kg: Array, steps: int, beside: Array | None = None
-    ) -> Equilibrium:
-        """Solve offset = C (g(q + offset) + h) by Newton's method.
+    ) -> _Equilibrium:
+        """Solve offset = C (g(q + offset) + h) by a fixed number of Newton steps.
 
-        A fixed number of steps, and not the loop of ``lab.core.newton``: the derivatives need what the last step was
-        solved by, and complex compliances pass, for derivatives by complex steps.
+        Complex compliances pass, for derivatives by complex steps.
 
         Args:
             joints: q ``(n, joints)``.
-            compliance: C ``(joints,)`` rad/Nm (m/N of a slide), zero of joints that do not give way.
+            compliance: C ``(joints,)`` rad/Nm (m/N of a slide), zero for stiff joints.
             payload_kg: ``(n,)`` at ``payload_at_m``.
-            steps: how many, one at least.
-            beside: h ``(n, joints)`` Nm (N of a slide) beside gravity's; none at rest.
+            steps: one at least.
+            beside: h ``(n, joints)`` Nm (N of a slide), further forces.
         """
         offset: Array = np.zeros_like(joints, dtype=np.result_type(joints, compliance))
-        for _ in range(steps if np.any(compliance) else 1):  # what is stiff is at rest where it was
+        for _ in range(steps if np.any(compliance) else 1):
             force, rate = self.forces(joints + offset, payload_kg)
             force = force if beside is None else force + beside
             equations: Array = np.eye(len(compliance)) - compliance[:, None] * rate
             off = (compliance * force - offset)[..., None]
             offset = offset + np.asarray(np.linalg.solve(equations, off), dtype=offset.dtype)[..., 0]
-        return Equilibrium(offset, force, equations)
+        return _Equilibrium(offset, force, equations)
 
     def bearing(self, rng: np.random.Generator) -> tuple[int, ...]:
-        """The joints (from 0) that bear the arm's weight anywhere within its limits: hinges and slides apart."""
+        """Return the joints (from 0) that bear the arm's weight anywhere within its limits."""
         force, _ = self.forces(self.chain.random_joints(_POSES, rng), np.zeros(_POSES))
         size = np.sqrt((force**2).mean(axis=0))
         slides = np.array(self.chain.prismatic)
         largest = np.where(slides, size.max(where=slides, initial=0.0), size.max(where=~slides, initial=0.0))
-        return tuple(int(j) for j in np.flatnonzero(size > np.maximum(BEARS * largest, _LEAST_FORCE)))
+        return tuple(int(j) for j in np.flatnonzero(size > np.maximum(_BEARS * largest, _LEAST_FORCE)))
 
     def frames(self, joints: Array) -> LinkFrames:
         """Return the link frames at joint positions ``(n, joints)``."""
@@ -175,7 +172,6 @@ _Axes = tuple[Array, ...]  # a frame's x, y and z, ``(n, 3)`` each
 
 
 def _about(axis: int, angle: Array, turned: _Axes) -> _Axes:
-    """A frame's axes after a turn about one of its own, by an angle ``()`` or ``(n,)``."""
     j, k = (axis + 1) % 3, (axis + 2) % 3
     c, s = (np.reshape(function(angle), (-1, 1)) for function in (np.cos, np.sin))
     after = list(turned)
@@ -184,20 +180,19 @@ def _about(axis: int, angle: Array, turned: _Axes) -> _Axes:
 
 
 def _along(turned: _Axes, vector: Array) -> Array:
-    """A vector ``(3,)`` of a frame, in the frame that its axes are given in."""
     return np.asarray(vector[0] * turned[0] + vector[1] * turned[1] + vector[2] * turned[2])
 
 
-_SHORTEST_M = 0.01  # a link that is shorter does not bend
+_SHORTEST_M = 0.01  # shorter links do not bend
 
 
 @dataclass(frozen=True)
 class LinkLoads:
-    """The links of an arm as beams, with the loads on them.
+    """Links of an arm as beams, with their loads.
 
     Attributes:
         loads: the masses.
-        beams: by link, from 0; a link that is too short to bend has none.
+        beams: by link, from 0; not for links that are too short.
         ends: ``(n, 3)`` m, each link's far end in its own axes.
     """
 
@@ -206,11 +201,7 @@ class LinkLoads:
     ends: Array
 
     def at_rest(self, joints: Array, payload_kg: Array) -> Array:
-        """Loads ``(n, joints, 18)`` (``beam.loads_on``) of gravity at joint positions ``(n, joints)``.
-
-        Args:
-            payload_kg: ``(n,)`` at the payload's place.
-        """
+        """Return loads ``(n, joints, 18)`` (``beam.loads_on``) of gravity and payloads ``(n,)`` at joint positions."""
         placed = self.loads.frames(joints)
         gravity = np.broadcast_to(self.loads.gravity, (len(joints), self.loads.chain.size, 3))
         weights = self.loads.mass_kg[:, None] * gravity
@@ -218,10 +209,10 @@ class LinkLoads:
         return self._summed(placed, weights, np.zeros_like(weights), payload, gravity, None)
 
     def moving(self, joints: Array, speeds: Array, accelerations: Array, payload_kg: Array) -> Array:
-        """Loads ``(n, joints, 18)`` of gravity and of motion, by the recursion of Newton and Euler (Luh et al. 1980).
+        """Return loads ``(n, joints, 18)`` of gravity and motion, by the recursion of Newton and Euler (Luh et al.
+        1980).
 
-        The inertia of a link is that of its mass spread along its line; one without a beam, and a payload, is a mass
-        in a point.
+        A link's mass is spread along its line; without a beam, and for a payload, it is a point.
 
         Args:
             joints, speeds, accelerations: ``(n, joints)``.
@@ -253,10 +244,7 @@ class LinkLoads:
         return self._summed(placed, weight, torque, payload, pulled, changed)
 
     def inertia(self, joints: Array, speeds: Array, accelerations: Array, payload_kg: Array) -> Array:
-        """Generalized forces ``(n, joints)`` Nm (N of a slide) of inertia alone, as ``Loads.forces`` has gravity's.
-
-        Of each joint they are what its link bears at its far end, more than at rest, and what the link adds itself.
-        """
+        """Return generalized forces ``(n, joints)`` of inertia alone, as ``Loads.forces`` of gravity."""
         placed, slides = self.loads.frames(joints), self.loads.chain.prismatic
         still = np.zeros_like(joints)
         found = np.zeros(joints.shape, dtype=np.result_type(joints, speeds, accelerations))
@@ -268,7 +256,8 @@ class LinkLoads:
         return found
 
     def _at_joint(self, placed: LinkFrames, loads: Array, link: int) -> tuple[Array, Array]:
-        """Force and moment ``(n, 3)`` about a joint's anchor, in frame 0, of loads ``(n, 18)`` on its link and of that.
+        """Return force and moment ``(n, 3)`` about a joint's anchor, in frame 0, of loads ``(n, 18)`` on its link and
+        of the link.
 
         The link's own mass is a point with the second moment of its line.
         """
@@ -282,7 +271,7 @@ class LinkLoads:
         return force + weight, moment + self._spin(link, turn, change)
 
     def _spin(self, link: int, rotation: Array, change: Array) -> Array:
-        """The moment ``(n, 3)`` of a link's inertia about its centre of mass: the sum of r x (change r) dm."""
+        """Return the moment ``(n, 3)`` of a link's inertia about its centre of mass, the sum of r x (change r) dm."""
         if link not in self.beams:
             return np.zeros((len(rotation), 3))
         spread = change @ rotation @ self.beams[link].second_moment @ rotation.swapaxes(1, 2)
@@ -294,7 +283,7 @@ class LinkLoads:
     def _summed(
         self, placed: LinkFrames, weights: Array, torques: Array, payload: Array, pulls: Array, changes: Array | None
     ) -> Array:
-        """Loads ``(n, joints, 18)`` in the links' axes, summed from the hand inward; all arguments in frame 0."""
+        """Return loads ``(n, joints, 18)`` in the links' axes, summed from the hand; arguments in frame 0."""
         force, at = payload, placed.payload
         moment = np.zeros_like(payload)
         found = []
@@ -310,11 +299,7 @@ class LinkLoads:
 
 
 def link_loads(loads: Loads) -> LinkLoads:
-    """The links of an arm as beams.
-
-    Args:
-        loads: the arm's masses, with the lines of links that are not straight.
-    """
+    """Return the links of an arm as beams."""
     ends, chain, paths = link_ends(loads.chain), loads.chain, loads.link_paths
     for link, path in paths.items():
         if not 0 <= link < chain.size or np.abs(path[-1] - ends[link]).max() > 1e-6 or np.abs(path[0]).max() > 1e-9:
@@ -332,7 +317,7 @@ def link_loads(loads: Loads) -> LinkLoads:
 
 
 def refuse_without_length(loads: Loads, sections: LinkSections) -> None:
-    """A LabError for a description of links that no beams can have: an elastic one without a length, a wrong path."""
+    """Raise a LabError for an elastic link without a length, or a wrong path."""
     beams = link_loads(loads).beams
     if short := [link for link in np.flatnonzero(sections.compliances.any(axis=1)).tolist() if link not in beams]:
         raise LabError(
@@ -341,24 +326,20 @@ def refuse_without_length(loads: Loads, sections: LinkSections) -> None:
 
 
 def link_ends(chain: Chain) -> Array:
-    """``(n, 3)`` m: where each link ends, in its own axes: at the next joint's axis, or the last frame's origin."""
+    """Return each link's end ``(n, 3)`` m in its own axes: on the next joint's axis, or the last frame's origin."""
     d = np.where(chain.prismatic, 0.0, chain.table[:, 1])
     a = chain.table[:, 2] if chain.convention == "distal" else np.append(chain.table[1:, 2], 0.0)
     return np.stack([a, np.zeros(chain.size), d], axis=1)
 
 
 def _centre(loads: Loads, link: int, end: Array) -> Array:
-    """A link's centre of mass ``(3,)`` m in its own axes, from the frame of the table that turns with it."""
+    """Return a link's centre of mass ``(3,)`` m in its own axes."""
     if loads.chain.convention == "craig":
-        craig: Array = loads.centre_m[link] + [0.0, 0.0, end[2]]
-        return craig
+        return np.asarray(loads.centre_m[link] + [0.0, 0.0, end[2]])
     _, _, _, alpha, beta = loads.chain.table[link]
     twist = se3.exp(np.array([alpha, 0.0, 0.0])) @ se3.exp(np.array([0.0, beta, 0.0]))
-    placed: Array = end + twist @ loads.centre_m[link]
-    return placed
+    return np.asarray(end + twist @ loads.centre_m[link])
 
 
 def _turned(rotations: Array, vectors: Array) -> Array:
-    """Vectors ``(n, 3)`` or ``(3,)`` by matrices ``(n, 3, 3)``."""
-    found: Array = (rotations @ vectors[..., None])[..., 0]
-    return found
+    return np.asarray((rotations @ vectors[..., None])[..., 0])

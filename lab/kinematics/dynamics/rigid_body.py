@@ -1,20 +1,16 @@
-"""Wrench and joint torques of a rigid load at the hand: linear in its ten inertial parameters.
+"""Inverse dynamics, linear in inertial parameters: of a load at the hand, and of a serial arm.
 
-The parameters phi, in the order of ``LOAD``: mass (kg), first moment mass times centre of mass (kg m), and the
-inertia about the flange's origin (kg m^2), all in the axes of the last frame, which is the flange's. ``Ixy`` is the
-tensor's element, the negative of the integral of x y dm. The arm's base in the tracker's frame plays no part: gravity
-is given in frame 0.
+A load has ten parameters phi, in the order of ``LOAD``: mass (kg), mass times centre of mass (kg m), and inertia about
+the flange's origin (kg m^2), in the axes of the last frame. ``Ixy`` is the tensor's element, the negative of the
+integral of x y dm. Gravity is given in frame 0.
 
-The joints' torques of a serial arm: linear in the standard dynamic parameters of its links, drives and joints.
+Link j has the ten inertial parameters of a body in frame j of Khalil and Kleinfinger (1986), which is on joint j's axis
+and moves with it: ``XX YY ZZ XY XZ YZ MX MY MZ M``. Drive j has the inertia ``Ia`` of its motor and a constant ``off``;
+joint j has Coulomb and viscous friction, ``Fc`` and ``Fv``. A drive that moves by a sum of joints has friction ``Fcm``
+and ``Fvm``.
 
-Link j has the ten inertial parameters of a body about the origin and in the axes of frame j of Khalil and Kleinfinger
-(1986), which lies on joint j's axis and moves with it: ``XX YY ZZ XY XZ YZ MX MY MZ M``, with ``XY`` the tensor's
-element. Drive j has the inertia ``Ia`` of what turns at the motor and a constant ``off``; joint j has Coulomb and
-viscous friction, ``Fc`` and ``Fv``. A drive that moves by a sum of joints has friction ``Fcm`` and ``Fvm`` of its own.
-
-Torques are those of the drives, as the joints feel them: with s = C q what the drives turn (``couplings`` C) and tau
-the joints' torques, tau = C' f (Khalil & Dombre 2002, section 9.4; of a coupled wrist Gautier, Janot & Vandanjon
-2013).
+Torques are those of the drives at the joints: with s = C q the turns of the drives (``couplings`` C) and tau the
+joints' torques, tau = C' f (Khalil & Dombre 2002, section 9.4; for a coupled wrist Gautier, Janot & Vandanjon 2013).
 """
 
 from collections.abc import Callable, Sequence
@@ -32,7 +28,6 @@ from lab.kinematics.serial.chain import Chain
 from lab.kinematics.serial.walk import Motion, along
 
 __all__ = [
-    "INERTIAL",
     "LOAD",
     "ArmDynamics",
     "Dynamics",
@@ -79,19 +74,19 @@ class HandMotion:
 
 
 def hand_motion(arm: SerialArm, values: Array, joints: Array, speeds: Array, accelerations: Array) -> HandMotion:
-    """The motion of the hand: the forward recursion of Newton and Euler (Luh, Walker & Paul 1980), over n samples.
+    """Return the motion of the hand by the forward recursion of Newton and Euler (Luh, Walker & Paul 1980).
 
     Args:
-        joints, speeds, accelerations: of the joint positions, ``(n, joints)`` in rad or m, per s and s^2.
+        joints, speeds, accelerations: ``(n, joints)`` in rad or m, per s and s^2.
     """
     return _moved(arm, _hinges(arm, values, joints), speeds, accelerations)
 
 
 def wrench_regressor(motion: HandMotion, gravity: Array) -> Array:
-    """A ``(n, 6, 10)``: A phi is the force (N) and the moment (Nm) that the hand exerts on the load.
+    """Return A ``(n, 6, 10)``: A phi is the force (N) and the moment (Nm) of the hand on the load.
 
-    About the last frame's origin and in its axes. With a the acceleration less gravity (Atkeson, An & Hollerbach
-    1986), f = m a + ([alpha]x + [omega]x^2) mc and n = -[a]x mc + (L(alpha) + [omega]x L(omega)) I.
+    About the last frame's origin and in its axes. With a the acceleration less gravity (Atkeson, An & Hollerbach 1986),
+    f = m a + ([alpha]x + [omega]x^2) mc and n = -[a]x mc + (L(alpha) + [omega]x L(omega)) I.
 
     Args:
         gravity: ``(3,)`` m/s^2 in frame 0, or ``(n, 3)``.
@@ -110,23 +105,23 @@ def wrench_regressor(motion: HandMotion, gravity: Array) -> Array:
 def torque_regressor(
     arm: SerialArm, values: Array, joints: Array, speeds: Array, accelerations: Array, gravity: Array
 ) -> Array:
-    """W = J'A ``(n, joints, 10)``: W phi is what the joints exert to carry the load (Nm; N of a slide).
+    """Return W = J'A ``(n, joints, 10)``: W phi are the joints' torques for the load (Nm; N of a slide).
 
-    Positive where it pushes the joint position up. Args are those of ``hand_motion`` and ``wrench_regressor``.
+    Args are those of ``hand_motion`` and ``wrench_regressor``.
     """
     hinges = _hinges(arm, values, joints)
     regressor = wrench_regressor(_moved(arm, hinges, speeds, accelerations), gravity)
-    joint_derivatives: Array = np.swapaxes(_jacobian(arm, hinges), 1, 2) @ regressor
-    return joint_derivatives
+    return np.asarray(np.swapaxes(_jacobian(arm, hinges), 1, 2) @ regressor)
 
 
 def sag_uncertainty(
     arm: SerialArm, values: Array, compliance: Array, joints: Array, gravity: Array, covariance: Array, target: int = 0
 ) -> Array:
-    """Root mean square displacement ``(n,)`` m of a target by the uncertainty of the load's mass and first moment.
+    """Return the root mean square displacement ``(n,)`` m of a target by the uncertainty of the load's mass and first
+    moment.
 
-    The joints give way by C W (m, mc), with W the first four columns of the load's regressor at rest, so the target
-    moves by J C W (m, mc); to first order.
+    The joints deflect by C W (m, mc), with W the first four columns of the load's regressor at rest; to first order the
+    target moves by J C W (m, mc).
 
     Args:
         compliance: C ``(joints,)`` rad/Nm (m/N of a slide).
@@ -142,37 +137,36 @@ def sag_uncertainty(
 
 
 def hand_jacobian(arm: SerialArm, values: Array, joints: Array) -> Array:
-    """Jacobian ``(n, 6, J)`` of the last frame (velocity, angular velocity) at its origin and in its axes."""
+    """Return the Jacobian ``(n, 6, J)`` of the last frame at its origin and in its axes."""
     return _jacobian(arm, _hinges(arm, values, joints))
 
 
 def symmetric(elements: Array) -> Array:
-    """The tensor ``(3, 3)`` from its elements xx yy zz xy xz yz."""
+    """Return the tensor ``(3, 3)`` of elements xx yy zz xy xz yz."""
     xx, yy, zz, xy, xz, yz = elements
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
 def elements(tensor: Array) -> Array:
-    """The elements xx yy zz xy xz yz of a tensor ``(3, 3)``."""
+    """Return the elements xx yy zz xy xz yz of a tensor ``(3, 3)``."""
     return np.asarray(tensor)[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
 
 
 def inertia_about_centre(phi: Array) -> Array:
-    """The tensor ``(3, 3)`` about the centre of mass, in the last frame's axes."""
+    """Return the tensor ``(3, 3)`` about the centre of mass, in the last frame's axes."""
     moment = phi[1:4]
-    inner: Array = symmetric(phi[4:]) - (moment @ moment * np.eye(3) - np.outer(moment, moment)) / phi[0]
-    return inner
+    return np.asarray(symmetric(phi[4:]) - (moment @ moment * np.eye(3) - np.outer(moment, moment)) / phi[0])
 
 
 def load_of(mass_kg: float, centre_m: Array, about_centre: Array) -> Array:
-    """The parameters phi ``(10,)`` of a body: its mass, its centre ``(3,)`` and its inertia ``(3, 3)`` about that."""
+    """Return the parameters phi ``(10,)`` of a mass, its centre ``(3,)`` and its inertia ``(3, 3)`` about that."""
     centre = np.asarray(centre_m)
     about_origin = about_centre + mass_kg * (centre @ centre * np.eye(3) - np.outer(centre, centre))
     return np.concatenate([[mass_kg], mass_kg * centre, elements(about_origin)])
 
 
 def pseudo_inertia(phi: Array) -> Array:
-    """J ``(4, 4)`` = [[tr(I) / 2 1 - I, m c], [m c', m]], linear in phi (Wensing, Kim & Slotine 2018, eq. 5)."""
+    """Return J ``(4, 4)`` = [[tr(I) / 2 1 - I, m c], [m c', m]], linear in phi (Wensing, Kim & Slotine 2018, eq. 5)."""
     inertia = symmetric(phi[4:])
     matrix = np.empty((4, 4))
     matrix[:3, :3] = np.trace(inertia) / 2 * np.eye(3) - inertia
@@ -182,7 +176,7 @@ def pseudo_inertia(phi: Array) -> Array:
 
 
 def is_physical(phi: Array) -> bool:
-    """Decide whether a body can have these parameters: its pseudo-inertia with unit diagonal is positive definite."""
+    """Check that the pseudo-inertia with unit diagonal is positive definite, as of a body."""
     matrix = pseudo_inertia(phi)
     diagonal = np.diag(matrix)
     if not (diagonal > 0).all():
@@ -193,7 +187,7 @@ def is_physical(phi: Array) -> bool:
 
 @dataclass(frozen=True)
 class _Hinges:
-    """The joints' motions in their order, and the last frame: axes as columns ``(n, 3, 3)`` and origin ``(3, n)``."""
+    """Motions of the joints in order, and the last frame: axes as columns ``(n, 3, 3)`` and origin ``(3, n)``."""
 
     motions: list[Motion]
     rotation: Array
@@ -214,9 +208,10 @@ def _hinges(arm: SerialArm, values: Array, joints: Array) -> _Hinges:
 
 
 def _moved(arm: SerialArm, hinges: _Hinges, speeds: Array, accelerations: Array) -> HandMotion:
-    """The recursion, in frame 0: ``point`` is a place on the body reached, and ``acceleration`` its acceleration there.
+    """Return the hand's motion by the recursion in frame 0; ``acceleration`` is that of ``point`` on the current body.
 
-    At a hinge the point moves onto the axis, which both bodies share; a slide adds its own acceleration and Coriolis'.
+    At a hinge the point moves onto the axis, which both bodies share; a slide adds its own and the Coriolis
+    acceleration.
     """
     if not speeds.shape == accelerations.shape == (len(hinges.rotation), arm.chain.size):
         raise LabError(f"speeds {speeds.shape} and accelerations {accelerations.shape}: give both, a row a sample")
@@ -257,32 +252,30 @@ def _jacobian(arm: SerialArm, hinges: _Hinges) -> Array:
 
 
 def _carried(acceleration: Array, omega: Array, alpha: Array, lever: Array) -> Array:
-    """The acceleration of a point of the same body a lever away, all ``(3, n)``."""
     return acceleration + _cross(alpha, lever) + _cross(omega, _cross(omega, lever))
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """Products of vectors along the first axis, ``(3, n)``."""
     return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
 def _times(v: Array) -> Array:
-    """L with L(v) I = I v, for I as xx yy zz xy xz yz; ``(n, 3)`` to ``(n, 3, 6)``."""
+    """Return L with L(v) I = I v, for I as xx yy zz xy xz yz; ``(n, 3)`` to ``(n, 3, 6)``."""
     x, y, z = v.T
     o = np.zeros_like(x)
     return np.stack([x, o, o, y, z, o, o, y, o, x, o, z, o, o, z, o, x, y], axis=-1).reshape(-1, 3, 6)
 
 
-INERTIAL = ("M", "MX", "MY", "MZ", "XX", "YY", "ZZ", "XY", "XZ", "YZ")  # of a link, in the order of ``LOAD``
-_STANDSTILL = 1e-6  # rad/s or m/s: a joint that is slower has friction of no known direction
-_COUPLED = 1e-12  # of a row of C: what is beside its one joint
+_INERTIAL = ("M", "MX", "MY", "MZ", "XX", "YY", "ZZ", "XY", "XZ", "YZ")  # of a link, in the order of ``LOAD``
+_STANDSTILL = 1e-6  # rad/s or m/s: the direction of friction is unknown below
+_COUPLED = 1e-12  # off-diagonal elements of C above couple joints
 
 
 def khalil_chain(chain: Chain) -> Chain:
-    """Return the joints with frames on their axes (Craig's convention), in which the links' parameters are expressed.
+    """Return the joints with frames on their axes (Craig's convention), for the links' parameters.
 
-    A distal table's links begin with their joint's motion, Rz Tz, and end with Tx Rx Ry; here the latter begin the
-    next one. What the last link of a distal table has behind its joint is left out (``flange_in_last_link``).
+    A distal table's links begin with their joint's motion, Rz Tz, and end with Tx Rx Ry; here the latter begin the next
+    one. The end of the last link is left out (``flange_in_last_link``).
     """
     if chain.convention == "craig":
         return chain
@@ -293,16 +286,15 @@ def khalil_chain(chain: Chain) -> Chain:
 
 
 def flange_in_last_link(chain: Chain) -> Array:
-    """Pose ``(4, 4)`` of the table's last frame in the frame of the last link."""
+    """Return the pose ``(4, 4)`` of the table's last frame in the frame of the last link."""
     still = np.zeros((1, chain.size))
     last, flange = (SerialArm(each) for each in (khalil_chain(chain), chain))
     T_0_last, T_0_flange = (arm.flange(still, arm.nominal())[0] for arm in (last, flange))
-    pose: Array = se3.inverse(T_0_last) @ T_0_flange
-    return pose
+    return np.asarray(se3.inverse(T_0_last) @ T_0_flange)
 
 
 def load_in_frame(T_link_load: Array) -> Array:
-    """The matrix ``(10, 10)`` that takes a body's parameters phi (as ``LOAD``) from its frame to another frame."""
+    """Return the matrix ``(10, 10)`` of a body's parameters phi from its frame to another frame."""
     rotation, shift = T_link_load[:3, :3], T_link_load[:3, 3]
     columns = []
     for phi in np.eye(len(LOAD)):
@@ -316,14 +308,14 @@ def load_in_frame(T_link_load: Array) -> Array:
 
 @dataclass(frozen=True)
 class ArmDynamics:
-    """The inverse dynamic model of an arm, f = W(q, q', q'') X.
+    """Inverse dynamic model of an arm, f = W(q, q', q'') X.
 
     Attributes:
         chain: in Craig's convention (``khalil_chain``).
         gravity: ``(3,)`` m/s^2 in frame 0.
-        couplings: C ``(J, J)``, what each drive turns by the joints' positions, as the joints see it: one on the
-            diagonal, and one at (5, 4) where the last drive of six also turns with joint 5.
-        motor_inertia, friction, offsets: whether these parameters are part of the model.
+        couplings: C ``(J, J)``, turns of each drive by the joints' positions, as the joints feel it: unit diagonal, and
+            one at (5, 4) if the last drive of six also turns with joint 5.
+        motor_inertia, friction, offsets: parameters of the model.
     """
 
     chain: Chain
@@ -344,20 +336,20 @@ class ArmDynamics:
 
     @classmethod
     def of(cls, chain: Chain, gravity: Array, couplings: Array | None = None) -> "ArmDynamics":
-        """The whole model of any chain; by default each drive turns its own joint."""
+        """Return the whole model of any chain; by default each drive turns its own joint."""
         return cls(khalil_chain(chain), gravity, np.eye(chain.size) if couplings is None else couplings)
 
     @cached_property
     def coupled(self) -> tuple[int, ...]:
-        """The drives (from 0) that turn with more than one joint."""
+        """Drives (from 0) that turn with more than one joint."""
         beside = np.abs(self.couplings - np.diag(np.diag(self.couplings))).max(axis=1)
         return tuple(np.flatnonzero(beside > _COUPLED).tolist())
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """The standard parameters: the links' ten each, then what drives and joints have."""
+        """Names of the standard parameters: ten of each link, then those of drives and joints."""
         numbers = range(1, self.chain.size + 1)
-        names = [f"{kind}{j}" for j in numbers for kind in INERTIAL]
+        names = [f"{kind}{j}" for j in numbers for kind in _INERTIAL]
         names += [f"Ia{j}" for j in numbers if self.motor_inertia]
         if self.friction:
             names += [f"{kind}{j}" for kind in ("Fc", "Fv") for j in numbers]
@@ -379,7 +371,7 @@ class ArmDynamics:
         return force.get(kind, "kg m" if kind[0] == "M" else "kg m²")
 
     def regressor(self, joints: Array, speeds: Array, accelerations: Array) -> Array:
-        """W ``(n, J, p)`` at joint positions, speeds and accelerations ``(n, J)``, rad or m."""
+        """Return W ``(n, J, p)`` at joint positions, speeds and accelerations ``(n, J)``, rad or m."""
         size = self.chain.size
         turned, rates = speeds @ self.couplings.T, accelerations @ self.couplings.T
         blocks = [self._of_drives(self.link_regressor(joints, speeds, accelerations))]
@@ -394,27 +386,26 @@ class ArmDynamics:
         return np.concatenate(blocks, axis=2)
 
     def _of_drives(self, torques: Array) -> Array:
-        """The drives' torques ``(n, J, ...)`` that give those of the joints, f = C'^-1 tau."""
         return np.linalg.inv(self.couplings.T) @ torques if self.coupled else torques
 
     def link_regressor(self, joints: Array, speeds: Array, accelerations: Array) -> Array:
         """Return the links' regressor ``(n, J, 10 J)``: each link as a load at the end of its part of the chain."""
         size = self.chain.size
-        regressor = np.zeros((len(joints), size, len(INERTIAL) * size))
+        regressor = np.zeros((len(joints), size, len(_INERTIAL) * size))
         for j in range(1, size + 1):
             part = SerialArm(self.chain.first(j))
             own = torque_regressor(
                 part, part.nominal(), joints[:, :j], speeds[:, :j], accelerations[:, :j], self.gravity
             )
-            regressor[:, :j, len(INERTIAL) * (j - 1) : len(INERTIAL) * j] = own
+            regressor[:, :j, len(_INERTIAL) * (j - 1) : len(_INERTIAL) * j] = own
         return regressor
 
     def standard(self, links: Array, others: dict[str, float]) -> Array:
-        """The vector of standard parameters ``(p,)``.
+        """Return the vector of standard parameters ``(p,)``.
 
         Args:
-            links: ``(J, 10)`` phi of each link, as ``LOAD``, about and along its frame.
-            others: the rest by name; zero where it is not named.
+            links: ``(J, 10)`` phi of each link, as ``LOAD``, in its frame.
+            others: the rest by name; zero by default.
         """
         values = np.zeros(len(self.names))
         values[: links.size] = links.ravel()
@@ -423,16 +414,15 @@ class ArmDynamics:
         return values
 
     def bodies(self) -> NDArray[np.int_]:
-        """Indices ``(J, 10)`` of the links' inertial parameters among the standard ones."""
-        return np.arange(len(INERTIAL) * self.chain.size).reshape(self.chain.size, -1)
+        """Return indices ``(J, 10)`` of the links' inertial parameters."""
+        return np.arange(len(_INERTIAL) * self.chain.size).reshape(self.chain.size, -1)
 
 
 def directions(speeds: Array) -> Array:
-    """The signs of speeds; zero at rest, where friction may have either."""
+    """Return the signs of speeds; zero at rest."""
     return np.where(np.abs(speeds) < _STANDSTILL, 0.0, np.sign(speeds))
 
 
 def diagonal_matrices(values: Array) -> Array:
-    """``(n, J)`` as diagonal matrices ``(n, J, J)``."""
-    diagonal: Array = values[:, :, None] * np.eye(values.shape[1])
-    return diagonal
+    """Return ``(n, J)`` as diagonal matrices ``(n, J, J)``."""
+    return np.asarray(values[:, :, None] * np.eye(values.shape[1]))

@@ -1,4 +1,4 @@
-"""Inverse kinematics of the nominal model: all solutions in closed form where one exists, else by search."""
+"""Inverse kinematics of the nominal model: all solutions in closed form if one exists, else by search."""
 
 from dataclasses import dataclass, field
 
@@ -16,24 +16,24 @@ from lab.kinematics.model import RigidArm
 
 __all__ = ["NominalInverse", "nearest_whole_turns", "ordered"]
 
-SAMPLES = 20_000  # random poses among which a search starts
-SEARCHED = 8  # from the nearest of which
-_MORE_SEARCHED = 64  # where none of them leads there
-_DISLIKE_COST = 2 * np.pi  # of a way that is disliked, beside a move of 1 rad
-_EXCESS_COST = 100.0  # of a joint beyond its limits by 1 rad, beside a move of 1 rad
-_GAP_COST = 1e4  # of a pose missed by 1 m
-ALIKE, ALIKE_RAD = 1.1, 1e-6  # a way that misses a rotation by no more than this beyond the best is as good
-_TILT_COST = 100.0  # of a rotation missed by 1 rad, where no way of the arm's could take it
-_FOLLOWED = 3.0  # Newton's steps: near its fold, where it is a parabola, a way moves by at most two of them
+_SAMPLES = 20_000  # random poses for the starts of a search
+_STARTS = 8  # the nearest of them
+_MORE_STARTS = 64  # if none succeeds
+_DISLIKE_COST = 2 * np.pi  # costs of a solution relative to a move of 1 rad: disliked,
+_EXCESS_COST = 100.0  # 1 rad beyond limits,
+_GAP_COST = 1e4  # 1 m off,
+_TILT_COST = 100.0  # and 1 rad off
+_SIMILAR, _SIMILAR_RAD = 1.1, 1e-6  # solutions that miss a rotation by no more than this beyond the best count
+_FOLLOWED = 3.0  # Newton's steps: near a fold, a parabola, a solution moves by at most two of them
 
 
 @dataclass(frozen=True)
 class NominalInverse:
-    """Inverse kinematics of a controller: nominal links, and a base and a tool.
+    """Inverse kinematics with nominal links, and a base and a tool.
 
     Attributes:
         values: ``(p,)`` of the arm.
-        target: of the tool, which one is to be brought somewhere.
+        target: index of the tool's target.
     """
 
     arm: RigidArm
@@ -49,10 +49,10 @@ class NominalInverse:
     def solutions(self, wanted: PoseTarget, reference: Array) -> Solutions:
         """Return IK solutions ``(n, k, joints)`` of each target, all of them if a closed form exists.
 
-        A target with fewer ways than others has the rest at joint positions zero, with an infinite gap.
+        A target with fewer solutions than others is filled with zeros, with an infinite gap.
 
         Args:
-            reference: joint positions ``(n, joints)`` near which to look, NaN where none are given.
+            reference: joint positions ``(n, joints)`` near which to search, or NaN.
         """
         exact = self.exact(wanted)
         parts = [
@@ -69,16 +69,17 @@ class NominalInverse:
         return found
 
     def exact(self, wanted: PoseTarget) -> NDArray[np.bool_]:
-        """``(n,)``: which targets the closed form is asked for."""
+        """Flag the targets ``(n,)`` for the closed form."""
         if self.closed_form is None:
             return np.zeros(len(wanted), dtype=np.bool_)
         return wanted.turned | self.closed_form.by_point
 
     def again(self, wanted: PoseTarget, joints: Array, branch: NDArray[np.int_]) -> tuple[Array, NDArray[np.bool_]]:
-        """Joint positions ``(n, joints)`` for other targets, in the branches and turns of ``joints``; what is reached.
+        """Return joint positions ``(n, joints)`` for other targets, in the branches and turns of ``joints``, and a mask
+        of success.
 
         Args:
-            branch: ``(n,)`` of the closed form; negative where Newton's method is to go on from ``joints``.
+            branch: ``(n,)`` of the closed form; negative for Newton's method from ``joints``.
         """
         found, reached = joints.copy(), np.ones(len(wanted), dtype=np.bool_)
         by_branch = self.closed_form is not None and not self.closed_form.exact_only
@@ -97,10 +98,10 @@ class NominalInverse:
         return found, reached
 
     def _followed(self, wanted: PoseTarget, joints: Array, solutions: Solutions) -> tuple[Array, NDArray[np.bool_]]:
-        """The ways ``(n, joints)`` that ``joints`` lead to, where the roots' order says nothing of it; which there are.
+        """Return the continuations ``(n, joints)`` of ``joints``, for roots in no lasting order, and a mask of success.
 
-        That is the nearest one, if it is about as near as Newton's step says. Otherwise the target lies beyond a fold,
-        where two ways met and ended, and the others belong to other branches.
+        The nearest solution is one if it is about as near as Newton's step predicts. Otherwise the target is beyond a
+        fold, where two solutions end, and the others belong to other branches.
         """
         Ts, J = self.tool(joints)
         step = np.abs(shortest_step(J, wanted.errors(Ts), wanted.turned)).max(axis=1)
@@ -108,25 +109,24 @@ class NominalInverse:
         apart = np.where(solutions.gap_m == 0, np.abs(turned - joints[:, None]).max(axis=2), np.inf)
         rows, nearest = np.arange(len(joints)), apart.argmin(axis=1)
         there = self.tool(turned[rows, nearest])[1]
-        kept = np.sign(np.linalg.det(there[:, :3])) == np.sign(np.linalg.det(J[:, :3]))  # the point's, of three joints
-        reached = np.asarray((apart[rows, nearest] <= _FOLLOWED * step + ALIKE_RAD) & kept)
+        kept = np.sign(np.linalg.det(there[:, :3])) == np.sign(np.linalg.det(J[:, :3]))
+        reached = np.asarray((apart[rows, nearest] <= _FOLLOWED * step + _SIMILAR_RAD) & kept)
         return np.where(reached[:, None], turned[rows, nearest], joints), reached
 
     def _near(self, wanted: PoseTarget, joints: Array) -> Array:
-        """Reach targets by Newton's method from ``joints`` ``(n, joints)``."""
         return reach(self.arm, self.values, wanted, joints, np.empty((len(wanted), 0)), self.target).joints
 
     def tool(self, joints: Array) -> tuple[Array, Array]:
-        """Poses of the tool ``(n, 4, 4)`` and their Jacobians ``(n, 6, joints)``, as ``inverse.tool_at``."""
+        """Return ``newton.tool_at``."""
         return tool_at(self.arm, joints, self.values, self.target)
 
     @property
     def tools(self) -> Array:
-        """Places ``(k, 3)`` m of the targets in the last frame."""
+        """Positions ``(k, 3)`` m of the targets in the last frame."""
         return self.values[-3 * len(self.arm.targets) :].reshape(-1, 3)
 
     def last_frames(self, wanted: PoseTarget) -> Array:
-        """Poses ``(n, 4, 4)`` of the last frame in frame 0 that bring the tool there, turned as near as the arm can."""
+        """Return poses ``(n, 4, 4)`` of the last frame in frame 0 for targets, at the nearest possible rotation."""
         Ts: Array = se3.inverse(self.arm.T_tracker_frame0(self.values)) @ se3.pose(wanted.rotations, wanted.positions)
         rotations = Ts[:, :3, :3] if self.closed_form is None else self.closed_form.nearest_rotations(Ts[:, :3, :3])
         return se3.pose(rotations, Ts[:, :3, 3] - rotations @ self.tools[self.target])
@@ -140,10 +140,10 @@ class NominalInverse:
         return found
 
     def _made_exact(self, wanted: PoseTarget, found: Solutions) -> Solutions:
-        """The candidates that meet the whole pose; where none does, where Newton's method comes nearest from them.
+        """Return candidates that meet the whole pose, else results of Newton's method from them.
 
-        The latter bring the tool to its place, and of them those count that miss the rotation by little more than the
-        best. Candidates that do not count have an infinite gap.
+        Of the latter those count that reach the position, and the rotation nearly as well as the best. Others have an
+        infinite gap.
         """
         joints, gap, tilt = found.joints.copy(), found.gap_m.copy(), found.tilt_rad.copy()
         meets = (gap == 0) & (tilt == 0)
@@ -158,7 +158,7 @@ class NominalInverse:
             )
             arrived = ended.arrived.reshape(-1, many)
             least = np.where(arrived, turned_off, np.inf).min(axis=1, keepdims=True)
-            counts = arrived & (turned_off <= ALIKE * least + ALIKE_RAD)
+            counts = arrived & (turned_off <= _SIMILAR * least + _SIMILAR_RAD)
             joints[rows] = ended.joints.reshape(joints[rows].shape)
             none = ~arrived.any(axis=1, keepdims=True)
             gap[rows] = np.where(counts, 0.0, np.where(none, missed, np.inf))
@@ -166,9 +166,11 @@ class NominalInverse:
         return Solutions(joints, gap, np.where(np.isfinite(gap), tilt, 0.0), found.free)
 
     def _searched(self, wanted: PoseTarget, reference: Array) -> Solutions:
-        """Newton's method from the reference and the nearest of many random poses; where none leads, from more."""
-        samples = self.arm.chain.random_joints(SAMPLES, rng_for(0, "structure"))
-        Ts, shape = self.tool(samples)[0], (len(wanted), SEARCHED, self.arm.chain.size)
+        """Search by Newton's method from the reference and the nearest of many random poses; if none succeeds, from
+        more.
+        """
+        samples = self.arm.chain.random_joints(_SAMPLES, rng_for(0, "structure"))
+        Ts, shape = self.tool(samples)[0], (len(wanted), _STARTS, self.arm.chain.size)
         free = np.zeros(shape, dtype=np.bool_)
         found = Solutions(np.zeros(shape), np.full(shape[:2], np.inf), np.full(shape[:2], np.inf), free)
         for turned in (True, False):
@@ -176,7 +178,7 @@ class NominalInverse:
             if not rows.size:
                 continue
             tree = scipy.spatial.cKDTree(pose_landmarks(Ts[:, :3, 3], Ts[:, :3, :3], turned))
-            for starting in (SEARCHED, _MORE_SEARCHED):
+            for starting in (_STARTS, _MORE_STARTS):
                 landmarks = pose_landmarks(wanted.positions[rows], wanted.rotations[rows], turned)
                 starts = samples[tree.query(landmarks, k=starting)[1]]
                 given = np.isfinite(reference[rows]).all(axis=1)
@@ -184,20 +186,20 @@ class NominalInverse:
                 best = self._nearest_ends(wanted.take(rows), starts)
                 for name in ("joints", "gap_m", "tilt_rad"):
                     getattr(found, name)[rows] = getattr(best, name)
-                rows = rows[~((best.gap_m == 0) & (best.tilt_rad <= ALIKE_RAD)).any(axis=1)]
+                rows = rows[~((best.gap_m == 0) & (best.tilt_rad <= _SIMILAR_RAD)).any(axis=1)]
                 if not rows.size:
                     break
         return found
 
     def _nearest_ends(self, wanted: PoseTarget, starts: Array) -> Solutions:
-        """Return the results of Newton's method from starts ``(n, some, joints)`` that miss each target least."""
+        """Return the best results of Newton's method from starts ``(n, some, joints)``."""
         each = wanted.take(np.repeat(np.arange(len(wanted)), starts.shape[1]))
         flat = starts.reshape(-1, starts.shape[2])
         ended = reach(self.arm, self.values, each, flat, np.empty((len(each), 0)), self.target)
         missed, turned_off = (np.linalg.norm(part, axis=1) for part in (ended.errors[:, :3], ended.errors[:, 3:]))
         gap = np.where(ended.arrived, 0.0, missed).reshape(starts.shape[:2])
         tilt = (turned_off if starts.shape[2] < FREEDOMS else np.zeros(len(each))).reshape(gap.shape)
-        least = np.sort(np.argsort(gap + tilt, axis=1, kind="stable")[:, :SEARCHED], axis=1)
+        least = np.sort(np.argsort(gap + tilt, axis=1, kind="stable")[:, :_STARTS], axis=1)
         gap, tilt = (np.take_along_axis(part, least, axis=1) for part in (gap, tilt))
         joints = np.take_along_axis(ended.joints.reshape(starts.shape), least[..., None], axis=1)
         return Solutions(joints, gap, tilt, np.zeros(joints.shape, dtype=np.bool_))
@@ -206,25 +208,24 @@ class NominalInverse:
 def ordered(
     chain: JointSpec, solutions: Solutions, reference: Array, disliked: NDArray[np.bool_], before: Array | None = None
 ) -> tuple[Array, NDArray[np.int_]]:
-    """The ways in order of preference: reached, within limits, not disliked, and near.
+    """Order IK solutions by preference: reached, within limits, not disliked, and near.
 
-    Near to a row's reference where that is given, else to the way preferred for the row before. Joints that can turn
-    more than once do it as that asks.
+    Near to a row's reference, or to the preferred solution of the row before, by whole turns.
 
     Args:
-        reference: ``(n, joints)`` joint positions, NaN where none are given.
+        reference: ``(n, joints)`` joint positions, or NaN.
         disliked: ``(n, k)``.
-        before: ``(joints,)`` joint positions preferred for what comes before the first row; zero if None.
+        before: ``(joints,)`` joint positions before the first row; home by default.
 
     Returns:
-        ``(n, k, joints)`` joint positions, and ``(n, k)`` the branches that they are of.
+        ``(n, k, joints)`` joint positions, and their branches ``(n, k)``.
     """
     joints, order = np.empty_like(solutions.joints), np.empty(solutions.gap_m.shape, dtype=np.int_)
     given = np.asarray(np.isfinite(reference).all(axis=1), dtype=np.bool_)
     near = np.where(given[:, None], reference, chain.home if before is None else before)
     fixed = _DISLIKE_COST * disliked + _GAP_COST * solutions.gap_m + _TILT_COST * solutions.tilt_rad
     rows = np.arange(len(joints))
-    while rows.size:  # all at once from a guess of the row before, then again those that it has changed for
+    while rows.size:  # all rows at once, then those again for which the row before has changed
         turned = nearest_whole_turns(chain, solutions.joints[rows], near[rows, None])
         cost = np.abs(turned - near[rows, None]).max(axis=2) + fixed[rows]
         cost += _EXCESS_COST * chain.excess(turned).sum(axis=2)
@@ -238,7 +239,7 @@ def ordered(
 
 
 def nearest_whole_turns(chain: JointSpec, joints: Array, near: Array) -> Array:
-    """Joint positions ``(..., joints)`` by whole turns of hinges: nearest to others, within limits if possible."""
+    """Turn hinges of ``(..., joints)`` by whole turns: nearest to others, within limits if possible."""
     full_turn = np.where(chain.prismatic, 0.0, 2 * np.pi)
     found = joints + full_turn * np.round((near - joints) / (2 * np.pi))
     found = np.where((found > chain.upper) & (found - full_turn >= chain.lower), found - full_turn, found)

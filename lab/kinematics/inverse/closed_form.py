@@ -1,4 +1,4 @@
-"""Say what a closed form of an arm's inverse offers, and find the one that an extension registers for an arm."""
+"""Closed forms of inverse kinematics: their protocol, and the one that an extension registers for an arm."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -30,19 +30,18 @@ __all__ = [
     "real_part",
 ]
 
-NONE = 1e-12  # of a coefficient (m): it is left out
-DIGITS = 6  # of a number in a text
+_NONE = 1e-12  # m: smaller coefficients are zero
 
 
 @dataclass(frozen=True)
 class Term:
-    """A coefficient times the sine or the cosine of a sum of joint positions, times the joint positions of slides.
+    """A coefficient times the sine or cosine of a sum of joint positions, times positions of slides.
 
     Attributes:
-        coefficient: m, or without a unit where there is a slide.
-        function: of the angle; empty where there is none.
-        angle: how each joint position counts in the angle, by joint: +1 or -1, or a multiple.
-        slides: the joints whose joint positions are factors.
+        coefficient: m, or without a unit beside a slide.
+        function: of the angle; empty without one.
+        angle: factor of each joint position in the angle: +1, -1, or a multiple.
+        slides: joints whose positions are factors.
     """
 
     coefficient: float
@@ -51,14 +50,14 @@ class Term:
     slides: tuple[int, ...] = ()
 
     def at(self, joints: Array) -> Array:
-        """Values ``(...)`` at joint positions ``(..., n)``."""
+        """Return values ``(...)`` at joint positions ``(..., n)``."""
         angle = sum((sign * joints[..., joint] for joint, sign in self.angle), start=np.zeros(joints.shape[:-1]))
         turned = np.sin(angle) if self.function == "sin" else np.cos(angle)  # cos 0 where there is no function
         return np.asarray(self.coefficient * turned * joints[..., list(self.slides)].prod(axis=-1))
 
     def text(self, names: tuple[str, ...]) -> str:
-        """Its size for a person, without the coefficient's sign; empty for 1."""
-        factors = [] if abs(self.size - 1) < NONE and (self.function or self.slides) else [number(self.size)]
+        """Return the formula without the coefficient's sign; empty for 1."""
+        factors = [] if abs(self.size - 1) < _NONE and (self.function or self.slides) else [_number(self.size)]
         factors += [names[joint] for joint in self.slides]
         if self.function:
             parts = [("+" if sign > 0 else "-", "" if abs(sign) == 1 else f"{abs(sign):g} * ", names[joint])
@@ -79,7 +78,7 @@ class Factor:
     """A sum of terms that is zero at one kind of singularity.
 
     Attributes:
-        name: of the singularity, for people.
+        name: of the singularity.
         names: the joints'.
     """
 
@@ -88,7 +87,7 @@ class Factor:
     names: tuple[str, ...]
 
     def at(self, joints: Array) -> Array:
-        """Values ``(...)`` at joint positions ``(..., n)``: m, or the sine of an angle."""
+        """Return values ``(...)`` at joint positions ``(..., n)``: m, or the sine of an angle."""
         return sum((term.at(joints) for term in self.terms), start=np.zeros(joints.shape[:-1]))
 
     @property
@@ -103,14 +102,14 @@ class Factor:
 
 @dataclass(frozen=True)
 class Determinant:
-    """A sign, lengths (m) and factors, whose product it is."""
+    """A product of a sign, lengths (m) and factors."""
 
     sign: float
     lengths: tuple[float, ...]
     factors: tuple[Factor, ...]
 
     def at(self, joints: Array) -> Array:
-        """Values ``(...)`` at joint positions ``(..., n)``."""
+        """Return values ``(...)`` at joint positions ``(..., n)``."""
         constant = self.sign * np.prod(self.lengths)
         return np.asarray(constant * np.prod([factor.at(joints) for factor in self.factors], axis=0))
 
@@ -118,28 +117,28 @@ class Determinant:
     def text(self) -> str:
         """Formula, like ``-0.27 (0.302 cos q3 + 0.07 sin q3) sin q5``."""
         factors = [f"({factor.text})" if len(factor.terms) > 1 else factor.text for factor in self.factors]
-        words = [part for part in (" * ".join(number(length) for length in self.lengths), *factors) if part]
+        words = [part for part in (" * ".join(_number(length) for length in self.lengths), *factors) if part]
         return ("-" if self.sign < 0 else "") + " ".join(words)
 
 
 def determinant(
     names: tuple[str, ...], sign: float, lengths: Iterable[float], factors: Iterable[tuple[str, Iterable[Term]]]
 ) -> Determinant:
-    """The product tidied: no term without a coefficient, none that begins with a minus, and numbers in front."""
+    """Return the product without zero terms, with positive first terms, and numbers in front."""
     numbers, tidied = list(lengths), []
     for name, terms in factors:
-        retained = tuple(term for term in terms if term.size > NONE)
+        retained = tuple(term for term in terms if term.size > _NONE)
         if retained:
             scale = np.sign(retained[0].coefficient) * (retained[0].size if len(retained) == 1 else 1.0)
             sign *= np.sign(scale)
             numbers.append(abs(float(scale)))
             retained = tuple(Term(t.coefficient / scale, t.function, t.angle, t.slides) for t in retained)
         tidied.append(Factor(name, retained, names))
-    return Determinant(sign, tuple(length for length in numbers if abs(length - 1) > NONE), tuple(tidied))
+    return Determinant(sign, tuple(length for length in numbers if abs(length - 1) > _NONE), tuple(tidied))
 
 
 def real_part(number: complex, turning: Iterable[tuple[int, float]], slides: tuple[int, ...] = ()) -> list[Term]:
-    """Re(number exp(i angle)), for an angle that is the sum of some joint positions, each times its sign."""
+    """Return the terms of Re(number exp(i angle)), for a signed sum of joint positions."""
     angle = tuple(turning)
     if not angle:
         return [Term(number.real, slides=slides)]
@@ -148,27 +147,25 @@ def real_part(number: complex, turning: Iterable[tuple[int, float]], slides: tup
     return [Term(-first * number.imag, "sin", angle, slides), Term(number.real, "cos", angle, slides)]
 
 
-def number(value: float) -> str:
-    """A length for a person, m."""
-    return f"{value:.{DIGITS}g}"
+def _number(value: float) -> str:
+    return f"{value:.6g}"
 
 
-# Some poses, and positions (k, 5, n) along the axes that may reach them, with which joints are free there
+# Some poses, candidate positions (k, 5, n) along the axes, and their free joints
 Candidates = tuple[slice | NDArray[np.int_], Array, NDArray[np.bool_]]
-EXACT = 1e-9  # m or rad: by how much a nominal model may miss the shape that is asked for
+EXACT = 1e-9  # m or rad: tolerance of a nominal model's shape
 
 
 @dataclass(frozen=True)
 class Solutions:
-    """Ways to reach some poses.
+    """IK solutions of some poses.
 
     Attributes:
         joints: ``(n, k, joints)`` joint positions, a hinge's between -pi and pi.
-        gap_m: ``(n, k)`` how far the target is out of reach, zero where it is reached; else the joints are those that
-            come nearest, but for a bend of the elbow (``BEND`` in ``first_joints``).
-        tilt_rad: ``(n, k)`` by how much the rotation is out of reach of arms with fewer than six joints, which come as
-            near to it as they can; zero with six.
-        free: ``(n, k, joints)``, joints that could have any joint position, because the arm is singular there.
+        gap_m: ``(n, k)`` distance of the target out of reach; the joints are then nearest, but for a bend of the elbow
+            (``BEND`` in ``first_joints``).
+        tilt_rad: ``(n, k)`` rotation error of arms with fewer than six joints, at the nearest rotation.
+        free: ``(n, k, joints)``, joints that are free at a singularity.
     """
 
     joints: Array
@@ -186,45 +183,45 @@ class ClosedForm(Protocol):
 
     @property
     def by_point(self) -> bool:
-        """True if only the position of a point is solved for: the rotation is ignored, and may be missed."""
+        """True if only the position of a point is solved for: the rotation is ignored."""
 
     @property
     def exact_only(self) -> bool:
-        """True if unreachable poses do not get the nearest solution: their solutions are candidates."""
+        """True if solutions are candidates only: unreachable poses do not get the nearest one."""
 
     @property
     def numbered(self) -> bool:
-        """True if a branch keeps its number as the pose moves: false where branches are roots in no lasting order."""
+        """True if a branch keeps its number as the pose moves."""
 
     @property
     def determinant(self) -> Determinant:
-        """Determinant of the Jacobian, in the factors that are zero at the arm's singularities."""
+        """Determinant of the Jacobian, in factors that are zero at the arm's singularities."""
 
     @property
     def moved(self) -> str:
-        """Description of the motions that the determinant covers; all six for six joints."""
+        """Description of the motions of the determinant; all six for six joints."""
 
     def solve(self, Ts_frame0_last: Array, reference: Array | float = 0.0) -> Solutions:
         """Return all solutions for poses ``(n, 4, 4)`` of the last frame in frame 0.
 
         Args:
-            reference: joint positions ``(n, joints)`` that a free joint takes.
+            reference: joint positions ``(n, joints)`` of free joints.
         """
 
     def nearest_rotations(self, Rs_frame0_last: Array) -> Array:
-        """The rotations ``(n, 3, 3)`` of the last frame nearest to given ones that the arm can take."""
+        """Return the possible rotations ``(n, 3, 3)`` of the last frame nearest to given ones."""
 
 
 @dataclass(frozen=True)
 class Axes:
-    """An arm's joints in frame 0 at zero joint positions.
+    """Joint axes in frame 0 at zero joint positions.
 
     Attributes:
         names: the joints'.
-        prismatic: which of them slide.
-        sign: ``(n,)`` how their joint positions count along the axes.
-        directions: ``(n, 3)`` unit vectors along the axes, whatever the joint positions' signs.
-        origins: ``(n, 3)`` m, a point on each hinge's axis; zero of a slide.
+        prismatic: flags of slides.
+        sign: ``(n,)`` directions of the joint positions along the axes.
+        directions: ``(n, 3)`` unit vectors along the axes, without the signs.
+        origins: ``(n, 3)`` m, a point on each hinge's axis; zero for a slide.
         T_frame0_last: pose ``(4, 4)`` of the last frame.
     """
 
@@ -237,7 +234,7 @@ class Axes:
 
     @classmethod
     def of(cls, chain: Chain) -> "Axes":
-        """The axes of a nominal model."""
+        """Return the axes of a nominal model."""
         arm = SerialArm(chain)
         moving = [motion for motion in arm.motions(arm.nominal()) if motion.joint is not None]
         origins = [np.zeros(3) if motion.origin is None else motion.origin[:3, 0] for motion in moving]
@@ -252,21 +249,19 @@ class Axes:
 
     @property
     def backwards(self) -> "Axes":
-        """The arm held at its last frame: its joints in the reverse order, and its frame 0 as the last one."""
+        """Reversed arm, from the last frame to frame 0."""
         back = se3.inverse(self.T_frame0_last)
         origins = np.where(np.array(self.prismatic)[:, None], 0.0, se3.transform(back, self.origins))
         directions = -self.directions @ back[:3, :3].T
-        return Axes(
-            self.names[::-1], self.prismatic[::-1], self.sign[::-1], directions[::-1], origins[::-1], back
-        )  # fmt: skip
+        return Axes(self.names[::-1], self.prismatic[::-1], self.sign[::-1], directions[::-1], origins[::-1], back)
 
     def first(self, count: int) -> "Axes":
-        """The first joints alone, with a last frame that stands as frame 0 does."""
+        """Return the first joints, with the last frame at frame 0."""
         kinds, places = (self.names[:count], self.prismatic[:count]), (self.directions[:count], self.origins[:count])
         return Axes(*kinds, self.sign[:count], *places, np.eye(4))
 
     def carried(self, joint: int, amount: Array, points: Array) -> Array:
-        """Points ``(3, ...)`` carried by one joint, by amounts ``(...)`` along its axis."""
+        """Move points ``(3, ...)`` by one joint, by amounts ``(...)`` along its axis."""
         axis = self.directions[joint]
         if self.prismatic[joint]:
             return np.asarray(points + np.multiply.outer(axis, amount))
@@ -277,7 +272,7 @@ class Axes:
         return np.asarray(origin + along + np.cos(amount) * (lever - along) + np.sin(amount) * across)
 
     def jacobian(self, joints: Array, point: Array) -> Array:
-        """Geometric ``(6, n)`` of a point ``(3,)`` of the last frame at joint positions ``(n,)``, in frame 0."""
+        """Return the geometric Jacobian ``(6, n)`` of a point ``(3,)`` of the last frame, in frame 0."""
         columns, end, turns = list[Array](), se3.transform(self.T_frame0_last, point[None])[0], np.eye(3)
         origins, directions = list[Array](), list[Array]()
         for i in range(self.size):
@@ -296,16 +291,16 @@ class Axes:
         return np.stack(columns, axis=1)
 
     def parallel(self, i: int, j: int) -> bool:
-        """Decide whether two axes are parallel."""
+        """Check whether two axes are parallel."""
         return bool(np.linalg.norm(np.cross(self.directions[i], self.directions[j])) <= EXACT)
 
     def square(self, i: int, j: int) -> bool:
-        """Decide whether two axes are at right angles."""
+        """Check whether two axes are orthogonal."""
         return bool(abs(self.directions[i] @ self.directions[j]) <= EXACT)
 
 
 def plane_across(normal: Array, first: Array | None = None) -> Array:
-    """Unit vectors as rows ``(3, 3)``, right-handed: two across a unit vector, the first as given, and itself."""
+    """Return right-handed unit vectors ``(3, 3)`` as rows: two across a unit vector, and itself."""
     if first is None:
         first = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
     first = first - normal * (normal @ first)
@@ -314,25 +309,24 @@ def plane_across(normal: Array, first: Array | None = None) -> Array:
 
 
 def in_plane(plane: Array, vector: Array) -> complex:
-    """A vector ``(3,)`` along the first two rows of a plane, as a complex number."""
+    """Return a vector ``(3,)`` along the first two rows of a plane, as a complex number."""
     x, y = plane[:2] @ vector
     return complex(x, y)
 
 
 def meeting_point(origins: Array, axes: Array) -> tuple[Array, float]:
-    """The point ``(3,)`` nearest to some lines, and how far the farthest one misses it."""
+    """Return the point ``(3,)`` nearest to some lines, and the largest distance of a line."""
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
     point = np.linalg.lstsq(across.reshape(-1, 3), (across @ origins[:, :, None]).ravel(), rcond=None)[0]
-    return np.asarray(point, dtype=np.float64), float(
-        np.linalg.norm(across @ (point - origins)[:, :, None], axis=1).max()
-    )
+    distances = np.linalg.norm(across @ (point - origins)[:, :, None], axis=1)
+    return np.asarray(point, dtype=np.float64), float(distances.max())
 
 
 def closed_form_of(chain: Chain, point: Array | None = None) -> ClosedForm | None:
-    """Return the closed form of a nominal model's inverse; None where no registered one suits its shape.
+    """Return the registered closed form for a nominal model's inverse, or None.
 
     Args:
-        point: ``(3,)`` m of the last frame that an arm of two or three joints brings somewhere; by default its origin.
+        point: ``(3,)`` m in the last frame, the target of an arm of two or three joints; its origin by default.
     """
     place = np.zeros(3) if point is None else point
     forms: Iterator[ClosedForm | None] = (find(chain, place) for find in load_all("lab.inverses").values())

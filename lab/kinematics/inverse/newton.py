@@ -1,9 +1,7 @@
-"""Inverse kinematics of any robot with any effects, from poses of the tool, by damped Newton steps.
+"""Inverse kinematics of any robot with any effects, by damped Newton steps.
 
-Where the tool is only to be somewhere, not turned in some way, and where the arm has more joints than it needs,
-every step is the shortest one that does what is asked. Arms with fewer than six joints cannot turn the tool anyhow:
-they bring it to its place, and then as near to the rotation as joints that leave it there can (the null space of the
-place's rows of the Jacobian).
+Without a wanted rotation, and for redundant arms, each step is the shortest one. Arms with fewer than six joints reach
+the position, then the nearest rotation in the null space of the position's rows of the Jacobian.
 """
 
 from dataclasses import dataclass
@@ -23,24 +21,24 @@ if TYPE_CHECKING:
 
 __all__ = ["FREEDOMS", "PLACES", "PoseTarget", "pose_landmarks", "reach", "shortest_step", "tool_at", "within_reach"]
 
-PLACES = 3  # directions of a place: with fewer joints an arm takes some places only
-FREEDOMS = 6  # of a tool in space: with fewer joints an arm takes some rotations only
-MAX_STEPS = 40
-ARRIVED_M, ARRIVED_RAD = 1e-10, 1e-10  # an error below these is none
-_PLACE_FIRST = 1e3  # how much more the place weighs than the rotation, where that cannot be met
-_HIDDEN_M = 1e-12  # by rounding of what is left of a rotation
+PLACES = 3  # degrees of freedom of a position
+FREEDOMS = 6  # degrees of freedom of a pose
+_MAX_STEPS = 40
+ARRIVED_M, ARRIVED_RAD = 1e-10, 1e-10  # tolerances
+_PLACE_FIRST = 1e3  # weight of the position for arms with few joints
+_HIDDEN_M = 1e-12  # rounding of a remaining rotation error
 _NOWHERE = se3.pose(np.eye(3), np.full(3, 1e6))
 _LONGEST_STEP = 0.3  # rad or m, of any joint
-LEAST_DAMPING, LARGEST_DAMPING = 1e-6, 1e3  # beside singular values in m
+LEAST_DAMPING, LARGEST_DAMPING = 1e-6, 1e3  # m, as singular values
 
 
 @dataclass(frozen=True)
 class PoseTarget:
-    """Wanted pose of a target of the tool, in the tracker's frame.
+    """Wanted poses of a target of the tool, in the tracker's frame.
 
     Attributes:
-        places: ``(n, 3)`` m.
-        turns: ``(n, 3, 3)`` of the last frame; NaN where any will do.
+        positions: ``(n, 3)`` m.
+        rotations: ``(n, 3, 3)`` of the last frame; NaN for any.
     """
 
     positions: Array
@@ -55,7 +53,7 @@ class PoseTarget:
 
     @property
     def turned(self) -> NDArray[np.bool_]:
-        """``(n,)``: whether the rotation matters."""
+        """Mask ``(n,)`` of targets with a rotation."""
         return np.asarray(np.isfinite(self.rotations).all(axis=(1, 2)))
 
     def take(self, rows: NDArray[np.int_]) -> "PoseTarget":
@@ -72,14 +70,14 @@ class PoseTarget:
 
 
 @dataclass(frozen=True)
-class IKResult:
+class _IKResult:
     """Result of Newton's method.
 
     Attributes:
         joints: ``(n, joints)`` joint positions.
-        errors: ``(n, 6)`` what is missing, m and rad.
-        left: ``(n, 6)`` what of that the joints could still make up for: with six and more all of it.
-        steps: ``(n,)`` how many it took.
+        errors: ``(n, 6)`` m and rad.
+        left: ``(n, 6)`` part of the errors that the joints could correct: all with six and more.
+        steps: ``(n,)``.
     """
 
     joints: Array
@@ -89,23 +87,20 @@ class IKResult:
 
     @property
     def arrived(self) -> NDArray[np.bool_]:
-        """``(n,)``: whether nothing is missing that the joints could make up for."""
+        """Mask ``(n,)`` of targets without errors that the joints could correct."""
         return np.asarray(_in_tolerances(self.left) < 1.0)
 
 
 def _compilable(
     arm: "Arm", values: Array, wanted: PoseTarget, start: Array, conditions: Array, target: int = 0
 ) -> bool:
-    """Decide whether machine code can do it: it takes serial arms of six joints and more, and real numbers."""
     return isinstance(arm, SerialArm) and start.shape[1] >= FREEDOMS and real(values)
 
 
-def _reach(arm: "Arm", values: Array, wanted: PoseTarget, start: Array, conditions: Array, target: int = 0) -> IKResult:
-    """``reach`` by numpy, for any arm.
-
-    The loop is its own: each row has a damping that it keeps, and a step that is not taken where it brings nothing
-    nearer.
-    """
+def _reach(
+    arm: "Arm", values: Array, wanted: PoseTarget, start: Array, conditions: Array, target: int = 0
+) -> _IKResult:
+    """Return ``reach`` in numpy; each row has its own damping, and steps that do not help are dropped."""
     few, start = start.shape[1] < FREEDOMS, start.astype(np.float64)
 
     def at(rows: NDArray[np.int_], joints: Array) -> tuple[Array, Array]:
@@ -117,49 +112,45 @@ def _reach(arm: "Arm", values: Array, wanted: PoseTarget, start: Array, conditio
     errors, jacobian = at(np.arange(len(wanted)), joints)
     left = within_reach(jacobian, errors, wanted.turned)
     damping = np.zeros(len(wanted))
-    for _ in range(MAX_STEPS):
-        going = np.flatnonzero((_in_tolerances(left) >= 1.0) & (damping <= LARGEST_DAMPING))
-        if not going.size:
+    for _ in range(_MAX_STEPS):
+        active = np.flatnonzero((_in_tolerances(left) >= 1.0) & (damping <= LARGEST_DAMPING))
+        if not active.size:
             break
-        turned = wanted.turned[going]
-        moved = joints[going] + shortest_step(jacobian[going], errors[going], turned, damping[going])
-        there, ahead = at(going, moved)
-        if few:  # a long step along the null space has left the place
+        turned = wanted.turned[active]
+        moved = joints[active] + shortest_step(jacobian[active], errors[active], turned, damping[active])
+        there, ahead = at(active, moved)
+        if few:  # back to the position after a step along the null space
             moved += shortest_step(ahead, there, np.zeros_like(turned))
-            there, ahead = at(going, moved)
-        better = _nearer(there, errors[going], few)
-        retained = going[better]
+            there, ahead = at(active, moved)
+        better = _nearer(there, errors[active], few)
+        retained = active[better]
         joints[retained], errors[retained], jacobian[retained] = moved[better], there[better], ahead[better]
         left[retained] = within_reach(ahead[better], there[better], turned[better])
         damping[retained] = np.where(damping[retained] > LEAST_DAMPING, damping[retained] / 10, 0.0)
-        worse = going[~better]
+        worse = active[~better]
         damping[worse] = np.maximum(10 * damping[worse], LEAST_DAMPING)
-        steps[going] += 1
-    return IKResult(joints, errors, left, steps)
+        steps[active] += 1
+    return _IKResult(joints, errors, left, steps)
 
 
 @with_fallback(_reach, when=_compilable)
-def reach(arm: "Arm", values: Array, wanted: PoseTarget, start: Array, conditions: Array, target: int = 0) -> IKResult:
-    """Joint positions that bring a target to where it is wanted, from joint positions ``start`` ``(n, joints)``.
+def reach(arm: "Arm", values: Array, wanted: PoseTarget, start: Array, conditions: Array, target: int = 0) -> _IKResult:
+    """Return joint positions for target poses, from joint positions ``start`` ``(n, joints)``.
 
-    Newton's method; where a step does not bring the target nearer, a damped one (Levenberg 1944). Steps are
-    limited, so that the arm stays in the branch it starts in. Joint limits are not looked at.
+    By Newton's method, damped if a step does not help (Levenberg 1944). Steps are limited, so that the arm stays in its
+    branch. Joint limits are not checked.
 
     Args:
-        conditions: ``(n, c)``, what the arm's effects ask for.
+        conditions: ``(n, c)`` of the arm's effects.
     """
     assert isinstance(arm, SerialArm)
     places, turns = wanted.positions, wanted.rotations
     found, missing, taken = arm.compiled.reach(start.astype(np.float64), values, places, turns, target)
-    return IKResult(found, missing, missing, taken)
+    return _IKResult(found, missing, missing, taken)
 
 
 def tool_at(arm: "Arm", inputs: Array, values: Array, target: int = 0) -> tuple[Array, Array]:
-    """Poses of a target, and how the joint positions move them (``RigidArm.tool``).
-
-    Where the robot cannot stand so, as its loops do not close, the target is far away, and nothing moves it: no step
-    that leads there is taken.
-    """
+    """Return ``RigidArm.tool``; where loops do not close the target is far away and does not move."""
     Ts, jacobian = arm.tool(inputs, values, target)
     lost = np.isnan(Ts).any(axis=(1, 2))
     Ts[lost], jacobian[lost] = _NOWHERE, 0.0
@@ -167,7 +158,7 @@ def tool_at(arm: "Arm", inputs: Array, values: Array, target: int = 0) -> tuple[
 
 
 def pose_landmarks(positions: Array, rotations: Array, turned: bool) -> Array:
-    """Points ``(n, 3 or 9)`` whose distances are those of the poses: of the tool, and on two of its axes."""
+    """Return points ``(n, 3 or 9)`` whose distances are those of poses: of the tool, and on two of its axes."""
     if not turned:
         return positions
     axes = [positions + ROTATION_M * rotations[:, :, i] for i in (0, 1)]
@@ -192,19 +183,18 @@ def within_reach(jacobian: Array, errors: Array, turned: NDArray[np.bool_]) -> A
 
 def _turning(jacobian: Array, inverse: Array) -> Array:
     """Return the tool's rotation ``(n, 3, joints)`` by joint moves at fixed position; ``inverse`` is of its rows."""
-    left: Array = jacobian[:, 3:] @ (np.eye(jacobian.shape[2]) - inverse @ jacobian[:, :3])
-    return left
+    return np.asarray(jacobian[:, 3:] @ (np.eye(jacobian.shape[2]) - inverse @ jacobian[:, :3]))
 
 
 def shortest_step(jacobian: Array, errors: Array, turned: NDArray[np.bool_], damping: Array | float = 0.0) -> Array:
-    """The shortest move of the joints that makes up for errors, J' (J J' + d^2 I)^-1 e, limited in length.
+    """Return the shortest joint step for errors, J' (J J' + d^2 I)^-1 e, limited in length.
 
-    With fewer than six joints it makes up for the place, and then for what is within reach of the rotation.
+    With fewer than six joints the position comes first, then the possible rotation.
 
     Args:
         jacobian: ``(n, 6, joints)``.
         errors: ``(n, 6)``.
-        turned: ``(n,)``; where the rotation does not matter, the rows of the position count alone.
+        turned: ``(n,)``; without a rotation, the position's rows count alone.
         damping: ``(n,)`` m.
     """
     if jacobian.shape[2] < FREEDOMS:
@@ -217,7 +207,6 @@ def shortest_step(jacobian: Array, errors: Array, turned: NDArray[np.bool_], dam
 
 
 def _place_first(jacobian: Array, errors: Array, turned: NDArray[np.bool_], damping: Array | float) -> Array:
-    """The step ``(n, joints)`` of an arm that cannot turn its tool anyhow."""
     position, rotation = errors[:, :3, None], np.where(turned[:, None], errors[:, 3:], 0.0)[:, :, None]
     step = pseudo_inverse(jacobian[:, :3], damping) @ position
     turning = _turning(jacobian, pseudo_inverse(jacobian[:, :3]))
@@ -227,17 +216,15 @@ def _place_first(jacobian: Array, errors: Array, turned: NDArray[np.bool_], damp
 
 
 def _limited(step: Array) -> Array:
-    """Steps ``(n, joints)``, none of a joint longer than ``_LONGEST_STEP``."""
     longest = np.abs(step).max(axis=1, keepdims=True)
-    limited: Array = step * np.minimum(1.0, _LONGEST_STEP / np.maximum(longest, 1e-300))
-    return limited
+    return np.asarray(step * np.minimum(1.0, _LONGEST_STEP / np.maximum(longest, 1e-300)))
 
 
 def _nearer(errors: Array, before: Array, few: bool) -> NDArray[np.bool_]:
-    """``(n,)``: whether errors are smaller than those before, a radian as ``ROTATION_M``.
+    """Compare errors ``(n, 6)`` with those before, a radian as ``ROTATION_M``.
 
-    With few joints the place goes before the rotation, and equal is near enough: what is left of a rotation hides the
-    last steps.
+    With few joints the position has priority, and equal counts: rounding of a remaining rotation error hides the last
+    steps.
     """
     if not few:
         return np.asarray(np.linalg.norm(errors * WEIGHTS, axis=1) < np.linalg.norm(before * WEIGHTS, axis=1))
@@ -249,6 +236,6 @@ def _nearer(errors: Array, before: Array, few: bool) -> NDArray[np.bool_]:
 
 
 def _in_tolerances(errors: Array) -> Array:
-    """Sizes of errors in what counts as none: below one is arrived."""
+    """Return the sizes of errors in units of their tolerances."""
     position, rotation = np.linalg.norm(errors[:, :3], axis=1), np.linalg.norm(errors[:, 3:], axis=1)
     return np.asarray(np.maximum(position / ARRIVED_M, rotation / ARRIVED_RAD))
