@@ -1,7 +1,7 @@
-"""A calibrated arm as one Python module that needs nothing but Python: ``calibrated.py`` of a run.
+"""The calibrated arm as a standalone Python module: ``calibrated.py`` of a run.
 
-Its text is that of ``plain_arm`` with the numbers of the arm, all effects among them, and two functions on them. What
-cannot be written down so makes a module whose functions refuse, and say why.
+Its text is that of ``plain_arm`` with the numbers of the arm and its effects, and two functions. For an arm that it
+cannot express the functions refuse, with the reason.
 """
 
 import re
@@ -74,12 +74,12 @@ def inverse(pose, near, point=None, **conditions):
 def plain_model(
     arm: Arm, values: Array, loads: Loads | None, R_last_tool: Array, usual: Mapping[str, float]
 ) -> dict[str, Any]:
-    """An arm with parameters ``values`` ``(p,)`` as the plain numbers that ``plain_arm`` computes with.
+    """Return an arm with parameters ``values`` ``(p,)`` as the ``model`` of ``plain_arm``.
 
     Args:
-        loads: the nominal masses; None where they are not known.
+        loads: nominal masses, or None.
         R_last_tool: rotation ``(3, 3)`` of the measured tool in the last frame.
-        usual: values of conditions where none are given; others must be given.
+        usual: default values of conditions; others are required.
     """
     rigid = arm.rigid
     if not isinstance(rigid, SerialArm):
@@ -122,12 +122,12 @@ def plain_model(
 
 
 def module_text(title: str, about: str, frame: str, model: Mapping[str, Any]) -> str:
-    """The text of the module.
+    """Return the text of the module.
 
     Args:
         title: its first line.
-        about: what it is of, which effects it has, and which it lacks.
-        frame: what its poses are in.
+        about: description of the arm and its effects.
+        frame: description of the frame of its poses.
         model: of ``plain_model``.
     """
     needs = [
@@ -145,14 +145,14 @@ def module_text(title: str, about: str, frame: str, model: Mapping[str, Any]) ->
 
 
 def refusing_text(title: str, about: str, reason: str) -> str:
-    """The text of a module that does not have the arm, and whose functions say why."""
+    """Return the text of a module whose functions refuse with a reason."""
     refusal = f"forward and inverse refuse: {reason}."
     head = _docstring("\n\n".join([title, fill(about, _WIDTH), fill(refusal, _WIDTH)]) + "\n")
     return head + "\n" + _REFUSING.format(reason=reason)
 
 
 def loaded(text: str) -> ModuleType:
-    """The module of a text that this lab made."""
+    """Return the module of a text made by the lab."""
     module = ModuleType("calibrated")
     exec(compile(text, MODULE_FILE, "exec"), module.__dict__)
     return module
@@ -170,7 +170,7 @@ def largest_difference(text: str, arm: Arm, values: Array, inputs: Array) -> flo
 
 
 def _literal(value: Any, level: int) -> str:
-    """Plain values as Python writes them: an item of a dictionary, and a row of a list of lists, to a line."""
+    """Write plain values as Python, with a line for each item of a dictionary and each row of nested lists."""
     inner, outer = "\n" + 4 * (level + 1) * " ", "\n" + 4 * level * " "
     if isinstance(value, Mapping) and value:
         return (

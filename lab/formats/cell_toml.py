@@ -1,7 +1,7 @@
-"""A robot's cell in TOML: what stands around it, what it carries, where it may go, and where the instrument stands.
+"""A robot's cell in TOML: obstacles, tool, joint ranges, and poses of the instrument.
 
-Lengths are in mm, angles in degrees. Poses are in the cell's frame: that of the robot's model, unless ``[robot]`` says
-where the robot stands. A rotation is roll, pitch and yaw about the fixed axes x, y and z, in this order, as in a URDF.
+Lengths are in mm, angles in degrees. Poses are in the cell's frame: that of the robot's model, unless ``[robot]``
+places the robot. A rotation is roll, pitch and yaw about the fixed axes x, y and z, as in a URDF.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,7 +22,7 @@ from lab.kinematics.joints import JointSpec
 __all__ = ["Cell", "Obstacle", "Place", "ToolPoint", "read_cell"]
 
 _Triple = tuple[float, ...]
-# Largest angle off a reflector's axis, representative: hollow corner cubes take 30 degrees, cat's eyes 60 to 75.
+# Largest incidence angles, representative: hollow corner cubes 30 degrees, cat's eyes 60 to 75.
 _ACCEPTANCE_DEG = {"corner cube": 30.0, "cat's eye": 75.0}
 _SIZES = {"box": ("size_mm",), "cylinder": ("radius_mm", "height_mm"), "mesh": ("file",)}
 _UNITS = {"mm": 1e-3, "m": 1.0}
@@ -51,10 +51,10 @@ class Place:
 
 @dataclass(frozen=True, kw_only=True)
 class Obstacle(Place):
-    """Something solid: in the cell, or on the flange, where its pose is in the robot's last frame.
+    """A solid in the cell, or on the flange, with its pose in the robot's last frame.
 
-    A box has its edges' lengths ``size_mm``, a cylinder (along z) ``radius_mm`` and ``height_mm``, both about their
-    middle; a mesh the ``file`` of an STL or OBJ in ``unit``, which is taken for its convex hull.
+    A box has edges ``size_mm``, a cylinder (along z) ``radius_mm`` and ``height_mm``, both about their middle; a mesh
+    the ``file`` of an STL or OBJ in ``unit``, of which the convex hull is used.
     """
 
     name: str
@@ -91,7 +91,7 @@ class Obstacle(Place):
 
 @dataclass(frozen=True, kw_only=True)
 class ToolPoint:
-    """A measured point of the tool, in the robot's last frame, and the way its reflector looks."""
+    """A measured point of the tool, in the robot's last frame, and the axis of its reflector."""
 
     name: str
     position_mm: _Triple
@@ -106,12 +106,12 @@ class ToolPoint:
 
     @property
     def position(self) -> Array:
-        """``(3,)`` m."""
+        """Position ``(3,)`` m."""
         return MM.to_si(np.array(self.position_mm))
 
     @property
     def rotation(self) -> Array:
-        """Rotation ``(3, 3)`` whose z is the reflector's axis."""
+        """Rotation ``(3, 3)`` with the reflector's axis as z."""
         return se3.rotation_between(np.array([0.0, 0.0, 1.0]), np.array(self.axis) / np.linalg.norm(self.axis))
 
 
@@ -128,7 +128,7 @@ class _Station(Place):
 
 @dataclass(frozen=True, kw_only=True)
 class _Reflector:
-    """Reflector on the tool: its kind, or the largest incidence angle that it accepts."""
+    """Reflector on the tool: its kind, or its largest incidence angle."""
 
     kind: Literal["corner cube", "cat's eye", "other"] = "corner cube"
     acceptance_deg: float | None = None
@@ -141,13 +141,12 @@ class _Reflector:
 
     @property
     def degrees(self) -> float:
-        """The largest angle off its axis."""
         return _ACCEPTANCE_DEG[self.kind] if self.acceptance_deg is None else self.acceptance_deg
 
 
 @dataclass(frozen=True, kw_only=True)
 class _JointRange:
-    """Narrower limits of a joint, and how far its cables let it turn either way from home."""
+    """Narrower limits of a joint, and the range of its cables from home."""
 
     lower_deg: float | None = None
     upper_deg: float | None = None
@@ -156,7 +155,6 @@ class _JointRange:
     cable_deg: float | None = None
 
     def limits(self, slides: bool, lower: float, upper: float, home: float) -> tuple[float, float]:
-        """The limits (rad or m) of a joint that has these and this home."""
         scale, wrong = (1e-3, "deg") if slides else (np.pi / 180, "mm")
         if any(getattr(self, each) is not None for each in (f"lower_{wrong}", f"upper_{wrong}")) or (
             slides and self.cable_deg is not None
@@ -174,20 +172,18 @@ class _JointRange:
 
 @dataclass(frozen=True, kw_only=True)
 class Cell:
-    """A robot's cell, as its file says it.
+    """A robot's cell.
 
     Attributes:
-        path: of the file.
-        name: for people.
-        clearance_mm: that the arm keeps from every obstacle that says none of its own; None where a plan says it.
-        robot: where the robot's model stands in the cell; its frame is the cell's where this is not said.
-        instrument: the head of the tracker or camera; where the robot's model has it if not said.
-        station: its places in their order, in the place of ``instrument``, where it measures from several.
-        reflector: None for what the instrument's preset takes.
-        tool: measured points; those of the robot where there are none.
-        plate: solid parts on the flange, in the robot's last frame.
-        obstacle: what stands around.
-        joints: narrower limits, by the joints' names.
+        clearance_mm: default clearance of obstacles; None for that of a plan.
+        robot: pose of the robot's model in the cell.
+        instrument: pose of the tracker or camera; by default that of the robot's model.
+        station: poses of the instrument in order, instead of ``instrument``.
+        reflector: None for that of the instrument.
+        tool: measured points; by default those of the robot.
+        plate: solids on the flange, in the robot's last frame.
+        obstacle: solids in the cell.
+        joints: narrower limits, by joint name.
         home: joint positions ``<joint>_deg`` or ``_mm``, all or none.
     """
 

@@ -1,4 +1,4 @@
-"""Details of a certificate beside its numbers, in TOML: who measured what, when and where, with which instrument."""
+"""Details of a certificate in TOML: who measured what, when and where, with which instrument."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
@@ -15,7 +15,7 @@ from lab.formats.structured import read_toml, structured
 
 __all__ = ["HIGHEST_C", "LOWEST_C", "CertificateDetails", "read_certificate_details"]
 
-LOWEST_C, HIGHEST_C = 0.0, 40.0  # in which laser trackers are specified, where nobody states another range
+LOWEST_C, HIGHEST_C = 0.0, 40.0  # default operating range of laser trackers
 _DATES = ("date", "measured_on", "certificate_date", "valid_until")
 
 
@@ -111,12 +111,12 @@ _NEEDED = {
     "instrument": ("serial_number", "certificate"),
     "reflector": ("serial_number",),
     "environment": ("temperature_c",),
-}  # without which a result is not traceable
+}  # required for traceability
 
 
 @dataclass(frozen=True)
 class CertificateDetails:
-    """Details of a certificate beside its numbers; a detail not given is empty, or None."""
+    """Details of a certificate; a detail that is not given is empty, or None."""
 
     certificate: _Certificate = _Certificate()
     robot: _Robot = _Robot()
@@ -125,11 +125,11 @@ class CertificateDetails:
     environment: _Environment = _Environment()
 
     def of_arm(self, serial: str | None, where: str, run: str) -> "CertificateDetails":
-        """Return the details with the serial number of the arm that a run is of, where they state none.
+        """Return the details with the arm's serial number of a run; refuse a different one.
 
         Args:
-            serial: of the arm, by its run; None where that was given none.
-            where: the file of the details, and ``run`` the folder of the run, for the error.
+            serial: of the run, or None.
+            where, run: file of the details and folder of the run, for the error.
         """
         stated = {run: serial, f"{where}: serial_number of [robot]": self.robot.serial_number or None}
         shared = one_serial(stated, "give the details of the arm that was calibrated")
@@ -137,19 +137,19 @@ class CertificateDetails:
 
     @property
     def missing(self) -> tuple[str, ...]:
-        """Return the details that a traceable result requires and that are not given, as ``section.name``."""
+        """Details required for a traceable result that are not given, as ``section.name``."""
         given = self.to_dict()
         return tuple(f"{part}.{name}" for part, names in _NEEDED.items() for name in names if name not in given[part])
 
     @property
     def robot_temperature(self) -> tuple[Uncertain, float] | None:
-        """Return the uncertainty of the robot's temperature (K), and its expansion (1/K); None if not stated."""
-        known, expansion = self.environment.robot_temperature_k, self.environment.expansion_ppm_per_k
-        return None if known is None or expansion is None else (known.quantity(1.0), PPM.to_si(expansion))
+        """Uncertainty of the robot's temperature (K), and its expansion (1/K); None if not given."""
+        stated, expansion = self.environment.robot_temperature_k, self.environment.expansion_ppm_per_k
+        return None if stated is None or expansion is None else (stated.quantity(1.0), PPM.to_si(expansion))
 
     @property
     def scale(self) -> Uncertain | None:
-        """The relative uncertainty of the instrument's scale; None where it is not stated."""
+        """Relative uncertainty of the instrument's scale; None if not given."""
         stated = self.instrument.scale_ppm
         return None if stated is None else stated.quantity(PPM.factor)
 
@@ -165,7 +165,7 @@ class CertificateDetails:
 
 
 def read_certificate_details(path: Path) -> CertificateDetails:
-    """A certificate's file: ``[certificate]``, ``[robot]``, ``[instrument]``, ``[reflector]``, ``[environment]``."""
+    """Read a certificate's ``[certificate]``, ``[robot]``, ``[instrument]``, ``[reflector]``, ``[environment]``."""
     content = read_toml(path)
     if unknown := sorted(set(content) - set(_SECTIONS)):
         raise LabError(f"{path}: [{unknown[0]}]: unknown; valid are [{'], ['.join(_SECTIONS)}]")
@@ -194,5 +194,5 @@ def _check_texts(where: str, values: Mapping[str, Any]) -> None:
 
 
 def _is_given(value: object, default: object) -> bool:
-    """Decide whether a text or a number is given; stated uncertainties do not count: they are lines of the budget."""
+    """Check for a text or a number; stated uncertainties are lines of the budget."""
     return value != default and not isinstance(value, StatedUncertainty)

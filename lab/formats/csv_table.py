@@ -1,6 +1,6 @@
-"""A CSV file as texts, with the line and the column of every cell for error messages.
+"""CSV files as texts, with line and column of every cell for error messages.
 
-Numbers are read as decimals and scaled exactly. The columns that were read are kept count of.
+Numbers are read as decimals and scaled exactly. Unread columns are tracked.
 """
 
 import csv
@@ -23,31 +23,25 @@ __all__ = ["CsvTable", "name_cell", "text_cell", "write_columns"]
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _PLAIN = re.compile(r"[0-9eE+\-.\n]+", re.ASCII)
-_BLOCK = 10_000  # rows that are held as lists of cells
+_BLOCK = 10_000  # rows at a time as lists of cells
 
-_FORMULA = re.compile(r"'*[=+\-@\t\r]")  # how a text begins that a spreadsheet takes for a formula, or a marked one
+_FORMULA = re.compile(r"'*[=+\-@\t\r]")  # beginnings of a formula in a spreadsheet, or of a marked text
 _MARK = "'"
-_NAMES = ("id", "item", "robot")  # columns of names: there +1 is no number
+_NAMES = ("id", "item", "robot")  # columns of names, in which +1 is no number
 
 
 def text_cell(text: str) -> str:
-    """A text as a cell that a spreadsheet takes for text: one that looks like a formula begins with an apostrophe.
-
-    ``CsvTable`` reads it back as it was.
-    """
+    """Return a text as a cell; one that looks like a formula begins with an apostrophe, which ``CsvTable`` removes."""
     return _MARK + text if _FORMULA.match(text) and not _NUMBER.fullmatch(text) else text
 
 
 def name_cell(text: str) -> str:
-    """A name as a cell that a spreadsheet takes for text; of +1 it would keep the 1.
-
-    ``CsvTable`` reads it back as it was.
-    """
+    """Return a name as a cell, as ``text_cell``, +1 with an apostrophe, too."""
     return _MARK + text if _FORMULA.match(text) else text
 
 
 def write_columns(path: Path, columns: Mapping[str, Sequence[Any] | Array]) -> None:
-    """Write columns of texts and numbers, numbers with every digit; arrays of numbers are the quickest."""
+    """Write columns of texts and numbers, with every digit; arrays of numbers are fastest."""
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
@@ -66,17 +60,16 @@ def _cells(column: str, values: Sequence[Any] | Array) -> list[str]:
 
 
 class CsvTable:
-    """A CSV file: its header, its rows of texts, and the line number of each as in an editor (the header is 1).
+    """A CSV file: its header, its rows of texts, and their line numbers (the header is 1).
 
     Cells are separated by commas, or by semicolons, and then numbers may have decimal commas.
 
     Attributes:
-        path: of the file.
-        most: how many rows it may have.
-        semicolons: whether these separate the cells.
-        decimal: the mark of the first decimal number, and the line and column of that; None before it is read.
+        most: largest number of rows.
+        semicolons: True if they separate the cells.
+        decimal: decimal mark of the first number, and its line and column; None before it is read.
         header: names of the columns.
-        lines: of the rows, as an editor counts them.
+        lines: of the rows.
         unread: columns that were not read yet.
     """
 
@@ -134,7 +127,7 @@ class CsvTable:
         return [_unmarked(name) for name in header], range(2, len(lines) + 1) if whole else lines[1:]
 
     def _keep(self, block: list[list[str]]) -> None:
-        """Keep rows by columns, each as one text where it can be: a cell of its own takes many times its characters."""
+        """Store rows by columns, each as one text if possible, which takes least memory."""
         for column, cells in enumerate(zip(*block, strict=True)):
             if column == len(self._columns):
                 self._columns.append([])
@@ -155,7 +148,7 @@ class CsvTable:
             )
 
     def texts(self, name: str) -> tuple[str, ...] | None:
-        """A column's cells, which then count as read; None if there is no such column."""
+        """Return the cells of a column, and mark it as read; None if it is missing."""
         if name not in self.header:
             return None
         if name in self.unread:
@@ -163,16 +156,14 @@ class CsvTable:
         return tuple(chain.from_iterable(_unpacked(each) for each in self._columns[self.header.index(name)]))
 
     def fail(self, row: int, column: str, what: str) -> LabError:
-        """An error in a cell: what is wrong there, and how to fix it."""
+        """Return an error about a cell."""
         return LabError(f"{self.path}: line {self.lines[row]}, column {column}: {what}")
 
     def numbers(self, column: str, exponent: int = 0, *, empty: bool = False) -> Array:
-        """A column ``(n,)`` as numbers times ten to an exponent, correctly rounded; NaN where empty.
+        """Return a column ``(n,)`` times ten to an exponent, correctly rounded; NaN if empty.
 
         Args:
-            column: one of the header's.
-            exponent: of ten.
-            empty: whether cells may be empty.
+            empty: accept empty cells.
         """
         if column in self.unread:
             self.unread.remove(column)
@@ -185,7 +176,7 @@ class CsvTable:
                 for row, cell in enumerate(cells):
                     if cell or not empty:
                         quick[row] = self._number(first + row, column, cell, exponent)
-                if self.semicolons:  # what is kept of the file has points
+                if self.semicolons:  # decimal points in stored cells
                     held[i] = tuple(cell.replace(",", ".") for cell in cells)
             parts.append(quick)
             first += len(quick)
@@ -209,7 +200,7 @@ class CsvTable:
         return value
 
     def _with_point(self, row: int, column: str, cell: str) -> str:
-        """A number's text with a decimal point; a decimal comma is allowed where ``;`` separates the cells."""
+        """Return a number with a decimal point; a decimal comma is valid if ``;`` separates the cells."""
         marks = [mark for mark in ",." if mark in cell]
         if not self.semicolons or len(marks) != 1:
             return cell
@@ -222,7 +213,7 @@ class CsvTable:
 
 
 _Cells = str | tuple[str, ...]
-"""Cells of one column: a text with a line each, or, where one has lines or is to be stripped, as they are."""
+"""Cells of one column: as lines of one text, or separate if one has several lines."""
 
 
 def _packed(cells: tuple[str, ...]) -> _Cells:
@@ -235,7 +226,6 @@ def _packed(cells: tuple[str, ...]) -> _Cells:
 
 
 def _unpacked(packed: _Cells) -> Sequence[str]:
-    """The cells, as ``text_cell`` was given them."""
     cells = packed.split("\n") if isinstance(packed, str) else packed
     return [_unmarked(cell) for cell in cells] if any(_MARK in each for each in _texts(packed)) else cells
 
@@ -245,7 +235,7 @@ def _texts(packed: _Cells) -> Iterable[str]:
 
 
 def _lines(text: str) -> Iterator[str]:
-    """The lines of a text, one after another; a carriage return may end one too."""
+    """Yield the lines of a text; a carriage return may end one, too."""
     if text.count("\r") != text.count("\r\n"):
         yield from io.StringIO(text, newline="")
         return
@@ -257,9 +247,9 @@ def _lines(text: str) -> Iterator[str]:
 
 
 def _plain_numbers(packed: _Cells, exponent: int) -> Array | None:
-    """Plain decimals times ten to an exponent, correctly rounded ``(n,)``; None of any other cells.
+    """Return plain decimals times ten to an exponent, correctly rounded ``(n,)``; None for other cells.
 
-    A decimal with its exponent written behind it is read to the nearest number, as its exact product is.
+    With the exponent appended, a decimal is read to the number nearest to the exact product.
     """
     if not isinstance(packed, str) or not _PLAIN.fullmatch(packed):
         return None
@@ -274,5 +264,4 @@ def _plain_numbers(packed: _Cells, exponent: int) -> Array | None:
 
 
 def _unmarked(cell: str) -> str:
-    """A cell as ``text_cell`` or ``name_cell`` was given it."""
     return cell[1:] if cell.startswith(_MARK) and _FORMULA.match(cell) else cell

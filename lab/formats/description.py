@@ -1,4 +1,4 @@
-"""A robot as identified, and what a file format that describes robots has to offer."""
+"""An identified robot, and the protocol of a file format for it."""
 
 import re
 from collections.abc import Callable
@@ -19,14 +19,13 @@ _ModelT_contra = TypeVar("ModelT_contra", contravariant=True)
 
 @dataclass(frozen=True)
 class IdentifiedRobot(Generic[_ArmT_co, _ModelT_co]):
-    """The geometry of a robot with identified parameters, and what else a description may hold.
+    """A robot with identified parameters.
 
     Attributes:
-        name: the robot's name.
-        arm: its equations, with the measured targets.
+        arm: its model, with the measured targets.
         values: ``(p,)`` parameters of the arm (m, rad); the base is in the instrument's frame.
-        loads: the nominal masses of its links; None where they are not known.
-        model: its nominal MuJoCo model, for the formats of the room that knows MuJoCo.
+        loads: nominal masses of its links, or None.
+        model: its nominal MuJoCo model, for the formats of ``lab.simulation``.
     """
 
     name: str
@@ -37,7 +36,7 @@ class IdentifiedRobot(Generic[_ArmT_co, _ModelT_co]):
 
 
 def with_comment(file: str, text: str, comment: str) -> str:
-    """The content of a file with a comment at its head, in the format's own way; as it is, without a comment."""
+    """Return the content of a file with a comment at its head, in the format's own way."""
     if not comment or not text:
         return text
     if not file.endswith((".xml", ".urdf", ".xacro")):
@@ -49,11 +48,11 @@ def with_comment(file: str, text: str, comment: str) -> str:
 
 @dataclass(frozen=True)
 class DescriptionFormat(Generic[_ArmT_contra, _ModelT_contra]):
-    """A file format that describes a kind of robot.
+    """A file format for a kind of robot.
 
     Attributes:
-        file: the name of its file in a run's folder.
-        text: the file's content for an identified robot; "" where the format has nothing to say of it.
+        file: name of its file in a run's folder.
+        text: returns the content for an identified robot; "" if there is none.
     """
 
     file: str

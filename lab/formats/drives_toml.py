@@ -1,7 +1,4 @@
-"""Description of an arm's drives in TOML: gear ratios with their signs, couplings, drive gains, encoders.
-
-The sections stand in a file of their own, or in a robot's table.
-"""
+"""Drives of an arm in TOML: signed gear ratios, couplings, drive gains, encoders; in an own file or a robot's table."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -21,16 +18,14 @@ __all__ = ["Drives", "drives_in", "drives_lines", "read_drives", "write_drives"]
 
 @dataclass(frozen=True)
 class Drives:
-    """The drives of an arm.
+    """Drives of an arm.
 
     Attributes:
-        gear_ratio: ``(J,)`` turns of each motor for a turn of its joint (rad per m of a slide), negative where they
-            turn against each other.
-        couplings: C ``(J, J)``, what each drive turns by the joints' positions, as its own joint feels it: one on the
-            diagonal (``kinematics.dynamics.arm_dynamics``).
-        torque_nm_per_a: ``(J,)`` drive gains, torque at the motor for its current; None where they are not given.
-        counts_per_turn: ``(J,)`` of the encoders at the motors; None where they are not given.
-        motor_zero_rad: ``(J,)`` what the motors' positions are where all joints are at zero; None where that is zero.
+        gear_ratio: ``(J,)`` signed turns of each motor per turn of its joint (rad per m of a slide).
+        couplings: C ``(J, J)``, turns of each drive by the joints' positions, as its own joint feels it: unit diagonal.
+        torque_nm_per_a: ``(J,)`` drive gains, torque at the motor per current, or None.
+        counts_per_turn: ``(J,)`` of the encoders at the motors, or None.
+        motor_zero_rad: ``(J,)`` positions of the motors at zero joint positions; None for zero.
     """
 
     gear_ratio: Array
@@ -41,25 +36,23 @@ class Drives:
 
     @property
     def encoders(self) -> Encoders | None:
-        """The encoders; None where their counts are not given."""
+        """Encoders; None without counts."""
         if self.counts_per_turn is None:
             return None
         return Encoders(self.gear_ratio, self.couplings, self.counts_per_turn)
 
     def joints(self, motors: Array) -> Array:
-        """The joint positions ``(n, J)`` (rad, m) of motor positions ``(n, J)`` rad: q = (G C)^-1 (motors - zero)."""
+        """Return joint positions ``(n, J)`` (rad, m) of motor positions: q = (G C)^-1 (motors - zero)."""
         if np.linalg.matrix_rank(self.couplings) < len(self.couplings):
             raise LabError("the couplings of the drives are not independent: give ratios of another motor")
         turned = motors if self.motor_zero_rad is None else motors - self.motor_zero_rad
-        joints: Array = (turned / self.gear_ratio) @ np.linalg.inv(self.couplings).T
-        return joints
+        return np.asarray((turned / self.gear_ratio) @ np.linalg.inv(self.couplings).T)
 
     def torques(self, currents: Array) -> Array:
         """Return the drives' torques ``(n, J)`` (Nm; N of a slide) at the joints from motor currents ``(n, J)`` A."""
         if self.torque_nm_per_a is None:
             raise LabError("the drives have no gains: give torque_nm_per_a of each, or torques instead of currents")
-        torques: Array = currents * self.torque_nm_per_a * self.gear_ratio
-        return torques
+        return np.asarray(currents * self.torque_nm_per_a * self.gear_ratio)
 
 
 @dataclass(frozen=True)
@@ -89,13 +82,12 @@ def read_drives(path: Path, joints: int) -> Drives:
 
 
 def drives_in(path: Path, table: Mapping[str, Any], joints: int) -> Drives | None:
-    """The drives that a robot's table names; None where it names none."""
+    """Return the drives in a robot's table, or None."""
     sections = {key: table[key] for key in ("drive", "coupling") if key in table}
     return _drives_of(path, sections, joints) if sections else None
 
 
 def _drives_of(path: Path, sections: Mapping[str, Any], joints: int) -> Drives:
-    """The drives that sections ``drive`` and ``coupling`` of a file describe."""
     found = structured(path, _DrivesFile, sections)
     if len(found.drive) != joints:
         raise LabError(f"{path}: {len(found.drive)} [[drive]], but the robot has {joints} joints; give one for each")
@@ -113,13 +105,10 @@ def _drives_of(path: Path, sections: Mapping[str, Any], joints: int) -> Drives:
                 f"{path}: [[drive]] {i}: motor_zero_deg is {each.motor_zero_deg:g}; give an angle in degrees"
             )
     gains, counts = ([getattr(each, name) for each in found.drive] for name in ("torque_nm_per_a", "counts_per_turn"))
-    couplings, zeros = (
-        _couplings(path, found.coupling, gears),
-        np.deg2rad([each.motor_zero_deg for each in found.drive]),
-    )
+    zeros = np.deg2rad([each.motor_zero_deg for each in found.drive])
     return Drives(
         gears,
-        couplings,
+        _couplings(path, found.coupling, gears),
         _of_all(path, "torque_nm_per_a", gains),
         _of_all(path, "counts_per_turn", counts),
         zeros if zeros.any() else None,
@@ -127,7 +116,6 @@ def _drives_of(path: Path, sections: Mapping[str, Any], joints: int) -> Drives:
 
 
 def _of_all(path: Path, name: str, values: list[float | None]) -> Array | None:
-    """A number of every drive; None where none has it."""
     given = [value for value in values if value is not None]
     if given and len(given) < len(values):
         raise LabError(f"{path}: [[drive]] {values.index(None) + 1} has no {name}; give it for all drives or for none")
@@ -156,7 +144,7 @@ def write_drives(path: Path, drives: Drives) -> None:
 
 
 def drives_lines(drives: Drives) -> list[str]:
-    """The lines of these sections."""
+    """Return the lines of these sections."""
     lines = []
     for j, gear in enumerate(drives.gear_ratio.tolist()):
         lines += ["[[drive]]", f"gear_ratio = {gear!r}"]

@@ -1,4 +1,4 @@
-"""A laser tracker in TOML: its noise, where it sees, and how well its systematic errors are known."""
+"""A laser tracker in TOML: its noise, its field of view, and uncertainties of its systematic errors."""
 
 import re
 from dataclasses import dataclass
@@ -21,11 +21,11 @@ _NAME = re.compile(r"[\w .()/-]{1,60}")
 
 @dataclass(frozen=True, kw_only=True)
 class StatedUncertainty:
-    """Uncertainty of a quantity as a file states it, in the quantity's unit.
+    """Stated uncertainty of a quantity, in the file's unit.
 
     Attributes:
         standard: standard uncertainty; or
-        limit: half the width of the interval in which it lies.
+        limit: half the width of an interval.
         distribution: by default normal for a standard uncertainty, rectangular for a limit.
         freedom: degrees of freedom of a standard uncertainty.
     """
@@ -41,10 +41,10 @@ class StatedUncertainty:
         given = self.standard if self.limit is None else self.limit
         if given is not None and given not in UNCERTAINTY:
             raise LabError(f"{given:g} is not an uncertainty; give a number from 0 to {UNCERTAINTY.most:g}")
-        self.quantity(1.0)  # what contradicts itself is told here
+        self.quantity(1.0)  # refuses contradictions
 
     def quantity(self, factor: float) -> Uncertain:
-        """Return the uncertainty in SI units, of which ``factor`` of the file's unit make one."""
+        """Return the uncertainty in SI units; ``factor`` is the number of the file's units in one."""
         dof = np.inf if self.freedom is None else self.freedom
         if self.standard is not None:
             return Uncertain(self.standard / factor, self.distribution or "normal", dof)
@@ -94,7 +94,7 @@ class _View:
 
 
 def read_instrument(path: Path) -> Instrument:
-    """A tracker's description: ``name``, ``[noise]``, and if wanted ``[field_of_view]`` and ``[systematic]``."""
+    """Read a tracker: ``name``, ``[noise]``, and optionally ``[field_of_view]`` and ``[systematic]``."""
     content = read_toml(path)
     if unknown := sorted(set(content) - {"name", "noise", "field_of_view", "systematic"}):
         raise LabError(f"{path}: {unknown[0]}: unknown; there are name, noise, field_of_view and systematic")

@@ -1,8 +1,8 @@
-"""Joint positions that a controller wrote: a row for each pose, or a log over time.
+"""Joint positions from a controller: a row for each pose, or a log over time.
 
-Columns are told by the robot's names of its joints, by q1, J1, A1, joint 1, axis 1 or rax 1 and so on, or by
-``actual_q_0`` ... of Universal Robots' real-time data exchange, whose angles are in radians and whose ``timestamp`` is
-in seconds (RTDE guide, "Robot controller outputs").
+Columns are recognized by the robot's joint names, by q1, J1, A1, joint 1, axis 1 or rax 1 and so on, or by
+``actual_q_0`` ... of Universal Robots' real-time data exchange, with angles in radians and ``timestamp`` in seconds
+(RTDE guide, "Robot controller outputs").
 """
 
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ _TIMES = ("time", "timestamp", "time stamp", "date time", "datetime", "date and 
 _DATES = ("date", "day")
 _SCALES = {"deg": np.pi / 180, "rad": 1.0}
 _LENGTHS = {"mm": 1e-3, "m": 1.0}
-_FULL_TURNS = 2.0  # rad that are more turns are degrees
+_FULL_TURNS = 2.0  # larger angles in rad are degrees
 
 
 @dataclass(frozen=True)
@@ -33,14 +33,13 @@ class JointLog:
     """Joint positions of a controller's file.
 
     Attributes:
-        path: of the file.
-        names: of the rows; "" where the file gives none.
-        lines: of the rows, as an editor counts them.
+        names: of the rows, or "".
+        lines: of the rows in the file.
         joints: ``(n, joints)`` rad, m of a slide.
-        seconds: ``(n,)`` s when each row was written, NaN where not said.
-        clock: from when these count.
-        used: the columns by what they mean.
-        left_out: what of the file is no row.
+        seconds: ``(n,)`` s, time of each row, or NaN.
+        clock: origin of the times.
+        used: columns by meaning.
+        left_out: unused parts of the file.
     """
 
     path: Path
@@ -59,11 +58,8 @@ def read_joint_log(
     """Read the joint positions of a controller's file.
 
     Args:
-        path: of the file.
-        joint_names: the robot's.
-        prismatic: which of them slide.
-        columns: what is said of its columns.
-        unit: of joints that turn, where the file does not say it: deg or rad.
+        columns: map of its columns.
+        unit: of revolute joints, deg or rad, if the file does not state it.
     """
     table = read_loose(path, len(joint_names))
     if table.headings is None and not columns.joints:
@@ -106,7 +102,6 @@ def read_joint_log(
 
 
 def _joint(table: LooseTable, j: int, name: str) -> int:
-    """The column of a joint by its heading."""
     keys = (heading_of(name).key, *(form.format(j + 1) for form in _FORMS), _RTDE.format(j))
     headings = table.headings or ()
     for key in keys:
@@ -131,7 +126,6 @@ def _other(table: LooseTable, given: str, known: tuple[str, ...]) -> int | None:
 
 
 def _scale(table: LooseTable, column: int, slides: bool, given: str | None) -> float:
-    """The factor to rad or m of a joint's column."""
     heading = table.headings[column] if table.headings is not None else None
     stated = heading.unit if heading is not None else ""
     if heading is not None and heading.key.startswith("actual q ") and not slides:
@@ -156,19 +150,18 @@ def _scale(table: LooseTable, column: int, slides: bool, given: str | None) -> f
 
 
 def _refuse_other_unit(path: Path, joints: Array, prismatic: tuple[bool, ...], scales: list[float]) -> None:
-    """Radians that are many turns are degrees; degrees that all are a few are radians."""
     turning = [j for j, slides in enumerate(prismatic) if not slides]
     if not turning:
         return
     largest = float(np.abs(joints[:, turning]).max())
-    messages = [scales[j] for j in turning]
-    if all(scale == 1.0 for scale in messages) and largest > _FULL_TURNS * 2 * np.pi:
+    used_scales = [scales[j] for j in turning]
+    if all(scale == 1.0 for scale in used_scales) and largest > _FULL_TURNS * 2 * np.pi:
         raise LabError(
             f"{path}: joints reach {largest:.4g} rad, which are degrees; give {option_name('joint_unit')} deg"
         )
     in_degrees = np.rad2deg(largest)
     if (
-        all(scale != 1.0 for scale in messages)
+        all(scale != 1.0 for scale in used_scales)
         and len(joints) > 2
         and in_degrees < 2 * np.pi
         and np.ptp(joints, axis=0).max()

@@ -1,9 +1,8 @@
 """A serial arm as a tree of links, for formats whose joints move along z of the moved link's own frame.
 
-A Denavit-Hartenberg row is ``before`` * Rz(theta) Tz(d) * ``after``: of a Craig table ``before`` is
-Rx(alpha) Tx(a) Ry(beta), of a distal one that is ``after``, and the other is one. A joint's link
-stands between the two, with z on the joint's axis, so that the joint position turns it about or slides it
-along its own z, and the table's frame is fixed to it.
+A Denavit-Hartenberg row is ``before`` * Rz(theta) Tz(d) * ``after``: Rx(alpha) Tx(a) Ry(beta) is ``before`` in a Craig
+table, ``after`` in a distal one. A joint's link is between the two, with z on the joint's axis; the table's frame is
+fixed to it.
 """
 
 from collections.abc import Collection
@@ -24,11 +23,11 @@ class Link:
     """A link of the tree.
 
     Attributes:
-        parent: the name of the link that carries it; None of the root, the frame of the measurements.
-        T_parent_link: its pose ``(4, 4)`` in the parent's frame (m), joint positions zero.
-        T_link_frame: pose ``(4, 4)`` in it of the table's frame that moves with it.
-        joint: which of the chain's joints (from 0) moves it; None where it is fixed.
-        sign: +1 or -1, how the joint position counts along z.
+        parent: name of the parent link; None for the root, the frame of the measurements.
+        T_parent_link: pose ``(4, 4)`` in the parent's frame (m), joint positions zero.
+        T_link_frame: pose ``(4, 4)`` of the table's frame that moves with it.
+        joint: the joint (from 0) that moves it, or None.
+        sign: +1 or -1, direction of the joint position along z.
     """
 
     name: str
@@ -41,10 +40,10 @@ class Link:
 
 @dataclass(frozen=True)
 class _LinkTree:
-    """The links of an arm, every parent before its children.
+    """Links of an arm, every parent before its children.
 
     Attributes:
-        instrument: the root, the frame that the base is given in.
+        instrument: root, the frame of the base's pose.
         base: frame 0 of the table.
         moving: a link a joint, outward.
         flange: the table's last frame.
@@ -59,15 +58,14 @@ class _LinkTree:
 
     @property
     def links(self) -> tuple[Link, ...]:
-        """Links of the tree, the root first."""
         return (self.instrument, self.base, *self.moving, self.flange, *self.targets)
 
 
 def link_tree(arm: SerialArm, values: Array) -> _LinkTree:
-    """The links of an arm with parameters ``values`` ``(p,)``.
+    """Return the links of an arm with parameters ``values`` ``(p,)``.
 
-    A target's link has the target's name; the others are ``instrument``, ``base``, ``link1`` ... and
-    ``flange``, unless a target is called so.
+    A target's link has the target's name; others are ``instrument``, ``base``, ``link1`` ... and ``flange``, unless a
+    target has that name.
     """
     one = np.eye(4)
     _, table, tool = arm.split(values)
@@ -89,7 +87,7 @@ def link_tree(arm: SerialArm, values: Array) -> _LinkTree:
 
 
 def last_axis_frame(arm: SerialArm, values: Array) -> Array:
-    """Pose ``(4, 4)`` (m) in frame 0 of the last joint's link, at zero joint positions: z is that joint's axis."""
+    """Return the pose ``(4, 4)`` (m) in frame 0 of the last joint's link, at zero joint positions."""
     pose = np.eye(4)
     for link in link_tree(arm, values).moving:
         pose = pose @ link.T_parent_link
@@ -97,7 +95,7 @@ def last_axis_frame(arm: SerialArm, values: Array) -> Array:
 
 
 def free_name(name: str, taken: Collection[str]) -> str:
-    """The name, with as many underscores behind it as make it differ from all those taken."""
+    """Append underscores to a name until it is not taken."""
     while name in taken:
         name += "_"
     return name
@@ -113,5 +111,4 @@ def _parts(convention: Convention, row: Array) -> tuple[Array, Array, Array]:
 
 
 def _turn(axis: int, angle: float) -> Array:
-    """Rotation ``(3, 3)`` about a coordinate axis."""
     return se3.exp(angle * np.eye(3)[axis])

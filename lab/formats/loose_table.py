@@ -1,8 +1,7 @@
-"""Tables as instruments and controllers write them: titles and comments above, any separator, units, blank columns.
+"""Tables of instruments and controllers: titles and comments above, any separator, units, blank columns.
 
-What a measuring program exports is a block of rows with numbers, somewhere in a text. The block is found by its
-numbers; the last line above it that has as many cells is its header, whether or not it is marked as a comment. Nothing
-is dropped in silence: lines and columns that are no part of the table are listed with the reason.
+The table is the block of rows with numbers in a text; the last line above it with as many cells is its header, as a
+comment or not. Lines and columns outside the table are reported with the reason.
 """
 
 import csv
@@ -44,18 +43,17 @@ _UNITS = {
     "s": "s", "sec": "s", "ms": "ms", "c": "C", "°c": "C", "degc": "C", "f": "F", "°f": "F", "degf": "F", "k": "K",
     "hpa": "hPa", "mbar": "hPa", "kpa": "kPa", "pa": "Pa", "mmhg": "mmHg", "%": "%", "%rh": "%",
 }  # fmt: skip
-_SAMPLE = 200  # rows by which a separator is told
+_SAMPLE = 200  # rows for finding the separator
 
 
 @dataclass(frozen=True)
 class LeftOut:
-    """Something of a file that was not used.
+    """An unused part of a file.
 
     Attributes:
-        file: whose it is.
-        line: where it stands, as an editor counts; 0 for what is no single line.
-        what: it is.
-        why: it was left out.
+        line: in the file; 0 for no single line.
+        what: its content.
+        why: the reason.
     """
 
     file: str
@@ -66,7 +64,7 @@ class LeftOut:
 
 @dataclass(frozen=True)
 class _Heading:
-    """A column's name: as it is written, without its unit in plain words, and the unit ("" where it has none)."""
+    """Name of a column: as written, without its unit in lower case, and the unit or ""."""
 
     text: str
     key: str
@@ -75,16 +73,15 @@ class _Heading:
 
 @dataclass(frozen=True)
 class LooseTable:
-    """A block of rows that was found in a text.
+    """A block of rows in a text.
 
     Attributes:
-        path: of the file.
-        headings: of the columns; None where the block has no header.
-        rows: texts of the cells, every row of the same number of them.
-        lines: of the rows, as an editor counts them.
-        titles: lines above the block that are no header, with their numbers.
-        left_out: what is no part of the block.
-        separator: of the cells, in a word.
+        headings: of the columns, or None.
+        rows: texts of the cells, as many in every row.
+        lines: of the rows in the file.
+        titles: other lines above the block, with their numbers.
+        left_out: lines outside the block.
+        separator: of the cells, in words.
     """
 
     path: Path
@@ -101,7 +98,7 @@ class LooseTable:
         return len(self.rows[0])
 
     def texts(self, column: int) -> tuple[str, ...]:
-        """A column's cells."""
+        """Return a column's cells."""
         return tuple(row[column] for row in self.rows)
 
     def name(self, column: int) -> str:
@@ -110,11 +107,11 @@ class LooseTable:
         return named or f"number {column + 1}"
 
     def is_blank(self, column: int) -> bool:
-        """Decide whether a column is empty."""
+        """Check whether a column is empty."""
         return not any(self.texts(column))
 
     def numbers(self, column: int, *, empty: bool = True) -> Array:
-        """A column ``(n,)`` as numbers, NaN where empty."""
+        """Return a column ``(n,)`` as numbers, NaN if empty."""
         cells = self.texts(column)
         found = np.full(len(cells), np.nan)
         marks: dict[str, int] = {}
@@ -142,13 +139,13 @@ class LooseTable:
         return f"{self.path}: line {self.lines[row]}, column {self.name(column)}"
 
     def is_numeric(self, column: int) -> bool:
-        """Decide whether a column holds only numbers, and at least one."""
+        """Check whether a column has only numbers, and at least one."""
         cells = [cell for cell in self.texts(column) if cell]
         return bool(cells) and all(_NUMBER.fullmatch(cell) for cell in cells)
 
     @property
     def stated_unit(self) -> str:
-        """The unit of length that a title says, e.g. ``// Units: mm``; "" where none or several do."""
+        """Unit of length in a title, e.g. ``// Units: mm``; "" for none or several."""
         units = set()
         for _, text in self.titles:
             if "unit" in text.lower():
@@ -158,7 +155,7 @@ class LooseTable:
 
 
 def heading_of(text: str) -> _Heading:
-    """A column's name taken apart: ``X [mm]``, ``X (mm)``, ``X_mm``, ``X, mm`` and ``X mm`` are x in mm."""
+    """Parse a column's name: ``X [mm]``, ``X (mm)``, ``X_mm``, ``X, mm`` and ``X mm`` are x in mm."""
     plain = text.strip().strip("\"'")
     for pattern in (r"^(.*?)\s*[\[({<]\s*([^\])}>]+?)\s*[\])}>]\s*$", r"^(.+?)[\s_,/.]+([^\s_,/.]+)$"):
         match = re.match(pattern, plain)
@@ -168,18 +165,12 @@ def heading_of(text: str) -> _Heading:
 
 
 def _key(text: str) -> str:
-    """A name in plain small words."""
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", text)
     return " ".join(re.findall(r"[^\W_]+", spaced.lower()))
 
 
 def read_loose(path: Path, least: int) -> LooseTable:
-    """Find the block of rows in a text.
-
-    Args:
-        path: of the file.
-        least: how many numbers a row has at least.
-    """
+    """Find the block of rows with at least ``least`` numbers in a text."""
     lines = _lines(path)
     separator, width = _separator(path, lines, least)
     cells = [_cells(text, separator) for text in lines]
@@ -207,7 +198,6 @@ def read_loose(path: Path, least: int) -> LooseTable:
 
 
 def _lines(path: Path) -> list[str]:
-    """The lines of a text, in the encodings that measuring programs write."""
     content = read_bytes(path, TABLE_BYTES)
     if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
         text = content.decode("utf-16", errors="replace")
@@ -227,7 +217,7 @@ def _lines(path: Path) -> list[str]:
 
 
 def _separator(path: Path, lines: Sequence[str], least: int) -> tuple[str, int]:
-    """Return the separator of the cells and the number of cells per row, as in most rows of numbers."""
+    """Return the separator of the cells and the number of cells, by most rows of numbers."""
     best: tuple[int, str, int] | None = None
     shown = [text for text in lines if text.strip() and not _COMMENT.match(text)]
     step = max(1, len(shown) // _SAMPLE)
@@ -254,14 +244,14 @@ def _cells(text: str, separator: str) -> list[str]:
 
 
 def _count(cells: Sequence[str], separator: str) -> int:
-    """Count the cells that are numbers; a decimal comma counts only if commas do not separate."""
+    """Count the cells that are numbers; a decimal comma is valid unless commas separate cells."""
     return sum(bool(_NUMBER.fullmatch(cell)) and not (separator == "," and "," in cell) for cell in cells)
 
 
 def _header(
     lines: Sequence[str], cells: Sequence[list[str]], separator: str, first: int, width: int, least: int
 ) -> tuple[tuple[_Heading, ...] | None, set[int]]:
-    """The headings, and the lines that they stand in: a header, and perhaps a line of units below it."""
+    """Return the headings, and their lines: a header, and perhaps a line of units below it."""
     used: set[int] = set()
     units: list[str] | None = None
     for i in range(first - 1, -1, -1):
@@ -295,16 +285,16 @@ _Dates = Literal["dmy", "mdy"] | None
 
 @dataclass(frozen=True)
 class PointColumns:
-    """Columns of the instrument's file, each by its name or by its number as a text; "" for those that are found.
+    """Columns of the instrument's file, each by name or number; "" to recognize them.
 
     Attributes:
         name: of the point.
-        target: which of the tool's points it is, where poses have several.
-        x, y, z: its coordinates.
+        target: point of the tool, if poses have several.
+        x, y, z: coordinates.
         unit: of the coordinates and their uncertainties.
         sigma: uncertainties along x, y and z, or one of the whole position.
-        time: when it was measured; a date may stand in a column of its own.
-        dates: whether dates begin with the day or the month.
+        time: of the measurement; a date may be in its own column.
+        dates: order of day and month.
     """
 
     name: str = ""
@@ -328,9 +318,9 @@ class JointColumns:
 
     Attributes:
         name: of the pose.
-        time: when the row was written; a date may stand in a column of its own.
-        joints: the columns of the joints, in the robot's order.
-        unit: of the joints that turn.
+        time: of the row; a date may be in its own column.
+        joints: columns of the joints, in the robot's order.
+        unit: of revolute joints.
     """
 
     name: str = ""
@@ -343,7 +333,7 @@ class JointColumns:
 
 @dataclass(frozen=True)
 class _ColumnMap:
-    """Meaning of the columns, in both files."""
+    """Map of the columns in both files."""
 
     points: PointColumns = field(default_factory=PointColumns)
     joints: JointColumns = field(default_factory=JointColumns)
@@ -363,7 +353,7 @@ def read_column_map(path: Path | None) -> _ColumnMap:
 
 
 def column_named(table: LooseTable, wanted: str) -> int:
-    """The column that a map names, by its header or its number from 1."""
+    """Return the column with this header or number from 1."""
     headings = table.headings or ()
     same = [i for i, each in enumerate(headings) if each.text == wanted]
     same = same or [i for i, each in enumerate(headings) if each.key == heading_of(wanted).key]

@@ -1,7 +1,7 @@
-"""Measurements as CSV: one row per pose, units in the column names, nothing guessed.
+"""Measurements as CSV: one row per pose, units in the column names.
 
-Lengths in the file are read as decimal numbers and scaled exactly, so that what the lab writes (joint positions in
-rad or mm, points in mm) reads back to the bit.
+Lengths are read as decimal numbers and scaled exactly, so that written files (joint positions in rad or mm, points in
+mm) read back to the bit.
 """
 
 import csv
@@ -29,19 +29,19 @@ _TEXT_COLUMNS = ("id", "session", "use")
 _NUMBER_COLUMNS = ("sigma_mm", "cable_mm", "temp_C", "time_s", "payload_kg")
 _OTHER_RESERVED = ("station", "location", "socket", "stop", "checked", "pressure_hPa", "humidity_percent")
 _COORDINATES = tuple(f"{axis}_{unit}" for axis in "xyz" for unit in _LENGTH_EXPONENT)
-_BLOCK = 10_000  # rows that are written at a time
+_BLOCK = 10_000  # rows at a time
 
 
 @dataclass(frozen=True)
 class ObservedColumns:
-    """Columns of a file that hold observations, beside those that every file may have.
+    """Columns with observations, beside those of every file.
 
     Attributes:
-        positions: whether points are observed, and a file without them is refused; ignored with a warning otherwise.
-        orientations: whether orientations are observed; ignored with a warning otherwise.
-        numbers: columns of numbers that are read as conditions of a row, NaN where empty.
-        texts: columns of texts that are retained unchanged.
-        observed: the kind of observation, as named in a warning of ignored columns; "" for points.
+        positions: points are observed, and required; otherwise ignored with a warning.
+        orientations: orientations are observed; otherwise ignored with a warning.
+        numbers: columns of numbers that become conditions, NaN if empty.
+        texts: columns of texts that are kept unchanged.
+        observed: kind of observation in warnings; "" for points.
     """
 
     positions: bool = True
@@ -52,22 +52,19 @@ class ObservedColumns:
 
 
 def write_measurements(path: Path, data: Measurements, prismatic: Sequence[bool]) -> None:
-    """Write the CSV that ``read_measurements`` reads back to the bit.
-
-    Reserved columns are written where a row differs from what their absence means.
-    """
+    """Write the CSV that ``read_measurements`` reads back to the bit; reserved columns only if needed."""
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         named = any(name != str(i) for i, name in enumerate(data.ids))
         purposed, sessioned = data.marked or set(data.use) != {"calibrate"}, any(data.sessions)
         for first in range(0, max(len(data), 1), _BLOCK):
             part = data if len(data) <= _BLOCK else data.take(range(first, min(first + _BLOCK, len(data))))
-            told = {
+            optional = {
                 "id": [name_cell(name) for name in part.ids] if named else None,
                 "use": part.use if purposed else None,
                 "session": [name_cell(name) for name in part.sessions] if sessioned else None,
             }
-            texts: dict[str, Sequence[str]] = {name: cells for name, cells in told.items() if cells is not None}
+            texts: dict[str, Sequence[str]] = {name: cells for name, cells in optional.items() if cells is not None}
             columns = texts | _numbers(data, part, prismatic)
             if not first:
                 writer.writerow(columns)
@@ -75,7 +72,7 @@ def write_measurements(path: Path, data: Measurements, prismatic: Sequence[bool]
 
 
 def _numbers(data: Measurements, part: Measurements, prismatic: Sequence[bool]) -> dict[str, Sequence[str]]:
-    """The cells of some rows from the joints on, by column; which columns there are is told by all."""
+    """Return the cells of some rows from the joints on, by column; ``data`` decides on the columns."""
     columns: dict[str, Sequence[str]] = {}
     for j, name in enumerate(data.joint_names):
         unit, exponent = ("mm", 3) if prismatic[j] else ("rad", 0)
@@ -95,7 +92,7 @@ def _decimals(values: Array, exponent: int) -> list[str]:
 
 
 def _decimal(value: float, exponent: int) -> str:
-    """``value * 10**exponent`` exactly, in plain digits; "" for NaN."""
+    """Return ``value * 10**exponent`` exactly, in plain digits; "" for NaN."""
     if value != value:
         return ""
     text = repr(value)
@@ -122,18 +119,18 @@ def read_measurements(
     """Read a measurement file, or a plan (``points=False``: the points may be missing).
 
     Args:
-        joint_names: the robot's; the file may call them q1…qn instead.
-        prismatic: which of them slide: their columns are lengths.
-        points: whether a file without any point is refused, where points are observed.
-        columns: what is observed; points if not given. Orientations are kept as texts for ``orientations``.
-        most: how many rows it may have.
+        joint_names: the robot's; the file may use q1…qn instead.
+        prismatic: flags of slides, whose columns are lengths.
+        points: require a point, if points are observed.
+        columns: observations; points by default. Orientations are kept as texts for ``orientations``.
+        most: largest number of rows.
     """
     reader = PoseReader(path, list(joint_names), list(prismatic), columns or ObservedColumns(), most)
     return reader.read(points and reader.observed.positions)
 
 
 class PoseReader(CsvTable):
-    """A measurement file being read: what its columns mean."""
+    """Reader of a measurement file."""
 
     unknown_are = "copied unchanged"
 
@@ -150,7 +147,7 @@ class PoseReader(CsvTable):
         self.warnings: list[str] = []
 
     def read(self, need_points: bool) -> Measurements:
-        """The whole file as measurements."""
+        """Return the whole file as measurements."""
         n = len(self)
         joints = np.stack([self._joint(j) for j in range(len(self.joint_names))], axis=1)
         self._refuse_further_joints()
@@ -256,7 +253,6 @@ class PoseReader(CsvTable):
     # Points
 
     def _targets(self) -> list[str]:
-        """Names of the measured targets, in the order of the file; plain x, y, z are p1's."""
         targets: list[str] = []
         for column in self.unread:
             match = re.fullmatch(r"(?:(.+)_)?([xyz])_(mm|m)", column)
@@ -313,7 +309,7 @@ class PoseReader(CsvTable):
         return ids
 
     def _rest(self, targets: list[str]) -> dict[str, tuple[str, ...]]:
-        """Columns that have no meaning to this reader: kept, and named in a warning where they are not reserved."""
+        """Return other columns, with a warning for those that are not reserved."""
         orientation, unknown = [], []
         rest = list(self.unread)
         for column in rest:
@@ -337,7 +333,7 @@ class PoseReader(CsvTable):
         return {column: texts for column, texts in kept.items() if texts is not None}
 
     def _conditions(self) -> dict[str, Array]:
-        """Columns ``(n,)`` of numbers that a model may ask for; approach directions by the robot's joint names."""
+        """Return condition columns ``(n,)``; approach directions by the robot's joint names."""
         found = {}
         for column in list(self.unread):
             if column in (*_NUMBER_COLUMNS, *self.observed.numbers):

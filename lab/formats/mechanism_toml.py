@@ -1,6 +1,6 @@
 """Mechanisms as TOML files: joints, frames at the ends of paths, rods and pins. Keys as in the README.
 
-``read_mechanism`` of what ``write_mechanism`` writes (m, rad) gives the same numbers to the bit.
+Files by ``write_mechanism`` (m, rad) read back to the bit.
 """
 
 from dataclasses import dataclass
@@ -40,12 +40,12 @@ _TOP_KEYS = ("name", "height_mm", "joint", "frame", "rod", "pin", "platform", "t
 _OF_JOINT = "name, type, sign, lower and upper with _deg or _rad (of a slide _mm or _m), speed, acceleration, jerk"
 _OF_STEP = "one of x, y, z with _mm or _m, rx, ry, rz with _deg or _rad; and joint, passive or exact"
 _GROUND = "base"
-_RESERVED = ("world", "tracker", "floor")  # names that the virtual robot's model has of its own
+_RESERVED = ("world", "tracker", "floor")  # names in the virtual robot's model
 
 
 @dataclass(frozen=True)
 class MechanismFile:
-    """Content of a mechanism description; ``base``, ``tool`` and ``height_m`` as in a table (``RobotTable``)."""
+    """Content of a mechanism file; ``base``, ``tool`` and ``height_m`` as in ``RobotTable``."""
 
     mechanism: Mechanism
     base: Array | None
@@ -55,7 +55,7 @@ class MechanismFile:
 
 
 def read_mechanism(path: Path) -> MechanismFile:
-    """Read a description."""
+    """Read a mechanism file."""
     document = read_toml(path)
     if unknown := set(document) - set(_TOP_KEYS):
         raise LabError(f"{path}: unknown key '{sorted(unknown)[0]}'; known are {', '.join(_TOP_KEYS)}")
@@ -96,7 +96,7 @@ def read_mechanism(path: Path) -> MechanismFile:
 
 
 def write_mechanism(mechanism: Mechanism, values: Array, tool: dict[str, Array]) -> str:
-    """A description with parameters ``(p,)``, base included, that reads back to the bit."""
+    """Write a mechanism with parameters ``(p,)``, base included, that reads back to the bit."""
     dimensions, tree = mechanism.dimensions(values), mechanism.tree
     lines = [f"name = {quoted(mechanism.name)}", f"platform = {quoted(tree.frames[tree.platform].name)}"]
     for i, joint in enumerate(mechanism.joint_names):
@@ -156,7 +156,7 @@ def _sections(path: Path, document: dict[str, Any], name: str, least: int = 1) -
 
 
 class _Tree:
-    """The frames, rods and pins of a file."""
+    """Reader of the frames, rods and pins of a file."""
 
     def __init__(self, path: Path, joints: list[JointSection]) -> None:
         self.path, self.joints = path, {joint.name: i for i, joint in enumerate(joints)}

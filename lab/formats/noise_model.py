@@ -1,4 +1,4 @@
-"""Read and write a noise model as ``result.json`` holds it."""
+"""Read and write a noise model of ``result.json``."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -17,27 +17,22 @@ __all__ = ["NoiseModel", "component_errors_from_dict", "noise_model_from_dict", 
 
 
 def noise_model_to_dict(shared: ErrorModel | None, errors: ComponentErrors | None = None) -> dict[str, Any] | None:
-    """Shared errors as ``result.json`` holds them; None where there are none.
-
-    Args:
-        errors: how well their variances are known; None where these are not estimates.
-    """
+    """Return shared errors, and the uncertainty of their variances if estimated, for ``result.json``."""
     if shared is None:
         return None
-    known = None if errors is None else errors.to_dict()
-    return {**shared.to_dict(), "component_errors": known, "words": list(shared.descriptions)}
+    uncertainty = None if errors is None else errors.to_dict()
+    return {**shared.to_dict(), "component_errors": uncertainty, "words": list(shared.descriptions)}
 
 
 @dataclass(frozen=True)
 class _ComponentErrors:
-    """The uncertainty of the variances of a noise model."""
+    """Uncertainty of the variances of a noise model."""
 
     names: tuple[str, ...]
     covariance: tuple[tuple[float, ...], ...]
     slopes: tuple[tuple[float, ...], ...]
 
     def __post_init__(self) -> None:
-        """Refuse tables of other sizes than the names', and what is no covariance, with a LabError."""
         count, widths = len(self.names), {len(row) for row in self.slopes}
         if [len(row) for row in self.covariance] != [count] * count or len(self.slopes) != count or len(widths) > 1:
             raise LabError("component_errors: covariance and slopes have a row for each name")
@@ -48,21 +43,20 @@ class _ComponentErrors:
 
 @dataclass(frozen=True)
 class _Move:
-    """A move of the base or the instrument as ``result.json`` holds it; its keys."""
+    """Move of the base or the instrument in ``result.json``."""
 
     before: str
     after: str
     size_mm: float
 
     def __post_init__(self) -> None:
-        """Refuse what is no size, with a LabError."""
         if self.size_mm < 0:
             raise LabError("noise_model.moves: a size is below zero; it must not be")
 
 
 @dataclass(frozen=True)
 class NoiseModel:
-    """Shared errors as ``result.json`` holds them; its keys."""
+    """Shared errors in ``result.json``."""
 
     independent_mm: float
     independent_share: float
@@ -77,7 +71,6 @@ class NoiseModel:
     further: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Refuse what is no size, share or correlation, with a LabError."""
         if min(self.independent_mm, *self.sizes.values()) < 0:
             raise LabError("noise_model: a standard deviation is below zero; it must not be")
         if any(len(row) != len(self.encoder_counts_rad or ()) for row in self.encoder_counts_rad or ()):
@@ -87,16 +80,12 @@ class NoiseModel:
 
     @property
     def sizes(self) -> dict[str, float]:
-        """Standard deviations of the terms in SI units, by their names."""
+        """Standard deviations of the terms in SI units, by name."""
         return {term.name: term.unit.to_si(getattr(self, term.key)) for term in TERMS if term.key} | dict(self.further)
 
 
 def component_errors_from_dict(content: NoiseModel | None) -> ComponentErrors | None:
-    """Return the uncertainty of a noise model's variances, made by ``noise_model_to_dict``; None if not given.
-
-    Args:
-        content: the noise model; None where there is none.
-    """
+    """Return the uncertainty of a noise model's variances, or None."""
     found = None if content is None else content.component_errors
     if found is None:
         return None
@@ -106,10 +95,10 @@ def component_errors_from_dict(content: NoiseModel | None) -> ComponentErrors | 
 def noise_model_from_dict(
     content: Mapping[str, Any] | NoiseModel | None, values: Mapping[str, float]
 ) -> ErrorModel | None:
-    """Shared errors of a run, for measurements of another day.
+    """Return the shared errors of a run, for measurements of another session.
 
     Args:
-        content: what ``noise_model_to_dict`` made.
+        content: made by ``noise_model_to_dict``.
         values: the run's parameters by name.
     """
     if content is None:

@@ -1,4 +1,4 @@
-"""Measured orientations: a file's quaternions, or its angles in a convention that is named."""
+"""Measured orientations: quaternions, or angles in a given convention."""
 
 from functools import lru_cache
 
@@ -19,7 +19,7 @@ ENDS = (*_QUATERNION, *_ANGLES)  # of the columns of an orientation
 
 
 def oriented_target(data: Measurements) -> str:
-    """The one target whose orientation the file holds."""
+    """Return the one target with an orientation."""
     found = [t for t in data.targets if any(f"{t}_{end}" in data.other for end in ENDS)]
     if not found and len(data.targets) == 1 and set(ENDS) & set(data.other):
         found = [data.targets[0]]
@@ -32,10 +32,10 @@ def oriented_target(data: Measurements) -> str:
 
 
 def read_orientations(data: Measurements, target: str, meaning: AngleConvention | None = None) -> Array:
-    """Unit quaternions wxyz ``(n, 4)`` of a target in the instrument's frame, NaN where not measured.
+    """Return unit quaternions wxyz ``(n, 4)`` of a target in the instrument's frame, NaN if not measured.
 
     Args:
-        meaning: of three angles about x, y, z (``lab.core.se3``).
+        meaning: convention of three angles.
     """
     quaternion, angles = (_columns(data, target, ends) for ends in (_QUATERNION, _ANGLES))
     if quaternion and angles:
@@ -64,7 +64,6 @@ def read_orientations(data: Measurements, target: str, meaning: AngleConvention 
 
 
 def _columns(data: Measurements, target: str, ends: tuple[str, ...]) -> list[str]:
-    """The names of these columns in the file; those of a single target need no prefix."""
     found, missing = [], []
     for end in ends:
         names = [f"{target}_{end}", *([end] if len(data.targets) == 1 else [])]
@@ -78,14 +77,13 @@ def _columns(data: Measurements, target: str, ends: tuple[str, ...]) -> list[str
     return found
 
 
-@lru_cache(maxsize=4)  # the columns of one orientation, which each model of the same file asks for
+@lru_cache(maxsize=4)  # the columns of one orientation, for several models of one file
 def _numbers(texts: tuple[str, ...]) -> Array:
-    """A column ``(n,)`` as numbers, NaN where empty; the file's reader has checked the cells."""
     return np.array([float(text) if text else np.nan for text in texts])
 
 
 def rotation_from_angles(angles: Array, meaning: AngleConvention) -> Array:
-    """Rotations ``(..., 3, 3)`` of three angles (rad) each, ``(..., 3)``; what they mean is in ``core.se3``."""
+    """Return rotations ``(..., 3, 3)`` of three angles (rad) ``(..., 3)`` in a convention."""
     if meaning == "rotation-vector":
         return se3.exp(angles)
     if meaning == "fixed-xyz":
@@ -96,13 +94,12 @@ def rotation_from_angles(angles: Array, meaning: AngleConvention) -> Array:
 def orientation_texts(
     target: str, rotations: Array, measured: NDArray[np.bool_], meaning: AngleConvention | None = None
 ) -> dict[str, tuple[str, ...]]:
-    """The columns that ``read_orientations`` reads these rotations from.
+    """Return the columns of rotations for ``read_orientations``.
 
     Args:
-        target: whose they are.
         rotations: ``(n, 3, 3)``.
-        measured: ``(n,)``; the cells of the other rows are empty.
-        meaning: of three angles; a quaternion if not given.
+        measured: ``(n,)``; cells of other rows are empty.
+        meaning: convention of three angles; quaternions by default.
     """
     ends: tuple[str, ...] = _QUATERNION if meaning is None else _ANGLES
     numbers = se3.quaternion_from_rotation(rotations) if meaning is None else np.rad2deg(_angles(rotations, meaning))
@@ -111,7 +108,6 @@ def orientation_texts(
 
 
 def _angles(rotations: Array, meaning: AngleConvention) -> Array:
-    """The three angles (rad) ``(..., 3)`` of rotations: the inverse of ``rotation_from_angles``."""
     if meaning == "rotation-vector":
         return se3.log(rotations)
     if meaning == "fixed-xyz":

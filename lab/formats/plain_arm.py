@@ -1,24 +1,24 @@
 """An arm with its effects as plain numbers, computed by the standard library alone.
 
-``calibrated.py`` of a run is the text of this module with the numbers of one arm behind it, so it imports nothing that
-is not of Python itself, and its functions take those numbers (``model``) as a dictionary:
+``calibrated.py`` of a run is the text of this module with the numbers of one arm, so it imports only Python's own
+modules; its functions take these numbers (``model``) as a dictionary:
 
 * ``convention``, ``table`` (theta, d, a, alpha, beta of each link, m and rad), ``sign``, ``prismatic``,
-  ``joint_names``, ``lower``, ``upper``: the identified chain (None where a joint has no limit);
-* ``base``: pose of frame 0 in the instrument's frame; ``points``: the measured points in the last frame (m);
-  ``tool``: the rotation of the measured tool there;
-* ``conditions``: what a pose needs beside its joints, each with its value where none is given (None: must be given);
+``joint_names``, ``lower``, ``upper``: the identified chain (None for no limit);
+* ``base``: pose of frame 0 in the instrument's frame; ``points``: the measured points in the last frame (m); ``tool``:
+the rotation of the measured tool there;
+* ``conditions``: conditions of a pose, each with its default value (None: required);
 * ``loads``: the nominal chain's ``table``, ``mass_kg``, ``centre_m``, ``gravity`` and ``payload_at_m``; ``steps`` of
-  Newton's method for springs;
-* ``terms``: the effects. Each has one of these forms, and what several say adds up:
+Newton's method for springs;
+* ``terms``: the effects, which add up. Each has one of these forms:
   ``{"joint": i, "times": c, "of": signal}``, an offset of joint i (rad, m of a slide);
   ``{"link": l, "axis": k, "times": c, "of": signal}``, a displacement of link l's far end (x y z rx ry rz of its axes);
-  ``{"size": c, "of": signal}``, the share by which all lengths grow about frame 0;
-  ``{"springs": compliances, "payload_kg": m}``, joints that give way to gravity (rad/Nm, m/N of a slide);
-  ``{"beams": {l: rows}}``, links that bend: nine loads at rest times these rows are the far end's displacement;
+  ``{"size": c, "of": signal}``, the relative growth of all lengths about frame 0;
+  ``{"springs": compliances, "payload_kg": m}``, joint compliances (rad/Nm, m/N of a slide);
+  ``{"beams": {l: rows}}``, bending links: nine loads at rest times these rows are the far end's displacement;
   ``{"residual": share, ...}``, offsets of the joints by the kernels of ``calibration.residual``.
 * A signal is ``["position", j]``, ``["sin", k, j]`` or ``["cos", k, j]`` of joint j, ``["condition", name, less]``,
-  ``["torque cubed", j]``, or ``["weight", i, l, axis, down]``, the torque of a unit weight on link l about joint i.
+``["torque cubed", j]``, or ``["weight", i, l, axis, down]``, the torque of a unit weight on link l about joint i.
 """
 
 # ruff: noqa: B905  # a controller's Python may be older than 3.10, where zip has no strict

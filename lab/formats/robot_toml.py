@@ -1,13 +1,8 @@
-"""Robot tables in TOML: Denavit-Hartenberg rows, limits, links.
+"""Robot tables in TOML: Denavit-Hartenberg rows, limits, elastic links.
 
-Denavit-Hartenberg tables as TOML files, the exact form of a robot that has no model.
-
-Keys as in the README: ``name``, ``convention``, and one ``[[joint]]`` each. What the lab writes
-(``theta_rad``, ``d_m``, ``beta_rad``, …, ``[base]``, ``[tool]``) reads back to the bit.
-
-Sections ``[[link]]`` of a robot's TOML: what its elastic links are made of, and where their lines run.
-
-They stand in a robot's table, or in a file whose ``robot`` is another robot's name or file.
+Keys as in the README: ``name``, ``convention``, and one ``[[joint]]`` each. Written tables (``theta_rad``, ``d_m``,
+``beta_rad``, …, ``[base]``, ``[tool]``) read back to the bit. Sections ``[[link]]`` describe elastic links, in a table,
+or in a file whose ``robot`` is another robot's name or file.
 """
 
 from collections.abc import Mapping
@@ -60,10 +55,10 @@ RATES = {"speed": "per_s", "acceleration": "per_s2", "jerk": "per_s3"}
 
 
 class Section:
-    """A section; every key read is crossed off, so that a misspelt one is noticed.
+    """A section whose read keys are tracked, so that a misspelt one is refused.
 
     Attributes:
-        where: the section, for a person.
+        where: its name in messages.
     """
 
     def __init__(self, where: str, content: Any) -> None:
@@ -72,12 +67,12 @@ class Section:
         self.content, self.unread, self.where = content, set(content), where
 
     def take(self, key: str, default: Any = None) -> Any:
-        """The value of a key."""
+        """Return the value of a key."""
         self.unread.discard(key)
         return self.content.get(key, default)
 
     def optional(self, quantity: str, units: dict[str, float]) -> float | None:
-        """A number in one of some units, in SI; None where there is none."""
+        """Return a number in one of some units, in SI, or None."""
         keys = [f"{quantity}_{unit}" for unit in units if f"{quantity}_{unit}" in self.content]
         if len(keys) > 1:
             raise LabError(f"{self.where}: {' and '.join(keys)} are both given; keep one")
@@ -89,14 +84,14 @@ class Section:
         return float(number) * units[keys[0].removeprefix(quantity + "_")]
 
     def value(self, quantity: str, units: dict[str, float]) -> float:
-        """A number that must be there."""
+        """Return a required number."""
         found = self.optional(quantity, units)
         if found is None:
             raise LabError(f"{self.where}: {quantity} is missing; give {quantity}_{' or _'.join(units)}")
         return found
 
     def positive(self, quantity: str, units: dict[str, float]) -> float:
-        """A number above zero; NaN where there is none."""
+        """Return a number above zero, or NaN."""
         found = self.optional(quantity, units)
         if found is not None and not found > 0:
             raise LabError(f"{self.where}: {quantity} is {found:g}; give more than zero, or leave it out")
@@ -110,7 +105,7 @@ class Section:
         return value
 
     def refuse_the_rest(self, known: str) -> None:
-        """A LabError for a key that nothing has asked for."""
+        """Raise a LabError for a key that was not read."""
         if self.unread:
             raise LabError(f"{self.where}: unknown key '{sorted(self.unread)[0]}'; known are {known}")
 
@@ -128,23 +123,23 @@ class JointSection(Section):
         self.prismatic = kind == "prismatic"
 
     def rate(self, quantity: str) -> float:
-        """The largest speed, acceleration or jerk; NaN where it is not given."""
+        """Return the limit of speed, acceleration or jerk, or NaN."""
         units = LENGTHS if self.prismatic else ANGLES
         return self.positive(quantity, {f"{unit}_{RATES[quantity]}": factor for unit, factor in units.items()})
 
     def torque(self) -> float:
-        """The largest torque, of a slide force; NaN where it is not given."""
+        """Return the limit of the torque, for a slide force, or NaN."""
         return self.positive("force", {"n": 1.0}) if self.prismatic else self.positive("torque", {"nm": 1.0})
 
     def sign(self) -> float:
-        """+1 or -1: how the joint's position counts."""
+        """Return +1 or -1, the direction of the joint's position."""
         sign = self.take("sign", 1)
         if sign not in (1, -1) or isinstance(sign, bool):
             raise LabError(f"{self.where}: sign is {sign!r}; write 1 or -1")
         return float(sign)
 
     def limits(self, warnings: list[str]) -> tuple[float, float]:
-        """The lower and the upper one; ``warnings`` takes what is assumed."""
+        """Return the lower and the upper limit; ``warnings`` is extended by assumptions."""
         units = LENGTHS if self.prismatic else ANGLES
         low, high = self.optional("lower", units), self.optional("upper", units)
         absent = [end for end, value in (("lower", low), ("upper", high)) if value is None]
@@ -159,12 +154,12 @@ class JointSection(Section):
 
 
 def is_mechanism(path: Path) -> bool:
-    """Decide whether a TOML file describes a mechanism rather than a table."""
+    """Check whether a TOML file describes a mechanism rather than a table."""
     return "frame" in read_toml(path)
 
 
 def read_height(path: Path, document: dict[str, Any]) -> float | None:
-    """``height_mm``, in m."""
+    """Return ``height_mm``, in m."""
     height = document.get("height_mm")
     if height is not None and not (is_number(height) and height >= 0):
         raise LabError(f"{path}: height_mm is {height!r}; give frame 0's height above the floor, or leave it out")
@@ -172,7 +167,7 @@ def read_height(path: Path, document: dict[str, Any]) -> float | None:
 
 
 def refuse_doubled_names(path: Path, names: list[str]) -> None:
-    """A LabError where joints are too many, share a name, or have none that a file can hold."""
+    """Refuse too many joints, equal names, and invalid ones."""
     JOINTS(path, names)
     for i, name in enumerate(names):
         checked_name(f"{path}: joint {i + 1}", name)
@@ -181,7 +176,7 @@ def refuse_doubled_names(path: Path, names: list[str]) -> None:
 
 
 def read_base(path: Path, section: Any) -> Array:
-    """``[base]``, ``(6,)`` m and rad."""
+    """Return ``[base]``, ``(6,)`` m and rad."""
     parts = ("position_m", "rotation_vector_rad")
     numbers = [section.get(part) if isinstance(section, dict) else None for part in parts]
     for part, number in zip(parts, numbers, strict=True):
@@ -191,11 +186,7 @@ def read_base(path: Path, section: Any) -> Array:
 
 
 def _read_khalil_frame(where: str, section: Any) -> KhalilFrame:
-    """A section of six parameters, ``gamma_deg``, ``b_mm``, ``alpha_deg``, ``d_mm``, ``theta_deg``, ``r_mm``.
-
-    Returns:
-        The six as the pose that they make has them.
-    """
+    """Read ``gamma_deg``, ``b_mm``, ``alpha_deg``, ``d_mm``, ``theta_deg``, ``r_mm``, in canonical form."""
     read = Section(where, section)
     values = [read.value(name, ANGLES if turns else LENGTHS) for name, turns in zip(SYMBOLS, ANGULAR, strict=True)]
     read.refuse_the_rest(", ".join(SYMBOLS) + ", with _deg or _rad, and _mm or _m")
@@ -203,7 +194,7 @@ def _read_khalil_frame(where: str, section: Any) -> KhalilFrame:
 
 
 def read_tool(path: Path, section: Any) -> dict[str, Array]:
-    """``[tool]``: targets (m)."""
+    """Return ``[tool]``: targets (m)."""
     if not isinstance(section, dict):
         raise LabError(f"{path}: tool is {section!r}; write a [tool] section with a line p1 = [x, y, z]")
     tool = {}
@@ -217,17 +208,17 @@ def read_tool(path: Path, section: Any) -> dict[str, Array]:
 
 
 def jerks_of(rates: Array) -> Array | None:
-    """Largest jerks ``(n,)`` of joints, infinite where one is not given (NaN); None where none is."""
+    """Return limits of jerk ``(n,)``, infinite for NaN; None without any."""
     return None if np.isnan(rates).all() else np.where(np.isnan(rates), np.inf, rates)
 
 
 def quoted(text: str) -> str:
-    """A TOML string."""
+    """Return a TOML string."""
     return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
 def written_base_and_tool(base: Array | None, tool: Mapping[str, Array], where: str) -> list[str]:
-    """Lines of ``[base]``, if it is known, and ``[tool]`` that read back to the bit."""
+    """Return lines of ``[base]``, if given, and ``[tool]`` that read back to the bit."""
     lines: list[str] = []
     if base is not None:
         position, rotation = (", ".join(repr(float(v)) for v in part) for part in (base[:3], base[3:]))
@@ -277,7 +268,7 @@ def links_of(path: Path, sections: Any, size: int) -> LinkSections:
 
 
 def _compliances(section: Section) -> Array:
-    """``(4,)``, from a tube or from its stiffnesses."""
+    """Return ``(4,)``, from a tube or from stiffnesses."""
     given = [section.positive(name, {unit: 1.0}) for name, unit in _STIFFNESSES]
     both, y, z, twist, extension = given
     if "tube_mm" in section.content:
@@ -323,7 +314,7 @@ def _tube(section: Section) -> Array:
 
 
 def _path(section: Section) -> Array | None:
-    """``(k, 3)`` m, if the section has one."""
+    """Return the path ``(k, 3)`` m, or None."""
     line = section.take("path_mm")
     if line is None:
         return None
@@ -350,15 +341,14 @@ class RobotTable:
     """Content of a robot's table file.
 
     Attributes:
-        base: ``(6,)`` of an identified arm, as ``base.x y z rx ry rz``; None of a nominal robot.
+        base: ``(6,)`` of an identified arm, as ``base.x y z rx ry rz``; None for a nominal robot.
         tool: targets (m, in the last frame).
-        height_m: of frame 0 above the floor that the arm stands on; None where there is none.
-        mass_kg: ``(n,)`` of the links that the joints move; NaN where unknown.
-        torque: ``(n,)`` torque limits of the joints, Nm or N; NaN where unknown.
-        warnings: warnings for the user.
-        T_world_frame0: pose ``(4, 4)`` (m) of frame 0 in the world, where the file gives Khalil's Z; else it follows
-            from the height.
-        links: its elastic links; None where the file has none.
+        height_m: of frame 0 above the floor, or None.
+        mass_kg: ``(n,)`` of the links, or NaN.
+        torque: ``(n,)`` torque limits of the joints, Nm or N, or NaN.
+        warnings: messages for the user.
+        T_world_frame0: pose ``(4, 4)`` (m) of frame 0 in the world by Khalil's Z; otherwise it follows from the height.
+        links: its elastic links, or None.
     """
 
     chain: Chain
@@ -374,7 +364,9 @@ class RobotTable:
 
 def read_table(path: Path) -> RobotTable:
     """Read a Denavit-Hartenberg table."""
-    document = _document(path)
+    document = read_toml(path)
+    if unknown := set(document) - _TOP_KEYS:
+        raise LabError(f"{path}: unknown key '{sorted(unknown)[0]}'; known are {', '.join(sorted(_TOP_KEYS))}")
     convention = document.get("convention")
     if convention not in ("distal", "craig"):
         raise LabError(f'{path}: convention is {convention!r}; write convention = "distal" or "craig"')
@@ -423,7 +415,7 @@ def read_table(path: Path) -> RobotTable:
 
 
 def _corrected(path: Path, chain: Chain, file: Any) -> Chain:
-    """The chain with a controller's corrections of its table, described anew from the axes that it then has."""
+    """Return the chain with a controller's corrections of its table, in canonical form."""
     if not isinstance(file, str) or not file:
         raise LabError(f'{path}: corrections is {file!r}; give the name of a file, e.g. "calibration.conf"')
     if chain.convention != "distal" or chain.size != 6 or any(chain.prismatic):
@@ -442,7 +434,7 @@ def _corrected(path: Path, chain: Chain, file: Any) -> Chain:
 
 
 def _place(path: Path, document: Mapping[str, Any]) -> Array | None:
-    """The pose ``(4, 4)`` of frame 0 in the world that a section ``[Z]`` says; None where there is none."""
+    """Return the pose ``(4, 4)`` of frame 0 in the world of a section ``[Z]``, or None."""
     if "Z" not in document:
         return None
     if "height_mm" in document:
@@ -451,7 +443,7 @@ def _place(path: Path, document: Mapping[str, Any]) -> Array | None:
 
 
 def _khalil_tool(path: Path, document: Mapping[str, Any], warnings: list[str]) -> dict[str, Array]:
-    """Targets (m) of sections ``[E.<target>]``; a warning for one that is turned, of which the place is taken alone."""
+    """Return targets (m) of sections ``[E.<target>]``; warn of rotations, which are ignored."""
     sections = document.get("E", {})
     if not isinstance(sections, dict) or not all(isinstance(each, dict) for each in sections.values()):
         raise LabError(f"{path}: E is {sections!r}; write a section [E.p1] for each target")
@@ -470,20 +462,11 @@ def _khalil_tool(path: Path, document: Mapping[str, Any], warnings: list[str]) -
 
 
 def _cell(reader: JointSection, name: str) -> float:
-    """A cell of the table; only beta may be left out."""
     return (reader.optional if name == "beta" else reader.value)(name, _QUANTITIES[name]) or 0.0
 
 
-def _document(path: Path) -> dict[str, Any]:
-    """The file's content, if it is TOML and has no unknown key."""
-    document = read_toml(path)
-    if unknown := set(document) - _TOP_KEYS:
-        raise LabError(f"{path}: unknown key '{sorted(unknown)[0]}'; known are {', '.join(sorted(_TOP_KEYS))}")
-    return document
-
-
 def write_table(chain: Chain, base: Array | None, tool: Mapping[str, Array]) -> str:
-    """A table that reads back to the bit, with the base ``(6,)`` (m, rad), if it is known, and the targets (m)."""
+    """Write a table that reads back to the bit, with base ``(6,)`` (m, rad), if given, and targets (m)."""
     lines = [f"name = {quoted(chain.name)}", f'convention = "{chain.convention}"']
     for i, joint in enumerate(chain.joint_names):
         unit = "m" if chain.prismatic[i] else "rad"

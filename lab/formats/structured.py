@@ -1,10 +1,7 @@
 """Read text, TOML and JSON files into typed objects, with errors that name file, line and key.
 
-Plain values, as JSON and TOML have them, turned into typed dataclasses; what is wrong is said in one line.
-
-A value has to be of its field's type: text is no number, a number no text, and a truth value neither; a whole number is
-a number, and none is larger than any file may hold. cattrs walks the types and says where a value stands; the words are
-made here.
+A value must be of its field's type: text is no number, a number no text, and a truth value neither; a whole number is a
+number. cattrs walks the types and locates values; the messages are made here.
 """
 
 import json
@@ -37,15 +34,15 @@ __all__ = [
     "unstructured",
 ]
 
-_MARK = b"\xef\xbb\xbf"  # by which some editors begin a file in UTF-8
+_MARK = b"\xef\xbb\xbf"  # byte order mark of UTF-8
 
 
 def read_bytes(path: Path, most: Limit, mend: str = "check the path") -> bytes:
-    """The content of a regular file.
+    """Return the content of a regular file.
 
     Args:
-        most: how large it may be.
-        mend: what to do if it cannot be read, for the end of the message.
+        most: its largest size.
+        mend: advice for the end of the message.
     """
     try:
         found = path.stat()
@@ -66,16 +63,16 @@ def read_bytes(path: Path, most: Limit, mend: str = "check the path") -> bytes:
 
 
 def _without_waiting(path: str, flags: int) -> int:
-    """Open a file without blocking: some system files claim to be regular and keep a reader waiting forever."""
+    """Open a file without blocking: some system files claim to be regular and never end."""
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 def read_text(path: Path, most: Limit, mend: str = "check the path") -> str:
-    """The text of a file in UTF-8, without the mark by which some editors begin it.
+    """Return the text of a file in UTF-8, without a byte order mark.
 
     Args:
-        most: how large it may be.
-        mend: what to do if it cannot be read, for the end of the message.
+        most: its largest size.
+        mend: advice for the end of the message.
     """
     content = read_bytes(path, most, mend).removeprefix(_MARK)
     try:
@@ -88,10 +85,10 @@ def read_text(path: Path, most: Limit, mend: str = "check the path") -> str:
 
 
 def refuse_unbounded(where: object, content: Any, *, finite: bool = True) -> None:
-    """Refuse values, as TOML and JSON have them, that are nested too deeply, too many, not finite or too large.
+    """Refuse values of TOML or JSON that are nested too deeply, too many, not finite or too large.
 
     Args:
-        finite: whether numbers that are not finite are refused here; not where their reader says more of them.
+        finite: refuse numbers that are not finite, unless their reader does.
     """
     waiting, count = [("", content, 0)], 0
     while waiting:
@@ -121,13 +118,13 @@ class _InvalidError(ValueError):
 
 
 def structured(where: object, kind: type[_Kind], values: object, *, extra: bool = False) -> _Kind:
-    """A dataclass from plain values.
+    """Return a dataclass from plain values.
 
     Args:
-        where: what an error calls the values' source: a file, a section of it, a call; "" for a caller that says it.
-        values: a mapping from the fields' names; one that is no mapping is refused.
-        extra: whether the values are of a file that the lab wrote: names that are no field's are passed over, no
-            number may be of a size that none has, and an error names the place in a list.
+        where: source of the values in messages, or "".
+        values: a mapping from the fields' names.
+        extra: the lab wrote the file: unknown names are ignored, numbers are bounded, and errors name the place in a
+            list.
     """
     from cattrs import BaseValidationError
 
@@ -141,16 +138,12 @@ def structured(where: object, kind: type[_Kind], values: object, *, extra: bool 
 
 
 def unstructured(value: object) -> Any:
-    """Return a dataclass as plain values by its fields' names, which ``structured`` makes the same dataclass of."""
+    """Return a dataclass as plain values, for ``structured``."""
     return _converter(True).unstructure(value)
 
 
 def read_json(path: Path, mend: str) -> Any:
-    """The content of a JSON file.
-
-    Args:
-        mend: what to do if it cannot be read, for the end of the message.
-    """
+    """Return the content of a JSON file; ``mend`` is advice for the end of messages."""
     text = read_text(path, TEXT_BYTES, mend)
     try:
         content = json.loads(text)
@@ -163,11 +156,11 @@ def read_json(path: Path, mend: str) -> Any:
 
 
 def read_structured(path: Path, kind: type[_Kind], mend: str) -> _Kind:
-    """A file that the lab wrote, as JSON, typed; what it holds beside the fields of ``kind`` is passed over.
+    """Return a typed object from a JSON file of the lab; other keys are ignored.
 
     Args:
         kind: a dataclass, or a tuple of one.
-        mend: what to do if it is not so, for the end of the message.
+        mend: advice for the end of messages.
     """
     content = read_json(path, mend)
     try:
@@ -191,7 +184,6 @@ def _converter(extra: bool) -> "Converter":
 
 
 def _plain(value: object, kind: type) -> Any:
-    """A value of a type that JSON has, or a path."""
     accepted = {float: (int, float), Path: (str, Path)}.get(kind, (kind,))
     if not isinstance(value, accepted) or (isinstance(value, bool) and kind is not bool):
         raise _InvalidError(value, _PLAIN[kind])
@@ -199,7 +191,7 @@ def _plain(value: object, kind: type) -> Any:
 
 
 def _bounded(value: object, kind: type) -> float:
-    """A number of a file that the lab wrote: none is so large that its square overflows."""
+    """Return a number whose square does not overflow."""
     number: float = _plain(value, kind)
     if abs(number) not in NUMBER_SIZE:
         raise _InvalidError(value, f"a number of at most {NUMBER_SIZE.most:g}")
@@ -207,7 +199,7 @@ def _bounded(value: object, kind: type) -> float:
 
 
 def _allowed(kind: Any) -> tuple[object, ...]:
-    """The values of a literal type, or of one that may be None as well; none of any other type."""
+    """Return the values of a literal type, or of one that may be None; empty for any other type."""
     parts = get_args(kind) if get_origin(kind) is Union else (kind,)
     literals = [part for part in parts if get_origin(part) is Literal]
     return tuple(value for part in literals for value in get_args(part))
@@ -257,7 +249,6 @@ def _is_mapping(kind: Any) -> bool:
 
 
 def _mapping_hook(kind: Any, converter: "Converter") -> Any:
-    """Return the structuring hook of a mapping from names to values of one type."""
     from cattrs import AttributeValidationNote, BaseValidationError
 
     part = get_args(kind)[1]
@@ -278,7 +269,6 @@ def _mapping_hook(kind: Any, converter: "Converter") -> Any:
 
 
 def _dataclass_hook(kind: Any, converter: "Converter") -> Any:
-    """Cattrs's own, of what is a mapping; an instance stays as it is."""
     from cattrs.gen import make_dict_structure_fn
 
     structure = make_dict_structure_fn(
@@ -321,7 +311,7 @@ _DEEP = re.compile(rf"(?:{_PART}[ \t]*+\.[ \t]*+){{{DEPTH.most}}}")  # dotted na
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """The content of a TOML file."""
+    """Return the content of a TOML file."""
     text = read_text(path, TOML_BYTES)
     if deep := _DEEP.search(text):
         line = text.count("\n", 0, deep.start()) + 1
@@ -339,5 +329,5 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def is_number(value: Any) -> bool:
-    """Decide whether a value is a number that a robot's description may hold."""
+    """Check for a number of a robot's description."""
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) in NUMBER_SIZE

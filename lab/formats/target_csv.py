@@ -22,18 +22,17 @@ __all__ = ["Targets", "holds_targets", "read_joints", "read_targets"]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Targets(Value):
-    """Poses that a point of the tool shall take, in the frame in which the arm was measured.
+    """Target poses of a point of the tool, in the frame of the measurements.
 
     Attributes:
         tool: the point's name.
         ids: of the rows.
         positions: ``(n, 3)`` m.
-        rotations: ``(n, 3, 3)`` of the tool's axes; NaN where the orientation is free.
-        joints: ``(n, joints)`` rad or m: the inverse-kinematics solution nearest to these is taken; NaN where none
-            are given.
+        rotations: ``(n, 3, 3)`` of the tool's axes; NaN if free.
+        joints: ``(n, joints)`` rad or m, selecting the nearest IK solution, or NaN.
         conditions: ``payload_kg``, ``approach_<joint>``, ``(n,)`` each.
-        lines: of the file, as an editor counts them.
-        warnings: what a reader should be told.
+        lines: of the file.
+        warnings: messages for the user.
     """
 
     tool: str
@@ -52,7 +51,7 @@ class Targets(Value):
         return f"{counted(len(self), 'pose')} of {self.tool}"
 
     def take(self, rows: NDArray[np.int_]) -> "Targets":
-        """Return the targets of the given rows."""
+        """Return some rows."""
         return replace(
             self,
             ids=tuple(self.ids[i] for i in rows),
@@ -71,20 +70,19 @@ def read_targets(
     meaning: AngleConvention | None = None,
     columns: ObservedColumns = ObservedColumns(orientations=True),  # noqa: B008
 ) -> Targets:
-    """Read a file of targets: a position each, and where it matters a quaternion or three angles.
+    """Read a file of targets: a position each, and optionally a quaternion or three angles.
 
     Args:
-        path: of the file.
-        joint_names: the robot's: a file may have their columns (or q1…qn), each row all or none of them.
-        prismatic: which of them slide.
-        meaning: of three angles (``lab.core.se3``).
-        columns: which further columns have a meaning: numbers become conditions.
+        joint_names: the robot's, or q1…qn, for columns of joint positions, each row all or none.
+        prismatic: flags of slides.
+        meaning: convention of three angles.
+        columns: further columns; numbers become conditions.
     """
     return _TargetReader(path, list(joint_names), list(prismatic), columns).read_all(meaning)
 
 
 class _TargetReader(PoseReader):
-    """A file of targets being read."""
+    """Reader of a file of targets."""
 
     unknown_are = "passed over"
 
@@ -118,7 +116,6 @@ class _TargetReader(PoseReader):
         )
 
     def _joints(self) -> Array:
-        """Joint positions ``(n, joints)``, NaN where a row has none: each row has all or none."""
         stems = {*self.joint_names, *(f"q{j + 1}" for j in range(len(self.joint_names)))}
         given = [column for column in self.header if column.rsplit("_", 1)[0] in stems or column in stems]
         if not given:
@@ -134,7 +131,6 @@ class _TargetReader(PoseReader):
         return joints
 
     def _rotations(self, name: str, positions: Array, meaning: AngleConvention | None) -> Array:
-        """Rotations ``(n, 3, 3)``, NaN where the file has none."""
         rest = self._rest([name])
         rotations = np.full((len(positions), 3, 3), np.nan)
         angles = [end for end in ENDS if end.startswith("r")]
@@ -160,7 +156,7 @@ class _JointRows:
     Attributes:
         ids: of the rows.
         joints: ``(n, joints)`` rad or m.
-        warnings: what a reader should be told.
+        warnings: messages for the user.
     """
 
     ids: tuple[str, ...]
@@ -169,13 +165,9 @@ class _JointRows:
 
 
 def holds_targets(path: Path, most: Limit = ROWS) -> bool:
-    """Decide whether a file gives positions of a point (columns ending in ``x_mm`` or ``x_m``), not joints alone.
+    """Check whether a file has positions of a point (columns ending in ``x_mm`` or ``x_m``), not joints alone.
 
-    A plan has such columns, too, to be filled in: as long as they are empty, it is a file of joint positions.
-
-    Args:
-        path: of the file.
-        most: how many rows it may have.
+    A plan has such columns, too: while they are empty, it is a file of joint positions.
     """
     table = CsvTable(path, most)
     columns = [name for name in table.header if name in ("x_mm", "x_m") or name.endswith(("_x_mm", "_x_m"))]
@@ -183,13 +175,7 @@ def holds_targets(path: Path, most: Limit = ROWS) -> bool:
 
 
 def read_joints(path: Path, joint_names: Sequence[str], prismatic: Sequence[bool]) -> _JointRows:
-    """Read a file of joint positions.
-
-    Args:
-        path: of the file.
-        joint_names: the robot's; the file may call them q1 ... qn.
-        prismatic: which of them slide.
-    """
+    """Read a file of joint positions; it may call the joints q1 ... qn."""
     data = read_measurements(path, joint_names, prismatic, points=False, columns=ObservedColumns())
     kept = np.array([i for i, use in enumerate(data.use) if use != "skip"], dtype=np.int_)
     return _JointRows(tuple(data.ids[i] for i in kept), data.joints[kept], data.warnings)

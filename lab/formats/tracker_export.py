@@ -1,10 +1,10 @@
-"""Points that a tracker's program exported as text: SpatialAnalyzer, PolyWorks, Leica, or plain name, x, y, z.
+"""Points exported by trackers' programs: SpatialAnalyzer, PolyWorks, Leica, or plain name, x, y, z.
 
-What is public of these formats: SpatialAnalyzer writes a point's collection, group and target, coordinates, and as
-asked tolerances, uncertainties, time stamps, offsets and comments, separated by spaces or commas, below comments that
-begin with ``//`` (SpatialAnalyzer user manual, "Exporting ASCII Formatted Points"). PolyWorks and Leica programs write
-tables whose columns the user chooses. So columns are told by their names, in any order; without names, the first three
-numbers of a row are x, y, z, and the text before them is the point's name. Nothing else is guessed.
+SpatialAnalyzer writes a point's collection, group and target, coordinates, and optionally tolerances, uncertainties,
+time stamps, offsets and comments, separated by spaces or commas, below comments that begin with ``//`` (SpatialAnalyzer
+user manual, "Exporting ASCII Formatted Points"). PolyWorks and Leica programs write tables with chosen columns. Columns
+are recognized by name, in any order; without names, the first three numbers of a row are x, y, z, after the point's
+name.
 """
 
 import re
@@ -31,12 +31,11 @@ _DAY = 86400.0
 
 @dataclass(frozen=True)
 class _Times:
-    """When rows were written.
+    """Times of rows.
 
     Attributes:
-        seconds: ``(n,)`` s; NaN where a row has no time.
-        clock: from when they count: ``date`` from 1970 (in the file's own time zone), ``day`` from midnight, and
-            ``seconds`` from whatever the file counts from.
+        seconds: ``(n,)`` s, or NaN.
+        clock: origin: ``date`` is 1970 (in the file's own time zone), ``day`` midnight, ``seconds`` unknown.
     """
 
     seconds: Array
@@ -47,10 +46,9 @@ def column_times(table: LooseTable, time: int, day: int | None, dates: str) -> _
     """Read the times of a table's rows.
 
     Args:
-        table: whose rows they are.
-        time: the column of times, or of dates with times of day.
-        day: the column of dates alone; None where there is none.
-        dates: ``dmy`` or ``mdy``, where a day cannot be told from a month; "" to tell by the days above 12.
+        time: column of times, or of dates with times of day.
+        day: column of dates, or None.
+        dates: ``dmy`` or ``mdy`` for ambiguous dates; "" to recognize days above 12.
     """
     cells = table.texts(time)
     if day is not None:
@@ -59,7 +57,6 @@ def column_times(table: LooseTable, time: int, day: int | None, dates: str) -> _
 
 
 def _read_times(cells: Sequence[str], where: Callable[[int], str], dates: str) -> _Times:
-    """The times of texts, one for each row; a row without one has no time."""
     given = [(i, cell.strip()) for i, cell in enumerate(cells) if cell.strip()]
     found = np.full(len(cells), np.nan)
     if not given:
@@ -90,7 +87,7 @@ def _read_times(cells: Sequence[str], where: Callable[[int], str], dates: str) -
 
 
 def _order(given: Sequence[tuple[int, str]], where: Callable[[int], str]) -> str:
-    """Decide whether dates that do not begin with the year begin with the day or the month."""
+    """Return the order of day and month in dates that do not begin with the year."""
     parts = [(match, i) for i, cell in given if (match := _DATE.search(cell)) and len(match[1]) < 4]
     if not parts:
         return "ymd"
@@ -155,20 +152,18 @@ class TrackerPoints:
     """Points of a tracker's export.
 
     Attributes:
-        path: of the file.
-        names: of the points; "" where the file gives none.
-        targets: which of the tool's points each is, where a column says it; else "".
-        lines: of the points, as an editor counts them.
+        names: of the points, or "".
+        targets: point of the tool of each, or "".
+        lines: of the points in the file.
         positions: ``(n, 3)`` m, in the file's frame.
-        sigma_m: ``(n,)`` standard uncertainty of a coordinate: the root of the mean square of the three; NaN where
-            the file gives none.
-        seconds: ``(n,)`` s when each was measured, NaN where not said.
-        clock: from when these count.
-        temperature_c, pressure_hpa, humidity_percent: ``(n,)``; NaN where not said.
-        used: the columns by what they mean.
-        unused: names of columns that have content and were not used.
-        notes: what a reader should know of how the file was understood.
-        left_out: what of the file is no point.
+        sigma_m: ``(n,)`` standard uncertainty of a coordinate (root mean square of the three), or NaN.
+        seconds: ``(n,)`` s, time of each measurement, or NaN.
+        clock: origin of the times.
+        temperature_c, pressure_hpa, humidity_percent: ``(n,)``, or NaN.
+        used: columns by meaning.
+        unused: names of other columns with content.
+        notes: messages for the user about the file's interpretation.
+        left_out: unused parts of the file.
     """
 
     path: Path
@@ -192,16 +187,15 @@ def read_tracker_points(path: Path, columns: PointColumns, unit: str | None, cov
     """Read the points of a tracker's export.
 
     Args:
-        path: of the file.
-        columns: what is said of its columns.
-        unit: of lengths, where the file does not say it: mm, m or in.
-        coverage: factor by which its uncertainties exceed one standard deviation.
+        columns: map of its columns.
+        unit: of lengths, mm, m or in, if the file does not state it.
+        coverage: factor of its uncertainties over one standard deviation.
     """
     return _Reader(read_loose(path, 3), columns, unit, coverage).read()
 
 
 class _Reader:
-    """An export being read: which of its columns is what."""
+    """Reader of an export."""
 
     def __init__(self, table: LooseTable, columns: PointColumns, unit: str | None, coverage: float) -> None:
         self.table, self.given, self.unit, self.coverage = table, columns, unit, coverage
@@ -257,7 +251,7 @@ class _Reader:
         return column
 
     def _named(self, what: str, given: str, known: tuple[str, ...] = ()) -> int | None:
-        """The column that a map names, else the one whose heading is known, in the order of preference."""
+        """Return the column of a map, else the one with a known heading, in order of preference."""
         if given:
             return self._take(column_named(self.table, given), what)
         headings = self.table.headings or ()
@@ -325,7 +319,6 @@ class _Reader:
         return self._take(before[-1], "name") if before else None
 
     def _sigma(self, scale: float) -> Array:
-        """Standard uncertainty ``(n,)`` m of a coordinate."""
         given, table = self.given.sigma, self.table
         if len(given) == 3:
             pairs = zip(given, "xyz", strict=True)
@@ -356,8 +349,7 @@ class _Reader:
             f"{self.table.path}: column {self.table.name(column)} is taken as the uncertainty of the whole position; "
             "a coordinate's is 1/√3 of it"
         )
-        one: Array = self._uncertainty(column, scale) / np.sqrt(3.0)
-        return one
+        return np.asarray(self._uncertainty(column, scale) / np.sqrt(3.0))
 
     def _uncertainty(self, column: int, scale: float) -> Array:
         headings = self.table.headings
@@ -404,5 +396,5 @@ def _cell(table: LooseTable, column: int | None, row: int) -> str:
 
 
 def _counts(values: Array) -> bool:
-    """Decide whether numbers count rows: whole and rising."""
+    """Check whether numbers count rows: whole and rising."""
     return bool(np.isfinite(values).all() and (values == values.round()).all() and (np.diff(values) > 0).all())

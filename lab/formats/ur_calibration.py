@@ -1,16 +1,15 @@
-"""Universal Robots' own calibration: the controller's ``calibration.conf``, and the kinematics that ROS reads.
+"""Universal Robots' own calibration: the controller's ``calibration.conf``, and the kinematics of ROS.
 
-A controller keeps what the factory measured as differences from the nominal Denavit-Hartenberg table (distal): the
-lists ``delta_theta``, ``delta_a``, ``delta_d`` and ``delta_alpha`` of the section ``[mounting]``, six numbers each, in
-rad and m. The maker does not document the file; these keys are those that public programs read, and that owners of
-robots show in public (forum.universal-robots.com, threads 538 and 18921; ros-industrial/universal_robot, issue 357).
-The table with these differences has its second and third links hundreds of metres along nearly parallel axes (Universal
-Robots, ur_calibration, "Calibration correction algorithm"). Where it is read, the same axes are described anew, with
-Hayati's beta; where it is written, without.
+A controller stores the factory calibration as differences from the nominal Denavit-Hartenberg table (distal): the lists
+``delta_theta``, ``delta_a``, ``delta_d`` and ``delta_alpha`` of the section ``[mounting]``, six numbers each, in rad
+and m. The maker does not document the file; these keys are those of public programs and files
+(forum.universal-robots.com, threads 538 and 18921; ros-industrial/universal_robot, issue 357). The corrected table has
+its second and third links hundreds of metres along nearly parallel axes (Universal Robots, ur_calibration, "Calibration
+correction algorithm"). After reading, the same axes are described with Hayati's beta; for writing, without.
 
 ``ur_description`` reads a YAML file with the origin of each joint, ``x y z roll pitch yaw`` in the frame of the joint
 before it (config/ur5e/default_kinematics.yaml; the angles are those of a URDF). The frames are placed as there: z along
-the axis of the joint, x along that of the base where all joints are at zero.
+the axis of the joint, x along that of the base at zero joint positions.
 """
 
 import ast
@@ -36,7 +35,7 @@ _KEYS = ("delta_theta", "delta_d", "delta_a", "delta_alpha")
 _RANGES = (CORRECTION_RAD, CORRECTION_D_M, CORRECTION_A_M, CORRECTION_RAD)  # of the keys
 _LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 _AXES = np.array([[0, 0, 1], [0, -1, 0], [0, -1, 0], [0, -1, 0], [0, 0, -1], [0, -1, 0]], dtype=np.float64)
-_NEAR = 0.05  # by which directions of nominal axes may differ from these, and offsets from zero be told from lengths, m
+_NEAR = 0.05  # tolerance of nominal directions, and of offsets (m)
 _LENGTHS: Mapping[str, tuple[float, ...]] = {  # d1, a2, a3, d4, d5, d6 in m (Universal Robots, "DH parameters")
     "UR3": (0.1519, -0.24365, -0.21325, 0.11235, 0.08535, 0.0819),
     "UR5": (0.089159, -0.425, -0.39225, 0.10915, 0.09465, 0.0823),
@@ -49,7 +48,7 @@ _LENGTHS: Mapping[str, tuple[float, ...]] = {  # d1, a2, a3, d4, d5, d6 in m (Un
     "UR30": (0.2363, -0.637, -0.5037, 0.201, 0.1593, 0.1543),
 }
 _ALPHAS = (np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0)
-_ANOTHER_M = 0.01  # a nominal model that is farther from all of these is of none of them
+_ANOTHER_M = 0.01  # tolerance of nominal lengths
 _EXACTLY_PARALLEL = 1e-10
 _YAML_HEAD = """\
 # The identified geometry of {name}, as ur_description reads it:
@@ -68,7 +67,7 @@ _CONF_HEAD = """\
 
 @dataclass(frozen=True)
 class _UrFrames:
-    """The frames of a Universal Robots arm at zero joint positions.
+    """Frames of a Universal Robots arm at zero joint positions.
 
     Attributes:
         T_instrument_base: pose ``(4, 4)`` (m) of the controller's base, with z on axis 1, in the instrument's frame.
@@ -113,7 +112,7 @@ def _list(path: Path, key: str, text: str) -> Array:
 
 
 def _kinematics(identified: IdentifiedRobot[SerialArm, object]) -> str:
-    """The YAML of an identified arm; "" where it is none of this maker's."""
+    """Return the YAML of an identified arm; "" for another maker."""
     found = ur_frames(identified.arm, identified.values)
     if found is None:
         return ""
@@ -129,12 +128,12 @@ def _kinematics(identified: IdentifiedRobot[SerialArm, object]) -> str:
 
 
 def _corrections(identified: IdentifiedRobot[SerialArm, object]) -> str:
-    """The controller's lists of an identified arm; "" where the maker's table of it is not known."""
+    """Return the controller's lists of an identified arm; "" for an unknown table."""
     found, nominal = (ur_frames(identified.arm, v) for v in (identified.values, identified.arm.nominal()))
     if found is None or nominal is None:
         return ""
     lengths = _lengths(nominal.joints)
-    apart = {model: np.abs(lengths - np.array(known)).max() for model, known in _LENGTHS.items()}
+    apart = {model: np.abs(lengths - np.array(own)).max() for model, own in _LENGTHS.items()}
     if apart[model := min(apart, key=lambda each: apart[each])] > _ANOTHER_M:
         return ""
     delta = _distal_table(found.joints) - _maker_table(_LENGTHS[model])
@@ -152,7 +151,7 @@ UR_CORRECTIONS = DescriptionFormat("calibration.conf", _corrections)
 
 
 def _places(targets: Sequence[str], found: _UrFrames, base: str) -> str:
-    """Comments: where the base is, and where the measured points are."""
+    """Return comments with the positions of the base and of the measured points."""
     six = " ".join(repr(each) for each in _six(found.T_instrument_base))
     lines = [f"# {base} in the frame of the measurements, x y z roll pitch yaw (m, rad): {six}"]
     for target, point in zip(targets, found.points.tolist(), strict=True):
@@ -161,15 +160,15 @@ def _places(targets: Sequence[str], found: _UrFrames, base: str) -> str:
 
 
 def _six(T: Array) -> list[float]:
-    """Position (m), and roll, pitch and yaw (rad), of a pose ``(4, 4)``; zeros without a sign."""
+    """Return position (m), and roll, pitch and yaw (rad), of a pose ``(4, 4)``; zeros without a sign."""
     return [value + 0.0 for value in [*T[:3, 3].tolist(), *se3.roll_pitch_yaw(T[:3, :3]).tolist()]]
 
 
 def ur_frames(arm: SerialArm, values: Array) -> _UrFrames | None:
-    """The frames of an arm with parameters ``values`` ``(p,)``, as the maker places them; None of another arm.
+    """Return the frames of an arm with parameters ``values`` ``(p,)``, as the maker places them; None for another arm.
 
-    Whose arm it is follows from the nominal axes. What an identified last link is displaced by beyond its joint's axis
-    turns with tool0 like a tool, and is in the points: tool0 itself stays on the axis, as both formats have it.
+    The nominal axes identify the maker. Displacements of an identified last link beyond its joint's axis are in the
+    points, as of a tool: tool0 stays on the axis in both formats.
     """
     chain = arm.chain
     if chain.size != len(_LINKS) or any(chain.prismatic):
@@ -182,7 +181,7 @@ def ur_frames(arm: SerialArm, values: Array) -> _UrFrames | None:
     placed = _placed(tuple(turn @ T for T in nominal))
     if placed is None:
         return None
-    last_tool0 = se3.inverse(turn @ nominal[-1]) @ placed[-1]  # mostly one: how the nominal model has its last frame
+    last_tool0 = se3.inverse(turn @ nominal[-1]) @ placed[-1]  # mostly one
     frames = [turn @ T for T in _axis_frames(arm, values)]
     found = _placed(tuple(frames))
     assert found is not None
@@ -198,14 +197,13 @@ def ur_frames(arm: SerialArm, values: Array) -> _UrFrames | None:
 
 
 def _across(row: Array) -> Array:
-    """Tx(a) Rx(alpha) Ry(beta) ``(4, 4)`` of a row ``(5,)``."""
     _, _, a, alpha, beta = row
     turn = se3.exp(np.array([alpha, 0.0, 0.0])) @ se3.exp(np.array([0.0, beta, 0.0]))
     return se3.pose(turn, np.array([a, 0.0, 0.0]))
 
 
 def _axis_frames(arm: SerialArm, values: Array) -> list[Array]:
-    """Frames ``(4, 4)`` (m) on the joints' axes at zero, z as each counts, in a base whose z is axis 1."""
+    """Return frames ``(4, 4)`` (m) on the joints' signed axes at zero, in a base with z on axis 1."""
     tree = link_tree(arm, values)
     _, table, _ = arm.split(values)
     pose = se3.inverse(_across(table[0])) if arm.chain.convention == "craig" else np.eye(4)
@@ -218,7 +216,7 @@ def _axis_frames(arm: SerialArm, values: Array) -> list[Array]:
 
 
 def _placed(frames: tuple[Array, ...]) -> tuple[Array, ...] | None:
-    """Place frames along and about their axes as ``ur_description`` does; return None if the shoulders are apart."""
+    """Place frames along and about their axes as ``ur_description``; None if the shoulders are apart."""
     z = [T[:3, 2] for T in frames]
     points = [T[:3, 3] for T in frames]
     shoulder = _foot(points[0], z[0], points[1], z[1])
@@ -233,23 +231,22 @@ def _placed(frames: tuple[Array, ...]) -> tuple[Array, ...] | None:
 
 
 def _lengths(frames: tuple[Array, ...]) -> Array:
-    """d1, a2, a3, d4, d5 and d6 ``(6,)`` (m) of nominal frames."""
+    """Return d1, a2, a3, d4, d5 and d6 ``(6,)`` (m) of nominal frames."""
     shoulder, _, elbow, wrist, roll, tip = (T[:3, 3] for T in frames)
     d4 = -(wrist - elbow)[1]
     return np.array([shoulder[2], elbow[0], (wrist - elbow)[0], d4, -(roll - wrist)[2], -(tip - roll)[1]])
 
 
 def _maker_table(lengths: Sequence[float]) -> Array:
-    """The maker's table ``(6, 4)``: theta, d, a, alpha."""
     d1, a2, a3, d4, d5, d6 = lengths
     return np.array([np.zeros(6), [d1, 0, 0, d4, d5, d6], [0, a2, a3, 0, 0, 0], _ALPHAS]).T
 
 
 def _distal_table(frames: tuple[Array, ...]) -> Array:
-    """Theta, d, a and alpha ``(6, 4)`` of Denavit and Hartenberg, without a beta, of axes and tool0 in the base.
+    """Return theta, d, a and alpha ``(6, 4)`` of Denavit and Hartenberg, without a beta, of axes and tool0 in the base.
 
-    Of the two common normals of neighbouring axes the one is taken that turns the less. The places d along nearly
-    parallel axes are large; where they would be beyond what the file may hold, the axes are taken for parallel.
+    Of two common normals the one with the smaller turn is used. Nearly parallel axes have large d; beyond the limit of
+    the file they count as parallel.
     """
     x, z, origin = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]), np.zeros(3)
     table = np.zeros((6, 4))
@@ -274,19 +271,17 @@ def _distal_table(frames: tuple[Array, ...]) -> Array:
 
 
 def _angle(u: Array, v: Array, about: Array) -> float:
-    """The angle from u to v about an axis normal to both."""
     return float(np.arctan2(np.dot(np.cross(u, v), about), np.dot(u, v)))
 
 
 def _frame(origin: Array, z: Array) -> Array:
-    """A frame with z along an axis, and x as near as can be to the base's."""
+    """Return a frame with z along an axis, and x nearest to the base's."""
     x = np.array([1.0, 0.0, 0.0]) - z * z[0]
     x /= np.linalg.norm(x)
     return se3.pose(np.stack([x, np.cross(z, x), z], axis=1), origin)
 
 
 def _foot(p: Array, u: Array, q: Array, v: Array) -> Array:
-    """The point of the line p + s u that is nearest to the line q + t v."""
+    """Return the point of the line p + s u nearest to the line q + t v."""
     normal = np.cross(u, v)
-    foot: Array = p + u * (np.dot(np.cross(q - p, v), normal) / np.dot(normal, normal))
-    return foot
+    return np.asarray(p + u * (np.dot(np.cross(q - p, v), normal) / np.dot(normal, normal)))

@@ -1,12 +1,12 @@
 """Read, patch and write URDF files.
 
-A URDF as it comes from elsewhere, made ready for MuJoCo: meshes found and read, the base a link of its own.
-
-Meshes are looked for as ROS names them: ``package://NAME/...`` in a folder NAME, or in one that holds the package, up
-the tree from the file; ``file://`` and plain paths beside the file. STL, OBJ and DAE are read.
+For MuJoCo, meshes are found and read, and the base becomes a link. Meshes are searched as by ROS:
+``package://NAME/...`` in a folder NAME, or in one with the package, up the tree from the file; ``file://`` and plain
+paths beside the file. STL, OBJ and DAE are read.
 """
 
 import re
+import struct
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
@@ -14,12 +14,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.limits import MESH_BYTES, TEXT_BYTES
 from lab.core.se3 import Array
-from lab.formats.collada import stl_of_collada, stl_of_triangles
 from lab.formats.description import IdentifiedRobot
 from lab.formats.link_tree import Link, free_name, last_axis_frame, link_tree
 from lab.formats.structured import read_bytes, read_text
@@ -35,6 +35,7 @@ __all__ = [
     "is_urdf",
     "mesh_files",
     "read_urdf",
+    "stl_of_collada",
     "with_origins",
     "xacro_properties",
 ]
@@ -49,11 +50,10 @@ A velocity or an effort of 0 is not given.
 
 
 def identified_urdf(identified: IdentifiedRobot[SerialArm, object]) -> str:
-    """The identified arm as links and joints, to the last digit.
+    """Return the identified arm as links and joints, to the last digit.
 
-    Joints have the chain's names. Links are those of ``formats.link_tree``: the instrument's frame, the
-    table's frame 0, one a joint, the table's last frame, and one a target; of an arm of Universal Robots also tool0, as
-    ``ur_kinematics.yaml`` has it.
+    Joints have the chain's names. Links are those of ``link_tree``: the instrument's frame, frame 0, one a joint, the
+    last frame, and one a target; for Universal Robots also tool0, as in ``ur_kinematics.yaml``.
     """
     chain, loads = identified.arm.chain, identified.loads
     root = ET.Element("robot", name=identified.name)
@@ -70,7 +70,7 @@ def identified_urdf(identified: IdentifiedRobot[SerialArm, object]) -> str:
 
 
 def _tool0(identified: IdentifiedRobot[SerialArm, object]) -> list[Link]:
-    """Tool0 of an arm of Universal Robots, fixed to the last link; none of another arm."""
+    """Return tool0 of an arm of Universal Robots, fixed to the last link; none for another arm."""
     arm, values = identified.arm, identified.values
     found, tree = ur_frames(arm, values), link_tree(arm, values)
     name = free_name("tool0", [link.name for link in tree.links])
@@ -85,20 +85,19 @@ def _add_mass(element: ET.Element, mass_kg: float, centre: Array) -> None:
     inertial = ET.SubElement(element, "inertial")
     ET.SubElement(inertial, "origin", xyz=_numbers(centre), rpy="0 0 0")
     ET.SubElement(inertial, "mass", value=repr(mass_kg))
-    moment = repr(_placeholder_inertia(mass_kg))
+    moment = repr(mass_kg * _GYRATION_M**2)  # some readers refuse a moving link without an inertia
     ET.SubElement(inertial, "inertia", ixx=moment, iyy=moment, izz=moment, ixy="0", ixz="0", iyz="0")
 
 
 def _add_joint(root: ET.Element, chain: Chain, link: Link, parent: str) -> None:
-    """The joint that moves the link, or fixes it to its parent."""
     i = link.joint
     kind = "fixed" if i is None else "prismatic" if chain.prismatic[i] else "revolute"
     name = free_name(f"{link.name}_fixed", chain.joint_names) if i is None else chain.joint_names[i]
     joint = ET.SubElement(root, "joint", name=name, type=kind)
     ET.SubElement(joint, "parent", link=parent)
     ET.SubElement(joint, "child", link=link.name)
-    T = link.T_parent_link
-    ET.SubElement(joint, "origin", xyz=_numbers(T[:3, 3]), rpy=_numbers(se3.roll_pitch_yaw(T[:3, :3])))
+    xyz, rpy = _origin(link.T_parent_link)
+    ET.SubElement(joint, "origin", xyz=xyz, rpy=rpy)
     if i is None:
         return
     ET.SubElement(joint, "axis", xyz=_numbers(np.array([0.0, 0.0, link.sign])))
@@ -107,7 +106,7 @@ def _add_joint(root: ET.Element, chain: Chain, link: Link, parent: str) -> None:
 
 
 def _mass_and_centre(loads: Loads | None, link: Link) -> tuple[float, Array]:
-    """Mass (kg) and its centre ``(3,)`` (m) in the frame of a moving link: the nominal model's, or a placeholder."""
+    """Return mass (kg) and centre ``(3,)`` (m) in the frame of a moving link, nominal or placeholders."""
     assert link.joint is not None
     mass = 0.0 if loads is None else float(loads.mass_kg[link.joint])
     if loads is None or mass <= 0:
@@ -115,20 +114,14 @@ def _mass_and_centre(loads: Loads | None, link: Link) -> tuple[float, Array]:
     return mass, se3.transform(link.T_link_frame, loads.centre_m[link.joint][None])[0]
 
 
-def _placeholder_inertia(mass_kg: float) -> float:
-    """A moment of inertia (kg m^2) about every axis, for readers that refuse a moving link without one."""
-    return mass_kg * _GYRATION_M**2
-
-
 def _masses_note(loads: Loads | None) -> str:
-    """Return a comment for the file on where its masses come from."""
     if loads is None:
         return "Masses and inertias are placeholders: the robot's are not given."
     return "Masses and their centres are the nominal model's (1 g where it has none); inertias are placeholders."
 
 
 def _numbers(vector: Array) -> str:
-    """Format a vector with every digit, separated by spaces; zero has no sign."""
+    """Format a vector with every digit; zero has no sign."""
     return " ".join(repr(float(value) + 0.0) for value in vector)
 
 
@@ -140,12 +133,7 @@ _ORIGIN = re.compile(r"<origin\b[^>]*?(/>|>\s*</origin\s*>)", re.DOTALL)
 
 
 def with_origins(text: str, origins: Mapping[str, Array]) -> str:
-    """The text with the origins of some joints replaced.
-
-    Args:
-        text: of a URDF.
-        origins: poses ``(4, 4)`` (m) of the joints' frames in their parents', by the joints' names.
-    """
+    """Replace the origins of joints in a URDF by poses ``(4, 4)`` (m) in their parents' frames."""
     plain = _COMMENT.sub(lambda match: " " * len(match[0]), text)  # comments may hold joints too
     found, parts, at = set[str](), list[str](), 0
     for joint in _JOINT.finditer(plain):
@@ -154,42 +142,35 @@ def with_origins(text: str, origins: Mapping[str, Array]) -> str:
         found.add(joint["name"])
         origin = _ORIGIN.search(plain, joint.start("body"), joint.end("body"))
         start, end = origin.span() if origin else (joint.start("body"), joint.start("body"))
-        parts += [text[at:start], _element(origins[joint["name"]])]
+        xyz, rpy = _origin(origins[joint["name"]])
+        parts += [text[at:start], f'<origin xyz="{xyz}" rpy="{rpy}"/>']
         at = end
     if missing := sorted(set(origins) - found):
         raise LabError(f"joint {missing[0]} is not in the URDF as a joint with an origin; its text cannot be patched")
     return "".join([*parts, text[at:]])
 
 
-def _element(T: Array) -> str:
-    xyz, rpy = _origin_numbers(T)
-    return f'<origin xyz="{xyz}" rpy="{rpy}"/>'
-
-
-def _origin_numbers(T: Array) -> tuple[str, str]:
-    vectors = T[:3, 3], np.asarray(se3.roll_pitch_yaw(T[:3, :3]))
-    xyz, rpy = (" ".join(repr(float(value) + 0.0) for value in vector) for vector in vectors)
-    return xyz, rpy
+def _origin(T: Array) -> tuple[str, str]:
+    return _numbers(T[:3, 3]), _numbers(se3.roll_pitch_yaw(T[:3, :3]))
 
 
 def is_from_xacro(text: str) -> bool:
-    """Decide whether a URDF was generated from a xacro, by its own comment."""
+    """Check whether a URDF was generated from a xacro, by its own comment."""
     return "autogenerated by xacro" in text
 
 
 def xacro_properties(origins: Mapping[str, Array]) -> str:
-    """The origins as properties of xacro, to be included in a source: ``JOINT_xyz`` and ``JOINT_rpy``."""
+    """Return the origins as xacro properties ``JOINT_xyz`` and ``JOINT_rpy``, for inclusion in a source."""
     lines = ['<?xml version="1.0"?>', '<robot xmlns:xacro="http://www.ros.org/wiki/xacro">']
     lines.append("  <!-- Identified origins: include this file, and give each joint")
     lines.append('       <origin xyz="${JOINT_xyz}" rpy="${JOINT_rpy}"/>, with its name for JOINT -->')
     for name, T in origins.items():
         word = re.sub(r"\W", "_", name)
-        for end, numbers in zip(("xyz", "rpy"), _origin_numbers(T), strict=True):
+        for end, numbers in zip(("xyz", "rpy"), _origin(T), strict=True):
             lines.append(f'  <xacro:property name="{word}_{end}" value="{numbers}"/>')
     return "\n".join([*lines, "</robot>", ""])
 
 
-_WORLD = "world"
 _XACRO = "www.ros.org/wiki/xacro"
 
 
@@ -199,8 +180,8 @@ class UrdfSource:
 
     Attributes:
         text: the URDF, with meshes named as in ``assets``.
-        assets: the content of each mesh, as STL or OBJ.
-        missing: a mesh that is absent or unreadable, and where it was searched for; "" if all are read.
+        assets: content of each mesh, as STL or OBJ.
+        missing: a missing or unreadable mesh, and the paths tried, or "".
         fixed_joints: joints of a gripper, fixed at zero.
     """
 
@@ -211,15 +192,15 @@ class UrdfSource:
 
 
 def is_urdf(path: Path) -> bool:
-    """Decide whether a file is a URDF: by its suffix, or by its beginning."""
+    """Check whether a file is a URDF: by its suffix, or by its beginning."""
     return path.suffix == ".urdf" or b"<robot" in read_bytes(path, TEXT_BYTES)[:4096]
 
 
 def read_urdf(path: Path) -> UrdfSource:
     """Read a URDF and its meshes.
 
-    Links whose shape is given for looks alone keep it where no link has one for collisions. Where an arm forks into
-    branches that all have fewer joints than it has, these are taken for a gripper, and held at zero.
+    Visual shapes are used only if no link has collision shapes. If an arm forks into branches that all have fewer
+    joints, these are a gripper, fixed at zero.
     """
     text = read_text(path, TEXT_BYTES)
     if "<!ENTITY" in text or "<!DOCTYPE" in text:
@@ -244,17 +225,16 @@ def read_urdf(path: Path) -> UrdfSource:
             mesh.set("filename", asset)
         except LabError as error:
             missing = missing or str(error)
-    compiler = (
-        ET.SubElement(ET.SubElement(root, "mujoco"), "compiler")
-        if root.find("mujoco/compiler") is None
-        else (next(root.iter("compiler")))
-    )
+    if root.find("mujoco/compiler") is None:
+        compiler = ET.SubElement(ET.SubElement(root, "mujoco"), "compiler")
+    else:
+        compiler = next(root.iter("compiler"))
     compiler.set("strippath", "false")
     return UrdfSource(ET.tostring(root, encoding="unicode"), assets, missing, held)
 
 
 def mesh_files(path: Path) -> Iterator[Path]:
-    """The meshes of a URDF, as far as they are there."""
+    """Yield the existing meshes of a URDF."""
     try:
         root = ET.fromstring(read_text(path, TEXT_BYTES))
     except ET.ParseError as error:
@@ -274,7 +254,7 @@ def _refuse_loose_joints(path: Path, root: ET.Element) -> None:
 
 
 def _keep_solid_shapes(root: ET.Element) -> None:
-    """Drop what is for looks alone where there are shapes for collisions, else take it for these."""
+    """Keep collision shapes, or visual ones if there are none."""
     links = root.findall("link")
     has_solid = any(link.find("collision") is not None for link in links)
     for link in links:
@@ -286,7 +266,7 @@ def _keep_solid_shapes(root: ET.Element) -> None:
 
 
 def _hold_gripper(root: ET.Element) -> tuple[str, ...]:
-    """Fix the joints beyond the place where an arm forks into shorter branches; their names."""
+    """Fix the joints of shorter branches beyond a fork, and return their names."""
     joints = {joint.find("child").get("link"): joint for joint in root.findall("joint")}  # type: ignore[union-attr]
     carriers = {joint.find("parent").get("link") for joint in joints.values()}  # type: ignore[union-attr]
     chains = []
@@ -310,15 +290,13 @@ def _hold_gripper(root: ET.Element) -> tuple[str, ...]:
 
 
 def _add_world(root: ET.Element) -> None:
-    """Fix the base to a world: MuJoCo takes a root link for the world itself, whose contacts it cannot leave out."""
+    """Fix the base to a world: MuJoCo takes a root link for the world, whose contacts cannot be excluded."""
     children = {child.get("link") for child in root.iter("child")}
     roots = [link for link in root.findall("link") if link.get("name") not in children]
-    names = {link.get("name") for link in root.findall("link")}
+    names = {link.get("name", "") for link in root.findall("link")}
     if len(roots) != 1 or roots[0].find("collision") is None:
         return
-    world = _WORLD
-    while world in names:
-        world += "_"
+    world = free_name("world", names)
     base = roots[0].get("name", "")
     ET.SubElement(root, "link", name=world)
     joint = ET.SubElement(root, "joint", name=f"{base}_to_{world}", type="fixed")
@@ -327,7 +305,6 @@ def _add_world(root: ET.Element) -> None:
 
 
 def _found(path: Path, name: str) -> Path:
-    """The file of a mesh."""
     tried = list(_places(path.resolve(), name))
     for file in tried:
         if file.is_file():
@@ -351,7 +328,6 @@ def _places(path: Path, name: str) -> Iterator[Path]:
 
 
 def _content(file: Path) -> bytes:
-    """A mesh as binary STL or OBJ."""
     content, ending = read_bytes(file, MESH_BYTES), file.suffix.lower()
     if ending == ".dae":
         return stl_of_collada(file, content)
@@ -363,7 +339,6 @@ def _content(file: Path) -> bytes:
 
 
 def _binary_stl(file: Path, content: bytes) -> bytes:
-    """A binary STL as it is, one in text as binary."""
     count = int.from_bytes(content[80:84], "little")
     if len(content) >= 84 + 50 * count and not content.lstrip().startswith(b"solid "):
         return content
@@ -371,6 +346,125 @@ def _binary_stl(file: Path, content: bytes) -> bytes:
         return content
     try:
         corners = [line.split()[1:4] for line in content.decode("ascii").splitlines() if line.split()[:1] == ["vertex"]]
-        return stl_of_triangles(np.array(corners, dtype=np.float64).reshape(-1, 3, 3))
+        return _stl_of_triangles(np.array(corners, dtype=np.float64).reshape(-1, 3, 3))
     except ValueError as error:
         raise LabError(f"{file}: not a readable STL ({error}); export the mesh again") from error
+
+
+# Triangles of a COLLADA file (DAE), placed by the nodes of its scene, in metres. Its up axis is ignored, as
+# by the readers of robot descriptions (COLLADA 1.4.1, Khronos Group 2008).
+
+_HEADER = 80  # bytes of a binary STL before the number of its triangles
+
+
+def _stl_of_triangles(triangles: Array) -> bytes:
+    """Return a binary STL of triangles ``(n, 3, 3)``."""
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    record = np.zeros(len(triangles), dtype=[("numbers", "<f4", (4, 3)), ("rest", "<u2")])
+    record["numbers"][:, 0] = normals / np.where(lengths > 0, lengths, 1.0)
+    record["numbers"][:, 1:] = triangles
+    return bytes(_HEADER) + struct.pack("<I", len(triangles)) + record.tobytes()
+
+
+def stl_of_collada(path: Path, content: bytes) -> bytes:
+    """Return the triangles of a COLLADA file as a binary STL."""
+    try:
+        root = ET.fromstring(content)
+    except ET.ParseError as error:
+        raise LabError(f"{path}: not a COLLADA file: {error}; export the mesh again") from error
+    for element in root.iter():
+        element.tag = element.tag.rsplit("}", 1)[-1]  # without the name space
+    unit = root.find("asset/unit")
+    scale = 1.0 if unit is None else float(unit.get("meter", "1"))
+    try:
+        found = list(_scene_triangles(root))
+    except (ValueError, KeyError, IndexError, AttributeError) as error:
+        raise LabError(f"{path}: its geometry cannot be read ({error!r}); export the mesh as STL") from error
+    if not found:
+        raise LabError(f"{path}: has no triangle; export the mesh as STL")
+    return _stl_of_triangles(scale * np.concatenate(found))
+
+
+def _scene_triangles(root: ET.Element) -> Iterator[Array]:
+    """Yield the triangles of every geometry in the scene, or of all without a scene."""
+    geometries = {each.get("id"): each for each in root.iter("geometry")}
+    nodes = {each.get("id"): each for each in root.iter("node")}
+    scenes = root.findall("library_visual_scenes/visual_scene")
+    if not scenes:
+        for geometry in geometries.values():
+            yield from _triangles(geometry)
+    for scene in scenes:
+        for node in scene.findall("node"):
+            yield from _of_node(node, np.eye(4), geometries, nodes)
+
+
+def _of_node(
+    node: ET.Element, T_parent: Array, geometries: dict[str | None, ET.Element], nodes: dict[str | None, ET.Element]
+) -> Iterator[Array]:
+    T = T_parent @ _node_pose(node)
+    for instance in node.findall("instance_geometry"):
+        for triangles in _triangles(geometries[instance.get("url", "").removeprefix("#")]):
+            yield triangles @ T[:3, :3].T + T[:3, 3]
+    for child in node.findall("node"):
+        yield from _of_node(child, T, geometries, nodes)
+    for reference in node.findall("instance_node"):
+        yield from _of_node(nodes[reference.get("url", "").removeprefix("#")], T, geometries, nodes)
+
+
+def _node_pose(node: ET.Element) -> Array:
+    T = np.eye(4)
+    for element in node:
+        numbers = np.array((element.text or "").split(), dtype=np.float64) if element.tag in _STEPS else None
+        if numbers is not None:
+            T = T @ _STEPS[element.tag](numbers)
+    return T
+
+
+_STEPS = {
+    "matrix": lambda numbers: numbers.reshape(4, 4),
+    "translate": lambda numbers: se3.pose(np.eye(3), numbers),
+    "rotate": lambda numbers: se3.pose(se3.exp(np.deg2rad(numbers[3]) * numbers[:3]), np.zeros(3)),
+    "scale": lambda numbers: np.diag([*numbers, 1.0]),
+}
+
+
+def _triangles(geometry: ET.Element) -> Iterator[Array]:
+    """Yield triangles ``(n, 3, 3)`` of each group of a geometry; a polygon is a fan about its first corner."""
+    sources = {f"#{each.get('id')}": each for each in geometry.iter("source")}
+    vertices = {
+        f"#{each.get('id')}": next(i.get("source") for i in each.findall("input") if i.get("semantic") == "POSITION")
+        for each in geometry.iter("vertices")
+    }
+    for group in (each for tag in ("triangles", "polylist", "polygons") for each in geometry.iter(tag)):
+        inputs = group.findall("input")
+        stride = 1 + max(int(each.get("offset", "0")) for each in inputs)
+        vertex = next(each for each in inputs if each.get("semantic") == "VERTEX")
+        points = _points(sources[vertices[vertex.get("source", "")] or ""])
+        corners = [
+            np.array((each.text or "").split(), dtype=np.int_).reshape(-1, stride)[:, int(vertex.get("offset", "0"))]
+            for each in group.findall("p")
+        ]
+        yield points[np.concatenate([_fans(group, each) for each in corners])]
+
+
+def _points(source: ET.Element) -> Array:
+    array, accessor = source.find("float_array"), source.find("technique_common/accessor")
+    assert array is not None
+    stride = 3 if accessor is None else int(accessor.get("stride", "3"))
+    return np.array((array.text or "").split(), dtype=np.float64).reshape(-1, stride)[:, :3]
+
+
+def _fans(group: ET.Element, corners: NDArray[np.int_]) -> NDArray[np.int_]:
+    """Return the corners ``(n, 3)`` of triangles."""
+    counts = group.find("vcount")
+    if group.tag == "triangles":
+        return corners.reshape(-1, 3)
+    sizes = [len(corners)] if counts is None else [int(each) for each in (counts.text or "").split()]
+    ends = np.cumsum(sizes)
+    fans = [
+        np.stack([np.full(size - 2, end - size), np.arange(end - size + 1, end - 1), np.arange(end - size + 2, end)], 1)
+        for size, end in zip(sizes, ends.tolist(), strict=True)
+        if size >= 3
+    ]
+    return np.asarray(corners[np.concatenate(fans)])

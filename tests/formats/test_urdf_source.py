@@ -9,8 +9,7 @@ import trimesh
 
 from lab.campaign.robot import load_robot, load_virtual
 from lab.core.errors import LabError
-from lab.formats.collada import stl_of_collada
-from lab.formats.urdf import is_urdf, read_urdf
+from lab.formats.urdf import is_urdf, read_urdf, stl_of_collada
 
 BOX = trimesh.creation.box((0.06, 0.08, 0.30))
 

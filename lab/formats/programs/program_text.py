@@ -1,8 +1,7 @@
-"""Notation of poses and joint positions in controllers' programs: units, and the meaning of angles.
+"""Targets, moves and frames in the text of controllers' programs, and the notation of poses.
 
-A rotation has many forms: a quaternion and its negative, three angles and others half a turn away, a rotation vector
-and others a whole turn away, and at gimbal lock any share of two angles. Written is the one that is nearest to the
-numbers that a text has already.
+A rotation has many forms: a quaternion and its negative, angles half a turn away, rotation vectors a whole turn away,
+and at gimbal lock any two angles. The form nearest to the numbers of the text is written.
 """
 
 import re
@@ -48,7 +47,7 @@ __all__ = [
     "written",
 ]
 
-_LOCKED = 1e-7  # of the middle angle's cosine: the two others are then one
+_LOCKED = 1e-7  # cosine of the middle angle at gimbal lock
 _TURN, _HALF = 360.0, 180.0
 
 
@@ -57,11 +56,11 @@ class PoseSpelling:
     """Notation of a pose in a controller: three coordinates and three or four numbers of a rotation.
 
     Attributes:
-        per_m: of the unit of length.
-        parts: how many numbers a rotation has.
-        rotation: of those numbers, ``(3, 3)``.
-        near: the numbers of a rotation ``(3, 3)`` nearest to others.
-        words: units and meaning, for people.
+        per_m: number of length units in a metre.
+        parts: number of a rotation's numbers.
+        rotation: from these numbers to ``(3, 3)``.
+        near: from a rotation ``(3, 3)`` to its numbers nearest to others.
+        description: units and meaning.
     """
 
     per_m: float
@@ -71,13 +70,13 @@ class PoseSpelling:
     description: str
 
     def pose(self, values: Array) -> Array:
-        """The pose ``(4, 4)`` (m) of numbers."""
+        """Return the pose ``(4, 4)`` (m) of numbers."""
         return se3.pose(self.rotation(values[3:]), values[:3] / self.per_m)
 
     def spelt(self, T: Array, was: Array) -> Array:
-        """The numbers of a pose ``(4, 4)`` (m), nearest to those of a text.
+        """Return the numbers of a pose ``(4, 4)`` (m), nearest to those of a text.
 
-        Added to the text's numbers is what changes, so that a quaternion that was rounded stays as long as it is.
+        Changes are added to the text's numbers, so that a rounded quaternion keeps its length.
         """
         same = self.near(self.rotation(was[3:]), was[3:])
         length = float(np.linalg.norm(was[3:])) if self.parts == 4 else 1.0
@@ -91,7 +90,7 @@ def _quaternion_near(R: Array, was: Array) -> Array:
 
 
 def _vector_near(R: Array, was: Array) -> Array:
-    """The rotation vector nearest to another one, by whole turns about its axis."""
+    """Return the rotation vector nearest to another one, by whole turns about its axis."""
     found = se3.log(R)
     angle = float(np.linalg.norm(found))
     if angle < 1e-12:
@@ -106,7 +105,7 @@ def _fixed_matrix(values: Array) -> Array:
 
 
 def _fixed_near(R: Array, was: Array) -> Array:
-    """Angles (deg) about the fixed axes x, y and z nearest to others."""
+    """Return angles (deg) about the fixed axes x, y and z nearest to others."""
     middle = np.hypot(R[0, 0], R[1, 0])
     if middle < _LOCKED:
         last = np.deg2rad(was[2])
@@ -119,7 +118,7 @@ def _fixed_near(R: Array, was: Array) -> Array:
     choices = [found, np.array([found[0] + _HALF, _HALF - found[1], found[2] + _HALF])]
     near = [each + _TURN * np.round((was - each) / _TURN) for each in choices]
     best = np.asarray(min(near, key=lambda each: float(np.abs(each - was).sum())))
-    usual = np.abs(was) <= _HALF  # what a text keeps within half a turn stays so
+    usual = np.abs(was) <= _HALF  # numbers within half a turn stay so
     return np.where(usual & (np.abs(best) > _HALF), best - _TURN * np.sign(best), best)
 
 
@@ -128,7 +127,7 @@ def _moving_zyx_near(R: Array, was: Array) -> Array:
 
 
 def _moving_xyz_near(R: Array, was: Array) -> Array:
-    """R = Rx Ry Rz is the inverse of turns about the fixed axes, by the opposite angles."""
+    """Return angles of R = Rx Ry Rz, the inverse of turns about the fixed axes by opposite angles."""
     return -_fixed_near(R.T, -was)
 
 
@@ -149,16 +148,16 @@ ROTATION_VECTOR = PoseSpelling(1.0, 3, se3.exp, _vector_near, "m and a rotation 
 
 NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
 _MOST_DIGITS = int(DIGITS.most)
-_NOTHING = 1e-9  # m, mm, rad, degrees or pulses: a change that is none
+_NOTHING = 1e-9  # m, mm, rad, degrees or pulses: no change
 _ALIGNED = "  "  # before a number that is aligned to the right
 
 
 class Number(NamedTuple):
-    """A number as a text has it; a program has some hundred thousand.
+    """A number in a text.
 
     Attributes:
-        start: of its first character in the text.
-        text: as it is written.
+        start: index of its first character.
+        text: as written.
     """
 
     start: int
@@ -171,7 +170,7 @@ class Number(NamedTuple):
 
     @property
     def digits(self) -> int:
-        """Number of decimal places, with the exponent counted."""
+        """Number of decimals, with the exponent."""
         mantissa, _, exponent = self.text.lower().partition("e")
         _, _, places = mantissa.partition(".")
         if not float(self.text):
@@ -190,10 +189,10 @@ def values_of(numbers: Sequence[Number]) -> Array:
 
 
 def written(number: Number, value: float, digits: int) -> str:
-    """Another value in the form of a number; its own text where it says that already, to its last digit.
+    """Return another value in the form of a number; unchanged if equal to its last digit.
 
     Args:
-        digits: places behind the point, at least; as many as the number has anyway.
+        digits: least number of decimals.
     """
     least = max(number.digits, digits)
     if abs(value - number.value) <= max(0.5 * 10.0**-least, _NOTHING):
@@ -208,26 +207,25 @@ def written(number: Number, value: float, digits: int) -> str:
 
 
 def whole_number(digits: str) -> str:
-    """Digits without leading zeros: 01 and 1 number the same tool."""
+    """Return digits without leading zeros: 01 and 1 number the same tool."""
     return digits.lstrip("0") or "0"
 
 
 def line_of(text: str, offset: int) -> int:
-    """The line of a character, as an editor counts them."""
+    """Return the line of a character, from 1."""
     return bisect_right(_ends_of_lines(text), offset) + 1
 
 
 @lru_cache(maxsize=4)
 def _ends_of_lines(text: str) -> list[int]:
-    """Return the ends of lines: the index of the character behind each end."""
     return [found.end() for found in re.finditer(r"\r\n|\n|\r", text)]
 
 
 def masked(text: str, hidden: str, retained: str = '"[^"\r\n]*"') -> str:
-    """The text with what matches a pattern replaced by blanks, line ends kept: characters stay in their places.
+    """Replace matches of a pattern by blanks, in place and with line ends.
 
     Args:
-        retained: what is passed over, as a string in which a comment seems to begin.
+        retained: pattern to skip, as a string that contains a comment's beginning.
     """
 
     def blank(found: re.Match[str]) -> str:
@@ -239,10 +237,10 @@ def masked(text: str, hidden: str, retained: str = '"[^"\r\n]*"') -> str:
 
 
 def replaced(text: str, edits: Sequence[tuple[Number, str]]) -> str:
-    """The text with other numbers, and nothing else changed; what is aligned to the right stays so.
+    """Replace numbers of a text by others; alignment to the right is kept.
 
     Args:
-        edits: numbers and what takes their places, none of them twice.
+        edits: numbers and their replacements, none twice.
     """
     parts, last = list[str](), 0
     for number, new in sorted(edits, key=lambda edit: edit[0].start):
@@ -259,7 +257,7 @@ def replaced(text: str, edits: Sequence[tuple[Number, str]]) -> str:
     return "".join([*parts, text[last:]])
 
 
-Allowed = Callable[[ArmShape, Array], NDArray[np.bool_]]  # joint positions (k, 6) rad: which are of a configuration
+Allowed = Callable[[ArmShape, Array], NDArray[np.bool_]]  # flags joint positions (k, 6) rad of a configuration
 Motion = Literal["joints", "line"]
 _REASON = 300  # characters of a reason
 _NAMED = 10  # frames in a message
@@ -267,17 +265,17 @@ _NAMED = 10  # frames in a message
 
 @dataclass(frozen=True)
 class TargetText:
-    """A target that a text holds as numbers.
+    """A target in a text as numbers.
 
     Attributes:
         name: of the constant, or by its line.
-        line: where it is written, as an editor counts.
-        numbers: a pose's as ``spelling`` says; six joint positions where that is None.
-        spelling: of a pose.
-        tool, base: its frames' names; of joint positions they are empty.
-        per_rad: of joint positions, ``(6,)``: of the unit in which each is written.
-        whole: whether its numbers have no places behind the point, as motor pulses.
-        allowed: which joint positions have the configuration that the text asks for; None where it asks for none.
+        line: in the text, from 1.
+        numbers: of a pose in ``spelling``, or six joint positions.
+        spelling: of a pose, or None.
+        tool, base: names of its frames; empty for joint positions.
+        per_rad: units of each joint position in a radian, ``(6,)``.
+        whole: True for whole numbers, as motor pulses.
+        allowed: flags joint positions with the text's configuration; None for any.
     """
 
     name: str
@@ -297,7 +295,7 @@ class TargetText:
 
     @property
     def joints(self) -> Array:
-        """Joint positions ``(6,)`` rad; NaN where it is a pose."""
+        """Joint positions ``(6,)`` rad; NaN for a pose."""
         return np.full(6, np.nan) if self.spelling is not None else self.values / np.array(self.per_rad)
 
 
@@ -306,8 +304,8 @@ class Move:
     """A move to a target.
 
     Attributes:
-        target: which one.
-        motion: whether all joints move in a straight line, or the tool.
+        target: its index.
+        motion: straight in the joints, or of the tool.
     """
 
     line: int
@@ -317,27 +315,26 @@ class Move:
 
 @dataclass(frozen=True)
 class Uncorrected:
-    """A line of a program that stays as it is, and why, in one line."""
+    """A line of a program that stays unchanged, with the reason."""
 
     line: int
     reason: str
 
     def __post_init__(self) -> None:
-        """Parts of a text that are in the reason may have line ends, and be long."""
         reason = " ".join(self.reason.split())
         object.__setattr__(self, "reason", reason if len(reason) <= _REASON else f"{reason[:_REASON]}…")
 
 
 @dataclass(frozen=True)
 class ProgramText:
-    """Content of a program as read.
+    """Content of a program.
 
     Attributes:
         targets: in the order of the text.
-        moves: in the order of the text, whatever the program's loops and branches do.
+        moves: in the order of the text, regardless of loops and branches.
         frames: poses ``(4, 4)`` (m) by name, of tools in the flange and of bases in the controller's base frame.
-        uncorrected: lines that move the arm, or set its position, and stay as they are.
-        computed: the lines of frames, by name, that get their values only while the program runs.
+        uncorrected: unchanged lines that move the arm, or set its position.
+        computed: lines of frames, by name, that are computed while the program runs.
     """
 
     targets: tuple[TargetText, ...]
@@ -349,7 +346,7 @@ class ProgramText:
 
 @dataclass(frozen=True)
 class Outside:
-    """Values that a program's text lacks: from the controller's memory, given by the user.
+    """Values from the controller's memory, given by the user.
 
     Attributes:
         frames: numbers by name, as the controller shows them; or another frame's name.
@@ -360,7 +357,7 @@ class Outside:
     pulses_per_deg: tuple[float, ...] = ()
 
     def posed(self, spelling: PoseSpelling) -> dict[str, Array]:
-        """Poses ``(4, 4)`` (m) of those that are numbers."""
+        """Return poses ``(4, 4)`` (m) of the frames with numbers."""
         found = {}
         for name, values in self.frames.items():
             if isinstance(values, str):
@@ -379,23 +376,23 @@ class Outside:
         return found
 
     def alias(self, name: str) -> str:
-        """The frame that is meant by a name: another one where that is given, else itself."""
+        """Return the frame of a name: another one if given, else itself."""
         meant = self.frames.get(name)
         return meant if isinstance(meant, str) else name
 
 
 @dataclass
 class ProgramReader:
-    """A program being read; each language has its own. Its work grows with the length of the text, not faster.
+    """Reader of a program, a base class for each language, in linear time.
 
     Attributes:
-        text: as it is written.
-        outside: what it does not hold.
+        text: of the program.
+        outside: values that it lacks.
         targets: in the order of the text.
         moves: to them.
         frames: poses ``(4, 4)`` (m) of tools and bases by name.
-        computed: the lines of frames, by name, that get their values only while the program runs.
-        uncorrected: lines that stay as they are.
+        computed: lines of frames, by name, that are computed while the program runs.
+        uncorrected: unchanged lines.
     """
 
     text: str
@@ -408,29 +405,25 @@ class ProgramReader:
     _reached: int = field(default=0, init=False)
 
     def _count_move(self) -> None:
-        """Count a move when it is read, so that a program with too many is refused before the rest is read."""
+        """Count a move when it is read, so that a program with too many is refused early."""
         self._reached += 1
         PROGRAM_MOVES("the program", self._reached)
 
     def _add(self, target: TargetText, made: Sequence[tuple[int, Motion]]) -> None:
-        """Add a target, and the moves to it by their lines."""
         PROGRAM_MOVES("the program", len(self.moves) + len(made))
         self.moves += [Move(line, len(self.targets), motion) for line, motion in made]
         self.targets.append(target)
 
     def _describe(self, name: str, T: Array) -> None:
-        """Add a tool or a base that the text describes."""
         self.frames[name] = T
         PROGRAM_FRAMES("the program", self.frames)
 
     def _read(self) -> ProgramText:
-        """Return the content of the program as read."""
         PROGRAM_MOVES("the program", self.moves)
         self.moves.sort(key=lambda move: move.line)
         return ProgramText(tuple(self.targets), tuple(self.moves), self.frames, tuple(self.uncorrected), self.computed)
 
     def _leave(self, offset: int, reason: str) -> None:
-        """The line at an offset of the text stays as it is."""
         self.uncorrected.append(Uncorrected(line_of(self.text, offset), reason))
 
 
@@ -454,7 +447,6 @@ def refuse_unknown_frames(read: ProgramText, spelling: PoseSpelling) -> None:
 
 
 def _listed(names: Sequence[str], comma: str = ", ") -> str:
-    """Names, of very many the first."""
     return comma.join(names if len(names) <= _NAMED else [*names[:_NAMED], f"… ({len(names):,} in all)"])
 
 

@@ -17,8 +17,8 @@ __all__ = ["ANY_DIGITS", "PAUSE_S", "Language", "MeasuringTour", "MoveKind", "Pa
 
 MoveKind = Literal["joint", "line", "via", "circle"]
 
-ANY_DIGITS = (int(DIGITS.most), int(DIGITS.most))  # of a language whose controllers read any floating point number
-PAUSE_S = 3  # how long a program waits at each pose that is measured
+ANY_DIGITS = (int(DIGITS.most), int(DIGITS.most))  # for controllers that read any floating point number
+PAUSE_S = 3  # at each measured pose
 
 
 @dataclass(frozen=True)
@@ -28,12 +28,11 @@ class MeasuringTour:
     Attributes:
         robot: the robot's name.
         waypoints: ``(s, n)`` joint positions (rad, m of a slide), home first and last.
-        measured: ``(s,)``, negative where a stop is only passed.
-        ids: what ``plan.csv`` calls the measured poses, in the order of the tour.
-        checked: whether stops and the ways between them were checked for collisions.
-        postures: the nominal arm's at the stops, for languages that name stops by their places; None where it has no
-            table.
-        station: of the instrument that measures on this tour; "" where it has one alone.
+        measured: ``(s,)``, negative for waypoints that are only passed.
+        ids: of the measured poses in ``plan.csv``, in the order of the tour.
+        checked: True if waypoints and paths were checked for collisions.
+        postures: of the nominal arm, or None.
+        station: of the instrument; "" for the only one.
     """
 
     robot: str
@@ -49,19 +48,18 @@ class MeasuringTour:
 class TargetMoves:
     """Moves to compensated targets, with the two frames that suit the controller's nominal links best.
 
-    From stop to stop all joints move in a straight line.
+    Between waypoints all joints move in a straight line.
 
     Attributes:
         robot: the robot's name.
-        ids: what the targets' file calls them, ``(t,)``.
+        ids: of the targets, ``(t,)``.
         waypoints: ``(s, n)`` joint positions (rad, m of a slide) at which the calibrated arm reaches the targets, and
-            those that it passes.
-        which: ``(s,)`` the target of each stop; negative where it is only passed.
+            others.
+        which: ``(s,)`` target of each waypoint; negative for others.
         T_last_tool: pose ``(4, 4)`` (m) of the tool in the table's last frame, of the nominal arm that fits best.
         T_frame0_instrument: pose ``(4, 4)`` (m) of the instrument's frame in that arm's frame 0.
-        checked: whether stops and the ways between them were checked for collisions.
-        postures: the nominal arm's at the stops, for languages that name stops by their places; None where it has no
-            table.
+        checked: True if waypoints and paths were checked for collisions.
+        postures: of the nominal arm, or None.
     """
 
     robot: str
@@ -76,22 +74,22 @@ class TargetMoves:
 
 @dataclass(frozen=True)
 class PathMoves:
-    """A trajectory as a controller's moves, each from stop to stop: the controller works out what is between.
+    """A trajectory as a controller's moves between waypoints.
 
     Attributes:
         robot: the robot's name.
-        ids: what the points' file calls the stops, ``(s,)``.
-        kinds: how each is reached, ``(s,)``: the first by a joint move; a circle passes the ``via`` before it.
+        ids: of the waypoints, ``(s,)``.
+        kinds: kind of the move to each, ``(s,)``: the first a joint move; a circle passes the ``via`` before it.
         waypoints: ``(s, n)`` joint positions (rad, m of a slide).
         Ts_base_tool: ``(s, 4, 4)`` poses (m) of the tool there, of the nominal arm, in the base of the points.
-        seconds: ``(s,)`` how long the planned move to each takes; NaN of the first and of ``via``.
-        shares: ``(s,)`` the largest speed of a joint on the way, as a share of what the robot's table has.
-        speeds_m_s: ``(s,)`` the largest speed of the tool on the way; NaN of joint moves.
+        seconds: ``(s,)`` duration of the planned move to each; NaN for the first and for ``via``.
+        shares: ``(s,)`` largest speed of a joint on the path, relative to the robot's table.
+        speeds_m_s: ``(s,)`` largest speed of the tool on the path; NaN for joint moves.
         T_last_tool: pose ``(4, 4)`` (m) of the tool in the table's last frame.
         T_frame0_base: pose ``(4, 4)`` (m) of that base in frame 0.
-        checked: whether the motion was checked for collisions.
-        corrected: whether a calibration's correction is in the joint positions.
-        postures: the nominal arm's at the stops; None where it has no table.
+        checked: True if the motion was checked for collisions.
+        corrected: True if the joint positions are compensated.
+        postures: of the nominal arm, or None.
     """
 
     robot: str
@@ -110,7 +108,7 @@ class PathMoves:
 
 
 class Language(Protocol):
-    """The language of a controller."""
+    """Language of a controller."""
 
     @property
     def name(self) -> str:
@@ -130,27 +128,27 @@ class Language(Protocol):
 
     @property
     def most_digits(self) -> tuple[int, int]:
-        """Number of decimal places that its controllers read of a length, and of an angle or a rotation."""
+        """Decimals that its controllers read of a length, and of an angle or a rotation."""
 
     @property
     def makers(self) -> tuple[str, ...]:
-        """Words by which the names of its robots are told, in small letters: "irb" of an irb120."""
+        """Words in the names of its robots, in lower case: "irb" of an irb120."""
 
     @property
     def speed(self) -> str:
         """Speed of its programs, in the language's own notation."""
 
     def refusal(self, joints: JointSpec) -> str | None:
-        """Return the reason why a program in it cannot move a robot with these joints; None if it can."""
+        """Return the reason why a program cannot move a robot with these joints, or None."""
 
     def measuring_tour(self, tour: MeasuringTour) -> bytes:
-        """The file of a program that goes through the poses to measure and waits ``PAUSE_S`` at each."""
+        """Return a program that visits the poses to measure and waits ``PAUSE_S`` at each."""
 
     def target_moves(self, moves: TargetMoves) -> bytes:
-        """The file of a program that goes to the compensated targets."""
+        """Return a program that visits the compensated targets."""
 
     def path_moves(self, moves: PathMoves) -> bytes:
-        """The file of a program that moves along a trajectory: by its joints, on lines and on circles of the tool."""
+        """Return a program along a trajectory: by joints, on lines and on circles of the tool."""
 
     def read(self, text: str, outside: Outside) -> ProgramText:
-        """The targets and moves of a program in it."""
+        """Return the targets and moves of a program."""

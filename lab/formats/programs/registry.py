@@ -1,7 +1,4 @@
-"""Find the languages in which programs are written and read, which extensions register as ``lab.languages``.
-
-Which of them a program is written in is chosen, or that of the robot's maker.
-"""
+"""Find controllers' languages, which extensions register as ``lab.languages``, by choice or by the robot's maker."""
 
 import re
 from collections.abc import Sequence
@@ -50,9 +47,9 @@ def languages() -> tuple[Language, ...]:
 
 
 def language_of(joints: JointSpec, controller: str | None) -> Language | None:
-    """The language that is asked for, else that of the robot's maker where the robot's name tells it; None if neither.
+    """Return the chosen language, else that of the robot's maker by the robot's name, or None.
 
-    A maker is told by a word of the robot's name that is one of a language's, or begins with one before a digit.
+    A word of the name is one of a language's makers, or begins with one before a digit.
     """
     if controller is not None:
         found = next((language for language in languages() if language.name.lower() == controller), None)
@@ -63,7 +60,7 @@ def language_of(joints: JointSpec, controller: str | None) -> Language | None:
 
 
 def language_of_maker(name: str) -> Language | None:
-    """The language of the maker that a robot's name tells; None where it tells none."""
+    """Return the language of the maker in a robot's name, or None."""
     words = re.findall(r"[a-z]+\d*|\d+", name.lower())
     for language in languages():
         for maker in language.makers:
@@ -73,7 +70,7 @@ def language_of_maker(name: str) -> Language | None:
 
 
 def refusal(joints: JointSpec, controller: str | None, targets: int = 0) -> str | None:
-    """Return the reason why no program can be written to so many targets; None if one can."""
+    """Return the reason why no program can be written to so many targets, or None."""
     if targets > PROGRAM_TARGETS.most:
         return f"no program is written: {targets:,} targets, and one has at most {PROGRAM_TARGETS.shown}"
     language = language_of(joints, controller)
@@ -84,9 +81,9 @@ def refusal(joints: JointSpec, controller: str | None, targets: int = 0) -> str 
 
 
 def plan_or_refusal(joints: JointSpec, controller: str | None, stations: Sequence[str] = ()) -> dict[str, str]:
-    """For each language, by its name in lower case: the file that holds the tour, or why there is none.
+    """Return the file of the tour, or the reason for none, for each language by its name in lower case.
 
-    With several ``stations`` there is a file for each of them, and their names are joined by a comma.
+    Each of several ``stations`` has a file; their names are joined by a comma.
     """
     written = _language(joints, controller)
     why = refusal(joints, controller)
@@ -100,25 +97,25 @@ def plan_or_refusal(joints: JointSpec, controller: str | None, stations: Sequenc
 
 
 def plan_files(joints: JointSpec, controller: str | None, tour: MeasuringTour) -> dict[str, bytes]:
-    """The tour in the controller's language, by the file's name; empty where it cannot move these joints."""
+    """Return the tour in the controller's language, by file name; empty without one."""
     language = _language(joints, controller)
     return {} if language is None else {_plan_file(language, tour.station): language.measuring_tour(tour)}
 
 
 def target_files(joints: JointSpec, controller: str | None, moves: TargetMoves) -> dict[str, bytes]:
-    """The moves to compensated targets in the controller's language, by the file's name."""
+    """Return the moves to compensated targets in the controller's language, by file name."""
     language = _language(joints, controller)
     return {} if language is None else {PROGRAM + language.suffix: language.target_moves(moves)}
 
 
 def path_file(joints: JointSpec, controller: str | None) -> str | None:
-    """The name of the file of a trajectory's program; None where there is none."""
+    """Return the file name of a trajectory's program, or None."""
     language = _language(joints, controller)
     return None if language is None else PROGRAM + language.suffix
 
 
 def path_program(joints: JointSpec, controller: str | None, moves: PathMoves) -> bytes:
-    """A trajectory's program in the controller's language, which ``path_file`` has found."""
+    """Return a trajectory's program in the controller's language, if ``path_file`` has one."""
     language = _language(joints, controller)
     assert language is not None
     return language.path_moves(moves)
@@ -129,21 +126,21 @@ def _plan_file(language: Language, station: str) -> str:
 
 
 def is_program_file(name: str) -> bool:
-    """Decide whether a program's file in a run's folder can have this name."""
+    """Check whether this is a file name of a program in a run's folder."""
     return name in program_file_names() or (
         name.startswith(f"{PLAN}_") and any(name.endswith(language.suffix) for language in languages())
     )
 
 
 def program_file_names() -> tuple[str, ...]:
-    """The names that a program's file can have in a run's folder, but for those of a plan's stations."""
+    """Return the file names of programs in a run's folder, without those of stations."""
     return tuple(stem + language.suffix for stem in (PLAN, PROGRAM) for language in languages())
 
 
 def read_program(
     path: Path, text: str, joints: JointSpec, controller: str | None, outside: Outside
 ) -> tuple[Language, ProgramText]:
-    """A program and its language: the one that is asked for, else that of its name's end, else of the robot's maker."""
+    """Read a program; its language is the chosen one, else by its file name, else that of the robot's maker."""
     by_name = [each for each in languages() if path.suffix.lower() in each.reads]
     language = by_name[0] if by_name and controller is None else language_of(joints, controller)
     if language is None:
@@ -173,6 +170,5 @@ def _language_names() -> str:
 
 
 def _language(joints: JointSpec, controller: str | None) -> Language | None:
-    """The language in which there is a program."""
     language = language_of(joints, controller)
     return None if language is None or language.refusal(joints) is not None else language
