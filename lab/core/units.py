@@ -10,7 +10,7 @@ from lab.core.se3 import Array
 
 __all__ = ["DEGREES", "KELVIN", "MICRONS", "MICRORADIANS", "MM", "MRAD", "PPM", "Unit", "joints_to_si", "short_length"]
 
-_Quantity = TypeVar("Quantity", float, Array)
+_Quantity = TypeVar("_Quantity", float, Array)
 
 
 @dataclass(frozen=True)

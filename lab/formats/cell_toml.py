@@ -246,19 +246,15 @@ def read_cell(path: Path) -> Cell:
         raise LabError(f"{path}: clearance_mm is {cell.clearance_mm:g}; give zero or more")
     if cell.station and cell.instrument is not None:
         raise LabError(f"{path}: [instrument] and [[station]] both set the instrument's pose; keep one of them")
-    stations = [each.name for each in cell.station]
-    for what, names in (("tool", [each.name for each in cell.tool]), ("obstacle", _names(cell)), ("station", stations)):
+    kinds = {"tool": cell.tool, "obstacle": (*cell.obstacle, *cell.plate), "station": cell.station}
+    for what, parts in kinds.items():
         taken = set[str]()
-        for i, name in enumerate(names):
+        for i, name in enumerate(each.name for each in parts):
             if not name or name in taken:
                 wrong = "taken" if name else "empty"
                 raise LabError(f"{path}: {what} {i + 1}: its name '{name}' is {wrong}; give another")
             taken.add(name)
     return cell
-
-
-def _names(cell: Cell) -> list[str]:
-    return [each.name for each in (*cell.obstacle, *cell.plate)]
 
 
 def _options() -> Sequence[str]:

@@ -6,7 +6,7 @@ Numbers are read as decimals and scaled exactly. Unread columns are tracked.
 import csv
 import io
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from decimal import Decimal
 from itertools import chain
 from pathlib import Path
@@ -227,11 +227,8 @@ def _packed(cells: tuple[str, ...]) -> _Cells:
 
 def _unpacked(packed: _Cells) -> Sequence[str]:
     cells = packed.split("\n") if isinstance(packed, str) else packed
-    return [_unmarked(cell) for cell in cells] if any(_MARK in each for each in _texts(packed)) else cells
-
-
-def _texts(packed: _Cells) -> Iterable[str]:
-    return (packed,) if isinstance(packed, str) else packed
+    texts = (packed,) if isinstance(packed, str) else packed
+    return [_unmarked(cell) for cell in cells] if any(_MARK in each for each in texts) else cells
 
 
 def _lines(text: str) -> Iterator[str]:

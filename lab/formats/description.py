@@ -11,10 +11,10 @@ from lab.kinematics.model import RigidArm
 
 __all__ = ["DescriptionFormat", "IdentifiedRobot", "with_comment"]
 
-_ArmT_co = TypeVar("ArmT_co", bound=RigidArm, covariant=True)
-_ModelT_co = TypeVar("ModelT_co", covariant=True)
-_ArmT_contra = TypeVar("ArmT_contra", bound=RigidArm, contravariant=True)
-_ModelT_contra = TypeVar("ModelT_contra", contravariant=True)
+_ArmT_co = TypeVar("_ArmT_co", bound=RigidArm, covariant=True)
+_ModelT_co = TypeVar("_ModelT_co", covariant=True)
+_ArmT_contra = TypeVar("_ArmT_contra", bound=RigidArm, contravariant=True)
+_ModelT_contra = TypeVar("_ModelT_contra", contravariant=True)
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from lab.core.se3 import Array
 from lab.formats.structured import read_toml, structured
 from lab.kinematics.joints import Encoders
 
-__all__ = ["Drives", "drives_in", "drives_lines", "read_drives", "write_drives"]
+__all__ = ["Drives", "drives_in", "drives_lines", "read_drives"]
 
 
 @dataclass(frozen=True)
@@ -136,11 +136,6 @@ def _couplings(path: Path, sections: tuple[_CouplingSection, ...], gears: Array)
             raise LabError(f"{path}: [[coupling]] ratio is {each.ratio:g}; give the motor's turns for one of the joint")
         couplings[each.drive - 1, each.joint - 1] = each.ratio / gears[each.drive - 1]
     return couplings
-
-
-def write_drives(path: Path, drives: Drives) -> None:
-    """Write the TOML that ``read_drives`` reads back, to rounding."""
-    path.write_text("\n".join(drives_lines(drives)), encoding="utf-8")
 
 
 def drives_lines(drives: Drives) -> list[str]:

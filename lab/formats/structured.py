@@ -105,7 +105,7 @@ def refuse_unbounded(where: object, content: Any, *, finite: bool = True) -> Non
             raise LabError(f"{where}: {name} has more than 63 bits; give a smaller integer")
 
 
-_Kind = TypeVar("Kind")
+_Kind = TypeVar("_Kind")
 _PLAIN = {int: "a whole number", float: "a number", str: "a text", bool: "true or false", Path: "a path as text"}
 
 
@@ -177,8 +177,8 @@ def _converter(extra: bool) -> "Converter":
     for plain in _PLAIN:
         converter.register_structure_hook(plain, _bounded if extra and plain is float else _plain)
     converter.register_structure_hook_func(lambda kind: bool(_allowed(kind)), _choice)
-    converter.register_structure_hook_factory(_is_tuple, _tuple_hook)
-    converter.register_structure_hook_factory(_is_mapping, _mapping_hook)
+    converter.register_structure_hook_factory(lambda kind: get_origin(kind) is tuple, _tuple_hook)
+    converter.register_structure_hook_factory(lambda kind: get_origin(kind) is Mapping, _mapping_hook)
     converter.register_structure_hook_factory(is_dataclass, _dataclass_hook)
     return converter
 
@@ -216,10 +216,6 @@ def _choice(value: object, kind: Any) -> object:
     return value
 
 
-def _is_tuple(kind: Any) -> bool:
-    return get_origin(kind) is tuple
-
-
 def _tuple_hook(kind: Any, converter: "Converter") -> Any:
     from cattrs import AttributeValidationNote, BaseValidationError
 
@@ -242,10 +238,6 @@ def _tuple_hook(kind: Any, converter: "Converter") -> Any:
         return tuple(found)
 
     return hook
-
-
-def _is_mapping(kind: Any) -> bool:
-    return get_origin(kind) is Mapping
 
 
 def _mapping_hook(kind: Any, converter: "Converter") -> Any:

@@ -210,7 +210,7 @@ class _Reader:
         name, target = self._name(at), self._named("target", self.given.target)
         sigma = self._sigma(scale)
         times, clock = self._times()
-        temperature, pressure, humidity = self._condition("temperature"), self._condition("pressure"), self._humidity()
+        temperature, pressure, humidity = map(self._condition, ("temperature", "pressure", "humidity"))
         seen = np.isfinite(positions)
         for i in np.flatnonzero(seen.any(axis=1) & ~seen.all(axis=1)):
             raise LabError(f"{table.path}: line {table.lines[i]}: a coordinate is missing; give all three or none")
@@ -385,10 +385,6 @@ class _Reader:
         if what == "pressure":
             values = values * _PRESSURES.get(unit, 1.0)
         return np.asarray({"F": (values - 32) / 1.8, "K": values - 273.15}.get(unit, values))
-
-    def _humidity(self) -> Array:
-        column = self._named("humidity", self.given.humidity, _CONDITIONS["humidity"])
-        return np.full(len(self.table.rows), np.nan) if column is None else self.table.numbers(column)
 
 
 def _cell(table: LooseTable, column: int | None, row: int) -> str:

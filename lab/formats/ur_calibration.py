@@ -136,7 +136,9 @@ def _corrections(identified: IdentifiedRobot[SerialArm, object]) -> str:
     apart = {model: np.abs(lengths - np.array(own)).max() for model, own in _LENGTHS.items()}
     if apart[model := min(apart, key=lambda each: apart[each])] > _ANOTHER_M:
         return ""
-    delta = _distal_table(found.joints) - _maker_table(_LENGTHS[model])
+    d1, a2, a3, d4, d5, d6 = _LENGTHS[model]
+    table = np.array([np.zeros(6), [d1, 0, 0, d4, d5, d6], [0, a2, a3, 0, 0, 0], _ALPHAS]).T
+    delta = _distal_table(found.joints) - table
     places = _places(identified.arm.targets, found, "the controller's base")
     lines = [_CONF_HEAD.format(name=" ".join(identified.name.split()), model=model, places=places).rstrip()]
     lines.append("[mounting]")
@@ -235,11 +237,6 @@ def _lengths(frames: tuple[Array, ...]) -> Array:
     shoulder, _, elbow, wrist, roll, tip = (T[:3, 3] for T in frames)
     d4 = -(wrist - elbow)[1]
     return np.array([shoulder[2], elbow[0], (wrist - elbow)[0], d4, -(roll - wrist)[2], -(tip - roll)[1]])
-
-
-def _maker_table(lengths: Sequence[float]) -> Array:
-    d1, a2, a3, d4, d5, d6 = lengths
-    return np.array([np.zeros(6), [d1, 0, 0, d4, d5, d6], [0, a2, a3, 0, 0, 0], _ALPHAS]).T
 
 
 def _distal_table(frames: tuple[Array, ...]) -> Array:

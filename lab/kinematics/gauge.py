@@ -110,16 +110,12 @@ def named(names: Sequence[str], option: str, patterns: Sequence[str]) -> tuple[i
     for pattern in patterns:
         hits = [i for i, name in enumerate(names) if fnmatchcase(name, pattern)]
         if not hits:
-            raise LabError(f"{option} {pattern}: no such parameter; {_there_are(pattern, names)}")
+            groups = ", ".join(dict.fromkeys(f"{name.rsplit('.', 1)[0]}.*" for name in names))
+            near = get_close_matches(pattern, names)
+            nearest = f"the nearest are {', '.join(near)}; " if near else ""
+            raise LabError(f"{option} {pattern}: no such parameter; {nearest}the groups are {groups}")
         found.update(hits)
     return tuple(sorted(found))
-
-
-def _there_are(pattern: str, names: Sequence[str]) -> str:
-    """Describe the nearest names, and the groups of all."""
-    near = get_close_matches(pattern, names)
-    groups = ", ".join(dict.fromkeys(f"{name.rsplit('.', 1)[0]}.*" for name in names))
-    return f"the nearest are {', '.join(near)}; the groups are {groups}" if near else f"the groups are {groups}"
 
 
 def _as_wished(model: Model, usual: BaseSet, fix: Sequence[int], free: Sequence[int]) -> BaseSet:

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lab.core.se3 import Array
-from lab.formats.programs.postures import ArmShape
+from lab.formats.programs.program_text import ArmShape
 
 LANGUAGES = ("rapid", "krl", "urscript", "fanuc", "val3", "jbi")
 END = {"rapid": ".mod", "krl": ".src", "urscript": ".script", "fanuc": ".ls", "val3": ".dtx", "jbi": ".jbi"}

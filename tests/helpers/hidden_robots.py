@@ -22,7 +22,7 @@ from lab.commands.calibrate.result import CalibrationResult
 from lab.commands.calibrate.run import identify, simulate
 from lab.commands.compensate.result import CompensationResult
 from lab.core.se3 import Array
-from lab.formats.programs.postures import ArmShape
+from lab.formats.programs.program_text import ArmShape
 from lab.noise.instruments import observing
 from lab.sensors.options import VirtualSetup
 from lab.sensors.registry import sensor_named

@@ -32,8 +32,7 @@ from lab.core.progress import Progress, no_progress
 from lab.core.se3 import Array
 from lab.core.units import MM, MRAD
 from lab.core.whole_folder import Columns, Keep, at_once
-from lab.formats.programs.postures import ArmShape
-from lab.formats.programs.program_text import Move, ProgramText, TargetText
+from lab.formats.programs.program_text import ArmShape, Move, ProgramText, TargetText
 from lab.kinematics.gauge import base_set
 from lab.kinematics.inverse.branches import NominalInverse, nearest_whole_turns
 from lab.kinematics.inverse.newton import PoseTarget

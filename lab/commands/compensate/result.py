@@ -29,7 +29,7 @@ from lab.core.se3 import Array
 from lab.core.units import MM, MRAD
 from lab.formats.calibrated_module import MODULE_FILE
 from lab.formats.csv_table import write_columns
-from lab.formats.programs.postures import postures_of
+from lab.formats.programs.program_text import postures_of
 from lab.formats.programs.protocol import TargetMoves
 from lab.formats.programs.registry import refusal, target_files
 from lab.formats.target_csv import Targets

@@ -23,7 +23,7 @@ from lab.core.measurements import Measurements, measured
 from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.formats.measurement_csv import read_measurements, write_measurements
-from lab.formats.programs.postures import postures_of
+from lab.formats.programs.program_text import postures_of
 from lab.formats.programs.protocol import PAUSE_S, MeasuringTour
 from lab.formats.programs.registry import plan_files, plan_or_refusal
 from lab.kinematics.trajectory.profiles import rest_to_rest_seconds

@@ -33,11 +33,11 @@ from lab.extensions.programs.steps import (
     path_steps,
     tour_steps,
 )
-from lab.formats.programs.postures import ArmShape
 from lab.formats.programs.program_text import (
     FIXED_XYZ,
     NUMBER,
     Allowed,
+    ArmShape,
     Motion,
     Number,
     Outside,

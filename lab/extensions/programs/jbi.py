@@ -42,14 +42,15 @@ from lab.extensions.programs.steps import (
     path_steps,
     tour_steps,
 )
-from lab.formats.programs.postures import ArmShape, Postures
 from lab.formats.programs.program_text import (
     FIXED_XYZ,
     NUMBER,
     Allowed,
+    ArmShape,
     Motion,
     Number,
     Outside,
+    Postures,
     ProgramReader,
     ProgramText,
     TargetText,

@@ -34,11 +34,11 @@ from lab.extensions.programs.steps import (
     tour_notes,
     tour_steps,
 )
-from lab.formats.programs.postures import ArmShape
 from lab.formats.programs.program_text import (
     MOVING_ZYX,
     NUMBER,
     Allowed,
+    ArmShape,
     Motion,
     Number,
     Outside,

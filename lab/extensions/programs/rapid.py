@@ -21,10 +21,10 @@ from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.extensions.programs.aggregate import Value, arguments, numbers_in, read_value
 from lab.extensions.programs.steps import path_steps
-from lab.formats.programs.postures import ArmShape
 from lab.formats.programs.program_text import (
     QUATERNION,
     Allowed,
+    ArmShape,
     Motion,
     Number,
     Outside,

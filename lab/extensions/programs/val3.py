@@ -35,11 +35,11 @@ from lab.extensions.programs.steps import (
     tour_notes,
     tour_steps,
 )
-from lab.formats.programs.postures import ArmShape
 from lab.formats.programs.program_text import (
     MOVING_XYZ,
     NUMBER,
     Allowed,
+    ArmShape,
     Motion,
     Move,
     Number,

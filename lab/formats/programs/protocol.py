@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from lab.core.limits import DIGITS
 from lab.core.se3 import Array
-from lab.formats.programs.postures import Postures
-from lab.formats.programs.program_text import Outside, PoseSpelling, ProgramText
+from lab.formats.programs.program_text import Outside, PoseSpelling, Postures, ProgramText
 from lab.kinematics.joints import JointSpec
 
 __all__ = ["ANY_DIGITS", "PAUSE_S", "Language", "MeasuringTour", "MoveKind", "PathMoves", "TargetMoves"]

@@ -296,7 +296,8 @@ class Configuration:
         gaps: list[Array] = []
         directions: list[Array] = []
         for rod, length in zip(self.tree.rods, self.lengths(), strict=True):
-            between = self._between(rod)
+            a, b = (self.frames[end][1] for end in rod.ends)
+            between = a - b
             directions.append(between / length)
             gaps.append(((between[:3] ** 2).sum(axis=0) / length - length) / 2)
         for pin in self.tree.pins:
@@ -306,10 +307,6 @@ class Configuration:
                 directions.append(direction)
                 gaps.append(((a - b)[:3] * direction[:3]).sum(axis=0))
         return gaps, directions
-
-    def _between(self, rod: Rod) -> Array:
-        a, b = (self.frames[end][1] for end in rod.ends)
-        return a - b
 
     def slope(self, step: tuple[int, int], point: Array, direction: Array) -> Array:
         """Return the speed along a direction ``(5, n)`` of a point ``(5, n)`` moved by a step."""

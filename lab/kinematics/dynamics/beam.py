@@ -97,7 +97,9 @@ class Beam:
         for near, far, axes in self._segments():
             first, last = (density * (pull + change @ (end + beside - self.path[0])) for end in (near, far))
             spread = _Spread(float(np.linalg.norm(far - near)), first, last, beside)
-            total += _carried(spread.displacements(force, moment, axes), self.path[-1] - far)
+            torsors = spread.displacements(force, moment, axes)
+            torsors[..., :3] += np.cross(torsors[..., 3:], self.path[-1] - far)  # at the far end of the link
+            total += torsors
             moment = moment + np.cross(far - near, force) + spread.moment_about_near(far - near)
             force = force + spread.resultant
         return total
@@ -135,10 +137,6 @@ class _Spread:
         out[:, 1, 5], out[:, 1, 1] = slope[:, 2], sag[:, 2]
         out[:, 2, 3], out[:, 3, 0] = slope[:, 0], longer
         return np.concatenate([out[..., :3] @ axes, out[..., 3:] @ axes], axis=-1)
-
-
-def _carried(torsors: Array, lever: Array) -> Array:
-    return np.concatenate([torsors[..., :3] + np.cross(torsors[..., 3:], lever), torsors[..., 3:]], axis=-1)
 
 
 def loads_on(force: Array, moment: Array, pull: Array, change: Array | None = None) -> Array:

@@ -371,7 +371,9 @@ class TrackerMotion(SimulatedEffect, MovesTracker):
         """Return the points in the tracker's frame at each pose."""
         if not self.motion.any():
             return points
-        return _in_moved_frame(points, self.motion * (conditions.column(self.condition) / self.whole)[:, None])
+        moved = self.motion * (conditions.column(self.condition) / self.whole)[:, None]
+        Ts_first_now = se3.pose(se3.exp(moved[:, 3:]), moved[:, :3])
+        return se3.transform(se3.inverse(Ts_first_now), points)
 
 
 class ChangesJointPositions(ABC):
@@ -448,12 +450,6 @@ class VirtualEffect(ABC):
     @abstractmethod
     def simulated(self, arm: ArmFacts, rngs: Sequence[np.random.Generator]) -> SimulatedEffect | None:
         """Return the effect of one arm by the options and ``draws`` generators; None for options without one."""
-
-
-def _in_moved_frame(points: Array, moved: Array) -> Array:
-    """Return points ``(m, k, 3)`` in a frame that has moved by ``(m, 6)``, m and rad, in itself."""
-    Ts_first_now = se3.pose(se3.exp(moved[:, 3:]), moved[:, :3])
-    return se3.transform(se3.inverse(Ts_first_now), points)
 
 
 def turning_joints(chain: JointSpec) -> tuple[int, ...]:

@@ -45,7 +45,7 @@ __all__ = [
     "searched_terms",
 ]
 
-_Kind = TypeVar("Kind", bound=VirtualEffect)
+_Kind = TypeVar("_Kind", bound=VirtualEffect)
 
 
 @dataclass(frozen=True)

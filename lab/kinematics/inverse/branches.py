@@ -94,7 +94,9 @@ class NominalInverse:
             else:
                 found[exact], reached[exact] = self._followed(wanted.take(exact), joints[exact], solutions)
         if other.size:
-            found[other] = self._near(wanted.take(other), joints[other])
+            conditions = np.empty((len(other), 0))
+            near = reach(self.arm, self.values, wanted.take(other), joints[other], conditions, self.target)
+            found[other] = near.joints
         return found, reached
 
     def _followed(self, wanted: PoseTarget, joints: Array, solutions: Solutions) -> tuple[Array, NDArray[np.bool_]]:
@@ -112,9 +114,6 @@ class NominalInverse:
         kept = np.sign(np.linalg.det(there[:, :3])) == np.sign(np.linalg.det(J[:, :3]))
         reached = np.asarray((apart[rows, nearest] <= _FOLLOWED * step + _SIMILAR_RAD) & kept)
         return np.where(reached[:, None], turned[rows, nearest], joints), reached
-
-    def _near(self, wanted: PoseTarget, joints: Array) -> Array:
-        return reach(self.arm, self.values, wanted, joints, np.empty((len(wanted), 0)), self.target).joints
 
     def tool(self, joints: Array) -> tuple[Array, Array]:
         """Return ``newton.tool_at``."""

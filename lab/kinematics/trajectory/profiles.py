@@ -72,14 +72,6 @@ def shortest_changes(pulls: Array, jerks: Array) -> Array:
     return np.where(reached, pulls + jerks / np.maximum(pulls, TINY), 2 * np.sqrt(jerks))
 
 
-def _slowing(pulls: Array, jerks: Array, longest: Array) -> Array:
-    """Return the factor k, at least 1, for changes of speed d / k in at most k times ``longest``; all ``(m,)``."""
-    part = jerks / np.maximum(pulls, TINY)
-    reaching = (part + np.sqrt(part**2 + 4 * longest * pulls)) / (2 * longest)
-    found = np.where(reaching * jerks <= pulls**2, reaching, np.cbrt(4 * jerks / longest**2))
-    return np.asarray(np.maximum(found, 1.0))
-
-
 SLACK = 1e-13  # relative tolerance of limits and durations for rounding
 _ROUNDS = 100  # of slowing down single stretches, before the whole path
 
@@ -318,8 +310,12 @@ def stretches_and_blends(
 
 
 def _slower(changes: Array, longest: Array, acceleration: Array, jerk: Array) -> Array:
-    """Return the factors k by which blends ``(m,)`` are slowed down: the change is dV / k, in k tau."""
-    return _slowing(*_hardest(changes, acceleration, jerk), longest)
+    """Return the factors k, at least 1, of slower blends ``(m,)``: the change is dV / k, in at most k ``longest``."""
+    pulls, jerks = _hardest(changes, acceleration, jerk)
+    part = jerks / np.maximum(pulls, TINY)
+    reaching = (part + np.sqrt(part**2 + 4 * longest * pulls)) / (2 * longest)
+    found = np.where(reaching * jerks <= pulls**2, reaching, np.cbrt(4 * jerks / longest**2))
+    return np.asarray(np.maximum(found, 1.0))
 
 
 def _hardest(changes: Array, acceleration: Array, jerk: Array) -> tuple[Array, Array]:
@@ -398,7 +394,9 @@ class Trajectory:
     def peak_speed(self) -> Array:
         """Largest magnitudes ``(n,)`` of the speeds."""
         speeds = self.knots[2]
-        inner = _at_zero(speeds[:-1], self.accelerations, self.jerk, self.durations)
+        v, a, j = speeds[:-1], self.accelerations, self.jerk
+        crosses = (a * (a + j * self.durations[:, None]) < 0) & (j != 0)  # zero acceleration within a phase
+        inner = np.where(crosses, v - 0.5 * a**2 / np.where(crosses, j, 1.0), v)
         return np.asarray(np.abs(np.vstack([speeds, inner])).max(axis=0))
 
     @property
@@ -451,11 +449,6 @@ class Trajectory:
         held = np.clip(times, 0.0, self.seconds)
         phase = np.searchsorted(knots, held, side="right") - 1
         return phase, (held - knots[phase])[:, None], np.vstack([self.jerk, np.zeros_like(self.start)])[phase]
-
-
-def _at_zero(speeds: Array, accelerations: Array, jerks: Array, durations: Array) -> Array:
-    crosses = (accelerations * (accelerations + jerks * durations[:, None]) < 0) & (jerks != 0)
-    return np.where(crosses, speeds - 0.5 * accelerations**2 / np.where(crosses, jerks, 1.0), speeds)
 
 
 def joined(parts: Sequence[Trajectory]) -> Trajectory:

@@ -35,8 +35,7 @@ from lab.commands.run_folder import _refuse_other_files
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.formats.programs.postures import ArmShape
-from lab.formats.programs.program_text import Outside
+from lab.formats.programs.program_text import ArmShape, Outside
 from lab.formats.programs.registry import read_program
 from lab.simulation.collisions import collides
 

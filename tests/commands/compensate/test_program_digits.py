@@ -22,7 +22,7 @@ from lab.commands.compensate import run as command
 from lab.commands.compensate.options import CompensateOptions
 from lab.commands.compensate.result import CompensationResult
 from lab.core.se3 import Array
-from lab.formats.programs.postures import ArmShape
+from lab.formats.programs.program_text import ArmShape
 
 TOOL = posed(Rotation.from_rotvec([0.3, 0, 0.1]), np.array([0.01, 0.02, 0.1]))
 TABLE = posed(Rotation.from_rotvec([0.1, 0.2, 0.3]), np.array([0.3, 0.1, 0.2]))

@@ -14,7 +14,7 @@ from lab.cli import main
 from lab.extensions.dynamics.load_files import read_motion, write_loads
 from lab.extensions.dynamics.payload.excitation import Limits, random_path
 from lab.extensions.dynamics.simulation import LoadBench, RigidLoad, RunErrors, drawn_mounting
-from lab.formats.drives_toml import Drives, drives_lines, read_drives, write_drives
+from lab.formats.drives_toml import Drives, drives_lines, read_drives
 
 
 def test_it_prints_the_base_parameters_and_their_formulas(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -70,7 +70,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     currents = driven.torques / drives.torques(np.ones((1, 6)))
     driven = replace(driven, torques=currents, currents=True, wrench=None)
     write_loads(folder / "currents.csv", driven, chain.joint_names, chain.prismatic)
-    write_drives(folder / "drives.toml", drives)
+    (folder / "drives.toml").write_text("\n".join(drives_lines(drives)), encoding="utf-8")
     return folder
 
 
@@ -121,7 +121,7 @@ def with_motors(files: Path, folder: Path, unit: str = "turns") -> tuple[Path, P
     text = [",".join(["time_s", *names, *header.split(",")[7:13]])]
     text += [",".join(map(repr, each)) for each in np.column_stack([rows[:, 0], motors, rows[:, 7:]]).tolist()]
     (folder / "motors.csv").write_text("\n".join(text) + "\n")
-    write_drives(folder / "motors.toml", drives)
+    (folder / "motors.toml").write_text("\n".join(drives_lines(drives)), encoding="utf-8")
     return folder / "motors.csv", folder / "motors.toml"
 
 
@@ -255,7 +255,8 @@ def test_a_filter_of_the_rehearsal_is_told(tmp_path: Path, capsys: pytest.Captur
 @pytest.mark.thorough
 def test_a_rehearsal_with_drives_writes_currents(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     drives, folder = tmp_path / "drives.toml", tmp_path / "day"
-    write_drives(drives, Drives(np.array([-48.0, 32.0]), np.array([[1.0, 0], [0.5, 1]]), np.array([0.2, 0.1])))
+    coupled = Drives(np.array([-48.0, 32.0]), np.array([[1.0, 0], [0.5, 1]]), np.array([0.2, 0.1]))
+    drives.write_text("\n".join(drives_lines(coupled)), encoding="utf-8")
     given = ("--robot", "course2r", "--drives", drives)
     day = told(capsys, "dynamics", *given, *QUICK, "--out", folder)
     assert "current2_a" in (folder / "motion.csv").read_text().split("\n")[0]

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from lab.core import se3
 from lab.core.se3 import Array
 from lab.extensions.programs.jbi import Jbi
-from lab.formats.programs.postures import ArmShape, postures_of
+from lab.formats.programs.program_text import ArmShape, postures_of
 from lab.formats.programs.protocol import PAUSE_S, MeasuringTour, TargetMoves
 from lab.kinematics.inverse.branches import NominalInverse
 from lab.kinematics.inverse.newton import PoseTarget

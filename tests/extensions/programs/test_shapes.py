@@ -10,8 +10,7 @@ from helpers.robots import IRB120
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.extensions.programs.jbi import Jbi
-from lab.formats.programs.postures import ArmShape, postures_of
-from lab.formats.programs.program_text import Outside, ProgramText
+from lab.formats.programs.program_text import ArmShape, Outside, ProgramText, postures_of
 from lab.formats.programs.protocol import MeasuringTour, TargetMoves
 from lab.formats.programs.registry import languages, read_program
 

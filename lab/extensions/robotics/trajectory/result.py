@@ -19,7 +19,7 @@ from lab.core.units import MM
 from lab.extensions.robotics.trajectory.motion import Leg, Motion, Tracking, tracking
 from lab.extensions.robotics.trajectory.options import TrajectoryOptions
 from lab.formats.csv_table import write_columns
-from lab.formats.programs.postures import postures_of
+from lab.formats.programs.program_text import postures_of
 from lab.formats.programs.protocol import MoveKind, PathMoves
 from lab.formats.programs.registry import path_file, path_program, refusal
 from lab.kinematics.dynamics.beam import COMPLIANCES
