@@ -246,10 +246,11 @@ def read_cell(path: Path) -> Cell:
         raise LabError(f"{path}: clearance_mm is {cell.clearance_mm:g}; give zero or more")
     if cell.station and cell.instrument is not None:
         raise LabError(f"{path}: [instrument] and [[station]] both set the instrument's pose; keep one of them")
-    kinds = {"tool": cell.tool, "obstacle": (*cell.obstacle, *cell.plate), "station": cell.station}
-    for what, parts in kinds.items():
+    solids = [each.name for each in (*cell.obstacle, *cell.plate)]
+    names_of = {"tool": [each.name for each in cell.tool], "obstacle": solids}
+    for what, names in {**names_of, "station": [each.name for each in cell.station]}.items():
         taken = set[str]()
-        for i, name in enumerate(each.name for each in parts):
+        for i, name in enumerate(names):
             if not name or name in taken:
                 wrong = "taken" if name else "empty"
                 raise LabError(f"{path}: {what} {i + 1}: its name '{name}' is {wrong}; give another")

@@ -177,8 +177,8 @@ def _converter(extra: bool) -> "Converter":
     for plain in _PLAIN:
         converter.register_structure_hook(plain, _bounded if extra and plain is float else _plain)
     converter.register_structure_hook_func(lambda kind: bool(_allowed(kind)), _choice)
-    converter.register_structure_hook_factory(lambda kind: get_origin(kind) is tuple, _tuple_hook)
-    converter.register_structure_hook_factory(lambda kind: get_origin(kind) is Mapping, _mapping_hook)
+    converter.register_structure_hook_factory(_is_tuple, _tuple_hook)
+    converter.register_structure_hook_factory(_is_mapping, _mapping_hook)
     converter.register_structure_hook_factory(is_dataclass, _dataclass_hook)
     return converter
 
@@ -214,6 +214,14 @@ def _choice(value: object, kind: Any) -> object:
     if not isinstance(value, str) or value not in allowed:
         raise _InvalidError(value, f"one of {', '.join(map(str, allowed))}")
     return value
+
+
+def _is_tuple(kind: Any) -> bool:
+    return get_origin(kind) is tuple
+
+
+def _is_mapping(kind: Any) -> bool:
+    return get_origin(kind) is Mapping
 
 
 def _tuple_hook(kind: Any, converter: "Converter") -> Any:

@@ -8,7 +8,7 @@ paths beside the file. STL, OBJ and DAE are read.
 import re
 import struct
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -421,7 +421,7 @@ def _node_pose(node: ET.Element) -> Array:
     return T
 
 
-_STEPS = {
+_STEPS: Mapping[str, Callable[[Array], Array]] = {
     "matrix": lambda numbers: numbers.reshape(4, 4),
     "translate": lambda numbers: se3.pose(np.eye(3), numbers),
     "rotate": lambda numbers: se3.pose(se3.exp(np.deg2rad(numbers[3]) * numbers[:3]), np.zeros(3)),
