@@ -13,7 +13,7 @@ from functools import partial
 
 import numpy as np
 
-from lab.calibration.checks.fit import (
+from lab.calibration.checks import (
     check_approaches,
     check_excluded,
     check_geometry_alone,
@@ -21,6 +21,7 @@ from lab.calibration.checks.fit import (
     check_held_out,
     check_improvement,
     check_instrument,
+    check_joint_signs,
     check_joints,
     check_limits,
     check_nominal,
@@ -34,9 +35,6 @@ from lab.calibration.checks.fit import (
     check_twist,
     check_validation_poses,
     check_workspace,
-)
-from lab.calibration.checks.mistakes import (
-    check_joint_signs,
     doubted,
     in_other_numbers_or_poses,
     noise_in_another_unit,
@@ -46,17 +44,21 @@ from lab.calibration.extrapolation import measured_range
 from lab.calibration.fitted import Fitted, Judging, named_poses
 from lab.calibration.fitter import MOST_CHOSEN_BY, Estimator, FitOptions, Fitter, NominalRobot
 from lab.calibration.identify import identify
-from lab.calibration.lack_of_fit import adequacy_of, with_intervals_of_poses, with_own_intervals
 from lab.calibration.noise.plausibility import changes_in_time, finding, shared_error_findings
 from lab.calibration.observation import observation_of, only_positions
 from lab.calibration.outliers_and_noise import outliers_among_held_out, tail_of
-from lab.calibration.prediction_check import check_prediction
 from lab.calibration.regions import Region, measured_region, region_of_points, workspace_region
 from lab.calibration.residual.estimation import with_residual
 from lab.calibration.residual.process import GROUP
 from lab.calibration.residual_spread import ResidualSpread, for_later_rows
 from lab.calibration.sensor import Sensor
-from lab.calibration.statistics.goodness_of_fit import lack_of_fit_not_tested, repeats
+from lab.calibration.statistics.goodness_of_fit import (
+    adequacy_of,
+    lack_of_fit_not_tested,
+    repeats,
+    with_intervals_of_poses,
+    with_own_intervals,
+)
 from lab.calibration.statistics.joint_lag import moves_before
 from lab.calibration.statistics.model_selection import Selection
 from lab.calibration.validation import (
@@ -71,7 +73,7 @@ from lab.calibration.validation import (
 )
 from lab.calibration.verdict import verdict
 from lab.calibration.weights import Noise, weigh
-from lab.calibration.workspace_prediction import bounds_at, own_tolerance
+from lab.calibration.workspace_prediction import bounds_at, check_prediction, own_tolerance
 from lab.core.checks import Check
 from lab.core.errors import LabError, option_name
 from lab.core.measurements import Measurements

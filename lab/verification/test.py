@@ -1,12 +1,18 @@
 """Verify a calibrated arm with a few new measurements, and find what moved if the test rejects.
 
-The test compares measured less predicted with its predicted covariance (``prediction``), along the parameters and
-beyond them (``change_points``). Where it rejects, each movement alone is fitted by generalized least squares, and
-compared by Schwarz's criterion (1978).
+The test compares measured less predicted, r, with its predicted covariance S = noise + J C J' (``prediction``). One chi
+squared over all numbers loses its power as these grow, so whitened r is split into its part in the span of S^-1/2 J,
+with J the columns of the identified parameters, and the rest. A change of the arm shows in the first part, an outlier
+or larger noise in the second. Both are independent, so each is tested at 1 - (1 - a)^(1/2) (Sidak 1967). The first
+part is also how much less r' S^-1 r is where every identified parameter is refitted (Seber & Lee 2003, section 4.1).
+Where the measurements are no more than the parameters, one test at a is left.
+
+Where the test rejects, each movement alone is fitted by generalized least squares, and compared by Schwarz's criterion
+(1978).
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -18,30 +24,123 @@ from lab.calibration.refit import dependent_columns
 from lab.core import se3
 from lab.core.checks import Check, Outcome
 from lab.core.errors import LabError, counted
+from lab.core.linear_model import LinearModel
 from lab.core.measurements import seen_mask
 from lab.core.progress import Progress, no_progress
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.significance import VERIFICATION
 from lab.kinematics.effects.arm import Arm
-from lab.verification.change_points import ChangeTest, change_test, explained, freed, split_test
 from lab.verification.prediction import DRAWS, FULL_RANK, CalibrationPrediction, RefitSolution, VerificationProblem
 from lab.verification.situation import situation
 
 __all__ = [
     "ChangeHypothesis",
+    "ChangeTest",
     "Displacement",
     "Hypothesis",
     "Kind",
     "Verified",
+    "change_test",
     "extent",
     "of_joints",
     "refitted",
     "sized",
+    "split_test",
     "verify",
 ]
 
 Kind = Literal["base", "tool", "joint", "reading"]
+
+
+@dataclass(frozen=True)
+class _PartTest:
+    """A part of the test statistic r' S^-1 r.
+
+    Attributes:
+        square: its size.
+        numbers: its degrees of freedom.
+        p: the chance of a larger one, if nothing has changed; 1 where it has no degrees of freedom.
+    """
+
+    square: float
+    numbers: int
+    p: float
+
+
+@dataclass(frozen=True)
+class ChangeTest:
+    """Test for a change of the arm, by both parts of the statistic.
+
+    Attributes:
+        along: the part that the identified parameters span.
+        rest: the other.
+    """
+
+    along: _PartTest
+    rest: _PartTest
+
+    @property
+    def square(self) -> float:
+        """Total statistic r' S^-1 r."""
+        return self.along.square + self.rest.square
+
+    @property
+    def tests(self) -> int:
+        """Number of parts that have degrees of freedom."""
+        return sum(part.numbers > 0 for part in (self.along, self.rest))
+
+    @property
+    def p(self) -> float:
+        """The chance of a smaller p of either part, if nothing has changed."""
+        least = min(self.along.p, self.rest.p)
+        return least if self.tests < 2 else float(-np.expm1(2 * np.log1p(-least))) if least < 1 else 1.0
+
+    @property
+    def changed(self) -> bool:
+        """Check whether the test rejects at its level."""
+        return self.p < VERIFICATION
+
+    @property
+    def level(self) -> float:
+        """Level of each part."""
+        return VERIFICATION if self.tests < 2 else float(-np.expm1(np.log1p(-VERIFICATION) / 2))
+
+
+def _freed(fit: RefitSolution, free: tuple[int, ...]) -> RefitSolution:
+    """Refit every identified parameter too, linearized at ``fit``; ``square`` stays that of ``fit``."""
+    directions = np.concatenate([fit.directions, np.eye(len(fit.values))[:, list(free)]], axis=1)
+    model = LinearModel.of(fit.there.white(fit.there.jacobian @ directions), FULL_RANK)
+    return replace(fit, model=model, directions=directions)
+
+
+def change_test(prediction: CalibrationPrediction, fit: RefitSolution) -> ChangeTest:
+    """Test for a change by the statistic that remains at ``fit``."""
+    return split_test(prediction, (fit.square, fit.dof), _explained(fit, _freed(fit, prediction.free)))
+
+
+def _explained(fit: RefitSolution, opened: RefitSolution) -> tuple[float, int]:
+    """Return the fall of r' S^-1 r when the parameters are freed, and its degrees of freedom."""
+    residual = fit.there.white(fit.there.residual)
+    pulls = (float((each.model.coordinates(residual) ** 2).sum()) for each in (opened, fit))
+    return next(pulls) - next(pulls), opened.rank - fit.rank
+
+
+def split_test(prediction: CalibrationPrediction, left: tuple[float, int], along: tuple[float, int]) -> ChangeTest:
+    """Return the change test of two statistics with their degrees of freedom.
+
+    Args:
+        left: statistic of all coordinates.
+        along: the part of it that the identified parameters would explain.
+    """
+    square, numbers = max(along[0], 0.0), along[1]
+    others = left[1] - numbers
+    each = max(1, left[1] // max(numbers, 1))
+    rest = max(left[0] - square, 0.0)
+    return ChangeTest(
+        _PartTest(square, numbers, prediction.p(square, numbers, each)),
+        _PartTest(rest, others, prediction.p(rest, others)),
+    )
 
 
 @dataclass(frozen=True)
@@ -396,8 +495,8 @@ def _without_reading(
         dropped: by how much r' S^-1 r is less without them, and how many they are.
         rows: whitened residuals ``(m,)`` and derivatives ``(m, p)`` of the pose.
     """
-    opened = freed(fit, prediction.free)
-    square, numbers = explained(fit, opened)
+    opened = _freed(fit, prediction.free)
+    square, numbers = _explained(fit, opened)
     residual, jacobian = rows
     columns = jacobian @ opened.taken
     pull = residual - columns @ (opened.taken.T @ (fit.there.jacobian.T @ fit.there.residual))
@@ -505,7 +604,7 @@ def _would_notice(
     if "tool" not in refit:
         tried += [(f"tool.{target}", each) for target, each in zip(arm.targets, _of_targets(arm), strict=True)]
     tried += [(f"joint{k + 1}", each) for k, each in enumerate(of_joints(arm))]
-    along = freed(fit, prediction.free).model
+    along = _freed(fit, prediction.free).model
     bounds = [
         np.sqrt(prediction.noticeable(part.numbers, test.level)) if part.numbers > 0 else np.inf
         for part in (test.along, test.rest)

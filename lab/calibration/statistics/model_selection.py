@@ -8,6 +8,9 @@ everything. Where the configurations are too few for a test by them, the held-ou
 
 Groups of single joints, of which there are hundreds, are searched beside these, with one level for all of them
 (``candidate_models``).
+
+Last, a chosen group that bears loads is replaced by another one, and the arm identified anew. If that fits as well, by
+the likelihood alone, it is an alternative, and the pose at which the two arms differ most would tell them apart.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,7 +21,6 @@ import numpy as np
 
 from lab.calibration.identify import Identification, IdentifyOptions
 from lab.calibration.observation import observation_of
-from lab.calibration.statistics.alternatives import Alternative, alternatives
 from lab.calibration.statistics.candidate_models import (
     LEAST_SIGMA_M,
     TELLING,
@@ -39,17 +41,21 @@ from lab.calibration.weights import Noise, weigh
 from lab.core.errors import IncompleteColumnError
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
+from lab.core.se3 import Array
 from lab.core.significance import MODEL_GROUPS, TERM_SEARCH
-from lab.kinematics.effects.effect import Effect
+from lab.kinematics.effects.effect import Effect, absent
 from lab.kinematics.effects.registry import CANDIDATES
+from lab.kinematics.effects.sessions import at_first_station
 
-__all__ = ["GroupTrial", "Selection", "follow", "objection", "select"]
+__all__ = ["Alternative", "GroupTrial", "Selection", "alternatives", "follow", "objection", "select"]
 
 _GEOMETRY = "geometric"
 _NOT_SIGNIFICANT = "not significant"
 _NO_TERMS: Mapping[str, Effect] = MappingProxyType({})
 _SEARCHES = 6  # of terms, each around what the one before found
-_BIC_FALL = 10.0  # what is very strong evidence (Kass & Raftery 1995, section 3.2)
+_STRONG_EVIDENCE = 10.0  # of BIC or twice the log likelihood: very strong (Kass & Raftery 1995, section 3.2)
+_LOADED_GROUPS = ("compliance", "bending", "torsion")
+_POSES = 400
 
 
 @dataclass(frozen=True)
@@ -82,6 +88,32 @@ class GroupTrial:
     incomplete_data: bool = False
     configurations: ClusterTest | None = None
     gain: HeldOutGain | None = None
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """Another explanation that fits as well.
+
+    Attributes:
+        chosen, other: the groups.
+        fit_rise: by how much twice the negative log likelihood rises with the other one instead; negative where that
+            fits better.
+        inputs: ``(joints + conditions,)`` the pose, of random ones, at which the two arms differ most.
+        differ_m: by how much they differ there (m).
+        sigma_m: noise of a coordinate.
+    """
+
+    chosen: str
+    other: str
+    fit_rise: float
+    inputs: Array
+    differ_m: float
+    sigma_m: float
+
+    @property
+    def is_distinguishable(self) -> bool:
+        """Check whether a measurement at that pose would distinguish the two models."""
+        return self.differ_m > 3 * self.sigma_m
 
 
 @dataclass(frozen=True)
@@ -407,7 +439,7 @@ def objection(small: Score, big: Score, gain: HeldOutGain, p: float) -> str:
     """Return the objection to an extension, with ``p`` of the tests of all groups together; empty if none."""
     if p >= MODEL_GROUPS:
         return _NOT_SIGNIFICANT
-    if big.bic > small.bic - _BIC_FALL:
+    if big.bic > small.bic - _STRONG_EVIDENCE:
         return "BIC does not fall enough" if big.bic < small.bic else "BIC rises"
     return "" if gain.mean_m > gain.std_m else "the held-out error does not fall"
 
@@ -434,3 +466,44 @@ def _geometry(score: Score) -> GroupTrial:
 def _refused(name: str, why: str) -> GroupTrial:
     """A group that was not tried."""
     return GroupTrial(name, 0, np.nan, np.nan, np.nan, False, why)
+
+
+def alternatives(
+    task: SelectionTask, taken: Sequence[str], found: Identification, candidates: Sequence[str], fixed: Sequence[str]
+) -> tuple[Alternative, ...]:
+    """For each chosen group that bears loads, the others that would do as well in its place.
+
+    Args:
+        fixed: parameters that are not fitted.
+    """
+    messages = []
+    for chosen in (name for name in taken if name in _LOADED_GROUPS):
+        for other in (name for name in _LOADED_GROUPS if name in candidates and name not in taken):
+            groups = [other if name == chosen else name for name in taken]
+            known = set(task.parameters(other)) | set(found.model.names)
+            swapped = task.identified(groups, [name for name in fixed if name in known - task.parameters(chosen)])
+            rise = _misfit(swapped) - _misfit(found)
+            if swapped.status == "converged" and rise < _STRONG_EVIDENCE:
+                messages.append(_compared(chosen, other, rise, found, swapped))
+    return tuple(messages)
+
+
+def _misfit(found: Identification) -> float:
+    """Return twice the negative log likelihood, but for the terms common to all models of the same measurements."""
+    squares, rows = 2 * found.fit.cost_trace[-1], found.dof + len(found.fit.free)
+    return float(squares if found.sigma_given else rows * np.log(max(squares, 1e-300)))
+
+
+def _compared(chosen: str, other: str, rise: float, found: Identification, swapped: Identification) -> Alternative:
+    """Compare two models at the pose where their points differ most."""
+    model = found.model
+    inputs = at_first_station(model.conditions, model.structure_joints(_POSES, rng_for(0, "structure")))
+    size = inputs.shape[1] - len(found.model.conditions)
+    column = {name: inputs[:, size + i] for i, name in enumerate(found.model.conditions)}
+    others = [column.get(name, absent(name, _POSES)) for name in swapped.model.conditions]
+    there = np.column_stack([inputs[:, :size], *others])
+    apart = np.linalg.norm(
+        found.model.points(inputs, found.values) - swapped.model.points(there, swapped.values), axis=2
+    )
+    worst = int(apart.max(axis=1).argmax())
+    return Alternative(chosen, other, float(rise), inputs[worst], float(apart[worst].max()), found.sigma_m)
