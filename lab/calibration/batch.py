@@ -1,7 +1,7 @@
 """Gauss-Newton for many campaigns at once: arms of one nominal model, solved in blocks by normal equations.
 
-What was measured, and how the arms predict it, is a part (``BatchObservation``): positions at poses that all
-campaigns share (``PointBatch``), or positions and orientations at joint positions of their own (``PoseBatch``).
+What was measured, and how the arms predict it, is a part (``_BatchObservation``): positions at poses that all
+campaigns share (``PointBatch``), or positions and orientations at joint positions of their own (``_PoseBatch``).
 A block always holds as many campaigns, the last one padded: a matrix product's last bits change with its size.
 
 Positions of targets in many campaigns at the same poses, as ``batch`` fits them.
@@ -37,10 +37,8 @@ __all__ = [
     "BLOCK",
     "MAX_STEPS",
     "BatchFits",
-    "BatchObservation",
     "MeasuredPoses",
     "PointBatch",
-    "PoseBatch",
     "StackedPoseArm",
     "align",
     "fit_points",
@@ -50,12 +48,12 @@ __all__ = [
 
 BLOCK = 50  # campaigns solved together: what fits the processor's cache
 MAX_STEPS = 20
-SETTLED = 1e-9  # m or rad: a step below is still taken, so that what remains is its square
+_SETTLED = 1e-9  # m or rad: a step below is still taken, so that what remains is its square
 _CHORD_SETTLED = 1e-8  # of the chord method, which gains two digits a step
-RANK_TOLERANCE = 1e-10  # of the normal equations of unit columns
+_RANK_TOLERANCE = 1e-10  # of the normal equations of unit columns
 
 
-class BatchObservation(Protocol):
+class _BatchObservation(Protocol):
     """Observations of b campaigns, with the arms that predict them from parameters ``(b, p)``."""
 
     def __len__(self) -> int:
@@ -98,7 +96,7 @@ class BatchFits:
 
 
 def _fit_batch(
-    observed: BatchObservation,
+    observed: _BatchObservation,
     start: Array,
     free: Sequence[int],
     *,
@@ -135,7 +133,7 @@ def _fit_batch(
 _Part = tuple[Array, NDArray[np.bool_], NDArray[np.int_], Array]
 
 
-def _gauss_newton(block: BatchObservation, values: Array, free: list[int], shortest: bool, max_steps: int) -> _Part:
+def _gauss_newton(block: _BatchObservation, values: Array, free: list[int], shortest: bool, max_steps: int) -> _Part:
     """Normal equations of unit columns: the condition of a base set leaves them ten digits."""
     information = np.empty((len(block), len(free), len(free)))
 
@@ -148,19 +146,21 @@ def _gauss_newton(block: BatchObservation, values: Array, free: list[int], short
         square = products / (scale[:, :, None] * scale[:, None, :])
         right = (columns @ residual[:, :, None])[:, :, 0] / scale
         if shortest:
-            scaled: Array = np.einsum("bfg,bg->bf", np.linalg.pinv(square, rcond=RANK_TOLERANCE, hermitian=True), right)
+            scaled: Array = np.einsum(
+                "bfg,bg->bf", np.linalg.pinv(square, rcond=_RANK_TOLERANCE, hermitian=True), right
+            )
         else:
             scaled = solve_positive(square, right)
         squares = np.einsum("bf,bfg,bg->b", scaled, square, scaled)
         information[going] = products[going]
-        return scaled / scale, block.settled(scaled / scale, squares, SETTLED)
+        return scaled / scale, block.settled(scaled / scale, squares, _SETTLED)
 
     found = newton(step, values[:, free], max_steps)
     values[:, free] = found.values
     return values, found.converged, found.iterations, information
 
 
-def _chord(block: BatchObservation, values: Array, free: list[int], max_steps: int) -> _Part:
+def _chord(block: _BatchObservation, values: Array, free: list[int], max_steps: int) -> _Part:
     """The Jacobian at the first campaign's start for all campaigns and steps: x += pinv(J0) r."""
     first = np.zeros(1, dtype=np.int_)
     rows = block.take(first).linearized(values[first], free)[0][0]  # (f, r)
@@ -283,7 +283,6 @@ def fit_points(
 
 
 def _base_at_rest(nominal: Array) -> Array:
-    """The parameters ``(p,)`` with frame 0 in the nominal model's place."""
     values = nominal.copy()
     values[:6] = 0.0
     return values
@@ -371,7 +370,6 @@ class StackedPoseArm:
         return point[:3].transpose(1, 2, 0), rotation, moves.transpose(2, 3, 1, 0), turns.transpose(2, 3, 1, 0)
 
     def _walk(self, joints: Array, values: Array) -> tuple[list[Motion], Array, Array]:
-        """Return all motions but the target's rotation, the target ``(5, b, n)``, its rotations ``(b, n, 3, 3)``."""
         motions, points, frame = walk_stacked(self.arm, joints, values[:, :-3], 5)
         first = len(self.arm.names) - 3
         motions += [Motion(column, axis, None) for column, axis in enumerate(frame, start=first)]
@@ -380,7 +378,7 @@ class StackedPoseArm:
 
 
 @dataclass(frozen=True)
-class PoseBatch:
+class _PoseBatch:
     """Measured poses of b campaigns with their weights and the arms that predict them, as ``batch`` fits them.
 
     Attributes:
@@ -398,7 +396,7 @@ class PoseBatch:
     def __len__(self) -> int:
         return len(self.measured)
 
-    def take(self, rows: NDArray[np.int_]) -> "PoseBatch":
+    def take(self, rows: NDArray[np.int_]) -> "_PoseBatch":
         """Select campaigns."""
         return replace(self, measured=self.measured.take(rows))
 
@@ -456,5 +454,5 @@ def fit_poses(
         max_steps: take so many at most.
     """
     weights = np.broadcast_to(np.asarray(rotation_weight, dtype=np.float64), 3)
-    observed = PoseBatch(model, measured, position_weight, weights)
+    observed = _PoseBatch(model, measured, position_weight, weights)
     return _fit_batch(observed, start, free, shortest=True, max_steps=max_steps)

@@ -47,7 +47,6 @@ from lab.kinematics.serial.chain import Chain
 from lab.noise.instruments import Instrument, is_isotropic
 
 __all__ = [
-    "SetupSuggestion",
     "changes",
     "check_alternatives",
     "check_approaches",
@@ -84,7 +83,7 @@ _OFFSET_M = 0.05  # by which a target is moved along x of its frame, and a secon
 
 
 @dataclass(frozen=True)
-class SetupSuggestion:
+class _SetupSuggestion:
     """A change of what is measured, and the condition number that the same poses would then have."""
 
     change: str
@@ -99,7 +98,7 @@ def changes(
     values: Array,
     inputs: Array,
     session: SessionInfo = NO_SESSIONS,
-) -> tuple[SetupSuggestion, ...]:
+) -> tuple[_SetupSuggestion, ...]:
     """The changes that anyone can make, the best first.
 
     Args:
@@ -119,15 +118,15 @@ def changes(
     second = dict(zip("xyz", np.array(first) + np.array([_OFFSET_M, _OFFSET_M, 0.0]), strict=True))
     both = known | {f"tool.another.{axis}": value for axis, value in second.items()}
     found = [
-        SetupSuggestion(
+        _SetupSuggestion(
             f"the target {MM.text(_OFFSET_M, 6)} elsewhere on what carries it", condition_of(arm, away, inputs)
         ),
-        SetupSuggestion("a second target", condition_of(more, np.array([both[name] for name in more.names]), inputs)),
+        _SetupSuggestion("a second target", condition_of(more, np.array([both[name] for name in more.names]), inputs)),
     ]
     if (posed := sensor.with_orientation(arm, targets[0])) is not None:
         seen = np.concatenate([inputs, np.broadcast_to([1.0, 0.0, 0.0, 0.0], (len(inputs), 4))], axis=1)
         found.append(
-            SetupSuggestion("orientations measured too", condition_of(posed.model, posed.nominal(values), seen))
+            _SetupSuggestion("orientations measured too", condition_of(posed.model, posed.nominal(values), seen))
         )
     return tuple(sorted(found, key=lambda change: change.condition))
 
@@ -450,17 +449,17 @@ def check_improvement(validation: Validation) -> list[Check]:
 
 _LEAST_RESIDUAL_M = 1e-7  # below, residuals are rounding, and say nothing of the noise
 _MIN_DOF = 10
-MANY = 10.0  # times the residuals' noise: what is given hides errors
+_MANY = 10.0  # times the residuals' noise: what is given hides errors
 _UNIT = 100.0  # times the residuals' noise that a given one may be: a unit is a thousand
-ANOTHER_INSTRUMENT = 500.0  # the same of an instrument that may be another one
-LENGTH = re.compile(r"link\d+\.(a|d)")
+_ANOTHER_INSTRUMENT = 500.0  # the same of an instrument that may be another one
+_LINK_LENGTH = re.compile(r"link\d+\.(a|d)")
 _LONG_M = 0.05  # a link that tells a scale: of shorter ones tolerances are as large
 _LEAST_LENGTHS = 3
-SCALE = 0.005  # steel is so much longer at 400 K more
+_LEAST_SCALE = 0.005  # steel is so much longer at 400 K more
 _MADE_M = 0.0015  # by which the longest link is to differ, too: three times what links are made to
-FAR = 0.1  # of the points' spread: no robot is so far from its nominal model
-MOST_ROWS = 200  # by which that is tested
-ALIKE = 0.1  # of the squares of what lengths differ by that a common scale may leave
+_FAR = 0.1  # of the points' spread: no robot is so far from its nominal model
+_POSE_ROWS = 200  # by which that is tested
+_ALIKE = 0.1  # of the squares of what lengths differ by that a common scale may leave
 _SIGN_ROWS = 200  # by which signs are tried
 _CLEARLY = 5.0  # times as small, the residuals or the distance from the nominal model
 _NO_WORSE = 1.5  # times the residuals: the same arm in another pose of its wrist fits as well
@@ -483,7 +482,7 @@ def noise_in_another_unit(noise_mm: float | None, rows: Measurements, found: Ide
 
 
 def noise_beyond(
-    noise_mm: float | None, rows: Measurements, noise_m: float, whose: str, times: float = ANOTHER_INSTRUMENT
+    noise_mm: float | None, rows: Measurements, noise_m: float, whose: str, times: float = _ANOTHER_INSTRUMENT
 ) -> list[Check]:
     """Refuse a noise that is far more than plausible for the robot and its instrument.
 
@@ -507,7 +506,7 @@ def noise_beyond(
             data = {"least_m": float(known.min()), "most_m": float(known.max())}
             return [Check("given.noises", "failed", data=data)]
         given_mm = MM.of(float(np.median(known))) if known.size else None
-    if given_mm is None or noise_m <= _LEAST_RESIDUAL_M or MM.to_si(given_mm) <= MANY * noise_m:
+    if given_mm is None or noise_m <= _LEAST_RESIDUAL_M or MM.to_si(given_mm) <= _MANY * noise_m:
         return []
     ratio = MM.to_si(given_mm) / noise_m
     text = f"{name} {given_mm:g}: {whose} are those of a noise of {MM.text(noise_m, 2)}, {ratio:.0f} times less"
@@ -519,16 +518,16 @@ def noise_beyond(
 
 def points_in_another_scale(found: Identification) -> list[Check]:
     """Detect a wrong scale of the points: all long links longer, or shorter, by about one share, as no arm is made."""
-    names, free = found.model.names, [i for i in found.fit.free if LENGTH.fullmatch(found.model.names[i])]
+    names, free = found.model.names, [i for i in found.fit.free if _LINK_LENGTH.fullmatch(found.model.names[i])]
     long = [i for i in free if abs(found.nominal_aligned[i]) >= _LONG_M]
     if len(long) < _LEAST_LENGTHS:
         return []
     nominal = found.nominal_aligned[long]
     more = found.values[long] - nominal
     scale = float(more @ nominal / (nominal @ nominal))
-    if abs(scale) < max(SCALE, _MADE_M / np.abs(nominal).max()):
+    if abs(scale) < max(_LEAST_SCALE, _MADE_M / np.abs(nominal).max()):
         return []
-    if ((more - scale * nominal) ** 2).sum() > ALIKE * (more @ more):
+    if ((more - scale * nominal) ** 2).sum() > _ALIKE * (more @ more):
         return []
     return [Check("given.scale", "failed", data={"links": [names[i] for i in long], "scale": scale})]
 
@@ -540,13 +539,13 @@ def in_other_numbers_or_poses(robot: NominalRobot, rows: Measurements) -> list[C
         robot: the nominal robot of the measurements.
         rows: points that one instrument measured from one station.
     """
-    rows = thinned(rows.with_points(), MOST_ROWS)
+    rows = thinned(rows.with_points(), _POSE_ROWS)
     arm, slides = robot.arm(rows.targets), robot.chain.prismatic
     nominal = arm.nominal({target: np.zeros(3) for target in rows.targets})
     if found := in_other_numbers(arm, slides, rows.joints, rows.points, nominal):
         return [found]
     left, size = trimmed_error(arm, rows.joints, rows.points, nominal, PLACED), spread(rows.points)
-    if not FAR * size < left < size / CONSTANT_SPREAD:  # points that do not move say nothing of poses
+    if not _FAR * size < left < size / CONSTANT_SPREAD:  # points that do not move say nothing of poses
         return []
     return [Check("given.poses", "failed", data={"off_m": left})]
 
@@ -583,7 +582,6 @@ def check_joint_signs(fitter: Fitter, rows: Measurements) -> list[Check]:
 
 
 def _identified(fitter: Fitter, rows: Measurements) -> Identification | None:
-    """The geometry from these rows; None where they do not identify it."""
     try:
         return fitter.identified_with(rows, (), ())
     except LabError:
@@ -603,5 +601,4 @@ def _explains(found: Identification, given: Identification | None, tolerance: To
 
 
 def _tolerances(found: Identification, tolerance: Tolerance) -> float:
-    """Return the largest distance of a link from its nominal value, in tolerances."""
     return max((each.tolerances for each in distances_from_nominal(found, tolerance)), default=0.0)

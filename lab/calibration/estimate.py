@@ -40,7 +40,6 @@ from lab.noise.variance_components import ComponentErrors
 __all__ = [
     "SETUP",
     "CarriedLoad",
-    "Discrepancy",
     "Estimate",
     "EstimatedParameter",
     "IdentifiedSubset",
@@ -125,7 +124,7 @@ class CarriedLoad(Protocol):
         """``(4, 4)`` of mass and first moment, kg and kg m."""
 
 
-class Discrepancy(NamedTuple):
+class _Discrepancy(NamedTuple):
     """The model discrepancy within the measured range.
 
     Attributes:
@@ -207,8 +206,6 @@ class PredictedPoints:
 
 
 class _Parameters(dict[str, EstimatedParameter]):
-    """Parameters by their names."""
-
     def __missing__(self, name: str) -> EstimatedParameter:
         raise LabError(f"there is no parameter '{name}'; there are {', '.join(self)}")
 
@@ -323,7 +320,6 @@ class Estimate(Value):
 
     @cached_property
     def _lasting(self) -> tuple[int, ...]:
-        """Indices in ``identified`` of the parameters of the arm."""
         return tuple(i for i, name in enumerate(self.identified) if name in self.arm.names)
 
     @property
@@ -373,7 +369,7 @@ class Estimate(Value):
         found = dict(zip(self.arm.names, self.values.tolist(), strict=True))
         return np.array([found.get(f"joint{i + 1}.compliance", 0.0) for i in range(self.rigid.chain.size)])
 
-    def discrepancy(self, sigma_m: float | None = None) -> Discrepancy:
+    def discrepancy(self, sigma_m: float | None = None) -> _Discrepancy:
         """Return the model discrepancy, taken from the residuals where they are more than noise.
 
         Args:
@@ -381,13 +377,13 @@ class Estimate(Value):
         """
         sigma_m = self.noise_m if sigma_m is None else sigma_m
         if self.shared is not None:  # the residuals are those of the error model
-            return Discrepancy(0.0, 1.0, self.dof)
+            return _Discrepancy(0.0, 1.0, self.dof)
         if self.noise_known and self.adequate is not False:
-            return Discrepancy(0.0, 1.0, None)
+            return _Discrepancy(0.0, 1.0, None)
         noise_m = self.noise_m if self.noise_known else sigma_m
         by_noise = self.noise_known and not self.cluster_robust
         inflation = (self.residual_m / noise_m) ** 2 if by_noise else 1.0
-        return Discrepancy(float(np.sqrt(max(self.residual_m**2 - noise_m**2, 0.0))), inflation, self.dof)
+        return _Discrepancy(float(np.sqrt(max(self.residual_m**2 - noise_m**2, 0.0))), inflation, self.dof)
 
     def subset(self, without: Sequence[str] = SETUP) -> IdentifiedSubset:
         """Return the identified parameters of the arm but for some groups, by default those of the setup."""

@@ -38,11 +38,8 @@ __all__ = [
     "POSES_FILE",
     "RESIDUAL_FILE",
     "RESULT_FILE",
-    "EstimateFiles",
     "Extrapolation",
     "ResidualSizes",
-    "SavedEstimate",
-    "estimate_to_dict",
     "measured_range_from_dict",
     "measured_range_to_dict",
     "read_cover",
@@ -120,13 +117,11 @@ class Extrapolation:
 
 @dataclass(frozen=True)
 class _ActingPrior:
-    """Number of directions in which a prior of manufacturing tolerances took part in a fit."""
-
     acts_in: int
 
 
 @dataclass(frozen=True)
-class SavedEstimate:
+class _SavedEstimate:
     """The part of ``result.json`` that an estimate is made from; its keys.
 
     Attributes:
@@ -165,7 +160,7 @@ class SavedEstimate:
             raise LabError(f"noise_tail_freedom is {self.noise_tail_freedom:g}; Student's t has a variance above 2")
 
 
-class EstimateFiles(NamedTuple):
+class _EstimateFiles(NamedTuple):
     """The content of an estimate's files, before a robot is at hand.
 
     Attributes:
@@ -173,7 +168,7 @@ class EstimateFiles(NamedTuple):
         identified: the parameters that ``covariance`` ``(f, f)`` is of.
     """
 
-    content: SavedEstimate
+    content: _SavedEstimate
     rows: tuple[EstimatedParameter, ...]
     identified: tuple[str, ...]
     covariance: Array
@@ -193,7 +188,7 @@ def save_estimate(estimate: Estimate, folder: str | Path) -> None:
     place = Path(folder)
     place.mkdir(parents=True, exist_ok=True)
     write_estimate(place, estimate)
-    _write_json(place / RESULT_FILE, estimate_to_dict(estimate))
+    _write_json(place / RESULT_FILE, _estimate_to_dict(estimate))
 
 
 def write_estimate(folder: Path, estimate: Estimate, converted: Sequence[Mapping[str, Any]] = ()) -> None:
@@ -268,13 +263,13 @@ def read_estimate(folder: Path, robot: NominalArm, load: CarriedLoad | None = No
     return estimate if shared is None else replace(estimate, shared=in_another_session(shared, estimate))
 
 
-def read_estimate_files(folder: Path) -> EstimateFiles:
+def read_estimate_files(folder: Path) -> _EstimateFiles:
     """Read the files of a run's folder that an estimate is made from.
 
     Raises:
         LabError: one is missing, or does not hold what a run writes.
     """
-    content = read_structured(folder / RESULT_FILE, SavedEstimate, _MEND)
+    content = read_structured(folder / RESULT_FILE, _SavedEstimate, _MEND)
     path = folder / PARAMETERS_FILE
     rows = read_structured(path, tuple[EstimatedParameter, ...], _MEND)
     for row in rows:
@@ -282,11 +277,11 @@ def read_estimate_files(folder: Path) -> EstimateFiles:
             if abs(value := getattr(row, key)) not in LENGTH_M:
                 text = f"{row.name}: {key} is {value:g}; no parameter is larger than {LENGTH_M.most:g}"
                 raise LabError(f"{path}: does not hold what the lab writes: {text}; {_MEND}")
-    return EstimateFiles(content, rows, *_read_covariance(folder / COVARIANCE_FILE))
+    return _EstimateFiles(content, rows, *_read_covariance(folder / COVARIANCE_FILE))
 
 
-def estimate_to_dict(estimate: Estimate) -> dict[str, Any]:
-    """Return the part of ``result.json`` that an estimate is made from (``SavedEstimate``)."""
+def _estimate_to_dict(estimate: Estimate) -> dict[str, Any]:
+    """Return the part of ``result.json`` that an estimate is made from (``_SavedEstimate``)."""
     measured, process = estimate.measured, estimate.process
     return {
         "model": "+".join(("geometric", *estimate.effects, *estimate.left_out, *[GROUP] * (process is not None))),
@@ -313,7 +308,6 @@ def _write_json(path: Path, content: Any) -> None:
 
 
 def _read_covariance(path: Path) -> tuple[tuple[str, ...], Array]:
-    """Read the identified parameters' names and covariance."""
     if not path.is_file():
         raise LabError(f"{path}: is missing: an older version of the lab made this run; make it again")
     table = CsvTable(path)
@@ -475,5 +469,4 @@ def _row(joint: str, content: Mapping[str, float] | None, unit: str, factor: flo
 
 
 def _unit(slides: bool) -> tuple[str, float]:
-    """A unit for a person, and how many rad or m it is."""
     return ("mm", 1e-3) if slides else ("deg", np.pi / 180)

@@ -47,7 +47,6 @@ from lab.kinematics.model import Model
 
 __all__ = [
     "MOST_UNCOVERED",
-    "LinearRows",
     "MeasuredRange",
     "PoseCover",
     "distinct_poses",
@@ -97,7 +96,6 @@ class PoseCover:
 
     @cached_property
     def _tree(self) -> "tuple[scipy.spatial.cKDTree, float]":
-        """The measured poses, and how far 95 % of them are from the third of the others."""
         around = _around(self.poses, self.turning)
         tree = scipy.spatial.cKDTree(around)
         away = tree.query(around, k=_NEAREST + 1)[0][:, -1]
@@ -138,7 +136,6 @@ def neighbours(joints: Array, turning: NDArray[np.bool_]) -> NDArray[np.int_]:
 
 
 def _around(joints: Array, turning: NDArray[np.bool_]) -> Array:
-    """Positions ``(n, 2 joints)`` between which distances are chords."""
     slides = np.where(turning, 0.0, joints / LEVER_M)
     return np.concatenate([np.where(turning, np.cos(joints), slides), np.sin(joints) * turning], axis=1)
 
@@ -174,7 +171,7 @@ _RIDGE = 1e-9  # of unit columns: what a region alone tells has a large covarian
 
 
 @dataclass(frozen=True)
-class LinearRows:
+class _LinearRows:
     """A fitted linear problem pose by pose, in whitened units; rows of zeros where nothing was observed.
 
     Attributes:
@@ -199,7 +196,7 @@ class LinearRows:
         dof = int(self.numbers.sum()) - self.columns.shape[2]
         return float((self.residual**2).sum()) / dof if dof > 0 else 0.0
 
-    def without(self, left_out: NDArray[np.bool_], values: Array) -> "LinearRows":
+    def without(self, left_out: NDArray[np.bool_], values: Array) -> "_LinearRows":
         """The problem fitted without some parameters ``(f,)``, which had these values ``(left_out,)``."""
         retained = self.columns[..., ~left_out]
         before = self.residual + self.columns[..., left_out] @ values
@@ -230,7 +227,7 @@ class _LeftOut:
     p: float
 
 
-def _growth_beyond_cover(rows: LinearRows, joints: Array, turning: NDArray[np.bool_]) -> float:
+def _growth_beyond_cover(rows: _LinearRows, joints: Array, turning: NDArray[np.bool_]) -> float:
     """Estimate the standard deviation (rad) of joint errors for each unit of distance beyond the covered positions.
 
     Zero where noise and the parameters' covariance explain the errors in regions that are left out.
@@ -251,7 +248,7 @@ def _growth_beyond_cover(rows: LinearRows, joints: Array, turning: NDArray[np.bo
     return float(np.sqrt(_excess(parts) * len(parts) / (len(parts) - 2)))  # a new region is another draw: Student's t
 
 
-def _left_out(rows: LinearRows, joints: Array, turning: NDArray[np.bool_], out: NDArray[np.bool_]) -> _LeftOut | None:
+def _left_out(rows: _LinearRows, joints: Array, turning: NDArray[np.bool_], out: NDArray[np.bool_]) -> _LeftOut | None:
     """Predict the uncovered poses of a region from the other poses; None where these cover them all."""
     away = PoseCover.of(joints[~out], turning).beyond(joints[out])
     far = np.flatnonzero(out)[away > 0]
@@ -380,7 +377,6 @@ class MeasuredRange:
         return np.asarray(self._away(joints) > 0)
 
     def _away(self, joints: Array) -> Array:
-        """Return the distance ``(n,)`` of positions beyond the covered ones; zero where unknown."""
         return np.zeros(len(joints)) if self.cover is None else self.cover.beyond(joints)
 
     def unknown(self, model: Model, inputs: Array, values: Array) -> Array:
@@ -446,8 +442,9 @@ def _of_regions(
     return max(growth, _growth_beyond_cover(rigid, joints, turning)), float(np.sqrt(explained / made)) if made else 0.0
 
 
-def _linear_rows(found: Identification, model: Model, observed: Observations, turning: NDArray[np.bool_]) -> LinearRows:
-    """The identification's linear problem pose by pose."""
+def _linear_rows(
+    found: Identification, model: Model, observed: Observations, turning: NDArray[np.bool_]
+) -> _LinearRows:
     free, seen = list(found.fit.free), observed.seen
     points, jacobian = model.observe(observed.inputs, found.values)
     moved = by_joint_positions(model, observed.inputs, found.values, len(turning)) * np.where(turning, 1.0, LEVER_M)
@@ -460,7 +457,7 @@ def _linear_rows(found: Identification, model: Model, observed: Observations, tu
     residual = whole(observed.points - points)
     known = found.extra_residuals(found.values)[1][:, free]
     numbers = seen.sum(axis=1) * observed.points.shape[2]
-    return LinearRows(whole(jacobian[..., free]), residual, known, whole(moved), numbers, found.sigma_given)
+    return _LinearRows(whole(jacobian[..., free]), residual, known, whole(moved), numbers, found.sigma_given)
 
 
 def _slopes(found: Identification, model: Model, observed: Observations, joints: Array) -> Array:

@@ -61,8 +61,6 @@ class Named:
 
 
 class _Missing:
-    """Stand in for a part of a state that a step still has to add."""
-
     def __init__(self, part: str, step: str) -> None:
         self._why = f"the pipeline has no {part} yet: run the step '{step}' before this one"
 
@@ -220,7 +218,6 @@ class Fitted:
 
 
 def _remaining(report: Fitted) -> RemainingError | None:
-    """The residuals of a report, taken apart."""
     found, rows = report.identification, report.rows
     if not only_positions(observation_of(found.model)) or found.process is not None:
         return None

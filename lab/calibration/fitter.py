@@ -113,7 +113,6 @@ class _LastResult:
         self._result: Any = None
 
     def __call__(self, make: Callable[[], _T], *arguments: object) -> _T:
-        """Return the last result where it was made of these very objects, else make it."""
         known = self._arguments
         if len(arguments) != len(known) or any(a is not b for a, b in zip(arguments, known, strict=True)):
             self._result, self._arguments = make(), arguments
@@ -268,7 +267,6 @@ class Fitter:
         )
 
     def _with_own_noise(self, selection: Selection, rows: Measurements) -> tuple["Fitter", Selection, NoiseSearch]:
-        """A selection with the noise that its model leaves."""
         search = noise_of(_OneModel.of(self, selection), rows)
         return self.knowing(search.shared), selection, search
 
@@ -413,7 +411,6 @@ class Fitter:
         return ""
 
     def _weighted_as(self, found: Identification) -> "Fitter":
-        """The fitter with the weights that an identification estimated; itself where nothing is estimated."""
         kind = self.kind.weighted_as(found.model)
         return self if kind == self.kind else replace(self, kind=kind)
 
@@ -449,28 +446,22 @@ class _OneModel:
 
     @staticmethod
     def of(fitter: Fitter, selection: Selection | None) -> "_OneModel":
-        """Build the model that a selection ended with; geometry alone without one."""
         return _OneModel(fitter, *((selection.chosen, selection.fixed) if selection else ((), ())))
 
     @property
     def noise(self) -> Noise:
-        """Noise of the instrument."""
         return self.fitter.noise
 
     @property
     def encoders(self) -> Encoders | None:
-        """Encoders of the robot's table."""
         return self.fitter.robot.chain.encoders
 
     def fitted(self, rows: Measurements, shared: ErrorModel | None) -> Identification:
-        """The identification from all these rows."""
         return self.fitter.knowing(shared).identified_with(rows, self.groups, self.fixed)
 
     def outliers(self, found: Identification, rows: Measurements, shared: ErrorModel | None) -> Outliers:
-        """The poses that are off."""
         return self.fitter.knowing(shared).outliers_of(found, rows)
 
 
 def _kinds(shared: ErrorModel | None) -> tuple[str, ...]:
-    """Return the kinds of errors that are shared."""
     return () if shared is None else shared.kinds

@@ -18,21 +18,12 @@ from lab.core.se3 import Array
 from lab.kinematics.model import Model
 from lab.noise.correlation import Correlation
 
-__all__ = [
-    "MAX_ITERATIONS",
-    "RANK_TOLERANCE",
-    "Estimator",
-    "ExtraResiduals",
-    "Fit",
-    "Observations",
-    "Status",
-    "fit",
-]
+__all__ = ["RANK_TOLERANCE", "Estimator", "ExtraResiduals", "Fit", "Observations", "Status", "fit"]
 
 Status = Literal["converged", "in a valley", "not converged"]
 ExtraResiduals = Callable[[Array], tuple[Array, Array]]
 """Parameters ``(p,)`` to more whitened residuals ``(r,)``, and the derivatives ``(r, p)`` of what predicts them."""
-MAX_ITERATIONS = 300
+_MAX_ITERATIONS = 300
 _LEAST_DAMPING, _LARGEST_DAMPING = 1e-12, 1e4  # of the largest singular value, squared
 _CRAWLED, _STALLED = 1e-3, 25  # steps in a row that each lower the cost by less than this part of it: a valley
 _BLOCK = 60_000  # numbers whose derivatives are held at a time
@@ -244,7 +235,7 @@ def fit(
     *,
     tolerance_m: float = 1e-9,
     extra_residuals: ExtraResiduals | None = None,
-    most_steps: int = MAX_ITERATIONS,
+    most_steps: int = _MAX_ITERATIONS,
 ) -> Fit:
     """Least squares over the free parameters from ``start``, the others held.
 
@@ -332,7 +323,6 @@ class _State:
         return 0.5 * float(self.residual @ self.residual)
 
     def moved(self, index: list[int], step: Array) -> Array:
-        """The parameters after a step ``(f,)`` in units of the columns."""
         values = self.values.copy()
         values[index] += step / self.scale
         return values
@@ -354,7 +344,6 @@ class _Problem:
         return np.concatenate([*parts, *more])
 
     def _parts(self, values: Array) -> Iterator[tuple[Array, Array]]:
-        """Yield residual and derivatives of each block, then of the extra residuals."""
         for each in self.observed.blocks():
             points, derivative = self.model.observe(each.inputs, values)
             yield each.apply(each.points - points), each.apply(derivative[..., self.index])
@@ -364,7 +353,6 @@ class _Problem:
                 yield more, rows[:, self.index]
 
     def at(self, values: Array) -> _State:
-        """The linear problem at some parameters."""
         if self.observed.in_one_block:
             parts = list(self._parts(values))
             residual, jacobian = parts[0] if len(parts) == 1 else map(np.concatenate, zip(*parts, strict=True))

@@ -11,7 +11,6 @@ from lab.kinematics.model import Model
 
 __all__ = [
     "WEAK_CONDITION",
-    "Alias",
     "Direction",
     "aliases",
     "column_scale",
@@ -30,7 +29,7 @@ _MEMBER = 0.1  # the least share of a direction that names a parameter
 
 
 @dataclass(frozen=True)
-class Alias:
+class _Alias:
     """A fixed parameter, and the identifiable ones that its error is aliased with.
 
     Attributes:
@@ -102,7 +101,7 @@ def condition_of(model: Model, values: Array, inputs: Array) -> float:
     return scaled_condition(jacobian.reshape(-1, len(model.names))[:, list(structure.identifiable)])
 
 
-def aliases(model: Model, structure: BaseSet, jacobian_scale: Array | None = None) -> tuple[Alias, ...]:
+def aliases(model: Model, structure: BaseSet, jacobian_scale: Array | None = None) -> tuple[_Alias, ...]:
     """Return the parameters that each fixed parameter is aliased with.
 
     A coefficient is dropped where its effect is rounding beside the others' of the same parameter.
@@ -123,7 +122,7 @@ def aliases(model: Model, structure: BaseSet, jacobian_scale: Array | None = Non
             for i, c, keep in zip(structure.identifiable, coefficients, strong, strict=True)
             if keep
         )
-        result.append(Alias(model.names[fixed], into))
+        result.append(_Alias(model.names[fixed], into))
     return tuple(result)
 
 

@@ -53,7 +53,6 @@ __all__ = [
     "Ellipsoids",
     "Identification",
     "IdentifyOptions",
-    "PredictedCovariance",
     "Solve",
     "ellipsoids",
     "fit_base_and_tool",
@@ -102,7 +101,7 @@ class IdentifyOptions:
         return replace(self, fix=fix, free=free)
 
 
-class PredictedCovariance(Protocol):
+class _PredictedCovariance(Protocol):
     """Covariances of the errors of predicted points, where they are not those of the parameters alone."""
 
     def covariances(self, inputs: Array, targets: int | None = None) -> Array:
@@ -151,7 +150,7 @@ class Identification:
     checks: tuple[Check, ...]
     extra_residuals: ExtraResiduals
     dof_each: Array | None = None
-    process: PredictedCovariance | None = None
+    process: _PredictedCovariance | None = None
     prior: ActingPrior | None = None
 
     @property
@@ -309,7 +308,6 @@ class _MAPProblem:
     sigma_given: bool
 
     def with_whole(self, prior: Prior, dof: int, sigma: float) -> _MAPFit:
-        """Fit with a prior in all directions, as wide as the given tolerances."""
         if not (self.sigma_given or np.isfinite(sigma)):
             raise LabError(
                 f"{option_name('prior')}: the measurements leave no residuals to estimate the noise; give "
@@ -412,7 +410,6 @@ class _MAPProblem:
 def _start(
     model: Model, aligned: Array, nominal: Array, structure: BaseSet, free: Sequence[int], near: Mapping[str, float]
 ) -> Array:
-    """Return the start of the fit, with fixed parameters at their nominal values."""
     start = aligned.copy()
     start[list(structure.fixed)] = nominal[list(structure.fixed)]
     start[list(free)] = [near.get(model.names[i], start[i]) for i in free]
@@ -420,7 +417,6 @@ def _start(
 
 
 def _refuse_few_poses(model: Model, data: Measurements, aligned: Array, structure: BaseSet) -> None:
-    """A LabError for fewer poses than the base set needs."""
     needed = poses_needed(model, aligned, structure)
     if len(data) < needed:
         raise LabError(
@@ -472,7 +468,6 @@ def _residual_sigma(
 def _identifiable(
     model: Model, observed: Observations, aligned: Array, structure: BaseSet, prior_rows: Array
 ) -> tuple[int, ...]:
-    """Return the parameters of the base set that are identifiable from the measured poses, at the nominal links."""
     identifiable, at = set(structure.identifiable), model.rank_point(aligned)
     order = [i for i in model.column_priority() if i in identifiable]
     few = observed.thinned(_FIRST_POSES)
@@ -546,7 +541,6 @@ def spread(points: Array) -> float:
 
 
 def _checks(found: Identification) -> list[Check]:
-    """Check that the fit converged, and that the measurements determine every parameter."""
     checks, steps, names = list[Check](), found.fit.iterations, found.model.names
     weak = [*found.weak[:_MOST_NAMED], *(["others"] if len(found.weak) > _MOST_NAMED else [])]
     if found.status == "in a valley":

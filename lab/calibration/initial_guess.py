@@ -47,7 +47,6 @@ def initial_guess(
 
 
 def _of_one_station(model: Model, observed: Observations, values: Array, groups: Sequence[str]) -> Array:
-    """Guess base and tool with one station, or with one station's rows treated as the first's."""
     base, tool = list(columns_of(model, ("base",))), list(columns_of(model, ("tool",)))
     placed, offsets = values.copy(), values[tool].reshape(-1, 3)  # (k, 3)
     placed[base] = 0.0

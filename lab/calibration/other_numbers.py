@@ -97,7 +97,6 @@ def trimmed_error(model: Model, inputs: Array, points: Array, values: Array, gro
 
 
 def _only(observed: Observations, seen: NDArray[np.bool_]) -> Observations:
-    """Select some of the points."""
     rows = np.flatnonzero(seen.any(axis=1))
     points = np.where(seen[:, :, None], observed.points, np.nan)
     return replace(observed, points=points).take(rows)

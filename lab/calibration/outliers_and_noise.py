@@ -24,7 +24,7 @@ from lab.core.se3 import Array
 from lab.kinematics.joints import Encoders
 from lab.noise.error_model import ErrorModel
 
-__all__ = ["Fits", "noise_of", "outliers_among_fitted", "outliers_among_held_out", "tail_dof", "tail_of"]
+__all__ = ["noise_of", "outliers_among_fitted", "outliers_among_held_out", "tail_dof", "tail_of"]
 
 _ROUNDS = 3  # of outliers and the noise that they are judged by
 
@@ -67,7 +67,6 @@ def outliers_among_fitted(
 
 
 def _sigma_without(found: Outliers, observations: Observations) -> float:
-    """Return sigma by the residuals of all poses that are no outliers."""
     inside = np.ones(len(observations.inputs), dtype=np.bool_)
     inside[found.rows] = False
     dof = int(observations.seen[inside].sum()) * observations.points.shape[2] - found.fit.rank
@@ -105,7 +104,7 @@ def tail_of(found: Identification, rows: Measurements, noise: Noise) -> float:
     return tail_dof(linearized(found.model, alone, found.values, found.fit.free, found.extra_residuals))
 
 
-class Fits(Protocol):
+class _Fits(Protocol):
     """Fits of one model to any rows, with given noise."""
 
     @property
@@ -137,7 +136,7 @@ class _Explanation:
     deviance: float
 
 
-def noise_of(fits: Fits, rows: Measurements) -> NoiseSearch:
+def noise_of(fits: _Fits, rows: Measurements) -> NoiseSearch:
     """The errors that rows share, from those that are not off.
 
     Bad readings look like scatter, and scatter looks like bad readings. Both are tried first; where the explanations
@@ -167,7 +166,6 @@ def noise_of(fits: Fits, rows: Measurements) -> NoiseSearch:
 
 
 def _counted(whole: Identification, rows: Measurements, encoders: Encoders | None) -> ErrorModel | None:
-    """Return the error model of the encoders' rounding to whole counts; None where unknown or small."""
     observation = observation_of(whole.model)
     if encoders is None or not only_positions(observation):
         return None
@@ -176,9 +174,8 @@ def _counted(whole: Identification, rows: Measurements, encoders: Encoders | Non
 
 
 def _settled(
-    fits: Fits, rows: Measurements, first: _Explanation, reach: float, counts: ErrorModel | None
+    fits: _Fits, rows: Measurements, first: _Explanation, reach: float, counts: ErrorModel | None
 ) -> _Explanation:
-    """The explanation whose outliers are those of its own noise."""
     here = first
     for _ in range(_ROUNDS):
         shared = here.search.shared
@@ -190,9 +187,8 @@ def _settled(
 
 
 def _without(
-    fits: Fits, rows: Measurements, outliers: frozenset[int], reach: float, counts: ErrorModel | None
+    fits: _Fits, rows: Measurements, outliers: frozenset[int], reach: float, counts: ErrorModel | None
 ) -> _Explanation:
-    """The noise of the other rows; all rows' where these are too few."""
     clean = rows.take(np.setdiff1d(np.arange(len(rows)), sorted(outliers)))
     search = search_noise(fits.fitted(clean, counts), clean, replace(fits.noise, shared=counts))
     numbers = 3 * int(rows.seen[sorted(outliers)].sum())
@@ -249,7 +245,6 @@ def _binned(sizes: Array) -> tuple[Array, Array]:
 
 
 def _height(numbers: Array, count: Array, bound: float, dof: float, scale: float) -> float:
-    """Log-likelihood of sizes ``(n,)``, so many of each, of numbers of this distribution below a bound."""
     if np.isinf(dof):
         below = scipy.special.ndtr(bound / scale)
         logs = -0.5 * (numbers / scale) ** 2 - 0.5 * np.log(2 * np.pi)

@@ -103,7 +103,7 @@ class PipelineOptions:
     """
 
     kind: Sensor
-    fit: FitOptions = field(default_factory=FitOptions)
+    _fit: FitOptions = field(default_factory=FitOptions)
     instrument: Instrument | None = None
     noise_m: float | None = None
     judging: Judging = field(default_factory=Judging)
@@ -197,7 +197,7 @@ def _select_model(state: Fitted) -> Fitted:
     return replace(state, fitter=fitter, selection=selection, groups=groups, unshown=unshown, noise=search)
 
 
-def fit(state: Fitted) -> Fitted:
+def _fit(state: Fitted) -> Fitted:
     """Fit the parameters, without outliers on request.
 
     Needs: ``groups``, ``unshown``. Adds: ``rows``, ``weighted``, ``observations``, ``identification``,
@@ -207,7 +207,7 @@ def fit(state: Fitted) -> Fitted:
     return replace(state.with_fit(found, clean), outlier_search=outliers)
 
 
-def find_outliers(state: Fitted) -> Fitted:
+def _find_outliers(state: Fitted) -> Fitted:
     """Find outliers among the rows that were given and among those held out, and the tails of the noise.
 
     Needs: ``weighted``. Adds: ``outlier_search``, ``outliers``, ``tail_dof``.
@@ -349,18 +349,13 @@ def _check_noise(state: Fitted) -> Fitted:
 
 
 def _missing(beside: Selection) -> Check:
-    """Return the finding of effects missing in a model.
-
-    Args:
-        beside: the selection that found them.
-    """
     before, after = beside.groups[0].holdout_m, beside.groups[len(beside.chosen)].holdout_m
     named = [describe_term(name) or name for name in beside.chosen]
     size_m = float(np.sqrt(max(before**2 - after**2, 0.0)))
     return finding("missing", size_m, effects=named, before_m=before, after_m=after)
 
 
-def validate(state: Fitted) -> Fitted:
+def _validate(state: Fitted) -> Fitted:
     """Validate on further measurements, else on the rows held out, else by folds of all rows.
 
     Needs: ``identification``, ``groups``. Adds: ``validation``.
@@ -430,7 +425,7 @@ def _stations_of(other: Measurements, state: Fitted) -> SessionInfo:
     return SessionInfo(stations=known)
 
 
-def judge(state: Fitted) -> Fitted:
+def _judge(state: Fitted) -> Fitted:
     """Predict the errors where the arm is used, compare them with the validation's, and decide the verdict.
 
     Needs: ``identification``, ``adequacy``, ``measured``, ``findings``, ``validation``. Adds: ``prediction``,
@@ -466,7 +461,6 @@ def judge(state: Fitted) -> Fitted:
 
 
 def _measured_from_one_place(fitter: Fitter) -> bool:
-    """Return whether points were measured from one place of the instrument."""
     return fitter.kind.name == "points" and len(fitter.session.stations) < 2
 
 
@@ -478,7 +472,6 @@ def _judged(state: Fitted) -> Validation:
 
 
 def _spread_of_later(state: Fitted, uncalibrated_m: float) -> ResidualSpread:
-    """Return what the fit leaves of rows that are measured later, no more than of an arm that was never calibrated."""
     order, most_m = rows_in_time(state.rows), uncalibrated_m / np.sqrt(3)
     return for_later_rows(state.residual_spread, state.identification, state.observations, order, most_m)
 
@@ -545,8 +538,8 @@ def _check_validation(state: Fitted) -> Fitted:
 
 FITTING: Mapping[str, Step] = {
     "select model": _select_model,
-    "fit": fit,
-    "find outliers": find_outliers,
+    "fit": _fit,
+    "find outliers": _find_outliers,
     "check lack of fit": _check_lack_of_fit,
     "choose intervals": _choose_intervals,
     "check fit": _check_fit,
@@ -557,8 +550,8 @@ FITTING: Mapping[str, Step] = {
 STEPS: Mapping[str, Step] = {
     "hold out": _hold_poses_out,
     **FITTING,
-    "validate": validate,
-    "judge": judge,
+    "validate": _validate,
+    "judge": _judge,
     "check signs": _check_signs,
     "check validation": _check_validation,
 }

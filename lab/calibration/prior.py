@@ -33,7 +33,7 @@ __all__ = [
     "standard_deviations",
 ]
 
-WEAK = 1.0  # of a direction's prior standard deviation: measured better, the measurements know more than the prior
+_WEAK = 1.0  # of a direction's prior standard deviation: measured better, the measurements know more than the prior
 _SCALES = np.geomspace(1.0, 1e4, 369)  # of the tolerances as they are given, by 2.5 %: none is below one
 _NO_SLOPE = 1e-12  # of the largest singular value: below, there is none
 
@@ -68,7 +68,7 @@ class Prior:
 
     def knows_less(self, covariance: Array) -> bool:
         """Decide whether measurements of this covariance ``(m, m)`` know every direction better, at any scale."""
-        return bool(np.trace(self.whiten @ covariance @ self.whiten.T) < WEAK**2)
+        return bool(np.trace(self.whiten @ covariance @ self.whiten.T) < _WEAK**2)
 
     def surprise(self, values: Array) -> Array:
         """Return the deviation of each parameter of ``of`` from nominal ``(m,)``, in its own standard deviations."""
@@ -137,7 +137,7 @@ class Directions:
 
     def weak(self, scale: float) -> NDArray[np.bool_]:
         """Check ``(m,)`` which parameters are measured hardly better than a prior of this scale determines them."""
-        return np.asarray(self.stds > WEAK * scale)
+        return np.asarray(self.stds > _WEAK * scale)
 
     def left_by_prior(self, scale: float) -> float:
         """Return the degrees of freedom that a prior of this scale takes from the fit."""

@@ -20,7 +20,7 @@ from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.kinematics.model import Model
 
-__all__ = ["DETERMINED", "Placed", "dependent_columns", "placed_anew"]
+__all__ = ["DETERMINED", "dependent_columns", "placed_anew"]
 
 DETERMINED = 1e-6  # of a column's length that those before it leave unexplained: less, and it is not determined
 _SHARES = ((1e-3, 0.03), (DETERMINED, 1e-4))  # undetermined by less, and what validated poses may feel of that
@@ -29,7 +29,7 @@ _STEPS = 40  # of a fit that may have a valley of a floor
 
 
 @dataclass(frozen=True)
-class Placed:
+class _Placed:
     """Base and tool as some poses place them.
 
     Attributes:
@@ -43,7 +43,7 @@ class Placed:
 
 def placed_anew(
     model: Model, reference: Measurements, test: Measurements, values: Array, refit: Sequence[str], where: str
-) -> Placed:
+) -> _Placed:
     """Place base, tool or both by the reference rows.
 
     Args:
@@ -65,8 +65,8 @@ def placed_anew(
     if scaled_condition(slopes[:, free]) < _CLEAR or linear:
         found = fit(model, observed, free, initial_guess(model, observed, values, refit))
         if _is_determined(found, len(free), reference, linear=linear):
-            return Placed(found.values, ())
-    best: tuple[float, Placed] | None = None
+            return _Placed(found.values, ())
+    best: tuple[float, _Placed] | None = None
     for share, felt in _SHARES:  # the fewest parameters first: from there the others are near
         fixed = tuple(free[j] for j in dependent_columns(slopes[:, free], share))
         retained = tuple(column for column in free if column not in fixed)
@@ -77,7 +77,7 @@ def placed_anew(
             slopes, there, retained, fixed, felt
         )
         if sure and (best is None or found.cost_trace[-1] < best[0]):
-            best = found.cost_trace[-1], Placed(found.values, tuple(model.names[i] for i in fixed))
+            best = found.cost_trace[-1], _Placed(found.values, tuple(model.names[i] for i in fixed))
     if best is None:
         raise _too_few(where, reference, refit, found.rank, len(free))
     return best[1]

@@ -154,7 +154,6 @@ class _Parts:
 
     @classmethod
     def of(cls, found: Identification, labels: NDArray[np.int_] | None) -> "_Parts":
-        """Take the residuals of positions apart."""
         positions = observation_of(found.model).positions
         residuals, count = found.residuals[:, :positions], found.residuals.shape[1]
         labels = np.arange(len(residuals)) if labels is None else np.unique(labels, return_inverse=True)[1]
@@ -183,7 +182,6 @@ class _Parts:
 
     @property
     def of_one_reading(self) -> float:
-        """The variance of one reading at a new configuration."""
         return self.between + (1 - 1 / self.readings) * self.within
 
     @property
@@ -196,5 +194,4 @@ class _Parts:
 
     @property
     def dof(self) -> int:
-        """Degrees of freedom of the variance of one reading."""
         return self.dof_between if self.is_shared else self.dof_pooled

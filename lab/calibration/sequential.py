@@ -23,15 +23,15 @@ from lab.core.se3 import Array
 from lab.kinematics.gauge import independent_columns
 from lab.kinematics.model import Model
 
-__all__ = ["Split", "fit_sequentially", "split_of"]
+__all__ = ["fit_sequentially", "split_of"]
 
-MOST_ROUNDS = 100
-SETTLED = 1e-13  # m or rad: a round that changes less has come to rest
-ROUNDING = 1e-9  # a change below that no longer shrinks is rounding
+_MOST_ROUNDS = 100
+_SETTLED = 1e-13  # m or rad: a round that changes less has come to rest
+_ROUNDING = 1e-9  # a change below that no longer shrinks is rounding
 
 
 @dataclass(frozen=True)
-class Split:
+class _Split:
     """Split of the parameters into those identified by orientations and those left to the positions.
 
     Attributes:
@@ -43,7 +43,7 @@ class Split:
     rest: Array
 
 
-def split_of(observation: Observation, observed: Observations, free: Sequence[int], values: Array) -> Split:
+def split_of(observation: Observation, observed: Observations, free: Sequence[int], values: Array) -> _Split:
     """The split of the ``free`` parameters at nominal links.
 
     An angle that orientations do not identify changes them as the identified ones do, with coefficients c: moving it
@@ -69,7 +69,7 @@ def split_of(observation: Observation, observed: Observations, free: Sequence[in
     unobservable[list(angles)] -= coefficients
     lengths = [i for i in free if i not in rotating]
     directions = np.concatenate([single[:, lengths], unobservable], axis=1)
-    return Split(angles, directions)
+    return _Split(angles, directions)
 
 
 def fit_sequentially(observation: Observation, observed: Observations, free: Sequence[int], start: Array) -> Fit:
@@ -97,14 +97,14 @@ def fit_sequentially(observation: Observation, observed: Observations, free: Seq
     angles = np.eye(len(start))[:, list(split.angles)]
     values, costs, change = start.copy(), [], np.inf
     status: Status = "not converged"
-    for _ in range(MOST_ROUNDS):
+    for _ in range(_MOST_ROUNDS):
         turned = values + _step(model, observed, slice(positions, None), values, angles)
         moved = turned + _step(model, observed, slice(None, positions), turned, split.rest)
         last, change = change, float(np.abs(moved - values).max())
         values = moved
         residuals = observed.apply(observed.points - model.points(observed.inputs, values))
         costs.append(0.5 * float((residuals**2).sum()))
-        if change < SETTLED or (change < ROUNDING and change >= 0.5 * last):
+        if change < _SETTLED or (change < _ROUNDING and change >= 0.5 * last):
             status = "converged"
             break
     linear = fit(model, observed, free, values, tolerance_m=np.inf)
@@ -112,7 +112,7 @@ def fit_sequentially(observation: Observation, observed: Observations, free: Seq
     return replace(linear, values=values, status=status, cost_trace=tuple(costs), other=own)
 
 
-def _unit_covariance(model: Model, observed: Observations, positions: int, split: Split, values: Array) -> Array:
+def _unit_covariance(model: Model, observed: Observations, positions: int, split: _Split, values: Array) -> Array:
     """Covariance ``(p, p)`` of the sequential estimate, where whitened noise has variance one.
 
     The estimate x solves Q_a'(r_o - O x) = 0 and Q_l'(r_p - P x) = 0: orientations with their derivatives O leave

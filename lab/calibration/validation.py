@@ -32,7 +32,6 @@ __all__ = [
     "ROWS_PER_PARAMETER",
     "SAME_CONFIGURATION",
     "Errors",
-    "Identify",
     "JudgedBy",
     "TruthComparison",
     "Validation",
@@ -56,13 +55,13 @@ __all__ = [
 SAME_CONFIGURATION = 0.01  # rad (m for a slide): joint positions this near are repeats of one configuration
 _MANY_ROWS, _CELLS = 20_000, 8  # more rows are looked at by cells, so many to the width of a configuration
 _UNIDENTIFIED = Check("validation.unidentified", "not tested")
-FOLDS, LEAST_FOLDS = 5, 3
+FOLDS, _LEAST_FOLDS = 5, 3
 MOST_OUTLIERS = 0.05  # of the validation poses, without a doubt about all of them
 ROWS_PER_PARAMETER = 1.5  # what each fold must leave to fit
-REFERENCE_EVERY = 3  # the rows that place base or tool anew where a file does not say which
+_REFERENCE_EVERY = 3  # the rows that place base or tool anew where a file does not say which
 
-Rows = NDArray[np.int_]
-Identify = Callable[[Measurements], Identification]
+_Rows = NDArray[np.int_]
+_Identify = Callable[[Measurements], Identification]
 JudgedBy = Literal["fresh", "holdout", "file", "cross-validation"]
 
 
@@ -161,7 +160,7 @@ def errors_of(identification: Identification, test: Measurements) -> Errors:
     )
 
 
-def configurations(joints: Array) -> Rows:
+def configurations(joints: Array) -> _Rows:
     """``(n,)`` labels of joint positions ``(n, joints)``: rows within 0.01 rad (m) in every joint share one.
 
     Of very many rows those in one cell of an eighth of that stand for each other, or their pairs would be too many.
@@ -177,7 +176,7 @@ def configurations(joints: Array) -> Rows:
         return configurations(joints[first[order]])[np.argsort(order)[same]]
     pairs = scipy.spatial.cKDTree(joints).query_pairs(SAME_CONFIGURATION, p=np.inf, output_type="ndarray")
     links = scipy.sparse.coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(joints), len(joints)))
-    labels: Rows = scipy.sparse.csgraph.connected_components(links, directed=False)[1].astype(np.int_)
+    labels: _Rows = scipy.sparse.csgraph.connected_components(links, directed=False)[1].astype(np.int_)
     return labels
 
 
@@ -187,13 +186,13 @@ def _row_numbers(rows: Array) -> NDArray[np.uint64]:
     return np.asarray((rows.astype(np.int64).view(np.uint64) * factors).sum(axis=1, dtype=np.uint64))
 
 
-def cv_groups_of(model: Model, data: Measurements) -> Rows:
+def cv_groups_of(model: Model, data: Measurements) -> _Rows:
     """``(n,)`` labels of rows that are fitted or held out together: at a fixture, or repeats of a configuration."""
     labels = observation_of(model).cv_groups(data)
     return configurations(data.joints) if labels is None else labels
 
 
-def split_by_label(labels: Rows, share: float, seed: int) -> tuple[Rows, Rows]:
+def split_by_label(labels: _Rows, share: float, seed: int) -> tuple[_Rows, _Rows]:
     """Rows to fit and rows to hold out: all rows of a label, labels at random, until the share is reached."""
     order = rng_for(seed, "split").permutation(labels.max() + 1)
     sizes = np.bincount(labels)[order]
@@ -202,7 +201,7 @@ def split_by_label(labels: Rows, share: float, seed: int) -> tuple[Rows, Rows]:
     return np.flatnonzero(~test), np.flatnonzero(test)
 
 
-def folds(labels: Rows, seed: int) -> Rows:
+def folds(labels: _Rows, seed: int) -> _Rows:
     """``(n,)`` the fold of each row, five or as many as there are labels: all rows of a label, labels at random."""
     order = rng_for(seed, "split").permutation(labels.max() + 1)
     fold_of = np.empty(len(order), dtype=np.int_)
@@ -227,7 +226,7 @@ def hold_out(model: Model, data: Measurements, share: float, seed: int) -> tuple
     return data.take(fitted), data.take(held_out)
 
 
-def rows_in_time(data: Measurements) -> Rows:
+def rows_in_time(data: Measurements) -> _Rows:
     """Return the rows in the order in which they were measured: by ``time_s`` where every row has it, else as given."""
     seconds = data.conditions.get("time_s", np.full(len(data), np.nan))
     return np.argsort(seconds, kind="stable") if np.isfinite(seconds).all() else np.arange(len(data))
@@ -280,7 +279,7 @@ def validate_rows(identification: Identification, test: Measurements) -> Validat
 
 
 def validate_folds(
-    identify: Identify, identification: Identification, data: Measurements, seed: int, progress: Progress = no_progress
+    identify: _Identify, identification: Identification, data: Measurements, seed: int, progress: Progress = no_progress
 ) -> Validation:
     """Five-fold cross-validation by configuration or fixture; none where a fold would leave too little to fit.
 
@@ -299,7 +298,7 @@ def validate_folds(
     for fold in range(count):
         if why := few_points_of_a_station(identification.model, data.take(np.flatnonzero(rows != fold))):
             return Validation(None, None, (_not_without_a_fold(why),))
-    if count < LEAST_FOLDS or not enough:
+    if count < _LEAST_FOLDS or not enough:
         per_pose = points.mean()
         wanted = int(np.ceil(ROWS_PER_PARAMETER * identifiable / (numbers * per_pose) * FOLDS / (FOLDS - 1)))
         return Validation(None, None, (Check("validation.poses", "not tested", data={"wanted": wanted}),))
@@ -433,7 +432,7 @@ def _reference_and_test(part: Measurements, refit: Sequence[str]) -> tuple[list[
     if part.marked:
         reference = [i for i in rows if part.use[i] == "reference"]
     else:
-        reference = rows[::REFERENCE_EVERY] if refit else []
+        reference = rows[::_REFERENCE_EVERY] if refit else []
     chosen = set(reference)
     test = [i for i in rows if i not in chosen]
     setup = _setup_name(setups(part)[0] if refit else (part.sessions[0], ""))
@@ -452,6 +451,5 @@ def _setup_name(setup: tuple[str, str]) -> str:
 
 
 def _transfer(source: Model, target: Model, values: Array) -> Array:
-    """Values by name from one model to another; targets that are new start at zero."""
     known = dict(zip(source.names, values, strict=True))
     return np.array([known.get(name, 0.0) for name in target.names])

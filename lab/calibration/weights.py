@@ -18,15 +18,7 @@ from lab.noise.error_term import Components, ErrorShapes
 from lab.noise.instruments import Instrument, is_isotropic
 from lab.noise.terms import UNCORRELATED, correlation_of
 
-__all__ = [
-    "Noise",
-    "correlated",
-    "error_shapes",
-    "joined",
-    "root_mean_square_sigma",
-    "weigh",
-    "weighted_constraints",
-]
+__all__ = ["Noise", "error_shapes", "joined", "root_mean_square_sigma", "weigh", "weighted_constraints"]
 
 
 @dataclass(frozen=True)
@@ -57,7 +49,7 @@ def weigh(observation: Observation, data: Measurements, noise: Noise) -> tuple[O
     observed, known = _by_instrument(observation, data, noise)
     if noise.shared is None:
         return observed, known
-    return correlated(observation.model, observed, data, noise.shared, known=known), known
+    return _correlated(observation.model, observed, data, noise.shared, known=known), known
 
 
 def _by_instrument(observation: Observation, data: Measurements, noise: Noise) -> tuple[Observations, bool]:
@@ -149,7 +141,7 @@ def error_shapes(
     return ErrorShapes(scatter, shift, along, times)
 
 
-def correlated(
+def _correlated(
     model: Model, observed: Observations, data: Measurements, shared: ErrorModel, *, known: bool
 ) -> Observations:
     """Return the measurements, weighted by the instrument, with the errors that they share.

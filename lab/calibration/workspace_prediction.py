@@ -390,7 +390,6 @@ def _felt_per_unit(identification: Identification) -> Array:
 
 
 def _spread_of_retained(model: Model, structure: BaseSet, tolerance: Tolerance) -> Array:
-    """Return the standard deviation ``(kept,)`` of the identified parameters by the tolerances of all."""
     sigma = standard_deviations(model, tolerance)
     drawn = np.isfinite(sigma)
     wide = alias_matrix(structure, len(model.names))[:, drawn] * sigma[drawn]
@@ -576,7 +575,6 @@ def check_prediction(
 
 
 def _rows_in_measured_region(measured: MeasuredRange | None, rows: Measurements) -> NDArray[np.int_] | None:
-    """Return the rows whose poses lie in the measured region; None where all are compared."""
     if measured is None or not measured.is_worse_beyond:
         return None
     inside = np.flatnonzero(~measured.outside(rows.joints))
@@ -586,7 +584,6 @@ def _rows_in_measured_region(measured: MeasuredRange | None, rows: Measurements)
 def _errors_of_parameters(
     found: Identification, measured: MeasuredRange | None, rows: Measurements, rng: np.random.Generator
 ) -> Array:
-    """``(n, k, 3, draws)`` errors (m) of predicted points."""
     inputs = rows.inputs(found.model.conditions)
     n, k = rows.points.shape[:2]
     if found.process is not None:
@@ -601,7 +598,6 @@ def _errors_of_parameters(
 
 
 def _errors_of_noise(found: Identification, noise: Noise, rows: Measurements, rng: np.random.Generator) -> Array:
-    """``(n, k, 3, draws)`` errors (m) of the measured points."""
     observed, known = weigh(observation_of(found.model), rows, noise)
     drawn = np.zeros((*observed.points.shape, _DRAWS))
     white = rng.standard_normal((3 * int(observed.seen.sum()), _DRAWS))

@@ -40,10 +40,8 @@ __all__ = [
     "BudgetLine",
     "FrameMotion",
     "InputQuantity",
-    "KinematicDraws",
     "Measurand",
     "Placement",
-    "Propagated",
     "Propagation",
     "RandomErrors",
     "RandomScatter",
@@ -121,7 +119,7 @@ class BudgetLine:
 
 
 @dataclass(frozen=True)
-class KinematicDraws:
+class _KinematicDraws:
     """The length that 95 % of the errors do not exceed, of the same drawn calibrations.
 
     Attributes:
@@ -156,7 +154,7 @@ class Budget:
     drawn_m: float
     drawn_std_m: float
     draws: int
-    kinematics: KinematicDraws
+    kinematics: _KinematicDraws
 
     @cached_property
     def tolerance_m(self) -> float:
@@ -189,7 +187,7 @@ class Budget:
 
 
 @dataclass(frozen=True)
-class Propagated:
+class _Propagated:
     """Result of the law of propagation of uncertainty for a measurand.
 
     Attributes:
@@ -214,7 +212,7 @@ class Propagated:
 
 def propagated(
     measurand: Measurand, quantities: Sequence[InputQuantity], positions: Array, rng: np.random.Generator
-) -> Propagated:
+) -> _Propagated:
     """The uncertainty of positions, or of distances between random pairs of them.
 
     Args:
@@ -234,7 +232,7 @@ def propagated(
     spread = float((variances**2 / freedoms).sum())  # an infinite one adds nothing
     dof = float(variances.sum() ** 2 / spread) if spread else np.inf
     expanded = length_not_exceeded(np.sum(squares, axis=0), None if np.isinf(dof) else dof)
-    return Propagated(tuple(retained), tuple(columns), variances, dof, expanded)
+    return _Propagated(tuple(retained), tuple(columns), variances, dof, expanded)
 
 
 def budget_of(
@@ -279,7 +277,6 @@ def _of_distances(quantities: Sequence[InputQuantity], positions: Array, rng: np
 
 
 def _partners(count: int, rng: np.random.Generator) -> NDArray[np.int_]:
-    """Return another position for each position."""
     return (np.arange(count) + rng.integers(1, count, count)) % count
 
 
@@ -289,7 +286,7 @@ def _through_kinematics(
     positions: Array,
     moved: Callable[[Array], Array],
     rng: np.random.Generator,
-) -> KinematicDraws:
+) -> _KinematicDraws:
     """Errors of drawn calibrations: the same ones with the linear map and with the full kinematics."""
     count = len(positions)
     other: Array = np.zeros((_CALIBRATIONS, count, 3))  # what does not come through the fit
@@ -321,7 +318,7 @@ def _through_kinematics(
         steps = [np.linalg.norm(errors + other, axis=2) for errors in (mapped, full)]
     met = np.isfinite(steps[1])  # a loop may not close so far off
     linear_m, full_m = (_quantile(np.abs(each[met]))[0] for each in steps)
-    return KinematicDraws(linear_m, full_m, _CALIBRATIONS)
+    return _KinematicDraws(linear_m, full_m, _CALIBRATIONS)
 
 
 def _drawn_lengths(quantities: Sequence[InputQuantity], columns: Sequence[Array], rng: np.random.Generator) -> Array:
@@ -602,7 +599,6 @@ def temperature_of(propagation: Propagation, base: Array, kelvin: Uncertain, exp
 
 
 def _systematic(propagation: Propagation, errors: TrackerErrors, source: str, term: SystematicError) -> InputQuantity:
-    """A systematic error of the instrument, through the fit."""
     group = "temperature" if term.name in _OF_AIR else "reflector" if term.name == "centring_depth" else "misalignment"
     shifts = propagation.shifts_by(errors.displacements(term, _seen(propagation)))
     return _fitted(propagation, shifts, group, term.description, source, term.unit, errors.quantity(term))
@@ -638,5 +634,4 @@ def _fitted(
 
 
 def _seen(propagation: Propagation) -> Array:
-    """The measured points; ones where nothing was measured, which nothing counts."""
     return np.nan_to_num(propagation.observed.points, nan=1.0)

@@ -18,7 +18,6 @@ __all__ = [
     "CHARACTERISTICS",
     "Accuracy",
     "Conformity",
-    "DecisionRule",
     "PoseAccuracy",
     "Repeats",
     "conformity_of",
@@ -159,8 +158,8 @@ def distance_errors(measured: Array, commanded: Array, labels: NDArray[np.int_],
     return np.asarray(found[np.isfinite(found)])
 
 
-DecisionRule = Literal["guard-band", "simple"]
-Decision = Literal["conforms", "does not conform", "not decided"]
+_DecisionRule = Literal["guard-band", "simple"]
+_Decision = Literal["conforms", "does not conform", "not decided"]
 _RULES = {
     "simple": (
         "simple acceptance (JCGM 106:2012, 8.2): it conforms where the value is not above the tolerance; the risk of a "
@@ -187,8 +186,8 @@ class Conformity:
     value_m: float
     tolerance_m: float
     expanded_m: float
-    rule: DecisionRule
-    decision: Decision
+    rule: _DecisionRule
+    decision: _Decision
 
     @property
     def rule_text(self) -> str:
@@ -196,10 +195,10 @@ class Conformity:
         return _RULES[self.rule]
 
 
-def conformity_of(value_m: float, tolerance_m: float, expanded_m: float, rule: DecisionRule) -> Conformity:
+def conformity_of(value_m: float, tolerance_m: float, expanded_m: float, rule: _DecisionRule) -> Conformity:
     """The statement on a value with an expanded uncertainty (m), by a rule."""
     guard = expanded_m if rule == "guard-band" else 0.0
-    decision: Decision = "not decided"
+    decision: _Decision = "not decided"
     if value_m + guard <= tolerance_m:
         decision = "conforms"
     elif value_m - guard > tolerance_m:

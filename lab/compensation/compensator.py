@@ -30,7 +30,7 @@ from lab.kinematics.inverse.closed_form import Solutions
 from lab.kinematics.inverse.newton import FREEDOMS, PLACES, PoseTarget, reach, shortest_step, tool_at, within_reach
 from lab.kinematics.joints import JointSpec
 
-__all__ = ["AGREED_M", "CLEAR_RAD", "NEAR_RAD", "REQUESTED_BRANCH", "Compensation", "Compensator", "Refusals"]
+__all__ = ["AGREED_M", "CLEAR_RAD", "NEAR_RAD", "REQUESTED_BRANCH", "Compensation", "Compensator"]
 
 CLEAR_RAD = np.deg2rad(5.0)  # of a singularity, where the rotation is free to choose
 _MOST_LEFT_OUT_M = 10e-3  # of a place, by an arm with one or two joints; what is farther off is out of its reach
@@ -42,20 +42,20 @@ REQUESTED_BRANCH = "the row's joint positions ask for this solution, so leave th
 _BLOCK = 2_000  # targets that are worked out at a time
 _TRIED = 20  # random poses, in one of which the arm moves its tool every way if it ever does
 
-Texts = NDArray[np.object_]  # (n,) of str
+_Texts = NDArray[np.object_]  # (n,) of str
 NEAR_RAD = np.deg2rad(1.0)  # of a singularity (m for a slide)
 AGREED_M = 1e-6  # what schemes of compensation may end apart, m or rad
 _EDGE_M = 1e-3  # missed by less, a target is at the edge of the workspace
 _LIMIT_SLACK = 1e-9  # rad or m: rounding
 
-Moved = Callable[
+_Moved = Callable[
     [NDArray[np.int_], Array, Array], Array
 ]  # rows, their joint positions, what is missing: to new joint positions
-Refusals = Callable[[Array], Sequence[str]]  # joint positions (n, joints): why the arm may not be there; "" if it may
+_Refusals = Callable[[Array], Sequence[str]]  # joint positions (n, joints): why the arm may not be there; "" if it may
 
 
 @dataclass
-class Attempts:
+class _Attempts:
     """The best that was found so far.
 
     Attributes:
@@ -76,8 +76,8 @@ class Attempts:
     arrived: NDArray[np.bool_]
     excess: Array
     steps: NDArray[np.int_]
-    refusals: Texts
-    passed_over: Texts
+    refusals: _Texts
+    passed_over: _Texts
 
     @property
     def possible(self) -> NDArray[np.bool_]:
@@ -95,7 +95,7 @@ class Attempts:
         beyond = np.where(self.refusals == "", self.excess.max(axis=1), 2 * _LIMIT_SLACK)
         return np.where(self.arrived, beyond, 1e3 + np.abs(self.errors).max(axis=1))
 
-    def take_better(self, rows: NDArray[np.int_], other: "Attempts", chain: JointSpec) -> None:
+    def take_better(self, rows: NDArray[np.int_], other: "_Attempts", chain: JointSpec) -> None:
         """Replace worse results by those of another method for some rows, and report what was wrong with them."""
         better = other.cost < self.cost[rows]
         for i in rows[better].tolist():
@@ -195,7 +195,7 @@ class Compensator:
     nominal: NominalInverse
     arm: Arm
     values: Array
-    refusals: Refusals | None = None
+    refusals: _Refusals | None = None
     bound: str = REQUESTED_BRANCH
     progress: Progress = no_progress
     keep: Keep = at_once
@@ -292,7 +292,7 @@ class Compensator:
 
     def _first_that_fits(
         self, wanted: PoseTarget, conditions: Array, reference: Array, before: Array
-    ) -> tuple[Attempts, Array]:
+    ) -> tuple[_Attempts, Array]:
         """The identified arm's inverse, by the nominal model's first solution within limits, else the best."""
         chain = self.nominal.arm.chain
         ways = self.nominal.solutions(wanted, reference)
@@ -317,7 +317,6 @@ class Compensator:
         return PoseTarget(self._tool(joints, conditions)[0][:, :3, 3], wanted.rotations)
 
     def _left_out(self, asked: PoseTarget, joints: Array, conditions: Array) -> tuple[Array, Array]:
-        """Return the position error ``(n,)`` (m) and the rotation error (rad)."""
         missing = asked.errors(self._tool(joints, conditions)[0])
         return np.linalg.norm(missing[:, :3], axis=1), np.linalg.norm(missing[:, 3:], axis=1)
 
@@ -331,7 +330,7 @@ class Compensator:
         near[rows] = (distance < CLEAR_RAD).reshape(near[rows].shape)
         return near
 
-    def _tried(self, wanted: PoseTarget, conditions: Array, start: Array, branch: NDArray[np.int_]) -> Attempts:
+    def _tried(self, wanted: PoseTarget, conditions: Array, start: Array, branch: NDArray[np.int_]) -> _Attempts:
         """Run Newton's method from one IK solution of the nominal model, aimed a few times at the arm's error there."""
         chain = self.nominal.arm.chain
         joints, aimings = start.copy(), np.zeros(len(wanted), dtype=np.int_)
@@ -345,7 +344,7 @@ class Compensator:
         turned = nearest_whole_turns(chain, ended.joints, start)
         arrived = ended.arrived & (np.linalg.norm(ended.errors[:, :3], axis=1) < _MOST_LEFT_OUT_M)
         start = nearest_whole_turns(chain, start, turned)  # the other schemes end where this one does
-        found = Attempts(start, branch, turned, ended.errors, arrived, chain.excess(turned),
+        found = _Attempts(start, branch, turned, ended.errors, arrived, chain.excess(turned),
                          aimings + ended.steps, _no_texts(len(turned)), _no_texts(len(turned)))  # fmt: skip
         if self.refusals is not None:
             rows = np.flatnonzero(found.possible)
@@ -353,8 +352,6 @@ class Compensator:
         return found
 
     def _differential(self, wanted: PoseTarget, conditions: Array, start: Array) -> Array:
-        """Scheme (b)."""
-
         def moved(rows: NDArray[np.int_], joints: Array, missing: Array) -> Array:
             return joints + shortest_step(self.nominal.tool(joints)[1], missing, wanted.turned[rows])
 
@@ -380,7 +377,7 @@ class Compensator:
         Ts, kept = self._tool(joints, conditions)[0], wanted.turned & (joints.shape[1] >= FREEDOMS)
         return PoseTarget(wanted.positions, np.where(kept[:, None, None], wanted.rotations, Ts[:, :3, :3]))
 
-    def _iterated(self, wanted: PoseTarget, conditions: Array, start: Array, moved: Moved) -> Array:
+    def _iterated(self, wanted: PoseTarget, conditions: Array, start: Array, moved: _Moved) -> Array:
         """Joint positions ``(n, joints)`` moved again and again, until the tool is where it is wanted.
 
         A fixed point, not Newton's method: ``moved`` may be a controller's own inverse, which gives joint positions,
@@ -418,26 +415,22 @@ class Compensator:
         return apart
 
 
-def _no_texts(count: int) -> Texts:
-    """So many empty texts."""
+def _no_texts(count: int) -> _Texts:
     return np.full(count, "", dtype=object)
 
 
 def _settled(missing: Array) -> NDArray[np.bool_]:
-    """Check ``(n,)`` whether errors ``(n, 6)`` are negligible."""
     place, turn = np.linalg.norm(missing[:, :3], axis=1), np.linalg.norm(missing[:, 3:], axis=1)
     return np.asarray((place < _SETTLED_M) & (turn < _SETTLED_RAD))
 
 
 def _spread(part: Array, rows: NDArray[np.int_], shape: tuple[int, ...]) -> Array:
-    """Values of some rows among all, NaN in the others."""
     whole = np.full(shape, np.nan)
     whole[rows] = part
     return whole
 
 
 def _beyond_limit(chain: JointSpec, joints: Array, joint: int) -> str:
-    """Describe a joint's position and its limit."""
     at = joints[joint]
     limit = chain.upper[joint] if at > chain.upper[joint] else chain.lower[joint]
     unit = chain.unit(joint)

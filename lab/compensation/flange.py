@@ -110,7 +110,6 @@ def _is_elsewhere(whole: Array, rows: Array, deviation: Array) -> bool:
 
 
 def _least(covariance: Array) -> float:
-    """Return the variance along the most certain axis."""
     return float(np.linalg.eigvalsh(covariance)[0])
 
 

@@ -80,7 +80,6 @@ def levels(days: Sequence[float]) -> tuple[float, ...]:
 
 
 def _level(count: int) -> float:
-    """Return the level of the k-th test of a year (k = ``count``)."""
     return TREND_YEAR / (count * (count + 1))
 
 
@@ -96,8 +95,6 @@ def _counted(days: Sequence[float]) -> list[int]:
 
 @dataclass(frozen=True)
 class _Pooled:
-    """Calibrations in one: information ``(f, f)`` times and the weighted mean ``(f,)`` of scaled parameters."""
-
     information: Array
     mean: Array
 

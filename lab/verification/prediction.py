@@ -45,12 +45,10 @@ from lab.noise.variance_components import ComponentErrors
 __all__ = [
     "DRAWS",
     "FULL_RANK",
-    "MOST_POSES",
     "STEP",
     "CalibrationPrediction",
     "RefitSolution",
     "VerificationProblem",
-    "WhitenedSystem",
     "predict_measurements",
     "squares_of_tails",
     "with_estimated_noise",
@@ -111,7 +109,6 @@ def _summed_means(tail_dof: float, most: int, each_of: int) -> Array:
 
 
 def _within(student: Any, bound: float, power: int) -> float:
-    """The integral of a power of what is drawn, where it is within a bound."""
     return float(2 * integrate.quad(lambda t: t**power * student.pdf(t), 0, bound, limit=500)[0])
 
 
@@ -178,7 +175,7 @@ class CalibrationPrediction:
 
 
 @dataclass(frozen=True)
-class WhitenedSystem:
+class _WhitenedSystem:
     """The problem at some parameters, in units of the noise, and turned so that p + 1 rows hold it.
 
     With [J r] = Q R of all N rows, whatever the test asks of J, r and S = 1 + J C J' is the same of the rows of R:
@@ -222,7 +219,7 @@ class RefitSolution:
     numbers: int
     model: LinearModel
     directions: Array
-    there: WhitenedSystem
+    there: _WhitenedSystem
 
     @property
     def rank(self) -> int:
@@ -290,7 +287,7 @@ class VerificationProblem:
             done += len(each.inputs)
             self.progress(done, len(self.observed.inputs))
 
-    def fitted(self, start: Array, directions: Array, at_start: WhitenedSystem | None = None) -> RefitSolution:
+    def fitted(self, start: Array, directions: Array, at_start: _WhitenedSystem | None = None) -> RefitSolution:
         """Least squares over the numbers of ``directions`` ``(p, h)``, by Gauss-Newton from ``start``.
 
         S is that of the parameters reached: a base may be turned by any angle. The loop is its own: the best is kept,
@@ -314,7 +311,7 @@ class VerificationProblem:
         return best
 
     def placed(
-        self, start: Array, directions: Array, groups: Sequence[str], at_start: WhitenedSystem | None = None
+        self, start: Array, directions: Array, groups: Sequence[str], at_start: _WhitenedSystem | None = None
     ) -> RefitSolution:
         """Fit base or tool anew, from ``start`` or, as they may be anywhere, from the points alone."""
         near = self.fitted(start, directions, at_start)
@@ -336,7 +333,6 @@ class VerificationProblem:
         return float(np.sqrt(max(noise + known - taken, 0.0) * 3 / self.numbers))
 
     def _shared_squares(self) -> float:
-        """The sum (m^2) of the variances of all numbers, the instrument's aside."""
         if (shared := self.observed.correlation) is None:
             return 0.0
         alone = replace(self.observed, correlation=None)
@@ -344,16 +340,16 @@ class VerificationProblem:
         parts = (shared.scatter, shared.shift, shared.trend)
         return sum(float((alone.in_metres(part[mask]) ** 2).sum()) for part in parts if part.size)
 
-    def _at(self, values: Array) -> WhitenedSystem:
+    def _at(self, values: Array) -> _WhitenedSystem:
         both = triangle_of(np.column_stack([jacobian, part]) for _, part, jacobian in self.parts(values))
         jacobian, free = both[:, :-1], list(self.prediction.free)
         root = covariance_root(self.prediction.covariance)
         axes, sizes, turned = np.linalg.svd(jacobian[:, free] @ root, full_matrices=False)
         known = np.zeros((len(values), len(sizes)))
         known[free] = root @ turned.T
-        return WhitenedSystem(both[:, -1], jacobian, axes, sizes, known)
+        return _WhitenedSystem(both[:, -1], jacobian, axes, sizes, known)
 
-    def _step(self, values: Array, directions: Array, there: WhitenedSystem) -> tuple[RefitSolution, Array, float]:
+    def _step(self, values: Array, directions: Array, there: _WhitenedSystem) -> tuple[RefitSolution, Array, float]:
         """The fit if it were solved there, the step ``(p,)`` to a better one, and how far that leads."""
         residual, columns = there.white(there.residual), there.white(there.jacobian @ directions)
         model = LinearModel.of(columns, FULL_RANK)
@@ -363,7 +359,7 @@ class VerificationProblem:
 
 
 STEP = 0.1  # of the logarithm of a variance, for differences
-MOST_POSES = 100  # that say the degrees of freedom: of more they are much the same
+_MOST_POSES = 100  # that say the degrees of freedom: of more they are much the same
 _MOST_DOF = 1_000_000
 _MOST_SHARE = 0.5  # of the numbers: what is told so badly that A2 were more is beyond an expansion
 
@@ -415,7 +411,7 @@ def _of_estimated_noise(
         observations, _ = weigh(observation, some, replace(noise, shared=its))
         return _beyond_range(observations, prediction, estimate.measured)
 
-    first = rows.take(np.arange(min(len(rows), MOST_POSES)))
+    first = rows.take(np.arange(min(len(rows), _MOST_POSES)))
     moved = [(by(first, shared.moved(name, STEP)), by(first, shared.moved(name, -STEP))) for name in errors.names]
     prediction, observations = with_estimated_noise(prediction, by(rows, shared), errors, moved)
     return observations, prediction
@@ -432,9 +428,9 @@ def with_estimated_noise(
     Args:
         observed: the measurements, weighted by the estimated variances.
         errors: of these; its slopes are of the prediction's free parameters.
-        moved: for each variance the first ``MOST_POSES`` measurements, weighted by it ``STEP`` larger and smaller.
+        moved: for each variance the first ``_MOST_POSES`` measurements, weighted by it ``STEP`` larger and smaller.
     """
-    some = observed.take(np.arange(min(len(observed.inputs), MOST_POSES)))
+    some = observed.take(np.arange(min(len(observed.inputs), _MOST_POSES)))
     mask = seen_mask(some.points)
     numbers = 3 * int(mask.sum())
     slopes = prediction.arm.observe(some.inputs, prediction.values)[1][mask]
@@ -457,7 +453,6 @@ def with_estimated_noise(
 
 
 def _noise(observed: Observations, numbers: int) -> Array:
-    """Covariance ``(numbers, numbers)`` (m^2) of the measurements' errors."""
     root = observed.in_metres(np.eye(numbers))
     return root @ root.T
 
@@ -495,7 +490,6 @@ def _beside_process(observations: Observations, by: PredictedBy, targets: tuple[
 def _beyond_range(
     observations: Observations, prediction: CalibrationPrediction, measured: MeasuredRange | None
 ) -> Observations:
-    """Return the measurements with the model discrepancy beyond the joint positions that the run fitted."""
     if measured is None or not measured.is_worse_beyond:
         return observations
     n, k, d = observations.points.shape
@@ -511,7 +505,6 @@ def _beyond_range(
 
 
 def _widened(observations: Observations, discrepancy_m: float) -> Observations:
-    """Return the observations with their noise increased by the model discrepancy."""
     if discrepancy_m == 0:
         return observations
     if observations.whiten.ndim == 2:

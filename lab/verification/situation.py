@@ -58,18 +58,14 @@ def another_unit(prediction: CalibrationPrediction, observed: Observations) -> C
 
 @dataclass(frozen=True)
 class _Trial:
-    """New measurements, by the calibrated arm and by the nominal one."""
-
     prediction: CalibrationPrediction
     observed: Observations
     values: Array
 
     def left(self, groups: Sequence[str]) -> float:
-        """The root mean square error (m) with groups fitted anew; infinite where they cannot be."""
         return trimmed_error(self.prediction.arm, self.observed.inputs, self.observed.points, self.values, groups)
 
     def in_other_numbers(self) -> Check | None:
-        """Points or joint positions in another unit, or in a mirrored frame."""
         arm, observed = self.prediction.arm, self.observed
         slides = arm.rigid.chain.prismatic
         return in_other_numbers(arm, slides, observed.inputs, observed.points, self.values)

@@ -34,23 +34,9 @@ from lab.kinematics.effects.arm import Arm
 from lab.verification.prediction import DRAWS, FULL_RANK, CalibrationPrediction, RefitSolution, VerificationProblem
 from lab.verification.situation import situation
 
-__all__ = [
-    "ChangeHypothesis",
-    "ChangeTest",
-    "Displacement",
-    "Hypothesis",
-    "Kind",
-    "Verified",
-    "change_test",
-    "extent",
-    "of_joints",
-    "refitted",
-    "sized",
-    "split_test",
-    "verify",
-]
+__all__ = ["Displacement", "Hypothesis", "Verified", "change_test", "refitted", "split_test", "verify"]
 
-Kind = Literal["base", "tool", "joint", "reading"]
+_Kind = Literal["base", "tool", "joint", "reading"]
 
 
 @dataclass(frozen=True)
@@ -69,7 +55,7 @@ class _PartTest:
 
 
 @dataclass(frozen=True)
-class ChangeTest:
+class _ChangeTest:
     """Test for a change of the arm, by both parts of the statistic.
 
     Attributes:
@@ -114,7 +100,7 @@ def _freed(fit: RefitSolution, free: tuple[int, ...]) -> RefitSolution:
     return replace(fit, model=model, directions=directions)
 
 
-def change_test(prediction: CalibrationPrediction, fit: RefitSolution) -> ChangeTest:
+def change_test(prediction: CalibrationPrediction, fit: RefitSolution) -> _ChangeTest:
     """Test for a change by the statistic that remains at ``fit``."""
     return split_test(prediction, (fit.square, fit.dof), _explained(fit, _freed(fit, prediction.free)))
 
@@ -126,7 +112,7 @@ def _explained(fit: RefitSolution, opened: RefitSolution) -> tuple[float, int]:
     return next(pulls) - next(pulls), opened.rank - fit.rank
 
 
-def split_test(prediction: CalibrationPrediction, left: tuple[float, int], along: tuple[float, int]) -> ChangeTest:
+def split_test(prediction: CalibrationPrediction, left: tuple[float, int], along: tuple[float, int]) -> _ChangeTest:
     """Return the change test of two statistics with their degrees of freedom.
 
     Args:
@@ -137,7 +123,7 @@ def split_test(prediction: CalibrationPrediction, left: tuple[float, int], along
     others = left[1] - numbers
     each = max(1, left[1] // max(numbers, 1))
     rest = max(left[0] - square, 0.0)
-    return ChangeTest(
+    return _ChangeTest(
         _PartTest(square, numbers, prediction.p(square, numbers, each)),
         _PartTest(rest, others, prediction.p(rest, others)),
     )
@@ -154,7 +140,7 @@ class Displacement:
 
 
 @dataclass(frozen=True)
-class ChangeHypothesis:
+class _ChangeHypothesis:
     """Hypothesis of one change of an arm.
 
     Attributes:
@@ -166,7 +152,7 @@ class ChangeHypothesis:
         alike: number of movements of its kind that are tried.
     """
 
-    kind: Kind
+    kind: _Kind
     change: str
     of: tuple[str, ...]
     directions: Array
@@ -174,7 +160,7 @@ class ChangeHypothesis:
     alike: int = 1
 
 
-def _movements(arm: Arm, values: Array, without: Sequence[str]) -> list[ChangeHypothesis]:
+def _movements(arm: Arm, values: Array, without: Sequence[str]) -> list[_ChangeHypothesis]:
     """Return all movements of base, tool and joints to try, without the kinds that are fitted anew anyhow.
 
     Args:
@@ -182,7 +168,7 @@ def _movements(arm: Arm, values: Array, without: Sequence[str]) -> list[ChangeHy
     """
     found = [] if "base" in without else _of_base(arm)
     found += [] if "tool" in without else _of_tool(arm, values)
-    return found + of_joints(arm)
+    return found + _of_joints(arm)
 
 
 def refitted(arm: Arm, refit: Sequence[str]) -> Array:
@@ -190,48 +176,47 @@ def refitted(arm: Arm, refit: Sequence[str]) -> Array:
     return np.eye(len(arm.names))[:, list(columns_of(arm, refit))]
 
 
-def _of_base(arm: Arm) -> list[ChangeHypothesis]:
+def _of_base(arm: Arm) -> list[_ChangeHypothesis]:
     """Instrument and base moved against each other: it is the same to the measurements."""
     one = refitted(arm, ("base",))
     return [
-        ChangeHypothesis("base", "base_shift", (), one[:, :3]),
-        ChangeHypothesis("base", "base", (), one, turns=3),
+        _ChangeHypothesis("base", "base_shift", (), one[:, :3]),
+        _ChangeHypothesis("base", "base", (), one, turns=3),
     ]
 
 
-def _of_tool(arm: Arm, values: Array) -> list[ChangeHypothesis]:
+def _of_tool(arm: Arm, values: Array) -> list[_ChangeHypothesis]:
     """Return each target moved alone; of several, also the tool as one (by little: v + w x t), or each by its own."""
     one, count, found = refitted(arm, ("tool",)), len(arm.targets), _of_targets(arm)
     if count > 1:
         places = values[list(columns_of(arm, ("tool",)))].reshape(-1, 3)
         turned = -se3.skew(places - places.mean(axis=0))  # (k, 3, 3) of w x t
         as_one = np.concatenate([np.tile(np.eye(3), (count, 1)), turned.reshape(-1, 3)], axis=1)
-        found.append(ChangeHypothesis("tool", "tool", (), one @ as_one, turns=3))
-        found.append(ChangeHypothesis("tool", "targets", (), one))
+        found.append(_ChangeHypothesis("tool", "tool", (), one @ as_one, turns=3))
+        found.append(_ChangeHypothesis("tool", "targets", (), one))
     return found
 
 
-def _of_targets(arm: Arm) -> list[ChangeHypothesis]:
-    """Return the movements of each target alone."""
+def _of_targets(arm: Arm) -> list[_ChangeHypothesis]:
     one, count = refitted(arm, ("tool",)), len(arm.targets)
     return [
-        ChangeHypothesis("tool", "target", (target,), one[:, 3 * k : 3 * k + 3], alike=count)
+        _ChangeHypothesis("tool", "target", (target,), one[:, 3 * k : 3 * k + 3], alike=count)
         for k, target in enumerate(arm.targets)
     ]
 
 
-def of_joints(arm: Arm) -> list[ChangeHypothesis]:
+def _of_joints(arm: Arm) -> list[_ChangeHypothesis]:
     """Return the zero offset of each joint: its position exceeds its reading."""
     chain, found = arm.rigid.chain, []
     directions = arm.rigid.joint_derivatives(np.eye(len(arm.names)))  # (p, joints)
     for k, slides in enumerate(chain.prismatic):
         of = str(k + 1), chain.joint_names[k]
         direction = directions[:, k : k + 1]
-        found.append(ChangeHypothesis("joint", "joint", of, direction, int(not slides), chain.size))
+        found.append(_ChangeHypothesis("joint", "joint", of, direction, int(not slides), chain.size))
     return found
 
 
-def extent(arm: Arm, movement: ChangeHypothesis, before: Array, after: Array, covariance: Array) -> Displacement:
+def _extent(arm: Arm, movement: _ChangeHypothesis, before: Array, after: Array, covariance: Array) -> Displacement:
     """Return the size of a movement.
 
     Args:
@@ -248,12 +233,12 @@ def extent(arm: Arm, movement: ChangeHypothesis, before: Array, after: Array, co
         local[3:, 3:] = se3.left_jacobian(after[turning])
         spread = local @ spread @ local.T
     first = len(numbers) - movement.turns
-    shift = sized(numbers[:first], spread[:first, :first])
-    turn = sized(numbers[first:], spread[first:, first:])
+    shift = _sized(numbers[:first], spread[:first, :first])
+    turn = _sized(numbers[first:], spread[first:, first:])
     return Displacement(*shift, *turn)
 
 
-def sized(vector: Array, covariance: Array) -> tuple[float, float]:
+def _sized(vector: Array, covariance: Array) -> tuple[float, float]:
     """Length of a vector ``(3 k,)``, or of the mean of k of them (root mean square), and its standard deviation.
 
     A single number keeps its sign. NaN where there is none.
@@ -286,10 +271,10 @@ class Hypothesis:
         explains: whether what it leaves is not rejected.
     """
 
-    kind: Kind
+    kind: _Kind
     change: str
     of: tuple[str, ...]
-    extent: Displacement
+    _extent: Displacement
     parameters: int
     chi2: float
     p: float
@@ -330,12 +315,12 @@ class Verified:
     p_of_all: float
     numbers: int
     sigma_dof: int | None
-    test: ChangeTest
+    test: _ChangeTest
     values: Array
     errors: Array
     expected_m: float
     hypotheses: tuple[Hypothesis, ...]
-    moved: tuple[Kind, ...]
+    moved: tuple[_Kind, ...]
     refit: tuple[tuple[str, Displacement], ...]
     undetermined: tuple[str, ...]
     would_notice: tuple[tuple[str, float], ...]
@@ -430,14 +415,13 @@ def _structural_rank(prediction: CalibrationPrediction, directions: Array) -> in
 def _hypotheses(
     problem: VerificationProblem, fit: RefitSolution, refit: Sequence[str], poses: Sequence[str]
 ) -> list[Hypothesis]:
-    """Fit every single change; the best first."""
     tried = _movements(problem.prediction.arm, fit.values, refit)
     found = [each for movement in tried if (each := _tried(problem, fit, refit, movement)) is not None]
     return sorted([*found, *_bad_reading(problem, fit, poses)], key=lambda each: each.bic)
 
 
 def _tried(
-    problem: VerificationProblem, fit: RefitSolution, refit: Sequence[str], movement: ChangeHypothesis
+    problem: VerificationProblem, fit: RefitSolution, refit: Sequence[str], movement: _ChangeHypothesis
 ) -> Hypothesis | None:
     """Fit one movement beside what is fitted anew; None where the measurements do not determine it."""
     arm = problem.prediction.arm
@@ -448,7 +432,7 @@ def _tried(
     if fitted_columns < 1:
         return None
     whole = fitted_columns == np.linalg.matrix_rank(movement.directions)
-    size = extent(arm, movement, fit.values, moved.values, moved.covariance) if whole else Displacement()
+    size = _extent(arm, movement, fit.values, moved.values, moved.covariance) if whole else Displacement()
     left, what = change_test(problem.prediction, moved), (movement.kind, movement.change, movement.of)
     return _judged(problem, what, size, fitted_columns, left, movement.alike)
 
@@ -480,7 +464,7 @@ def _bad_reading(problem: VerificationProblem, fit: RefitSolution, poses: Sequen
     told = int(np.linalg.matrix_rank(dof, hermitian=True))
     if told < 1:
         return []
-    size = Displacement(*sized(metres @ dof @ pull, metres @ dof @ metres.T))
+    size = Displacement(*_sized(metres @ dof @ pull, metres @ dof @ metres.T))
     pose = poses[i] if poses else f"pose {i}"
     left = _without_reading(problem.prediction, fit, (drop, told), rows_there)
     return [_judged(problem, ("reading", "reading", (pose,)), size, told, left, count)]
@@ -488,7 +472,7 @@ def _bad_reading(problem: VerificationProblem, fit: RefitSolution, poses: Sequen
 
 def _without_reading(
     prediction: CalibrationPrediction, fit: RefitSolution, dropped: tuple[float, int], rows: tuple[Array, Array]
-) -> ChangeTest:
+) -> _ChangeTest:
     """Test all numbers but those of one pose: what these lower, where the parameters are freed too.
 
     Args:
@@ -510,7 +494,6 @@ def _without_reading(
 def _numbered(
     parts: Iterator[tuple[Observations, Array, Array]],
 ) -> Iterator[tuple[int, tuple[Observations, Array, Array]]]:
-    """Yield each part with the number of its first pose."""
     first = 0
     for part in parts:
         yield first, part
@@ -525,7 +508,6 @@ def _rows_of(mask: NDArray[np.bool_], pose: int) -> NDArray[np.int_]:
 
 
 def _metres_of(block: Observations, rows: NDArray[np.int_]) -> Array:
-    """Return some coordinates ``(m, m)`` of a block in metres."""
     units = np.zeros((3 * int(seen_mask(block.points).sum()), len(rows)))
     units[rows] = np.eye(len(rows))
     return block.in_metres(units)[rows]
@@ -533,10 +515,10 @@ def _metres_of(block: Observations, rows: NDArray[np.int_]) -> Array:
 
 def _judged(
     problem: VerificationProblem,
-    what: tuple[Kind, str, tuple[str, ...]],
+    what: tuple[_Kind, str, tuple[str, ...]],
     size: Displacement,
     told: int,
-    left: ChangeTest,
+    left: _ChangeTest,
     alike: int,
 ) -> Hypothesis:
     """Return a hypothesis of ``told`` parameters with its test; ``what`` is its kind, change and ``of``."""
@@ -565,7 +547,6 @@ def _equivalent(found: Sequence[Hypothesis], numbers: int) -> list[Hypothesis]:
 
 
 def _likeliest_parameter(prediction: CalibrationPrediction, fit: RefitSolution) -> str | None:
-    """The identified parameter that lowers r' S^-1 r most, if it alone has changed; None if none does."""
     columns = fit.beyond(np.eye(len(fit.values))[:, list(prediction.free)])
     sizes = (columns**2).sum(axis=0)
     pulls = columns.T @ fit.there.white(fit.there.residual)
@@ -586,14 +567,14 @@ def _placed_anew(
         tried += [(f"tool.{target}", each) for target, each in zip(arm.targets, _of_targets(arm), strict=True)]
     whole = fit.rank == refitted(arm, refit).shape[1]
     return tuple(
-        (name, extent(arm, each, prediction.values, fit.values, fit.covariance) if whole else Displacement())
+        (name, _extent(arm, each, prediction.values, fit.values, fit.covariance) if whole else Displacement())
         for name, each in tried
         if name.removeprefix("tool.") not in prediction.strange
     )
 
 
 def _would_notice(
-    prediction: CalibrationPrediction, fit: RefitSolution, test: ChangeTest, refit: Sequence[str]
+    prediction: CalibrationPrediction, fit: RefitSolution, test: _ChangeTest, refit: Sequence[str]
 ) -> tuple[tuple[str, float], ...]:
     """Return the smallest detectable movement of base, target or a joint's zero, in the worst direction.
 
@@ -603,7 +584,7 @@ def _would_notice(
     tried = [] if "base" in refit else [("base", _of_base(arm)[0])]
     if "tool" not in refit:
         tried += [(f"tool.{target}", each) for target, each in zip(arm.targets, _of_targets(arm), strict=True)]
-    tried += [(f"joint{k + 1}", each) for k, each in enumerate(of_joints(arm))]
+    tried += [(f"joint{k + 1}", each) for k, each in enumerate(_of_joints(arm))]
     along = _freed(fit, prediction.free).model
     bounds = [
         np.sqrt(prediction.noticeable(part.numbers, test.level)) if part.numbers > 0 else np.inf

@@ -295,7 +295,6 @@ def _size_of(
     times: Array,
     time: float,
 ) -> float:
-    """Return the root mean square (m) of a change's effect on the points after it."""
     after = (times > time)[:, None, None] * columns
     fitted = np.concatenate([white[..., :-1], after], axis=2).reshape(-1, white.shape[2] - 1 + columns.shape[2])
     solution = np.linalg.lstsq(fitted, white[..., -1].ravel(), rcond=None)[0][-columns.shape[2] :]

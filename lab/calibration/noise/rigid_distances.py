@@ -119,6 +119,5 @@ def goodness_by_distances(squares: float, dof: int, instrument: InstrumentNoise)
 
 
 def _left(columns: Array, numbers: Array) -> float:
-    """The sum of squares that columns ``(r, p)`` leave of numbers ``(r,)``."""
     middle = numbers - columns @ np.linalg.lstsq(columns, numbers, rcond=None)[0]
     return float(middle @ middle)

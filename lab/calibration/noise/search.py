@@ -166,7 +166,6 @@ def _varies_with_joints(linear: LinearizedFit, estimate: Estimate, data: Measure
 
 
 def _padded(shapes: ErrorShapes, blocks: int) -> ErrorShapes:
-    """Pad the shapes with blocks of prior information, which shares no errors."""
     more = blocks - len(shapes.times)
     if not more:
         return shapes

@@ -42,7 +42,7 @@ from lab.core.units import MM
 from lab.kinematics.effects.arm import ArmWithEffects
 from lab.kinematics.serial.arm import SerialArm
 
-__all__ = ["ExpectedGain", "LeftOut", "bound_factor", "expected_gain", "left_out", "with_residual"]
+__all__ = ["ExpectedGain", "bound_factor", "expected_gain", "left_out", "with_residual"]
 
 _MAX_LEFT_OUT = 300  # poses: their time grows with the numbers' square
 _TOGETHER = 20  # poses that are worked out at once
@@ -52,7 +52,7 @@ _FACTORS = np.geomspace(1 / 16, 16.0, 97)
 
 
 @dataclass(frozen=True)
-class LeftOut:
+class _LeftOut:
     """A pose that was left out.
 
     Attributes:
@@ -68,7 +68,7 @@ class LeftOut:
 
 def left_out(
     support: Support, reduction: Reduction, noise: float, left: tuple[Array, Array], labels: NDArray[np.int_]
-) -> Iterator[LeftOut]:
+) -> Iterator[_LeftOut]:
     """Errors of poses whose repeats are left out with them.
 
     Args:
@@ -103,7 +103,7 @@ def left_out(
             for pose in np.unique(poses):
                 rows = np.flatnonzero(poses == pose)
                 turned = reduction.back(pose, covariance[np.ix_(rows, rows)])
-                yield LeftOut(int(pose), reduction.back(pose, error[rows]), reduction.back(pose, turned.T))
+                yield _LeftOut(int(pose), reduction.back(pose, error[rows]), reduction.back(pose, turned.T))
 
 
 def bound_factor(errors: Array, covariances: Array, noise: float, prior: Array) -> float:
@@ -164,7 +164,6 @@ class _Rows:
 
     @classmethod
     def of(cls, found: Identification, data: Measurements) -> "_Rows":
-        """Build from some rows, at the identified parameters."""
         model = found.model
         assert isinstance(model, SerialArm | ArmWithEffects)
         turning = ~np.array(model.rigid.chain.prismatic, dtype=np.bool_)
@@ -176,17 +175,14 @@ class _Rows:
         return cls(JointKernels(turning), inputs[:, :size], slopes, columns, residual, data.seen)
 
     def take(self, rows: NDArray[np.int_]) -> "_Rows":
-        """Select poses."""
         some = self.joints[rows], self.slopes[rows], self.columns[rows], self.residual[rows]
         return _Rows(self.kernels, *some, self.seen[rows])
 
     @cached_property
     def reduction(self) -> Reduction:
-        """Reduction to the coordinates that the joints' offsets move."""
         return Reduction.of(self.joints, self.slopes, self.seen)
 
     def reduced(self) -> "_Numbers":
-        """The numbers that the joints' offsets move, and those with the noise alone."""
         columns, alone = self.reduction(self.columns)
         residual, left = self.reduction(self.residual)
         kinds = unit_covariances(self.kernels, self.reduction.numbers)
@@ -194,7 +190,6 @@ class _Rows:
         return _Numbers(kinds, units[: len(columns)], units[len(columns) :], residual, left)
 
     def plain(self) -> "_Numbers":
-        """The numbers as they were measured."""
         retained = np.repeat(self.seen, 3, axis=1).ravel()
         whole = PoseNumbers.whole(self.joints, self.slopes)
         numbers = PoseNumbers(self.joints, whole.pose[retained], whole.slopes[retained])
@@ -222,12 +217,10 @@ class _Numbers:
 
     @property
     def squares(self) -> float:
-        """Sum of all squared residuals (m^2)."""
         return float(self.residual @ self.residual + self.noise_residual @ self.noise_residual)
 
     @property
     def dof(self) -> int:
-        """Numbers beyond the parameters."""
         return len(self.residual) + len(self.noise_residual) - int(self.columns.shape[1])
 
 
@@ -343,7 +336,7 @@ def _seen_at_poses(data: Measurements) -> NDArray[np.bool_]:
 
 def _beside(
     found: Identification, data: Measurements, rows: _Rows, variances: Array
-) -> tuple[Array, Array, Array, Iterator[LeftOut]]:
+) -> tuple[Array, Array, Array, Iterator[_LeftOut]]:
     """Parameters ``(p,)`` beside a process, their covariance, the offsets' weights, and the poses left out in turn.
 
     Covariance matrix and derivatives are those at the first parameters: both change by far less than they are.
@@ -373,8 +366,7 @@ def _beside(
     return values, covariance, np.ascontiguousarray(weights), poses
 
 
-def _factor(rows: _Rows, variances: Array, poses: Iterable[LeftOut]) -> float:
-    """The factor of the predicted variances, from poses that are left out in turn."""
+def _factor(rows: _Rows, variances: Array, poses: Iterable[_LeftOut]) -> float:
     errors, covariances, priors = [], [], []
     for each in poses:
         slopes = rows.slopes[each.pose].reshape(-1, 3, rows.slopes.shape[-1])[rows.seen[each.pose]]
@@ -387,7 +379,6 @@ def _factor(rows: _Rows, variances: Array, poses: Iterable[LeftOut]) -> float:
 def _replaced(
     found: Identification, data: Measurements, process: JointProcess, values: Array, covariance: Array
 ) -> Identification:
-    """The identification with the process and the parameters beside it."""
     base = found.model
     assert isinstance(base, SerialArm | ArmWithEffects)
     model = process.added_to(base)
@@ -483,7 +474,6 @@ class _Projector:
 
     @classmethod
     def of(cls, numbers: _Numbers, sizes: Array) -> "_Projector":
-        """Build from the variances of the first components."""
         triangle = np.linalg.cholesky(sum(size * kind for size, kind in zip(sizes, numbers.kinds, strict=False)))
         inverse = scipy.linalg.lapack.dpotri(triangle, lower=1)[0]
         inverse = np.tril(inverse) + np.tril(inverse, -1).T

@@ -44,7 +44,6 @@ from lab.kinematics.parameter import Parameter
 __all__ = [
     "COMPONENTS",
     "GROUP",
-    "SHARE",
     "UPPER_QUARTILE",
     "JointKernels",
     "JointProcess",
@@ -250,7 +249,7 @@ def _add_scatter(found: Array, size: float, numbers: PoseNumbers) -> None:
 
 
 GROUP = "residual"
-SHARE = Parameter(GROUP, "share", GROUP, "ratio", PPM, 1.0)
+_SHARE = Parameter(GROUP, "share", GROUP, "ratio", PPM, 1.0)
 _BLOCK_POSES = 400  # poses that are worked out at once
 UPPER_QUARTILE = 0.6744897501960817  # of a standard normal
 _MAX_COVARIANCE_NUMBERS = 4_500  # measured, by which covariances are predicted: their time grows with the square
@@ -323,7 +322,7 @@ class JointProcess:
             offsets = self.offsets(np.real(joints))
             return offsets * values[0], offsets[..., None]
 
-        return Effect(GROUP, (SHARE,), moved, plain=self._plain, made_by=self.effect)
+        return Effect(GROUP, (_SHARE,), moved, plain=self._plain, made_by=self.effect)
 
     def _plain(self, values: Array) -> list[dict[str, Any]]:
         """Return the offsets as a term of ``formats.plain_arm``."""

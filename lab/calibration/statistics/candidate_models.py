@@ -58,7 +58,6 @@ __all__ = [
     "FoundTerm",
     "FullModel",
     "HeldOutGain",
-    "Labels",
     "ModelWith",
     "NestedModels",
     "NominalOf",
@@ -69,7 +68,7 @@ __all__ = [
     "largest_useful_std",
 ]
 
-Labels = NDArray[np.int_]
+_Labels = NDArray[np.int_]
 
 
 @dataclass(frozen=True)
@@ -134,7 +133,7 @@ class NestedModels:
     whole: Array
     training: tuple[Array, ...]
     held_out: tuple[Array, ...]
-    cluster: Labels
+    cluster: _Labels
     rows: int
     floor: float
     witnesses: ClusteredRows
@@ -229,11 +228,11 @@ def _nested_at(
     values: Array,
     columns: Sequence[int],
     nominal: Array,
-    folds: Labels,
-    clusters: Labels,
+    folds: _Labels,
+    clusters: _Labels,
     extra_residuals: ExtraResiduals,
     floor: float,
-    configurations: Labels,
+    configurations: _Labels,
 ) -> NestedModels:
     """The large model near ``values`` ``(p,)``.
 
@@ -273,7 +272,6 @@ def _nested_at(
 
 
 def _stacked(parts: Sequence[Array]) -> Array:
-    """The triangle of rows below each other."""
     return np.asarray(np.linalg.qr(np.concatenate(parts), mode="r"))
 
 
@@ -394,9 +392,9 @@ class FullModel:
     groups: dict[str, tuple[int, ...]]
     structure: Array
     measured: Array
-    folds: Labels
-    clusters: Labels
-    configurations: Labels
+    folds: _Labels
+    clusters: _Labels
+    configurations: _Labels
     loads: Array
     extra_residuals: ExtraResiduals
     floor: float
@@ -495,7 +493,6 @@ class FullModel:
 
     @cached_property
     def _useful(self) -> Array:
-        """``(p,)`` the largest standard deviations that are worth fitting."""
         joints = self.observed.inputs[:, : self.observed.inputs.shape[1] - len(self.observation.model.conditions)]
         return largest_useful_std(self.observation.model.parameters, joints)
 
@@ -505,7 +502,6 @@ class FullModel:
 
     @staticmethod
     def _new(triangle: Array, known: Sequence[int], wanted: Sequence[int]) -> tuple[int, ...]:
-        """Return the wanted columns that the given ones and those before them do not span."""
         kept = independent_columns(triangle, [*known, *wanted])
         return tuple(i for i in wanted if i in kept)
 
@@ -727,7 +723,6 @@ class TermSearch:
         return tuple(self._taken(rng, most, among, level))
 
     def _taken(self, rng: np.random.Generator, most: int, among: NDArray[np.bool_], level: float) -> list[FoundTerm]:
-        """Take the terms that are significant at a level among some of the groups."""
         taken: list[FoundTerm] = []
         while len(taken) < most:
             gram, scores = self._gram(), self._scores()
@@ -778,7 +773,6 @@ class TermSearch:
         return np.asarray(raw - fitted @ self._shared)
 
     def _gram(self) -> Array:
-        """``(3, g)`` inner products of the groups' columns beyond what is fitted."""
         return self._squares - _products_of_pairs(self._shared, self._pairs)
 
     def _useful(self, gram: Array) -> NDArray[np.bool_]:

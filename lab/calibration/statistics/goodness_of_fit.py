@@ -32,7 +32,6 @@ from lab.noise.error_model import ErrorModel
 from lab.noise.instruments import is_isotropic
 
 __all__ = [
-    "Sandwich",
     "adequacy_of",
     "goodness_beside_shared_errors",
     "goodness_of_fit",
@@ -160,7 +159,6 @@ def _by_repeats(linear: LinearizedFit, labels: NDArray[np.int_]) -> Check | None
 
 
 def _lack_of_fit(name: str, statistic: float, p: float, dof: tuple[int, int]) -> Check:
-    """Return an F test at the level of a warning, with its degrees of freedom."""
     return Check(name, "failed" if p < LACK_OF_FIT else "passed", statistic, p, LACK_OF_FIT, {"dof": dof})
 
 
@@ -202,7 +200,6 @@ def _by_holdout(linear: LinearizedFit, held_out: LinearizedFit) -> Check | None:
 
 
 def _by_joints(model: Model, observed: Observations, fit: Fit, extra_residuals: ExtraResiduals | None) -> Check | None:
-    """Test whether a fit's residuals vary with the joints; of very many poses, a subset, evenly spaced."""
     some = evenly(len(observed.inputs), _MOST_POSES)
     looked_at = observed if some is None else observed.take(some)
     linear = linearized(model, looked_at, fit.least_squares, fit.free, extra_residuals)
@@ -273,7 +270,7 @@ def isotropy(model: Model, observed: Observations, fit: Fit) -> Check:
 
 
 @dataclass(frozen=True)
-class Sandwich:
+class _Sandwich:
     """Return a covariance that is robust against wrong weights.
 
     Attributes:
@@ -285,7 +282,7 @@ class Sandwich:
     dof: Array
 
 
-def sandwich(linear: LinearizedFit) -> Sandwich:
+def sandwich(linear: LinearizedFit) -> _Sandwich:
     """Covariance from each pose's own residuals, whatever their distribution is (CR2).
 
     V = C (sum J_i' A_i r_i r_i' A_i J_i) C, A_i = (I - H_ii)^-1/2, unbiased where the weights are right after all;
@@ -307,7 +304,7 @@ def sandwich(linear: LinearizedFit) -> Sandwich:
             sums[:, j] += own.sum(), (own**2).sum()
     means = sums[0] - np.trace(inner, axis1=1, axis2=2)
     squares = sums[1] - 2 * cross + (inner**2).sum(axis=(1, 2))
-    return Sandwich(within.back @ meat @ within.back.T, matched_dof(means, 2 * squares))
+    return _Sandwich(within.back @ meat @ within.back.T, matched_dof(means, 2 * squares))
 
 
 def repeats(rows: Measurements) -> NDArray[np.int_]:
@@ -440,7 +437,6 @@ def _of_whole_poses(found: Identification, observations: Observations) -> Identi
 
 
 def _clusters(found: Identification, observations: Observations) -> NDArray[np.int_]:
-    """Label the configurations of the poses."""
     joints = observations.inputs.shape[1] - len(found.model.conditions)
     return configurations(observations.inputs[:, :joints])
 

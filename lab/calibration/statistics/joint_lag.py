@@ -132,7 +132,6 @@ def _beside_rivals(basis: Array, residual: Array, columns: Array, rivals: Sequen
 
 
 def _beyond(basis: Array, columns: Array) -> Array:
-    """An orthonormal basis of what columns have beyond another one's."""
     left = columns - basis @ (basis.T @ columns)
     told = np.linalg.norm(left, axis=0) > FULL_RANK * np.linalg.norm(columns, axis=0)
     own = LinearModel.of(left[:, told], FULL_RANK).basis

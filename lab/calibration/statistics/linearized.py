@@ -392,7 +392,6 @@ class ClusteredRows:
         return cls(rows[order], starts, len(np.unique(labels)) < len(labels))
 
     def _basis(self, fitted: tuple[int, ...]) -> Array:
-        """Orthonormal columns for those that are fitted; the same are asked for again and again."""
         if fitted not in self._bases:
             self._bases.clear()
             self._bases[fitted] = np.linalg.qr(self.rows[:, list(fitted)])[0]

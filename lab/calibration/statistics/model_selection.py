@@ -47,7 +47,7 @@ from lab.kinematics.effects.effect import Effect, absent
 from lab.kinematics.effects.registry import CANDIDATES
 from lab.kinematics.effects.sessions import at_first_station
 
-__all__ = ["Alternative", "GroupTrial", "Selection", "alternatives", "follow", "objection", "select"]
+__all__ = ["GroupTrial", "Selection", "follow", "objection", "select"]
 
 _GEOMETRY = "geometric"
 _NOT_SIGNIFICANT = "not significant"
@@ -91,7 +91,7 @@ class GroupTrial:
 
 
 @dataclass(frozen=True)
-class Alternative:
+class _Alternative:
     """Another explanation that fits as well.
 
     Attributes:
@@ -131,7 +131,7 @@ class Selection:
     chosen: tuple[str, ...]
     identification: Identification
     groups: tuple[GroupTrial, ...]
-    alternatives: tuple[Alternative, ...] = ()
+    _alternatives: tuple[_Alternative, ...] = ()
     searched: bool = True
 
     @property
@@ -191,7 +191,7 @@ def select(
     chosen = [replace(rows[name], chosen=True) for name in growth.taken]
     others = (rows[name] for name in candidates if name not in growth.taken)
     held = [parameter for name in rows for parameter in rows[name].fixed]
-    same = () if enough else alternatives(task, growth.taken, growth.found, growth.candidates, held)
+    same = () if enough else _alternatives(task, growth.taken, growth.found, growth.candidates, held)
     return Selection(growth.taken, growth.found, (rows[_GEOMETRY], *chosen, *others), same)
 
 
@@ -259,7 +259,6 @@ class _Growth:
         self.found = self.alone
 
     def grow(self) -> None:
-        """Add one candidate after another, and drop those that become superfluous."""
         large = self.large()
         table = self.around(large)
         self.rows.setdefault(_GEOMETRY, _geometry(table.score(large.fitted(self.found))))
@@ -279,7 +278,6 @@ class _Growth:
 
     @property
     def has_enough(self) -> bool:
-        """True where as many groups were taken as are wanted."""
         return self.enough is not None and len(self.taken) >= self.enough
 
     def moved_to(self, groups: tuple[str, ...]) -> bool:
@@ -293,13 +291,11 @@ class _Growth:
         return True
 
     def around(self, large: FullModel) -> NestedModels:
-        """Return all models nested in a large one, near the current one; cached until that changes."""
         if self._around is None or self._around[0] is not large or self._around[1] is not self.found:
             self._around = large, self.found, large.around(self.found)
         return self._around[2]
 
     def large(self) -> FullModel:
-        """The model with all candidates that go together with what is taken; kept until that changes."""
         if self._large is None or self._large[0] != self.taken:
             self._large = self.taken, self._made_large()
         return self._large[1]
@@ -327,7 +323,6 @@ class _Growth:
         self._judge_terms(set(terms))
 
     def _search_some(self, table: TermTable, only: Sequence[str] | None, level: float) -> None:
-        """Add what the residuals show of some groups of single joints, or of all."""
         for _ in range(0 if self.has_enough else _SEARCHES):
             new = self._found_terms(table, only, level)
             self.rows |= {term.name: GroupTrial(term.name, 0, np.nan, term.p, np.nan, True) for term in new}
@@ -352,7 +347,6 @@ class _Growth:
                 return
 
     def _found_terms(self, table: TermTable, only: Sequence[str] | None, level: float) -> tuple[FoundTerm, ...]:
-        """Search for terms beside the identified arm."""
         if self._search is None or self._search[0] is not self.found:
             self._search = self.found, self._search_at(table)
         room = self.large().least_rows / ROWS_PER_PARAMETER - len(self.found.fit.free)
@@ -459,18 +453,16 @@ def _by_configurations(test: ClusterTest | None, gain: HeldOutGain, groups: int)
 
 
 def _geometry(score: Score) -> GroupTrial:
-    """The first row: no group."""
     return GroupTrial(_GEOMETRY, score.parameters, float(score.errors.mean()), np.nan, score.bic, True)
 
 
 def _refused(name: str, why: str) -> GroupTrial:
-    """A group that was not tried."""
     return GroupTrial(name, 0, np.nan, np.nan, np.nan, False, why)
 
 
-def alternatives(
+def _alternatives(
     task: SelectionTask, taken: Sequence[str], found: Identification, candidates: Sequence[str], fixed: Sequence[str]
-) -> tuple[Alternative, ...]:
+) -> tuple[_Alternative, ...]:
     """For each chosen group that bears loads, the others that would do as well in its place.
 
     Args:
@@ -494,8 +486,7 @@ def _misfit(found: Identification) -> float:
     return float(squares if found.sigma_given else rows * np.log(max(squares, 1e-300)))
 
 
-def _compared(chosen: str, other: str, rise: float, found: Identification, swapped: Identification) -> Alternative:
-    """Compare two models at the pose where their points differ most."""
+def _compared(chosen: str, other: str, rise: float, found: Identification, swapped: Identification) -> _Alternative:
     model = found.model
     inputs = at_first_station(model.conditions, model.structure_joints(_POSES, rng_for(0, "structure")))
     size = inputs.shape[1] - len(found.model.conditions)
@@ -506,4 +497,4 @@ def _compared(chosen: str, other: str, rise: float, found: Identification, swapp
         found.model.points(inputs, found.values) - swapped.model.points(there, swapped.values), axis=2
     )
     worst = int(apart.max(axis=1).argmax())
-    return Alternative(chosen, other, float(rise), inputs[worst], float(apart[worst].max()), found.sigma_m)
+    return _Alternative(chosen, other, float(rise), inputs[worst], float(apart[worst].max()), found.sigma_m)

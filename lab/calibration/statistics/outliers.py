@@ -191,7 +191,6 @@ class _Test:
     floor: float
 
     def judge(self, within: SubsetFit, errors: Array) -> tuple[Array, Array]:
-        """The poses' own p-values and squared distances ``(n,)``."""
         distance, total = within.squares(within.residuals(errors))
         return within.p_values(distance, total, self.sigma_given, self.floor), distance
 
@@ -247,7 +246,6 @@ def _settle(linear: LinearizedFit, inside: Mask, test: _Test) -> tuple[Mask, NDA
 
 
 def _worst(distance: Array, *, many: bool) -> NDArray[np.int_]:
-    """The farthest pose; of many all that are half as far."""
     return np.flatnonzero(distance >= distance.max() / 2) if many else np.argmax(distance, keepdims=True)
 
 
@@ -346,7 +344,6 @@ def _biweight(lengths: Array, size: NDArray[np.int_], tested: Mask, shrunk: floa
 
 
 def _weighted_step(linear: LinearizedFit, basis: Array, weights: Array) -> Array:
-    """Weighted least squares ``(f,)``, one weight a pose."""
     spread = (np.repeat(weights, linear.mask.shape[1])[:, None] * basis).T
     normal = spread @ basis
     normal.flat[:: len(normal) + 1] += 1e-12 * np.trace(normal)  # weights of zero may leave a direction to nobody

@@ -31,7 +31,7 @@ from lab.core.units import MM
 from lab.kinematics.model import Model
 from lab.noise.error_model import ErrorModel
 
-__all__ = ["NEARLY", "ExplainedError", "Likeness", "RemainingError", "explained_errors", "remaining_error"]
+__all__ = ["NEARLY", "ExplainedError", "RemainingError", "explained_errors", "remaining_error"]
 
 _DRAWS = 199  # (draws + 1) x level is a whole number
 _MOST_PAIRS = 5000  # whose likeness is told
@@ -41,7 +41,7 @@ _SMALL = 0.1  # of the mean square: a rest that needs no explanation
 
 
 @dataclass(frozen=True)
-class Likeness:
+class _Likeness:
     """Correlation of the residuals of neighbours.
 
     Attributes:
@@ -77,8 +77,8 @@ class RemainingError:
     instrument_m: float
     shared_m: float
     rest_m: float
-    over_joints: Likeness | None
-    over_time: Likeness | None
+    over_joints: _Likeness | None
+    over_time: _Likeness | None
     nearly: tuple[str, ...] = ()
     searched: bool = False
 
@@ -190,12 +190,11 @@ def _neighbours(joints: Array) -> NDArray[np.int_]:
 
 
 def _thinned(pairs: NDArray[np.int_]) -> NDArray[np.int_]:
-    """Thin out the pairs, evenly spaced, to as many as are informative."""
     some = evenly(len(pairs), _MOST_PAIRS)
     return pairs if some is None else pairs[some]
 
 
-def _likeness(residuals: Array, pairs: NDArray[np.int_]) -> Likeness | None:
+def _likeness(residuals: Array, pairs: NDArray[np.int_]) -> _Likeness | None:
     """The mean product of pairs' residuals over their mean square, against poses in an order by chance.
 
     Of more poses than twice those pairs have, only theirs change places.
@@ -213,7 +212,7 @@ def _likeness(residuals: Array, pairs: NDArray[np.int_]) -> Likeness | None:
 
     here = mean(np.arange(len(rows)))
     drawn = np.array([mean(rng.permutation(len(rows))) for _ in range(_DRAWS)])
-    return Likeness(here, float((1 + np.count_nonzero(drawn >= here)) / (1 + _DRAWS)))
+    return _Likeness(here, float((1 + np.count_nonzero(drawn >= here)) / (1 + _DRAWS)))
 
 
 _SPANNED = 1e-10  # of the largest singular value: a direction below says nothing
@@ -266,7 +265,6 @@ def explained_errors(
 
 
 def _left_by(columns: Array, vector: Array) -> Array:
-    """Return the part of a vector that is orthogonal to the columns."""
     basis, sizes, _ = np.linalg.svd(unit_columns(columns)[0], full_matrices=False)
     basis = basis[:, sizes > _SPANNED * sizes.max(initial=0.0)]
     return np.asarray(vector - basis @ (basis.T @ vector))
