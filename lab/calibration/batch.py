@@ -112,8 +112,6 @@ def _fit_batch(
         frozen: take the Jacobian at the start of the first campaign for all steps (the chord method).
         shortest: where the measurements do not tell the parameters apart, take the shortest step in unit columns;
             else they must tell them apart.
-        max_steps: take so many at most.
-        block: how many campaigns are solved together.
     """
     count = len(observed)
     order = np.arange(-(-count // block) * block)
@@ -257,7 +255,6 @@ def in_nominal_frame(points: Array, Ts_instrument_nominal: Array) -> Array:
     """Points ``(b, n, k, 3)`` m of the instrument's frame, or of all alike ``(n, k, 3)``, in the nominal model's.
 
     Args:
-        points: in the instrument's frame.
         Ts_instrument_nominal: ``(b, 4, 4)``.
 
     Returns:
@@ -276,7 +273,6 @@ def fit_points(
         nominal: parameters ``(p,)`` of the nominal model.
         free: indices of the parameters to fit.
         frozen: take the nominal model's Jacobian for all steps (the chord method); only where nothing is whitened.
-        block: how many campaigns are solved together.
     """
     assert not frozen or observed.whiten is None
     return _fit_batch(observed, _base_at_rest(nominal), free, frozen=frozen, block=block)
@@ -451,7 +447,6 @@ def fit_poses(
     Args:
         position_weight: one over the standard deviation of a coordinate, 1/m; 0 leaves positions out.
         rotation_weight: that of a rotation, 1/rad, of all axes or ``(3,)`` of the target's frame; 0 leaves them out.
-        max_steps: take so many at most.
     """
     weights = np.broadcast_to(np.asarray(rotation_weight, dtype=np.float64), 3)
     observed = _PoseBatch(model, measured, position_weight, weights)

@@ -102,10 +102,8 @@ def changes(
     """The changes that anyone can make, the best first.
 
     Args:
-        sensor: that measures.
         values: ``(p,)`` of the arm with these targets and groups, measured by points.
         inputs: where it is measured, ``(n, joints + conditions)``.
-        session: how.
     """
     arm = robot.arm_with(targets, groups, session)
     known = dict(zip(arm.names, values, strict=True))
@@ -190,8 +188,6 @@ def check_extrapolated(what: str, ids: Sequence[str], count: int) -> list[Check]
 
     Args:
         what: the plural of what they are.
-        ids: of those that no fitted pose is near.
-        count: of all.
     """
     return [_failed("extrapolated", what=what, extrapolated=len(ids), first=ids[0], count=count)] if len(ids) else []
 
@@ -387,11 +383,7 @@ def check_alternatives(selection: Selection, data: Measurements) -> list[Check]:
 
 
 def check_approaches(chain: JointSpec, data: Measurements, *, searched: bool) -> list[Check]:
-    """Note the joints for which backlash is fitted or tested, where the file has approach columns of some alone.
-
-    Args:
-        searched: whether groups are searched for, or were given.
-    """
+    """Note the joints for which backlash is fitted or tested, where the file has approach columns of some alone."""
     columns = {name: approach_of(name) for name in chain.joint_names}
     known = [name for name, column in columns.items() if column in data.conditions]
     missing = [column for name, column in columns.items() if name not in known]
@@ -471,7 +463,6 @@ def noise_in_another_unit(noise_mm: float | None, rows: Measurements, found: Ide
 
     Args:
         noise_mm: the option; None where it was not given.
-        rows: that were fitted.
 
     Raises:
         LabError: it is; with the number that it would be in the right unit.
@@ -488,10 +479,8 @@ def noise_beyond(
 
     Args:
         noise_mm: the option; None where it was not given, and the rows say it.
-        rows: that it is of.
         noise_m: standard deviation per axis of residuals with such an instrument.
         whose: the residuals' name in the message.
-        times: how many times as much it may be.
 
     Returns:
         The check of one that is so many times as much that it hides errors; nothing of others.
@@ -536,7 +525,6 @@ def in_other_numbers_or_poses(robot: NominalRobot, rows: Measurements) -> list[C
     """Find why points are far from the nominal arm for any base and tool; mostly empty.
 
     Args:
-        robot: the nominal robot of the measurements.
         rows: points that one instrument measured from one station.
     """
     rows = thinned(rows.with_points(), _POSE_ROWS)
@@ -559,12 +547,7 @@ def doubted(word: Verdict, checks: Sequence[Check]) -> Verdict:
 
 
 def check_joint_signs(fitter: Fitter, rows: Measurements) -> list[Check]:
-    """Report the joint with which negated the geometry fits near the nominal model, as it does not as it is.
-
-    Args:
-        fitter: of a calibration that is bad.
-        rows: that were fitted.
-    """
+    """Report the joint with which negated the geometry fits near the nominal model, as it does not as it is."""
     if not fitter.kind.in_instrument_frame or not isinstance(fitter.robot.arm(fitter.targets), SerialArm):
         return []
     rows = thinned(rows, _SIGN_ROWS)

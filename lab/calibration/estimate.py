@@ -494,7 +494,6 @@ def _estimated_parameters(found: Identification, exported: Array) -> tuple[Estim
     """Describe every parameter of an identification, in its model's order.
 
     Args:
-        found: the identification.
         exported: ``(p,)`` values of the most likely arm.
     """
     model, free = found.model, list(found.fit.free)
@@ -548,16 +547,10 @@ def estimate_of(
     """Make the estimate of an identification.
 
     Args:
-        found: the identification.
         exported: ``(p,)`` values of the most likely arm.
-        robot: the nominal robot.
-        groups: all groups of effects of the model.
         adequate: whether the residuals are no more than the noise; None where that was not tested.
         shared: errors that the measurements share beside the instrument's.
-        component_errors: how well their variances are known.
         tail_dof: degrees of freedom of the noise's tails; infinite where it is Gaussian.
-        measured: the fitted joint positions.
-        load: at the flange.
     """
     process = found.process.process if isinstance(found.process, PredictedBy) else None
     estimate = Estimate(

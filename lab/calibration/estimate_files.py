@@ -195,8 +195,6 @@ def write_estimate(folder: Path, estimate: Estimate, converted: Sequence[Mapping
     """Write the files of an estimate but ``result.json`` into a folder that is there.
 
     Args:
-        folder: where to.
-        estimate: what to write.
         converted: further rows of ``parameters.json``, the same arm in other parameters.
     """
     _write_json(folder / PARAMETERS_FILE, [*map(unstructured, estimate.rows), *converted])
@@ -215,11 +213,6 @@ def write_estimate(folder: Path, estimate: Estimate, converted: Sequence[Mapping
 
 def read_estimate(folder: Path, robot: NominalArm, load: CarriedLoad | None = None) -> Estimate:
     """Read an estimate from the folder of a run.
-
-    Args:
-        folder: of the run.
-        robot: the nominal robot that it is of.
-        load: at its flange.
 
     Raises:
         LabError: a file is missing, does not hold what a run writes, or is of another robot.
@@ -365,7 +358,6 @@ def read_residual(
 
     Args:
         found: its sizes; None where ``result.json`` has none.
-        conditions: that the arm's effects ask for.
 
     Raises:
         LabError: a file does not hold what a run writes.

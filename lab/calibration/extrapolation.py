@@ -147,7 +147,6 @@ def joint_regions(joints: Array, turning: NDArray[np.bool_], count: int, seed: i
         joints: ``(n, joints)`` rad or m.
         turning: ``(joints,)`` which joints turn.
         count: how many; the largest region is halved until there are so many.
-        seed: of the order among regions that are as large.
 
     Returns:
         ``(n,)`` labels; repeats of a pose have one.
@@ -407,7 +406,6 @@ def measured_range(
     """The range of the fitted poses, with what edges and regions show; None where no positions were observed.
 
     Args:
-        found: the identification.
         observed: what it comes from, weighed as it was; of very many poses some tell slopes and regions.
         prismatic: ``(joints,)`` which joints slide.
         slopes: whether edges are asked; of a process that says itself what it does not know beyond they are not.
@@ -531,7 +529,6 @@ def position_covariances(
     """Covariances ``(n, k, 3, 3)`` (m^2) of the predicted points' errors at some poses, the instrument's noise aside.
 
     Args:
-        found: of points.
         measured: what the model may lack where nothing was measured.
         inputs: ``(n, joints + conditions)``.
         targets: how many, from the first; all where None.
@@ -553,7 +550,6 @@ def model_covariances(
     """Covariances ``(n, k, 3, 3)`` (m^2) of the model's errors, with configurations in the place of rows as clusters.
 
     Args:
-        found: of points.
         measured: what the model may lack where nothing was measured.
         inputs: ``(n, joints + conditions)``.
         left: what the fit left, by which the parameters' covariance is widened.
@@ -579,7 +575,6 @@ def prediction_squares(
     V is that of the noise (as large as the residuals are), of the parameters, and of what is beyond the range.
 
     Args:
-        found: of points.
         inputs: ``(n, joints + conditions)``.
         points: ``(n, k, 3)`` m.
         left: what the fit left of the measurements that it comes from.

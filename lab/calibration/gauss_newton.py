@@ -249,11 +249,8 @@ def fit(
     goes from step to step, and the last factorization is part of the result.
 
     Args:
-        free: indices of the parameters to fit.
         start: ``(p,)`` all parameters.
-        tolerance_m: m.
         extra_residuals: what else is known of the parameters, e.g. a prior.
-        most_steps: after which it ends in any case.
     """
     index = list(free)
     metre = observed.typical_weight * np.sqrt(max(len(observed.inputs), 1))

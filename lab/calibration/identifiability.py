@@ -92,7 +92,6 @@ def condition_of(model: Model, values: Array, inputs: Array) -> float:
     """The condition number of the base set's Jacobian with unit columns: infinite where it is short of rank.
 
     Args:
-        model: of what is observed.
         values: ``(p,)``.
         inputs: ``(n, joints + conditions)`` where it is measured.
     """
@@ -107,8 +106,6 @@ def aliases(model: Model, structure: BaseSet, jacobian_scale: Array | None = Non
     A coefficient is dropped where its effect is rounding beside the others' of the same parameter.
 
     Args:
-        model: whose parameters these are.
-        structure: the base set.
         jacobian_scale: ``(p,)`` the columns' norms, by which effects compare; ones if not given.
     """
     scale = np.ones(len(model.names)) if jacobian_scale is None else jacobian_scale

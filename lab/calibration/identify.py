@@ -219,9 +219,7 @@ def identify(
 
     Args:
         arm: the arm, measured by points; or an ``Observation``, a model of another kind of measurement.
-        data: rows to identify it from.
         noise: what is known of their noise; nothing where not given.
-        request: what to fix, free or weigh beyond the defaults.
         nominal: the nominal parameters, at least the arm's; what is placed (base and tool) needs no guess.
 
     Raises:
@@ -328,7 +326,6 @@ class _MAPProblem:
         Directions, sigma and scale are taken at the fit that they lead to, and so found in a few rounds.
 
         Args:
-            plain: the fit without a prior.
             dof, sigma: of its residuals; a sigma of NaN where nothing is left over.
         """
         identifiable, usable = self.structure.identifiable, plain.status == "converged"

@@ -35,7 +35,6 @@ def initial_guess(
     """Values ``(p,)`` with the base, the targets, or both placed anew, near enough for Gauss-Newton.
 
     Args:
-        model: the arm, measured by points.
         observed: positions of its targets, m in the instrument's frame.
         values: ``(p,)``: the links, and whichever of base and targets ``groups`` leaves as it is.
         groups: what is to be placed: base, tool, or both; with the base also the stations of the instrument, if it

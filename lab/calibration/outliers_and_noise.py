@@ -36,7 +36,6 @@ def outliers_among_fitted(
 
     Args:
         shape: of the noise, where it has no heavy tails.
-        seed: of the draws that the level stands on.
     """
     observation = observation_of(start.model)
     observations, sigma_given = weigh(observation, rows, noise)
@@ -76,11 +75,7 @@ def _sigma_without(found: Outliers, observations: Observations) -> float:
 def outliers_among_held_out(
     found: Identification, rows: Measurements, held_out: Measurements, noise: Noise, tail: float
 ) -> HeldOut:
-    """The poses held out that are off, by an identification from ``rows``.
-
-    Args:
-        tail: of ``tail_of``.
-    """
+    """The poses held out that are off, by an identification from ``rows``."""
     observation = observation_of(found.model)
     parts = [weigh(observation, part, noise) for part in (rows, held_out)]
     both = parts[0][0].pose_by_pose().joined(parts[1][0].pose_by_pose())

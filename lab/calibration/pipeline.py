@@ -121,10 +121,7 @@ def identify_robot(
     """Identify a robot from measurements, and validate and judge the fit.
 
     Args:
-        robot: the nominal model.
         data: the measurements: joint positions (rad or m), points (m) in any one frame.
-        options: of the identification.
-        steps: to run instead of ``STEPS``, by name.
 
     Raises:
         LabError: an option makes no sense for these measurements, or they are too few.

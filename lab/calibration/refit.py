@@ -47,12 +47,9 @@ def placed_anew(
     """Place base, tool or both by the reference rows.
 
     Args:
-        model: the arm, measured by points.
         reference: the rows that place them.
         test: rows of the same session on which is validated.
         values: ``(p,)`` of the arm, whose links stay.
-        refit: base, tool, or both.
-        where: what an error calls the session.
 
     Raises:
         LabError: the rows determine too little: predictions at ``test`` depend on what stays undetermined.

@@ -75,8 +75,6 @@ def measured_region(found: Identification, observed: Observations, turning: NDAr
     neighbouring measured ones and as far beyond them.
 
     Args:
-        found: the fit.
-        observed: its measurements, weighted as they were.
         turning: ``(joints,)`` which joints are hinges.
     """
     observed, size = observed.thinned(_MAX_POSES), len(turning)
@@ -123,7 +121,6 @@ def workspace_region(
     """Draw random poses within the joints' limits; with measured ones, hinges are turned by whole turns toward these.
 
     Args:
-        model: of the arm.
         values: ``(p,)`` its parameters.
         measured: ``(n, joints)`` the measured positions.
         turning: ``(joints,)`` which joints are hinges.
@@ -160,13 +157,9 @@ def region_of_points(
     """Find poses in which the first target is at points, each near the measured pose whose target is nearest to it.
 
     Args:
-        kind: how the points were named.
         points: ``(m, 3)`` m, in the frame of the measurements.
-        model: of the arm.
         values: ``(p,)`` its parameters.
         inputs: ``(n, joints + conditions)`` the measured poses.
-        joints: their limits.
-        name: what an error calls the region.
 
     Raises:
         LabError: the arm reaches none of the points.

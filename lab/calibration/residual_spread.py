@@ -57,7 +57,6 @@ def residual_spread(
     """Estimate the spread of the residuals of measured positions.
 
     Args:
-        found: the fit.
         labels: ``(n,)`` which configuration each fitted row is of; each row its own where not given.
         lack_of_fit: whether the residuals are more than the noise that was given.
         independent_m: the instrument's part of the noise of a coordinate, where the measurements share further errors,
@@ -95,9 +94,6 @@ def for_later_rows(
     (Student's t).
 
     Args:
-        left: what the fit left of all its rows.
-        found: the fit.
-        observed: its measurements, weighted as they were.
         order: ``(n,)`` its rows in the order in which they were measured.
         most_m: as much is added at most: the standard deviation of a coordinate of an arm that was never calibrated.
     """

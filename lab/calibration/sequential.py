@@ -51,8 +51,6 @@ def split_of(observation: Observation, observed: Observations, free: Sequence[in
 
     Args:
         observation: of positions, then orientations.
-        observed: what was measured.
-        free: indices of the parameters to fit.
         values: ``(p,)`` nominal links, base and tool located.
     """
     model, positions = observation.model, observation.positions
@@ -77,8 +75,6 @@ def fit_sequentially(observation: Observation, observed: Observations, free: Seq
 
     Args:
         observation: of positions, then orientations.
-        observed: what was measured.
-        free: the parameters to fit, as ``identify`` keeps them.
         start: ``(p,)`` nominal links, base and tool located.
 
     Returns:

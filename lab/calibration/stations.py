@@ -69,9 +69,6 @@ def few_points_of_a_station(model: Model, data: Measurements) -> str:
 def named_stations(rows: Measurements, of_cell: Sequence[str]) -> tuple[str, ...]:
     """The stations of some rows: in the cell's order, else in that of the rows.
 
-    Args:
-        of_cell: the stations that the cell names.
-
     Raises:
         LabError: some rows name a station, and one does not.
     """

@@ -143,7 +143,6 @@ def errors_at(identification: Identification, inputs: Array, points: Array) -> E
     """Return the errors of the nominal and the estimated model where the targets are given.
 
     Args:
-        identification: of points.
         inputs: ``(n, joints + conditions)``.
         points: ``(n, k, 3)`` m, the targets in the instrument's frame.
     """
@@ -284,11 +283,7 @@ def validate_folds(
     """Five-fold cross-validation by configuration or fixture; none where a fold would leave too little to fit.
 
     Args:
-        identify: fits some of the rows as all were fitted.
-        identification: of all rows.
         data: the rows ``(n,)``.
-        seed: of the split.
-        progress: takes how many folds are done of how many.
     """
     labels, numbers = cv_groups_of(identification.model, data), data.points.shape[2]
     rows = folds(labels, seed)
@@ -338,10 +333,7 @@ def validate_file(identification: Identification, model: Model, data: Measuremen
     named in a warning.
 
     Args:
-        identification: of the arm.
         model: the arm with the targets of ``data``.
-        data: the other file's.
-        refit: what is placed anew: base, tool, or both.
 
     Raises:
         LabError: a target is unknown, or a session's reference rows cannot place what is to be refitted.
@@ -387,7 +379,6 @@ def compare_with_truth(identification: Identification, truth: Truth) -> TruthCom
     """Errors of the fitted parameters, in SI units and in standard deviations.
 
     Args:
-        identification: of a virtual arm.
         truth: that arm's parameters, in the canonical gauge.
     """
     model, free = identification.model, list(identification.fit.free)

@@ -253,11 +253,8 @@ def verdict(
     """Judge a calibration by the checks of its fit and of its validation.
 
     Args:
-        identification: the fit.
-        validation: its errors on poses that were not fitted.
         gate_m: a larger mean error there is bad; None for no such limit.
         goodness: the test of lack of fit; None where nobody tested it.
-        tolerance: of manufacture.
         measured: the range of the measured joint positions; None where nothing is known of what lies beyond.
         findings: about the errors; with one that nothing supports, a calibration is doubtful at most.
         prediction: observed against predicted errors at the validation poses; None where they were not compared.

@@ -174,7 +174,6 @@ def predict_over_workspace(
     """Predicted errors of the first target over the workspace.
 
     Args:
-        tolerance: of manufacture.
         lack_of_fit: whether the residuals are more than the noise that was given.
         measured: the joint positions that were measured, and what the model may lack beyond them.
     """
@@ -214,8 +213,6 @@ def predict_over_region(
 
     Args:
         tolerance: the arm's own (``own_tolerance``).
-        region: its poses.
-        left: what the fit left of the measurements.
         measured: the joint positions that were measured, and what the model may lack beyond them.
     """
     model, nothing = identification.model, float("nan")
@@ -302,7 +299,6 @@ def predicted_errors_at(
     """Predict the errors of all targets at some poses.
 
     Args:
-        identification: of positions.
         left: what the fit left of the measurements that it comes from.
         inputs: ``(n, joints + conditions)`` the poses.
         measured: the joint positions that were measured, and what the model may lack beyond them.
@@ -461,9 +457,7 @@ def bounds_at(
     """Compare predictions and errors at the validation poses; None where no pose has both.
 
     Args:
-        left: what the fit left of the measurements.
         measured: the joint positions that were measured, and what the model may lack beyond them.
-        tolerance: the arm's own.
     """
     rows, errors, positions = validation.rows, validation.errors, observation_of(found.model).positions
     if rows is None or errors is None or not positions or not np.isfinite(left.total_m):
@@ -508,7 +502,6 @@ def prediction_check(
     """Return the check of the 95 % error (m) at poses that were not fitted: failed where it exceeds what is allowed.
 
     Args:
-        observed_p95_m: of the validation.
         predicted_p95_m: the median of what was predicted for these poses.
         allowed_p95_m: what chance exceeds in 1 % of campaigns like this one.
         extrapolated: poses beyond the measured region that were left out.
@@ -540,8 +533,6 @@ def check_prediction(
     Args:
         validation: errors of points at poses whose rows are known.
         noise: of the measurements that judge, with the errors that they share.
-        measured: the range of the fitted joint positions.
-        seed: of the draws.
     """
     rows, errors = validation.rows, validation.errors
     if rows is None or errors is None or not only_positions(observation_of(identification.model)):

@@ -218,7 +218,6 @@ def propagated(
     Args:
         quantities: those that matter; at least one has an uncertainty above zero.
         positions: ``(w, 3)`` m.
-        rng: of the pairs.
     """
     retained = [each for each in quantities if each.uncertainty.standard and each.columns.any()]
     columns = [each.columns for each in retained]
@@ -248,7 +247,6 @@ def budget_of(
         quantities: those that matter; at least one has an uncertainty above zero.
         positions: ``(w, 3)`` m.
         moved: the same positions with the identified parameters shifted by ``(f,)``, by the full kinematics.
-        rng: of the pairs and of the draws.
     """
     found = propagated(measurand, quantities, positions, rng)
     lengths = _drawn_lengths(found.quantities, found.columns, rng)
@@ -391,7 +389,6 @@ class Propagation:
         """Build the propagation of a fit, at the fitted parameters ``(p,)``.
 
         Args:
-            free: which of them were identified.
             prior_covariance: ``(f, f)`` of these, in units of the weights, where a prior took part in the fit.
         """
         model = observation.model
@@ -513,13 +510,7 @@ class FrameMotion:
 def quantities_of(
     propagation: Propagation, errors: TrackerErrors, source: str, chance: RandomErrors
 ) -> tuple[InputQuantity, ...]:
-    """Return all input quantities but the robot's temperature.
-
-    Args:
-        errors: systematic errors of the instrument.
-        source: who states them.
-        chance: random errors.
-    """
+    """Return all input quantities but the robot's temperature."""
     placed = [] if chance.placement == "in the residuals" else list(_placements(propagation, errors, source))
     systematic = [_systematic(propagation, errors, source, term) for term in errors.lasting]
     found = [*systematic, *(quantity for quantity, _ in placed)]

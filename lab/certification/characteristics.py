@@ -141,9 +141,7 @@ def distance_errors(measured: Array, commanded: Array, labels: NDArray[np.int_],
 
     Args:
         measured: ``(n, k, 3)`` m, NaN where not measured.
-        commanded: the same.
         labels: rows of a pose share one.
-        rng: of the pairs.
     """
     count = len(measured)
     if count * (count - 1) // 2 <= _MOST_PAIRS:

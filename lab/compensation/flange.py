@@ -68,7 +68,6 @@ def located_flange(
         covariance: ``(3 k, 3 k)`` m^2 of them.
         stated: ``(k, 3)`` m, their places in the flange.
         prior: ``(6, 6)`` covariance (m, rad) that tolerances give the flange's motion.
-        dof: degrees of freedom of these.
         posed: whether the points stand for a measured pose: distances between them then show nothing.
     """
     count = 3 * len(stated)

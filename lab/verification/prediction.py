@@ -292,9 +292,6 @@ class VerificationProblem:
 
         S is that of the parameters reached: a base may be turned by any angle. The loop is its own: the best is kept,
         and a step that leads to where loops do not close ends it.
-
-        Args:
-            at_start: the problem at ``start``, where it is at hand.
         """
         values = start
         best, step, moved = self._step(values, directions, self._at(values) if at_start is None else at_start)

@@ -39,7 +39,6 @@ def situation(
     Args:
         values: ``(p,)`` the arm's, with what was fitted anew.
         expected_m: root mean square error that the run predicts.
-        refit: what was fitted anew already.
     """
     trial = _Trial(prediction, observed.thinned(_MOST_POSES), values)
     if trial.left(()) <= max(_LARGE_M, _LARGE * expected_m):

@@ -74,9 +74,7 @@ def shared_error_findings(
     """Findings from estimated shared errors and from the estimated size of the noise.
 
     Args:
-        rows: that were fitted.
         shared: errors beside the instrument's that were estimated from the residuals; None where none were.
-        adequacy: of the fit, by the best test that there was.
         labels: ``(n,)`` one a configuration; rows that share one are repeats.
     """
     if found.residual_sigma_m < _FLOOR_M:
@@ -116,7 +114,6 @@ def changes_in_time(found: Identification, observed: Observations, rows: Measure
 
     Args:
         observed: the fitted rows, weighted as they were, without estimated shared errors.
-        rows: the same rows.
     """
     times = row_times(rows)
     if (some := evenly(len(rows), _MAX_SCANNED_POSES)) is not None:

@@ -104,7 +104,6 @@ def goodness_by_distances(squares: float, dof: int, instrument: InstrumentNoise)
 
     Args:
         squares: the sum of its squared residuals (m^2), all of one weight.
-        dof: their degrees of freedom.
     """
     rest, own = dof - instrument.dof, instrument.sigma_m**2 * instrument.dof
     if rest < 1 or not own > 0:

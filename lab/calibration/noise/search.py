@@ -85,8 +85,6 @@ def search_noise(found: Identification, data: Measurements, noise: Noise) -> Noi
     """Choose the errors that the rows of an identification share, by restricted likelihood on its linear problem.
 
     Args:
-        found: the identification.
-        data: the rows that it comes from.
         noise: of the instrument, and of whole counts where these are known; what was estimated of shared errors is left
             aside.
     """
@@ -184,10 +182,8 @@ def counted(
     all numbers of a pose share that.
 
     Args:
-        data: with what the model observes.
         values: ``(p,)`` of a fit; the derivatives are taken there.
         sigma_m: the noise of a coordinate; where it was estimated, with the counts in it.
-        dof: residual degrees of freedom, where it was estimated.
     """
     if not counting(model, data, values, encoders) > NOTABLE * sigma_m > 0:
         return None

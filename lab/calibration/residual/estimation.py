@@ -72,8 +72,6 @@ def left_out(
     """Errors of poses whose repeats are left out with them.
 
     Args:
-        support: all numbers.
-        reduction: of them.
         noise: variance of the noise (m^2).
         left: P times the residuals: of the numbers that the offsets move, and of those with the noise alone.
         labels: ``(n,)`` of configurations, left out together.
@@ -254,7 +252,6 @@ def expected_gain(found: Identification, data: Measurements) -> ExpectedGain | N
     1982). Repeats of a configuration are left out together.
 
     Args:
-        found: of points of a serial arm.
         data: the rows that it comes from; of many, a subset, evenly spaced.
 
     Returns:

@@ -388,11 +388,7 @@ class PredictedBy:
     free: tuple[int, ...]
 
     def covariances(self, inputs: Array, targets: int | None = None) -> Array:
-        """Covariances ``(n, k, 3, 3)`` (m^2) of the predicted points' errors at poses ``(n, joints + conditions)``.
-
-        Args:
-            targets: how many, from the first; all where None.
-        """
+        """Covariances ``(n, k, 3, 3)`` (m^2) of the predicted points' errors at poses ``(n, joints + conditions)``."""
         k = len(self.model.targets) if targets is None else targets
         found = np.empty((len(inputs), k, 3, 3))
         for first in range(0, len(inputs), _BLOCK_POSES // k):

@@ -284,7 +284,6 @@ def largest_useful_std(parameters: Sequence[Parameter], joints: Array) -> Array:
     """``(p,)`` the largest standard deviation, in each one's unit, with which it is worth fitting.
 
     Args:
-        parameters: p of them.
         joints: ``(n, joints)`` measured positions (rad, m of a slide).
     """
     turns = np.ptp(joints, axis=0) / (2 * np.pi)
@@ -321,11 +320,7 @@ class SelectionTask:
     def identified(
         self, groups: Sequence[str], fixed: Sequence[str] = (), near: Identification | None = None
     ) -> Identification:
-        """Identify with these groups less the parameters held; requests for other groups are left out.
-
-        Args:
-            near: a neighbouring model's, to start from.
-        """
+        """Identify with these groups less the parameters held; requests for other groups are left out."""
         model = self.model_with(groups)
         request = self.request.of(observation_of(model).within(self.data).model.names)
         start = {} if near is None else dict(zip(near.model.names, near.values.tolist(), strict=True))
@@ -716,7 +711,6 @@ class TermSearch:
 
         Args:
             only: names of those that are searched; all where None.
-            level: of this search.
         """
         wanted = None if only is None else set(only)
         among = np.array([wanted is None or name in wanted for name in self.table.names], dtype=bool)

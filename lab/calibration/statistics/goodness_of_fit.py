@@ -76,11 +76,8 @@ def goodness_of_fit(
     It tests the model, with the residuals that least squares leaves, also where the estimate is another.
 
     Args:
-        observed: what was fitted, weighted as it was.
         sigma_given: whether its weights stand on a known sigma.
-        shape: of the noise.
         labels: ``(n,)`` one a configuration; rows that share one are repeats.
-        held_out: poses that were not fitted.
         extra_residuals: what else was known of the parameters when they were fitted.
     """
     linear = linearized(model, observed, fit.least_squares, fit.free, extra_residuals)
@@ -400,7 +397,6 @@ def with_own_intervals(
     the arm may be the cause, and the intervals are those of whole poses (cluster-robust).
 
     Args:
-        searched: whether effects of the arm were searched.
         plausible: whether the weights stand on a known sigma or on a prior.
     """
     device = noise.instrument
@@ -419,11 +415,7 @@ def with_own_intervals(
 def with_intervals_of_poses(
     found: Identification, observations: Observations, *, searched: bool
 ) -> tuple[Identification, list[Check]]:
-    """Return the identification with cluster-robust intervals, and why, where what poses share is undecided.
-
-    Args:
-        searched: whether effects of the arm were searched.
-    """
+    """Return the identification with cluster-robust intervals, and why, where what poses share is undecided."""
     if len(np.unique(_clusters(found, observations))) <= len(found.fit.free):
         return found, []
     return _of_whole_poses(found, observations), [Check("intervals.undecided", "failed", data={"searched": searched})]
@@ -478,7 +470,6 @@ def adequacy_of(
 
     Args:
         held_out: poses that were not fitted; None, or without rows, where there are none to test by.
-        shape: of the instrument's noise.
     """
     observation = observation_of(found.model)
     observations, sigma_given = weigh(observation, rows, noise)

@@ -32,7 +32,6 @@ def rounding(model: Model, data: Measurements, values: Array, things: int | None
     derivatives by the joint positions it is the observation's: rms^2 = mean over rows of step^2 / 12 tr(J J').
 
     Args:
-        data: with what the model observes.
         things: how many of the observed things, from the first, are lengths; all where None.
     """
     turning = [j for j in range(data.joints.shape[1]) if len(np.unique(data.joints[:, j])) >= _LEAST_DIFFERENT]

@@ -383,11 +383,7 @@ class ClusteredRows:
 
     @classmethod
     def of(cls, rows: Array, labels: NDArray[np.int_], numbers: int) -> "ClusteredRows":
-        """Build from rows, the first of which are of observed things of so many numbers each; each other row is alone.
-
-        Args:
-            labels: of the things, from 0 on.
-        """
+        """Build from rows: first those of observed things, with so many numbers each, then single ones."""
         order, starts = clusters_first(np.repeat(labels, numbers), len(rows))
         return cls(rows[order], starts, len(np.unique(labels)) < len(labels))
 

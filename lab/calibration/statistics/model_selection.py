@@ -164,11 +164,9 @@ def select(
 
     Args:
         model_with: the arm with groups of effects, by name; a LabError where a group cannot be built.
-        nominal: the nominal parameters of such a model.
         candidates: groups to try, those of ``kinematics.effects`` or the caller's own.
         terms: groups of single joints to search, by names that ``model_with`` knows.
         expected: those of them that the search begins with.
-        seed: of the folds, and of the search's level.
         enough: how many groups end the search, where they only have to show that the model lacks something; all that
             the measurements call for where None.
 
@@ -463,11 +461,7 @@ def _refused(name: str, why: str) -> GroupTrial:
 def _alternatives(
     task: SelectionTask, taken: Sequence[str], found: Identification, candidates: Sequence[str], fixed: Sequence[str]
 ) -> tuple[_Alternative, ...]:
-    """For each chosen group that bears loads, the others that would do as well in its place.
-
-    Args:
-        fixed: parameters that are not fitted.
-    """
+    """For each chosen group that bears loads, the others that would do as well in its place."""
     messages = []
     for chosen in (name for name in taken if name in _LOADED_GROUPS):
         for other in (name for name in _LOADED_GROUPS if name in candidates and name not in taken):

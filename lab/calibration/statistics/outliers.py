@@ -80,12 +80,9 @@ def find_outliers(
     """Find the poses that are off, and fit the others.
 
     Args:
-        free: the parameters to fit.
         start: ``(p,)``, links near the nominal ones, base and targets located.
         sigma_given: whether the weights of ``observed`` stand on a known sigma.
         rng: for the distribution of the largest residual where noise is not Gaussian.
-        shape: of the noise.
-        level: of a whole campaign.
         things: how many of the observed things, from the first, are lengths; all where None.
         extra_residuals: what else is known of the parameters, as for ``fit``.
     """
@@ -141,7 +138,6 @@ def held_out_outliers(
         fitted: how many of them were.
         sigma_given: whether the weights are from a given sigma; where most residuals are beyond it, it is estimated.
         level, extra_residuals, things: as for ``find_outliers``.
-        tail_dof: of Student's t, where the noise has such tails.
     """
     linear = linearized(model, observed, solution.values, solution.free, extra_residuals)
     inside = np.ones(len(linear.mask), dtype=bool)

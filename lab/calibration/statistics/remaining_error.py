@@ -148,12 +148,8 @@ def remaining_error(
         residuals: ``(n, k, 3)`` m, NaN where not observed.
         joints: ``(n, joints)`` rad or m.
         order: ``(n,)`` when each pose was measured.
-        dof: residual degrees of freedom.
         instrument_m: the instrument's noise of a coordinate; NaN where nothing says it.
-        shared: errors that poses share.
         scatter_slopes: ``(n, k, 3, joints)`` derivatives by the joints' positions.
-        nearly: groups that were seen and not taken.
-        searched: whether the groups were searched for.
     """
     mask = seen_mask(residuals)
     numbers = 3 * int(mask.sum())
@@ -240,9 +236,7 @@ def explained_errors(
     """Return the error that each group explains, in the order given; empty without groups.
 
     Args:
-        model: of measured points, fitted to ``data``.
         values: ``(p,)`` as they were found.
-        free: which of these were fitted.
         groups: by name, the names of their parameters.
     """
     if not groups:
