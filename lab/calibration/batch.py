@@ -84,8 +84,6 @@ class BatchFits:
 
     Attributes:
         values: ``(b, p)`` the parameters.
-        converged: ``(b,)``.
-        steps: ``(b,)`` number of steps.
         information: ``(b, f, f)`` J' J of the free parameters, whitened as the observation is.
     """
 
@@ -311,9 +309,7 @@ class StackedPoseArm:
     """Arms of one nominal model with a target whose pose is measured; their parameters are rows ``(b, p)``.
 
     Attributes:
-        arm: the nominal model, with one target.
         parameters: the arm's, then the rotation vector of the target's frame in the last one.
-        names: theirs.
     """
 
     arm: SerialArm
@@ -378,8 +374,6 @@ class _PoseBatch:
     """Measured poses of b campaigns with their weights and the arms that predict them, as ``batch`` fits them.
 
     Attributes:
-        model: the arms.
-        measured: what was measured.
         position_weight: one over the standard deviation of a coordinate, 1/m; 0 leaves positions out.
         rotation_weight: ``(3,)`` that of a rotation about the axes of the target's frame, 1/rad; 0 leaves them out.
     """

@@ -60,10 +60,7 @@ class EstimatedParameter:
 
     Attributes:
         nominal: its value in the nominal model, with base and tool fitted.
-        estimate: its value as it was fitted.
         exported: its value in the most likely arm among those that predict the same.
-        std: its standard deviation; None where it is not known.
-        interval_95: None where it is not known.
         status: ``identified``; ``held`` at nominal on request; ``fixed`` there because an error of it cannot be
             distinguished from others'; ``not seen`` at these poses; None in files of older versions that lack it.
         weakly_observable: whether it was identified, but is known no better than to a millimetre or milliradian.
@@ -145,7 +142,6 @@ class IdentifiedSubset:
     Attributes:
         names: of the parameters ``(f,)``.
         values: ``(f,)`` in SI units.
-        covariance: ``(f, f)``.
         is_angle: ``(f,)`` whether each is an angle, of which whole turns mean nothing.
         dof: degrees of freedom of the noise; None where it was given.
     """
@@ -224,8 +220,6 @@ class Estimate(Value):
         covariance: ``(f, f)`` of these; NaN where the noise is unknown.
         noise_m: noise of a coordinate, given or estimated; zero where it is not known.
         residual_m: noise of a coordinate by the residuals; zero where nothing is left over.
-        noise_known: whether the noise was given.
-        dof: residual degrees of freedom.
         adequate: whether the residuals are no more than the noise; None where that was not tested.
         cluster_robust: whether the covariance is that of whole poses' own residuals.
         tail_dof: degrees of freedom of the noise's tails, of Student's t; None where it is Gaussian.
@@ -234,7 +228,6 @@ class Estimate(Value):
             ``arm``; None where they are not estimates.
         process: the offsets of the joints that no group explains; None where they were not asked for.
         measured: the fitted joint positions, and what the model may lack beyond them; None where not known.
-        load: at the flange; None where none was identified.
         prior_acts_in: in how many directions tolerances of manufacture took part in the fit; None where a run of an
             older version does not keep it.
     """

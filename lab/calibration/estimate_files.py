@@ -100,11 +100,7 @@ class ResidualSizes:
 
 @dataclass(frozen=True)
 class Extrapolation:
-    """Model discrepancy beyond the measured positions, by the keys of ``result.json``.
-
-    Attributes:
-        growth_mrad, unsure_mrad: None in a run without them.
-    """
+    """Model discrepancy beyond the measured positions, by the keys of ``result.json``."""
 
     growth_mrad: float | None = None
     unsure_mrad: float | None = None
@@ -125,14 +121,12 @@ class _SavedEstimate:
     """The part of ``result.json`` that an estimate is made from; its keys.
 
     Attributes:
-        freedom: residual degrees of freedom.
         cluster_robust: whether the parameters' covariance is that of whole poses' own residuals.
         noise_model: errors beside the instrument's; None where there are none.
         noise_tail_freedom: degrees of freedom of the noise's tails, of Student's t; None where it is Gaussian.
         measured_range: the joint positions that were fitted; None where they are not known.
         extrapolation: what the model may lack where nothing was measured; None likewise.
         residual: sizes of the joints' offsets that no group explains; None where they were not fitted.
-        prior: of tolerances; None for a run of an older version.
     """
 
     model: str

@@ -175,7 +175,6 @@ class _LinearRows:
 
     Attributes:
         columns: ``(n, m, f)`` derivatives by the parameters that were fitted.
-        residual: ``(n, m)`` what the fit leaves.
         prior_rows: ``(r, f)`` derivatives of what else is known of the parameters.
         by_joints: ``(n, m, joints)`` derivatives by joint positions: rad of a hinge, as much at a lever of a slide.
         numbers: ``(n,)`` how many numbers each pose has.
@@ -212,11 +211,9 @@ class _LeftOut:
     """Poses of one region that the others do not cover, as the others predict them.
 
     Attributes:
-        error: ``(k, m)``.
         covariance: ``(k, m, m)`` by noise and parameters.
         by_joints: ``(k, m, joints)`` times the distance to what is covered.
         numbers: how many numbers these are.
-        p: the chance of errors as large.
     """
 
     error: Array

@@ -88,7 +88,6 @@ class Judging:
         refit: what each session of those may place anew: base, tool.
         gate_m: a larger mean error at poses not fitted is bad; None for no such limit.
         region: where the arm has to be known; None for where poses were measured.
-        region_name: what an error calls the region.
     """
 
     holdout: float | None = None
@@ -107,14 +106,9 @@ class Fitted:
     Attributes:
         fitter: of the arm; after the model is selected with the errors that the measurements share.
         given: the rows to fit.
-        held: the rows held out; None where there are none.
-        judging: options of the judgement.
         progress: takes how many folds of a cross-validation are done of how many.
-        checks: what the steps found, in order.
         selection: of the model's groups, where that was asked for.
-        groups: of the model.
         unshown: parameters of these that the selection found the poses not to show: held at zero.
-        noise: which errors the measurements share.
         rows: those that the parameters come from.
         weighted: the fit, with the covariance that follows from its weights.
         observations: ``rows``, weighted as they were fitted.
@@ -122,14 +116,11 @@ class Fitted:
         outlier_search: the search for outliers that a robust fit ended with; None before one.
         outliers: poses that are off: left out if asked for, else fitted all the same.
         tail_dof: degrees of freedom of Student's t that the noise's tails are like; infinite where Gaussian's will do.
-        adequacy: the test of lack of fit.
         measured: the joint positions of ``rows``, and what the model may lack beyond them; None where no points were
             observed.
         findings: about the errors, beyond independent noise: steps, drift, scatter, effects that the model lacks.
-        validation: errors at poses that were not fitted.
         prediction: observed against predicted errors at the validation poses; None where they were not compared.
         bounds: predicted and observed 95 % errors at the validation poses; None where there are none.
-        verdict: on the calibration.
     """
 
     fitter: Fitter

@@ -87,7 +87,6 @@ class FitOptions:
         robust: whether outliers are left out.
         fix, free: names or patterns of parameters to fix at nominal, or to identify though usually fixed.
         prior: use of the tolerances of manufacture: where measurements say little, everywhere, or not at all.
-        tolerance: of manufacture (1 sigma).
     """
 
     groups: tuple[str, ...] = ()
@@ -126,7 +125,6 @@ class Fitter:
 
     Attributes:
         targets: of the arm: those of ``kind`` in ``data``.
-        data: all measurements, as the file holds them.
         kind: of observation, with its options.
         judged_by: further rows that the model must predict, with the groups that are left out there.
         estimator: of the parameters of one model: ``identify``, or another of the same arguments and result.

@@ -300,7 +300,6 @@ class _State:
     """Parameters with the linear problem there.
 
     Attributes:
-        values: ``(p,)``.
         residual: ``(r,)`` whitened, measured less predicted.
         jacobian: ``(r, f)`` of the prediction; None where it is not held.
         triangle: ``(f, f)`` its R, columns of unit norm.

@@ -33,7 +33,6 @@ class _Alias:
     """A fixed parameter, and the identifiable ones that its error is aliased with.
 
     Attributes:
-        name: of the fixed parameter.
         into: (name, coefficient), the coefficient in the SI units of the two.
     """
 

@@ -122,9 +122,7 @@ class Identification:
         base_set: which parameters are identifiable by the arm's structure.
         fit: of the parameters identifiable from these poses; ``fit.free`` are their indices.
         sigma_m: noise of a coordinate, given (a root mean square) or estimated; NaN if unknown.
-        sigma_given: whether it was given.
         residual_sigma_m: noise of a coordinate, estimated from the residuals; NaN where nothing is left over.
-        dof: residual degrees of freedom.
         covariance: ``(f, f)`` of the free parameters; NaN where sigma is unknown.
         extra_residuals: information beside the measurements, weighted as they are: constraints, a prior.
         dof_each: ``(f,)`` of each parameter's interval, where the covariance is not that of one sigma alone.

@@ -93,13 +93,8 @@ class PipelineOptions:
     """Options of an identification.
 
     Attributes:
-        kind: of observation.
-        fit: how parameters are fitted.
         instrument: whose noise weighs the measurements; None where it is not given.
         noise_m: the noise (1 sigma a coordinate) instead; None where it is not given.
-        judging: how the fit is judged.
-        seed: of splits and simulated levels.
-        estimator: of the parameters of one model.
     """
 
     kind: Sensor

@@ -51,7 +51,6 @@ class Prior:
     """A normal distribution of those parameters of the base set that have a tolerance; of the rest nothing is known.
 
     Attributes:
-        mean: ``(p,)``.
         of: indices ``(m,)`` of the parameters it is of.
         whiten: ``(m, m)`` the inverse of the covariance's Cholesky factor.
     """
@@ -83,7 +82,6 @@ class ActingPrior:
 
     Attributes:
         names: of the parameters ``(p,)``.
-        mean: ``(p,)``.
         rows_by_parameter: ``(w, p)`` of each direction, in its prior standard deviations.
         scale: the tolerances that it takes, in those that were given.
         scale_from: how many well measured directions the scale was estimated from; none where it was not.

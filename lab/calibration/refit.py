@@ -33,7 +33,6 @@ class _Placed:
     """Base and tool as some poses place them.
 
     Attributes:
-        values: ``(p,)`` of the arm.
         fixed: names of the parameters that those poses do not determine, and that stay as they were.
     """
 

@@ -58,7 +58,6 @@ class Region:
     """Poses of a part of the workspace.
 
     Attributes:
-        kind: how the region was named.
         inputs: ``(n, joints + conditions)`` its poses.
         factors: ``(n,)`` how many times the parameters' covariance is larger at each, as it was fitted; None for once.
     """

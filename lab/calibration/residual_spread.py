@@ -137,7 +137,6 @@ class _Parts:
         within: of readings of one configuration; zero where none is repeated.
         pooled: of all readings, as if they were independent.
         readings: of a configuration, their harmonic mean.
-        dof_between, dof_within, dof_pooled: degrees of freedom.
     """
 
     between: float

@@ -83,7 +83,6 @@ class Validation:
     """Validation of a calibration.
 
     Attributes:
-        judged_by: None where it was not.
         errors: at those poses; None where it was not validated.
         checks: of the validation: poses that it lacks, fits that did not converge, notes of the measurements.
         rows: those poses; None where their base or tool was placed anew, or their model is another.

@@ -73,7 +73,6 @@ class Verdict:
 
     Attributes:
         reasons: the failed checks that make it less than good, the heaviest first.
-        checks: all that it was judged from.
         gate_m: the largest mean error that was asked for; None where none was.
     """
 

@@ -93,7 +93,6 @@ class RegionPrediction:
     """Predicted position errors (m) over the poses of a region; NaN where unknown.
 
     Attributes:
-        kind: the region's.
         poses: how many poses stand for it.
         rms_m: root mean square, by the parameters' covariance.
         mean_m, p95_m: the mean, and the length that 95 % of the errors do not exceed, over poses and over campaigns
@@ -146,13 +145,10 @@ class Distance:
     """Distance of a link's parameter from its nominal value.
 
     Attributes:
-        name: of the parameter.
         size: the distance (m, or rad and then half a turn at most).
-        sure: the distance less two standard deviations.
         tolerances: ``size`` in the standard deviations that the tolerances of all links give this parameter.
         sure_tolerances: ``sure`` in these.
         felt_m: root mean square error (m) of the measured points if it were nominal and the others refitted.
-        is_angle: whether it is in rad.
     """
 
     name: str

@@ -71,7 +71,6 @@ class InputQuantity:
         group: misalignment, reflector, temperature, repeatability, model, stability or parameters.
         name: what it is.
         source: where its uncertainty comes from.
-        unit: in which people read it.
         uncertainty: of each of its components, SI.
         columns: ``(w, 3, c)`` how far a unit of each component moves the positions at w poses, m.
         anew: whether it is another one at each position; else all positions share it.
@@ -105,7 +104,6 @@ class BudgetLine:
     Attributes:
         contribution_m: what the quantity contributes to the standard uncertainty (root mean square over the
             workspace).
-        share: of the combined variance.
     """
 
     quantity: InputQuantity
@@ -138,9 +136,7 @@ class Budget:
     """The uncertainty of a measurand.
 
     Attributes:
-        lines: the quantities that contribute.
         combined_m: combined standard uncertainty, root mean square over the workspace.
-        freedom: its effective degrees of freedom.
         propagated_m: expanded uncertainty by the law of propagation.
         drawn_m: the same by drawing the quantities so many times, with ``drawn_std_m`` its own standard deviation.
         kinematics: the same by drawing calibrations, linear and through the full kinematics.
@@ -191,11 +187,8 @@ class _Propagated:
     """Result of the law of propagation of uncertainty for a measurand.
 
     Attributes:
-        quantities: those that contribute.
         columns: ``(w, d, c)`` of each, m: what a unit of its components does to the d numbers of the measurand.
         variances: ``(quantities,)`` m^2, what each contributes.
-        freedom: effective degrees of freedom.
-        expanded_m: expanded uncertainty.
     """
 
     quantities: tuple[InputQuantity, ...]
@@ -445,8 +438,6 @@ class RandomScatter:
     """Random scatter of positions, per axis, and its source.
 
     Attributes:
-        sigma_m: standard deviation of one coordinate.
-        dof: its degrees of freedom.
         of_residuals: whether it was estimated from what the model leaves.
     """
 

@@ -63,7 +63,6 @@ class PoseAccuracy:
 
     Attributes:
         accuracy: AP, from where a pose is commanded to the mean of the positions attained.
-        poses: how many.
         cycles: the fewest and the most visits to one.
     """
 
@@ -173,13 +172,7 @@ _RULES = {
 
 @dataclass(frozen=True)
 class Conformity:
-    """Statement of conformity of a value to a tolerance.
-
-    Attributes:
-        value_m: the measured value.
-        tolerance_m: the largest that is allowed.
-        expanded_m: expanded uncertainty of the value.
-    """
+    """Statement of conformity of a value to a tolerance."""
 
     value_m: float
     tolerance_m: float

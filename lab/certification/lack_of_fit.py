@@ -32,7 +32,6 @@ class ValidationErrors:
 
     Attributes:
         rms_m, p95_m: root mean square and 95th percentile of their lengths.
-        poses: how many of the poses are distinct.
         own: ``(n, 3, 3)`` m^2, covariance of each point's error by what differs from point to point.
         shared: ``(n, 3, c)`` m, what independent numbers of variance one that all points share do to them.
         freedom: degrees of freedom of the noise that scales both; infinite where it is known.
@@ -62,8 +61,6 @@ class LackOfFit:
         observed_95_m, expected_95_m: the length that 95 % of the errors do not exceed, likewise.
         p: the chance of a larger mean square, if the budget is right.
         sigma_m: what the budget lacks, of one coordinate; 0 where chance explains the difference.
-        dof: degrees of freedom of that.
-        poses: by how many distinct poses.
     """
 
     observed_rms_m: float

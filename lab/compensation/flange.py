@@ -38,7 +38,6 @@ class Flange:
         gain: ``(6, 3 k)`` derivative of the estimated motion (m, rad) by the k measured points.
         covariance: ``(6, 6)`` of the motion's errors that are not those of the measured points.
         dof: degrees of freedom of the covariance's size.
-        uses_stated: whether the stated positions take part.
         turned: whether they determine the flange's rotation.
         deviation_m: ``(k,)`` distance of each measured point from its stated position in the nominal flange.
     """

@@ -225,10 +225,8 @@ class Difference:
     """The second calibration less the first.
 
     Attributes:
-        names: of the parameters ``(f,)``.
         changes, half_widths: ``(f,)`` differences with half of their 95 % intervals.
         p: the chance of differences as large, of all parameters together, if nothing has changed.
-        moved: the parameters that have, the surest first.
     """
 
     names: tuple[str, ...]

@@ -126,7 +126,6 @@ class CalibrationPrediction:
     Attributes:
         values: ``(p,)`` of ``arm``.
         free: indices of those that were identified.
-        covariance: ``(f, f)`` of these.
         dof: with how many degrees of freedom its sigma was estimated; None where it was given.
         strange: targets of the arm that the run did not have.
         tail_dof: degrees of freedom of the noise's Student's t; None if Gaussian.
@@ -183,7 +182,6 @@ class _WhitenedSystem:
 
     Attributes:
         residual: ``(m,)`` measured less predicted, m at most p + 1.
-        jacobian: ``(m, p)``.
         axes, sizes: ``(m, f)`` and ``(f,)`` of J C^1/2, so that S = 1 + axes sizes^2 axes'.
         known: ``(p, f)`` from the parameters to these axes: axes times sizes is J known.
     """
@@ -206,9 +204,7 @@ class RefitSolution:
     """Minimum of r' S^-1 r over the fitted parameters.
 
     Attributes:
-        values: ``(p,)``.
         square: r' S^-1 r there.
-        numbers: number of measured coordinates.
         model: of the fitted columns ``(m, h)`` times S^-1/2.
         directions: ``(p, h)`` how the h fitted numbers change the parameters.
         there: the problem at ``values``.

@@ -44,8 +44,6 @@ class _PartTest:
     """A part of the test statistic r' S^-1 r.
 
     Attributes:
-        square: its size.
-        numbers: its degrees of freedom.
         p: the chance of a larger one, if nothing has changed; 1 where it has no degrees of freedom.
     """
 
@@ -60,7 +58,6 @@ class _ChangeTest:
 
     Attributes:
         along: the part that the identified parameters span.
-        rest: the other.
     """
 
     along: _PartTest
@@ -297,7 +294,6 @@ class Verified:
         p_of_all: the chance of a larger one, if nothing has changed.
         numbers: its degrees of freedom.
         sigma_freedom: those with which sigma was estimated; None where it was given.
-        test: the parts of the statistic and their p.
         values: ``(p,)`` of the arm as the run has them, with what was fitted anew.
         errors: ``(n, k)`` lengths of measured less predicted (m), NaN where not observed.
         expected_m: predicted root mean square length of the errors here.

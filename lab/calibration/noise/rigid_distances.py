@@ -31,9 +31,6 @@ class InstrumentNoise:
     """Noise of one coordinate, estimated from distances between targets.
 
     Attributes:
-        sigma_m: estimated.
-        low_m, high_m: its 95 % interval.
-        dof: degrees of freedom.
         moving_p: the chance of as large a change of the distances over the poses if the tool were rigid.
     """
 

@@ -56,7 +56,6 @@ class _LeftOut:
     """A pose that was left out.
 
     Attributes:
-        pose: its row.
         error: ``(s,)`` measured less predicted (m) of the numbers seen there.
         covariance: ``(s, s)`` predicted of it, noise included (m^2).
     """
@@ -145,7 +144,6 @@ class _Rows:
     """Selected poses of an identification.
 
     Attributes:
-        kernels: of the arm's joints.
         joints: ``(n, joints)``.
         slopes: ``(n, 3 k, joints)`` derivatives of all numbers by the joint positions.
         columns: ``(n, 3 k, f)`` those by the free parameters.
@@ -228,7 +226,6 @@ class ExpectedGain:
 
     Attributes:
         before_m, after_m: mean errors of points, without and with it.
-        poses: number of poses left out.
     """
 
     before_m: float

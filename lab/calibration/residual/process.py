@@ -377,8 +377,6 @@ class PredictedBy:
     """A process beside the parameters of an arm.
 
     Attributes:
-        model: the arm without the process.
-        values: ``(p,)`` of it.
         free: those that were estimated together with the process.
     """
 

@@ -76,8 +76,6 @@ class Score:
     """Score of a nested model.
 
     Attributes:
-        parameters: number of fitted parameters.
-        squares: its sum of squared whitened residuals.
         errors: ``(m,)`` lengths (m) of held-out errors, one per observed thing.
         bic: Bayes' information criterion (Schwarz 1978), lower is better.
     """
@@ -93,8 +91,6 @@ class HeldOutGain:
     """Estimate how far the error at held-out configurations falls, each configuration counted once.
 
     Attributes:
-        mean_m: the mean over configurations.
-        std_m: its standard error.
         dof: of that standard error: configurations less one.
     """
 
@@ -122,7 +118,6 @@ class NestedModels:
         training: the same of all folds but one.
         held: ``(m_f, d, c + 1)`` of each fold: derivatives and residual of its things, in m.
         cluster: ``(m,)`` what each thing of the folds, one after the other, was held out together with.
-        rows: the number of residuals.
         floor: the least standard deviation that a whitened residual may have: 1 where sigma is known.
         witnesses: the scaled rows themselves, residual last, by the poses whose errors may go together.
     """
@@ -308,7 +303,6 @@ class SelectionTask:
 
     Attributes:
         model_with: the arm with groups of effects, by name; a LabError where a group cannot be built.
-        nominal_of: the nominal parameters of such a model.
     """
 
     model_with: ModelWith
@@ -369,7 +363,6 @@ class FullModel:
     """The model with all groups that can be tried, in which every other one is nested.
 
     Attributes:
-        start: the nominal parameters.
         observed: the measurements as the model's observation has them, weighted.
         groups: indices of each one's parameters, less those to be held on request.
         structure, measured: triangles of its Jacobian at the nominal model, over all its limits and at the
@@ -559,11 +552,9 @@ class TermTable:
     """Effects of each group on the joints, or on the far ends of links, at some poses.
 
     Attributes:
-        names: of the groups, g of them.
         functions: ``(n, p)`` rad or m a unit of each of their parameters.
         motion: ``(p,)`` what that moves: a joint, from 0, or, beyond the joints, one of six motions of each link's far
             end.
-        joints: how many joints there are.
         owner: ``(p,)`` the group that each parameter is of; one has one parameter or two.
         parameters: the names of each group's parameters.
     """

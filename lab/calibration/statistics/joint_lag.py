@@ -30,7 +30,6 @@ class Lag:
     """A session whose joint values do not follow the arm.
 
     Attributes:
-        session: its name.
         p: the chance, over all sessions, that noise follows the moves as well.
         fractions: ``(joints,)`` of the last move that the joint positions still lack; negative where the arm lacks it.
         significant: ``(joints,)``, whether a joint's own fraction is more than noise would make it.

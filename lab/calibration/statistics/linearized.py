@@ -186,11 +186,9 @@ class SubsetFit:
     """Least squares on some poses, with every pose judged by the others of them.
 
     Attributes:
-        linear: the problem of all poses.
         directions: ``(f, rank)`` from its columns to an orthonormal basis Q of the rows inside.
         root: ``(n, m, m)`` whitens a pose's residual: (I - H_ii)^-1/2 inside, (I + H_ii)^-1/2 outside.
         count: ``(n,)`` numbers of a pose that the other poses predict.
-        dof: residual degrees of freedom inside.
         full_rank: whether the poses inside tell all parameters apart.
     """
 
@@ -421,7 +419,6 @@ class _Jackknife:
     """Return how far leaving out each cluster moves coefficients.
 
     Attributes:
-        moves: ``(clusters, added)``.
         trace: what the sum of their squares is on average where errors are white, of variance one.
         dof: degrees of freedom of that sum.
     """

@@ -64,13 +64,11 @@ class GroupTrial:
 
     Attributes:
         name: of the group; ``geometry`` for the arm without any.
-        parameters: number of parameters that it adds.
         holdout_m: mean length of the error at held-out poses with it and what was taken before it; NaN if not tried.
         f_p: the chance of as large a fall in squares if it were not there (``NestedModels.p_value``), no Bonferroni's
             factor in it; NaN if not tried.
         configurations: the test by configurations; None where each is one reading of one target, or not tried.
         gain: the fall of the error at held-out configurations; None if not tried.
-        bic: of that model; NaN if not tried.
         chosen: whether it is in the final model; the others are tried beside that.
         infeasibility_reason: why it is not; empty where it is.
         incomplete_data: whether that is because a column that it needs has gaps.
@@ -95,12 +93,9 @@ class _Alternative:
     """Another explanation that fits as well.
 
     Attributes:
-        chosen, other: the groups.
         fit_rise: by how much twice the negative log likelihood rises with the other one instead; negative where that
             fits better.
         inputs: ``(joints + conditions,)`` the pose, of random ones, at which the two arms differ most.
-        differ_m: by how much they differ there (m).
-        sigma_m: noise of a coordinate.
     """
 
     chosen: str
@@ -122,7 +117,6 @@ class Selection:
 
     Attributes:
         chosen: its groups, in the order in which they were taken.
-        identification: of that model.
         groups: geometry alone, the chosen ones in their order, then the others.
         alternatives: other explanations of what loads do, which these measurements cannot tell from the chosen ones.
         searched: whether the groups were searched for, or were given.
@@ -235,7 +229,6 @@ class _Growth:
     Attributes:
         candidates: groups that can be tried.
         enough: how many groups end the growth; None where nothing does.
-        found: the arm with the groups that are taken.
         rows: of the table, by group.
         stuck: groups that the fit does not converge with.
     """

@@ -176,7 +176,6 @@ class _Test:
     Attributes:
         critical: a pose is an outlier where its own p-value is at most this.
         reference: ``(b,)`` smallest p-values of campaigns of nothing but noise; empty if Gaussian.
-        poses: number of tested poses.
         floor: least sigma, whitened.
     """
 

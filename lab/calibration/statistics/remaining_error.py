@@ -220,7 +220,6 @@ class ExplainedError:
     """Error explained by one group, root mean squares of a coordinate over the measured poses.
 
     Attributes:
-        group: its name.
         size_m: by how much the predictions would be off without it, all else fitted anew.
         share: of the mean square that geometry alone would leave; shares of groups that are confounded do not add up.
     """
