@@ -459,7 +459,7 @@ _NEAR = 100.0  # tolerances from the nominal model: beyond, it is not that robot
 
 
 def noise_in_another_unit(noise_mm: float | None, rows: Measurements, found: Identification) -> list[Check]:
-    """Refuse a noise that is far more than the residuals of the fit, and say it of one that is many times as much.
+    """Refuse a given noise far above the residuals of the fit, and check one that is many times as large.
 
     Args:
         noise_mm: the option; None where it was not given.

@@ -239,7 +239,10 @@ def _growth_beyond_cover(rows: _LinearRows, joints: Array, turning: NDArray[np.b
     labels = joint_regions(joints, turning, _REGIONS, 0)
     tried = [_left_out(scaled, joints, turning, labels == region) for region in range(_REGIONS)]
     parts = [part for part in tried if part is not None]
-    if len(parts) < _LEAST_FAR or _together([part.p for part in parts]) >= EXTRAPOLATION:
+    if len(parts) < _LEAST_FAR:
+        return 0.0
+    logs = np.log(np.maximum([part.p for part in parts], np.finfo(float).tiny))  # of all regions (Fisher 1925)
+    if float(chi2_sf(-2 * float(logs.sum()), 2 * len(parts))) >= EXTRAPOLATION:
         return 0.0
     return float(np.sqrt(_excess(parts) * len(parts) / (len(parts) - 2)))  # a new region is another draw: Student's t
 
@@ -284,12 +287,6 @@ def _p_value(error: Array, columns: Array, inverse: Array, spread: Array, counts
     between = max(float(np.trace(across @ across)) - float((own**2).sum()), 0.0)
     like = matched_dof(float(numbers), 2 * (numbers + between))
     return float(p_value_of_squares(squares, like, dof, numbers / like))
-
-
-def _together(chances: list[float]) -> float:
-    """The chance of p-values as small as these, of all regions together (Fisher 1925)."""
-    logs = np.log(np.maximum(chances, np.finfo(float).tiny))
-    return float(chi2_sf(-2 * float(logs.sum()), 2 * len(chances)))
 
 
 def _excess(parts: list[_LeftOut]) -> float:
@@ -557,13 +554,6 @@ def model_covariances(
     return np.asarray(whole + (left.widened - 1) * position_covariances(found, None, inputs))
 
 
-def _prediction_covariances(
-    found: Identification, measured: MeasuredRange | None, inputs: Array, left: ResidualSpread
-) -> Array:
-    """Return covariances ``(n, k, 3, 3)`` (m^2) of measured less predicted points: the model's and the residuals'."""
-    return np.asarray(model_covariances(found, measured, inputs, left) + left.total_m**2 * np.eye(3))
-
-
 def prediction_squares(
     found: Identification, measured: MeasuredRange | None, inputs: Array, points: Array, left: ResidualSpread
 ) -> tuple[Array, Array]:
@@ -579,6 +569,8 @@ def prediction_squares(
     error = points - found.model.points(inputs, found.values)[:, : points.shape[1]]
     with_range, without = (
         np.einsum("nki,nki->nk", error, np.linalg.solve(each, error[..., None])[..., 0])
-        for each in (_prediction_covariances(found, what, inputs, left) for what in (measured, None))
+        for each in (
+            model_covariances(found, what, inputs, left) + left.total_m**2 * np.eye(3) for what in (measured, None)
+        )
     )
     return with_range, without

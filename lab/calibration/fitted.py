@@ -180,7 +180,28 @@ class Fitted:
     @cached_property
     def remaining(self) -> RemainingError | None:
         """Sources of the remaining error; None where no points were observed, or no residuals are left."""
-        return _remaining(self)
+        found, rows = self.identification, self.rows
+        if not only_positions(observation_of(found.model)) or found.process is not None:
+            return None
+        instrument_m = found.sigma_m if found.sigma_given else float("nan")
+        if not found.sigma_given and self.instrument is not None and self.instrument.is_rigid:
+            instrument_m = self.instrument.sigma_m
+        shared = self.noise.shared
+        if shared is not None and found.sigma_given:
+            instrument_m = shared.independent_m
+        groups = () if self.selection is None else self.selection.groups
+        size = rows.joints.shape[1]
+        return remaining_error(
+            found.residuals,
+            rows.joints,
+            row_times(rows),
+            found.dof,
+            instrument_m=instrument_m,
+            shared=shared,
+            scatter_slopes=by_joint_positions(found.model, rows.inputs(found.model.conditions), found.values, size),
+            nearly=tuple(group.name for group in groups if not group.chosen and group.f_p < NEARLY),
+            searched=self.selection is not None and self.selection.searched,
+        )
 
     @cached_property
     def gain(self) -> ExpectedGain | None:
@@ -206,31 +227,6 @@ class Fitted:
         if not only_positions(observation_of(self.identification.model)):
             return None
         return instrument_noise(self.rows.points)
-
-
-def _remaining(report: Fitted) -> RemainingError | None:
-    found, rows = report.identification, report.rows
-    if not only_positions(observation_of(found.model)) or found.process is not None:
-        return None
-    instrument_m = found.sigma_m if found.sigma_given else float("nan")
-    if not found.sigma_given and report.instrument is not None and report.instrument.is_rigid:
-        instrument_m = report.instrument.sigma_m
-    shared = report.noise.shared
-    if shared is not None and found.sigma_given:
-        instrument_m = shared.independent_m
-    groups = () if report.selection is None else report.selection.groups
-    size = rows.joints.shape[1]
-    return remaining_error(
-        found.residuals,
-        rows.joints,
-        row_times(rows),
-        found.dof,
-        instrument_m=instrument_m,
-        shared=shared,
-        scatter_slopes=by_joint_positions(found.model, rows.inputs(found.model.conditions), found.values, size),
-        nearly=tuple(group.name for group in groups if not group.chosen and group.f_p < NEARLY),
-        searched=report.selection is not None and report.selection.searched,
-    )
 
 
 def named_poses(rows: Measurements, found: Outliers | HeldOut, *, held_out: bool = False) -> tuple[Named, ...]:

@@ -50,7 +50,7 @@ from lab.calibration.outliers_and_noise import outliers_among_held_out, tail_of
 from lab.calibration.regions import Region, measured_region, region_of_points, workspace_region
 from lab.calibration.residual.estimation import with_residual
 from lab.calibration.residual.process import GROUP
-from lab.calibration.residual_spread import ResidualSpread, for_later_rows
+from lab.calibration.residual_spread import for_later_rows
 from lab.calibration.sensor import Sensor
 from lab.calibration.statistics.goodness_of_fit import (
     adequacy_of,
@@ -444,16 +444,14 @@ def _judge(state: Fitted) -> Fitted:
         region=region,
         left=left,
     )
-    if word.word == "bad" and validation.judged_by != "fresh" and _measured_from_one_place(fitter):
+    one_station = fitter.kind.name == "points" and len(fitter.session.stations) < 2
+    if word.word == "bad" and validation.judged_by != "fresh" and one_station:
         word = replace(word, reasons=(*in_other_numbers_or_poses(fitter.robot, state.rows), *word.reasons))
     if judging.holdout_last is not None:
-        left = _spread_of_later(state, word.region.uncalibrated_rms_m)
+        order, most_m = rows_in_time(state.rows), word.region.uncalibrated_rms_m / np.sqrt(3)
+        left = for_later_rows(left, found, state.observations, order, most_m)
     bounds = bounds_at(found, left, validation, state.measured, own_tolerance(found, fitter.tolerance, poses))
     return replace(state, prediction=prediction, bounds=bounds, verdict=doubted(word, doubts))
-
-
-def _measured_from_one_place(fitter: Fitter) -> bool:
-    return fitter.kind.name == "points" and len(fitter.session.stations) < 2
 
 
 def _judged(state: Fitted) -> Validation:
@@ -461,11 +459,6 @@ def _judged(state: Fitted) -> Validation:
     if not state.left_out:
         return state.validation
     return state.validation.without_few([pose.id for pose in state.outliers])
-
-
-def _spread_of_later(state: Fitted, uncalibrated_m: float) -> ResidualSpread:
-    order, most_m = rows_in_time(state.rows), uncalibrated_m / np.sqrt(3)
-    return for_later_rows(state.residual_spread, state.identification, state.observations, order, most_m)
 
 
 def _regions(state: Fitted) -> tuple[Region, Region]:

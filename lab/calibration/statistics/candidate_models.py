@@ -247,15 +247,15 @@ def _nested_at(
     residual, slopes = extra_residuals(values)
     beside = np.column_stack([slopes[:, index], residual]) / scale
     fold = np.repeat(folds[np.nonzero(mask)[0]], observed.points.shape[2])
-    parts = [_stacked([rows[fold == f] / scale]) for f in range(count)]
+    parts = [_triangle([rows[fold == f] / scale]) for f in range(count)]
     in_m = (both / observation.units[:, None, None])[:, : observation.positions or None]
     inside = [mask[:, : in_m.shape[1]] & (folds == f)[:, None] for f in range(count)]
     return NestedModels(
         columns=tuple(columns),
         scale=scale[:-1],
         away=(values[index] - nominal) * scale[:-1],
-        whole=_stacked([*parts, beside]),
-        training=tuple(_stacked([*parts[:f], *parts[f + 1 :], beside]) for f in range(count)),
+        whole=_triangle([*parts, beside]),
+        training=tuple(_triangle([*parts[:f], *parts[f + 1 :], beside]) for f in range(count)),
         held_out=tuple(in_m[part] / scale for part in inside),
         cluster=np.concatenate([clusters[np.nonzero(part)[0]] for part in inside]),
         rows=len(rows) + len(residual),
@@ -266,7 +266,7 @@ def _nested_at(
     )
 
 
-def _stacked(parts: Sequence[Array]) -> Array:
+def _triangle(parts: Sequence[Array]) -> Array:
     return np.asarray(np.linalg.qr(np.concatenate(parts), mode="r"))
 
 
@@ -409,8 +409,8 @@ class FullModel:
                 name: tuple(i for i, parameter in enumerate(model.names) if parameter in own[name] and i not in held)
                 for name in groups
             },
-            structure=_triangle(structure.reshape(-1, len(model.names)), extra_residuals),
-            measured=_triangle(measured[observed.seen].reshape(-1, len(model.names)), extra_residuals),
+            structure=_triangle([structure.reshape(-1, len(model.names)), extra_residuals]),
+            measured=_triangle([measured[observed.seen].reshape(-1, len(model.names)), extra_residuals]),
             folds=folds(clusters, seed),
             clusters=clusters,
             configurations=configurations(task.data.joints),
@@ -514,11 +514,6 @@ def _prior(
         return beside if alone.prior is None else joined(beside, alone.prior.rows(sigma, observation.model.names))
     structure = base_set(observation.model, at, prior_rows=observation.extra_residuals(at)[1])
     return joined(beside, prior_of(observation.model, structure, start, task.request.tolerance).rows(sigma))
-
-
-def _triangle(jacobian: Array, extra_residuals: Array) -> Array:
-    """Reduce rows to as few with the same inner products."""
-    return np.asarray(np.linalg.qr(np.concatenate([jacobian, extra_residuals]), mode="r"))
 
 
 def _filled(start: Array, model: Model, source: Model, values: Array) -> Array:

@@ -450,17 +450,9 @@ def _is_of_the_instrument(found: Identification, observations: Observations) -> 
     across = float((apart**2).sum() - (along**2).sum()) / 2
     numbers = float(mask[several].sum() - several.sum())
     ratio = across / max(float((along**2).sum()), 1e-300)
-    return max(ratio, 1 / max(ratio, 1e-300)) > _uneven(numbers)
-
-
-def _uneven(numbers: float) -> float:
-    """Return the critical ratio of two variances, of twice as many and as many numbers."""
-    return float(
-        max(
-            f_isf(UNSOLICITED_WARNING / 2, 2 * numbers, numbers),
-            f_isf(UNSOLICITED_WARNING / 2, numbers, 2 * numbers),
-        )
-    )
+    level = UNSOLICITED_WARNING / 2
+    uneven = max(f_isf(level, 2 * numbers, numbers), f_isf(level, numbers, 2 * numbers))
+    return max(ratio, 1 / max(ratio, 1e-300)) > float(uneven)
 
 
 def adequacy_of(

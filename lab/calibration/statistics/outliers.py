@@ -218,7 +218,9 @@ def _settle(linear: LinearizedFit, inside: Mask, test: _Test) -> tuple[Mask, NDA
     other pose then stands out because of it. Of very many poses, none of which moves the fit much, all leave together
     that fail half as far away as the worst.
     """
-    within = _enough(linear, inside)
+    within = linear.within(inside)
+    if not (within.full_rank and within.dof > 0):  # too few to determine the parameters and sigma
+        within = linear.everywhere()
     inside, tried = within.inside, set[bytes]()
     while inside.tobytes() not in tried:
         tried.add(inside.tobytes())
@@ -232,22 +234,13 @@ def _settle(linear: LinearizedFit, inside: Mask, test: _Test) -> tuple[Mask, NDA
         if not failed.any():
             break
         without = inside.copy()
-        without[_worst(np.where(failed, distance, -1.0), many=linear.poses > _FIRST_POSES)] = False
+        off = np.where(failed, distance, -1.0)
+        without[off >= off.max() / 2 if linear.poses > _FIRST_POSES else np.argmax(off, keepdims=True)] = False
         others = linear.within(without)
         if not others.full_rank:
             return inside, np.flatnonzero(failed & (within.count < linear.mask.sum(axis=1)))
         inside, within = without, others
     return inside, np.empty(0, dtype=np.int_)
-
-
-def _worst(distance: Array, *, many: bool) -> NDArray[np.int_]:
-    return np.flatnonzero(distance >= distance.max() / 2) if many else np.argmax(distance, keepdims=True)
-
-
-def _enough(linear: LinearizedFit, inside: Mask) -> SubsetFit:
-    """The fit of the poses inside; of all, where those are too few to tell the parameters apart and for a sigma."""
-    within = linear.within(inside)
-    return within if within.full_rank and within.dof > 0 else linear.everywhere()
 
 
 def _robust(
