@@ -98,7 +98,7 @@ class PipelineOptions:
     """
 
     kind: Sensor
-    _fit: FitOptions = field(default_factory=FitOptions)
+    fit: FitOptions = field(default_factory=FitOptions)
     instrument: Instrument | None = None
     noise_m: float | None = None
     judging: Judging = field(default_factory=Judging)

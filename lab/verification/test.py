@@ -271,7 +271,7 @@ class Hypothesis:
     kind: _Kind
     change: str
     of: tuple[str, ...]
-    _extent: Displacement
+    extent: Displacement
     parameters: int
     chi2: float
     p: float

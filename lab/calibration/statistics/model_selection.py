@@ -125,7 +125,7 @@ class Selection:
     chosen: tuple[str, ...]
     identification: Identification
     groups: tuple[GroupTrial, ...]
-    _alternatives: tuple[_Alternative, ...] = ()
+    alternatives: tuple[_Alternative, ...] = ()
     searched: bool = True
 
     @property
