@@ -69,7 +69,7 @@ class _BatchObservation(Protocol):
         """Whitened derivatives ``(b, f, r)`` of the prediction by the ``free`` parameters, and the residual."""
 
     def settled(self, step: Array, squares: Array, tolerance: float) -> NDArray[np.bool_]:
-        """``(b,)`` which steps ``(b, f)`` are the last ones.
+        """Check which steps ``(b, f)`` are the last ones: ``(b,)``.
 
         Args:
             step: of the free parameters, m and rad.
@@ -130,7 +130,7 @@ _Part = tuple[Array, NDArray[np.bool_], NDArray[np.int_], Array]
 
 
 def _gauss_newton(block: _BatchObservation, values: Array, free: list[int], shortest: bool, max_steps: int) -> _Part:
-    """Normal equations of unit columns: the condition of a base set leaves them ten digits."""
+    """Solve normal equations of unit columns: the condition of a base set leaves them ten digits."""
     information = np.empty((len(block), len(free), len(free)))
 
     def step(unknowns: Array, going: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
@@ -157,7 +157,7 @@ def _gauss_newton(block: _BatchObservation, values: Array, free: list[int], shor
 
 
 def _chord(block: _BatchObservation, values: Array, free: list[int], max_steps: int) -> _Part:
-    """The Jacobian at the first campaign's start for all campaigns and steps: x += pinv(J0) r."""
+    """Take the Jacobian at the first campaign's start for all campaigns and steps: x += pinv(J0) r."""
     first = np.zeros(1, dtype=np.int_)
     rows = block.take(first).linearized(values[first], free)[0][0]  # (f, r)
     scale = np.linalg.norm(rows, axis=1)
@@ -323,7 +323,7 @@ class StackedPoseArm:
         object.__setattr__(self, "names", names_of(parameters))
 
     def nominal(self) -> Array:
-        """The nominal parameters ``(p,)`` with the default tool, the target's frame along the last one."""
+        """Return the nominal parameters ``(p,)`` with the default tool, the target's frame along the last one."""
         return np.concatenate([self.arm.nominal(), np.zeros(3)])
 
     def columns(self, names: Sequence[str]) -> list[int]:
@@ -336,7 +336,7 @@ class StackedPoseArm:
         return point[:3].transpose(1, 2, 0), rotation
 
     def observe(self, joints: Array, values: Array, free: Sequence[int]) -> tuple[Array, Array, Array, Array]:
-        """The poses, and what some parameters do to them: moves of the position and turns, each ``(b, n, 3, f)``.
+        """Return the poses, and moves of position and turns by some parameters, each ``(b, n, 3, f)``.
 
         A turn is a small rotation vector in the instrument's frame, by which the rotation is multiplied on its left.
         """

@@ -99,7 +99,7 @@ def changes(
     inputs: Array,
     session: SessionInfo = NO_SESSIONS,
 ) -> tuple[_SetupSuggestion, ...]:
-    """The changes that anyone can make, the best first.
+    """Return changes of the set-up with the condition number of each, the best first.
 
     Args:
         values: ``(p,)`` of the arm with these targets and groups, measured by points.

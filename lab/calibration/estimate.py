@@ -106,15 +106,15 @@ class NominalArm(Protocol):
         """Masses of the links; None where unknown."""
 
     def arm(self, targets: tuple[str, ...]) -> RigidArm:
-        """The arm as equations, with these targets."""
+        """Return the arm as equations, with these targets."""
 
 
 class CarriedLoad(Protocol):
-    """A load at the flange, as it was identified."""
+    """Load at the flange, as it was identified."""
 
     @property
     def mass_kg(self) -> float:
-        """Its mass."""
+        """Mass of the load."""
 
     @property
     def covariance(self) -> Array:
@@ -322,12 +322,12 @@ class Estimate(Value):
 
     @property
     def free(self) -> tuple[int, ...]:
-        """Indices ``(g,)`` of these among the arm's parameters."""
+        """Indices ``(g,)`` of the identified parameters among the arm's parameters."""
         return tuple(self.arm.names.index(name) for name in self.free_names)
 
     @property
     def free_covariance(self) -> Array:
-        """Their covariance ``(g, g)``."""
+        """Covariance ``(g, g)`` of the identified parameters of the arm."""
         return np.asarray(self.covariance[np.ix_(self._lasting, self._lasting)])
 
     @property
@@ -353,7 +353,7 @@ class Estimate(Value):
         return float(np.sqrt(np.nanmean(squares)))
 
     def nominal_inverse(self, target: int) -> NominalInverse:
-        """Return the inverse by which the controller brings a target somewhere."""
+        """Return the inverse kinematics of the nominal model that a controller uses for a target."""
         return NominalInverse(self.rigid, self.nominal[: len(self.rigid.names)], target)
 
     @property
@@ -571,6 +571,6 @@ def estimate_of(
 
 
 def in_another_session(shared: ErrorModel, estimate: Estimate) -> ErrorModel:
-    """Return errors as they are in another session, when nobody knows where a drift or a step left the base."""
+    """Return errors as they are in another session, after an unknown drift or step of the base."""
     values = dict(zip(estimate.arm.names, estimate.values.tolist(), strict=True))
     return replace(shared, clock=None, moves=(), values=values)

@@ -86,7 +86,7 @@ class ResidualSizes:
 
     @property
     def components(self) -> tuple[str, ...]:
-        """Those that the run has: one of an older version has no smooth ones, and no covariance of its variances."""
+        """Components of the run: older versions have no smooth ones, and no covariance of variances."""
         return COMPONENTS if self.variance_errors is not None else tuple(c for c in COMPONENTS if c[:6] != "smooth")
 
     @property
@@ -169,7 +169,7 @@ class _EstimateFiles(NamedTuple):
 
 
 def save_estimate(estimate: Estimate, folder: str | Path) -> None:
-    """Write an estimate into a folder, which is made; ``lab.load_estimate(folder, robot)`` reads it.
+    """Write an estimate into a new folder; ``lab.load_estimate(folder, robot)`` reads it.
 
     Example:
         >>> import lab, pathlib, tempfile

@@ -195,7 +195,7 @@ class _LinearRows:
         return float((self.residual**2).sum()) / dof if dof > 0 else 0.0
 
     def without(self, left_out: NDArray[np.bool_], values: Array) -> "_LinearRows":
-        """The problem fitted without some parameters ``(f,)``, which had these values ``(left_out,)``."""
+        """Return the problem fitted without some parameters ``(f,)``, which had these values ``(left_out,)``."""
         retained = self.columns[..., ~left_out]
         before = self.residual + self.columns[..., left_out] @ values
         flat, target = retained.reshape(-1, retained.shape[2]), before.ravel()
@@ -271,7 +271,7 @@ def _left_out(rows: _LinearRows, joints: Array, turning: NDArray[np.bool_], out:
 
 
 def _p_value(error: Array, columns: Array, inverse: Array, spread: Array, counts: tuple[int, int]) -> float:
-    """The chance of as large a sum of squares of errors, each pose's by its own covariance (Satterthwaite 1946).
+    """Return the chance of as large a sum of squares of errors, each pose's by its own covariance (Satterthwaite 1946).
 
     Args:
         spread: ``(k, m, m)`` the poses' covariances.
@@ -290,7 +290,7 @@ def _p_value(error: Array, columns: Array, inverse: Array, spread: Array, counts
 
 
 def _excess(parts: list[_LeftOut]) -> float:
-    """The variance that makes the weighted squares of all errors as large as expected."""
+    """Return the variance that makes the weighted squares of all errors as large as expected."""
 
     def excess(size: float) -> float:
         found = 0.0
@@ -328,7 +328,7 @@ _MIN_SHARE = (
 
 @dataclass(frozen=True)
 class MeasuredRange:
-    """The joint positions that were measured, and how much worse than its covariance a model may be beyond.
+    """Range of the measured joint positions, and the model discrepancy beyond it.
 
     Attributes:
         lower, upper: ``(joints,)`` the smallest and the largest measured position (rad, m of a slide).
@@ -357,16 +357,16 @@ class MeasuredRange:
         return bool(self.slope.any()) or self.growth > 0
 
     def beyond(self, joints: Array) -> Array:
-        """``(n, joints)`` how far beyond the measured range positions ``(n, joints)`` are; a whole turn leads away."""
+        """Return the distance ``(n, joints)`` beyond the measured range; a whole turn leads away."""
         beyond = np.maximum(self.lower - joints, joints - self.upper)
         return np.where(beyond > _ROUNDING, beyond, 0.0)
 
     def outside(self, joints: Array) -> NDArray[np.bool_]:
-        """``(n,)`` which positions ``(n, joints)`` are beyond the measured range, or near no measured one."""
+        """Check ``(n,)`` which positions ``(n, joints)`` are beyond the measured range, or near no measured one."""
         return np.asarray(self.uncovered(joints) | (self.beyond(joints) > 0).any(axis=1))
 
     def uncovered(self, joints: Array) -> NDArray[np.bool_]:
-        """``(n,)`` which positions ``(n, joints)`` no measured one is near: a region that nobody measured."""
+        """Check ``(n,)`` which positions ``(n, joints)`` no measured one is near."""
         return np.asarray(self._away(joints) > 0)
 
     def _away(self, joints: Array) -> Array:
@@ -397,7 +397,7 @@ class MeasuredRange:
 def measured_range(
     found: Identification, observed: Observations, prismatic: Sequence[bool], *, slopes: bool = True
 ) -> MeasuredRange | None:
-    """The range of the fitted poses, with what edges and regions show; None where no positions were observed.
+    """Return the range of the fitted poses and the discrepancy beyond; None where no positions were observed.
 
     Args:
         observed: what it comes from, weighed as it was; of very many poses some tell slopes and regions.
@@ -485,7 +485,7 @@ def _slopes(found: Identification, model: Model, observed: Observations, joints:
 
 
 def _edges(joints: Array) -> list[tuple[int, Array]]:
-    """Joint and how far ``(n,)`` each pose is within its outer tenth; edges of too few poses are left out."""
+    """Return joint and distance ``(n,)`` of each pose within its outer tenth; edges of too few poses are left out."""
     found = []
     for joint, positions in enumerate(joints.T):
         if np.ptp(positions) < _LEAST_RANGE:
@@ -504,7 +504,7 @@ def _is_enough(joints: Array) -> bool:
 
 
 def _shared_variance(estimates: Array, variances: Array, dof: int) -> float:
-    """The standard deviation of numbers beyond that of their own errors: where the weighted squares are as expected.
+    """Return the standard deviation of numbers beyond their errors: weighted squares are then as expected.
 
     The slope of a new edge is another draw of a variance that so few estimates say: Student's t has this one.
     """

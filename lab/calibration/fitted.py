@@ -44,7 +44,7 @@ __all__ = ["Fitted", "Judging", "Named", "named_poses"]
 
 @dataclass(frozen=True)
 class Named:
-    """A pose that the test of outliers names.
+    """Pose that the test of outliers names.
 
     Attributes:
         id, line: of its row; no line where there is no file.

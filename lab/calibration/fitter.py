@@ -51,7 +51,7 @@ class NominalRobot(Protocol):
 
     @property
     def chain(self) -> JointSpec:
-        """The joints."""
+        """Joints of the robot."""
 
     @property
     def tool(self) -> dict[str, Array]:
@@ -160,7 +160,7 @@ class Fitter:
             )
 
     def model_with(self, groups: Sequence[str]) -> Model:
-        """The arm with groups of effects, as it is observed."""
+        """Return the arm with groups of effects, as it is observed."""
         arm = self._arm_with(groups)
         return self.kind.observation(arm, self.data, arm.nominal(self.robot.tool))[0]
 
@@ -187,7 +187,7 @@ class Fitter:
         return self.kind.observation(arm, self.data, arm.nominal(self.robot.tool))[1]
 
     def nominal(self, model: Model) -> Array:
-        """The nominal parameters of one of these models."""
+        """Return the nominal parameters of one of these models."""
         arm = self.robot.arm(self.targets)
         known = dict(zip(arm.names, arm.nominal(self.robot.tool), strict=True))
         return np.array([known.get(name, 0.0) for name in model.names])
@@ -239,7 +239,7 @@ class Fitter:
         return self._last_fit(make, rows, groups, fixed, self.kind, self.noise.shared)
 
     def selected_with_noise(self, rows: Measurements) -> tuple["Fitter", Selection | None, NoiseSearch]:
-        """The model that the rows call for, and their noise: each is chosen with the other."""
+        """Return the selected model and its noise: each is chosen with the other."""
         fitter, selection, search = self._balanced(rows)
         if selection is None or not (doubted := self._doubted_by_time(selection)):
             return fitter, selection, search
@@ -286,7 +286,7 @@ class Fitter:
         return fitter, selection, search
 
     def knowing(self, shared: ErrorModel | None) -> "Fitter":
-        """The fitter with the errors that its measurements share."""
+        """Return the fitter with the errors that its measurements share."""
         return replace(self, noise=replace(self.noise, shared=shared))
 
     def with_missing_effects(self, rows: Measurements, selection: Selection | None) -> Selection | None:
@@ -392,7 +392,7 @@ class Fitter:
         return selection
 
     def approached(self, groups: Sequence[str]) -> tuple[str, ...]:
-        """The groups, with backlash of those joints alone whose direction of approach the file has, if it has some."""
+        """Return the groups, with backlash only of joints with an approach column, if the file has some."""
         play = approached_groups(self.robot.chain, self.data.conditions)
         return tuple(dict.fromkeys(each for name in groups for each in (play if name == "backlash" else (name,))))
 
@@ -420,12 +420,12 @@ class Fitter:
         return NoiseDistribution("uniform", self.noise.readings) if uniform else NoiseDistribution()
 
     def identified_from(self, model: Model, rows: Measurements, request: IdentifyOptions) -> Identification:
-        """The parameters of a model from all these rows."""
+        """Identify the parameters of a model from all these rows."""
         model = self.kind.balanced(model, rows, self.nominal(model), request)
         return self.estimator(model, rows, self.nominal(model), self.noise, request)
 
     def outliers_of(self, start: Identification, rows: Measurements) -> Outliers:
-        """The rows that are off, by a search that starts from an identification."""
+        """Find outliers among the rows, by a search that starts from an identification."""
         return self._last_outliers(
             lambda: outliers_among_fitted(start, rows, self.noise, self.noise_shape, self.seed),
             start,

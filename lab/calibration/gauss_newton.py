@@ -69,7 +69,7 @@ class Observations:
 
     @staticmethod
     def unweighted(data: Measurements) -> "Observations":
-        """The points of some measurements, all with weight one, for a model without conditions."""
+        """Return measurements with weight one, for a model without conditions."""
         return Observations(data.joints, data.points, np.ones(data.points.shape[:2]))
 
     def apply(self, vectors: Array) -> Array:
@@ -121,7 +121,7 @@ class Observations:
         return self.points.size <= _BLOCK or (self.correlation is not None and self.correlation.between_poses)
 
     def blocks(self) -> Iterator["Observations"]:
-        """The poses in parts of a bounded size."""
+        """Yield the poses in parts of a bounded size."""
         if self.in_one_block:
             yield self
             return
@@ -130,7 +130,7 @@ class Observations:
             yield self.take(np.arange(first, min(first + size, n)))
 
     def thinned(self, poses: int) -> "Observations":
-        """So many of the poses, evenly spaced; all where there are no more than that, or no more than a block."""
+        """Select so many poses, evenly spaced; all where there are no more, or no more than a block."""
         some = None if self.in_one_block else evenly(len(self.inputs), poses)
         return self if some is None else self.take(some)
 
@@ -237,7 +237,7 @@ def fit(
     extra_residuals: ExtraResiduals | None = None,
     most_steps: int = _MAX_ITERATIONS,
 ) -> Fit:
-    """Least squares over the free parameters from ``start``, the others held.
+    """Fit the free parameters by least squares from ``start``, the others fixed.
 
     Gauss-Newton; where its step does not lower the cost, a damped one. It has converged when a full
     step would move the predicted points by less than ``tolerance_m`` (root mean square, of what is
@@ -326,7 +326,7 @@ class _State:
 
 @dataclass(frozen=True)
 class _Problem:
-    """The problem that is fitted, block by block: derivatives of more poses than a block are never held."""
+    """Problem to fit, block by block: derivatives of more poses than a block are never stored."""
 
     model: Model
     observed: Observations
@@ -334,7 +334,7 @@ class _Problem:
     extra_residuals: ExtraResiduals | None
 
     def residual(self, values: Array) -> Array:
-        """``(r,)`` whitened, measured less predicted."""
+        """Return ``(r,)`` whitened, measured less predicted."""
         parts = [each.apply(each.points - self.model.points(each.inputs, values)) for each in self.observed.blocks()]
         more = [] if self.extra_residuals is None else [self.extra_residuals(values)[0]]
         return np.concatenate([*parts, *more])
@@ -369,12 +369,12 @@ class _Problem:
         return _State(values, residual, jacobian, columns, both[:size, size], scale)
 
     def lower(self, here: _State, values: Array) -> _State | None:
-        """The linear problem at some parameters if the cost is lower there; derivatives are worked out only then."""
+        """Return the linear problem at some parameters if the cost is lower there, else None."""
         residual = self.residual(values)
         return self.at(values) if 0.5 * float(residual @ residual) < here.cost else None
 
     def pull(self, here: _State, step: Array, ahead: Array) -> Array:
-        """``(f,)`` J'f_vv, with the curvature of the prediction along a step from the residual ``ahead``."""
+        """Return ``(f,)`` J'f_vv, with the curvature of the prediction along a step from the residual ``ahead``."""
         residual, held, total, row = here.residual, here.jacobian, np.zeros(len(step)), 0
         for jacobian in (part for _, part in self._parts(here.values)) if held is None else iter([held]):
             rows = slice(row, row + len(jacobian))
@@ -406,5 +406,5 @@ def _damped(problem: _Problem, here: _State, damping: float) -> tuple[_State | N
 
 
 def _beside(jacobian: Array, residual: Array) -> Array:
-    """Both side by side, columns in a row: one factorization gives R of the Jacobian and Q'r."""
+    """Join both, columns in a row: one factorization gives R of the Jacobian and Q'r."""
     return np.vstack([jacobian.T, residual]).T

@@ -58,7 +58,7 @@ class Direction:
 def weak_directions(
     names: Sequence[str], jacobian: Array, below: float = WEAK_CONDITION, rows: int | None = None
 ) -> tuple[Direction, ...]:
-    """The weakly observable directions, weakest first.
+    """Return the weakly observable directions, weakest first.
 
     Args:
         names: of the parameters ``(f,)``.
@@ -81,14 +81,14 @@ def weak_directions(
 
 
 def scaled_condition(jacobian: Array) -> float:
-    """The condition number of a Jacobian ``(rows, p)`` with unit columns: infinite where it is short of rank."""
+    """Return the condition number of a Jacobian ``(rows, p)`` with unit columns; infinite if rank-deficient."""
     sizes = np.linalg.svd(jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300), compute_uv=False)
     full = len(sizes) == jacobian.shape[1] and sizes[-1] > _RANK_FLOOR * sizes[0]
     return float(sizes[0] / sizes[-1]) if full else float("inf")
 
 
 def condition_of(model: Model, values: Array, inputs: Array) -> float:
-    """The condition number of the base set's Jacobian with unit columns: infinite where it is short of rank.
+    """Return the condition number of the base set's Jacobian, unit columns; infinite if rank-deficient.
 
     Args:
         values: ``(p,)``.
@@ -123,13 +123,13 @@ def aliases(model: Model, structure: BaseSet, jacobian_scale: Array | None = Non
 
 
 def column_scale(model: Model, values: Array) -> Array:
-    """Norms ``(p,)`` of the Jacobian's columns at nominal links: how far a unit of each moves the targets."""
+    """Return norms ``(p,)`` of the Jacobian's columns at nominal links: moves of the targets by a unit of each."""
     scale: Array = np.linalg.norm(structure_jacobian(model, values, 50).reshape(-1, len(model.names)), axis=0)
     return scale
 
 
 def poses_needed(model: Model, values: Array, structure: BaseSet | None = None) -> int:
-    """The least number of generic poses that identify the whole base set."""
+    """Return the least number of generic poses that identify the whole base set."""
     structure = structure or base_set(model, values)
     jacobian = structure_jacobian(model, values, 5 * len(structure.identifiable))
     return enough_poses(jacobian.reshape(len(jacobian), -1, len(model.names))[..., list(structure.identifiable)])

@@ -102,10 +102,10 @@ class _PredictedCovariance(Protocol):
     """Covariances of the errors of predicted points, where they are not those of the parameters alone."""
 
     def covariances(self, inputs: Array, targets: int | None = None) -> Array:
-        """``(n, k, 3, 3)`` m^2 at poses ``(n, joints + conditions)``, each point alone; of the first targets."""
+        """Return ``(n, k, 3, 3)`` m^2 at poses ``(n, joints + conditions)``, each point alone; of the first targets."""
 
     def covariance(self, inputs: Array, targets: int | None = None) -> Array:
-        """``(n k 3, n k 3)`` m^2 of all points together."""
+        """Return ``(n k 3, n k 3)`` m^2 of all points together."""
 
 
 @dataclass(frozen=True)

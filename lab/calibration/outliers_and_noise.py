@@ -32,7 +32,7 @@ _ROUNDS = 3  # of outliers and the noise that they are judged by
 def outliers_among_fitted(
     start: Identification, rows: Measurements, noise: Noise, shape: NoiseDistribution, seed: int
 ) -> Outliers:
-    """The rows that are off, by a search that starts from an identification.
+    """Find outliers, by a search that starts from an identification.
 
     Args:
         shape: of the noise, where it has no heavy tails.
@@ -75,7 +75,7 @@ def _sigma_without(found: Outliers, observations: Observations) -> float:
 def outliers_among_held_out(
     found: Identification, rows: Measurements, held_out: Measurements, noise: Noise, tail: float
 ) -> HeldOut:
-    """The poses held out that are off, by an identification from ``rows``."""
+    """Find outliers among poses held out, by an identification from ``rows``."""
     observation = observation_of(found.model)
     parts = [weigh(observation, part, noise) for part in (rows, held_out)]
     both = parts[0][0].pose_by_pose().joined(parts[1][0].pose_by_pose())
@@ -111,10 +111,10 @@ class _Fits(Protocol):
         """Whose whole counts the joint positions are; None for ideal ones."""
 
     def fitted(self, rows: Measurements, shared: ErrorModel | None) -> Identification:
-        """The identification from all these rows."""
+        """Return the identification from all these rows."""
 
     def outliers(self, found: Identification, rows: Measurements, shared: ErrorModel | None) -> Outliers:
-        """The poses that are off."""
+        """Return the outliers."""
 
 
 @dataclass(frozen=True)
@@ -132,13 +132,12 @@ class _Explanation:
 
 
 def noise_of(fits: _Fits, rows: Measurements) -> NoiseSearch:
-    """The errors that rows share, from those that are not off.
+    """Estimate the errors that rows share, from those that are no outliers.
 
-    Bad readings look like scatter, and scatter looks like bad readings. Both are tried first; where the explanations
-    differ, that of the larger likelihood is taken, in which a bad reading is equally likely everywhere among the
-    residuals. What whole counts of known encoders make is weighted before anything is looked for. Of a fit that ended
-    in a valley nothing is: its parameters are not to be used, and what it leaves is not the noise. Of very many rows
-    some stretches tell.
+    Outliers look like scatter, and scatter looks like outliers. Both are tried first; where the explanations differ,
+    that of the larger likelihood is taken, in which an outlier is equally likely everywhere among the residuals.
+    Rounding to whole counts of given encoders is weighted before the search. If the fit stalled on an ill-conditioned
+    problem, no noise model is searched. Of very many rows some stretches are used.
     """
     rows = in_stretches(rows)
     whole = fits.fitted(rows, None)
@@ -195,7 +194,7 @@ def _rows(found: Outliers) -> frozenset[int]:
 
 
 def _reach(found: Identification, rows: Measurements, noise: Noise) -> float:
-    """The largest residual of a number, in units of the instrument's noise as it is assumed."""
+    """Return the largest residual of a number, in units of the instrument's noise as it is assumed."""
     observed, _ = weigh(observation_of(found.model), rows, replace(noise, shared=None))
     residuals = observed.points - found.model.points(observed.inputs, found.values)
     white = observed.in_units_of_noise(np.where(seen_mask(observed.points)[..., None], residuals, 0.0))
@@ -212,10 +211,10 @@ _CAUTION = 1.0  # the least degrees of freedom whose log-likelihood is less than
 
 
 def tail_dof(linear: LinearizedFit) -> float:
-    """Degrees of freedom of Student's t that the noise may well have; infinite where it may be Gaussian.
+    """Return plausible degrees of freedom of Student's t of the noise; infinite where it may be Gaussian.
 
-    Of those that the residuals do not contradict the heaviest tails are taken, unless none are as likely: the test of
-    outliers is to keep its level.
+    The heaviest tails that the residuals do not contradict are taken, unless none are as likely: so the outlier test
+    keeps its level.
     """
     within = linear.everywhere()
     left = within.left()

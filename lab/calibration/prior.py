@@ -48,7 +48,7 @@ class Tolerance:
 
 @dataclass(frozen=True)
 class Prior:
-    """A normal distribution of those parameters of the base set that have a tolerance; of the rest nothing is known.
+    """Normal distribution of those parameters of the base set that have a tolerance.
 
     Attributes:
         of: indices ``(m,)`` of the parameters it is of.
@@ -60,7 +60,7 @@ class Prior:
     whiten: Array
 
     def rows(self, sigma: float) -> ExtraResiduals:
-        """The prior as residuals beside measurements that weigh as one over ``sigma`` of theirs."""
+        """Return the prior as residuals beside measurements that weigh as one over ``sigma`` of theirs."""
         jacobian = np.zeros((len(self.of), len(self.mean)))
         jacobian[:, list(self.of)] = self.whiten * sigma
         return lambda values: (jacobian @ (self.mean - values), jacobian)
@@ -105,7 +105,7 @@ class ActingPrior:
         return len(self.rows_by_parameter)
 
     def rows(self, sigma: float, names: Sequence[str] | None = None) -> ExtraResiduals:
-        """The prior as residuals beside measurements that weigh as one over ``sigma`` of theirs.
+        """Return the prior as residuals beside measurements that weigh as one over ``sigma`` of theirs.
 
         Args:
             names: of another model's parameters, among which are these; by default of this one's.
@@ -143,7 +143,7 @@ class Directions:
         return float(np.sum(1 / (1 + (scale / stds) ** 2)))
 
     def scale(self) -> tuple[float, int]:
-        """The most likely scale, at least one, and how many directions are measured better than that.
+        """Return the most likely scale, at least one, and the number of directions measured better than that.
 
         Of the marginal likelihood: a value is normal with the variance of the tolerances and that of its measurement.
         """
@@ -154,7 +154,7 @@ class Directions:
 
 
 def directions_of(prior: Prior, triangle: Array, right: Array, columns: Sequence[int], values: Array) -> Directions:
-    """Directions in which prior and measurements are both diagonal (a generalized singular value decomposition).
+    """Return directions in which prior and measurements are both diagonal (a generalized SVD).
 
     Args:
         triangle: ``(r, c)`` R of the measurements' rows, as the prior weighs beside them.
@@ -195,7 +195,7 @@ def standard_deviations(model: Model, tolerance: Tolerance) -> Array:
 def prior_of(
     model: Model, structure: BaseSet, nominal: Array, tolerance: Tolerance, *, links_alone: bool = False
 ) -> Prior:
-    """The prior of the base set that the tolerances of all parameters make.
+    """Return the prior of the base set that the tolerances of all parameters make.
 
     What has no nominal value (base, tool, fixtures) has no prior; an error of a link that goes into it alone tells
     nothing.

@@ -44,7 +44,7 @@ class _Split:
 
 
 def split_of(observation: Observation, observed: Observations, free: Sequence[int], values: Array) -> _Split:
-    """The split of the ``free`` parameters at nominal links.
+    """Return the split of the ``free`` parameters at nominal links.
 
     An angle that orientations do not identify changes them as the identified ones do, with coefficients c: moving it
     by 1 and these by -c leaves all orientations as they are.
@@ -132,7 +132,7 @@ def _unit_covariance(model: Model, observed: Observations, positions: int, split
 
 
 def _step(model: Model, observed: Observations, quantities: slice, values: Array, directions: Array) -> Array:
-    """The Gauss-Newton step ``(p,)`` along ``directions`` ``(p, r)`` from some of the observed quantities."""
+    """Return the Gauss-Newton step ``(p,)`` along ``directions`` ``(p, r)`` from some of the observed quantities."""
     part = Observations(observed.inputs, observed.points[:, quantities], observed.whiten[:, quantities])
     predicted, jacobian = model.observe(observed.inputs, values)
     rows = part.apply(jacobian[:, quantities] @ directions)

@@ -151,7 +151,7 @@ def errors_at(identification: Identification, inputs: Array, points: Array) -> E
 
 
 def errors_of(identification: Identification, test: Measurements) -> Errors:
-    """Errors at rows that were not fitted, as their observation counts them."""
+    """Return errors at rows that were not fitted, as their observation counts them."""
     observation = observation_of(identification.model)
     return Errors(
         observation.errors(test, identification.nominal_aligned), observation.errors(test, identification.values)
@@ -159,7 +159,7 @@ def errors_of(identification: Identification, test: Measurements) -> Errors:
 
 
 def configurations(joints: Array) -> _Rows:
-    """``(n,)`` labels of joint positions ``(n, joints)``: rows within 0.01 rad (m) in every joint share one.
+    """Label joint positions ``(n, joints)``: rows within 0.01 rad (m) in every joint share a label ``(n,)``.
 
     Of very many rows those in one cell of an eighth of that stand for each other, or their pairs would be too many.
     """
@@ -179,19 +179,19 @@ def configurations(joints: Array) -> _Rows:
 
 
 def _row_numbers(rows: Array) -> NDArray[np.uint64]:
-    """A number ``(n,)`` for each of rows ``(n, c)`` of whole numbers, of its own among a million."""
+    """Return a number ``(n,)`` for each of rows ``(n, c)`` of whole numbers, unique among a million."""
     factors = rng_for(0, "split").integers(1 << 63, size=rows.shape[1], dtype=np.uint64) | np.uint64(1)
     return np.asarray((rows.astype(np.int64).view(np.uint64) * factors).sum(axis=1, dtype=np.uint64))
 
 
 def cv_groups_of(model: Model, data: Measurements) -> _Rows:
-    """``(n,)`` labels of rows that are fitted or held out together: at a fixture, or repeats of a configuration."""
+    """Label rows ``(n,)`` that are fitted or held out together: at a fixture, or repeats of a configuration."""
     labels = observation_of(model).cv_groups(data)
     return configurations(data.joints) if labels is None else labels
 
 
 def split_by_label(labels: _Rows, share: float, seed: int) -> tuple[_Rows, _Rows]:
-    """Rows to fit and rows to hold out: all rows of a label, labels at random, until the share is reached."""
+    """Split rows into those to fit and those to hold out: whole labels at random, until the share is reached."""
     order = rng_for(seed, "split").permutation(labels.max() + 1)
     sizes = np.bincount(labels)[order]
     held = order[np.cumsum(sizes) - sizes < share * len(labels) - 0.5]
@@ -200,7 +200,7 @@ def split_by_label(labels: _Rows, share: float, seed: int) -> tuple[_Rows, _Rows
 
 
 def folds(labels: _Rows, seed: int) -> _Rows:
-    """``(n,)`` the fold of each row, five or as many as there are labels: all rows of a label, labels at random."""
+    """Assign each row ``(n,)`` to a fold, five or as many as there are labels: whole labels, at random."""
     order = rng_for(seed, "split").permutation(labels.max() + 1)
     fold_of = np.empty(len(order), dtype=np.int_)
     fold_of[order] = np.arange(len(order)) % FOLDS
@@ -208,7 +208,7 @@ def folds(labels: _Rows, seed: int) -> _Rows:
 
 
 def hold_out(model: Model, data: Measurements, share: float, seed: int) -> tuple[Measurements, Measurements]:
-    """The rows to fit, and the hold-out set.
+    """Split the rows into those to fit and the hold-out set.
 
     Raises:
         LabError: the share is not between 0 and 1, or leaves nothing to fit or to validate on.
@@ -260,7 +260,7 @@ def hold_out_last(model: Model, data: Measurements, share: float) -> tuple[Measu
 
 
 def shared_rows(test: Measurements, fitted: Measurements) -> float:
-    """The share of rows that were fitted too: the same joint positions with the same points, to a nanometre."""
+    """Return the share of rows that were fitted too: equal joint positions and points, to a nanometre."""
     common = [target for target in test.targets if target in fitted.targets]
 
     def rows(data: Measurements) -> list[bytes]:
@@ -272,7 +272,7 @@ def shared_rows(test: Measurements, fitted: Measurements) -> float:
 
 
 def validate_rows(identification: Identification, test: Measurements) -> Validation:
-    """Judge on rows that were held out, or that the file itself keeps for this (``use`` = ``test``)."""
+    """Validate on rows that were held out, or that the file itself keeps for this (``use`` = ``test``)."""
     return Validation("holdout", errors_of(identification, test), rows=test)
 
 
@@ -375,7 +375,7 @@ def validate_file(identification: Identification, model: Model, data: Measuremen
 
 
 def compare_with_truth(identification: Identification, truth: Truth) -> TruthComparison:
-    """Errors of the fitted parameters, in SI units and in standard deviations.
+    """Compare the fitted parameters with the truth, in SI units and in standard deviations.
 
     Args:
         truth: that arm's parameters, in the canonical gauge.
@@ -435,7 +435,7 @@ def _reference_and_test(part: Measurements, refit: Sequence[str]) -> tuple[list[
 
 
 def _setup_name(setup: tuple[str, str]) -> str:
-    """A session and a station, as a person names them; "" where neither has a name."""
+    """Return the name of a session and a station; "" where neither has a name."""
     kinds = zip(("session", "station"), setup, strict=True)
     return ", ".join(f"{kind} '{name}'" for kind, name in kinds if name)
 

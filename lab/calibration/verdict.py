@@ -61,7 +61,7 @@ _Standing = Literal["holds", "does not matter", "doubtful", "bad", "not judged"]
 
 @dataclass(frozen=True)
 class Answer:
-    """An answer of a verdict, of three: whether it holds, and the checks behind its sentence."""
+    """One of the three answers of a verdict, with the checks behind its sentence."""
 
     standing: _Standing
     checks: tuple[Check, ...]
@@ -378,7 +378,7 @@ class _Calibration:
         return Check(name, "passed" if within else "failed", after_m / limit if after_m > limit else 0.0, data=data)
 
     def _shares_without_noise(self) -> tuple[float, float]:
-        """The share of the measured errors that is the arm's, and its lower 95 % limit, without the validation's noise.
+        """Return the arm's share of the measured errors, and its lower 95 % limit, without the validation's noise.
 
         Where no noise is given, that of the residuals counts, up to what common instruments have.
         """
@@ -485,7 +485,7 @@ class _Calibration:
         return not min(of.felt_m, nominal) <= most
 
     def _largest(self, of: Distance) -> float:
-        """A link that is farther from its nominal value is of another robot."""
+        """Return the distance from nominal beyond which a link is of another robot."""
         tolerance, least = self.tolerance, (_LARGEST_CHANGE_M, _LARGEST_CHANGE_RAD)[of.is_angle]
         return max(float(least), MOST_TOLERANCES * (tolerance.angle_rad if of.is_angle else tolerance.length_m))
 

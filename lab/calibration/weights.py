@@ -78,7 +78,7 @@ def _by_instrument(observation: Observation, data: Measurements, noise: Noise) -
 
 
 def _instrument_covariance(observation: Observation, device: Instrument, points: Array, readings: int) -> Array:
-    """``(n, k, 3, 3)``: of positions the instrument's; of what else is observed, by its unit, from their mean."""
+    """Return ``(n, k, 3, 3)``: the instrument's of positions; of other quantities their mean in units."""
     if not observation.positions:
         raise LabError(
             f"{device.name} measures points, of which none are observed: give {option_name('noise_mm')} instead"
@@ -93,7 +93,7 @@ def _instrument_covariance(observation: Observation, device: Instrument, points:
 
 
 def root_mean_square_sigma(observed: Observations, positions: int) -> float:
-    """The sigma of an observed number, as it is weighted.
+    """Return the sigma of an observed number, as it is weighted.
 
     Of the first ``positions`` things; of all where there are none.
     """

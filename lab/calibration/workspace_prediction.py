@@ -167,7 +167,7 @@ def predict_over_workspace(
     lack_of_fit: bool = False,
     measured: MeasuredRange | None = None,
 ) -> WorkspacePrediction:
-    """Predicted errors of the first target over the workspace.
+    """Predict the errors of the first target over the workspace.
 
     Args:
         lack_of_fit: whether the residuals are more than the noise that was given.
@@ -316,7 +316,7 @@ def predicted_errors_at(
 def predicted_errors(
     identification: Identification, measured: MeasuredRange | None = None
 ) -> tuple[Array, Array] | None:
-    """Random poses of the workspace ``(n, joints + conditions)`` and the predicted RMS error ``(n,)`` (m) at each.
+    """Return random poses ``(n, joints + conditions)`` and the predicted RMS error ``(n,)`` (m) at each.
 
     It is that of the first target, by the parameters' covariance and what the model may lack beyond the measured joint
     positions. None where the covariance is not known, or no position is measured.
@@ -331,7 +331,7 @@ def predicted_errors(
 
 
 def tolerance_rms(model: Model, jacobian: Array, tolerance: Tolerance, placed: tuple[int, ...] = ()) -> Array:
-    """Root mean square position error ``(n,)`` (m) of arms within the tolerances, at each pose.
+    """Return the root mean square position error ``(n,)`` (m) of arms within the tolerances, at each pose.
 
     Args:
         jacobian: ``(n, 3, p)`` of positions.
@@ -346,7 +346,7 @@ def tolerance_rms(model: Model, jacobian: Array, tolerance: Tolerance, placed: t
 
 
 def distances_from_nominal(identification: Identification, tolerance: Tolerance) -> tuple[Distance, ...]:
-    """The identified link parameters, farthest from nominal first, counted in tolerances.
+    """Return the identified link parameters, farthest from nominal first, counted in tolerances.
 
     An error of a link that is fixed goes into those that it is aliased with, so their tolerances are wider.
     """
@@ -395,14 +395,14 @@ def _target_jacobian(model: Model, values: Array) -> tuple[Array, Array]:
 
 
 def _reached(model: Model, values: Array, inputs: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Those of the poses that the arm takes, derivatives ``(n, 3, p)`` of the first target's positions there, which."""
+    """Return the poses that the arm takes, derivatives ``(n, 3, p)`` of the first target there, and a mask."""
     jacobian: Array = model.observe(inputs, values)[1][:, 0]
     reached = np.asarray(np.isfinite(jacobian).all(axis=(1, 2)))
     return inputs[reached], jacobian[reached], reached
 
 
 def length_not_exceeded(squares: Array, dof: float | None, share: float = _SHARE) -> float:
-    """The length that 95 % of normal errors with these covariances ``(n, d, d)``, taken together, do not exceed.
+    """Return the length below which 95 % of normal errors with covariances ``(n, d, d)`` lie, taken together.
 
     Or another ``share`` of them. A sum of squares of correlated normal numbers is taken for a scaled chi squared
     (Satterthwaite 1946), an F where the variance was estimated with ``dof`` degrees of freedom.

@@ -206,7 +206,7 @@ class _Propagated:
 def propagated(
     measurand: Measurand, quantities: Sequence[InputQuantity], positions: Array, rng: np.random.Generator
 ) -> _Propagated:
-    """The uncertainty of positions, or of distances between random pairs of them.
+    """Propagate the uncertainty of positions, or of distances between random pairs of them.
 
     Args:
         quantities: those that matter; at least one has an uncertainty above zero.
@@ -234,7 +234,7 @@ def budget_of(
     moved: Callable[[Array], Array],
     rng: np.random.Generator,
 ) -> Budget:
-    """The budget of positions, or of distances between random pairs of them.
+    """Return the budget of positions, or of distances between random pairs of them.
 
     Args:
         quantities: those that matter; at least one has an uncertainty above zero.
@@ -278,7 +278,7 @@ def _through_kinematics(
     moved: Callable[[Array], Array],
     rng: np.random.Generator,
 ) -> _KinematicDraws:
-    """Errors of drawn calibrations: the same ones with the linear map and with the full kinematics."""
+    """Draw calibrations: the same ones with the linear map and with the full kinematics."""
     count = len(positions)
     other: Array = np.zeros((_CALIBRATIONS, count, 3))  # what does not come through the fit
     mapped, shifts = np.zeros_like(other), list[Array]()
@@ -531,10 +531,10 @@ def quantities_of(
 
 
 def motion_of(propagation: Propagation, motion: FrameMotion) -> InputQuantity:
-    """The frame of the measurements moved: a position at the campaign's end is elsewhere by the offset.
+    """Return a motion of the measurements' frame as an input quantity.
 
-    Its direction is not known, so each coordinate has a third of its square. Of two positions each may be of any time,
-    so that a distance between them has it twice.
+    A position at the campaign's end is displaced by the offset. Its direction is unknown, so each coordinate has a
+    third of its square. Two positions may be of different times, so a distance between them has it twice.
     """
     each = np.broadcast_to(np.eye(3), (len(propagation.positions), 3, 3))
     known = Uncertain(motion.offset_m / float(np.sqrt(3)), dof=max(motion.dof, _MIN_DOF))
@@ -551,16 +551,16 @@ def lack_of_fit_of(propagation: Propagation, sigma_m: float, dof: float, source:
 
 
 def scale_of(propagation: Propagation, relative: Uncertain, source: str) -> InputQuantity:
-    """The scale of the measurements: all points are farther from the instrument, or nearer, by a share."""
+    """Return the scale of the measurements as an input quantity."""
     shifts = propagation.shifts_by(_seen(propagation)[..., None])
     return _fitted(propagation, shifts, "misalignment", "scale of the measurements", source, PPM, relative)
 
 
 def unseen_move_of(propagation: Propagation, sigma_m: float) -> InputQuantity:
-    """A move of base or instrument half way that is too small to be found: calibrated positions are off by half of it.
+    """Return the move of base or instrument that is too small to be found, as an input quantity.
 
-    A mean of half the points against that of the others finds it with the power stated, at the level of the search for
-    change points, of which every pose is one.
+    Calibrated positions are displaced by half of it. A mean of half the points against that of the others finds it with
+    the power stated, at the level of the search for change points, of which every pose is one.
 
     Args:
         sigma_m: what a measured coordinate scatters by.
@@ -574,7 +574,7 @@ def unseen_move_of(propagation: Propagation, sigma_m: float) -> InputQuantity:
 
 
 def temperature_of(propagation: Propagation, base: Array, kelvin: Uncertain, expansion_per_k: float) -> InputQuantity:
-    """Temperature of the robot: all lengths grow with it about the robot's base ``(3,)`` m."""
+    """Return the robot's temperature as an input quantity: all lengths grow with it about the base ``(3,)`` m."""
     columns = expansion_per_k * (propagation.positions - base)[..., None]
     source = f"stated, expansion {PPM.of(expansion_per_k):g} ppm/K"
     return InputQuantity("temperature", "temperature of the robot", source, KELVIN, kelvin, columns)
@@ -609,7 +609,7 @@ def _fitted(
     detail: str = "",
     placed: bool = False,
 ) -> InputQuantity:
-    """A quantity that comes through the fit, by its shifts ``(f, c)`` of the identified parameters."""
+    """Return a quantity that comes through the fit, by its shifts ``(f, c)`` of the identified parameters."""
     columns = propagation.columns_of(shifts)
     messages = group, name, source, unit, uncertainty
     return InputQuantity(*messages, columns, shifts=shifts, detail=detail, placed=placed)

@@ -105,8 +105,8 @@ def pose_accuracy(errors: Array, labels: NDArray[np.int_]) -> PoseAccuracy:
 def repeats_of(errors: Array, labels: NDArray[np.int_], places: Array) -> Repeats | None:
     """Compute the repeatability from errors ``(n, k, 3)`` m; None where no label has several measured rows.
 
-    It is the scatter of a pose's errors about their own mean. What the model is off by is the same at each visit and
-    leaves it as it is, also where the model was fitted to these rows.
+    It is the scatter of a pose's errors about their own mean, which model discrepancy does not change: it is the same
+    at each visit, also where the model was fitted to these rows.
 
     Args:
         labels: ``(n,)`` rows of a pose share one.
@@ -182,12 +182,12 @@ class Conformity:
 
     @property
     def rule_text(self) -> str:
-        """The rule, for a person."""
+        """Text of the rule."""
         return _RULES[self.rule]
 
 
 def conformity_of(value_m: float, tolerance_m: float, expanded_m: float, rule: _DecisionRule) -> Conformity:
-    """The statement on a value with an expanded uncertainty (m), by a rule."""
+    """Return the statement on a value with an expanded uncertainty (m), by a rule."""
     guard = expanded_m if rule == "guard-band" else 0.0
     decision: _Decision = "not decided"
     if value_m + guard <= tolerance_m:

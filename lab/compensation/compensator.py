@@ -56,7 +56,7 @@ _Refusals = Callable[[Array], Sequence[str]]  # joint positions (n, joints): why
 
 @dataclass
 class _Attempts:
-    """The best that was found so far.
+    """Best attempts so far.
 
     Attributes:
         start: ``(n, joints)`` the nominal model's joint positions, of its solutions ``branch`` ``(n,)``.
@@ -81,17 +81,17 @@ class _Attempts:
 
     @property
     def possible(self) -> NDArray[np.bool_]:
-        """``(n,)``: arrived, and within limits."""
+        """Check ``(n,)`` which targets are reached within limits."""
         return np.asarray(self.arrived & (self.excess.max(axis=1) <= _LIMIT_SLACK))
 
     @property
     def fits(self) -> NDArray[np.bool_]:
-        """``(n,)``: arrived, within limits, and not refused."""
+        """Check ``(n,)`` which targets are reached, within limits, and not refused."""
         return np.asarray(self.possible & (self.refusals == ""))
 
     @property
     def cost(self) -> Array:
-        """``(n,)``: the smaller, the better: what is refused is better than what is beyond limits or not reached."""
+        """Cost ``(n,)``: a refusal costs less than a joint beyond its limits or a target not reached."""
         beyond = np.where(self.refusals == "", self.excess.max(axis=1), 2 * _LIMIT_SLACK)
         return np.where(self.arrived, beyond, 1e3 + np.abs(self.errors).max(axis=1))
 
@@ -172,7 +172,7 @@ class Compensation:
 
     @property
     def converged(self) -> NDArray[np.bool_]:
-        """``(n,)``: which targets are reached."""
+        """Check ``(n,)`` which targets are reached."""
         return np.array([not reason for reason in self.reasons], dtype=np.bool_)
 
 
@@ -293,7 +293,7 @@ class Compensator:
     def _first_that_fits(
         self, wanted: PoseTarget, conditions: Array, reference: Array, before: Array
     ) -> tuple[_Attempts, Array]:
-        """The identified arm's inverse, by the nominal model's first solution within limits, else the best."""
+        """Return the identified arm's inverse, by the nominal model's first solution within limits, else the best."""
         chain = self.nominal.arm.chain
         ways = self.nominal.solutions(wanted, reference)
         starts, order = ordered(chain, ways, reference, self._near_singular(wanted, ways), before)
@@ -360,7 +360,7 @@ class Compensator:
     def _cartesian(
         self, wanted: PoseTarget, conditions: Array, start: Array, branch: NDArray[np.int_]
     ) -> tuple[PoseTarget, Array]:
-        """Scheme (c): the corrected targets, and the joint positions that the controller finds for them."""
+        """Apply scheme (c): return corrected targets, and the joint positions that the controller finds for them."""
         aimed = PoseTarget(wanted.positions.copy(), wanted.rotations.copy())
 
         def moved(rows: NDArray[np.int_], joints: Array, _: Array) -> Array:
@@ -405,7 +405,7 @@ class Compensator:
         return tool_at(self.arm, np.concatenate([joints, conditions], axis=1), self.values, self.nominal.target)
 
     def _apart(self, conditions: Array, turned: NDArray[np.bool_], *schemes: Array) -> Array:
-        """The largest distance ``(n,)`` m between the tool's poses, a radian of turned ones as a metre."""
+        """Return the largest distance ``(n,)`` m between the tool's poses, a radian of turned ones as a metre."""
         Ts = [self._tool(joints, conditions)[0] for joints in schemes]
         apart = np.zeros(len(turned))
         for other in Ts[1:]:

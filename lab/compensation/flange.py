@@ -1,14 +1,14 @@
-"""Pose of the flange's face in the last frame of a calibrated arm, from the given information.
+"""Estimate the pose of the flange's face in the last frame of a calibrated arm.
 
-Measured points of the tool say where they are relative to the last joint's axis. Where the face is relative to that
-axis (along it, about it, beside it, tilted) only two things say: the nominal last link, within the tolerances of
-manufacture, and the places in the flange that were stated for the points. The first is a normal prior of a small motion
+Measured points of the tool are located relative to the last joint's axis. The face relative to that axis (along it,
+about it, beside it, tilted) follows from two sources alone: the nominal last link, within the tolerances of
+manufacture, and the stated places of the points in the flange. The first is a normal prior of a small motion
 d = (t, phi) of the face in the last frame, the second are measurements of it: a point stated at s is measured at
 s + t + phi x s. Both together are a linear least-squares problem of six unknowns.
 
-Stated places are used as far as they are to be believed. Three points and more show by the distances between them how
-well they are stated. Where all of them are farther from their places, or more turned, than tolerances of the last link
-explain, they sit on something that was not stated (an adapter), and say nothing of the flange.
+Three points and more show by the distances between them how well their places are stated. Where all of them are farther
+from their places, or more turned, than tolerances of the last link explain, they sit on something that was not stated
+(an adapter), and are not used.
 """
 
 from dataclasses import dataclass
@@ -23,10 +23,10 @@ __all__ = ["Flange", "located_flange", "point_rows"]
 
 _STATED_M = 10e-6  # one standard deviation of a stated coordinate, before distances between points show it
 _STATED_DOF = 1  # as many residuals that weighs
-_LEVEL = 0.01  # chance, of each of two tests, that places stated rightly are not believed
+_LEVEL = 0.01  # of each of two tests: the chance that places stated rightly are not used
 _SPREAD_M = 1e-3  # of points about a line: below, they do not turn about it
 _RANK = 1e-6  # of the largest singular value: below, points show no such motion
-_DETERMINED = 0.5  # of its tolerance: a rotation known better than that is identified
+_DETERMINED = 0.5  # of its tolerance: a rotation more certain than that is identified
 
 
 @dataclass(frozen=True)

@@ -71,7 +71,7 @@ class ChangePoint:
 
 
 def levels(days: Sequence[float]) -> tuple[float, ...]:
-    """The level of the test after each calibration ``(n,)``; that after the first is not made.
+    """Return the level of the test after each calibration ``(n,)``; there is none after the first.
 
     Args:
         days: when each was measured, ascending.
@@ -84,7 +84,7 @@ def _level(count: int) -> float:
 
 
 def _counted(days: Sequence[float]) -> list[int]:
-    """The number of the test after each calibration in its year; years are counted from the first."""
+    """Return the number of the test after each calibration in its year; years are counted from the first."""
     found, year = [0], 0
     for day in days[1:]:
         this = int((day - days[0]) // _YEAR)
@@ -121,7 +121,7 @@ class Series:
         self._columns = directions.columns / self._scale[:, None]
 
     def first(self, count: int) -> "Series":
-        """The first so many calibrations of the series."""
+        """Return the first so many calibrations of the series."""
         return Series(self._estimates[:count], self._days[:count], self.directions)
 
     def change_points(self) -> tuple[ChangePoint, ...]:
@@ -139,7 +139,7 @@ class Series:
         )
 
     def detectable(self, directions: Array, start: int) -> Array:
-        """The change ``(c,)`` of each direction ``(f, c)`` that one more calibration like the last finds in 95 of 100.
+        """Return the change ``(c,)`` of each direction ``(f, c)`` that one more calibration finds in 95 of 100.
 
         It is infinite for a direction that is zero.
 
@@ -161,7 +161,7 @@ class Series:
         return _Pooled(information, np.linalg.solve(information, self._pull[first : last + 1].sum(axis=0)))
 
     def _alarm(self, start: int, last: int) -> tuple[int, float] | None:
-        """The likeliest change point, and its p, where the test after calibration ``last`` rejects."""
+        """Return the likeliest change point, and its p, where the test after calibration ``last`` rejects."""
         z = self._scores(start, last)
         dof, tried = min(self._freedom[start : last + 1]), z.size
         p = min(1.0, float(tried * 2 * t_sf(np.abs(z).max(), dof)))
@@ -215,7 +215,7 @@ class Series:
 
 
 def _of_difference(before: Array, after: Array) -> Array:
-    """The information ``(..., f, f)`` of the difference of two means, (A^-1 + B^-1)^-1."""
+    """Return the information ``(..., f, f)`` of the difference of two means, (A^-1 + B^-1)^-1."""
     information: Array = before @ np.linalg.solve(before + after, after)
     return (information + np.swapaxes(information, -1, -2)) / 2
 

@@ -140,7 +140,7 @@ class CalibrationPrediction:
     tail_dof: float | None = None
 
     def p(self, square: float, numbers: int, each_of: int = 1) -> float:
-        """The chance of a larger r' S^-1 r of so many numbers by noise alone; 1 where there are none.
+        """Return the chance of a larger r' S^-1 r of so many numbers by noise alone; 1 where there are none.
 
         Args:
             each_of: how many measured numbers each is a combination of.
@@ -229,19 +229,19 @@ class RefitSolution:
 
     @property
     def back(self) -> Array:
-        """``(p, rank)`` from the model's basis to the parameters."""
+        """Matrix ``(p, rank)`` from the model's basis to the parameters."""
         back: Array = self.directions @ self.model.back
         return back
 
     @property
     def covariance(self) -> Array:
-        """``(p, p)`` of what was fitted."""
+        """Covariance ``(p, p)`` of the fitted parameters."""
         covariance: Array = self.back @ self.back.T
         return covariance
 
     @property
     def taken(self) -> Array:
-        """``(p, f + rank)`` T, for which S^-1 less what is fitted is 1 - J T (J T)'."""
+        """Matrix T ``(p, f + rank)``, for which S^-1 less what is fitted is 1 - J T (J T)'."""
         gained = self.there.prior_rows / np.sqrt(1 + self.there.sizes**2)
         shared = (self.there.jacobian @ gained).T @ (self.there.jacobian @ self.back)
         return np.concatenate([gained, self.back - gained @ shared], axis=1)
@@ -284,7 +284,7 @@ class VerificationProblem:
             self.progress(done, len(self.observed.inputs))
 
     def fitted(self, start: Array, directions: Array, at_start: _WhitenedSystem | None = None) -> RefitSolution:
-        """Least squares over the numbers of ``directions`` ``(p, h)``, by Gauss-Newton from ``start``.
+        """Fit the numbers of ``directions`` ``(p, h)`` by Gauss-Newton from ``start``.
 
         S is that of the parameters reached: a base may be turned by any angle. The loop is its own: the best is kept,
         and a step that leads to where loops do not close ends it.
@@ -343,7 +343,7 @@ class VerificationProblem:
         return _WhitenedSystem(both[:, -1], jacobian, axes, sizes, known)
 
     def _step(self, values: Array, directions: Array, there: _WhitenedSystem) -> tuple[RefitSolution, Array, float]:
-        """The fit if it were solved there, the step ``(p,)`` to a better one, and how far that leads."""
+        """Solve there: return the fit, the step ``(p,)`` to a better one, and its size."""
         residual, columns = there.white(there.residual), there.white(there.jacobian @ directions)
         model = LinearModel.of(columns, FULL_RANK)
         pull = model.coordinates(residual)
@@ -416,7 +416,7 @@ def with_estimated_noise(
     errors: ComponentErrors,
     moved: Sequence[tuple[Observations, Observations]],
 ) -> tuple[CalibrationPrediction, Observations]:
-    """A prediction and measurements whose test keeps its level although the variances were estimated.
+    """Correct a prediction and measurements for estimated variances, so that the test keeps its level.
 
     Args:
         observed: the measurements, weighted by the estimated variances.
@@ -451,7 +451,7 @@ def _noise(observed: Observations, numbers: int) -> Array:
 
 
 def _matched(q: int, first: float, second: float) -> tuple[float, int]:
-    """The factor l and the degrees of freedom m (Kenward & Roger 1997)."""
+    """Return the factor l and the degrees of freedom m (Kenward & Roger 1997)."""
     if not second > 0:
         return 1.0, _MOST_DOF
     shrunk = min(1.0, _MOST_SHARE * q / second)

@@ -70,7 +70,7 @@ class _Trial:
         return in_other_numbers(arm, slides, observed.inputs, observed.points, self.values)
 
     def of_another_arm(self, expected_m: float) -> Check | None:
-        """An arm that the calibration describes about as badly as the nominal model does."""
+        """Check for an arm that the calibration describes about as badly as the nominal model does."""
         left = self.left(PLACED)
         arm = self.prediction.arm
         nominal = arm.nominal({target: np.zeros(3) for target in arm.targets})

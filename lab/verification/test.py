@@ -41,7 +41,7 @@ _Kind = Literal["base", "tool", "joint", "reading"]
 
 @dataclass(frozen=True)
 class _PartTest:
-    """A part of the test statistic r' S^-1 r.
+    """Part of the test statistic r' S^-1 r.
 
     Attributes:
         p: the chance of a larger one, if nothing has changed; 1 where it has no degrees of freedom.
@@ -174,7 +174,7 @@ def refitted(arm: Arm, refit: Sequence[str]) -> Array:
 
 
 def _of_base(arm: Arm) -> list[_ChangeHypothesis]:
-    """Instrument and base moved against each other: it is the same to the measurements."""
+    """Return movements of base or instrument, which measurements do not tell apart."""
     one = refitted(arm, ("base",))
     return [
         _ChangeHypothesis("base", "base_shift", (), one[:, :3]),
@@ -280,7 +280,7 @@ class Hypothesis:
 
     @property
     def check(self) -> Check:
-        """The test of what it leaves; passed where that is not rejected."""
+        """Test of the remaining statistic; passed where it is not rejected."""
         data = {"of": self.of, **asdict(self.extent)}
         return Check(f"changed.{self.change}", "passed" if self.explains else "failed", self.chi2, self.p, data=data)
 
@@ -434,7 +434,7 @@ def _tried(
 
 
 def _bad_reading(problem: VerificationProblem, fit: RefitSolution, poses: Sequence[str]) -> list[Hypothesis]:
-    """The pose without which r' S^-1 r is least, as a reading of its own.
+    """Return the pose without which r' S^-1 r is least, as an outlier of its own.
 
     With M = S^-1 less what is fitted and g = M r, leaving out rows i lowers it by g_i' M_ii^-1 g_i, and M_ii^-1 g_i
     is how far they are off, with covariance M_ii^-1 (Cook & Weisberg 1982, section 2.2, for blocks).

@@ -106,7 +106,7 @@ def shared_error_findings(
 
 
 def changes_in_time(found: Identification, observed: Observations, rows: Measurements) -> list[Check]:
-    """The likeliest change during the campaign, where one is significant: at most one finding.
+    """Return the likeliest change during the campaign, where one is significant: at most one finding.
 
     F tests of whitened rows for each row at which it may have happened: the base's place and direction at once, each
     tool point, each joint's zero, the size of the arm; of its steady growth; and of the mean square of the errors
@@ -250,7 +250,7 @@ class _ChangeOfSize:
 
 
 def _change_of_size(within: SubsetFit, times: Array) -> _ChangeOfSize | None:
-    """The likeliest change of the errors' size; None where there are too few rows for one.
+    """Return the likeliest change of the errors' size; None where there are too few rows for one.
 
     Squares of a pose, over what the fit leaves of it, before against after: F with as many degrees of freedom as both
     have, of the larger over the smaller, times two and times the candidates.

@@ -47,7 +47,7 @@ class InstrumentNoise:
 
     @property
     def description(self) -> str:
-        """For a person."""
+        """Description for a report."""
         if not self.is_rigid:
             return (
                 f"the distances between the targets change over the poses (F test, p = {self.moving_p:.1g}): the tool "

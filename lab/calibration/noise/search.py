@@ -44,7 +44,7 @@ _FLOOR_M = 1e-7  # an estimated sigma below is what arithmetic leaves, or the mo
 
 @dataclass(frozen=True)
 class NoiseSearch:
-    """The errors that the residuals of a fit show.
+    """Errors that the residuals of a fit show.
 
     Attributes:
         shared: beside the instrument's; None where there are none, or where they are the arm's: they come back.
@@ -62,7 +62,7 @@ class NoiseSearch:
     undecided: bool = False
 
     def corrected(self, found: Identification) -> Identification:
-        """An identification with these errors, its covariance and intervals those of estimated variances."""
+        """Return an identification with the covariance and intervals of the estimated variances."""
         small = self._small_sample
         if small is None or self.linear is None:
             return found
@@ -194,7 +194,7 @@ def counted(
 
 
 def _without_counts(model: Model, data: Measurements, values: Array, root: Array, dof: int, sigma_m: float) -> float:
-    """The sigma for which the residuals r are what they should be beside counts: sum r' (sigma^2 + S S')^-1 r = dof.
+    """Return sigma beside encoder counts, so that sum r' (sigma^2 + S S')^-1 r of residuals r equals dof.
 
     Where even a small one explains the residuals, that is it.
     """

@@ -104,7 +104,7 @@ def left_out(
 
 
 def bound_factor(errors: Array, covariances: Array, noise: float, prior: Array) -> float:
-    """The factor of predicted variances by which 95 % of the points left out lie within their bounds.
+    """Return the factor of predicted variances with which 95 % of points left out lie within their bounds.
 
     Args:
         errors: ``(m, 3)`` of points that were left out (m).
@@ -234,7 +234,7 @@ class ExpectedGain:
 
     @property
     def description(self) -> str:
-        """For a person."""
+        """Description for a report."""
         return (
             "The group residual would lower the error at poses that are left out from "
             f"{MM.of(self.before_m):.2g} to about {MM.text(self.after_m, 2)} (means, leave-one-out over {self.poses} "
@@ -285,7 +285,7 @@ def _left_out(weighted: Array, root: Array, turned: Array, labels: NDArray[np.in
 
 
 def with_residual(found: Identification, data: Measurements, estimated: JointProcess | None = None) -> Identification:
-    """An identification with what its parameters do not explain, as offsets of the joints.
+    """Add joint offsets that the parameters do not explain to an identification.
 
     Its parameters and their covariance are those of generalized least squares beside the process, which is
     conditioned on the same residuals; ``process`` is what predicts beside them.
@@ -321,7 +321,7 @@ def with_residual(found: Identification, data: Measurements, estimated: JointPro
 
 
 def _seen_at_poses(data: Measurements) -> NDArray[np.bool_]:
-    """``(m, k)`` whether a target was seen at each distinct pose: the joints' offsets come back with its repeats."""
+    """Check ``(m, k)`` whether a target was seen at each distinct pose."""
     labels = configurations(data.joints)
     seen = np.zeros((labels.max() + 1, len(data.targets)), dtype=np.bool_)
     np.logical_or.at(seen, labels, data.seen)
@@ -394,7 +394,7 @@ def _replaced(
 
 
 def _variances(numbers: _Numbers, known: float | None) -> tuple[Array, Array, float]:
-    """The likeliest variances ``(c,)``, the covariance of their estimates, and the p-value of the offsets."""
+    """Return the likeliest variances ``(c,)``, the covariance of their estimates, and the p-value of the offsets."""
     count = len(numbers.kinds)
     sizes, deviance = _likeliest(numbers, known, count)
     alone = _likeliest(numbers, known, 2)[1]

@@ -135,7 +135,7 @@ class PoseNumbers:
         return cls(joints, np.repeat(np.arange(n), d), slopes.reshape(n * d, size))
 
     def per_joint(self, numbers: Array) -> Array:
-        """The transposed derivatives times numbers ``(N, q)``: ``(joints, n, q)``."""
+        """Multiply the transposed derivatives by numbers ``(N, q)``: ``(joints, n, q)``."""
         first = np.flatnonzero(np.diff(self.pose, prepend=-1))
         found = np.zeros((self.slopes.shape[1], len(self.joints), numbers.shape[1]), dtype=numbers.dtype)
         there = self.pose[first]
@@ -316,7 +316,7 @@ class JointProcess:
         return np.asarray(self.variances[1:].sum() * (slopes**2).sum(axis=1))
 
     def effect(self) -> Effect:
-        """The offsets as a group of one parameter: the share of them that is taken, zero in the nominal model."""
+        """Return the offsets as a group of one parameter: their share, zero in the nominal model."""
 
         def moved(joints: Array, _: Array, values: Array) -> tuple[Array, Array]:
             offsets = self.offsets(np.real(joints))
@@ -349,7 +349,7 @@ class JointProcess:
         return found
 
     def added_to(self, arm: Arm) -> ArmWithEffects:
-        """The arm with these offsets, whose share is its last parameter."""
+        """Return the arm with these offsets, whose share is its last parameter."""
         effects = arm.effects if isinstance(arm, ArmWithEffects) else ()
         added = affected(arm.rigid, (*effects, self.effect()))
         assert isinstance(added, ArmWithEffects)
@@ -357,7 +357,7 @@ class JointProcess:
 
 
 def scaled_by(factor: float, share: Array) -> Array:
-    """The factor of predicted variances that are a ``share`` of what they were before any measurement.
+    """Return the factor of predicted variances that are a ``share`` of those before any measurement.
 
     More is more everywhere. Less is less only as far as measurements nearby tell the offsets: they showed that.
     """
@@ -365,7 +365,7 @@ def scaled_by(factor: float, share: Array) -> Array:
 
 
 def precisions(parameters: Sequence[Parameter]) -> Array:
-    """``(f,)`` how surely each parameter is near where least squares alone puts it: links to ten usual tolerances.
+    """Return ``(f,)`` prior precisions of the parameters about least squares: links to ten usual tolerances.
 
     A direction that the poses hardly tell would else take up what the process does not, and lead far away.
     """

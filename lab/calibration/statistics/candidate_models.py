@@ -134,7 +134,7 @@ class NestedModels:
     witnesses: ClusteredRows
 
     def score(self, fitted: Sequence[int]) -> Score:
-        """The nested model that fits these columns, held-out errors by linear prediction from the other folds.
+        """Score the nested model that fits these columns, held-out errors predicted from the other folds.
 
         BIC = N log s^2 + RSS / s^2 + p log N, with s^2 = RSS / N but never below what the noise is known to be:
         the likelihood's maximum under that bound, so that a sigma given too small does not let every column in.
@@ -178,7 +178,7 @@ class NestedModels:
         return std
 
     def p_value(self, small: Score, big: Score) -> float:
-        """The chance of a fall in squares as large as from ``small`` to ``big`` if what was added is not there.
+        """Return the p-value of the fall in squares from ``small`` to ``big``.
 
         The larger of the F-test's and of the chi squared test's by the known sigma (Seber & Lee 2003, section
         4.3): a sigma given too small makes the second one far too sure, and one that says that the smaller model
@@ -229,7 +229,7 @@ def _nested_at(
     floor: float,
     configurations: _Labels,
 ) -> NestedModels:
-    """The large model near ``values`` ``(p,)``.
+    """Return the large model near ``values`` ``(p,)``.
 
     Args:
         columns: the parameters that some nested model fits.
@@ -276,7 +276,7 @@ _SUPPORTED = 0.5  # of a wave's length, in the measured range
 
 
 def largest_useful_std(parameters: Sequence[Parameter], joints: Array) -> Array:
-    """``(p,)`` the largest standard deviation, in each one's unit, with which it is worth fitting.
+    """Return the largest standard deviation ``(p,)``, in each one's unit, with which it is worth fitting.
 
     Args:
         joints: ``(n, joints)`` measured positions (rad, m of a slide).
@@ -330,7 +330,7 @@ class SelectionTask:
         return None
 
     def refuse_unknown_wishes(self, groups: Sequence[str]) -> None:
-        """A LabError for patterns that mean no parameter of geometry or of any of the groups that can be built."""
+        """Refuse patterns that match no parameter of geometry or of groups that can be built."""
         names: dict[str, None] = {}
         for group in ([], *([name] for name in groups)):
             with suppress(LabError):
@@ -582,7 +582,7 @@ class TermTable:
 
     @cached_property
     def showing_ends(self) -> dict[int, int]:
-        """For each motion of a link's end that a group has, the first such group."""
+        """First group with each motion of a link's end, by motion."""
         found: dict[int, int] = {}
         for column in np.flatnonzero(self.motion >= self.joints).tolist():
             found.setdefault(int(self.motion[column]), int(self.owner[column]))
@@ -660,7 +660,7 @@ class TermSearch:
         largest_std: float,
         floor: float,
     ) -> "TermSearch":
-        """Near ``values`` ``(p,)``, of which those ``free`` are fitted; what is in the model is not tried again.
+        """Build near ``values`` ``(p,)``, of which those ``free`` are fitted, without the terms of the model.
 
         Args:
             with_ends: the model with the table's groups ``showing_ends`` beside.
@@ -693,7 +693,7 @@ class TermSearch:
     def run(
         self, rng: np.random.Generator, most: int, only: Sequence[str] | None = None, level: float = TERM_SEARCH
     ) -> tuple[FoundTerm, ...]:
-        """The groups that are significant, at most so many, in the order in which they are taken.
+        """Return the significant groups, at most so many, in the order in which they are taken.
 
         Args:
             only: names of those that are searched; all where None.
@@ -717,7 +717,7 @@ class TermSearch:
         return taken
 
     def _stage(self, pool: list[int], threshold: float, most: int) -> list[FoundTerm]:
-        """The groups taken of a pool, the one that lowers the squares most first, while they are significant."""
+        """Take significant groups of a pool, the one that lowers the squares most first."""
         found: list[FoundTerm] = []
         while pool and len(found) < most:
             index = self._pairs[pool].ravel()
@@ -779,13 +779,13 @@ class TermSearch:
 
 
 def _products_of_pairs(rows: Array, pairs: NDArray[np.int_]) -> Array:
-    """``(3, g)`` sums over rows ``(r, p)`` of each pair's squares and products: first, mixed, second."""
+    """Return ``(3, g)`` sums over rows ``(r, p)`` of each pair's squares and products: first, mixed, second."""
     first, last = (rows[:, column] for column in pairs.T)
     return np.stack([np.einsum("rg,rg->g", a, b) for a, b in ((first, first), (first, last), (last, last))])
 
 
 def _quadratic(products: Array, matrix: Array) -> Array:
-    """The squares x' M^-1 x ``(..., g)`` of x ``(..., g, 2)`` and M's entries ``(3, g)``; one column twice: x^2 / M."""
+    """Return x' M^-1 x ``(..., g)`` of x ``(..., g, 2)`` and M's entries ``(3, g)``; one column twice: x^2 / M."""
     (a, b, d), (x, y) = matrix, np.moveaxis(products, -1, 0)
     determinant = a * d - b**2
     single = determinant <= 1e-9 * a * d

@@ -305,7 +305,7 @@ def sandwich(linear: LinearizedFit) -> _Sandwich:
 
 
 def repeats(rows: Measurements) -> NDArray[np.int_]:
-    """``(n,)`` labels: rows that share one are repeats of the same, whose scatter is noise alone.
+    """Label repeats ``(n,)``: rows of one label differ by noise alone.
 
     They agree in joints, payload, approach, session, station and place; the time is passed over, or nothing would
     repeat.
@@ -323,7 +323,7 @@ _FEWEST = 3
 
 
 def upper_tolerance_bound(lengths: Array) -> float:
-    """The 95 %/95 % upper tolerance bound of independent lengths ``(n,)``; infinite where there are fewer than three.
+    """Return the 95 %/95 % upper tolerance bound of lengths ``(n,)``; infinite of fewer than three.
 
     From 59 lengths on it is the smallest of them that serves, whatever their distribution is (Wilks 1941). Of fewer,
     the cube root of their squares is taken for normal (Wilson & Hilferty 1931), with the factor of a normal sample
@@ -422,7 +422,7 @@ def with_intervals_of_poses(
 
 
 def _of_whole_poses(found: Identification, observations: Observations) -> Identification:
-    """The identification with the covariance of each configuration's own residuals: repeats are one cluster."""
+    """Return the identification with the covariance of each configuration's own residuals: repeats are one cluster."""
     linear = linearized(found.model, observations, found.values, found.fit.free)
     own = sandwich(linear.by_cluster(_clusters(found, observations)))
     return replace(found, covariance=own.covariance, dof_each=own.dof)

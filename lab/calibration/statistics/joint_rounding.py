@@ -55,7 +55,7 @@ def _step_of(joints: Array) -> float | None:
 
 
 def counting(model: Model, data: Measurements, values: Array, encoders: Encoders, things: int | None = None) -> float:
-    """The root mean square (m) that whole counts of known encoders alone make of an observation.
+    """Return the root mean square (m) that whole counts of known encoders alone make of an observation.
 
     Args:
         things: how many of the observed things, from the first, are lengths; all where None.

@@ -134,7 +134,7 @@ class Selection:
         return self.fixed_of(self.chosen)
 
     def fixed_of(self, groups: Sequence[str]) -> tuple[str, ...]:
-        """Those of some of the chosen groups alone."""
+        """Return the fixed parameters of some of the chosen groups."""
         return tuple(name for group in self.groups if group.name in groups for name in group.fixed)
 
 
@@ -385,7 +385,7 @@ def _next(
     trials: Sequence[GroupTrial],
     small: Score,
 ) -> tuple[str, ...]:
-    """The groups taken, less one that is superfluous now, or with the best of those worth it; else the same."""
+    """Drop a superfluous group, or add the best of those worth it; else return the groups as they are."""
     fitted = large.fitted(found)
     bic = table.bic_without(fitted, [large.groups[name] for name in taken])
     if taken and bic.min() < small.bic:
@@ -454,7 +454,7 @@ def _refused(name: str, why: str) -> GroupTrial:
 def _alternatives(
     task: SelectionTask, taken: Sequence[str], found: Identification, candidates: Sequence[str], fixed: Sequence[str]
 ) -> tuple[_Alternative, ...]:
-    """For each chosen group that bears loads, the others that would do as well in its place."""
+    """Return, for each chosen group that bears loads, the others that fit as well in its place."""
     messages = []
     for chosen in (name for name in taken if name in _LOADED_GROUPS):
         for other in (name for name in _LOADED_GROUPS if name in candidates and name not in taken):

@@ -1,8 +1,8 @@
-"""Poses that are off by more than noise explains: found by a robust start, named by a test with a level.
+"""Find outlying poses: a robust start, then a test with a level.
 
-Redescending weights find a clean majority whatever a few poses say. From there on it is least squares and a
-test: every pose is judged as a prediction by the others that are believed, and comes back unless it fails. The
-level is that of a whole campaign: the chance that anything is named where there is nothing but noise.
+Redescending weights find a clean majority whatever a few poses are. From there on it is least squares and a test:
+every pose is compared with its prediction by the accepted others, and is accepted unless it fails. The level is that of
+a whole campaign: the chance that any outlier is reported where there is noise alone.
 """
 
 from collections.abc import Sequence
@@ -156,7 +156,7 @@ def held_out_outliers(
 
 
 def leave_out(observed: Observations, rows: NDArray[np.int_]) -> Observations:
-    """The observations without some rows."""
+    """Return the observations without some rows."""
     return observed.take(np.setdiff1d(np.arange(len(observed.inputs)), rows))
 
 
@@ -190,7 +190,7 @@ class _Test:
         return within.p_values(distance, total, self.sigma_given, self.floor), distance
 
     def campaign(self, p: Array) -> Array:
-        """The p-values of a whole campaign: Bonferroni's, or the share of draws with as small a one."""
+        """Return p-values of a whole campaign: Bonferroni's, or the share of draws with as small a one."""
         if not len(self.reference):
             return np.minimum(1.0, p * self.poses)
         below = np.searchsorted(self.reference, p, side="right")
@@ -286,7 +286,7 @@ def _robust(
 
 
 def _missed(linear: LinearizedFit) -> float:
-    """The length of the residual that half of the poses exceed; infinite where a model has no answer."""
+    """Return the length of the residual that half of the poses exceed; infinite where a model has no answer."""
     lengths = np.linalg.norm(linear.residual[: linear.poses], axis=1)
     return float(np.median(lengths)) if np.isfinite(linear.residual).all() else np.inf
 

@@ -2,15 +2,13 @@
 
 The mean square of the residuals is the instrument's part (given, or estimated from rigid distances), that of the noise
 model beside it, and a rest. A rest that is correlated at neighbouring joint positions is the arm's, one correlated
-from lab.core.errors import option_name
-from lab.core.errors import option_name
 from pose to pose is time's: the mean product of neighbours' residuals over their mean square, against permutations.
 
 How much of the error each group of effects explains, beside geometry and the other groups.
 
 On the linear problem at the fit, what a group adds to the predictions is J_g v_g, its parameters away from zero.
 Without it the others would be fitted anew and take up what they can: what is left of it is the part that is orthogonal
-to their columns (Seber & Lee 2003, section 3.9). Groups that can say the same explain little each, and more together.
+to their columns (Seber & Lee 2003, section 3.9). Overlapping effects each look small alone.
 """
 
 from collections.abc import Mapping, Sequence
@@ -174,7 +172,7 @@ def remaining_error(
 
 
 def _neighbours(joints: Array) -> NDArray[np.int_]:
-    """``(n, 2)`` each pose with the nearest one that is no repeat of it."""
+    """Return each pose with the nearest one that is no repeat of it ``(n, 2)``."""
     labels = configurations(joints)
     first = np.unique(labels, return_index=True)[1]
     if len(first) < 2:
@@ -191,7 +189,7 @@ def _thinned(pairs: NDArray[np.int_]) -> NDArray[np.int_]:
 
 
 def _likeness(residuals: Array, pairs: NDArray[np.int_]) -> _Likeness | None:
-    """The mean product of pairs' residuals over their mean square, against poses in an order by chance.
+    """Return the mean product of pairs' residuals over their mean square, against random orders of the poses.
 
     Of more poses than twice those pairs have, only theirs change places.
     """
