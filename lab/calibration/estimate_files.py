@@ -412,8 +412,8 @@ def measured_range_from_dict(
         for name, slides in zip(chain.joint_names, chain.prismatic, strict=True)
     ]
     lower, upper, edge, slope = np.array(rows).T
-    lacking = Extrapolation() if extrapolation is None else extrapolation
-    growth, unsure = (MRAD.to_si(size) for size in (lacking.growth_mrad or 0.0, lacking.unsure_mrad or 0.0))
+    discrepancy = Extrapolation() if extrapolation is None else extrapolation
+    growth, unsure = (MRAD.to_si(size) for size in (discrepancy.growth_mrad or 0.0, discrepancy.unsure_mrad or 0.0))
     turning = ~np.array(chain.prismatic, dtype=np.bool_)
     return MeasuredRange(lower, upper, turning, edge, slope, growth, unsure, cover)
 

@@ -382,10 +382,10 @@ class Fitter:
         """
         selection, rows = None, thinned(rows, MOST_CHOSEN_BY)
         for _ in range(_BALANCINGS):
-            before, weighed_so = selection, self._weighted_as(found)
+            before, weighted = selection, self._weighted_as(found)
             tried = [name for name in self.approached(CANDIDATES) if not self.unanswerable(name)]
-            selection = self._searched(weighed_so.model_with, rows, self.request, tried)
-            if weighed_so is self or (before and before.chosen == selection.chosen):
+            selection = self._searched(weighted.model_with, rows, self.request, tried)
+            if weighted is self or (before and before.chosen == selection.chosen):
                 break
             found, _, _ = self.identified(rows, selection.chosen, selection.fixed)
         assert selection is not None

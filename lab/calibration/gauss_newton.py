@@ -356,11 +356,11 @@ class _Problem:
         else:
             residuals, jacobian = list[Array](), None
 
-            def kept(part: Array, derivatives: Array) -> Array:
+            def added(part: Array, derivatives: Array) -> Array:
                 residuals.append(part)
                 return _beside(derivatives, part)
 
-            both = triangle_of(kept(*each) for each in self._parts(values))
+            both = triangle_of(added(*each) for each in self._parts(values))
             residual = np.concatenate(residuals)
         size = both.shape[1] - 1
         if len(both) <= size:  # fewer rows than columns
@@ -375,8 +375,8 @@ class _Problem:
 
     def pull(self, here: _State, step: Array, ahead: Array) -> Array:
         """Return ``(f,)`` J'f_vv, with the curvature of the prediction along a step from the residual ``ahead``."""
-        residual, held, total, row = here.residual, here.jacobian, np.zeros(len(step)), 0
-        for jacobian in (part for _, part in self._parts(here.values)) if held is None else iter([held]):
+        residual, stored, total, row = here.residual, here.jacobian, np.zeros(len(step)), 0
+        for jacobian in (part for _, part in self._parts(here.values)) if stored is None else iter([stored]):
             rows = slice(row, row + len(jacobian))
             curvature = 2 / _PROBE * ((residual[rows] - ahead[rows]) / _PROBE - jacobian @ (step / here.scale))
             total, row = total + jacobian.T @ curvature / here.scale, rows.stop

@@ -226,9 +226,9 @@ def identify(
     _refuse_impossible_or_few(observation, data, observed, nominal)
     aligned = fit_base_and_tool(observation, observed.alike, nominal)
     extra_residuals = weighted_constraints(observation, observed)
-    known_rows = observation.extra_residuals(model.rank_point(aligned))[1]
-    structure = base_set(model, aligned, fix=request.fix, free=request.free, prior_rows=known_rows)
-    free = _identifiable(model, observed, aligned, structure, known_rows)
+    constraint_rows = observation.extra_residuals(model.rank_point(aligned))[1]
+    structure = base_set(model, aligned, fix=request.fix, free=request.free, prior_rows=constraint_rows)
+    free = _identifiable(model, observed, aligned, structure, constraint_rows)
     if (request.tolerance is None or request.automatic) and len(free) < len(structure.identifiable):
         needed = poses_needed(model, aligned, structure)
         if len(data) < needed:
@@ -316,9 +316,9 @@ class _MAPProblem:
         rows = np.zeros((len(prior.of), len(model.names)))
         rows[:, list(prior.of)] = prior.whiten
         acting = ActingPrior(model.names, prior.mean, rows, 1.0, 0, len(rows), float("nan"), automatic=False)
-        kept = self.structure.identifiable
-        solution = self._fitted(acting, weight, kept, self.start)
-        acting = replace(acting, plain_condition=scaled_condition(self._linear(kept, solution.values)[0]))
+        columns_of_fit = self.structure.identifiable
+        solution = self._fitted(acting, weight, columns_of_fit, self.start)
+        acting = replace(acting, plain_condition=scaled_condition(self._linear(columns_of_fit, solution.values)[0]))
         return _MAPFit(acting, solution, dof, sigma, weight)
 
     def automatically(self, prior: Prior, plain: Fit, dof: int, sigma: float) -> _MAPFit | None:
@@ -405,11 +405,11 @@ def _refuse_impossible_or_few(
     observation: Observation, data: Measurements, observed: Observations, nominal: Array
 ) -> None:
     """Refuse poses at which the nominal loops do not close, and fewer points than place a base."""
-    silent = np.isnan(observation.model.points(observed.inputs, nominal)) & np.isfinite(observed.points)
-    if (lost := np.flatnonzero(silent.any(axis=(1, 2)))).size:
+    missing = np.isnan(observation.model.points(observed.inputs, nominal)) & np.isfinite(observed.points)
+    if (impossible := np.flatnonzero(missing.any(axis=(1, 2)))).size:
         raise LabError(
-            f"{len(lost)} of {len(data)} measured poses are impossible for the nominal robot, "
-            f"{data.where(int(lost[0]))} "
+            f"{len(impossible)} of {len(data)} measured poses are impossible for the nominal robot, "
+            f"{data.where(int(impossible[0]))} "
             "the first: its loops do not close there; mend the joint positions, or leave the pose out"
         )
     if why := few_points_of_a_station(observation.model, data):

@@ -370,11 +370,11 @@ def _by_held_out(state: Fitted, held_out: Measurements) -> tuple[Validation, lis
         placed.append(("station", held_out.stations, session.stations))
     if "sessions" in state.groups:
         placed.append(("session", held_out.sessions, session.sessions))
-    judged, strange = np.ones(len(held_out), dtype=bool), list[tuple[str, str]]()
+    judged, unplaced = np.ones(len(held_out), dtype=bool), list[tuple[str, str]]()
     for what, names, known in placed:
         judged &= [name in known for name in names]
-        strange += [(what, name) for name in set(names) - set(known)]
-    checks = [Check("validation.unplaced", "noted", data={"what": w, "name": name}) for w, name in sorted(strange)]
+        unplaced += [(what, name) for name in set(names) - set(known)]
+    checks = [Check("validation.unplaced", "noted", data={"what": w, "name": name}) for w, name in sorted(unplaced)]
     if not judged.any():
         return Validation(None, None), checks
     found = validate_rows(state.identification, held_out.take(np.flatnonzero(judged)))
@@ -409,9 +409,9 @@ def _stations_of(other: Measurements, state: Fitted) -> SessionInfo:
     known, named = state.fitter.session.stations, set(other.stations)
     if "base" in state.judging.refit or (len(known) < 2 and len(named) < 2):
         return SessionInfo()
-    if strange := sorted(named - set(known)):
+    if unplaced := sorted(named - set(known)):
         raise LabError(
-            f"station '{strange[0]}' was not fitted, so its place is unknown; {option_name('refit')} base "
+            f"station '{unplaced[0]}' was not fitted, so its place is unknown; {option_name('refit')} base "
             f"places every station anew"
         )
     return SessionInfo(stations=known)

@@ -147,9 +147,9 @@ class Directions:
 
         Of the marginal likelihood: a value is normal with the variance of the tolerances and that of its measurement.
         """
-        told = np.isfinite(self.stds)
-        variance = _SCALES[:, None] ** 2 + self.stds[told] ** 2
-        scale = float(_SCALES[np.argmin((np.log(variance) + self.values[told] ** 2 / variance).sum(axis=1))])
+        determined = np.isfinite(self.stds)
+        variance = _SCALES[:, None] ** 2 + self.stds[determined] ** 2
+        scale = float(_SCALES[np.argmin((np.log(variance) + self.values[determined] ** 2 / variance).sum(axis=1))])
         return scale, int((self.stds < scale).sum())
 
 

@@ -63,14 +63,14 @@ def placed_anew(
         if _is_determined(found, len(free), reference, linear=linear):
             return _Placed(found.values, ())
     best: tuple[float, _Placed] | None = None
-    for share, felt in _SHARES:  # the fewest parameters first: from there the others are near
+    for share, largest_effect in _SHARES:  # the fewest parameters first: from there the others are near
         fixed = tuple(free[j] for j in dependent_columns(slopes[:, free], share))
         retained = tuple(column for column in free if column not in fixed)
         found = fit(model, observed, retained, start if best is None else best[1].values, most_steps=_STEPS)
         slopes = observed.apply(model.observe(observed.inputs, found.values)[1])
         there = model.observe(test.inputs(model.conditions), found.values)[1].reshape(-1, len(values))
         sure = _is_determined(found, len(retained), reference, linear=False) and _unfelt(
-            slopes, there, retained, fixed, felt
+            slopes, there, retained, fixed, largest_effect
         )
         if sure and (best is None or found.cost_trace[-1] < best[0]):
             best = found.cost_trace[-1], _Placed(found.values, tuple(model.names[i] for i in fixed))
@@ -109,7 +109,7 @@ def dependent_columns(columns: Array, tolerance: float) -> tuple[int, ...]:
     return tuple(found)
 
 
-def _unfelt(slopes: Array, there: Array, retained: Sequence[int], fixed: Sequence[int], felt: float) -> bool:
+def _unfelt(slopes: Array, there: Array, retained: Sequence[int], fixed: Sequence[int], largest_effect: float) -> bool:
     """Check whether predictions hardly change with a held parameter when the others are refitted."""
     if not fixed:
         return True
@@ -117,4 +117,4 @@ def _unfelt(slopes: Array, there: Array, retained: Sequence[int], fixed: Sequenc
     make_up = np.linalg.lstsq(slopes[:, list(retained)], slopes[:, list(fixed)], rcond=1e-12)[0]
     alone = there[known][:, list(fixed)]
     left = alone - there[known][:, list(retained)] @ make_up
-    return bool((np.linalg.norm(left, axis=0) <= felt * np.linalg.norm(alone, axis=0)).all())
+    return bool((np.linalg.norm(left, axis=0) <= largest_effect * np.linalg.norm(alone, axis=0)).all())

@@ -107,9 +107,9 @@ def _between_neighbours(inputs: Array, turning: NDArray[np.bool_], rng: np.rando
     ]
     drawn = inputs[order].copy()
     if near.shape[1]:
-        way = joints[near[order, rng.integers(near.shape[1], size=len(order))]] - joints[order]
-        way = np.where(turning, np.remainder(way + np.pi, 2 * np.pi) - np.pi, way)
-        moved = joints[order] + rng.uniform(-1, 1, (len(order), 1)) * way
+        toward = joints[near[order, rng.integers(near.shape[1], size=len(order))]] - joints[order]
+        toward = np.where(turning, np.remainder(toward + np.pi, 2 * np.pi) - np.pi, toward)
+        moved = joints[order] + rng.uniform(-1, 1, (len(order), 1)) * toward
         drawn[:, :size] = np.clip(moved, joints.min(axis=0), joints.max(axis=0))
     return np.asarray(drawn)
 

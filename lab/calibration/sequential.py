@@ -59,11 +59,11 @@ def split_of(observation: Observation, observed: Observations, free: Sequence[in
     rotating = [i for i in free if model.parameters[i].is_angle]
     order = [i for i in model.column_priority() if i in rotating]
     angles = independent_columns(rows, order)
-    lost = [i for i in order if i not in angles]
+    dependent = [i for i in order if i not in angles]
     single = np.eye(len(model.names))
-    coefficients = np.linalg.lstsq(rows[:, angles], rows[:, lost])[0]
+    coefficients = np.linalg.lstsq(rows[:, angles], rows[:, dependent])[0]
     coefficients[np.abs(coefficients) < 1e-9] = 0.0
-    unobservable = single[:, lost]
+    unobservable = single[:, dependent]
     unobservable[list(angles)] -= coefficients
     lengths = [i for i in free if i not in rotating]
     directions = np.concatenate([single[:, lengths], unobservable], axis=1)

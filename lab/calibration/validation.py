@@ -194,8 +194,8 @@ def split_by_label(labels: _Rows, share: float, seed: int) -> tuple[_Rows, _Rows
     """Split rows into those to fit and those to hold out: whole labels at random, until the share is reached."""
     order = rng_for(seed, "split").permutation(labels.max() + 1)
     sizes = np.bincount(labels)[order]
-    held = order[np.cumsum(sizes) - sizes < share * len(labels) - 0.5]
-    test = np.isin(labels, held)
+    left_out = order[np.cumsum(sizes) - sizes < share * len(labels) - 0.5]
+    test = np.isin(labels, left_out)
     return np.flatnonzero(~test), np.flatnonzero(test)
 
 
@@ -307,11 +307,13 @@ def validate_folds(
             return Validation(None, None, (_not_without_a_fold(str(error)),))
         stuck += part.status != "converged"
         unobservable = {part.model.names[i] for i in part.unobservable}
-        lost = [k for k, target in enumerate(data.targets) if f"tool.{target}.x" in unobservable]
-        if len(unobservable) > 3 * len(lost):
+        only_here = [k for k, target in enumerate(data.targets) if f"tool.{target}.x" in unobservable]
+        if len(unobservable) > 3 * len(only_here):
             return Validation(None, None, (_UNIDENTIFIED,))
         errors = errors_of(part, data.take(test))
-        errors.before[:, lost] = errors.after[:, lost] = np.nan  # targets that only this fold's poses measured
+        errors.before[:, only_here] = errors.after[:, only_here] = (
+            np.nan
+        )  # targets that only this fold's poses measured
         before[test], after[test] = errors.before, errors.after
         progress(fold + 1, count)
     if np.isnan(after).all():
@@ -406,8 +408,8 @@ def error_tangent(model: Model, values: Array) -> Array:
 
 
 def _refuse_unknown_targets(identification: Identification, model: Model, refit: Sequence[str]) -> None:
-    if stray := set(refit) - {"base", "tool"}:
-        raise LabError(f"{option_name('refit')} {sorted(stray)[0]}: unknown; give base, tool or base,tool")
+    if unknown_groups := set(refit) - {"base", "tool"}:
+        raise LabError(f"{option_name('refit')} {sorted(unknown_groups)[0]}: unknown; give base, tool or base,tool")
     known = targets_of(identification.model.parameters)
     unknown = [target for target in model.targets if target not in known]
     if unknown and "tool" not in refit:

@@ -479,8 +479,8 @@ class _Calibration:
         model, nominal = self.identification.model, np.inf
         placed = set(indices_of_groups(model.parameters, ("base", "tool")))
         fixed = placed & set(self.identification.base_set.fixed)  # in their place a link was freed on request
-        asked = fixed and fixed - set(base_set(model, self.identification.nominal_aligned).fixed)
-        if not asked and errors is not None and np.isfinite(errors.before).any():
+        freed = fixed and fixed - set(base_set(model, self.identification.nominal_aligned).fixed)
+        if not freed and errors is not None and np.isfinite(errors.before).any():
             nominal = float(np.sqrt(np.nanmean(errors.before**2)))
         return not min(of.felt_m, nominal) <= most
 

@@ -203,11 +203,11 @@ class Compensator:
     def __post_init__(self) -> None:
         arm, chain = self.nominal.arm, self.nominal.arm.chain
         _, jacobian = self.nominal.tool(chain.random_joints(_TRIED, rng_for(0, "structure")))
-        ways = int(np.linalg.matrix_rank(jacobian[:, :3], tol=SINGULAR_M).max())
-        if ways < min(PLACES, chain.size):
+        directions = int(np.linalg.matrix_rank(jacobian[:, :3], tol=SINGULAR_M).max())
+        if directions < min(PLACES, chain.size):
             raise LabError(
                 f"robot '{chain.name}': its joints ({', '.join(chain.joint_names)}) move "
-                f"{arm.targets[self.nominal.target]} in {ways} of three directions, so it cannot be brought to a "
+                f"{arm.targets[self.nominal.target]} in {directions} of three directions, so it cannot be brought to a "
                 "place that is off by a little; compensation takes three joints that do"
             )
 
@@ -374,8 +374,8 @@ class Compensator:
         """Give targets without a wanted or reachable rotation the one that scheme (a) ends with, as a controller
         needs one.
         """
-        Ts, kept = self._tool(joints, conditions)[0], wanted.turned & (joints.shape[1] >= FREEDOMS)
-        return PoseTarget(wanted.positions, np.where(kept[:, None, None], wanted.rotations, Ts[:, :3, :3]))
+        Ts, reachable = self._tool(joints, conditions)[0], wanted.turned & (joints.shape[1] >= FREEDOMS)
+        return PoseTarget(wanted.positions, np.where(reachable[:, None, None], wanted.rotations, Ts[:, :3, :3]))
 
     def _iterated(self, wanted: PoseTarget, conditions: Array, start: Array, moved: _Moved) -> Array:
         """Joint positions ``(n, joints)`` moved again and again, until the tool is where it is wanted.

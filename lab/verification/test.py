@@ -457,13 +457,13 @@ def _bad_reading(problem: VerificationProblem, fit: RefitSolution, poses: Sequen
             least = float(drops[i]), first + i, inverse[i][there], pulls[i][mask[i]], _metres_of(block, of_pose)
     assert least is not None
     drop, i, dof, pull, metres = least
-    told = int(np.linalg.matrix_rank(dof, hermitian=True))
-    if told < 1:
+    determined = int(np.linalg.matrix_rank(dof, hermitian=True))
+    if determined < 1:
         return []
     size = Displacement(*_sized(metres @ dof @ pull, metres @ dof @ metres.T))
     pose = poses[i] if poses else f"pose {i}"
-    left = _without_reading(problem.prediction, fit, (drop, told), rows_there)
-    return [_judged(problem, ("reading", "reading", (pose,)), size, told, left, count)]
+    left = _without_reading(problem.prediction, fit, (drop, determined), rows_there)
+    return [_judged(problem, ("reading", "reading", (pose,)), size, determined, left, count)]
 
 
 def _without_reading(
@@ -482,8 +482,8 @@ def _without_reading(
     pull = residual - columns @ (opened.taken.T @ (fit.there.jacobian.T @ fit.there.residual))
     sizes, axes = np.linalg.eigh(np.eye(len(residual)) - columns @ columns.T)
     free = sizes > FULL_RANK  # of the pose's numbers those that the parameters cannot follow
-    drop, told = float(((axes[:, free].T @ pull) ** 2 / sizes[free]).sum()), int(free.sum())
-    along = square - dropped[0] + drop, numbers - dropped[1] + told
+    drop, determined = float(((axes[:, free].T @ pull) ** 2 / sizes[free]).sum()), int(free.sum())
+    along = square - dropped[0] + drop, numbers - dropped[1] + determined
     return split_test(prediction, (fit.square - dropped[0], fit.dof - dropped[1]), along)
 
 
@@ -513,14 +513,14 @@ def _judged(
     problem: VerificationProblem,
     what: tuple[_Kind, str, tuple[str, ...]],
     size: Displacement,
-    told: int,
+    determined: int,
     left: _ChangeTest,
     alike: int,
 ) -> Hypothesis:
     """Return a hypothesis of ``told`` parameters with its test; ``what`` is its kind, change and ``of``."""
     prediction, numbers = problem.prediction, problem.numbers
-    bic = prediction.deviance(left.square, numbers) + told * np.log(numbers) + 2 * np.log(alike)
-    return Hypothesis(*what, size, told, left.square, left.p, float(bic), not left.changed)
+    bic = prediction.deviance(left.square, numbers) + determined * np.log(numbers) + 2 * np.log(alike)
+    return Hypothesis(*what, size, determined, left.square, left.p, float(bic), not left.changed)
 
 
 def _equivalent(found: Sequence[Hypothesis], numbers: int) -> list[Hypothesis]:

@@ -170,8 +170,8 @@ def _changing(
     moved = np.broadcast_to(np.eye(3), (*points.shape[:2], 3, 3))
     turned = np.stack([np.cross(axis, points - middle) for axis in np.eye(3)], axis=-1)
     columns: dict[tuple[str, ...], Array] = {("base",): linear.rows_of(observed, np.concatenate([moved, turned], -1))}
-    foot = [model.names.index(f"base.{axis}") for axis in "xyz" if f"base.{axis}" in model.names]
-    grown = points - (found.values[foot] if len(foot) == 3 else middle)
+    base = [model.names.index(f"base.{axis}") for axis in "xyz" if f"base.{axis}" in model.names]
+    grown = points - (found.values[base] if len(base) == 3 else middle)
     columns["size",] = linear.rows_of(observed, grown[..., None])
     for target in targets_of(model.parameters):
         own = [i for i, name in enumerate(model.names) if name.startswith(f"tool.{target}.")]

@@ -90,8 +90,8 @@ def search_noise(found: Identification, data: Measurements, noise: Noise) -> Noi
     """
     observation = observation_of(found.model)
     noise = noise.independent
-    known_errors = noise.shared
-    nothing = NoiseSearch(known_errors, (), float("nan"))
+    given_errors = noise.shared
+    nothing = NoiseSearch(given_errors, (), float("nan"))
     if not only_positions(observation) or len(data) < _LEAST_POSES or found.dof < _LEAST_DOF:
         return nothing
     model = observation.model
@@ -112,9 +112,9 @@ def search_noise(found: Identification, data: Measurements, noise: Noise) -> Noi
     )
     estimate, trials = chosen_components(problem)
     if not estimate.kinds:
-        return NoiseSearch(known_errors, trials, estimate.deviance)
+        return NoiseSearch(given_errors, trials, estimate.deviance)
     if _varies_with_joints(linear, estimate, data):
-        return NoiseSearch(known_errors, trials, problem.likelihood(Components()).deviance, undecided=True)
+        return NoiseSearch(given_errors, trials, problem.likelihood(Components()).deviance, undecided=True)
     parts, scale = estimate.components, estimate.likelihood.scale
     shared = ErrorModel(
         sigma_m=found.sigma_m if known else float(np.sqrt(scale)),
@@ -123,7 +123,7 @@ def search_noise(found: Identification, data: Measurements, noise: Noise) -> Noi
         carry=parts.carry,
         clock=clock,
         values=dict(zip(model.names, found.values.tolist(), strict=True)),
-        counts_rad=None if known_errors is None else known_errors.counts_rad,
+        counts_rad=None if given_errors is None else given_errors.counts_rad,
         moves=_moves(estimate, data, times),
     )
     return NoiseSearch(shared, trials, estimate.deviance, linear, estimate)

@@ -401,8 +401,8 @@ def _variances(numbers: _Numbers, known: float | None) -> tuple[Array, Array, fl
     information = _Projector.of(numbers, sizes).information(numbers.kinds)
     estimated = np.arange(count) >= (known is not None)
     errors = np.zeros((count, count))
-    known_so_well = np.sqrt(np.diag(information)[estimated])
-    scale = np.outer(known_so_well, known_so_well)
+    information_roots = np.sqrt(np.diag(information)[estimated])
+    scale = np.outer(information_roots, information_roots)
     relative = information[np.ix_(estimated, estimated)] / scale
     errors[np.ix_(estimated, estimated)] = np.linalg.pinv(relative, rcond=_MIN_IDENTIFIABLE, hermitian=True) / scale
     ratio = max(alone - deviance, 0.0)

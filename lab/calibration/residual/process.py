@@ -201,8 +201,8 @@ class Reduction:
         """Numbers ``(n, 3 k, ...)`` transformed: those that the offsets move ``(N, ...)``, and the others."""
         tail = numbers.shape[2:]
         parts = []
-        for rows, kept, turn in self.groups:
-            some = numbers[rows][:, kept].reshape(len(rows), len(kept), -1)
+        for rows, seen_numbers, turn in self.groups:
+            some = numbers[rows][:, seen_numbers].reshape(len(rows), len(seen_numbers), -1)
             parts.append((np.swapaxes(turn, 1, 2) @ some).reshape(-1, *tail))
         found, count = np.concatenate(parts)[self.order], len(self.numbers.pose)
         return found[:count], found[count:]
@@ -403,9 +403,9 @@ class PredictedBy:
         here, kernels, support = PoseNumbers.whole(joints, slopes), self.process.kernels, self._support
         crossed = covariance(kernels, self.process.variances, support.numbers, here)
         half = scipy.linalg.solve_triangular(support.root, crossed, lower=True, check_finite=False)
-        lacking = (columns / support.scale).T - support.half_columns.T @ half
-        by_parameters = np.linalg.solve(support.information, lacking)
-        found = covariance(kernels, self.process.variances, here) - half.T @ half + lacking.T @ by_parameters
+        unexplained = (columns / support.scale).T - support.half_columns.T @ half
+        by_parameters = np.linalg.solve(support.information, unexplained)
+        found = covariance(kernels, self.process.variances, here) - half.T @ half + unexplained.T @ by_parameters
         half += support.half_columns @ by_parameters
         weights = scipy.linalg.solve_triangular(support.root, half, lower=True, trans="T", check_finite=False)
         alone = support.noise_columns @ by_parameters / self.process.variances[0]

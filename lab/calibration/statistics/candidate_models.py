@@ -141,8 +141,8 @@ class NestedModels:
         """
         squares = float(np.sum(self._left(self.whole, fitted)[1] ** 2))
         lengths = [
-            np.linalg.norm(held @ self._left(triangle, fitted)[0], axis=1)
-            for triangle, held in zip(self.training, self.held_out, strict=True)
+            np.linalg.norm(left_out @ self._left(triangle, fitted)[0], axis=1)
+            for triangle, left_out in zip(self.training, self.held_out, strict=True)
         ]
         return Score(len(fitted), squares, np.concatenate(lengths), self._bic(squares, len(fitted)))
 
@@ -398,7 +398,7 @@ class FullModel:
         anywhere = model.structure_joints(STRUCTURE_POSES, rng_for(0, "structure"))
         structure, measured = (model.observe(inputs, at)[1] for inputs in (anywhere, observed.inputs))
         extra_residuals = observation.extra_residuals(at)[1]
-        held = named(model.names, option_name("fix"), task.request.of(model.names).fix)
+        fixed = named(model.names, option_name("fix"), task.request.of(model.names).fix)
         own = {name: task.parameters(name) for name in groups}
         clusters = cv_groups_of(made, task.data)
         return cls(
@@ -406,7 +406,7 @@ class FullModel:
             start=start,
             observed=observed,
             groups={
-                name: tuple(i for i, parameter in enumerate(model.names) if parameter in own[name] and i not in held)
+                name: tuple(i for i, parameter in enumerate(model.names) if parameter in own[name] and i not in fixed)
                 for name in groups
             },
             structure=_triangle([structure.reshape(-1, len(model.names)), extra_residuals]),
@@ -490,8 +490,8 @@ class FullModel:
 
     @staticmethod
     def _new(triangle: Array, known: Sequence[int], wanted: Sequence[int]) -> tuple[int, ...]:
-        kept = independent_columns(triangle, [*known, *wanted])
-        return tuple(i for i in wanted if i in kept)
+        independent = independent_columns(triangle, [*known, *wanted])
+        return tuple(i for i in wanted if i in independent)
 
 
 def _prior(

@@ -198,11 +198,11 @@ def _by_holdout(linear: LinearizedFit, held_out: LinearizedFit) -> Check | None:
 
 def _by_joints(model: Model, observed: Observations, fit: Fit, extra_residuals: ExtraResiduals | None) -> Check | None:
     some = evenly(len(observed.inputs), _MOST_POSES)
-    looked_at = observed if some is None else observed.take(some)
-    linear = linearized(model, looked_at, fit.least_squares, fit.free, extra_residuals)
-    count = looked_at.inputs.shape[1] - len(model.conditions)
-    slopes = by_joint_positions(model, looked_at.inputs, fit.least_squares, count)
-    return _varying(linear, linear.rows_of(looked_at, slopes), looked_at.inputs[:, :count])
+    some_poses = observed if some is None else observed.take(some)
+    linear = linearized(model, some_poses, fit.least_squares, fit.free, extra_residuals)
+    count = some_poses.inputs.shape[1] - len(model.conditions)
+    slopes = by_joint_positions(model, some_poses.inputs, fit.least_squares, count)
+    return _varying(linear, linear.rows_of(some_poses, slopes), some_poses.inputs[:, :count])
 
 
 def _varying(linear: LinearizedFit, slopes: Array, joints: Array) -> Check | None:
@@ -310,12 +310,14 @@ def repeats(rows: Measurements) -> NDArray[np.int_]:
     They agree in joints, payload, approach, session, station and place; the time is passed over, or nothing would
     repeat.
     """
-    told = [column for name, column in rows.conditions.items() if name.startswith(("payload_", "approach_", FIXTURE))]
+    further = [
+        column for name, column in rows.conditions.items() if name.startswith(("payload_", "approach_", FIXTURE))
+    ]
     columns = [rows.sessions, *(rows.other.get(name, rows.sessions) for name in ("station", "location", "socket"))]
     texts = list(zip(*columns, strict=True))
     kinds = {text: float(i) for i, text in enumerate(dict.fromkeys(texts))}
     group = np.array([kinds[text] for text in texts])
-    return configurations(np.column_stack([rows.joints, *(np.nan_to_num(column) for column in told), group]))
+    return configurations(np.column_stack([rows.joints, *(np.nan_to_num(column) for column in further), group]))
 
 
 _SHARE = _CONFIDENCE = 0.95

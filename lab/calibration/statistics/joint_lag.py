@@ -132,8 +132,8 @@ def _beside_rivals(basis: Array, residual: Array, columns: Array, rivals: Sequen
 
 def _beyond(basis: Array, columns: Array) -> Array:
     left = columns - basis @ (basis.T @ columns)
-    told = np.linalg.norm(left, axis=0) > FULL_RANK * np.linalg.norm(columns, axis=0)
-    own = LinearModel.of(left[:, told], FULL_RANK).basis
+    own_columns = np.linalg.norm(left, axis=0) > FULL_RANK * np.linalg.norm(columns, axis=0)
+    own = LinearModel.of(left[:, own_columns], FULL_RANK).basis
     return np.linalg.qr(own - basis @ (basis.T @ own))[0]
 
 

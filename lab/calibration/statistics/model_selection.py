@@ -182,8 +182,8 @@ def select(
     rows = growth.rows | refused
     chosen = [replace(rows[name], chosen=True) for name in growth.taken]
     others = (rows[name] for name in candidates if name not in growth.taken)
-    held = [parameter for name in rows for parameter in rows[name].fixed]
-    same = () if enough else _alternatives(task, growth.taken, growth.found, growth.candidates, held)
+    fixed = [parameter for name in rows for parameter in rows[name].fixed]
+    same = () if enough else _alternatives(task, growth.taken, growth.found, growth.candidates, fixed)
     return Selection(growth.taken, growth.found, (rows[_GEOMETRY], *chosen, *others), same)
 
 
@@ -273,8 +273,8 @@ class _Growth:
 
     def moved_to(self, groups: tuple[str, ...]) -> bool:
         """Identify with these groups, if the fit converges; else the last one is stuck."""
-        held = [parameter for name in groups for parameter in self.rows[name].fixed]
-        tried = self.task.identified(groups, held, self.found)
+        fixed = [parameter for name in groups for parameter in self.rows[name].fixed]
+        tried = self.task.identified(groups, fixed, self.found)
         if tried.status != "converged" and len(groups) > len(self.taken):
             self.stuck[groups[-1]] = _refused(groups[-1], "Gauss-Newton does not converge with it")
             return False
@@ -310,7 +310,7 @@ class _Growth:
         if expected:
             self._search_some(table, expected, TERM_SEARCH / 2)
         self._search_some(table, None, TERM_SEARCH / 2 if expected else TERM_SEARCH)
-        self._hold_what_became_useless()
+        self._fix_superfluous()
         self._judge_terms(set(terms))
 
     def _search_some(self, table: TermTable, only: Sequence[str] | None, level: float) -> None:
@@ -323,16 +323,16 @@ class _Growth:
                 break
             self.grow()
 
-    def _hold_what_became_useless(self) -> None:
+    def _fix_superfluous(self) -> None:
         """Hold, the worst first, parameters that were well determined when taken and no longer are."""
         while True:
             large = self.large()
             if (worst := large.most_uncertain(self.around(large), self.found)) is None:
                 return
             owner = next(name for name in self.taken if worst in large.groups[name])
-            held = (*self.rows[owner].fixed, large.observation.model.names[worst])
-            self.rows[owner] = replace(self.rows[owner], fixed=held)
-            empty = len(held) == len(self.task.parameters(owner))
+            fixed = (*self.rows[owner].fixed, large.observation.model.names[worst])
+            self.rows[owner] = replace(self.rows[owner], fixed=fixed)
+            empty = len(fixed) == len(self.task.parameters(owner))
             groups = tuple(name for name in self.taken if not (empty and name == owner))
             if not self.moved_to(groups):
                 return
@@ -405,7 +405,7 @@ def _trial(large: FullModel, table: NestedModels, found: Identification, name: s
     big = table.score([*fitted, *shown])
     p, gain, clustered = table.p_value(small, big), table.gain(small, big), table.test_by_configurations(fitted, shown)
     why = objection(small, big, gain, p * len(large.groups)) or _by_configurations(clustered, gain, len(large.groups))
-    held = tuple(large.observation.model.names[i] for i in new if i not in shown)
+    fixed = tuple(large.observation.model.names[i] for i in new if i not in shown)
     return GroupTrial(
         name,
         len(shown),
@@ -414,7 +414,7 @@ def _trial(large: FullModel, table: NestedModels, found: Identification, name: s
         big.bic,
         False,
         why,
-        held,
+        fixed,
         configurations=clustered,
         gain=gain,
     )

@@ -91,8 +91,8 @@ def find_outliers(
     )
     plausible = bool(sigma_given and scale <= _MISFIT)
     inside, linear = weights > 0, linearized(model, observed, values, free, extra_residuals)
-    told = plausible == sigma_given or shape.kind == "student"
-    test = _test(linear, shape if told else NoiseDistribution(), plausible, level, rng)
+    applies = plausible == sigma_given or shape.kind == "student"
+    test = _test(linear, shape if applies else NoiseDistribution(), plausible, level, rng)
     for _ in range(_ROUNDS):
         settled, needed = _settle(linear, inside, test)
         solution = fit(
