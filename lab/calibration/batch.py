@@ -1,18 +1,12 @@
-"""Gauss-Newton for many campaigns at once: arms of one nominal model, solved in blocks by normal equations.
+"""Fit many campaigns at once by Gauss-Newton: arms of one nominal model, solved in blocks by normal equations.
 
-What was measured, and how the arms predict it, is a part (``_BatchObservation``): positions at poses that all
-campaigns share (``PointBatch``), or positions and orientations at joint positions of their own (``_PoseBatch``).
-A block always holds as many campaigns, the last one padded: a matrix product's last bits change with its size.
+A batch is of positions at poses that all campaigns share (``PointBatch``), or of positions and orientations at joint
+positions of their own (``PoseBatch``). A block always has as many campaigns, the last one padded: a matrix product's
+last bits change with its size.
 
-Positions of targets in many campaigns at the same poses, as ``batch`` fits them.
-
-The base is no unknown of size here: each campaign's points are first turned onto the nominal model (``align``), so
-that every fit begins with the base at rest, and one Jacobian can serve all.
-
-Poses of a target in many campaigns, as ``batch`` fits them: each arm has its own parameters and joint positions.
-
-The residuals are those of ``observations.full_pose``: a target's position, and log(R_measured' R_predicted) of a frame
-that is fixed to it. What is fitted, and to which of the two, is the caller's choice: together, or one after the other.
+Points are first turned onto the nominal model (``align``), so that every fit begins with the base at rest, and one
+Jacobian can serve all. Residuals of poses are those of ``sensors.full_pose``: a target's position, and
+log(R_measured' R_predicted) of a frame fixed to it.
 """
 
 from collections.abc import Sequence

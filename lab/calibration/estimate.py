@@ -1,8 +1,8 @@
-"""Estimate of an arm by a calibration: its parameters with their covariance, and predictions from them.
+"""Represent an arm as a calibration estimates it: parameters with their covariance, and predictions from them.
 
-An estimate holds in other sessions: its arm leaves out the measurement session's effects. Predicted points are off
-by the errors of the identified parameters, J C J' with the derivatives J and the covariance C, by those of a load, by
-the model discrepancy within the measured range and beyond it, and by what differs from one visit of a pose to the next.
+An estimate holds in other sessions: its arm leaves out the measurement session's effects. Errors of predicted points
+are those of the identified parameters, J C J' with the derivatives J and the covariance C, those of a load, the model
+discrepancy within the measured range and beyond it, and what differs from one visit of a pose to the next.
 """
 
 from collections.abc import Mapping, Sequence

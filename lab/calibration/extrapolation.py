@@ -1,24 +1,18 @@
-"""Prediction error at poses beyond the measured joint positions.
+"""Predict errors at poses beyond the measured joint positions.
 
 The covariance of the parameters holds if the model does, and a model that follows every measurement may be wrong
-where none was made: a spurious wave, a nonlinear spring. The edges of the measured range show how wrong.
-Let joint j be off beyond an edge by a slope times the distance beyond it. Beside the fit, each outer tenth of a
-joint's measured positions gives one estimate of such a slope, as if the rest of that joint's range were all that was
-measured. Their variance in excess of the noise (Paule & Mandel 1982) is that of the slope beyond the true
-edges, unless a joint's own two say more. Farther out than that tenth is wide a slope changes itself: its integral grows
-as d^1.5, as a random walk's does; and what joints do is bounded, so that no more than one radian of it counts.
+elsewhere: a spurious wave, a nonlinear spring. Let joint j be off beyond an edge of its measured range by a slope times
+the distance. Beside the fit, each outer tenth of a joint's positions gives one estimate of such a slope. Their variance
+in excess of the noise (Paule & Mandel 1982) is that of the slope beyond the true edges, unless a joint's own two are
+larger. Farther out than that tenth is wide the slope changes itself: its integral grows as d^1.5, as a random walk's
+does, and no more than one radian of distance counts.
 
-Cross-validation by region shows what is missing within the range. Where the model fails there,
-its effects are trusted only where they were measured: elsewhere the model discrepancy is that of geometry without them,
-and what they explain counts as unknown, beyond an end as much of it as an outer tenth's width.
-
-What a model lacks where nothing near was measured: what it lacks of regions that it is fitted without.
-
-The poses are parted into regions of joint space. Each is left out in turn, the linear model is solved by the others,
-and the errors e of the poses that the others do not cover are compared with their covariance V by noise and parameters.
-Where they are larger (at 1 %), every joint is taken to be off by s d, with d how far a pose is beyond what is covered,
-in units of how far that reaches: s is where the sum of e' (V + s^2 d^2 S S')^-1 e is as expected (Paule & Mandel 1982),
-with S the derivatives by the joints.
+Within the range, poses are parted into regions of joint space. Each is left out in turn, the linear model is solved by
+the others, and the errors e of the poses that the others do not cover are compared with their covariance V by noise and
+parameters. Where they are larger (at 1 %), every joint is taken to be off by s d, with d the distance beyond the cover
+in units of its reach: s is where the sum of e' (V + s^2 d^2 S S')^-1 e is as expected, with S the derivatives by the
+joints. Effects are then trusted only where they were measured: elsewhere the model discrepancy is that of geometry
+without them, and what they explain counts as unknown, beyond an end as much of it as an outer tenth's width.
 """
 
 from collections.abc import Sequence

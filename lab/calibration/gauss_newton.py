@@ -1,7 +1,7 @@
-"""Gauss-Newton, damped where it must be, on whitened positions and unit columns.
+"""Fit parameters by Gauss-Newton, damped where necessary, on whitened positions and unit columns.
 
-The step is solved through an orthogonal factorization of the scaled Jacobian and the singular
-values of its triangle, so that a deficient system gives the shortest step, and is told.
+The step is solved through an orthogonal factorization of the scaled Jacobian and the singular values of its triangle,
+so that a rank-deficient system gives the shortest step, and the fit reports its rank.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -25,13 +25,13 @@ ExtraResiduals = Callable[[Array], tuple[Array, Array]]
 """Parameters ``(p,)`` to more whitened residuals ``(r,)``, and the derivatives ``(r, p)`` of what predicts them."""
 _MAX_ITERATIONS = 300
 _LEAST_DAMPING, _LARGEST_DAMPING = 1e-12, 1e4  # of the largest singular value, squared
-_CRAWLED, _STALLED = 1e-3, 25  # steps in a row that each lower the cost by less than this part of it: a valley
+_CRAWLED, _STALLED = 1e-3, 25  # steps in a row that each lower the cost by less than this part of it
 _BLOCK = 60_000  # numbers whose derivatives are held at a time
 _FIRST_POSES = 4_000  # of more than a block, on which a fit begins
 _PROBE = 0.1  # of a step, at which its curvature is looked for
-_MOST_BENT = 0.75  # of a step's length, twice its acceleration: beyond, the second order says nothing
+_MOST_BENT = 0.75  # of a step's length, twice its acceleration: beyond, the second order is not reliable
 RANK_TOLERANCE = 1e-10  # of the largest singular value of the column-scaled Jacobian
-_ILL_CONDITIONED = 1e3  # a condition above which poses hardly tell the parameters apart
+_ILL_CONDITIONED = 1e3  # a condition above which parameters are weakly observable
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Observations:
     """Observed points as rows, ready to be fitted.
 
     Attributes:
-        inputs: ``(n, joints + conditions)``, what the model is asked at.
+        inputs: ``(n, joints + conditions)`` of the model.
         points: ``(n, k, d)``, k things of d numbers each (positions in m, d = 3), NaN where not observed.
         whiten: ``(n, k)`` one over the standard deviation, or ``(n, k, d, d)`` the inverse of
             the covariance's Cholesky factor; ones where the noise is to be estimated.
@@ -241,12 +241,8 @@ def fit(
 
     Gauss-Newton; where its step does not lower the cost, a damped one. It has converged when a full
     step would move the predicted points by less than ``tolerance_m`` (root mean square, of what is
-    weighed as one metre); that step is still taken, so that what remains is its square. It ends in a valley where 25
-    damped steps in a row lower the cost by less than a thousandth each: along it the measurements say next to nothing,
-    and hundreds of steps more would not change that.
-
-    The loop is its own, not that of ``lab.core.newton``: a step is taken only where it lowers the cost, the damping
-    goes from step to step, and the last factorization is part of the result.
+    weighted as one metre); that step is still taken, so that what remains is its square. It stalls on an ill-conditioned
+    problem ("in a valley") where 25 damped steps in a row lower the cost by less than a thousandth each.
 
     Args:
         start: ``(p,)`` all parameters.

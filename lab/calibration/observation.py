@@ -1,8 +1,4 @@
-"""Define an observation: the model that predicts a sensor's readings, and initial values for what they place.
-
-Measured points in an instrument's frame are one such observation; full poses, distances to an anchor, balls in
-sockets and touched planes are others, each a model of the same arm with parameters of its own.
-"""
+"""Define an observation: the model that predicts a sensor's readings, and initial values for what they place."""
 
 from dataclasses import dataclass
 from typing import Protocol, Self, runtime_checkable

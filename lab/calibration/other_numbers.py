@@ -1,8 +1,8 @@
-"""Measured points, or joint positions, that are in another unit or frame than they are taken for.
+"""Detect points or joint positions in another unit or frame than they are taken for.
 
 Base and tool are fitted by ordinary least squares. The worst part of the points is left out of each fit (least trimmed
-squares: Rousseeuw & Van Driessen 2006), so that a few bad readings neither hide a cause nor look like one. What then
-leaves a small part of the points' spread, and far less than the numbers as they are, is what they were meant to be.
+squares: Rousseeuw & Van Driessen 2006), so that a few outliers neither hide a cause nor look like one. A conversion
+that leaves a small part of the points' spread, and far less than the numbers as they are, is the cause.
 """
 
 from collections.abc import Sequence

@@ -1,9 +1,8 @@
-"""Base and tool placed anew by some poses, also where these poses determine only a part of them.
+"""Place base and tool anew by some poses, also where these poses determine only a part of them.
 
-Poses along a line or on a plane, with one orientation, cannot tell where on the flange a target is from where the
-base stands. What they do not determine is fixed: columns of the Jacobian are taken one after the other, the base's
-first, and one that the columns before it explain belongs to a parameter that stays. Predictions at poses of the same
-kind are right all the same, whatever that parameter is.
+Poses along a line or on a plane, with one orientation, do not separate a target's place on the flange from the base's.
+Undetermined parameters are fixed: columns of the Jacobian are taken one after the other, the base's first, and one that
+the columns before it explain belongs to a fixed parameter. Predictions at poses of the same kind do not depend on it.
 """
 
 from collections.abc import Sequence

@@ -1,9 +1,8 @@
-"""The poses over which the errors of a calibrated arm are predicted.
+"""Choose the poses over which the errors of a calibrated arm are predicted.
 
 By default these are the measured configurations, each as a new one: predicted by the fit of all others, its covariance
 is larger by the leverage that the configuration has in its own prediction (Cook & Weisberg 1982, section 2.2). A task
-names its own region by points, which the arm reaches from the measured configuration whose point is nearest. Hinges are
-taken modulo a turn where the model is.
+names its own region by points, which the arm reaches from the measured configuration whose point is nearest.
 """
 
 from collections.abc import Sequence

@@ -1,10 +1,9 @@
-"""Spread of the residuals of measured positions, with configurations as clusters.
+"""Estimate the spread of the residuals of measured positions, with configurations as clusters.
 
 Readings of one configuration share the model discrepancy there. With N configurations that leave m residuals each, the
 variance of their means, B = sum of squares of the means / (3 N - f), is that of the lack of fit and a share 1 / m of
 the noise of a reading; W, the variance within configurations, is the noise. One reading at a new configuration is off
-by B + (1 - 1 / m) W. The parameters' covariance stands on the variance of a single reading as if all were independent:
-by configurations it is larger by m B over that variance.
+by B + (1 - 1 / m) W. By configurations the parameters' covariance is larger by m B over the variance of one reading.
 """
 
 from dataclasses import dataclass, replace

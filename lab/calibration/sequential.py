@@ -1,12 +1,11 @@
-"""Angles first, from orientations; lengths after, from positions: the sequential calibration of measured poses.
+"""Calibrate measured poses sequentially: angles from orientations, then lengths from positions.
 
 Orientations do not depend on lengths, and positions are linear in them (Mallem 2011; Khalil & Dombre 2002,
 chapter 11, for the RX 130). For an arm with parallel axes this split does not hold literally: orientations depend on
-the sum of the angles about these axes alone, and the gauge keeps each angle, so that (1, -1) of two leaves all
+the sum of the angles about these axes alone, and the gauge identifies each angle, so that (1, -1) of two leaves all
 orientations as they are. Such directions belong to the lengths. With them the two steps alternate: exact for exact
-poses, while angles that carry the orientations' noise times the reach leave positions worse than the global fit,
-which weighs both at once. The covariance of the estimate has both: the noise of the positions in the lengths, and the
-errors of the angles that these lengths take up.
+poses, less accurate than the global fit for noisy ones. The covariance of the estimate has the noise of the positions
+in the lengths, and the errors of the angles that these lengths take up.
 """
 
 from collections.abc import Sequence

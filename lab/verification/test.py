@@ -11,7 +11,7 @@ Where the test rejects, each movement alone is fitted by generalized least squar
 (1978).
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Literal
 
@@ -155,17 +155,6 @@ class _ChangeHypothesis:
     directions: Array
     turns: int = 0
     alike: int = 1
-
-
-def _movements(arm: Arm, values: Array, without: Sequence[str]) -> list[_ChangeHypothesis]:
-    """Return all movements of base, tool and joints to try, without the kinds that are fitted anew anyhow.
-
-    Args:
-        without: ``base``, ``tool``, or both.
-    """
-    found = [] if "base" in without else _of_base(arm)
-    found += [] if "tool" in without else _of_tool(arm, values)
-    return found + _of_joints(arm)
 
 
 def refitted(arm: Arm, refit: Sequence[str]) -> Array:
@@ -411,7 +400,10 @@ def _structural_rank(prediction: CalibrationPrediction, directions: Array) -> in
 def _hypotheses(
     problem: VerificationProblem, fit: RefitSolution, refit: Sequence[str], poses: Sequence[str]
 ) -> list[Hypothesis]:
-    tried = _movements(problem.prediction.arm, fit.values, refit)
+    arm = problem.prediction.arm
+    tried = [] if "base" in refit else _of_base(arm)
+    tried += [] if "tool" in refit else _of_tool(arm, fit.values)
+    tried += _of_joints(arm)
     found = [each for movement in tried if (each := _tried(problem, fit, refit, movement)) is not None]
     return sorted([*found, *_bad_reading(problem, fit, poses)], key=lambda each: each.bic)
 
@@ -441,7 +433,8 @@ def _bad_reading(problem: VerificationProblem, fit: RefitSolution, poses: Sequen
     """
     taken = fit.taken  # M = 1 - J taken (J taken)'
     shared, least, count = taken.T @ (fit.there.jacobian.T @ fit.there.residual), None, 0
-    for first, (block, residual, jacobian) in _numbered(problem.parts(fit.values)):
+    first = 0
+    for block, residual, jacobian in problem.parts(fit.values):
         mask = np.repeat(seen_mask(block.points), 3, axis=1)
         rows, pulls = np.zeros((*mask.shape, taken.shape[1])), np.zeros(mask.shape)
         rows[mask] = jacobian @ taken
@@ -454,7 +447,11 @@ def _bad_reading(problem: VerificationProblem, fit: RefitSolution, poses: Sequen
         if least is None or drops[i] > least[0]:
             there, of_pose = np.ix_(mask[i], mask[i]), _rows_of(mask, i)
             rows_there = residual[of_pose], jacobian[of_pose]
-            least = float(drops[i]), first + i, inverse[i][there], pulls[i][mask[i]], _metres_of(block, of_pose)
+            units = np.zeros((len(residual), len(of_pose)))
+            units[of_pose] = np.eye(len(of_pose))
+            metres = block.in_metres(units)[of_pose]
+            least = float(drops[i]), first + i, inverse[i][there], pulls[i][mask[i]], metres
+        first += len(block.inputs)
     assert least is not None
     drop, i, dof, pull, metres = least
     determined = int(np.linalg.matrix_rank(dof, hermitian=True))
@@ -487,26 +484,11 @@ def _without_reading(
     return split_test(prediction, (fit.square - dropped[0], fit.dof - dropped[1]), along)
 
 
-def _numbered(
-    parts: Iterator[tuple[Observations, Array, Array]],
-) -> Iterator[tuple[int, tuple[Observations, Array, Array]]]:
-    first = 0
-    for part in parts:
-        yield first, part
-        first += len(part[0].inputs)
-
-
 def _rows_of(mask: NDArray[np.bool_], pose: int) -> NDArray[np.int_]:
     """Return the rows of one pose among the observed coordinates; ``mask`` ``(n, ...)`` marks the observed ones."""
     of_pose = np.zeros(mask.shape, dtype=np.bool_)
     of_pose[pose] = mask[pose]
     return np.flatnonzero(of_pose[mask])
-
-
-def _metres_of(block: Observations, rows: NDArray[np.int_]) -> Array:
-    units = np.zeros((3 * int(seen_mask(block.points).sum()), len(rows)))
-    units[rows] = np.eye(len(rows))
-    return block.in_metres(units)[rows]
 
 
 def _judged(

@@ -1,13 +1,13 @@
-"""Findings about the errors of a campaign: are they what an instrument and a robot can have?
+"""Check whether the errors of a campaign are plausible for an instrument and a robot.
 
 A noise model explains any residuals: a tracker that was moved becomes a step, a joint whose zero was shifted becomes
-scatter. So what it explains is a finding. A finding is supported where something else than the residuals shows it:
-poses that were measured again, or an instrument whose stated noise is as large. A verdict cannot be good with a finding
-that nothing supports, nor with errors larger than common instruments and industrial arms have.
+scatter. So what it explains is a finding. A finding is supported where repeated poses, or an instrument whose stated
+noise is as large, show it too. A verdict cannot be good with an unsupported finding, nor with errors larger than
+common instruments and industrial arms have.
 
-Beside the shared errors that ``noise.search`` estimates, the residuals are scanned for what changed during the campaign
-(the base's place and direction, a tool point, a joint's zero, the size of the arm, that of the errors), for every row
-at which it may have changed; and for an arm that grows steadily as it warms up.
+Beside the shared errors that ``noise.search`` estimates, the residuals are scanned for changes during the campaign
+(the base's place and direction, a tool point, a joint's zero, the size of the arm, that of the errors), at every row;
+and for an arm that grows steadily as it warms up.
 """
 
 from collections.abc import Mapping

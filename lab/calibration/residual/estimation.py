@@ -4,12 +4,10 @@ The variances are those of the largest restricted likelihood (Patterson & Thomps
 never lowers it (Zhou, Hu, Zhou & Lange 2019), in steps that are extrapolated (Varadhan & Roland 2008). A variance at
 its bound of zero has an error too: on the linear scale, by the expected information.
 
-Errors of poses that are left out, by formulas instead of refits, and the factor of predicted variances by them.
-
 With P of universal kriging the error of numbers that are left out together is P_ii^-1 (P r)_i, and its covariance
-matrix P_ii^-1, noise included (Cressie 1993, section 3.2; Cook & Weisberg 1982 without a process). The variances of
-the process are those of all poses. The factor uses the quantile of conformal prediction (Vovk, Gammerman & Shafer
-2005, section 4.1): that of n errors, below which one more lies in 95 % of all cases.
+matrix P_ii^-1, noise included (Cressie 1993, section 3.2; Cook & Weisberg 1982 without a process). The factor of
+predicted variances uses the quantile of conformal prediction (Vovk, Gammerman & Shafer 2005, section 4.1): that of n
+errors, below which one more lies in 95 % of all cases.
 """
 
 from collections.abc import Iterable, Iterator, Sequence

@@ -1,25 +1,20 @@
-"""A Gaussian process of the joints' offsets, conditioned on measurements, beside parameters that are estimated with it.
+"""Model joint offsets as a Gaussian process, conditioned on measurements, beside parameters estimated with it.
 
-What is measured is y = X b + Z f + e: parameters b without a prior, offsets f of the joints (``kernels``) through the
-derivatives Z by their positions, and noise. The best linear unbiased prediction and its covariance are those of
-universal kriging (Cressie 1993, section 3.4). The variances of f are estimates themselves. With fixed weights the
-variance of a predicted point is a linear function of them, and the upper quartile of this function follows from the
-covariance matrix of the estimated variances. It counts far from all measured poses. Near them a factor of the predicted
-variance is chosen so that 95 % of the poses that are left out in turn lie within their 95 % bounds (``estimation``).
+What is measured is y = X b + Z f + e: parameters b without a prior, offsets f of the joints through the derivatives Z
+by their positions, and noise. The best linear unbiased prediction and its covariance are those of universal kriging
+(Cressie 1993, section 3.4). The variances of f are estimates: with fixed weights the variance of a predicted point is
+linear in them, and its upper quartile follows from their covariance, and counts far from all measured poses. Near them
+a factor of the predicted variance is chosen so that 95 % of the poses left out in turn lie within their 95 % bounds
+(``estimation``).
 
-How alike two poses' errors are: covariances of the joints' offsets, by how far apart the joint positions are.
+Each joint is off by the sum of a function of its own position, as gears are, and one of all positions, as compliant
+links are. Either is a sum of stationary processes of several lengths (Rasmussen & Williams 2006, section 4.2): Matern's
+with 3/2 of the own position; with 1/2 of all, which assumes no smoothness, and with 5/2 and longer lengths, as the sag
+of springs varies. Distances of hinges are chords, 2 sin(d / 2); a slide's are in units of 0.3 m.
 
-Each joint is off by the sum of a function of its own position, as gears are, and one of all positions, as what gives
-way is. Either is a sum of stationary Gaussian processes of several lengths (Rasmussen & Williams 2006, section 4.2):
-Matern's with 3/2 of the own position; with 1/2 of all, which trusts no smoothness that nobody measured, and beside it
-with 5/2 and longer lengths, as the sag of springs varies: the data choose how much of each. Distances of hinges are
-chords, 2 sin(d / 2), so that a whole turn leads back; a slide's are in units of 0.3 m.
-
-Measured numbers of poses, reduced to those that the joints' offsets move, and their covariances.
-
-All numbers of one pose depend on the same offsets of its joints. A pose with three targets has nine numbers and six
-joints: an orthogonal transformation of the nine leaves six that depend on the offsets and three that have the noise
-alone. The likelihood is that of all nine, and the covariance matrix is two thirds as large.
+All numbers of one pose depend on the same offsets. A pose with three targets has nine numbers and six joints: an
+orthogonal transformation leaves six that depend on the offsets and three with the noise alone. The likelihood is that
+of all nine, and the covariance matrix is two thirds as large.
 """
 
 from collections.abc import Iterator, Sequence

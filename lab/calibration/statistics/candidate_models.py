@@ -1,27 +1,17 @@
-"""Candidate models of one set of measurements: every model that groups of parameters make.
+"""Score candidate models of one set of measurements: all that groups of parameters make.
 
-All nested models of one large model at once: near a solution every one of them is linear.
+Near a solution every nested model is linear. One orthogonal factorization of the large model's whitened Jacobian beside
+the residual holds each nested one's sum of squares, and one for each fold the predictions of the other poses.
 
-One orthogonal factorization of the large model's whitened Jacobian beside the residual holds each nested one's
-sum of squares in its triangle, and one for each fold what the other poses predict there.
+A wave of which less than half lies in its joint's measured range looks like a slope and a curvature there, and
+diverges outside of it together with other slow waves. So such a wave is fitted only where it is determined as surely as
+a wave of a gear, and so is a ratio, the slope itself.
 
-How well a parameter of an effect has to be known to be of any use where nothing was measured.
-
-A wave of which less than half lies in its joint's measured range looks like a slope and a curvature there, and the
-geometry and other slow waves do too. Fitted all the same, they grow against each other, and leave the measured range
-with the difference of large numbers. So such a wave is fitted only where it is known as surely as a wave of a gear, and
-so is a ratio, the slope itself: of a joint that moved through 60 degrees it takes what a spring's second wave leaves.
-
-Which of hundreds of small groups of parameters a robot has: a search on the linearized problem, with one level.
-
-A group here is one joint's or link's: its error is a few functions of the pose, such as the sine and cosine of twenty
-times the joint's angle. All are tried at once by how much of the residual they explain beyond what is fitted already
-(the score test), the best is taken, and so on: orthogonal matching pursuit (Pati, Rezaiifar & Krishnaprasad 1993).
-
-The level is that of the whole search. How far the best of all groups lowers the squares by chance is found by flipping
-the signs of whole configurations' residuals (Hemerik, Goeman & Finos 2020). So the level holds where the noise is no
-instrument's: where joints scatter from pose to pose, and move all targets of a pose together, where errors have heavy
-tails, or differ over the workspace.
+Groups of single joints or links, of which there are hundreds, are searched on the linearized problem: all are tried by
+how much of the residual they explain beyond what is fitted (the score test), the best is taken, and so on (orthogonal
+matching pursuit: Pati, Rezaiifar & Krishnaprasad 1993). The level is that of the whole search. The largest fall of the
+squares by chance is found by flipping the signs of whole configurations' residuals (Hemerik, Goeman & Finos 2020), so
+the level holds also for joint scatter, heavy tails and variances that differ over the workspace.
 """
 
 from collections.abc import Callable, Mapping, Sequence

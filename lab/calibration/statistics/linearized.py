@@ -1,14 +1,12 @@
-"""A fit's linear problem pose by pose, and what noise alone makes of the poses' residuals.
+"""Linearize a fit pose by pose, for all tests of residuals: outliers, goodness of fit, lagging joints.
 
-Every test of residuals stands on it: outliers, goodness of fit, lagging joints. Near the solution the whitened
-residual of all poses is r = (I - Q Q') e, whatever the parameters are (Cook & Weisberg 1982, section 2.1).
+Near the solution the whitened residual of all poses is r = (I - Q Q') e, whatever the parameters are (Cook & Weisberg
+1982, section 2.1).
 
-Whitened rows of a linear problem, in clusters whose errors may be correlated, and a test that allows for it.
-
-An error of the joints moves all targets of a pose together, what a model lacks repeats at each visit of a pose, and
-poses far from the base are moved more than others. So a cluster is a configuration of the arm, however often it is
-measured. The covariance of what columns add to a fit comes from the jackknife over clusters, which assumes neither
-independent rows nor equal variances (Bell & McCaffrey 2002, CR3).
+Rows of one configuration may have correlated errors: an error of the joints moves all targets of a pose together, and
+model discrepancy repeats at each visit. So a cluster is a configuration, however often it is measured. The covariance
+of what columns add to a fit comes from the jackknife over clusters, which assumes neither independent rows nor equal
+variances (Bell & McCaffrey 2002, CR3).
 """
 
 from collections.abc import Iterator, Sequence

@@ -1,14 +1,12 @@
-"""Sources of the remaining error: the instrument, errors that poses share, and an unexplained rest.
+"""Split the remaining error into the instrument, errors that poses share, and an unexplained rest.
 
 The mean square of the residuals is the instrument's part (given, or estimated from rigid distances), that of the noise
 model beside it, and a rest. A rest that is correlated at neighbouring joint positions is the arm's, one correlated
 from pose to pose is time's: the mean product of neighbours' residuals over their mean square, against permutations.
 
-How much of the error each group of effects explains, beside geometry and the other groups.
-
-On the linear problem at the fit, what a group adds to the predictions is J_g v_g, its parameters away from zero.
-Without it the others would be fitted anew and take up what they can: what is left of it is the part that is orthogonal
-to their columns (Seber & Lee 2003, section 3.9). Overlapping effects each look small alone.
+On the linear problem at the fit, a group of effects adds J_g v_g to the predictions. Without it the others would be
+refitted: the part orthogonal to their columns is left (Seber & Lee 2003, section 3.9). Overlapping effects each look
+small alone.
 """
 
 from collections.abc import Mapping, Sequence
