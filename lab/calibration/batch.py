@@ -12,7 +12,6 @@ log(R_measured' R_predicted) of a frame fixed to it.
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,31 +46,6 @@ _CHORD_SETTLED = 1e-8  # of the chord method, which gains two digits a step
 _RANK_TOLERANCE = 1e-10  # of the normal equations of unit columns
 
 
-class _BatchObservation(Protocol):
-    """Observations of b campaigns, with the arms that predict them from parameters ``(b, p)``."""
-
-    def __len__(self) -> int:
-        """Return the number of campaigns."""
-
-    def take(self, rows: NDArray[np.int_]) -> Self:
-        """Select campaigns, also more than once."""
-
-    def residual(self, values: Array) -> Array:
-        """Whitened residual ``(b, r)``, measured less predicted."""
-
-    def linearized(self, values: Array, free: Sequence[int]) -> tuple[Array, Array]:
-        """Whitened derivatives ``(b, f, r)`` of the prediction by the ``free`` parameters, and the residual."""
-
-    def settled(self, step: Array, squares: Array, tolerance: float) -> NDArray[np.bool_]:
-        """Check which steps ``(b, f)`` are the last ones: ``(b,)``.
-
-        Args:
-            step: of the free parameters, m and rad.
-            squares: ``(b,)`` of the moves of the whitened prediction.
-            tolerance: m or rad.
-        """
-
-
 @dataclass(frozen=True)
 class BatchFits:
     """Results of a batch of fits.
@@ -88,7 +62,7 @@ class BatchFits:
 
 
 def _fit_batch(
-    observed: _BatchObservation,
+    observed: "PointBatch | _PoseBatch",
     start: Array,
     free: Sequence[int],
     *,
@@ -123,7 +97,9 @@ def _fit_batch(
 _Part = tuple[Array, NDArray[np.bool_], NDArray[np.int_], Array]
 
 
-def _gauss_newton(block: _BatchObservation, values: Array, free: list[int], shortest: bool, max_steps: int) -> _Part:
+def _gauss_newton(
+    block: "PointBatch | _PoseBatch", values: Array, free: list[int], shortest: bool, max_steps: int
+) -> _Part:
     """Solve normal equations of unit columns: the condition of a base set leaves them ten digits."""
     information = np.empty((len(block), len(free), len(free)))
 
@@ -150,7 +126,7 @@ def _gauss_newton(block: _BatchObservation, values: Array, free: list[int], shor
     return values, found.converged, found.iterations, information
 
 
-def _chord(block: _BatchObservation, values: Array, free: list[int], max_steps: int) -> _Part:
+def _chord(block: "PointBatch | _PoseBatch", values: Array, free: list[int], max_steps: int) -> _Part:
     """Take the Jacobian at the first campaign's start for all campaigns and steps: x += pinv(J0) r."""
     first = np.zeros(1, dtype=np.int_)
     rows = block.take(first).linearized(values[first], free)[0][0]  # (f, r)

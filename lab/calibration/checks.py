@@ -551,7 +551,7 @@ def check_joint_signs(fitter: Fitter, rows: Measurements) -> list[Check]:
     if not fitter.kind.in_instrument_frame or not isinstance(fitter.robot.arm(fitter.targets), SerialArm):
         return []
     rows = thinned(rows, _SIGN_ROWS)
-    tolerance, given = fitter.tolerance, _identified(fitter, rows)
+    tolerance, given = fitter.options.tolerance, _identified(fitter, rows)
     tried = []
     for j, name in enumerate(rows.joint_names):
         signs = np.where(np.arange(rows.joints.shape[1]) == j, -1.0, 1.0)

@@ -197,13 +197,8 @@ class Fitter:
         """Options of the identification."""
         chosen = self.options
         automatic = chosen.prior == "auto"  # what the joints' offsets explain is fitted to parameters without a prior
-        tolerance = self.tolerance if chosen.prior == "on" or (automatic and not chosen.residual) else None
+        tolerance = chosen.tolerance if chosen.prior == "on" or (automatic and not chosen.residual) else None
         return IdentifyOptions(chosen.fix, chosen.free, tolerance, automatic, self.kind.solve)
-
-    @property
-    def tolerance(self) -> Tolerance:
-        """Manufacturing tolerance."""
-        return self.options.tolerance
 
     def modelled(self, groups: Sequence[str], fixed: Sequence[str]) -> tuple[Model, IdentifyOptions]:
         """Return the arm with these groups less the parameters held, and the options of its identification."""

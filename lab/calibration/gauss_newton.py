@@ -239,10 +239,10 @@ def fit(
 ) -> Fit:
     """Fit the free parameters by least squares from ``start``, the others fixed.
 
-    Gauss-Newton; where its step does not lower the cost, a damped one. It has converged when a full
-    step would move the predicted points by less than ``tolerance_m`` (root mean square, of what is
-    weighted as one metre); that step is still taken, so that what remains is its square. It stalls on an ill-conditioned
-    problem ("in a valley") where 25 damped steps in a row lower the cost by less than a thousandth each.
+    Gauss-Newton; where its step does not lower the cost, a damped one. It has converged when a full step would move the
+    predicted points by less than ``tolerance_m`` (root mean square, of what is weighted as one metre); that step is
+    still taken, so that what remains is its square. It stalls on an ill-conditioned problem ("in a valley") where 25
+    damped steps in a row lower the cost by less than a thousandth each.
 
     Args:
         start: ``(p,)`` all parameters.

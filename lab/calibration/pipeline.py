@@ -275,7 +275,7 @@ def _check_fit(state: Fitted) -> Fitted:
         if (count := len(state.given)) > MOST_CHOSEN_BY:
             checks.append(Check("selection.thinned", "noted", data={"used": MOST_CHOSEN_BY, "count": count}))
     if options.prior == "on":
-        checks += check_prior(found, nominal, fitter.tolerance)
+        checks += check_prior(found, nominal, fitter.options.tolerance)
     checks += check_nominal(found, nominal) + check_size(found)
     if only_positions(observation_of(found.model)):
         checks += check_instrument(fitter.noise.instrument, state.rows.points)
@@ -436,7 +436,7 @@ def _judge(state: Fitted) -> Fitted:
         judged,
         judging.gate_m,
         goodness=state.adequacy,
-        tolerance=fitter.tolerance,
+        tolerance=fitter.options.tolerance,
         measured=state.measured,
         findings=state.findings,
         prediction=prediction,
@@ -450,7 +450,7 @@ def _judge(state: Fitted) -> Fitted:
     if judging.holdout_last is not None:
         order, most_m = rows_in_time(state.rows), word.region.uncalibrated_rms_m / np.sqrt(3)
         left = for_later_rows(left, found, state.observations, order, most_m)
-    bounds = bounds_at(found, left, validation, state.measured, own_tolerance(found, fitter.tolerance, poses))
+    bounds = bounds_at(found, left, validation, state.measured, own_tolerance(found, fitter.options.tolerance, poses))
     return replace(state, prediction=prediction, bounds=bounds, verdict=doubted(word, doubts))
 
 

@@ -132,9 +132,9 @@ def changes_in_time(found: Identification, observed: Observations, rows: Measure
             best = what, scan, columns
     size, growth = _change_of_size(within, times), _steady_growth(within, changing[grows], times)
     first = min((each.p for each in (size, best and best[1]) if each is not None), default=1.0)
-    if growth is not None and tried * growth.p < CHANGE_IN_TIME and growth.p <= first:
+    if growth is not None and tried * growth[0] < CHANGE_IN_TIME and growth[0] <= first:
         ends = (rows.ids[i] for i in (int(np.argmin(times)), int(np.argmax(times))))
-        return [finding("change", growth.size / observed.typical_weight, between=tuple(ends), what=grows)]
+        return [finding("change", growth[1] / observed.typical_weight, between=tuple(ends), what=grows)]
     if best is not None and tried * best[1].p < CHANGE_IN_TIME and (size is None or best[1].p <= size.p):
         what, scan, columns = best
         before, after = (rows.ids[i] for i in rows_around(times, scan.change.time))
@@ -188,21 +188,11 @@ def _changing(
     return columns
 
 
-@dataclass(frozen=True)
-class _Growth:
-    """A steady growth of the arm.
+def _steady_growth(within: SubsetFit, columns: Array, times: Array) -> tuple[float, float] | None:
+    """Test a growth proportional to the time within each session; None where the rows cannot show one.
 
-    Attributes:
-        p: the chance of as large a one, where nothing grew.
-        size: root mean square, whitened, of how far points moved by it from the first row to the last.
-    """
-
-    p: float
-    size: float
-
-
-def _steady_growth(within: SubsetFit, columns: Array, times: Array) -> _Growth | None:
-    """Test a growth that is proportional to the time within each session; None where the rows cannot show one.
+    Returns:
+        Its p-value, and the whitened root mean square move of points from the first row to the last.
 
     Args:
         columns: ``(poses, m, 1)`` whitened derivatives by the relative size of the arm.
@@ -222,7 +212,7 @@ def _steady_growth(within: SubsetFit, columns: Array, times: Array) -> _Growth |
     explained = pull**2 / left
     p = f_sf(explained / (max(squares - explained, 1e-300) / dof), 1, dof)
     count = max(int(linear.mask[: linear.poses].sum()), 1)
-    return _Growth(float(p), abs(pull / left) * span * float(np.sqrt(3 * (columns**2).sum() / count)))
+    return float(p), abs(pull / left) * span * float(np.sqrt(3 * (columns**2).sum() / count))
 
 
 def _spans(columns: Array, own: Array) -> bool:

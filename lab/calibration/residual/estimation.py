@@ -315,7 +315,20 @@ def with_residual(found: Identification, data: Measurements, estimated: JointPro
     factor = _factor(rows, variances, poses) if estimated is None else estimated.factor
     inputs = data_used.inputs(model.conditions)
     process = JointProcess(inputs, data_used.seen, variances, errors, weights, rows.kernels.turning, p, factor)
-    return _replaced(found, data, process, values, covariance)
+    with_process, whole = process.added_to(model), np.append(values, 1.0)
+    return replace(
+        found,
+        model=with_process,
+        values=whole,
+        nominal_aligned=np.append(found.nominal_aligned, 0.0),
+        fit=replace(found.fit, values=whole),
+        covariance=covariance,
+        dof_each=None,
+        sigma_m=found.sigma_m if found.sigma_given else process.noise_m,
+        residual_sigma_m=float(np.sqrt(process.upper[0])),
+        residuals=data.points - with_process.points(data.inputs(with_process.conditions), whole),
+        process=PredictedBy(process, model, values, found.fit.free),
+    )
 
 
 def _seen_at_poses(data: Measurements) -> NDArray[np.bool_]:
@@ -366,29 +379,6 @@ def _factor(rows: _Rows, variances: Array, poses: Iterable[_LeftOut]) -> float:
         errors += list(each.error.reshape(-1, 3))
         covariances += [each.covariance[i : i + 3, i : i + 3] for i in range(0, len(each.error), 3)]
     return bound_factor(np.array(errors), np.array(covariances), variances[0], np.array(priors))
-
-
-def _replaced(
-    found: Identification, data: Measurements, process: JointProcess, values: Array, covariance: Array
-) -> Identification:
-    base = found.model
-    assert isinstance(base, SerialArm | ArmWithEffects)
-    model = process.added_to(base)
-    whole = np.append(values, 1.0)
-    noise = process.noise_m
-    return replace(
-        found,
-        model=model,
-        values=whole,
-        nominal_aligned=np.append(found.nominal_aligned, 0.0),
-        fit=replace(found.fit, values=whole),
-        covariance=covariance,
-        dof_each=None,
-        sigma_m=found.sigma_m if found.sigma_given else noise,
-        residual_sigma_m=float(np.sqrt(process.upper[0])),
-        residuals=data.points - model.points(data.inputs(model.conditions), whole),
-        process=PredictedBy(process, base, values, found.fit.free),
-    )
 
 
 def _variances(numbers: _Numbers, known: float | None) -> tuple[Array, Array, float]:

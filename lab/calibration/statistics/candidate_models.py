@@ -207,55 +207,6 @@ class NestedModels:
         return weights, triangle @ weights
 
 
-def _nested_at(
-    observation: Observation,
-    observed: Observations,
-    values: Array,
-    columns: Sequence[int],
-    nominal: Array,
-    folds: _Labels,
-    clusters: _Labels,
-    extra_residuals: ExtraResiduals,
-    floor: float,
-    configurations: _Labels,
-) -> NestedModels:
-    """Return the large model near ``values`` ``(p,)``.
-
-    Args:
-        columns: the parameters that some nested model fits.
-        nominal: ``(c,)`` what they are where they are not fitted.
-        folds, clusters: ``(n,)`` labels: a row's fold, from 0 on, and what it is held out together with.
-        extra_residuals: what is known beside the measurements, weighted as they are.
-        configurations: ``(n,)`` labels from 0 on: rows whose errors may go together.
-    """
-    index, count = list(columns), int(folds.max()) + 1
-    predicted, jacobian = observation.model.observe(observed.inputs, values)
-    both = np.concatenate([jacobian[..., index], (observed.points - predicted)[..., None]], axis=3)
-    rows, mask = observed.apply(both), observed.seen
-    scale = np.append(np.linalg.norm(rows[:, :-1], axis=0), 1.0)
-    scale[scale == 0] = 1.0
-    residual, slopes = extra_residuals(values)
-    beside = np.column_stack([slopes[:, index], residual]) / scale
-    fold = np.repeat(folds[np.nonzero(mask)[0]], observed.points.shape[2])
-    parts = [_triangle([rows[fold == f] / scale]) for f in range(count)]
-    in_m = (both / observation.units[:, None, None])[:, : observation.positions or None]
-    inside = [mask[:, : in_m.shape[1]] & (folds == f)[:, None] for f in range(count)]
-    return NestedModels(
-        columns=tuple(columns),
-        scale=scale[:-1],
-        away=(values[index] - nominal) * scale[:-1],
-        whole=_triangle([*parts, beside]),
-        training=tuple(_triangle([*parts[:f], *parts[f + 1 :], beside]) for f in range(count)),
-        held_out=tuple(in_m[part] / scale for part in inside),
-        cluster=np.concatenate([clusters[np.nonzero(part)[0]] for part in inside]),
-        rows=len(rows) + len(residual),
-        floor=floor,
-        witnesses=ClusteredRows.of(
-            np.concatenate([rows / scale, beside]), configurations[np.nonzero(mask)[0]], both.shape[2]
-        ),
-    )
-
-
 def _triangle(parts: Sequence[Array]) -> Array:
     return np.asarray(np.linalg.qr(np.concatenate(parts), mode="r"))
 
@@ -390,7 +341,13 @@ class FullModel:
         extra_residuals = observation.extra_residuals(at)[1]
         fixed = named(model.names, option_name("fix"), task.request.of(model.names).fix)
         own = {name: task.parameters(name) for name in groups}
-        clusters = cv_groups_of(made, task.data)
+        clusters, sigma = cv_groups_of(made, task.data), 1.0 if known else alone.sigma_m
+        prior = weighted_constraints(observation, observed)
+        if task.request.tolerance is not None and not task.request.automatic:
+            base = base_set(model, at, prior_rows=extra_residuals)
+            prior = joined(prior, prior_of(model, base, start, task.request.tolerance).rows(sigma))
+        elif task.request.tolerance is not None and alone.prior is not None:  # an automatic one is geometry's alone
+            prior = joined(prior, alone.prior.rows(sigma, model.names))
         return cls(
             observation=observation,
             start=start,
@@ -405,7 +362,7 @@ class FullModel:
             clusters=clusters,
             configurations=configurations(task.data.joints),
             loads=np.nan_to_num(task.data.conditions.get(PAYLOAD, np.zeros(len(task.data)))),
-            extra_residuals=_prior(task, observation, observed, start, at, alone, alone.sigma_m if not known else 1.0),
+            extra_residuals=prior,
             floor=1.0 if known else LEAST_SIGMA_M,
         )
 
@@ -424,21 +381,36 @@ class FullModel:
 
     def around(self, found: Identification) -> NestedModels:
         """Return all nested models near an identified one."""
-        values = _filled(self.start, self.observation.model, found.model, found.values)
+        observation, observed = self.observation, self.observed
+        values = _filled(self.start, observation.model, found.model, found.values)
         effects = [i for group in self.groups.values() for i in group]
         columns = sorted({*self.fitted(found), *effects})
         nominal = np.array([self.start[i] if i in effects else values[i] for i in columns])
-        kinds = self.folds, self.clusters
-        return _nested_at(
-            self.observation,
-            self.observed,
-            values,
-            columns,
-            nominal,
-            *kinds,
-            self.extra_residuals,
-            self.floor,
-            self.configurations,
+        count = int(self.folds.max()) + 1
+        predicted, jacobian = observation.model.observe(observed.inputs, values)
+        both = np.concatenate([jacobian[..., columns], (observed.points - predicted)[..., None]], axis=3)
+        rows, mask = observed.apply(both), observed.seen
+        scale = np.append(np.linalg.norm(rows[:, :-1], axis=0), 1.0)
+        scale[scale == 0] = 1.0
+        residual, slopes = self.extra_residuals(values)
+        beside = np.column_stack([slopes[:, columns], residual]) / scale
+        fold = np.repeat(self.folds[np.nonzero(mask)[0]], observed.points.shape[2])
+        parts = [_triangle([rows[fold == f] / scale]) for f in range(count)]
+        in_m = (both / observation.units[:, None, None])[:, : observation.positions or None]
+        inside = [mask[:, : in_m.shape[1]] & (self.folds == f)[:, None] for f in range(count)]
+        return NestedModels(
+            columns=tuple(columns),
+            scale=scale[:-1],
+            away=(values[columns] - nominal) * scale[:-1],
+            whole=_triangle([*parts, beside]),
+            training=tuple(_triangle([*parts[:f], *parts[f + 1 :], beside]) for f in range(count)),
+            held_out=tuple(in_m[part] / scale for part in inside),
+            cluster=np.concatenate([self.clusters[np.nonzero(part)[0]] for part in inside]),
+            rows=len(rows) + len(residual),
+            floor=self.floor,
+            witnesses=ClusteredRows.of(
+                np.concatenate([rows / scale, beside]), self.configurations[np.nonzero(mask)[0]], both.shape[2]
+            ),
         )
 
     def fitted(self, found: Identification) -> tuple[int, ...]:
@@ -482,28 +454,6 @@ class FullModel:
     def _new(triangle: Array, known: Sequence[int], wanted: Sequence[int]) -> tuple[int, ...]:
         independent = independent_columns(triangle, [*known, *wanted])
         return tuple(i for i in wanted if i in independent)
-
-
-def _prior(
-    task: SelectionTask,
-    observation: Observation,
-    observed: Observations,
-    start: Array,
-    at: Array,
-    alone: Identification,
-    sigma: float,
-) -> ExtraResiduals:
-    """Return the prior information: of the observation, and the whole model's prior if one is requested.
-
-    An automatic prior is that of geometry alone.
-    """
-    beside = weighted_constraints(observation, observed)
-    if task.request.tolerance is None:
-        return beside
-    if task.request.automatic:
-        return beside if alone.prior is None else joined(beside, alone.prior.rows(sigma, observation.model.names))
-    structure = base_set(observation.model, at, prior_rows=observation.extra_residuals(at)[1])
-    return joined(beside, prior_of(observation.model, structure, start, task.request.tolerance).rows(sigma))
 
 
 def _filled(start: Array, model: Model, source: Model, values: Array) -> Array:
@@ -690,9 +640,6 @@ class TermSearch:
         """
         wanted = None if only is None else set(only)
         among = np.array([wanted is None or name in wanted for name in self.table.names], dtype=bool)
-        return tuple(self._taken(rng, most, among, level))
-
-    def _taken(self, rng: np.random.Generator, most: int, among: NDArray[np.bool_], level: float) -> list[FoundTerm]:
         taken: list[FoundTerm] = []
         while len(taken) < most:
             gram, scores = self._gram(), self._scores()
@@ -704,7 +651,7 @@ class TermSearch:
             if not new:
                 break
             taken += new
-        return taken
+        return tuple(taken)
 
     def _stage(self, pool: list[int], threshold: float, most: int) -> list[FoundTerm]:
         """Take significant groups of a pool, the one that lowers the squares most first."""
