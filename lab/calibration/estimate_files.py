@@ -216,7 +216,7 @@ def read_estimate(folder: Path, robot: NominalArm, load: CarriedLoad | None = No
     found, names = files.content, [row.name for row in rows]
     targets = tuple(name.split(".")[1] for name in names if name.startswith("tool.") and name.endswith(".x"))
     if not targets:
-        raise LabError(f"{folder}/{PARAMETERS_FILE}: has no tool (tool.p1.x…), so nothing is there to be aimed")
+        raise LabError(f"{folder}/{PARAMETERS_FILE}: has no tool (tool.p1.x…); identify again")
     groups = [name for name in found.model.split("+") if name != "geometric"]
     estimate = Estimate(
         rigid=robot.arm(targets),
@@ -300,7 +300,7 @@ def _read_covariance(path: Path) -> tuple[tuple[str, ...], Array]:
     table = CsvTable(path)
     labels = table.texts("parameter")
     if labels is None or tuple(table.header[1:]) != labels:
-        raise LabError(f"{path}: its rows are not those of its columns; identify again")
+        raise LabError(f"{path}: rows and columns name different parameters; identify again")
     try:
         matrix = np.array([table.texts(name) for name in labels], dtype=np.float64).T
     except ValueError as error:
@@ -368,7 +368,7 @@ def read_residual(
     except (LabError, ValueError) as error:
         raise LabError(f"{folder}: {error}; run lab calibrate or lab identify again") from error
     if not (np.abs(rows) <= NUMBER_SIZE.most).all():
-        raise LabError(f"{path}: has numbers that cannot be; run lab calibrate or lab identify again")
+        raise LabError(f"{path}: has impossible numbers; run lab calibrate or lab identify again")
     size, first = chain.size, chain.size + len(conditions)
     seen = rows[:, first : first + len(targets)] > 0
     turning = ~np.array(chain.prismatic, dtype=np.bool_)
@@ -450,7 +450,7 @@ def _row(joint: str, content: Mapping[str, float] | None, unit: str, factor: flo
     assert content is not None
     lower, upper, edge, slope = (content[name] for name in names)
     if not (lower <= upper and edge >= 0 and slope >= 0):
-        raise LabError(f"measured_range.{joint}: is no range with edges and a slope of zero or more")
+        raise LabError(f"measured_range.{joint}: needs lower <= upper, and an edge and a slope of zero or more")
     return [factor * lower, factor * upper, factor * edge, slope]
 
 

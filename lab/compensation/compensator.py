@@ -37,8 +37,8 @@ _MOST_LEFT_OUT_M = 10e-3  # of a place, by an arm with one or two joints; what i
 _AIMINGS = 3  # of the nominal model's inverse at what the arm misses, before Newton's method begins
 _ROUNDS = 50  # of the schemes (b) and (c)
 _SETTLED_M, _SETTLED_RAD = 1e-9, 1e-9  # an error that they leave
-_NO_OTHER = "; no other solution of the inverse is free of that and within limits"
-REQUESTED_BRANCH = "the row's joint positions ask for this solution, so leave them empty to have others tried"
+_NO_OTHER = "; every other IK solution has such a fault or is beyond limits"
+REQUESTED_BRANCH = "the row's joint positions choose this solution; leave them empty to try others"
 _BLOCK = 2_000  # targets that are worked out at a time
 _TRIED = 20  # random poses, in one of which the arm moves its tool every way if it ever does
 

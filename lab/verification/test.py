@@ -346,8 +346,7 @@ def verify(
     if refit and (fit.dof < 1 or fit.numbers <= requested):
         count = counted(len(observed.points), "pose")
         raise LabError(
-            f"{count} cannot place {' and '.join(refit)} anew and still say whether the arm is good: "
-            "measure more, or refit less"
+            f"{count} cannot place {' and '.join(refit)} anew and also test the arm: measure more, or refit less"
         )
     test = change_test(prediction, fit)
     expected = problem.expected_m(fit)

@@ -55,7 +55,7 @@ class InstrumentNoise:
             )
         sigma, low, high = (f"{MICRONS.of(size):.3g}" for size in (self.sigma_m, self.low_m, self.high_m))
         return (
-            f"the distances between the targets say that the instrument's noise per axis is {sigma} µm (95 % interval "
+            f"by the distances between the targets the instrument's noise per axis is {sigma} µm (95 % interval "
             f"{low} to {high} µm, {self.dof} degrees of freedom)"
         )
 

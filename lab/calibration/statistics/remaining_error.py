@@ -90,7 +90,7 @@ class RemainingError:
         if np.isfinite(self.instrument_m):
             messages.append(f"the instrument makes {MM.text(self.instrument_m, 2)} of it")
         if self.shared_m:
-            messages.append(f"what poses share {MM.text(self.shared_m, 2)}")
+            messages.append(f"errors that poses share make {MM.text(self.shared_m, 2)}")
         if not self.is_explained:
             whose = "the instrument's or the arm's" if np.isnan(self.instrument_m) else "of unknown origin"
             messages.append(f"{MM.text(self.rest_m, 2)} is {whose}")
@@ -107,7 +107,7 @@ class RemainingError:
     def measure_next(self) -> str:
         """Advise on the next measurements."""
         if self.over_time is not None and self.over_time.is_shown and not self.shared_m:
-            return "measure a reference pose again and again, and write down time_s: the residuals follow the time"
+            return "measure a reference pose repeatedly, and record time_s: the residuals follow the time"
         if self.over_joints is not None and self.over_joints.is_shown:
             model = "auto+residual" if self.searched else "auto, then residual"
             return (
