@@ -76,8 +76,7 @@ def _fit_batch(
     Args:
         start: ``(b, p)``, or ``(p,)`` for all alike.
         frozen: take the Jacobian at the start of the first campaign for all steps (the chord method).
-        shortest: where the measurements do not tell the parameters apart, take the shortest step in unit columns;
-            else they must tell them apart.
+        shortest: take the shortest step in unit columns where parameters are not identifiable; else all must be.
     """
     count = len(observed)
     order = np.arange(-(-count // block) * block)
@@ -406,7 +405,7 @@ def fit_poses(
 ) -> BatchFits:
     """Gauss-Newton from ``start`` ``(b, p)`` over the free parameters of every campaign, the others held.
 
-    Where the measurements do not tell the free parameters apart, each step is the shortest (in unit columns).
+    Where the free parameters are not identifiable, each step is the shortest (in unit columns).
 
     Args:
         position_weight: one over the standard deviation of a coordinate, 1/m; 0 leaves positions out.

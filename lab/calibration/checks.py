@@ -318,7 +318,7 @@ def check_joints(
         moves: ``(n, joints)`` from the pose measured before each row, whether that was fitted or not.
         encoders: those of the robot's table; None where it names none.
     """
-    if (some := evenly(len(rows), _MOST_POSES)) is not None:  # very many say no more
+    if (some := evenly(len(rows), _MOST_POSES)) is not None:  # more change nothing
         seen, rows, moves = seen.take(some), rows.take(some), moves[some]
     model, checks = found.model, list[Check]()
     if encoders is not None:
@@ -439,13 +439,13 @@ def check_improvement(validation: Validation) -> list[Check]:
     return [_failed("validation.improvement", before_m=before, after_m=after)] if after >= before else []
 
 
-_LEAST_RESIDUAL_M = 1e-7  # below, residuals are rounding, and say nothing of the noise
+_LEAST_RESIDUAL_M = 1e-7  # below, residuals are rounding
 _MIN_DOF = 10
 _MANY = 10.0  # times the residuals' noise: what is given hides errors
 _UNIT = 100.0  # times the residuals' noise that a given one may be: a unit is a thousand
 _ANOTHER_INSTRUMENT = 500.0  # the same of an instrument that may be another one
 _LINK_LENGTH = re.compile(r"link\d+\.(a|d)")
-_LONG_M = 0.05  # a link that tells a scale: of shorter ones tolerances are as large
+_LONG_M = 0.05  # links by which a scale is tested: of shorter ones tolerances are as large
 _LEAST_LENGTHS = 3
 _LEAST_SCALE = 0.005  # steel is so much longer at 400 K more
 _MADE_M = 0.0015  # by which the longest link is to differ, too: three times what links are made to
@@ -478,7 +478,7 @@ def noise_beyond(
     """Refuse a noise that is far more than plausible for the robot and its instrument.
 
     Args:
-        noise_mm: the option; None where it was not given, and the rows say it.
+        noise_mm: the option; None where the rows give it.
         noise_m: standard deviation per axis of residuals with such an instrument.
         whose: the residuals' name in the message.
 
@@ -533,7 +533,7 @@ def in_other_numbers_or_poses(robot: NominalRobot, rows: Measurements) -> list[C
     if found := in_other_numbers(arm, slides, rows.joints, rows.points, nominal):
         return [found]
     left, size = trimmed_error(arm, rows.joints, rows.points, nominal, PLACED), spread(rows.points)
-    if not _FAR * size < left < size / CONSTANT_SPREAD:  # points that do not move say nothing of poses
+    if not _FAR * size < left < size / CONSTANT_SPREAD:  # points that do not move
         return []
     return [Check("given.poses", "failed", data={"off_m": left})]
 

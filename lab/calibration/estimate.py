@@ -226,7 +226,7 @@ class Estimate(Value):
         shared: errors of a measurement on another day beside the instrument's; None where there are none.
         component_errors: how well the variances of these are known, with slopes by the identified parameters of
             ``arm``; None where they are not estimates.
-        process: the offsets of the joints that no group explains; None where they were not asked for.
+        process: the offsets of the joints that no group explains; None where they were not fitted.
         measured: the fitted joint positions, and what the model may lack beyond them; None where not known.
         prior_acts_in: in how many directions tolerances of manufacture took part in the fit; None where a run of an
             older version does not keep it.

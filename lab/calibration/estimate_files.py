@@ -57,7 +57,7 @@ __all__ = [
 PARAMETERS_FILE, COVARIANCE_FILE, RESULT_FILE = "parameters.json", "covariance.csv", "result.json"
 RESIDUAL_FILE, POSES_FILE = "residual.csv", "fitted_poses.csv"
 _RANGE_KEYS = ("lower", "upper", "edge")
-_CONVERTED = "converted"  # status of rows that say the same in other parameters
+_CONVERTED = "converted"  # status of rows of the same arm in other parameters
 _MEND = "give the folder of a run of lab calibrate or lab identify, or make the run again"
 
 
@@ -158,7 +158,7 @@ class _EstimateFiles(NamedTuple):
     """The content of an estimate's files, before a robot is at hand.
 
     Attributes:
-        rows: every row of ``parameters.json``, those that say the same in other parameters too.
+        rows: every row of ``parameters.json``, also of the same arm in other parameters.
         identified: the parameters that ``covariance`` ``(f, f)`` is of.
     """
 

@@ -159,8 +159,8 @@ def joint_regions(joints: Array, turning: NDArray[np.bool_], count: int, seed: i
 
 _REGIONS = 8
 _MIN_REGION_POSES = 5 * _REGIONS
-_LEAST_FAR = 3  # regions with poses that the others do not cover: of fewer no variance is told
-_RIDGE = 1e-9  # of unit columns: what a region alone tells has a large covariance, not none
+_LEAST_FAR = 3  # regions with poses that the others do not cover: fewer give no variance
+_RIDGE = 1e-9  # of unit columns: directions that a region alone determines get a large covariance
 
 
 @dataclass(frozen=True)
@@ -306,18 +306,16 @@ def _excess(parts: list[_LeftOut]) -> float:
 _EDGE = 0.1  # of the measured positions of a joint, at either end of its range
 _MAX_BEYOND = 1.0  # rad or m beyond, that a slope is good for
 _LEAST_EDGE = 1e-3  # rad or m
-_MIN_EDGE_POSES = 4  # at an edge: fewer say nothing of a slope
+_MIN_EDGE_POSES = 4  # at an edge: fewer determine no slope
 _FEW_POSES = 2_000  # of an edge, in which so many configurations are looked for
-_SLOPE_POSES = 20_000  # from which slopes are told, where there are more
+_SLOPE_POSES = 20_000  # for slopes, where there are more
 _REGION_POSES = 2_000  # from which regions are left out, where there are more
 _LEAST_RANGE = 0.05  # rad or m: a joint that moved less has no edges to speak of
 _LEAST_SLOPES = 4
 _GEOMETRY = ("base", "tool", "link", *CAMPAIGN_SPECIFIC)  # all others are effects that vary with the joints
 _ROUNDING = 1e-9  # rad or m: a pose at the edge is not beyond it
 _TOLERANCE = 1e-8  # of the largest singular value of unit columns
-_MIN_SHARE = (
-    1e-2  # of an edge's squares that the fit leaves: an edge that it can follow says nothing of how it leaves it
-)
+_MIN_SHARE = 1e-2  # of an edge's squares that the fit leaves: an edge that it follows determines no slope
 
 
 @dataclass(frozen=True)
@@ -329,9 +327,9 @@ class MeasuredRange:
         turning: ``(joints,)`` whether a joint is a hinge.
         edge: ``(joints,)`` the width (rad, m) of the outer tenths that the slopes come from.
         slope: ``(joints,)`` one standard deviation of what a joint is off, as a share of how far it stands beyond; zero
-            where the edges of the range say of none.
+            where the edges of the range show none.
         growth: one standard deviation (rad, at a lever of a slide) of what every joint is off, for each unit of
-            distance beyond what is covered; zero where regions that are left out say of none.
+            distance beyond what is covered; zero where regions that are left out show none.
         unsure: as much (rad) of what effects explain where nothing near was measured; zero likewise.
         cover: the measured poses; None where only the range is known.
     """
@@ -394,9 +392,9 @@ def measured_range(
     """Return the range of the fitted poses and the discrepancy beyond; None where no positions were observed.
 
     Args:
-        observed: what it comes from, weighed as it was; of very many poses some tell slopes and regions.
+        observed: its measurements, weighted as they were; of very many poses a subset.
         prismatic: ``(joints,)`` which joints slide.
-        slopes: whether edges are asked; of a process that says itself what it does not know beyond they are not.
+        slopes: whether to estimate slopes at edges; not beside a process, which has its own uncertainty there.
     """
     observation = observation_of(found.model)
     if not only_positions(observation):
@@ -471,7 +469,7 @@ def _slopes(found: Identification, model: Model, observed: Observations, joints:
     errors = variance / weights[significant]
     if not (shared := _shared_variance(estimates, errors, dof)):
         return nothing
-    trust = shared**2 / (shared**2 + errors)  # an edge that says little says what all of them do (empirical Bayes)
+    trust = shared**2 / (shared**2 + errors)  # uncertain edges shrink to all others (empirical Bayes)
     joint = np.array([joint for joint, _ in edges])[significant]
     own = np.bincount(joint, (trust * estimates) ** 2 + trust * errors, joints.shape[1])
     count = np.bincount(joint, minlength=len(nothing))
@@ -500,7 +498,7 @@ def _is_enough(joints: Array) -> bool:
 def _shared_variance(estimates: Array, variances: Array, dof: int) -> float:
     """Return the standard deviation of numbers beyond their errors: weighted squares are then as expected.
 
-    The slope of a new edge is another draw of a variance that so few estimates say: Student's t has this one.
+    The slope of a new edge is another draw of a variance from few estimates: that of Student's t.
     """
     count = len(estimates)
     squares = float((estimates**2 / variances).sum())

@@ -48,7 +48,7 @@ class Named:
 
     Attributes:
         id, line: of its row; no line where there is no file.
-        size_m: how far its farthest target is from where the other poses say it is.
+        size_m: distance of its farthest target from the prediction by the other poses.
         p: the chance that noise alone makes any pose of a campaign stand out as far.
         held_out: whether it was not fitted, but is judged by.
     """
@@ -107,14 +107,14 @@ class Fitted:
         fitter: of the arm; after the model is selected with the errors that the measurements share.
         given: the rows to fit.
         progress: takes how many folds of a cross-validation are done of how many.
-        selection: of the model's groups, where that was asked for.
-        unshown: parameters of these that the selection found the poses not to show: held at zero.
+        selection: of the model's groups, on request.
+        unshown: parameters of these that are not observable in these poses: fixed at zero.
         rows: those that the parameters come from.
         weighted: the fit, with the covariance that follows from its weights.
         observations: ``rows``, weighted as they were fitted.
         identification: the fit, with the intervals that the residuals support.
         outlier_search: the search for outliers that a robust fit ended with; None before one.
-        outliers: poses that are off: left out if asked for, else fitted all the same.
+        outliers: left out of the fit on request.
         tail_dof: degrees of freedom of Student's t that the noise's tails are like; infinite where Gaussian's will do.
         measured: the joint positions of ``rows``, and what the model may lack beyond them; None where no points were
             observed.

@@ -39,7 +39,7 @@ __all__ = ["MOST_CHOSEN_BY", "Estimator", "FitOptions", "Fitter", "NominalRobot"
 _CLEANINGS = 5  # of the poses and what they are validated on
 _BALANCINGS = 3  # of the weights of poses and the choice of groups by each other
 _MOST_NAMED = 3  # effects that a model lacks, in a sentence: more are not looked for
-_MOST_TESTED = 1_000  # poses by which such effects are looked for: of more than that each shows hardly more
+_MOST_TESTED = 1_000  # poses by which such effects are searched
 MOST_CHOSEN_BY = 8_000  # poses by which groups are chosen: 1 GB
 
 _T = TypeVar("_T")
@@ -86,7 +86,7 @@ class FitOptions:
         residual: whether what no group explains is predicted as offsets of the joints.
         robust: whether outliers are left out.
         fix, free: names or patterns of parameters to fix at nominal, or to identify though usually fixed.
-        prior: use of the tolerances of manufacture: where measurements say little, everywhere, or not at all.
+        prior: use of the tolerances of manufacture: along weakly observable directions, everywhere, or not at all.
     """
 
     groups: tuple[str, ...] = ()
@@ -395,7 +395,7 @@ class Fitter:
         """Describe the data for a group that are missing in the rows to be judged by; empty if none."""
         for rows, without in self.judged_by:
             if group not in without:
-                with suppress(LabError):  # a group that cannot be built says so elsewhere
+                with suppress(LabError):  # a group that cannot be built is reported elsewhere
                     conditions = self._arm_with([group]).conditions
                     try:
                         rows.inputs(conditions)

@@ -201,7 +201,7 @@ def _reach(found: Identification, rows: Measurements, noise: Noise) -> float:
     return float(max(np.abs(white).max(), 1e-300))
 
 
-_WITHIN = 7.0  # standard deviations, as the median of the sizes says them
+_WITHIN = 7.0  # standard deviations, estimated by the median of the sizes
 _MEDIAN = 0.6744897501960817  # of a standard normal's size
 _DOFS = np.array([2.2, 2.6, 3.0, 3.5, 4.0, 5.0, 6.0, 8.0, 12.0, 20.0, 40.0, np.inf])
 _SCALES = np.linspace(0.6, 1.25, 27)  # of the median's standard deviation

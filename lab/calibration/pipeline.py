@@ -292,7 +292,7 @@ def _measure_range(state: Fitted) -> Fitted:
 
     Needs: ``weighted``. Adds: ``measured``.
     """
-    slopes = not state.fitter.options.residual  # whose process says itself what it does not know beyond an end
+    slopes = not state.fitter.options.residual  # whose process has its own uncertainty beyond an end
     prismatic = state.fitter.robot.chain.prismatic
     return replace(state, measured=measured_range(state.weighted, state.observations, prismatic, slopes=slopes))
 

@@ -33,7 +33,7 @@ __all__ = [
     "standard_deviations",
 ]
 
-_WEAK = 1.0  # of a direction's prior standard deviation: measured better, the measurements know more than the prior
+_WEAK = 1.0  # of a direction's prior standard deviation: measured better, a direction is not weak
 _SCALES = np.geomspace(1.0, 1e4, 369)  # of the tolerances as they are given, by 2.5 %: none is below one
 _NO_SLOPE = 1e-12  # of the largest singular value: below, there is none
 
@@ -66,7 +66,7 @@ class Prior:
         return lambda values: (jacobian @ (self.mean - values), jacobian)
 
     def knows_less(self, covariance: Array) -> bool:
-        """Decide whether measurements of this covariance ``(m, m)`` know every direction better, at any scale."""
+        """Decide whether measurements of this covariance ``(m, m)`` are better in every direction, at any scale."""
         return bool(np.trace(self.whiten @ covariance @ self.whiten.T) < _WEAK**2)
 
     def surprise(self, values: Array) -> Array:
@@ -197,11 +197,11 @@ def prior_of(
 ) -> Prior:
     """Return the prior of the base set that the tolerances of all parameters make.
 
-    What has no nominal value (base, tool, fixtures) has no prior; an error of a link that goes into it alone tells
-    nothing.
+    What has no nominal value (base, tool, fixtures) has no prior; an error of a link that goes into it alone is
+    uninformative.
 
     Args:
-        links_alone: whether effects have none either: whether there are any is for a test to say.
+        links_alone: whether effects have none either; tests decide whether there are any.
     """
     sigma = standard_deviations(model, tolerance)
     if links_alone:

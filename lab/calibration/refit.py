@@ -24,7 +24,7 @@ __all__ = ["DETERMINED", "dependent_columns", "placed_anew"]
 DETERMINED = 1e-6  # of a column's length that those before it leave unexplained: less, and it is not determined
 _SHARES = ((1e-3, 0.03), (DETERMINED, 1e-4))  # undetermined by less, and what validated poses may feel of that
 _CLEAR = 1e3  # condition number from which on a guess of all at once may lead astray
-_STEPS = 40  # of a fit that may have a valley of a floor
+_STEPS = 40  # of a fit that may be ill-conditioned
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ def dependent_columns(columns: Array, tolerance: float) -> tuple[int, ...]:
 
 
 def _unfelt(slopes: Array, there: Array, retained: Sequence[int], fixed: Sequence[int], largest_effect: float) -> bool:
-    """Check whether predictions hardly change with a held parameter when the others are refitted."""
+    """Check whether predictions hardly change with a fixed parameter when the others are refitted."""
     if not fixed:
         return True
     known = ~np.isnan(there).any(axis=1)

@@ -92,7 +92,7 @@ def measured_region(found: Identification, observed: Observations, turning: NDAr
     there = slopes / linear.scale @ whole.directions
     left = np.eye(own.shape[1]) - own @ np.swapaxes(own, 1, 2)
     spread, axes = np.linalg.eigh(left)
-    turned = np.swapaxes(axes, 1, 2) @ own @ np.swapaxes(there, 1, 2)  # what the configuration tells of its own point
+    turned = np.swapaxes(axes, 1, 2) @ own @ np.swapaxes(there, 1, 2)  # its own leverage
     more = ((turned**2).sum(axis=2) / np.maximum(spread, _LEAST_LEFT)).sum(axis=1)
     return Region("measured", inputs, np.asarray(1 + more / np.maximum((there**2).sum(axis=(1, 2)), 1e-300)))
 

@@ -1,6 +1,6 @@
 """Define a sensor: how its readings of an arm are found in a file, modelled, weighted and named.
 
-``lab.sensors`` has a module for each sensor; identification knows this interface alone.
+``lab.sensors`` has a module for each sensor; identification uses this interface alone.
 """
 
 from abc import ABC, abstractmethod
@@ -30,7 +30,7 @@ class SensorTerms:
         reading: what one row of a file holds: ``length of the cable``.
         error: what is left of one after the fit: ``error of the cable's length``.
         placed: what has no nominal value and is fitted even before the links are: ``tool and anchors``.
-        names_targets: whether the names of the targets say anything of what was measured.
+        names_targets: whether the names of the targets are informative.
     """
 
     measured: str

@@ -21,7 +21,7 @@ def station_poses(model: Model, values: Array, data: Measurements) -> dict[str, 
     """Return poses ``(4, 4)`` (m) of all stations by name, in the frame of the first, which comes first.
 
     Args:
-        model: with parameters ``(p,)`` that say where the others stand.
+        model: with parameters ``(p,)`` of the poses of the others.
     """
     further = {
         condition.removeprefix(STATION): values[list(indices)]
@@ -35,8 +35,8 @@ def in_first_frame(model: Model, values: Array, inputs: Array, points: Array) ->
     """Return points ``(n, k, 3)`` m, each row from the frame of its station to the first one's frame.
 
     Args:
-        model: with parameters ``(p,)`` that say where the others stand.
-        inputs: ``(n, joints + conditions)``, which say what station it is.
+        model: with parameters ``(p,)`` of the poses of the others.
+        inputs: ``(n, joints + conditions)``, with the station as a condition.
     """
     first = inputs.shape[1] - len(model.conditions)
     for condition, indices in further_stations(model.parameters).items():

@@ -58,7 +58,7 @@ _UNIDENTIFIED = Check("validation.unidentified", "not tested")
 FOLDS, _LEAST_FOLDS = 5, 3
 MOST_OUTLIERS = 0.05  # of the validation poses, without a doubt about all of them
 ROWS_PER_PARAMETER = 1.5  # what each fold must leave to fit
-_REFERENCE_EVERY = 3  # the rows that place base or tool anew where a file does not say which
+_REFERENCE_EVERY = 3  # the rows that place base or tool anew where a file does not mark them
 
 _Rows = NDArray[np.int_]
 _Identify = Callable[[Measurements], Identification]

@@ -45,11 +45,11 @@ CONSTANT_SPREAD = 1e-6  # of what was measured, to the nominal model's: below, i
 _LARGEST_CHANGE_M, _LARGEST_CHANGE_RAD = 20e-3, np.deg2rad(10)  # of a link: beyond, it is another robot's drawing
 _LARGEST_ROTATION_RAD = 50e-3  # of measured orientations' residuals: no probe is that bad, and no calibration needs it
 MOST_TOLERANCES = 10.0  # that a link is from its nominal value
-_LEAST_GAIN = 0.9  # of the mean error: what is left of more is hardly an improvement
+_LEAST_GAIN = 0.9  # of the mean error: above, there is hardly an improvement
 _CLEAR_GAIN = 0.5  # of the mean error: below, a larger maximum is one pose's
 _WORSE = 1.1  # times the nominal model's mean error
 _NOISE_FLOOR = 1.5  # times what the noise and the parameters' covariance make of the error
-_UNINFORMATIVE = 0.5  # of what tolerances make of an arm: a calibration that predicts no less says little
+_UNINFORMATIVE = 0.5  # of what tolerances make of an arm: a calibration that predicts no less is uninformative
 _ROUGHLY = 1.1  # times the predicted mean error: as much a campaign's own differs from what is predicted
 _MOST_FITTED = 0.5  # of the validation poses: if more were fitted, they validate nothing
 _FLOOR_M = 1e-7  # errors below are rounding
@@ -73,7 +73,7 @@ class Verdict:
 
     Attributes:
         reasons: the failed checks that make it less than good, the heaviest first.
-        gate_m: the largest mean error that was asked for; None where none was.
+        gate_m: the largest mean error that is allowed; None for no limit.
     """
 
     word: Word
@@ -128,7 +128,7 @@ def judge(checks: Sequence[Check], gate_m: float | None = None) -> Verdict:
 
     Args:
         checks: of the fit, its validation and its predictions, with those of lack of fit and of the errors.
-        gate_m: the largest mean error that was asked for; None where none was.
+        gate_m: the largest mean error that is allowed; None for no limit.
     """
     foreign = _failed(checks, "arm")
     accuracy, because = _accuracy(checks)
@@ -473,7 +473,7 @@ class _Calibration:
     def _is_felt(self, of: Distance) -> bool:
         """Decide whether positions show that a link is another one, by more than the tolerances explain.
 
-        What a point near an axis hardly shows harms no prediction, however far from nominal it is estimated.
+        A weakly observable link harms no prediction, however far from nominal it is estimated.
         """
         errors, most = self.validation.errors, self.workspace.tolerance_rms_m
         model, nominal = self.identification.model, np.inf

@@ -147,7 +147,7 @@ def _correlated(
     """Return the measurements, weighted by the instrument, with the errors that they share.
 
     Args:
-        model: that predicts ``observed``; parameters that ``shared`` does not know are zero.
+        model: that predicts ``observed``; parameters without a value in ``shared`` are zero.
         known: whether the weights stand on a known sigma; else they are in units of ``shared.sigma_m``.
     """
     values = np.array([shared.values.get(name, 0.0) for name in model.names])

@@ -72,12 +72,12 @@ class WorkspacePrediction:
     Attributes:
         rms_m: root mean square, by the parameters' covariance.
         mean_m, p95_m: the mean, and the length that 95 % of the errors do not exceed, over poses and over campaigns
-            like this one; where the residuals are more than the noise, as large as they say.
+            like this one; scaled by the residuals where these exceed the noise.
         tolerance_rms_m: root mean square error of an arm within the tolerances that was never calibrated.
         beyond_share: the share of the poses that are beyond the measured joint positions, where the model is known to
-            be worse than its covariance; zero where nothing says so.
+            be worse than its covariance; zero if unknown.
         uncovered_share: the share of the poses that no measured pose is near, where the model is known to lack
-            something; zero where nothing says so.
+            something; zero if unknown.
     """
 
     rms_m: float
@@ -191,7 +191,9 @@ def predict_over_workspace(
     known = identification.sigma_given and not lack_of_fit
     dof = None if known else max(identification.dof, 1)
     larger = 1.0
-    if lack_of_fit and identification.sigma_given and identification.dof_each is None:  # the poses' own say it already
+    if (
+        lack_of_fit and identification.sigma_given and identification.dof_each is None
+    ):  # else the poses' own intervals have it
         larger = max(identification.residual_sigma_m / identification.sigma_m, 1.0)
     mean, most = MEAN_OF_RMS * rms, length_not_exceeded(squares, dof)
     return WorkspacePrediction(rms, larger * mean, larger * most, of_tolerances, beyond, uncovered)

@@ -76,7 +76,7 @@ class InputQuantity:
         anew: whether it is another one at each position; else all positions share it.
         shifts: ``(f, c)`` how far a unit of each component shifts the identified parameters; None for what does not
             come through the fit.
-        detail: what is meant by ``name``; empty where that says all.
+        detail: of ``name``; may be empty.
         placed: whether it is another error in each pose, of the fitted ones and of others.
     """
 

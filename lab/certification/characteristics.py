@@ -1,6 +1,6 @@
 """Characteristics of ISO 9283:1998, as far as the measurements of a calibration determine them.
 
-A position is commanded through the calibrated model: what the controller would have to be told to attain it. Accuracy
+A position is commanded through the calibrated model. Accuracy
 and repeatability are those of the positions alone, of each pose and target.
 """
 

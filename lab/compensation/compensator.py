@@ -141,7 +141,7 @@ class Compensation:
     Attributes:
         joints: ``(n, joints)`` that bring the identified arm's tool to each target; where that fails, those that come
             nearest.
-        uncorrected: ``(n, joints)`` that the nominal model says, in the same branch.
+        uncorrected: ``(n, joints)`` by the nominal model, in the same branch.
         positions, rotations: ``(n, 3)`` m, ``(n, 3, 3)``: the corrected targets in space, in the tracker's frame.
         reasons: why a target cannot be reached, one each; empty where it is reached.
         differential, cartesian: ``(n, joints)`` joint positions of the schemes (b) and (c).
@@ -216,7 +216,7 @@ class Compensator:
 
         Args:
             conditions: ``(n, c)``, what the arm's effects ask for.
-            reference: ``(n, joints)`` joint positions that say which way to take; NaN where that is free.
+            reference: ``(n, joints)`` joint positions that choose the IK branch; NaN where that is free.
         """
         count, before, whole = len(wanted), self.nominal.arm.chain.home, dict[str, Any]()
         for first in range(0, max(count, 1), _BLOCK):

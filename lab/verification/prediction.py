@@ -114,7 +114,7 @@ def _within(student: Any, bound: float, power: int) -> float:
 
 _POWER = 0.95  # with which a change that "would be noticed" is
 _ITERATIONS = 20
-_PLACED_BY = 4_000  # poses that say where base and tool are
+_PLACED_BY = 4_000  # poses that place base and tool
 _SETTLED = 1e-3  # standard deviations: a step that moves the predictions by less
 FULL_RANK = 1e-8  # of the largest singular value of unit columns
 
@@ -352,9 +352,9 @@ class VerificationProblem:
 
 
 STEP = 0.1  # of the logarithm of a variance, for differences
-_MOST_POSES = 100  # that say the degrees of freedom: of more they are much the same
+_MOST_POSES = 100  # that determine the degrees of freedom
 _MOST_DOF = 1_000_000
-_MOST_SHARE = 0.5  # of the numbers: what is told so badly that A2 were more is beyond an expansion
+_MOST_SHARE = 0.5  # of the numbers that A2 may be: beyond, the expansion does not hold
 
 
 def predict_measurements(
@@ -388,7 +388,7 @@ def predict_measurements(
     errors = estimate.component_errors
     if errors is None:
         return _beyond_range(_widened(observations, discrepancy), prediction, estimate.measured), prediction
-    if given or estimate.noise_m < LEAST_SIGMA_M:  # of what is hardly there nothing is estimated
+    if given or estimate.noise_m < LEAST_SIGMA_M:
         errors = errors.without("scale")
     return _of_estimated_noise(estimate, rows, noise, prediction, errors.of(retained))
 

@@ -239,7 +239,7 @@ def _sized(vector: Array, covariance: Array) -> tuple[float, float]:
     return length / each, float(np.sqrt(along @ covariance @ along)) / each
 
 
-_GAP = 6.0  # of the criterion: what is worse by less cannot be told from the best (Kass & Raftery 1995: "strong")
+_GAP = 6.0  # of the criterion: less is equivalent to the best (Kass & Raftery 1995: "strong")
 _STRUCTURE_POSES = 50
 
 
@@ -498,7 +498,7 @@ def _judged(
     left: _ChangeTest,
     alike: int,
 ) -> Hypothesis:
-    """Return a hypothesis of ``told`` parameters with its test; ``what`` is its kind, change and ``of``."""
+    """Return a hypothesis with its test; ``what`` is its kind, change and ``of``."""
     prediction, numbers = problem.prediction, problem.numbers
     bic = prediction.deviance(left.square, numbers) + determined * np.log(numbers) + 2 * np.log(alike)
     return Hypothesis(*what, size, determined, left.square, left.p, float(bic), not left.changed)

@@ -36,9 +36,9 @@ __all__ = ["NOTABLE", "NoiseSearch", "counted", "in_stretches", "search_noise"]
 
 NOTABLE = 0.1  # of the noise: what whole counts of the encoders make beside it
 _LEAST_ALONE = 0.1  # of a noise that was estimated with the counts in it: what it is at least without them
-_LEAST_POSES = 10  # fewer say nothing of how errors are shared
+_LEAST_POSES = 10  # fewer do not show shared errors
 _LEAST_DOF = 20
-_MOST_POSES, _STRETCHES = 4_000, 8  # by which very many measurements are told, and in how many stretches they lie
+_MOST_POSES, _STRETCHES = 4_000, 8  # rows used of very many, and the stretches that they are in
 _FLOOR_M = 1e-7  # an estimated sigma below is what arithmetic leaves, or the models of each other
 
 
@@ -51,7 +51,7 @@ class NoiseSearch:
         trials: every kind that was tried, with its p-value.
         deviance: minus twice the restricted log-likelihood of what was chosen.
         undecided: whether errors are shared that come back with the joints: what is drawn anew at each pose, and what
-            the model lacks, cannot be told apart.
+            the model lacks, are confounded.
     """
 
     shared: ErrorModel | None

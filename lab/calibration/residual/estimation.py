@@ -44,7 +44,7 @@ __all__ = ["ExpectedGain", "bound_factor", "expected_gain", "left_out", "with_re
 
 _MAX_LEFT_OUT = 300  # poses: their time grows with the numbers' square
 _TOGETHER = 20  # poses that are worked out at once
-_LEAST_NARROWING = 60  # points that may make bounds narrower: fewer say too little of the largest errors
+_LEAST_NARROWING = 60  # points that may make bounds narrower: fewer do not determine the largest errors
 _LEVEL, _LIMIT = 0.95, 7.814727903251179  # of chi^2 with three degrees of freedom
 _FACTORS = np.geomspace(1 / 16, 16.0, 97)
 
@@ -111,7 +111,7 @@ def bound_factor(errors: Array, covariances: Array, noise: float, prior: Array) 
         prior: ``(m,)`` sums of the three variances by the offsets before any measurement (m^2).
     """
     rank = int(np.ceil(_LEVEL * (len(errors) + 1)))
-    if rank > len(errors):  # too few to tell
+    if rank > len(errors):  # too few
         return 1.0
     alone = noise * np.eye(3)
     predicted = covariances - alone
@@ -126,14 +126,14 @@ def bound_factor(errors: Array, covariances: Array, noise: float, prior: Array) 
 
 _MOST_NUMBERS = 8_400  # that the process is conditioned on: its time grows with the third power
 _MOST_ESTIMATING = 900  # that the variances come from
-_LEAST_SPARE = 30  # numbers beyond the parameters, of which so many variances can be told
-_MIN_IDENTIFIABLE = 1e-6  # of what is known best: a mixture of variances that is told less well is not told at all
+_LEAST_SPARE = 30  # numbers beyond the parameters that determine so many variances
+_MIN_IDENTIFIABLE = 1e-6  # of the best determined: below this a mixture of variances is not identifiable
 _CYCLES, _SETTLED = 12, 2e-3
 _LONGEST = 16.0  # of an extrapolated step
 _LEAST_SHARE = 1e-6  # of the residuals' variance, that a component has at least
 _MOST_STEPS, _CONVERGED_M = 8, 1e-8
-_MOST_LEFT_OUT = 450  # numbers by which the gain is told
-_RATIOS = np.logspace(-2.0, 5.0, 29)  # of the process' variance to the noise's, of which the likeliest tells the gain
+_MOST_LEFT_OUT = 450  # numbers that estimate the gain
+_RATIOS = np.logspace(-2.0, 5.0, 29)  # of the process' variance to the noise's
 _LEAST_GAIN = 0.1  # of the error: less is not worth a group that names no cause
 
 

@@ -256,7 +256,7 @@ class JointProcess:
     """Offsets of an arm's joints, estimated from measurements.
 
     Attributes:
-        inputs: ``(s, joints + conditions)`` the poses that say it.
+        inputs: ``(s, joints + conditions)`` its poses.
         seen: ``(s, k)`` which targets were measured there.
         variances: ``(c,)`` of ``kernels.COMPONENTS``, m^2 of the noise and rad^2 (m^2 of a slide) of the others.
         errors: ``(c, c)`` covariance of their estimates.
@@ -354,7 +354,7 @@ class JointProcess:
 def scaled_by(factor: float, share: Array) -> Array:
     """Return the factor of predicted variances that are a ``share`` of those before any measurement.
 
-    More is more everywhere. Less is less only as far as measurements nearby tell the offsets: they showed that.
+    A factor above one applies everywhere, one below only near measurements, which determine the offsets.
     """
     return np.asarray(factor + max(1 - factor, 0.0) * np.clip(share, 0.0, 1.0))
 
@@ -362,7 +362,7 @@ def scaled_by(factor: float, share: Array) -> Array:
 def precisions(parameters: Sequence[Parameter]) -> Array:
     """Return ``(f,)`` prior precisions of the parameters about least squares: links to ten usual tolerances.
 
-    A direction that the poses hardly tell would else take up what the process does not, and lead far away.
+    A weakly observable direction would else take up what the process does not, and lead far away.
     """
     return np.array([1 / _AWAY[each.is_angle] ** 2 if each.is_link else 0.0 for each in parameters])
 

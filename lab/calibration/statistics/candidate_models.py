@@ -211,7 +211,7 @@ def _triangle(parts: Sequence[Array]) -> Array:
     return np.asarray(np.linalg.qr(np.concatenate(parts), mode="r"))
 
 
-TELLING = 1e-4  # rad or m: an effect of one joint that is known no better says nothing of poses beyond the measured
+TELLING = 1e-4  # rad or m: a less certain effect of one joint is not used beyond the measured poses
 _USEFUL: dict[Kind, float] = {"ratio": TELLING, "compliance": 1e-4, "section": 1e-4, "mass": 1.0}  # else WEAK
 _SUPPORTED = 0.5  # of a wave's length, in the measured range
 
@@ -420,7 +420,7 @@ class FullModel:
     def added(self, table: NestedModels, found: Identification, group: str) -> tuple[tuple[int, ...], tuple[int, ...]]:
         """Return the parameters of a group that add to an identified model, and those of them to be fitted.
 
-        Left out are those that these poses do not tell apart, and, the least known first, those whose standard
+        Left out are those that are not identifiable in these poses, and, the least certain first, those whose standard
         deviation would be larger than such an effect: fitted all the same, they run off to where the model is not
         linear, for nothing.
         """
@@ -466,7 +466,7 @@ _FLIPS = 999  # of signs: the level is exact for so many and one
 _STAGE = 8  # groups that are taken before all others are looked at anew
 _POOL = 48  # groups that a stage chooses from
 _LEFT = 1e-3  # share of a column's squares that what is fitted has to leave
-_TIE = 1e-3  # share of a fall by which groups that say the same differ beside geometry: the table's first is taken
+_TIE = 1e-3  # share of a fall by which groups that are equivalent beside geometry differ: the table's first is taken
 _APART = 1e-3  # share of the squares that two columns of a group have apart
 
 

@@ -45,8 +45,8 @@ __all__ = [
     "with_own_intervals",
 ]
 
-_MIN_INDEPENDENT = 1e-3  # of a column that the model does not say already
-_TOO_SMALL = 1 - 1e-4  # a p-value that says that the given noise is too large
+_MIN_INDEPENDENT = 1e-3  # of a column that the model does not explain
+_TOO_SMALL = 1 - 1e-4  # a p-value above: the given noise is too large
 _MOST_POSES = 8_000  # by which residuals are held against the joints
 
 
@@ -130,7 +130,7 @@ def _by_repeats(linear: LinearizedFit, labels: NDArray[np.int_]) -> Check | None
     """F of lack of fit against pure error: scatter between configurations and within their repeats; None without.
 
     Residuals are compared, not points, so that readings that differ a little do not count (Draper & Smith 1998,
-    section 2.1). Repeats tell of the noise of one setup alone.
+    section 2.1). Repeats show the noise of one setup alone.
 
     Args:
         labels: ``(n,)`` one a configuration (and session).
@@ -294,7 +294,7 @@ def sandwich(linear: LinearizedFit) -> _Sandwich:
         scores = np.einsum("nmf,nm->nf", bent, linear.residual[part])
         meat += scores.T @ scores
         for j, row in enumerate(within.back):
-            pulls = bent @ row  # (n, m) u_i, of which tr and tr of the square of diag(u_i'u_i) - S S' are asked for
+            pulls = bent @ row  # (n, m) u_i, of which tr and tr of the square of diag(u_i'u_i) - S S' are needed
             own, shared = (pulls**2).sum(axis=1), np.einsum("nmf,nm->nf", basis, pulls)
             inner[j] += shared.T @ shared
             cross[j] += own @ (shared**2).sum(axis=1)
@@ -378,7 +378,7 @@ def _by_distances(found: Identification, observations: Observations, rows: Measu
     """Test residuals against the instrument's noise, estimated from a tool's rigid distances.
 
     None where there are none, or where the noise is not the same in all directions: then distances, which lie across
-    the line of sight as often as not, do not say what it is.
+    the line of sight as often as not, do not determine it.
     """
     if found.sigma_given or not only_positions(observation_of(found.model)):
         return None

@@ -187,7 +187,7 @@ class SubsetFit:
         directions: ``(f, rank)`` from its columns to an orthonormal basis Q of the rows inside.
         root: ``(n, m, m)`` whitens a pose's residual: (I - H_ii)^-1/2 inside, (I + H_ii)^-1/2 outside.
         count: ``(n,)`` numbers of a pose that the other poses predict.
-        full_rank: whether the poses inside tell all parameters apart.
+        full_rank: whether the poses inside identify all parameters.
     """
 
     linear: LinearizedFit

@@ -10,7 +10,7 @@ Groups of single joints, of which there are hundreds, are searched beside these,
 (``candidate_models``).
 
 Last, a chosen group that bears loads is replaced by another one, and the arm identified anew. If that fits as well, by
-the likelihood alone, it is an alternative, and the pose at which the two arms differ most would tell them apart.
+the likelihood alone, it is an alternative, and the pose at which the two arms differ most would separate them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -118,7 +118,7 @@ class Selection:
     Attributes:
         chosen: its groups, in the order in which they were taken.
         groups: geometry alone, the chosen ones in their order, then the others.
-        alternatives: other explanations of what loads do, which these measurements cannot tell from the chosen ones.
+        alternatives: other effects of loads that are confounded with the chosen ones.
         searched: whether the groups were searched for, or were given.
     """
 

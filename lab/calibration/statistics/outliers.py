@@ -50,8 +50,8 @@ class Outliers:
         weights: ``(n,)`` Tukey's, where the search started; 1 is a pose like the others, 0 one far out.
         sigma_given: whether the given sigma was the test's measure. It is not where most residuals are beyond it.
         level: the chance that a campaign of noise alone has an outlier.
-        needed: rows that fail the test, but without which the others do not identify the parameters. They are fitted,
-            and the search ended there: the others cannot be judged beside them.
+        needed: rows that fail the test, but without which the others do not identify the parameters: they are fitted,
+            and end the search.
     """
 
     rows: NDArray[np.int_]
@@ -261,7 +261,7 @@ def _robust(
     poses are missed by more than before, is halved.
     """
     few = observed.thinned(_FIRST_POSES)
-    if few is not observed:  # what so many say comes near enough to what all do
+    if few is not observed:
         values, _, _ = _robust(model, few, free, start, extra_residuals, floor)
         return values, *_weights_at(model, observed, values, extra_residuals, floor)
     values, linear = start, linearized(model, observed, start, free, extra_residuals)

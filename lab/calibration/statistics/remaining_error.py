@@ -30,9 +30,9 @@ from lab.noise.error_model import ErrorModel
 __all__ = ["NEARLY", "ExplainedError", "RemainingError", "explained_errors", "remaining_error"]
 
 _DRAWS = 199  # (draws + 1) x level is a whole number
-_MOST_PAIRS = 5000  # whose likeness is told
+_MOST_PAIRS = 5000  # whose correlation is estimated
 _LEAST_POSES = 20
-NEARLY = 0.05  # of a group that was not taken: told
+NEARLY = 0.05  # p-value of a group that was not taken, but is reported
 _SMALL = 0.1  # of the mean square: a rest that needs no explanation
 
 
@@ -60,7 +60,7 @@ class RemainingError:
 
     Attributes:
         total_m: of the residuals, for the parameters that were fitted.
-        instrument_m: the instrument's part; NaN where nothing says it.
+        instrument_m: the instrument's part; NaN if unknown.
         shared_m: the part of joint scatter, wandering and drift.
         rest_m: what is left of the total.
         over_joints: of neighbours in joint positions; None where poses are few.
@@ -144,7 +144,7 @@ def remaining_error(
         residuals: ``(n, k, 3)`` m, NaN where not observed.
         joints: ``(n, joints)`` rad or m.
         order: ``(n,)`` when each pose was measured.
-        instrument_m: the instrument's noise of a coordinate; NaN where nothing says it.
+        instrument_m: the instrument's noise of a coordinate; NaN if unknown.
         scatter_slopes: ``(n, k, 3, joints)`` derivatives by the joints' positions.
     """
     mask = seen_mask(residuals)
@@ -207,8 +207,8 @@ def _likeness(residuals: Array, pairs: NDArray[np.int_]) -> _Likeness | None:
     return _Likeness(here, float((1 + np.count_nonzero(drawn >= here)) / (1 + _DRAWS)))
 
 
-_SPANNED = 1e-10  # of the largest singular value: a direction below says nothing
-_MOST_POSES = 4_000  # by which it is told
+_SPANNED = 1e-10  # of the largest singular value: directions below are dropped
+_MOST_POSES = 4_000  # used of more
 
 
 @dataclass(frozen=True)
