@@ -169,7 +169,7 @@ class _EstimateFiles(NamedTuple):
 
 
 def save_estimate(estimate: Estimate, folder: str | Path) -> None:
-    """Write an estimate into a new folder; ``lab.load_estimate(folder, robot)`` reads it.
+    """Write an estimate into a folder, which is created; ``lab.load_estimate(folder, robot)`` reads it.
 
     Example:
         >>> import lab, pathlib, tempfile
