@@ -16,7 +16,7 @@ from scipy import stats
 from shared import Answer, Document, Flag, Section, named_values, paragraphs, run_script
 
 from lab.calibration.gauss_newton import Observations, fit
-from lab.calibration.noise.tails import tail_dof
+from lab.calibration.outliers_and_noise import tail_dof
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.statistics.linearized import LinearizedFit, NoiseDistribution, linearized
 from lab.calibration.statistics.outliers import find_outliers
@@ -31,9 +31,8 @@ from lab.noise.error_term import Components, ErrorShapes
 from lab.noise.terms import correlation_of
 from lab.noise.variance_components import Estimate, RestrictedProblem, SmallSample, chosen_components, small_sample
 from lab.studies import executors
-from lab.verification.change_points import change_test
-from lab.verification.new_measurements import STEP, with_estimated_noise
-from lab.verification.prediction import CalibrationPrediction, VerificationProblem
+from lab.verification.prediction import STEP, CalibrationPrediction, VerificationProblem, with_estimated_noise
+from lab.verification.test import change_test
 
 SIGMA_M, SCATTER_RAD, CARRY, DRIFT_M, STEP_M, TAIL_DOF = 8e-6, 30e-6, 0.9, 60e-6, 50e-6, 3.0
 _ARMS = 5  # pose sets

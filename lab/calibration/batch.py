@@ -1,24 +1,17 @@
-"""Gauss-Newton for many campaigns at once: arms of one nominal model, solved in blocks by normal equations.
+"""Fit many campaigns at once by Gauss-Newton: arms of one nominal model, solved in blocks by normal equations.
 
-What was measured, and how the arms predict it, is a part (``BatchObservation``): positions at poses that all
-campaigns share (``PointBatch``), or positions and orientations at joint positions of their own (``PoseBatch``).
-A block always holds as many campaigns, the last one padded: a matrix product's last bits change with its size.
+A batch is of positions at poses that all campaigns share (``PointBatch``), or of positions and orientations at joint
+positions of their own (``PoseBatch``). A block always has as many campaigns, the last one padded: a matrix product's
+last bits change with its size.
 
-Positions of targets in many campaigns at the same poses, as ``batch`` fits them.
-
-The base is no unknown of size here: each campaign's points are first turned onto the nominal model (``align``), so
-that every fit begins with the base at rest, and one Jacobian can serve all.
-
-Poses of a target in many campaigns, as ``batch`` fits them: each arm has its own parameters and joint positions.
-
-The residuals are those of ``observations.full_pose``: a target's position, and log(R_measured' R_predicted) of a frame
-that is fixed to it. What is fitted, and to which of the two, is the caller's choice: together, or one after the other.
+Points are first turned onto the nominal model (``align``), so that every fit begins with the base at rest, and one
+Jacobian can serve all. Residuals of poses are those of ``sensors.full_pose``: a target's position, and
+log(R_measured' R_predicted) of a frame fixed to it.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,10 +30,8 @@ __all__ = [
     "BLOCK",
     "MAX_STEPS",
     "BatchFits",
-    "BatchObservation",
     "MeasuredPoses",
     "PointBatch",
-    "PoseBatch",
     "StackedPoseArm",
     "align",
     "fit_points",
@@ -50,34 +41,9 @@ __all__ = [
 
 BLOCK = 50  # campaigns solved together: what fits the processor's cache
 MAX_STEPS = 20
-SETTLED = 1e-9  # m or rad: a step below is still taken, so that what remains is its square
+_SETTLED = 1e-9  # m or rad: a step below is still taken, so that what remains is its square
 _CHORD_SETTLED = 1e-8  # of the chord method, which gains two digits a step
-RANK_TOLERANCE = 1e-10  # of the normal equations of unit columns
-
-
-class BatchObservation(Protocol):
-    """Observations of b campaigns, with the arms that predict them from parameters ``(b, p)``."""
-
-    def __len__(self) -> int:
-        """Return the number of campaigns."""
-
-    def take(self, rows: NDArray[np.int_]) -> Self:
-        """Select campaigns, also more than once."""
-
-    def residual(self, values: Array) -> Array:
-        """Whitened residual ``(b, r)``, measured less predicted."""
-
-    def linearized(self, values: Array, free: Sequence[int]) -> tuple[Array, Array]:
-        """Whitened derivatives ``(b, f, r)`` of the prediction by the ``free`` parameters, and the residual."""
-
-    def settled(self, step: Array, squares: Array, tolerance: float) -> NDArray[np.bool_]:
-        """``(b,)`` which steps ``(b, f)`` are the last ones.
-
-        Args:
-            step: of the free parameters, m and rad.
-            squares: ``(b,)`` of the moves of the whitened prediction.
-            tolerance: m or rad.
-        """
+_RANK_TOLERANCE = 1e-10  # of the normal equations of unit columns
 
 
 @dataclass(frozen=True)
@@ -86,8 +52,6 @@ class BatchFits:
 
     Attributes:
         values: ``(b, p)`` the parameters.
-        converged: ``(b,)``.
-        steps: ``(b,)`` number of steps.
         information: ``(b, f, f)`` J' J of the free parameters, whitened as the observation is.
     """
 
@@ -98,7 +62,7 @@ class BatchFits:
 
 
 def _fit_batch(
-    observed: BatchObservation,
+    observed: "PointBatch | _PoseBatch",
     start: Array,
     free: Sequence[int],
     *,
@@ -112,10 +76,7 @@ def _fit_batch(
     Args:
         start: ``(b, p)``, or ``(p,)`` for all alike.
         frozen: take the Jacobian at the start of the first campaign for all steps (the chord method).
-        shortest: where the measurements do not tell the parameters apart, take the shortest step in unit columns;
-            else they must tell them apart.
-        max_steps: take so many at most.
-        block: how many campaigns are solved together.
+        shortest: take the shortest step in unit columns where parameters are not identifiable; else all must be.
     """
     count = len(observed)
     order = np.arange(-(-count // block) * block)
@@ -135,8 +96,10 @@ def _fit_batch(
 _Part = tuple[Array, NDArray[np.bool_], NDArray[np.int_], Array]
 
 
-def _gauss_newton(block: BatchObservation, values: Array, free: list[int], shortest: bool, max_steps: int) -> _Part:
-    """Normal equations of unit columns: the condition of a base set leaves them ten digits."""
+def _gauss_newton(
+    block: "PointBatch | _PoseBatch", values: Array, free: list[int], shortest: bool, max_steps: int
+) -> _Part:
+    """Solve normal equations of unit columns: the condition of a base set leaves them ten digits."""
     information = np.empty((len(block), len(free), len(free)))
 
     def step(unknowns: Array, going: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
@@ -148,20 +111,22 @@ def _gauss_newton(block: BatchObservation, values: Array, free: list[int], short
         square = products / (scale[:, :, None] * scale[:, None, :])
         right = (columns @ residual[:, :, None])[:, :, 0] / scale
         if shortest:
-            scaled: Array = np.einsum("bfg,bg->bf", np.linalg.pinv(square, rcond=RANK_TOLERANCE, hermitian=True), right)
+            scaled: Array = np.einsum(
+                "bfg,bg->bf", np.linalg.pinv(square, rcond=_RANK_TOLERANCE, hermitian=True), right
+            )
         else:
             scaled = solve_positive(square, right)
         squares = np.einsum("bf,bfg,bg->b", scaled, square, scaled)
         information[going] = products[going]
-        return scaled / scale, block.settled(scaled / scale, squares, SETTLED)
+        return scaled / scale, block.settled(scaled / scale, squares, _SETTLED)
 
     found = newton(step, values[:, free], max_steps)
     values[:, free] = found.values
     return values, found.converged, found.iterations, information
 
 
-def _chord(block: BatchObservation, values: Array, free: list[int], max_steps: int) -> _Part:
-    """The Jacobian at the first campaign's start for all campaigns and steps: x += pinv(J0) r."""
+def _chord(block: "PointBatch | _PoseBatch", values: Array, free: list[int], max_steps: int) -> _Part:
+    """Take the Jacobian at the first campaign's start for all campaigns and steps: x += pinv(J0) r."""
     first = np.zeros(1, dtype=np.int_)
     rows = block.take(first).linearized(values[first], free)[0][0]  # (f, r)
     scale = np.linalg.norm(rows, axis=1)
@@ -257,7 +222,6 @@ def in_nominal_frame(points: Array, Ts_instrument_nominal: Array) -> Array:
     """Points ``(b, n, k, 3)`` m of the instrument's frame, or of all alike ``(n, k, 3)``, in the nominal model's.
 
     Args:
-        points: in the instrument's frame.
         Ts_instrument_nominal: ``(b, 4, 4)``.
 
     Returns:
@@ -276,14 +240,12 @@ def fit_points(
         nominal: parameters ``(p,)`` of the nominal model.
         free: indices of the parameters to fit.
         frozen: take the nominal model's Jacobian for all steps (the chord method); only where nothing is whitened.
-        block: how many campaigns are solved together.
     """
     assert not frozen or observed.whiten is None
     return _fit_batch(observed, _base_at_rest(nominal), free, frozen=frozen, block=block)
 
 
 def _base_at_rest(nominal: Array) -> Array:
-    """The parameters ``(p,)`` with frame 0 in the nominal model's place."""
     values = nominal.copy()
     values[:6] = 0.0
     return values
@@ -316,9 +278,7 @@ class StackedPoseArm:
     """Arms of one nominal model with a target whose pose is measured; their parameters are rows ``(b, p)``.
 
     Attributes:
-        arm: the nominal model, with one target.
         parameters: the arm's, then the rotation vector of the target's frame in the last one.
-        names: theirs.
     """
 
     arm: SerialArm
@@ -332,7 +292,7 @@ class StackedPoseArm:
         object.__setattr__(self, "names", names_of(parameters))
 
     def nominal(self) -> Array:
-        """The nominal parameters ``(p,)`` with the default tool, the target's frame along the last one."""
+        """Return the nominal parameters ``(p,)`` with the default tool, the target's frame along the last one."""
         return np.concatenate([self.arm.nominal(), np.zeros(3)])
 
     def columns(self, names: Sequence[str]) -> list[int]:
@@ -345,7 +305,7 @@ class StackedPoseArm:
         return point[:3].transpose(1, 2, 0), rotation
 
     def observe(self, joints: Array, values: Array, free: Sequence[int]) -> tuple[Array, Array, Array, Array]:
-        """The poses, and what some parameters do to them: moves of the position and turns, each ``(b, n, 3, f)``.
+        """Return the poses, and moves of position and turns by some parameters, each ``(b, n, 3, f)``.
 
         A turn is a small rotation vector in the instrument's frame, by which the rotation is multiplied on its left.
         """
@@ -371,7 +331,6 @@ class StackedPoseArm:
         return point[:3].transpose(1, 2, 0), rotation, moves.transpose(2, 3, 1, 0), turns.transpose(2, 3, 1, 0)
 
     def _walk(self, joints: Array, values: Array) -> tuple[list[Motion], Array, Array]:
-        """Return all motions but the target's rotation, the target ``(5, b, n)``, its rotations ``(b, n, 3, 3)``."""
         motions, points, frame = walk_stacked(self.arm, joints, values[:, :-3], 5)
         first = len(self.arm.names) - 3
         motions += [Motion(column, axis, None) for column, axis in enumerate(frame, start=first)]
@@ -380,12 +339,10 @@ class StackedPoseArm:
 
 
 @dataclass(frozen=True)
-class PoseBatch:
+class _PoseBatch:
     """Measured poses of b campaigns with their weights and the arms that predict them, as ``batch`` fits them.
 
     Attributes:
-        model: the arms.
-        measured: what was measured.
         position_weight: one over the standard deviation of a coordinate, 1/m; 0 leaves positions out.
         rotation_weight: ``(3,)`` that of a rotation about the axes of the target's frame, 1/rad; 0 leaves them out.
     """
@@ -398,7 +355,7 @@ class PoseBatch:
     def __len__(self) -> int:
         return len(self.measured)
 
-    def take(self, rows: NDArray[np.int_]) -> "PoseBatch":
+    def take(self, rows: NDArray[np.int_]) -> "_PoseBatch":
         """Select campaigns."""
         return replace(self, measured=self.measured.take(rows))
 
@@ -448,13 +405,12 @@ def fit_poses(
 ) -> BatchFits:
     """Gauss-Newton from ``start`` ``(b, p)`` over the free parameters of every campaign, the others held.
 
-    Where the measurements do not tell the free parameters apart, each step is the shortest (in unit columns).
+    Where the free parameters are not identifiable, each step is the shortest (in unit columns).
 
     Args:
         position_weight: one over the standard deviation of a coordinate, 1/m; 0 leaves positions out.
         rotation_weight: that of a rotation, 1/rad, of all axes or ``(3,)`` of the target's frame; 0 leaves them out.
-        max_steps: take so many at most.
     """
     weights = np.broadcast_to(np.asarray(rotation_weight, dtype=np.float64), 3)
-    observed = PoseBatch(model, measured, position_weight, weights)
+    observed = _PoseBatch(model, measured, position_weight, weights)
     return _fit_batch(observed, start, free, shortest=True, max_steps=max_steps)

@@ -1,8 +1,8 @@
-"""Estimate of an arm by a calibration: its parameters with their covariance, and predictions from them.
+"""Represent an arm as a calibration estimates it: parameters with their covariance, and predictions from them.
 
-An estimate holds in other sessions: its arm leaves out the measurement session's effects. Predicted points are off
-by the errors of the identified parameters, J C J' with the derivatives J and the covariance C, by those of a load, by
-the model discrepancy within the measured range and beyond it, and by what differs from one visit of a pose to the next.
+An estimate holds in other sessions: its arm leaves out the measurement session's effects. Errors of predicted points
+are those of the identified parameters, J C J' with the derivatives J and the covariance C, those of a load, the model
+discrepancy within the measured range and beyond it, and what differs from one visit of a pose to the next.
 """
 
 from collections.abc import Mapping, Sequence
@@ -40,7 +40,6 @@ from lab.noise.variance_components import ComponentErrors
 __all__ = [
     "SETUP",
     "CarriedLoad",
-    "Discrepancy",
     "Estimate",
     "EstimatedParameter",
     "IdentifiedSubset",
@@ -61,10 +60,7 @@ class EstimatedParameter:
 
     Attributes:
         nominal: its value in the nominal model, with base and tool fitted.
-        estimate: its value as it was fitted.
         exported: its value in the most likely arm among those that predict the same.
-        std: its standard deviation; None where it is not known.
-        interval_95: None where it is not known.
         status: ``identified``; ``held`` at nominal on request; ``fixed`` there because an error of it cannot be
             distinguished from others'; ``not seen`` at these poses; None in files of older versions that lack it.
         weakly_observable: whether it was identified, but is known no better than to a millimetre or milliradian.
@@ -110,22 +106,22 @@ class NominalArm(Protocol):
         """Masses of the links; None where unknown."""
 
     def arm(self, targets: tuple[str, ...]) -> RigidArm:
-        """The arm as equations, with these targets."""
+        """Return the arm as equations, with these targets."""
 
 
 class CarriedLoad(Protocol):
-    """A load at the flange, as it was identified."""
+    """Load at the flange, as it was identified."""
 
     @property
     def mass_kg(self) -> float:
-        """Its mass."""
+        """Mass of the load."""
 
     @property
     def covariance(self) -> Array:
         """``(4, 4)`` of mass and first moment, kg and kg m."""
 
 
-class Discrepancy(NamedTuple):
+class _Discrepancy(NamedTuple):
     """The model discrepancy within the measured range.
 
     Attributes:
@@ -146,7 +142,6 @@ class IdentifiedSubset:
     Attributes:
         names: of the parameters ``(f,)``.
         values: ``(f,)`` in SI units.
-        covariance: ``(f, f)``.
         is_angle: ``(f,)`` whether each is an angle, of which whole turns mean nothing.
         dof: degrees of freedom of the noise; None where it was given.
     """
@@ -207,8 +202,6 @@ class PredictedPoints:
 
 
 class _Parameters(dict[str, EstimatedParameter]):
-    """Parameters by their names."""
-
     def __missing__(self, name: str) -> EstimatedParameter:
         raise LabError(f"there is no parameter '{name}'; there are {', '.join(self)}")
 
@@ -227,17 +220,14 @@ class Estimate(Value):
         covariance: ``(f, f)`` of these; NaN where the noise is unknown.
         noise_m: noise of a coordinate, given or estimated; zero where it is not known.
         residual_m: noise of a coordinate by the residuals; zero where nothing is left over.
-        noise_known: whether the noise was given.
-        dof: residual degrees of freedom.
         adequate: whether the residuals are no more than the noise; None where that was not tested.
         cluster_robust: whether the covariance is that of whole poses' own residuals.
         tail_dof: degrees of freedom of the noise's tails, of Student's t; None where it is Gaussian.
         shared: errors of a measurement on another day beside the instrument's; None where there are none.
         component_errors: how well the variances of these are known, with slopes by the identified parameters of
             ``arm``; None where they are not estimates.
-        process: the offsets of the joints that no group explains; None where they were not asked for.
+        process: the offsets of the joints that no group explains; None where they were not fitted.
         measured: the fitted joint positions, and what the model may lack beyond them; None where not known.
-        load: at the flange; None where none was identified.
         prior_acts_in: in how many directions tolerances of manufacture took part in the fit; None where a run of an
             older version does not keep it.
     """
@@ -323,7 +313,6 @@ class Estimate(Value):
 
     @cached_property
     def _lasting(self) -> tuple[int, ...]:
-        """Indices in ``identified`` of the parameters of the arm."""
         return tuple(i for i, name in enumerate(self.identified) if name in self.arm.names)
 
     @property
@@ -333,12 +322,12 @@ class Estimate(Value):
 
     @property
     def free(self) -> tuple[int, ...]:
-        """Indices ``(g,)`` of these among the arm's parameters."""
+        """Indices ``(g,)`` of the identified parameters among the arm's parameters."""
         return tuple(self.arm.names.index(name) for name in self.free_names)
 
     @property
     def free_covariance(self) -> Array:
-        """Their covariance ``(g, g)``."""
+        """Covariance ``(g, g)`` of the identified parameters of the arm."""
         return np.asarray(self.covariance[np.ix_(self._lasting, self._lasting)])
 
     @property
@@ -364,7 +353,7 @@ class Estimate(Value):
         return float(np.sqrt(np.nanmean(squares)))
 
     def nominal_inverse(self, target: int) -> NominalInverse:
-        """Return the inverse by which the controller brings a target somewhere."""
+        """Return the inverse kinematics of the nominal model that a controller uses for a target."""
         return NominalInverse(self.rigid, self.nominal[: len(self.rigid.names)], target)
 
     @property
@@ -373,7 +362,7 @@ class Estimate(Value):
         found = dict(zip(self.arm.names, self.values.tolist(), strict=True))
         return np.array([found.get(f"joint{i + 1}.compliance", 0.0) for i in range(self.rigid.chain.size)])
 
-    def discrepancy(self, sigma_m: float | None = None) -> Discrepancy:
+    def discrepancy(self, sigma_m: float | None = None) -> _Discrepancy:
         """Return the model discrepancy, taken from the residuals where they are more than noise.
 
         Args:
@@ -381,13 +370,13 @@ class Estimate(Value):
         """
         sigma_m = self.noise_m if sigma_m is None else sigma_m
         if self.shared is not None:  # the residuals are those of the error model
-            return Discrepancy(0.0, 1.0, self.dof)
+            return _Discrepancy(0.0, 1.0, self.dof)
         if self.noise_known and self.adequate is not False:
-            return Discrepancy(0.0, 1.0, None)
+            return _Discrepancy(0.0, 1.0, None)
         noise_m = self.noise_m if self.noise_known else sigma_m
         by_noise = self.noise_known and not self.cluster_robust
         inflation = (self.residual_m / noise_m) ** 2 if by_noise else 1.0
-        return Discrepancy(float(np.sqrt(max(self.residual_m**2 - noise_m**2, 0.0))), inflation, self.dof)
+        return _Discrepancy(float(np.sqrt(max(self.residual_m**2 - noise_m**2, 0.0))), inflation, self.dof)
 
     def subset(self, without: Sequence[str] = SETUP) -> IdentifiedSubset:
         """Return the identified parameters of the arm but for some groups, by default those of the setup."""
@@ -498,7 +487,6 @@ def _estimated_parameters(found: Identification, exported: Array) -> tuple[Estim
     """Describe every parameter of an identification, in its model's order.
 
     Args:
-        found: the identification.
         exported: ``(p,)`` values of the most likely arm.
     """
     model, free = found.model, list(found.fit.free)
@@ -552,16 +540,10 @@ def estimate_of(
     """Make the estimate of an identification.
 
     Args:
-        found: the identification.
         exported: ``(p,)`` values of the most likely arm.
-        robot: the nominal robot.
-        groups: all groups of effects of the model.
         adequate: whether the residuals are no more than the noise; None where that was not tested.
         shared: errors that the measurements share beside the instrument's.
-        component_errors: how well their variances are known.
         tail_dof: degrees of freedom of the noise's tails; infinite where it is Gaussian.
-        measured: the fitted joint positions.
-        load: at the flange.
     """
     process = found.process.process if isinstance(found.process, PredictedBy) else None
     estimate = Estimate(
@@ -589,6 +571,6 @@ def estimate_of(
 
 
 def in_another_session(shared: ErrorModel, estimate: Estimate) -> ErrorModel:
-    """Return errors as they are in another session, when nobody knows where a drift or a step left the base."""
+    """Return errors as they are in another session, after an unknown drift or step of the base."""
     values = dict(zip(estimate.arm.names, estimate.values.tolist(), strict=True))
     return replace(shared, clock=None, moves=(), values=values)

@@ -38,11 +38,8 @@ __all__ = [
     "POSES_FILE",
     "RESIDUAL_FILE",
     "RESULT_FILE",
-    "EstimateFiles",
     "Extrapolation",
     "ResidualSizes",
-    "SavedEstimate",
-    "estimate_to_dict",
     "measured_range_from_dict",
     "measured_range_to_dict",
     "read_cover",
@@ -60,7 +57,7 @@ __all__ = [
 PARAMETERS_FILE, COVARIANCE_FILE, RESULT_FILE = "parameters.json", "covariance.csv", "result.json"
 RESIDUAL_FILE, POSES_FILE = "residual.csv", "fitted_poses.csv"
 _RANGE_KEYS = ("lower", "upper", "edge")
-_CONVERTED = "converted"  # status of rows that say the same in other parameters
+_CONVERTED = "converted"  # status of rows of the same arm in other parameters
 _MEND = "give the folder of a run of lab calibrate or lab identify, or make the run again"
 
 
@@ -89,7 +86,7 @@ class ResidualSizes:
 
     @property
     def components(self) -> tuple[str, ...]:
-        """Those that the run has: one of an older version has no smooth ones, and no covariance of its variances."""
+        """Components of the run: older versions have no smooth ones, and no covariance of variances."""
         return COMPONENTS if self.variance_errors is not None else tuple(c for c in COMPONENTS if c[:6] != "smooth")
 
     @property
@@ -103,11 +100,7 @@ class ResidualSizes:
 
 @dataclass(frozen=True)
 class Extrapolation:
-    """Model discrepancy beyond the measured positions, by the keys of ``result.json``.
-
-    Attributes:
-        growth_mrad, unsure_mrad: None in a run without them.
-    """
+    """Model discrepancy beyond the measured positions, by the keys of ``result.json``."""
 
     growth_mrad: float | None = None
     unsure_mrad: float | None = None
@@ -120,24 +113,20 @@ class Extrapolation:
 
 @dataclass(frozen=True)
 class _ActingPrior:
-    """Number of directions in which a prior of manufacturing tolerances took part in a fit."""
-
     acts_in: int
 
 
 @dataclass(frozen=True)
-class SavedEstimate:
+class _SavedEstimate:
     """The part of ``result.json`` that an estimate is made from; its keys.
 
     Attributes:
-        freedom: residual degrees of freedom.
         cluster_robust: whether the parameters' covariance is that of whole poses' own residuals.
         noise_model: errors beside the instrument's; None where there are none.
         noise_tail_freedom: degrees of freedom of the noise's tails, of Student's t; None where it is Gaussian.
         measured_range: the joint positions that were fitted; None where they are not known.
         extrapolation: what the model may lack where nothing was measured; None likewise.
         residual: sizes of the joints' offsets that no group explains; None where they were not fitted.
-        prior: of tolerances; None for a run of an older version.
     """
 
     model: str
@@ -165,22 +154,22 @@ class SavedEstimate:
             raise LabError(f"noise_tail_freedom is {self.noise_tail_freedom:g}; Student's t has a variance above 2")
 
 
-class EstimateFiles(NamedTuple):
+class _EstimateFiles(NamedTuple):
     """The content of an estimate's files, before a robot is at hand.
 
     Attributes:
-        rows: every row of ``parameters.json``, those that say the same in other parameters too.
+        rows: every row of ``parameters.json``, also of the same arm in other parameters.
         identified: the parameters that ``covariance`` ``(f, f)`` is of.
     """
 
-    content: SavedEstimate
+    content: _SavedEstimate
     rows: tuple[EstimatedParameter, ...]
     identified: tuple[str, ...]
     covariance: Array
 
 
 def save_estimate(estimate: Estimate, folder: str | Path) -> None:
-    """Write an estimate into a folder, which is made; ``lab.load_estimate(folder, robot)`` reads it.
+    """Write an estimate into a folder, which is created; ``lab.load_estimate(folder, robot)`` reads it.
 
     Example:
         >>> import lab, pathlib, tempfile
@@ -193,15 +182,13 @@ def save_estimate(estimate: Estimate, folder: str | Path) -> None:
     place = Path(folder)
     place.mkdir(parents=True, exist_ok=True)
     write_estimate(place, estimate)
-    _write_json(place / RESULT_FILE, estimate_to_dict(estimate))
+    _write_json(place / RESULT_FILE, _estimate_to_dict(estimate))
 
 
 def write_estimate(folder: Path, estimate: Estimate, converted: Sequence[Mapping[str, Any]] = ()) -> None:
     """Write the files of an estimate but ``result.json`` into a folder that is there.
 
     Args:
-        folder: where to.
-        estimate: what to write.
         converted: further rows of ``parameters.json``, the same arm in other parameters.
     """
     _write_json(folder / PARAMETERS_FILE, [*map(unstructured, estimate.rows), *converted])
@@ -221,11 +208,6 @@ def write_estimate(folder: Path, estimate: Estimate, converted: Sequence[Mapping
 def read_estimate(folder: Path, robot: NominalArm, load: CarriedLoad | None = None) -> Estimate:
     """Read an estimate from the folder of a run.
 
-    Args:
-        folder: of the run.
-        robot: the nominal robot that it is of.
-        load: at its flange.
-
     Raises:
         LabError: a file is missing, does not hold what a run writes, or is of another robot.
     """
@@ -234,7 +216,7 @@ def read_estimate(folder: Path, robot: NominalArm, load: CarriedLoad | None = No
     found, names = files.content, [row.name for row in rows]
     targets = tuple(name.split(".")[1] for name in names if name.startswith("tool.") and name.endswith(".x"))
     if not targets:
-        raise LabError(f"{folder}/{PARAMETERS_FILE}: has no tool (tool.p1.x…), so nothing is there to be aimed")
+        raise LabError(f"{folder}/{PARAMETERS_FILE}: has no tool (tool.p1.x…); identify again")
     groups = [name for name in found.model.split("+") if name != "geometric"]
     estimate = Estimate(
         rigid=robot.arm(targets),
@@ -268,13 +250,13 @@ def read_estimate(folder: Path, robot: NominalArm, load: CarriedLoad | None = No
     return estimate if shared is None else replace(estimate, shared=in_another_session(shared, estimate))
 
 
-def read_estimate_files(folder: Path) -> EstimateFiles:
+def read_estimate_files(folder: Path) -> _EstimateFiles:
     """Read the files of a run's folder that an estimate is made from.
 
     Raises:
         LabError: one is missing, or does not hold what a run writes.
     """
-    content = read_structured(folder / RESULT_FILE, SavedEstimate, _MEND)
+    content = read_structured(folder / RESULT_FILE, _SavedEstimate, _MEND)
     path = folder / PARAMETERS_FILE
     rows = read_structured(path, tuple[EstimatedParameter, ...], _MEND)
     for row in rows:
@@ -282,11 +264,11 @@ def read_estimate_files(folder: Path) -> EstimateFiles:
             if abs(value := getattr(row, key)) not in LENGTH_M:
                 text = f"{row.name}: {key} is {value:g}; no parameter is larger than {LENGTH_M.most:g}"
                 raise LabError(f"{path}: does not hold what the lab writes: {text}; {_MEND}")
-    return EstimateFiles(content, rows, *_read_covariance(folder / COVARIANCE_FILE))
+    return _EstimateFiles(content, rows, *_read_covariance(folder / COVARIANCE_FILE))
 
 
-def estimate_to_dict(estimate: Estimate) -> dict[str, Any]:
-    """Return the part of ``result.json`` that an estimate is made from (``SavedEstimate``)."""
+def _estimate_to_dict(estimate: Estimate) -> dict[str, Any]:
+    """Return the part of ``result.json`` that an estimate is made from (``_SavedEstimate``)."""
     measured, process = estimate.measured, estimate.process
     return {
         "model": "+".join(("geometric", *estimate.effects, *estimate.left_out, *[GROUP] * (process is not None))),
@@ -313,13 +295,12 @@ def _write_json(path: Path, content: Any) -> None:
 
 
 def _read_covariance(path: Path) -> tuple[tuple[str, ...], Array]:
-    """Read the identified parameters' names and covariance."""
     if not path.is_file():
         raise LabError(f"{path}: is missing: an older version of the lab made this run; make it again")
     table = CsvTable(path)
     labels = table.texts("parameter")
     if labels is None or tuple(table.header[1:]) != labels:
-        raise LabError(f"{path}: its rows are not those of its columns; identify again")
+        raise LabError(f"{path}: rows and columns name different parameters; identify again")
     try:
         matrix = np.array([table.texts(name) for name in labels], dtype=np.float64).T
     except ValueError as error:
@@ -371,7 +352,6 @@ def read_residual(
 
     Args:
         found: its sizes; None where ``result.json`` has none.
-        conditions: that the arm's effects ask for.
 
     Raises:
         LabError: a file does not hold what a run writes.
@@ -388,7 +368,7 @@ def read_residual(
     except (LabError, ValueError) as error:
         raise LabError(f"{folder}: {error}; run lab calibrate or lab identify again") from error
     if not (np.abs(rows) <= NUMBER_SIZE.most).all():
-        raise LabError(f"{path}: has numbers that cannot be; run lab calibrate or lab identify again")
+        raise LabError(f"{path}: has impossible numbers; run lab calibrate or lab identify again")
     size, first = chain.size, chain.size + len(conditions)
     seen = rows[:, first : first + len(targets)] > 0
     turning = ~np.array(chain.prismatic, dtype=np.bool_)
@@ -432,8 +412,8 @@ def measured_range_from_dict(
         for name, slides in zip(chain.joint_names, chain.prismatic, strict=True)
     ]
     lower, upper, edge, slope = np.array(rows).T
-    lacking = Extrapolation() if extrapolation is None else extrapolation
-    growth, unsure = (MRAD.to_si(size) for size in (lacking.growth_mrad or 0.0, lacking.unsure_mrad or 0.0))
+    discrepancy = Extrapolation() if extrapolation is None else extrapolation
+    growth, unsure = (MRAD.to_si(size) for size in (discrepancy.growth_mrad or 0.0, discrepancy.unsure_mrad or 0.0))
     turning = ~np.array(chain.prismatic, dtype=np.bool_)
     return MeasuredRange(lower, upper, turning, edge, slope, growth, unsure, cover)
 
@@ -470,10 +450,9 @@ def _row(joint: str, content: Mapping[str, float] | None, unit: str, factor: flo
     assert content is not None
     lower, upper, edge, slope = (content[name] for name in names)
     if not (lower <= upper and edge >= 0 and slope >= 0):
-        raise LabError(f"measured_range.{joint}: is no range with edges and a slope of zero or more")
+        raise LabError(f"measured_range.{joint}: needs lower <= upper, and an edge and a slope of zero or more")
     return [factor * lower, factor * upper, factor * edge, slope]
 
 
 def _unit(slides: bool) -> tuple[str, float]:
-    """A unit for a person, and how many rad or m it is."""
     return ("mm", 1e-3) if slides else ("deg", np.pi / 180)

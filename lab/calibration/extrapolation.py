@@ -1,24 +1,18 @@
-"""Prediction error at poses beyond the measured joint positions.
+"""Predict errors at poses beyond the measured joint positions.
 
 The covariance of the parameters holds if the model does, and a model that follows every measurement may be wrong
-where none was made: a spurious wave, a nonlinear spring. The edges of the measured range show how wrong.
-Let joint j be off beyond an edge by a slope times the distance beyond it. Beside the fit, each outer tenth of a
-joint's measured positions gives one estimate of such a slope, as if the rest of that joint's range were all that was
-measured. Their variance in excess of the noise (Paule & Mandel 1982) is that of the slope beyond the true
-edges, unless a joint's own two say more. Farther out than that tenth is wide a slope changes itself: its integral grows
-as d^1.5, as a random walk's does; and what joints do is bounded, so that no more than one radian of it counts.
+elsewhere: a spurious wave, a nonlinear spring. Let joint j be off beyond an edge of its measured range by a slope times
+the distance. Beside the fit, each outer tenth of a joint's positions gives one estimate of such a slope. Their variance
+in excess of the noise (Paule & Mandel 1982) is that of the slope beyond the true edges, unless a joint's own two are
+larger. Farther out than that tenth is wide the slope changes itself: its integral grows as d^1.5, as a random walk's
+does, and no more than one radian of distance counts.
 
-Cross-validation by region shows what is missing within the range. Where the model fails there,
-its effects are trusted only where they were measured: elsewhere the model discrepancy is that of geometry without them,
-and what they explain counts as unknown, beyond an end as much of it as an outer tenth's width.
-
-What a model lacks where nothing near was measured: what it lacks of regions that it is fitted without.
-
-The poses are parted into regions of joint space. Each is left out in turn, the linear model is solved by the others,
-and the errors e of the poses that the others do not cover are compared with their covariance V by noise and parameters.
-Where they are larger (at 1 %), every joint is taken to be off by s d, with d how far a pose is beyond what is covered,
-in units of how far that reaches: s is where the sum of e' (V + s^2 d^2 S S')^-1 e is as expected (Paule & Mandel 1982),
-with S the derivatives by the joints.
+Within the range, poses are parted into regions of joint space. Each is left out in turn, the linear model is solved by
+the others, and the errors e of the poses that the others do not cover are compared with their covariance V by noise and
+parameters. Where they are larger (at 1 %), every joint is taken to be off by s d, with d the distance beyond the cover
+in units of its reach: s is where the sum of e' (V + s^2 d^2 S S')^-1 e is as expected, with S the derivatives by the
+joints. Effects are then trusted only where they were measured: elsewhere the model discrepancy is that of geometry
+without them, and what they explain counts as unknown, beyond an end as much of it as an outer tenth's width.
 """
 
 from collections.abc import Sequence
@@ -47,7 +41,6 @@ from lab.kinematics.model import Model
 
 __all__ = [
     "MOST_UNCOVERED",
-    "LinearRows",
     "MeasuredRange",
     "PoseCover",
     "distinct_poses",
@@ -97,7 +90,6 @@ class PoseCover:
 
     @cached_property
     def _tree(self) -> "tuple[scipy.spatial.cKDTree, float]":
-        """The measured poses, and how far 95 % of them are from the third of the others."""
         around = _around(self.poses, self.turning)
         tree = scipy.spatial.cKDTree(around)
         away = tree.query(around, k=_NEAREST + 1)[0][:, -1]
@@ -138,7 +130,6 @@ def neighbours(joints: Array, turning: NDArray[np.bool_]) -> NDArray[np.int_]:
 
 
 def _around(joints: Array, turning: NDArray[np.bool_]) -> Array:
-    """Positions ``(n, 2 joints)`` between which distances are chords."""
     slides = np.where(turning, 0.0, joints / LEVER_M)
     return np.concatenate([np.where(turning, np.cos(joints), slides), np.sin(joints) * turning], axis=1)
 
@@ -150,7 +141,6 @@ def joint_regions(joints: Array, turning: NDArray[np.bool_], count: int, seed: i
         joints: ``(n, joints)`` rad or m.
         turning: ``(joints,)`` which joints turn.
         count: how many; the largest region is halved until there are so many.
-        seed: of the order among regions that are as large.
 
     Returns:
         ``(n,)`` labels; repeats of a pose have one.
@@ -169,17 +159,16 @@ def joint_regions(joints: Array, turning: NDArray[np.bool_], count: int, seed: i
 
 _REGIONS = 8
 _MIN_REGION_POSES = 5 * _REGIONS
-_LEAST_FAR = 3  # regions with poses that the others do not cover: of fewer no variance is told
-_RIDGE = 1e-9  # of unit columns: what a region alone tells has a large covariance, not none
+_LEAST_FAR = 3  # regions with poses that the others do not cover: fewer give no variance
+_RIDGE = 1e-9  # of unit columns: directions that a region alone determines get a large covariance
 
 
 @dataclass(frozen=True)
-class LinearRows:
+class _LinearRows:
     """A fitted linear problem pose by pose, in whitened units; rows of zeros where nothing was observed.
 
     Attributes:
         columns: ``(n, m, f)`` derivatives by the parameters that were fitted.
-        residual: ``(n, m)`` what the fit leaves.
         prior_rows: ``(r, f)`` derivatives of what else is known of the parameters.
         by_joints: ``(n, m, joints)`` derivatives by joint positions: rad of a hinge, as much at a lever of a slide.
         numbers: ``(n,)`` how many numbers each pose has.
@@ -199,8 +188,8 @@ class LinearRows:
         dof = int(self.numbers.sum()) - self.columns.shape[2]
         return float((self.residual**2).sum()) / dof if dof > 0 else 0.0
 
-    def without(self, left_out: NDArray[np.bool_], values: Array) -> "LinearRows":
-        """The problem fitted without some parameters ``(f,)``, which had these values ``(left_out,)``."""
+    def without(self, left_out: NDArray[np.bool_], values: Array) -> "_LinearRows":
+        """Return the problem fitted without some parameters ``(f,)``, which had these values ``(left_out,)``."""
         retained = self.columns[..., ~left_out]
         before = self.residual + self.columns[..., left_out] @ values
         flat, target = retained.reshape(-1, retained.shape[2]), before.ravel()
@@ -216,11 +205,9 @@ class _LeftOut:
     """Poses of one region that the others do not cover, as the others predict them.
 
     Attributes:
-        error: ``(k, m)``.
         covariance: ``(k, m, m)`` by noise and parameters.
         by_joints: ``(k, m, joints)`` times the distance to what is covered.
         numbers: how many numbers these are.
-        p: the chance of errors as large.
     """
 
     error: Array
@@ -230,7 +217,7 @@ class _LeftOut:
     p: float
 
 
-def _growth_beyond_cover(rows: LinearRows, joints: Array, turning: NDArray[np.bool_]) -> float:
+def _growth_beyond_cover(rows: _LinearRows, joints: Array, turning: NDArray[np.bool_]) -> float:
     """Estimate the standard deviation (rad) of joint errors for each unit of distance beyond the covered positions.
 
     Zero where noise and the parameters' covariance explain the errors in regions that are left out.
@@ -246,12 +233,15 @@ def _growth_beyond_cover(rows: LinearRows, joints: Array, turning: NDArray[np.bo
     labels = joint_regions(joints, turning, _REGIONS, 0)
     tried = [_left_out(scaled, joints, turning, labels == region) for region in range(_REGIONS)]
     parts = [part for part in tried if part is not None]
-    if len(parts) < _LEAST_FAR or _together([part.p for part in parts]) >= EXTRAPOLATION:
+    if len(parts) < _LEAST_FAR:
+        return 0.0
+    logs = np.log(np.maximum([part.p for part in parts], np.finfo(float).tiny))  # of all regions (Fisher 1925)
+    if float(chi2_sf(-2 * float(logs.sum()), 2 * len(parts))) >= EXTRAPOLATION:
         return 0.0
     return float(np.sqrt(_excess(parts) * len(parts) / (len(parts) - 2)))  # a new region is another draw: Student's t
 
 
-def _left_out(rows: LinearRows, joints: Array, turning: NDArray[np.bool_], out: NDArray[np.bool_]) -> _LeftOut | None:
+def _left_out(rows: _LinearRows, joints: Array, turning: NDArray[np.bool_], out: NDArray[np.bool_]) -> _LeftOut | None:
     """Predict the uncovered poses of a region from the other poses; None where these cover them all."""
     away = PoseCover.of(joints[~out], turning).beyond(joints[out])
     far = np.flatnonzero(out)[away > 0]
@@ -275,7 +265,7 @@ def _left_out(rows: LinearRows, joints: Array, turning: NDArray[np.bool_], out: 
 
 
 def _p_value(error: Array, columns: Array, inverse: Array, spread: Array, counts: tuple[int, int]) -> float:
-    """The chance of as large a sum of squares of errors, each pose's by its own covariance (Satterthwaite 1946).
+    """Return the chance of as large a sum of squares of errors, each pose's by its own covariance (Satterthwaite 1946).
 
     Args:
         spread: ``(k, m, m)`` the poses' covariances.
@@ -293,14 +283,8 @@ def _p_value(error: Array, columns: Array, inverse: Array, spread: Array, counts
     return float(p_value_of_squares(squares, like, dof, numbers / like))
 
 
-def _together(chances: list[float]) -> float:
-    """The chance of p-values as small as these, of all regions together (Fisher 1925)."""
-    logs = np.log(np.maximum(chances, np.finfo(float).tiny))
-    return float(chi2_sf(-2 * float(logs.sum()), 2 * len(chances)))
-
-
 def _excess(parts: list[_LeftOut]) -> float:
-    """The variance that makes the weighted squares of all errors as large as expected."""
+    """Return the variance that makes the weighted squares of all errors as large as expected."""
 
     def excess(size: float) -> float:
         found = 0.0
@@ -322,32 +306,30 @@ def _excess(parts: list[_LeftOut]) -> float:
 _EDGE = 0.1  # of the measured positions of a joint, at either end of its range
 _MAX_BEYOND = 1.0  # rad or m beyond, that a slope is good for
 _LEAST_EDGE = 1e-3  # rad or m
-_MIN_EDGE_POSES = 4  # at an edge: fewer say nothing of a slope
+_MIN_EDGE_POSES = 4  # at an edge: fewer determine no slope
 _FEW_POSES = 2_000  # of an edge, in which so many configurations are looked for
-_SLOPE_POSES = 20_000  # from which slopes are told, where there are more
+_SLOPE_POSES = 20_000  # for slopes, where there are more
 _REGION_POSES = 2_000  # from which regions are left out, where there are more
 _LEAST_RANGE = 0.05  # rad or m: a joint that moved less has no edges to speak of
 _LEAST_SLOPES = 4
 _GEOMETRY = ("base", "tool", "link", *CAMPAIGN_SPECIFIC)  # all others are effects that vary with the joints
 _ROUNDING = 1e-9  # rad or m: a pose at the edge is not beyond it
 _TOLERANCE = 1e-8  # of the largest singular value of unit columns
-_MIN_SHARE = (
-    1e-2  # of an edge's squares that the fit leaves: an edge that it can follow says nothing of how it leaves it
-)
+_MIN_SHARE = 1e-2  # of an edge's squares that the fit leaves: an edge that it follows determines no slope
 
 
 @dataclass(frozen=True)
 class MeasuredRange:
-    """The joint positions that were measured, and how much worse than its covariance a model may be beyond.
+    """Range of the measured joint positions, and the model discrepancy beyond it.
 
     Attributes:
         lower, upper: ``(joints,)`` the smallest and the largest measured position (rad, m of a slide).
         turning: ``(joints,)`` whether a joint is a hinge.
         edge: ``(joints,)`` the width (rad, m) of the outer tenths that the slopes come from.
         slope: ``(joints,)`` one standard deviation of what a joint is off, as a share of how far it stands beyond; zero
-            where the edges of the range say of none.
+            where the edges of the range show none.
         growth: one standard deviation (rad, at a lever of a slide) of what every joint is off, for each unit of
-            distance beyond what is covered; zero where regions that are left out say of none.
+            distance beyond what is covered; zero where regions that are left out show none.
         unsure: as much (rad) of what effects explain where nothing near was measured; zero likewise.
         cover: the measured poses; None where only the range is known.
     """
@@ -367,20 +349,19 @@ class MeasuredRange:
         return bool(self.slope.any()) or self.growth > 0
 
     def beyond(self, joints: Array) -> Array:
-        """``(n, joints)`` how far beyond the measured range positions ``(n, joints)`` are; a whole turn leads away."""
+        """Return the distance ``(n, joints)`` beyond the measured range; a whole turn leads away."""
         beyond = np.maximum(self.lower - joints, joints - self.upper)
         return np.where(beyond > _ROUNDING, beyond, 0.0)
 
     def outside(self, joints: Array) -> NDArray[np.bool_]:
-        """``(n,)`` which positions ``(n, joints)`` are beyond the measured range, or near no measured one."""
+        """Check ``(n,)`` which positions ``(n, joints)`` are beyond the measured range, or near no measured one."""
         return np.asarray(self.uncovered(joints) | (self.beyond(joints) > 0).any(axis=1))
 
     def uncovered(self, joints: Array) -> NDArray[np.bool_]:
-        """``(n,)`` which positions ``(n, joints)`` no measured one is near: a region that nobody measured."""
+        """Check ``(n,)`` which positions ``(n, joints)`` no measured one is near."""
         return np.asarray(self._away(joints) > 0)
 
     def _away(self, joints: Array) -> Array:
-        """Return the distance ``(n,)`` of positions beyond the covered ones; zero where unknown."""
         return np.zeros(len(joints)) if self.cover is None else self.cover.beyond(joints)
 
     def unknown(self, model: Model, inputs: Array, values: Array) -> Array:
@@ -408,13 +389,12 @@ class MeasuredRange:
 def measured_range(
     found: Identification, observed: Observations, prismatic: Sequence[bool], *, slopes: bool = True
 ) -> MeasuredRange | None:
-    """The range of the fitted poses, with what edges and regions show; None where no positions were observed.
+    """Return the range of the fitted poses and the discrepancy beyond; None where no positions were observed.
 
     Args:
-        found: the identification.
-        observed: what it comes from, weighed as it was; of very many poses some tell slopes and regions.
+        observed: its measurements, weighted as they were; of very many poses a subset.
         prismatic: ``(joints,)`` which joints slide.
-        slopes: whether edges are asked; of a process that says itself what it does not know beyond they are not.
+        slopes: whether to estimate slopes at edges; not beside a process, which has its own uncertainty there.
     """
     observation = observation_of(found.model)
     if not only_positions(observation):
@@ -446,8 +426,9 @@ def _of_regions(
     return max(growth, _growth_beyond_cover(rigid, joints, turning)), float(np.sqrt(explained / made)) if made else 0.0
 
 
-def _linear_rows(found: Identification, model: Model, observed: Observations, turning: NDArray[np.bool_]) -> LinearRows:
-    """The identification's linear problem pose by pose."""
+def _linear_rows(
+    found: Identification, model: Model, observed: Observations, turning: NDArray[np.bool_]
+) -> _LinearRows:
     free, seen = list(found.fit.free), observed.seen
     points, jacobian = model.observe(observed.inputs, found.values)
     moved = by_joint_positions(model, observed.inputs, found.values, len(turning)) * np.where(turning, 1.0, LEVER_M)
@@ -460,7 +441,7 @@ def _linear_rows(found: Identification, model: Model, observed: Observations, tu
     residual = whole(observed.points - points)
     known = found.extra_residuals(found.values)[1][:, free]
     numbers = seen.sum(axis=1) * observed.points.shape[2]
-    return LinearRows(whole(jacobian[..., free]), residual, known, whole(moved), numbers, found.sigma_given)
+    return _LinearRows(whole(jacobian[..., free]), residual, known, whole(moved), numbers, found.sigma_given)
 
 
 def _slopes(found: Identification, model: Model, observed: Observations, joints: Array) -> Array:
@@ -488,7 +469,7 @@ def _slopes(found: Identification, model: Model, observed: Observations, joints:
     errors = variance / weights[significant]
     if not (shared := _shared_variance(estimates, errors, dof)):
         return nothing
-    trust = shared**2 / (shared**2 + errors)  # an edge that says little says what all of them do (empirical Bayes)
+    trust = shared**2 / (shared**2 + errors)  # uncertain edges shrink to all others (empirical Bayes)
     joint = np.array([joint for joint, _ in edges])[significant]
     own = np.bincount(joint, (trust * estimates) ** 2 + trust * errors, joints.shape[1])
     count = np.bincount(joint, minlength=len(nothing))
@@ -496,7 +477,7 @@ def _slopes(found: Identification, model: Model, observed: Observations, joints:
 
 
 def _edges(joints: Array) -> list[tuple[int, Array]]:
-    """Joint and how far ``(n,)`` each pose is within its outer tenth; edges of too few poses are left out."""
+    """Return joint and distance ``(n,)`` of each pose within its outer tenth; edges of too few poses are left out."""
     found = []
     for joint, positions in enumerate(joints.T):
         if np.ptp(positions) < _LEAST_RANGE:
@@ -515,9 +496,9 @@ def _is_enough(joints: Array) -> bool:
 
 
 def _shared_variance(estimates: Array, variances: Array, dof: int) -> float:
-    """The standard deviation of numbers beyond that of their own errors: where the weighted squares are as expected.
+    """Return the standard deviation of numbers beyond their errors: weighted squares are then as expected.
 
-    The slope of a new edge is another draw of a variance that so few estimates say: Student's t has this one.
+    The slope of a new edge is another draw of a variance from few estimates: that of Student's t.
     """
     count = len(estimates)
     squares = float((estimates**2 / variances).sum())
@@ -534,7 +515,6 @@ def position_covariances(
     """Covariances ``(n, k, 3, 3)`` (m^2) of the predicted points' errors at some poses, the instrument's noise aside.
 
     Args:
-        found: of points.
         measured: what the model may lack where nothing was measured.
         inputs: ``(n, joints + conditions)``.
         targets: how many, from the first; all where None.
@@ -556,7 +536,6 @@ def model_covariances(
     """Covariances ``(n, k, 3, 3)`` (m^2) of the model's errors, with configurations in the place of rows as clusters.
 
     Args:
-        found: of points.
         measured: what the model may lack where nothing was measured.
         inputs: ``(n, joints + conditions)``.
         left: what the fit left, by which the parameters' covariance is widened.
@@ -567,13 +546,6 @@ def model_covariances(
     return np.asarray(whole + (left.widened - 1) * position_covariances(found, None, inputs))
 
 
-def _prediction_covariances(
-    found: Identification, measured: MeasuredRange | None, inputs: Array, left: ResidualSpread
-) -> Array:
-    """Return covariances ``(n, k, 3, 3)`` (m^2) of measured less predicted points: the model's and the residuals'."""
-    return np.asarray(model_covariances(found, measured, inputs, left) + left.total_m**2 * np.eye(3))
-
-
 def prediction_squares(
     found: Identification, measured: MeasuredRange | None, inputs: Array, points: Array, left: ResidualSpread
 ) -> tuple[Array, Array]:
@@ -582,7 +554,6 @@ def prediction_squares(
     V is that of the noise (as large as the residuals are), of the parameters, and of what is beyond the range.
 
     Args:
-        found: of points.
         inputs: ``(n, joints + conditions)``.
         points: ``(n, k, 3)`` m.
         left: what the fit left of the measurements that it comes from.
@@ -590,6 +561,8 @@ def prediction_squares(
     error = points - found.model.points(inputs, found.values)[:, : points.shape[1]]
     with_range, without = (
         np.einsum("nki,nki->nk", error, np.linalg.solve(each, error[..., None])[..., 0])
-        for each in (_prediction_covariances(found, what, inputs, left) for what in (measured, None))
+        for each in (
+            model_covariances(found, what, inputs, left) + left.total_m**2 * np.eye(3) for what in (measured, None)
+        )
     )
     return with_range, without

@@ -44,11 +44,11 @@ __all__ = ["Fitted", "Judging", "Named", "named_poses"]
 
 @dataclass(frozen=True)
 class Named:
-    """A pose that the test of outliers names.
+    """Pose that the test of outliers names.
 
     Attributes:
         id, line: of its row; no line where there is no file.
-        size_m: how far its farthest target is from where the other poses say it is.
+        size_m: distance of its farthest target from the prediction by the other poses.
         p: the chance that noise alone makes any pose of a campaign stand out as far.
         held_out: whether it was not fitted, but is judged by.
     """
@@ -61,8 +61,6 @@ class Named:
 
 
 class _Missing:
-    """Stand in for a part of a state that a step still has to add."""
-
     def __init__(self, part: str, step: str) -> None:
         self._why = f"the pipeline has no {part} yet: run the step '{step}' before this one"
 
@@ -90,7 +88,6 @@ class Judging:
         refit: what each session of those may place anew: base, tool.
         gate_m: a larger mean error at poses not fitted is bad; None for no such limit.
         region: where the arm has to be known; None for where poses were measured.
-        region_name: what an error calls the region.
     """
 
     holdout: float | None = None
@@ -109,29 +106,21 @@ class Fitted:
     Attributes:
         fitter: of the arm; after the model is selected with the errors that the measurements share.
         given: the rows to fit.
-        held: the rows held out; None where there are none.
-        judging: options of the judgement.
         progress: takes how many folds of a cross-validation are done of how many.
-        checks: what the steps found, in order.
-        selection: of the model's groups, where that was asked for.
-        groups: of the model.
-        unshown: parameters of these that the selection found the poses not to show: held at zero.
-        noise: which errors the measurements share.
+        selection: of the model's groups, on request.
+        unshown: parameters of these that are not observable in these poses: fixed at zero.
         rows: those that the parameters come from.
         weighted: the fit, with the covariance that follows from its weights.
         observations: ``rows``, weighted as they were fitted.
         identification: the fit, with the intervals that the residuals support.
         outlier_search: the search for outliers that a robust fit ended with; None before one.
-        outliers: poses that are off: left out if asked for, else fitted all the same.
+        outliers: left out of the fit on request.
         tail_dof: degrees of freedom of Student's t that the noise's tails are like; infinite where Gaussian's will do.
-        adequacy: the test of lack of fit.
         measured: the joint positions of ``rows``, and what the model may lack beyond them; None where no points were
             observed.
         findings: about the errors, beyond independent noise: steps, drift, scatter, effects that the model lacks.
-        validation: errors at poses that were not fitted.
         prediction: observed against predicted errors at the validation poses; None where they were not compared.
         bounds: predicted and observed 95 % errors at the validation poses; None where there are none.
-        verdict: on the calibration.
     """
 
     fitter: Fitter
@@ -191,7 +180,28 @@ class Fitted:
     @cached_property
     def remaining(self) -> RemainingError | None:
         """Sources of the remaining error; None where no points were observed, or no residuals are left."""
-        return _remaining(self)
+        found, rows = self.identification, self.rows
+        if not only_positions(observation_of(found.model)) or found.process is not None:
+            return None
+        instrument_m = found.sigma_m if found.sigma_given else float("nan")
+        if not found.sigma_given and self.instrument is not None and self.instrument.is_rigid:
+            instrument_m = self.instrument.sigma_m
+        shared = self.noise.shared
+        if shared is not None and found.sigma_given:
+            instrument_m = shared.independent_m
+        groups = () if self.selection is None else self.selection.groups
+        size = rows.joints.shape[1]
+        return remaining_error(
+            found.residuals,
+            rows.joints,
+            row_times(rows),
+            found.dof,
+            instrument_m=instrument_m,
+            shared=shared,
+            scatter_slopes=by_joint_positions(found.model, rows.inputs(found.model.conditions), found.values, size),
+            nearly=tuple(group.name for group in groups if not group.chosen and group.f_p < NEARLY),
+            searched=self.selection is not None and self.selection.searched,
+        )
 
     @cached_property
     def gain(self) -> ExpectedGain | None:
@@ -217,32 +227,6 @@ class Fitted:
         if not only_positions(observation_of(self.identification.model)):
             return None
         return instrument_noise(self.rows.points)
-
-
-def _remaining(report: Fitted) -> RemainingError | None:
-    """The residuals of a report, taken apart."""
-    found, rows = report.identification, report.rows
-    if not only_positions(observation_of(found.model)) or found.process is not None:
-        return None
-    instrument_m = found.sigma_m if found.sigma_given else float("nan")
-    if not found.sigma_given and report.instrument is not None and report.instrument.is_rigid:
-        instrument_m = report.instrument.sigma_m
-    shared = report.noise.shared
-    if shared is not None and found.sigma_given:
-        instrument_m = shared.independent_m
-    groups = () if report.selection is None else report.selection.groups
-    size = rows.joints.shape[1]
-    return remaining_error(
-        found.residuals,
-        rows.joints,
-        row_times(rows),
-        found.dof,
-        instrument_m=instrument_m,
-        shared=shared,
-        scatter_slopes=by_joint_positions(found.model, rows.inputs(found.model.conditions), found.values, size),
-        nearly=tuple(group.name for group in groups if not group.chosen and group.f_p < NEARLY),
-        searched=report.selection is not None and report.selection.searched,
-    )
 
 
 def named_poses(rows: Measurements, found: Outliers | HeldOut, *, held_out: bool = False) -> tuple[Named, ...]:

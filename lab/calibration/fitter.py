@@ -39,7 +39,7 @@ __all__ = ["MOST_CHOSEN_BY", "Estimator", "FitOptions", "Fitter", "NominalRobot"
 _CLEANINGS = 5  # of the poses and what they are validated on
 _BALANCINGS = 3  # of the weights of poses and the choice of groups by each other
 _MOST_NAMED = 3  # effects that a model lacks, in a sentence: more are not looked for
-_MOST_TESTED = 1_000  # poses by which such effects are looked for: of more than that each shows hardly more
+_MOST_TESTED = 1_000  # poses by which such effects are searched
 MOST_CHOSEN_BY = 8_000  # poses by which groups are chosen: 1 GB
 
 _T = TypeVar("_T")
@@ -51,7 +51,7 @@ class NominalRobot(Protocol):
 
     @property
     def chain(self) -> JointSpec:
-        """The joints."""
+        """Joints of the robot."""
 
     @property
     def tool(self) -> dict[str, Array]:
@@ -86,8 +86,7 @@ class FitOptions:
         residual: whether what no group explains is predicted as offsets of the joints.
         robust: whether outliers are left out.
         fix, free: names or patterns of parameters to fix at nominal, or to identify though usually fixed.
-        prior: use of the tolerances of manufacture: where measurements say little, everywhere, or not at all.
-        tolerance: of manufacture (1 sigma).
+        prior: use of the tolerances of manufacture: along weakly observable directions, everywhere, or not at all.
     """
 
     groups: tuple[str, ...] = ()
@@ -113,7 +112,6 @@ class _LastResult:
         self._result: Any = None
 
     def __call__(self, make: Callable[[], _T], *arguments: object) -> _T:
-        """Return the last result where it was made of these very objects, else make it."""
         known = self._arguments
         if len(arguments) != len(known) or any(a is not b for a, b in zip(arguments, known, strict=True)):
             self._result, self._arguments = make(), arguments
@@ -127,7 +125,6 @@ class Fitter:
 
     Attributes:
         targets: of the arm: those of ``kind`` in ``data``.
-        data: all measurements, as the file holds them.
         kind: of observation, with its options.
         judged_by: further rows that the model must predict, with the groups that are left out there.
         estimator: of the parameters of one model: ``identify``, or another of the same arguments and result.
@@ -163,7 +160,7 @@ class Fitter:
             )
 
     def model_with(self, groups: Sequence[str]) -> Model:
-        """The arm with groups of effects, as it is observed."""
+        """Return the arm with groups of effects, as it is observed."""
         arm = self._arm_with(groups)
         return self.kind.observation(arm, self.data, arm.nominal(self.robot.tool))[0]
 
@@ -190,7 +187,7 @@ class Fitter:
         return self.kind.observation(arm, self.data, arm.nominal(self.robot.tool))[1]
 
     def nominal(self, model: Model) -> Array:
-        """The nominal parameters of one of these models."""
+        """Return the nominal parameters of one of these models."""
         arm = self.robot.arm(self.targets)
         known = dict(zip(arm.names, arm.nominal(self.robot.tool), strict=True))
         return np.array([known.get(name, 0.0) for name in model.names])
@@ -200,13 +197,8 @@ class Fitter:
         """Options of the identification."""
         chosen = self.options
         automatic = chosen.prior == "auto"  # what the joints' offsets explain is fitted to parameters without a prior
-        tolerance = self.tolerance if chosen.prior == "on" or (automatic and not chosen.residual) else None
+        tolerance = chosen.tolerance if chosen.prior == "on" or (automatic and not chosen.residual) else None
         return IdentifyOptions(chosen.fix, chosen.free, tolerance, automatic, self.kind.solve)
-
-    @property
-    def tolerance(self) -> Tolerance:
-        """Manufacturing tolerance."""
-        return self.options.tolerance
 
     def modelled(self, groups: Sequence[str], fixed: Sequence[str]) -> tuple[Model, IdentifyOptions]:
         """Return the arm with these groups less the parameters held, and the options of its identification."""
@@ -242,7 +234,7 @@ class Fitter:
         return self._last_fit(make, rows, groups, fixed, self.kind, self.noise.shared)
 
     def selected_with_noise(self, rows: Measurements) -> tuple["Fitter", Selection | None, NoiseSearch]:
-        """The model that the rows call for, and their noise: each is chosen with the other."""
+        """Return the selected model and its noise: each is chosen with the other."""
         fitter, selection, search = self._balanced(rows)
         if selection is None or not (doubted := self._doubted_by_time(selection)):
             return fitter, selection, search
@@ -268,7 +260,6 @@ class Fitter:
         )
 
     def _with_own_noise(self, selection: Selection, rows: Measurements) -> tuple["Fitter", Selection, NoiseSearch]:
-        """A selection with the noise that its model leaves."""
         search = noise_of(_OneModel.of(self, selection), rows)
         return self.knowing(search.shared), selection, search
 
@@ -290,7 +281,7 @@ class Fitter:
         return fitter, selection, search
 
     def knowing(self, shared: ErrorModel | None) -> "Fitter":
-        """The fitter with the errors that its measurements share."""
+        """Return the fitter with the errors that its measurements share."""
         return replace(self, noise=replace(self.noise, shared=shared))
 
     def with_missing_effects(self, rows: Measurements, selection: Selection | None) -> Selection | None:
@@ -386,17 +377,17 @@ class Fitter:
         """
         selection, rows = None, thinned(rows, MOST_CHOSEN_BY)
         for _ in range(_BALANCINGS):
-            before, weighed_so = selection, self._weighted_as(found)
+            before, weighted = selection, self._weighted_as(found)
             tried = [name for name in self.approached(CANDIDATES) if not self.unanswerable(name)]
-            selection = self._searched(weighed_so.model_with, rows, self.request, tried)
-            if weighed_so is self or (before and before.chosen == selection.chosen):
+            selection = self._searched(weighted.model_with, rows, self.request, tried)
+            if weighted is self or (before and before.chosen == selection.chosen):
                 break
             found, _, _ = self.identified(rows, selection.chosen, selection.fixed)
         assert selection is not None
         return selection
 
     def approached(self, groups: Sequence[str]) -> tuple[str, ...]:
-        """The groups, with backlash of those joints alone whose direction of approach the file has, if it has some."""
+        """Return the groups, with backlash only of joints with an approach column, if the file has some."""
         play = approached_groups(self.robot.chain, self.data.conditions)
         return tuple(dict.fromkeys(each for name in groups for each in (play if name == "backlash" else (name,))))
 
@@ -404,7 +395,7 @@ class Fitter:
         """Describe the data for a group that are missing in the rows to be judged by; empty if none."""
         for rows, without in self.judged_by:
             if group not in without:
-                with suppress(LabError):  # a group that cannot be built says so elsewhere
+                with suppress(LabError):  # a group that cannot be built is reported elsewhere
                     conditions = self._arm_with([group]).conditions
                     try:
                         rows.inputs(conditions)
@@ -413,7 +404,6 @@ class Fitter:
         return ""
 
     def _weighted_as(self, found: Identification) -> "Fitter":
-        """The fitter with the weights that an identification estimated; itself where nothing is estimated."""
         kind = self.kind.weighted_as(found.model)
         return self if kind == self.kind else replace(self, kind=kind)
 
@@ -425,12 +415,12 @@ class Fitter:
         return NoiseDistribution("uniform", self.noise.readings) if uniform else NoiseDistribution()
 
     def identified_from(self, model: Model, rows: Measurements, request: IdentifyOptions) -> Identification:
-        """The parameters of a model from all these rows."""
+        """Identify the parameters of a model from all these rows."""
         model = self.kind.balanced(model, rows, self.nominal(model), request)
         return self.estimator(model, rows, self.nominal(model), self.noise, request)
 
     def outliers_of(self, start: Identification, rows: Measurements) -> Outliers:
-        """The rows that are off, by a search that starts from an identification."""
+        """Find outliers among the rows, by a search that starts from an identification."""
         return self._last_outliers(
             lambda: outliers_among_fitted(start, rows, self.noise, self.noise_shape, self.seed),
             start,
@@ -449,28 +439,22 @@ class _OneModel:
 
     @staticmethod
     def of(fitter: Fitter, selection: Selection | None) -> "_OneModel":
-        """Build the model that a selection ended with; geometry alone without one."""
         return _OneModel(fitter, *((selection.chosen, selection.fixed) if selection else ((), ())))
 
     @property
     def noise(self) -> Noise:
-        """Noise of the instrument."""
         return self.fitter.noise
 
     @property
     def encoders(self) -> Encoders | None:
-        """Encoders of the robot's table."""
         return self.fitter.robot.chain.encoders
 
     def fitted(self, rows: Measurements, shared: ErrorModel | None) -> Identification:
-        """The identification from all these rows."""
         return self.fitter.knowing(shared).identified_with(rows, self.groups, self.fixed)
 
     def outliers(self, found: Identification, rows: Measurements, shared: ErrorModel | None) -> Outliers:
-        """The poses that are off."""
         return self.fitter.knowing(shared).outliers_of(found, rows)
 
 
 def _kinds(shared: ErrorModel | None) -> tuple[str, ...]:
-    """Return the kinds of errors that are shared."""
     return () if shared is None else shared.kinds

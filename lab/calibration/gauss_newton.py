@@ -1,7 +1,7 @@
-"""Gauss-Newton, damped where it must be, on whitened positions and unit columns.
+"""Fit parameters by Gauss-Newton, damped where necessary, on whitened positions and unit columns.
 
-The step is solved through an orthogonal factorization of the scaled Jacobian and the singular
-values of its triangle, so that a deficient system gives the shortest step, and is told.
+The step is solved through an orthogonal factorization of the scaled Jacobian and the singular values of its triangle,
+so that a rank-deficient system gives the shortest step, and the fit reports its rank.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -18,29 +18,20 @@ from lab.core.se3 import Array
 from lab.kinematics.model import Model
 from lab.noise.correlation import Correlation
 
-__all__ = [
-    "MAX_ITERATIONS",
-    "RANK_TOLERANCE",
-    "Estimator",
-    "ExtraResiduals",
-    "Fit",
-    "Observations",
-    "Status",
-    "fit",
-]
+__all__ = ["RANK_TOLERANCE", "Estimator", "ExtraResiduals", "Fit", "Observations", "Status", "fit"]
 
 Status = Literal["converged", "in a valley", "not converged"]
 ExtraResiduals = Callable[[Array], tuple[Array, Array]]
 """Parameters ``(p,)`` to more whitened residuals ``(r,)``, and the derivatives ``(r, p)`` of what predicts them."""
-MAX_ITERATIONS = 300
+_MAX_ITERATIONS = 300
 _LEAST_DAMPING, _LARGEST_DAMPING = 1e-12, 1e4  # of the largest singular value, squared
-_CRAWLED, _STALLED = 1e-3, 25  # steps in a row that each lower the cost by less than this part of it: a valley
+_CRAWLED, _STALLED = 1e-3, 25  # steps in a row that each lower the cost by less than this part of it
 _BLOCK = 60_000  # numbers whose derivatives are held at a time
 _FIRST_POSES = 4_000  # of more than a block, on which a fit begins
 _PROBE = 0.1  # of a step, at which its curvature is looked for
-_MOST_BENT = 0.75  # of a step's length, twice its acceleration: beyond, the second order says nothing
+_MOST_BENT = 0.75  # of a step's length, twice its acceleration: beyond, the second order is not reliable
 RANK_TOLERANCE = 1e-10  # of the largest singular value of the column-scaled Jacobian
-_ILL_CONDITIONED = 1e3  # a condition above which poses hardly tell the parameters apart
+_ILL_CONDITIONED = 1e3  # a condition above which parameters are weakly observable
 
 
 @dataclass(frozen=True)
@@ -48,7 +39,7 @@ class Observations:
     """Observed points as rows, ready to be fitted.
 
     Attributes:
-        inputs: ``(n, joints + conditions)``, what the model is asked at.
+        inputs: ``(n, joints + conditions)`` of the model.
         points: ``(n, k, d)``, k things of d numbers each (positions in m, d = 3), NaN where not observed.
         whiten: ``(n, k)`` one over the standard deviation, or ``(n, k, d, d)`` the inverse of
             the covariance's Cholesky factor; ones where the noise is to be estimated.
@@ -78,7 +69,7 @@ class Observations:
 
     @staticmethod
     def unweighted(data: Measurements) -> "Observations":
-        """The points of some measurements, all with weight one, for a model without conditions."""
+        """Return measurements with weight one, for a model without conditions."""
         return Observations(data.joints, data.points, np.ones(data.points.shape[:2]))
 
     def apply(self, vectors: Array) -> Array:
@@ -130,7 +121,7 @@ class Observations:
         return self.points.size <= _BLOCK or (self.correlation is not None and self.correlation.between_poses)
 
     def blocks(self) -> Iterator["Observations"]:
-        """The poses in parts of a bounded size."""
+        """Yield the poses in parts of a bounded size."""
         if self.in_one_block:
             yield self
             return
@@ -139,7 +130,7 @@ class Observations:
             yield self.take(np.arange(first, min(first + size, n)))
 
     def thinned(self, poses: int) -> "Observations":
-        """So many of the poses, evenly spaced; all where there are no more than that, or no more than a block."""
+        """Select so many poses, evenly spaced; all where there are no more, or no more than a block."""
         some = None if self.in_one_block else evenly(len(self.inputs), poses)
         return self if some is None else self.take(some)
 
@@ -244,25 +235,18 @@ def fit(
     *,
     tolerance_m: float = 1e-9,
     extra_residuals: ExtraResiduals | None = None,
-    most_steps: int = MAX_ITERATIONS,
+    most_steps: int = _MAX_ITERATIONS,
 ) -> Fit:
-    """Least squares over the free parameters from ``start``, the others held.
+    """Fit the free parameters by least squares from ``start``, the others fixed.
 
-    Gauss-Newton; where its step does not lower the cost, a damped one. It has converged when a full
-    step would move the predicted points by less than ``tolerance_m`` (root mean square, of what is
-    weighed as one metre); that step is still taken, so that what remains is its square. It ends in a valley where 25
-    damped steps in a row lower the cost by less than a thousandth each: along it the measurements say next to nothing,
-    and hundreds of steps more would not change that.
-
-    The loop is its own, not that of ``lab.core.newton``: a step is taken only where it lowers the cost, the damping
-    goes from step to step, and the last factorization is part of the result.
+    Gauss-Newton; where its step does not lower the cost, a damped one. It has converged when a full step would move the
+    predicted points by less than ``tolerance_m`` (root mean square, of what is weighted as one metre); that step is
+    still taken, so that what remains is its square. It stalls on an ill-conditioned problem ("in a valley") where 25
+    damped steps in a row lower the cost by less than a thousandth each.
 
     Args:
-        free: indices of the parameters to fit.
         start: ``(p,)`` all parameters.
-        tolerance_m: m.
         extra_residuals: what else is known of the parameters, e.g. a prior.
-        most_steps: after which it ends in any case.
     """
     index = list(free)
     metre = observed.typical_weight * np.sqrt(max(len(observed.inputs), 1))
@@ -312,7 +296,6 @@ class _State:
     """Parameters with the linear problem there.
 
     Attributes:
-        values: ``(p,)``.
         residual: ``(r,)`` whitened, measured less predicted.
         jacobian: ``(r, f)`` of the prediction; None where it is not held.
         triangle: ``(f, f)`` its R, columns of unit norm.
@@ -332,7 +315,6 @@ class _State:
         return 0.5 * float(self.residual @ self.residual)
 
     def moved(self, index: list[int], step: Array) -> Array:
-        """The parameters after a step ``(f,)`` in units of the columns."""
         values = self.values.copy()
         values[index] += step / self.scale
         return values
@@ -340,7 +322,7 @@ class _State:
 
 @dataclass(frozen=True)
 class _Problem:
-    """The problem that is fitted, block by block: derivatives of more poses than a block are never held."""
+    """Problem to fit, block by block: derivatives of more poses than a block are never stored."""
 
     model: Model
     observed: Observations
@@ -348,13 +330,12 @@ class _Problem:
     extra_residuals: ExtraResiduals | None
 
     def residual(self, values: Array) -> Array:
-        """``(r,)`` whitened, measured less predicted."""
+        """Return ``(r,)`` whitened, measured less predicted."""
         parts = [each.apply(each.points - self.model.points(each.inputs, values)) for each in self.observed.blocks()]
         more = [] if self.extra_residuals is None else [self.extra_residuals(values)[0]]
         return np.concatenate([*parts, *more])
 
     def _parts(self, values: Array) -> Iterator[tuple[Array, Array]]:
-        """Yield residual and derivatives of each block, then of the extra residuals."""
         for each in self.observed.blocks():
             points, derivative = self.model.observe(each.inputs, values)
             yield each.apply(each.points - points), each.apply(derivative[..., self.index])
@@ -364,7 +345,6 @@ class _Problem:
                 yield more, rows[:, self.index]
 
     def at(self, values: Array) -> _State:
-        """The linear problem at some parameters."""
         if self.observed.in_one_block:
             parts = list(self._parts(values))
             residual, jacobian = parts[0] if len(parts) == 1 else map(np.concatenate, zip(*parts, strict=True))
@@ -372,11 +352,11 @@ class _Problem:
         else:
             residuals, jacobian = list[Array](), None
 
-            def kept(part: Array, derivatives: Array) -> Array:
+            def added(part: Array, derivatives: Array) -> Array:
                 residuals.append(part)
                 return _beside(derivatives, part)
 
-            both = triangle_of(kept(*each) for each in self._parts(values))
+            both = triangle_of(added(*each) for each in self._parts(values))
             residual = np.concatenate(residuals)
         size = both.shape[1] - 1
         if len(both) <= size:  # fewer rows than columns
@@ -385,14 +365,14 @@ class _Problem:
         return _State(values, residual, jacobian, columns, both[:size, size], scale)
 
     def lower(self, here: _State, values: Array) -> _State | None:
-        """The linear problem at some parameters if the cost is lower there; derivatives are worked out only then."""
+        """Return the linear problem at some parameters if the cost is lower there, else None."""
         residual = self.residual(values)
         return self.at(values) if 0.5 * float(residual @ residual) < here.cost else None
 
     def pull(self, here: _State, step: Array, ahead: Array) -> Array:
-        """``(f,)`` J'f_vv, with the curvature of the prediction along a step from the residual ``ahead``."""
-        residual, held, total, row = here.residual, here.jacobian, np.zeros(len(step)), 0
-        for jacobian in (part for _, part in self._parts(here.values)) if held is None else iter([held]):
+        """Return ``(f,)`` J'f_vv, with the curvature of the prediction along a step from the residual ``ahead``."""
+        residual, stored, total, row = here.residual, here.jacobian, np.zeros(len(step)), 0
+        for jacobian in (part for _, part in self._parts(here.values)) if stored is None else iter([stored]):
             rows = slice(row, row + len(jacobian))
             curvature = 2 / _PROBE * ((residual[rows] - ahead[rows]) / _PROBE - jacobian @ (step / here.scale))
             total, row = total + jacobian.T @ curvature / here.scale, rows.stop
@@ -422,5 +402,5 @@ def _damped(problem: _Problem, here: _State, damping: float) -> tuple[_State | N
 
 
 def _beside(jacobian: Array, residual: Array) -> Array:
-    """Both side by side, columns in a row: one factorization gives R of the Jacobian and Q'r."""
+    """Join both, columns in a row: one factorization gives R of the Jacobian and Q'r."""
     return np.vstack([jacobian.T, residual]).T

@@ -11,7 +11,6 @@ from lab.kinematics.model import Model
 
 __all__ = [
     "WEAK_CONDITION",
-    "Alias",
     "Direction",
     "aliases",
     "column_scale",
@@ -30,11 +29,10 @@ _MEMBER = 0.1  # the least share of a direction that names a parameter
 
 
 @dataclass(frozen=True)
-class Alias:
+class _Alias:
     """A fixed parameter, and the identifiable ones that its error is aliased with.
 
     Attributes:
-        name: of the fixed parameter.
         into: (name, coefficient), the coefficient in the SI units of the two.
     """
 
@@ -60,7 +58,7 @@ class Direction:
 def weak_directions(
     names: Sequence[str], jacobian: Array, below: float = WEAK_CONDITION, rows: int | None = None
 ) -> tuple[Direction, ...]:
-    """The weakly observable directions, weakest first.
+    """Return the weakly observable directions, weakest first.
 
     Args:
         names: of the parameters ``(f,)``.
@@ -83,17 +81,16 @@ def weak_directions(
 
 
 def scaled_condition(jacobian: Array) -> float:
-    """The condition number of a Jacobian ``(rows, p)`` with unit columns: infinite where it is short of rank."""
+    """Return the condition number of a Jacobian ``(rows, p)`` with unit columns; infinite if rank-deficient."""
     sizes = np.linalg.svd(jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300), compute_uv=False)
     full = len(sizes) == jacobian.shape[1] and sizes[-1] > _RANK_FLOOR * sizes[0]
     return float(sizes[0] / sizes[-1]) if full else float("inf")
 
 
 def condition_of(model: Model, values: Array, inputs: Array) -> float:
-    """The condition number of the base set's Jacobian with unit columns: infinite where it is short of rank.
+    """Return the condition number of the base set's Jacobian, unit columns; infinite if rank-deficient.
 
     Args:
-        model: of what is observed.
         values: ``(p,)``.
         inputs: ``(n, joints + conditions)`` where it is measured.
     """
@@ -102,14 +99,12 @@ def condition_of(model: Model, values: Array, inputs: Array) -> float:
     return scaled_condition(jacobian.reshape(-1, len(model.names))[:, list(structure.identifiable)])
 
 
-def aliases(model: Model, structure: BaseSet, jacobian_scale: Array | None = None) -> tuple[Alias, ...]:
+def aliases(model: Model, structure: BaseSet, jacobian_scale: Array | None = None) -> tuple[_Alias, ...]:
     """Return the parameters that each fixed parameter is aliased with.
 
     A coefficient is dropped where its effect is rounding beside the others' of the same parameter.
 
     Args:
-        model: whose parameters these are.
-        structure: the base set.
         jacobian_scale: ``(p,)`` the columns' norms, by which effects compare; ones if not given.
     """
     scale = np.ones(len(model.names)) if jacobian_scale is None else jacobian_scale
@@ -123,18 +118,18 @@ def aliases(model: Model, structure: BaseSet, jacobian_scale: Array | None = Non
             for i, c, keep in zip(structure.identifiable, coefficients, strong, strict=True)
             if keep
         )
-        result.append(Alias(model.names[fixed], into))
+        result.append(_Alias(model.names[fixed], into))
     return tuple(result)
 
 
 def column_scale(model: Model, values: Array) -> Array:
-    """Norms ``(p,)`` of the Jacobian's columns at nominal links: how far a unit of each moves the targets."""
+    """Return norms ``(p,)`` of the Jacobian's columns at nominal links: moves of the targets by a unit of each."""
     scale: Array = np.linalg.norm(structure_jacobian(model, values, 50).reshape(-1, len(model.names)), axis=0)
     return scale
 
 
 def poses_needed(model: Model, values: Array, structure: BaseSet | None = None) -> int:
-    """The least number of generic poses that identify the whole base set."""
+    """Return the least number of generic poses that identify the whole base set."""
     structure = structure or base_set(model, values)
     jacobian = structure_jacobian(model, values, 5 * len(structure.identifiable))
     return enough_poses(jacobian.reshape(len(jacobian), -1, len(model.names))[..., list(structure.identifiable)])

@@ -1,18 +1,15 @@
-"""The identifier: an arm's parameters from measured target positions.
+"""Identify an arm's parameters from measured target positions.
 
-It sees an arm only through ``Model``: joints and parameters in, points and derivatives out.
+Identification uses an arm only through ``Model``: joints and parameters in, points and derivatives out.
 
-The most likely arm among all that predict the same: what is exported.
-
-The canonical gauge holds some parameters at nominal, and errors of these go into others. Among
-all arms with the same predictions tolerances of manufacture make one most likely: its errors are
-spread over each aliased group by their variances. It is the same whichever of a group was kept.
+The canonical gauge fixes some parameters at nominal, and errors of these go into others. Among all arms with the same
+predictions, tolerances of manufacture make one most likely: its errors are spread over each aliased group by their
+variances, whichever of the group is identified. That arm is exported.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
-from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -53,7 +50,6 @@ __all__ = [
     "Ellipsoids",
     "Identification",
     "IdentifyOptions",
-    "PredictedCovariance",
     "Solve",
     "ellipsoids",
     "fit_base_and_tool",
@@ -65,7 +61,7 @@ __all__ = [
 ]
 
 Solve = Callable[[Observation, Observations, Sequence[int], Array], Fit]
-_FIRST_POSES = 4_000  # of very many, by which a fit finds where to start, and most often what they tell apart
+_FIRST_POSES = 4_000  # of very many, for initial values and, mostly, the identifiable parameters
 _PRIOR_ROUNDS = 4  # of the directions and the scale of an automatic prior, and the fit by these
 _SETTLED_SCALE = 0.05  # of itself, by which the scale of the tolerances still changes
 _LEAST_SIGMA = 1e-9  # m: residuals below are those of the arithmetic
@@ -102,14 +98,14 @@ class IdentifyOptions:
         return replace(self, fix=fix, free=free)
 
 
-class PredictedCovariance(Protocol):
+class _PredictedCovariance(Protocol):
     """Covariances of the errors of predicted points, where they are not those of the parameters alone."""
 
     def covariances(self, inputs: Array, targets: int | None = None) -> Array:
-        """``(n, k, 3, 3)`` m^2 at poses ``(n, joints + conditions)``, each point alone; of the first targets."""
+        """Return ``(n, k, 3, 3)`` m^2 at poses ``(n, joints + conditions)``, each point alone; of the first targets."""
 
     def covariance(self, inputs: Array, targets: int | None = None) -> Array:
-        """``(n k 3, n k 3)`` m^2 of all points together."""
+        """Return ``(n k 3, n k 3)`` m^2 of all points together."""
 
 
 @dataclass(frozen=True)
@@ -123,9 +119,7 @@ class Identification:
         base_set: which parameters are identifiable by the arm's structure.
         fit: of the parameters identifiable from these poses; ``fit.free`` are their indices.
         sigma_m: noise of a coordinate, given (a root mean square) or estimated; NaN if unknown.
-        sigma_given: whether it was given.
         residual_sigma_m: noise of a coordinate, estimated from the residuals; NaN where nothing is left over.
-        dof: residual degrees of freedom.
         covariance: ``(f, f)`` of the free parameters; NaN where sigma is unknown.
         extra_residuals: information beside the measurements, weighted as they are: constraints, a prior.
         dof_each: ``(f,)`` of each parameter's interval, where the covariance is not that of one sigma alone.
@@ -151,7 +145,7 @@ class Identification:
     checks: tuple[Check, ...]
     extra_residuals: ExtraResiduals
     dof_each: Array | None = None
-    process: PredictedCovariance | None = None
+    process: _PredictedCovariance | None = None
     prior: ActingPrior | None = None
 
     @property
@@ -195,7 +189,7 @@ class Identification:
 
 
 def fit_base_and_tool(observation: Observation, observed: Observations, nominal: Array) -> Array:
-    """Nominal links with base and targets fitted: the arm *before*, and the start of *after*."""
+    """Fit base and targets to the nominal links: the arm *before*, and the start of *after*."""
     model, placing = observation.model, columns_of(observation.model, observation.placed)
     constraints = weighted_constraints(observation, observed)
     start = observation.initial_guess(observed.thinned(_FIRST_POSES), nominal)
@@ -204,8 +198,8 @@ def fit_base_and_tool(observation: Observation, observed: Observations, nominal:
         return placed.values
     jacobian = structure_jacobian(model, nominal, 50)
     free = independent_columns(jacobian.reshape(-1, len(model.names)), placing)
-    held = [column for column in placing if column not in free]
-    start[held] = nominal[held]
+    fixed = [column for column in placing if column not in free]
+    start[fixed] = nominal[fixed]
     return fit(model, observed, free, start, tolerance_m=1e-7, extra_residuals=constraints).values
 
 
@@ -216,13 +210,11 @@ def identify(
     noise: Noise | None = None,
     request: IdentifyOptions | None = None,
 ) -> Identification:
-    """Identify an arm's base set from the rows of ``data``, from nominal links and no idea of base and tool.
+    """Identify an arm's base set from the rows of ``data``, from nominal links, without initial base and tool.
 
     Args:
         arm: the arm, measured by points; or an ``Observation``, a model of another kind of measurement.
-        data: rows to identify it from.
-        noise: what is known of their noise; nothing where not given.
-        request: what to fix, free or weigh beyond the defaults.
+        noise: of these rows; unknown where not given.
         nominal: the nominal parameters, at least the arm's; what is placed (base and tool) needs no guess.
 
     Raises:
@@ -234,14 +226,24 @@ def identify(
     _refuse_impossible_or_few(observation, data, observed, nominal)
     aligned = fit_base_and_tool(observation, observed.alike, nominal)
     extra_residuals = weighted_constraints(observation, observed)
-    known_rows = observation.extra_residuals(model.rank_point(aligned))[1]
-    structure = base_set(model, aligned, fix=request.fix, free=request.free, prior_rows=known_rows)
-    free = _identifiable(model, observed, aligned, structure, known_rows)
+    constraint_rows = observation.extra_residuals(model.rank_point(aligned))[1]
+    structure = base_set(model, aligned, fix=request.fix, free=request.free, prior_rows=constraint_rows)
+    free = _identifiable(model, observed, aligned, structure, constraint_rows)
     if (request.tolerance is None or request.automatic) and len(free) < len(structure.identifiable):
-        _refuse_few_poses(model, data, aligned, structure)
-    start = _start(model, aligned, nominal, structure, free, request.near)
-    solve = request.solve or partial(_all_at_once, extra_residuals)
-    solution = _canonical(model, solve(observation, observed, free, start))
+        needed = poses_needed(model, aligned, structure)
+        if len(data) < needed:
+            raise LabError(
+                f"{len(data)} poses, but the {len(structure.identifiable)} identifiable parameters "
+                f"need at least {needed}: measure more"
+            )
+    start = aligned.copy()
+    start[list(structure.fixed)] = nominal[list(structure.fixed)]
+    start[list(free)] = [request.near.get(model.names[i], start[i]) for i in free]
+    if request.solve is None:
+        solution = fit(model, observed, free, start, extra_residuals=extra_residuals)
+    else:
+        solution = request.solve(observation, observed, free, start)
+    solution = _canonical(model, solution)
     residuals = data.points - model.points(observed.inputs, solution.values)
     dof, estimated = _residual_sigma(observation, observed, solution, residuals)
     acting = None
@@ -282,7 +284,7 @@ class _MAPFit:
     """A fit in which a prior takes part.
 
     Attributes:
-        sigma: that the residuals say, in units of the weights.
+        sigma: estimated from the residuals, in units of the weights.
         weight: the sigma by which the prior is weighted.
     """
 
@@ -295,11 +297,7 @@ class _MAPFit:
 
 @dataclass(frozen=True)
 class _MAPProblem:
-    """The measurements of a base set, to be fitted with a prior of its links.
-
-    Attributes:
-        known: whether the measurements' weights stand on a known sigma.
-    """
+    """The measurements of a base set, to be fitted with a prior of its links."""
 
     observation: Observation
     observed: Observations
@@ -309,7 +307,6 @@ class _MAPProblem:
     sigma_given: bool
 
     def with_whole(self, prior: Prior, dof: int, sigma: float) -> _MAPFit:
-        """Fit with a prior in all directions, as wide as the given tolerances."""
         if not (self.sigma_given or np.isfinite(sigma)):
             raise LabError(
                 f"{option_name('prior')}: the measurements leave no residuals to estimate the noise; give "
@@ -319,9 +316,9 @@ class _MAPProblem:
         rows = np.zeros((len(prior.of), len(model.names)))
         rows[:, list(prior.of)] = prior.whiten
         acting = ActingPrior(model.names, prior.mean, rows, 1.0, 0, len(rows), float("nan"), automatic=False)
-        kept = self.structure.identifiable
-        solution = self._fitted(acting, weight, kept, self.start)
-        acting = replace(acting, plain_condition=scaled_condition(self._linear(kept, solution.values)[0]))
+        columns_of_fit = self.structure.identifiable
+        solution = self._fitted(acting, weight, columns_of_fit, self.start)
+        acting = replace(acting, plain_condition=scaled_condition(self._linear(columns_of_fit, solution.values)[0]))
         return _MAPFit(acting, solution, dof, sigma, weight)
 
     def automatically(self, prior: Prior, plain: Fit, dof: int, sigma: float) -> _MAPFit | None:
@@ -330,15 +327,12 @@ class _MAPProblem:
         Directions, sigma and scale are taken at the fit that they lead to, and so found in a few rounds.
 
         Args:
-            plain: the fit without a prior.
             dof, sigma: of its residuals; a sigma of NaN where nothing is left over.
         """
         identifiable, usable = self.structure.identifiable, plain.status == "converged"
         if not prior.of or not (self.sigma_given or sigma > 0):
             return None
-        if usable and set(plain.free) == set(
-            identifiable
-        ):  # with every direction well measured it stays exactly as it is
+        if usable and set(plain.free) == set(identifiable):  # well measured in all directions, it stays as it is
             weight = self._weight(sigma)
             if condition_bound(plain.triangle) < WELL_CONDITIONED:
                 links = [plain.free.index(i) for i in prior.of]
@@ -356,13 +350,15 @@ class _MAPProblem:
             weight = self._weight(sigma)
             triangle, right = self._linear(columns, values)
             directions = directions_of(prior, triangle / weight, right / weight, columns, values)
-            scale, told_by = directions.scale()
+            scale, scale_from = directions.scale()
             weak = directions.weak(scale)
             if not weak.any():
                 return best
             rows = directions.by_parameter[weak] / scale
             condition = scaled_condition(triangle)
-            acting = ActingPrior(self.observation.model.names, prior.mean, rows, scale, told_by, len(weak), condition)
+            acting = ActingPrior(
+                self.observation.model.names, prior.mean, rows, scale, scale_from, len(weak), condition
+            )
             solution = self._fitted(acting, weight, columns, values)
             if solution.status != "converged" and (usable or best is not None):
                 return best
@@ -382,13 +378,9 @@ class _MAPProblem:
 
     def _weight(self, sigma: float) -> float:
         """Return the sigma by which a prior is weighted: where given, more if the residuals are."""
-        return (
-            max(sigma, 1.0)
-            if self.sigma_given and np.isfinite(sigma)
-            else 1.0
-            if self.sigma_given
-            else max(sigma, _LEAST_SIGMA)
-        )
+        if self.sigma_given:
+            return max(sigma, 1.0) if np.isfinite(sigma) else 1.0
+        return max(sigma, _LEAST_SIGMA)
 
     def _fitted(self, acting: ActingPrior, weight: float, columns: Sequence[int], start: Array) -> Fit:
         extra = joined(self.constraints, acting.rows(weight))
@@ -409,35 +401,15 @@ class _MAPProblem:
         return both[: len(index), :-1], both[: len(index), -1]
 
 
-def _start(
-    model: Model, aligned: Array, nominal: Array, structure: BaseSet, free: Sequence[int], near: Mapping[str, float]
-) -> Array:
-    """Return the start of the fit, with fixed parameters at their nominal values."""
-    start = aligned.copy()
-    start[list(structure.fixed)] = nominal[list(structure.fixed)]
-    start[list(free)] = [near.get(model.names[i], start[i]) for i in free]
-    return start
-
-
-def _refuse_few_poses(model: Model, data: Measurements, aligned: Array, structure: BaseSet) -> None:
-    """A LabError for fewer poses than the base set needs."""
-    needed = poses_needed(model, aligned, structure)
-    if len(data) < needed:
-        raise LabError(
-            f"{len(data)} poses, but the {len(structure.identifiable)} identifiable parameters "
-            f"need at least {needed}: measure more"
-        )
-
-
 def _refuse_impossible_or_few(
     observation: Observation, data: Measurements, observed: Observations, nominal: Array
 ) -> None:
-    """A LabError for poses at which the nominal model's loops do not close, or fewer points than place a base."""
-    silent = np.isnan(observation.model.points(observed.inputs, nominal)) & np.isfinite(observed.points)
-    if (lost := np.flatnonzero(silent.any(axis=(1, 2)))).size:
+    """Refuse poses at which the nominal loops do not close, and fewer points than place a base."""
+    missing = np.isnan(observation.model.points(observed.inputs, nominal)) & np.isfinite(observed.points)
+    if (impossible := np.flatnonzero(missing.any(axis=(1, 2)))).size:
         raise LabError(
-            f"{len(lost)} of {len(data)} measured poses are impossible for the nominal robot, "
-            f"{data.where(int(lost[0]))} "
+            f"{len(impossible)} of {len(data)} measured poses are impossible for the nominal robot, "
+            f"{data.where(int(impossible[0]))} "
             "the first: its loops do not close there; mend the joint positions, or leave the pose out"
         )
     if why := few_points_of_a_station(observation.model, data):
@@ -445,12 +417,6 @@ def _refuse_impossible_or_few(
     if (count := int(data.seen.sum())) < 3:
         needed = poses_needed(observation.model, nominal)
         raise LabError(f"{count} measured points: too few to place a base; measure at least {needed} poses")
-
-
-def _all_at_once(
-    extra_residuals: ExtraResiduals, observation: Observation, observed: Observations, free: Sequence[int], start: Array
-) -> Fit:
-    return fit(observation.model, observed, free, start, extra_residuals=extra_residuals)
 
 
 def _residual_sigma(
@@ -472,7 +438,6 @@ def _residual_sigma(
 def _identifiable(
     model: Model, observed: Observations, aligned: Array, structure: BaseSet, prior_rows: Array
 ) -> tuple[int, ...]:
-    """Return the parameters of the base set that are identifiable from the measured poses, at the nominal links."""
     identifiable, at = set(structure.identifiable), model.rank_point(aligned)
     order = [i for i in model.column_priority() if i in identifiable]
     few = observed.thinned(_FIRST_POSES)
@@ -528,7 +493,7 @@ def _shortest_turn(values: Array, turning: list[int]) -> Array:
 
 
 def _relative_spread(observation: Observation, observed: Observations, aligned: Array, nominal: Array) -> float:
-    """The measured points' spread to that of the nominal model with its tool in the same poses; 1 where all is zero."""
+    """Return the spread of the measured points over that of the nominal model with its tool in the same poses."""
     values, tool = aligned.copy(), list(columns_of(observation.model, ("tool",)))
     values[tool] = nominal[tool]
     compared = observed.points[:, : observation.positions or None]
@@ -539,14 +504,13 @@ def _relative_spread(observation: Observation, observed: Observations, aligned: 
 
 
 def spread(points: Array) -> float:
-    """Root mean square distance (m) of points from their mean; NaN are left out."""
+    """Return the root mean square distance (m) of points from their mean, NaN left out."""
     visible = points[seen_mask(points)]
     off = visible - visible.mean(axis=0)
     return float(np.sqrt(np.vdot(off, off) / len(off)))
 
 
 def _checks(found: Identification) -> list[Check]:
-    """Check that the fit converged, and that the measurements determine every parameter."""
     checks, steps, names = list[Check](), found.fit.iterations, found.model.names
     weak = [*found.weak[:_MOST_NAMED], *(["others"] if len(found.weak) > _MOST_NAMED else [])]
     if found.status == "in a valley":
@@ -575,7 +539,7 @@ class Ellipsoids:
 
 
 def ellipsoids(squares: Array) -> Ellipsoids:
-    """The ellipsoids ``x' S^-1 x = 1`` of symmetric matrices S ``(n, 3, 3)``."""
+    """Return the ellipsoids ``x' S^-1 x = 1`` of symmetric matrices S ``(n, 3, 3)``."""
     sizes, axes = np.linalg.eigh(squares)
     axes, sizes = axes[..., ::-1].copy(), sizes[..., ::-1]
     axes[np.linalg.det(axes) < 0, :, 2] *= -1
@@ -583,17 +547,17 @@ def ellipsoids(squares: Array) -> Ellipsoids:
 
 
 def mapping_ellipsoids(identification: Identification, joints: Array, target: int = 0) -> Ellipsoids:
-    """Onto what each pose's Jacobian maps the unit ball of scaled parameters (thesis fig. II.1).
+    """Return the images of the unit ball of scaled parameters under each pose's Jacobian (thesis fig. II.1).
 
-    Parameters are scaled as in the solution: so that over all measured poses each moves the
-    whitened points alike. Lengths are those of the positions in m per unit.
+    Parameters are scaled as in the solution: so that over all measured poses each moves the whitened points alike.
+    Lengths are those of the positions in m per unit.
     """
     jacobian = _free_jacobian(identification, joints, target) / identification.fit.scale
     return ellipsoids(jacobian @ np.swapaxes(jacobian, 1, 2))
 
 
 def position_covariance(identification: Identification, joints: Array, target: int = 0) -> Array:
-    """Covariance ``(n, 3, 3)`` in m^2 of the identified arm's position of a target: J C J'."""
+    """Return the covariance ``(n, 3, 3)`` in m^2 of the identified position of a target: J C J'."""
     jacobian = _free_jacobian(identification, joints, target)
     covariance: Array = jacobian @ identification.covariance @ np.swapaxes(jacobian, 1, 2)
     return covariance
@@ -608,7 +572,7 @@ _STEPS = 8
 _SETTLED = 1e-13  # m or rad
 _RANK_TOLERANCE = 1e-12  # of the largest singular value of unit columns
 SAME_M = 1e-9  # what predictions may differ by
-_ANYWHERE = 1e3  # standard deviation of what has no nominal value, m or rad
+_ANYWHERE = 1e3  # standard deviation of parameters without a nominal value, m or rad
 
 
 def most_likely_parameters(identification: Identification, nominal: Array, tolerance: Tolerance) -> Array:
@@ -616,9 +580,9 @@ def most_likely_parameters(identification: Identification, nominal: Array, toler
 
     They are x = x0 + S B' w, with S the prior's covariance and B the directions in which the nominal
     predictions change (``prior.alias_matrix``): w is found by Gauss-Newton on the predictions themselves,
-    so that these are equal to rounding, not to first order. What has no nominal value gives way freely; effects
-    stay as they are. With links held on request the arm is what was asked for, and stays as it is; and so where
-    the iteration does not settle, because the measurements hardly told the parameters apart.
+    so that these are equal to rounding, not to first order. Parameters without a nominal value are free; effects stay
+    as identified. With links fixed on request the identified parameters are returned, and so where the iteration does
+    not settle, because the parameters are weakly observable.
 
     Args:
         nominal: the nominal parameters ``(p,)``.

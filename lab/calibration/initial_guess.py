@@ -1,8 +1,8 @@
-"""Base and targets from measurements, with no idea of either: the start of every fit.
+"""Estimate initial values of base and targets from measurements.
 
 With nominal links the flange's pose in the base is known at each measured pose. The base's rotation, its position and
 the targets then enter linearly, if the nine entries of the rotation are taken as free (the direct linear transform);
-the nearest rotation is the start.
+the nearest rotation is the initial value.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,17 +25,16 @@ _DEPENDENT = 1e-9  # of the largest singular value: one below is zero
 
 
 def columns_of(model: Model, groups: Sequence[str]) -> tuple[int, ...]:
-    """Indices of the parameters of these groups, e.g. ``("base", "tool")``."""
+    """Return indices of the parameters of these groups, e.g. ``("base", "tool")``."""
     return indices_of_groups(model.parameters, groups)
 
 
 def initial_guess(
     model: Model, observed: Observations, values: Array, groups: Sequence[str] = ("base", "tool")
 ) -> Array:
-    """Values ``(p,)`` with the base, the targets, or both placed anew, near enough for Gauss-Newton.
+    """Return values ``(p,)`` with base, targets, or both near enough for Gauss-Newton.
 
     Args:
-        model: the arm, measured by points.
         observed: positions of its targets, m in the instrument's frame.
         values: ``(p,)``: the links, and whichever of base and targets ``groups`` leaves as it is.
         groups: what is to be placed: base, tool, or both; with the base also the stations of the instrument, if it
@@ -47,7 +46,6 @@ def initial_guess(
 
 
 def _of_one_station(model: Model, observed: Observations, values: Array, groups: Sequence[str]) -> Array:
-    """Guess base and tool with one station, or with one station's rows treated as the first's."""
     base, tool = list(columns_of(model, ("base",))), list(columns_of(model, ("tool",)))
     placed, offsets = values.copy(), values[tool].reshape(-1, 3)  # (k, 3)
     placed[base] = 0.0
@@ -102,7 +100,7 @@ def _of_stations(
 
 
 def _flange_poses(model: Model, joints: Array, values: Array, tool: list[int]) -> tuple[Array, Array]:
-    """The last frame's origins ``(n, 3)`` and rotations ``(n, 3, 3)`` in the base.
+    """Return the last frame's origins ``(n, 3)`` and rotations ``(n, 3, 3)`` in the base.
 
     The derivatives of a target by its position in that frame are the frame's axes.
     """
@@ -113,7 +111,7 @@ def _flange_poses(model: Model, joints: Array, values: Array, tool: list[int]) -
 
 
 def _moment(source: Array, measured: Array) -> Array:
-    """A matrix ``(3, 3)`` whose nearest rotation takes ``source`` best into ``measured`` (Kabsch 1976).
+    """Return a matrix ``(3, 3)`` whose nearest rotation takes ``source`` best into ``measured`` (Kabsch 1976).
 
     Args:
         source, measured: ``(m, 3)``, the second about its mean.
@@ -169,7 +167,7 @@ def _with_the_rest(
 
 
 def _least_squares(columns: Array, right: Array) -> Array:
-    """The shortest solutions ``(f, s)`` for columns ``(r, f)`` and right sides ``(r, s)``."""
+    """Return the shortest solutions ``(f, s)`` for columns ``(r, f)`` and right sides ``(r, s)``."""
     f = columns.shape[1]
     both = triangle(np.concatenate([columns, right], axis=1))
     solution: Array = pseudo_inverse(both[:f, :f], _DEPENDENT) @ both[:f, f:]

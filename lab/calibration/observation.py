@@ -1,8 +1,4 @@
-"""Define an observation: the model that predicts a sensor's readings, and initial values for what they place.
-
-Measured points in an instrument's frame are one such observation; full poses, distances to an anchor, balls in
-sockets and touched planes are others, each a model of the same arm with parameters of its own.
-"""
+"""Define an observation: the model that predicts a sensor's readings, and initial values for what they place."""
 
 from dataclasses import dataclass
 from typing import Protocol, Self, runtime_checkable
@@ -56,10 +52,10 @@ class Observation(Protocol):
         """Number of observed quantities, from the first, that are positions in the instrument's frame."""
 
     def within(self, data: Measurements) -> Self:
-        """The observation with the parameters that these measurements depend on."""
+        """Return the observation with the parameters that these measurements depend on."""
 
     def nominal(self, values: Array) -> Array:
-        """Nominal parameters ``(p,)`` from those of the arm, which are the first of ``values``."""
+        """Return nominal parameters ``(p,)`` from those of the arm, which are the first of ``values``."""
 
     def initial_guess(self, observed: Observations, values: Array) -> Array:
         """Return ``values`` ``(p,)`` with ``placed`` groups near enough for Gauss-Newton, without initial values."""
@@ -115,15 +111,15 @@ class Points:
         return len(self.model.targets)
 
     def within(self, data: Measurements) -> Self:
-        """Itself: no parameter is of some rows alone."""
+        """Return the observation unchanged: no parameter is of some rows alone."""
         return self
 
     def nominal(self, values: Array) -> Array:
-        """The arm's own ``(p,)``."""
+        """Return the arm's own ``(p,)``."""
         return values
 
     def initial_guess(self, observed: Observations, values: Array) -> Array:
-        """Base and tool by the direct linear transform."""
+        """Estimate base and tool by the direct linear transform."""
         return initial_guess(self.model, observed, values)
 
     def extra_residuals(self, values: Array) -> tuple[Array, Array]:
@@ -150,7 +146,7 @@ def no_extra_residuals(model: Model) -> tuple[Array, Array]:
 
 
 def observation_of(model: Model) -> Observation:
-    """The model itself where it says how it is observed; else the arm measured by points."""
+    """Return the model if it is an observation; else the arm measured by points."""
     return model if isinstance(model, Observation) else Points(model)
 
 

@@ -1,8 +1,8 @@
-"""Measured points, or joint positions, that are in another unit or frame than they are taken for.
+"""Detect points or joint positions in another unit or frame than they are taken for.
 
 Base and tool are fitted by ordinary least squares. The worst part of the points is left out of each fit (least trimmed
-squares: Rousseeuw & Van Driessen 2006), so that a few bad readings neither hide a cause nor look like one. What then
-leaves a small part of the points' spread, and far less than the numbers as they are, is what they were meant to be.
+squares: Rousseeuw & Van Driessen 2006), so that a few outliers neither hide a cause nor look like one. A conversion
+that leaves a small part of the points' spread, and far less than the numbers as they are, is the cause.
 """
 
 from collections.abc import Sequence
@@ -97,7 +97,6 @@ def trimmed_error(model: Model, inputs: Array, points: Array, values: Array, gro
 
 
 def _only(observed: Observations, seen: NDArray[np.bool_]) -> Observations:
-    """Select some of the points."""
     rows = np.flatnonzero(seen.any(axis=1))
     points = np.where(seen[:, :, None], observed.points, np.nan)
     return replace(observed, points=points).take(rows)

@@ -1,25 +1,30 @@
-"""Find outliers and the noise model of a set of measurements, each with the other."""
+"""Find outliers and the noise model of a set of measurements, each with the other.
+
+Student's t with n degrees of freedom stands for noise whose variance changes by chance (Lange, Little & Taylor 1989).
+Its shape is fitted to the residuals within several times their median alone, so that outliers do not look like tails.
+"""
 
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Protocol
 
 import numpy as np
+import scipy  # its parts are loaded at their first use, which not every process comes to
 
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification
 from lab.calibration.noise.search import NoiseSearch, counted, in_stretches, search_noise
-from lab.calibration.noise.tails import tail_dof
 from lab.calibration.observation import observation_of, only_positions
-from lab.calibration.statistics.linearized import NoiseDistribution, linearized
+from lab.calibration.statistics.linearized import LinearizedFit, NoiseDistribution, linearized
 from lab.calibration.statistics.outliers import LEAST_SIGMA_M, HeldOut, Outliers, find_outliers, held_out_outliers
 from lab.calibration.weights import Noise, joined, weigh, weighted_constraints
 from lab.core.measurements import Measurements, seen_mask
 from lab.core.random import rng_for
+from lab.core.se3 import Array
 from lab.kinematics.joints import Encoders
 from lab.noise.error_model import ErrorModel
 
-__all__ = ["Fits", "noise_of", "outliers_among_fitted", "outliers_among_held_out", "tail_of"]
+__all__ = ["noise_of", "outliers_among_fitted", "outliers_among_held_out", "tail_dof", "tail_of"]
 
 _ROUNDS = 3  # of outliers and the noise that they are judged by
 
@@ -27,11 +32,10 @@ _ROUNDS = 3  # of outliers and the noise that they are judged by
 def outliers_among_fitted(
     start: Identification, rows: Measurements, noise: Noise, shape: NoiseDistribution, seed: int
 ) -> Outliers:
-    """The rows that are off, by a search that starts from an identification.
+    """Find outliers, by a search that starts from an identification.
 
     Args:
         shape: of the noise, where it has no heavy tails.
-        seed: of the draws that the level stands on.
     """
     observation = observation_of(start.model)
     observations, sigma_given = weigh(observation, rows, noise)
@@ -62,7 +66,6 @@ def outliers_among_fitted(
 
 
 def _sigma_without(found: Outliers, observations: Observations) -> float:
-    """Return sigma by the residuals of all poses that are no outliers."""
     inside = np.ones(len(observations.inputs), dtype=np.bool_)
     inside[found.rows] = False
     dof = int(observations.seen[inside].sum()) * observations.points.shape[2] - found.fit.rank
@@ -72,11 +75,7 @@ def _sigma_without(found: Outliers, observations: Observations) -> float:
 def outliers_among_held_out(
     found: Identification, rows: Measurements, held_out: Measurements, noise: Noise, tail: float
 ) -> HeldOut:
-    """The poses held out that are off, by an identification from ``rows``.
-
-    Args:
-        tail: of ``tail_of``.
-    """
+    """Find outliers among poses held out, by an identification from ``rows``."""
     observation = observation_of(found.model)
     parts = [weigh(observation, part, noise) for part in (rows, held_out)]
     both = parts[0][0].pose_by_pose().joined(parts[1][0].pose_by_pose())
@@ -100,7 +99,7 @@ def tail_of(found: Identification, rows: Measurements, noise: Noise) -> float:
     return tail_dof(linearized(found.model, alone, found.values, found.fit.free, found.extra_residuals))
 
 
-class Fits(Protocol):
+class _Fits(Protocol):
     """Fits of one model to any rows, with given noise."""
 
     @property
@@ -112,10 +111,10 @@ class Fits(Protocol):
         """Whose whole counts the joint positions are; None for ideal ones."""
 
     def fitted(self, rows: Measurements, shared: ErrorModel | None) -> Identification:
-        """The identification from all these rows."""
+        """Return the identification from all these rows."""
 
     def outliers(self, found: Identification, rows: Measurements, shared: ErrorModel | None) -> Outliers:
-        """The poses that are off."""
+        """Return the outliers."""
 
 
 @dataclass(frozen=True)
@@ -132,14 +131,13 @@ class _Explanation:
     deviance: float
 
 
-def noise_of(fits: Fits, rows: Measurements) -> NoiseSearch:
-    """The errors that rows share, from those that are not off.
+def noise_of(fits: _Fits, rows: Measurements) -> NoiseSearch:
+    """Estimate the errors that rows share, from those that are no outliers.
 
-    Bad readings look like scatter, and scatter looks like bad readings. Both are tried first; where the explanations
-    differ, that of the larger likelihood is taken, in which a bad reading is equally likely everywhere among the
-    residuals. What whole counts of known encoders make is weighted before anything is looked for. Of a fit that ended
-    in a valley nothing is: its parameters are not to be used, and what it leaves is not the noise. Of very many rows
-    some stretches tell.
+    Outliers look like scatter, and scatter looks like outliers. Both are tried first; where the explanations differ,
+    that of the larger likelihood is taken, in which an outlier is equally likely everywhere among the residuals.
+    Rounding to whole counts of given encoders is weighted before the search. If the fit stalled on an ill-conditioned
+    problem, no noise model is searched. Of very many rows some stretches are used.
     """
     rows = in_stretches(rows)
     whole = fits.fitted(rows, None)
@@ -162,7 +160,6 @@ def noise_of(fits: Fits, rows: Measurements) -> NoiseSearch:
 
 
 def _counted(whole: Identification, rows: Measurements, encoders: Encoders | None) -> ErrorModel | None:
-    """Return the error model of the encoders' rounding to whole counts; None where unknown or small."""
     observation = observation_of(whole.model)
     if encoders is None or not only_positions(observation):
         return None
@@ -171,9 +168,8 @@ def _counted(whole: Identification, rows: Measurements, encoders: Encoders | Non
 
 
 def _settled(
-    fits: Fits, rows: Measurements, first: _Explanation, reach: float, counts: ErrorModel | None
+    fits: _Fits, rows: Measurements, first: _Explanation, reach: float, counts: ErrorModel | None
 ) -> _Explanation:
-    """The explanation whose outliers are those of its own noise."""
     here = first
     for _ in range(_ROUNDS):
         shared = here.search.shared
@@ -185,9 +181,8 @@ def _settled(
 
 
 def _without(
-    fits: Fits, rows: Measurements, outliers: frozenset[int], reach: float, counts: ErrorModel | None
+    fits: _Fits, rows: Measurements, outliers: frozenset[int], reach: float, counts: ErrorModel | None
 ) -> _Explanation:
-    """The noise of the other rows; all rows' where these are too few."""
     clean = rows.take(np.setdiff1d(np.arange(len(rows)), sorted(outliers)))
     search = search_noise(fits.fitted(clean, counts), clean, replace(fits.noise, shared=counts))
     numbers = 3 * int(rows.seen[sorted(outliers)].sum())
@@ -199,8 +194,56 @@ def _rows(found: Outliers) -> frozenset[int]:
 
 
 def _reach(found: Identification, rows: Measurements, noise: Noise) -> float:
-    """The largest residual of a number, in units of the instrument's noise as it is assumed."""
+    """Return the largest residual of a number, in units of the instrument's noise as it is assumed."""
     observed, _ = weigh(observation_of(found.model), rows, replace(noise, shared=None))
     residuals = observed.points - found.model.points(observed.inputs, found.values)
     white = observed.in_units_of_noise(np.where(seen_mask(observed.points)[..., None], residuals, 0.0))
     return float(max(np.abs(white).max(), 1e-300))
+
+
+_WITHIN = 7.0  # standard deviations, estimated by the median of the sizes
+_MEDIAN = 0.6744897501960817  # of a standard normal's size
+_DOFS = np.array([2.2, 2.6, 3.0, 3.5, 4.0, 5.0, 6.0, 8.0, 12.0, 20.0, 40.0, np.inf])
+_SCALES = np.linspace(0.6, 1.25, 27)  # of the median's standard deviation
+_LEAST_NUMBERS = 50
+_BINS = 60_000  # of sizes: with a million numbers they change a log-likelihood by 0.001
+_CAUTION = 1.0  # the least degrees of freedom whose log-likelihood is less than the largest by so much
+
+
+def tail_dof(linear: LinearizedFit) -> float:
+    """Return plausible degrees of freedom of Student's t of the noise; infinite where it may be Gaussian.
+
+    The heaviest tails that the residuals do not contradict are taken, unless none are as likely: so the outlier test
+    keeps its level.
+    """
+    within = linear.everywhere()
+    left = within.left()
+    tested = linear.mask & (left > 0.2) & (np.arange(len(left)) < linear.poses)[:, None]
+    numbers = np.abs(linear.residual[tested]) / np.sqrt(left[tested])
+    if len(numbers) < _LEAST_NUMBERS or not (middle := float(np.median(numbers))) > 0:
+        return float("inf")
+    inside = numbers * (_MEDIAN / middle)
+    inside, count = _binned(inside[inside < _WITHIN])
+    heights = np.array([max(_height(inside, count, _WITHIN, dof, scale) for scale in _SCALES) for dof in _DOFS])
+    if heights.max() - heights[-1] < _CAUTION:
+        return float("inf")
+    return float(_DOFS[np.flatnonzero(heights > heights.max() - _CAUTION)[0]])
+
+
+def _binned(sizes: Array) -> tuple[Array, Array]:
+    """Sizes below the bound and how many there are of each: of very many, the middles of narrow intervals."""
+    if len(sizes) <= _BINS:
+        return sizes, np.ones(len(sizes))
+    count, edges = np.histogram(sizes, _BINS, (0.0, _WITHIN))
+    return (edges[:-1] + edges[1:]) / 2, count.astype(np.float64)
+
+
+def _height(numbers: Array, count: Array, bound: float, dof: float, scale: float) -> float:
+    if np.isinf(dof):
+        below = scipy.special.ndtr(bound / scale)
+        logs = -0.5 * (numbers / scale) ** 2 - 0.5 * np.log(2 * np.pi)
+        return float((logs @ count) - count.sum() * np.log(scale * (2 * below - 1)))
+    constant = scipy.special.gammaln((dof + 1) / 2) - scipy.special.gammaln(dof / 2) - 0.5 * np.log(dof * np.pi)
+    logs = constant - (dof + 1) / 2 * np.log1p((numbers / scale) ** 2 / dof)
+    below = scipy.special.stdtr(dof, bound / scale)
+    return float((logs @ count) - count.sum() * np.log(scale * (2 * below - 1)))

@@ -13,7 +13,7 @@ from functools import partial
 
 import numpy as np
 
-from lab.calibration.checks.fit import (
+from lab.calibration.checks import (
     check_approaches,
     check_excluded,
     check_geometry_alone,
@@ -21,6 +21,7 @@ from lab.calibration.checks.fit import (
     check_held_out,
     check_improvement,
     check_instrument,
+    check_joint_signs,
     check_joints,
     check_limits,
     check_nominal,
@@ -34,9 +35,6 @@ from lab.calibration.checks.fit import (
     check_twist,
     check_validation_poses,
     check_workspace,
-)
-from lab.calibration.checks.mistakes import (
-    check_joint_signs,
     doubted,
     in_other_numbers_or_poses,
     noise_in_another_unit,
@@ -46,17 +44,21 @@ from lab.calibration.extrapolation import measured_range
 from lab.calibration.fitted import Fitted, Judging, named_poses
 from lab.calibration.fitter import MOST_CHOSEN_BY, Estimator, FitOptions, Fitter, NominalRobot
 from lab.calibration.identify import identify
-from lab.calibration.lack_of_fit import adequacy_of, with_intervals_of_poses, with_own_intervals
 from lab.calibration.noise.plausibility import changes_in_time, finding, shared_error_findings
 from lab.calibration.observation import observation_of, only_positions
 from lab.calibration.outliers_and_noise import outliers_among_held_out, tail_of
-from lab.calibration.prediction_check import check_prediction
 from lab.calibration.regions import Region, measured_region, region_of_points, workspace_region
 from lab.calibration.residual.estimation import with_residual
 from lab.calibration.residual.process import GROUP
-from lab.calibration.residual_spread import ResidualSpread, for_later_rows
+from lab.calibration.residual_spread import for_later_rows
 from lab.calibration.sensor import Sensor
-from lab.calibration.statistics.goodness_of_fit import lack_of_fit_not_tested, repeats
+from lab.calibration.statistics.goodness_of_fit import (
+    adequacy_of,
+    lack_of_fit_not_tested,
+    repeats,
+    with_intervals_of_poses,
+    with_own_intervals,
+)
 from lab.calibration.statistics.joint_lag import moves_before
 from lab.calibration.statistics.model_selection import Selection
 from lab.calibration.validation import (
@@ -71,7 +73,7 @@ from lab.calibration.validation import (
 )
 from lab.calibration.verdict import verdict
 from lab.calibration.weights import Noise, weigh
-from lab.calibration.workspace_prediction import bounds_at, own_tolerance
+from lab.calibration.workspace_prediction import bounds_at, check_prediction, own_tolerance
 from lab.core.checks import Check
 from lab.core.errors import LabError, option_name
 from lab.core.measurements import Measurements
@@ -91,13 +93,8 @@ class PipelineOptions:
     """Options of an identification.
 
     Attributes:
-        kind: of observation.
-        fit: how parameters are fitted.
         instrument: whose noise weighs the measurements; None where it is not given.
         noise_m: the noise (1 sigma a coordinate) instead; None where it is not given.
-        judging: how the fit is judged.
-        seed: of splits and simulated levels.
-        estimator: of the parameters of one model.
     """
 
     kind: Sensor
@@ -119,10 +116,7 @@ def identify_robot(
     """Identify a robot from measurements, and validate and judge the fit.
 
     Args:
-        robot: the nominal model.
         data: the measurements: joint positions (rad or m), points (m) in any one frame.
-        options: of the identification.
-        steps: to run instead of ``STEPS``, by name.
 
     Raises:
         LabError: an option makes no sense for these measurements, or they are too few.
@@ -195,7 +189,7 @@ def _select_model(state: Fitted) -> Fitted:
     return replace(state, fitter=fitter, selection=selection, groups=groups, unshown=unshown, noise=search)
 
 
-def fit(state: Fitted) -> Fitted:
+def _fit(state: Fitted) -> Fitted:
     """Fit the parameters, without outliers on request.
 
     Needs: ``groups``, ``unshown``. Adds: ``rows``, ``weighted``, ``observations``, ``identification``,
@@ -205,7 +199,7 @@ def fit(state: Fitted) -> Fitted:
     return replace(state.with_fit(found, clean), outlier_search=outliers)
 
 
-def find_outliers(state: Fitted) -> Fitted:
+def _find_outliers(state: Fitted) -> Fitted:
     """Find outliers among the rows that were given and among those held out, and the tails of the noise.
 
     Needs: ``weighted``. Adds: ``outlier_search``, ``outliers``, ``tail_dof``.
@@ -281,7 +275,7 @@ def _check_fit(state: Fitted) -> Fitted:
         if (count := len(state.given)) > MOST_CHOSEN_BY:
             checks.append(Check("selection.thinned", "noted", data={"used": MOST_CHOSEN_BY, "count": count}))
     if options.prior == "on":
-        checks += check_prior(found, nominal, fitter.tolerance)
+        checks += check_prior(found, nominal, fitter.options.tolerance)
     checks += check_nominal(found, nominal) + check_size(found)
     if only_positions(observation_of(found.model)):
         checks += check_instrument(fitter.noise.instrument, state.rows.points)
@@ -298,7 +292,7 @@ def _measure_range(state: Fitted) -> Fitted:
 
     Needs: ``weighted``. Adds: ``measured``.
     """
-    slopes = not state.fitter.options.residual  # whose process says itself what it does not know beyond an end
+    slopes = not state.fitter.options.residual  # whose process has its own uncertainty beyond an end
     prismatic = state.fitter.robot.chain.prismatic
     return replace(state, measured=measured_range(state.weighted, state.observations, prismatic, slopes=slopes))
 
@@ -347,18 +341,13 @@ def _check_noise(state: Fitted) -> Fitted:
 
 
 def _missing(beside: Selection) -> Check:
-    """Return the finding of effects missing in a model.
-
-    Args:
-        beside: the selection that found them.
-    """
     before, after = beside.groups[0].holdout_m, beside.groups[len(beside.chosen)].holdout_m
     named = [describe_term(name) or name for name in beside.chosen]
     size_m = float(np.sqrt(max(before**2 - after**2, 0.0)))
     return finding("missing", size_m, effects=named, before_m=before, after_m=after)
 
 
-def validate(state: Fitted) -> Fitted:
+def _validate(state: Fitted) -> Fitted:
     """Validate on further measurements, else on the rows held out, else by folds of all rows.
 
     Needs: ``identification``, ``groups``. Adds: ``validation``.
@@ -381,11 +370,11 @@ def _by_held_out(state: Fitted, held_out: Measurements) -> tuple[Validation, lis
         placed.append(("station", held_out.stations, session.stations))
     if "sessions" in state.groups:
         placed.append(("session", held_out.sessions, session.sessions))
-    judged, strange = np.ones(len(held_out), dtype=bool), list[tuple[str, str]]()
+    judged, unplaced = np.ones(len(held_out), dtype=bool), list[tuple[str, str]]()
     for what, names, known in placed:
         judged &= [name in known for name in names]
-        strange += [(what, name) for name in set(names) - set(known)]
-    checks = [Check("validation.unplaced", "noted", data={"what": w, "name": name}) for w, name in sorted(strange)]
+        unplaced += [(what, name) for name in set(names) - set(known)]
+    checks = [Check("validation.unplaced", "noted", data={"what": w, "name": name}) for w, name in sorted(unplaced)]
     if not judged.any():
         return Validation(None, None), checks
     found = validate_rows(state.identification, held_out.take(np.flatnonzero(judged)))
@@ -420,15 +409,15 @@ def _stations_of(other: Measurements, state: Fitted) -> SessionInfo:
     known, named = state.fitter.session.stations, set(other.stations)
     if "base" in state.judging.refit or (len(known) < 2 and len(named) < 2):
         return SessionInfo()
-    if strange := sorted(named - set(known)):
+    if unplaced := sorted(named - set(known)):
         raise LabError(
-            f"station '{strange[0]}' was not fitted, so its place is unknown; {option_name('refit')} base "
+            f"station '{unplaced[0]}' was not fitted, so its place is unknown; {option_name('refit')} base "
             f"places every station anew"
         )
     return SessionInfo(stations=known)
 
 
-def judge(state: Fitted) -> Fitted:
+def _judge(state: Fitted) -> Fitted:
     """Predict the errors where the arm is used, compare them with the validation's, and decide the verdict.
 
     Needs: ``identification``, ``adequacy``, ``measured``, ``findings``, ``validation``. Adds: ``prediction``,
@@ -447,7 +436,7 @@ def judge(state: Fitted) -> Fitted:
         judged,
         judging.gate_m,
         goodness=state.adequacy,
-        tolerance=fitter.tolerance,
+        tolerance=fitter.options.tolerance,
         measured=state.measured,
         findings=state.findings,
         prediction=prediction,
@@ -455,17 +444,14 @@ def judge(state: Fitted) -> Fitted:
         region=region,
         left=left,
     )
-    if word.word == "bad" and validation.judged_by != "fresh" and _measured_from_one_place(fitter):
+    one_station = fitter.kind.name == "points" and len(fitter.session.stations) < 2
+    if word.word == "bad" and validation.judged_by != "fresh" and one_station:
         word = replace(word, reasons=(*in_other_numbers_or_poses(fitter.robot, state.rows), *word.reasons))
     if judging.holdout_last is not None:
-        left = _spread_of_later(state, word.region.uncalibrated_rms_m)
-    bounds = bounds_at(found, left, validation, state.measured, own_tolerance(found, fitter.tolerance, poses))
+        order, most_m = rows_in_time(state.rows), word.region.uncalibrated_rms_m / np.sqrt(3)
+        left = for_later_rows(left, found, state.observations, order, most_m)
+    bounds = bounds_at(found, left, validation, state.measured, own_tolerance(found, fitter.options.tolerance, poses))
     return replace(state, prediction=prediction, bounds=bounds, verdict=doubted(word, doubts))
-
-
-def _measured_from_one_place(fitter: Fitter) -> bool:
-    """Return whether points were measured from one place of the instrument."""
-    return fitter.kind.name == "points" and len(fitter.session.stations) < 2
 
 
 def _judged(state: Fitted) -> Validation:
@@ -473,12 +459,6 @@ def _judged(state: Fitted) -> Validation:
     if not state.left_out:
         return state.validation
     return state.validation.without_few([pose.id for pose in state.outliers])
-
-
-def _spread_of_later(state: Fitted, uncalibrated_m: float) -> ResidualSpread:
-    """Return what the fit leaves of rows that are measured later, no more than of an arm that was never calibrated."""
-    order, most_m = rows_in_time(state.rows), uncalibrated_m / np.sqrt(3)
-    return for_later_rows(state.residual_spread, state.identification, state.observations, order, most_m)
 
 
 def _regions(state: Fitted) -> tuple[Region, Region]:
@@ -543,8 +523,8 @@ def _check_validation(state: Fitted) -> Fitted:
 
 FITTING: Mapping[str, Step] = {
     "select model": _select_model,
-    "fit": fit,
-    "find outliers": find_outliers,
+    "fit": _fit,
+    "find outliers": _find_outliers,
     "check lack of fit": _check_lack_of_fit,
     "choose intervals": _choose_intervals,
     "check fit": _check_fit,
@@ -555,8 +535,8 @@ FITTING: Mapping[str, Step] = {
 STEPS: Mapping[str, Step] = {
     "hold out": _hold_poses_out,
     **FITTING,
-    "validate": validate,
-    "judge": judge,
+    "validate": _validate,
+    "judge": _judge,
     "check signs": _check_signs,
     "check validation": _check_validation,
 }

@@ -33,7 +33,7 @@ __all__ = [
     "standard_deviations",
 ]
 
-WEAK = 1.0  # of a direction's prior standard deviation: measured better, the measurements know more than the prior
+_WEAK = 1.0  # of a direction's prior standard deviation: measured better, a direction is not weak
 _SCALES = np.geomspace(1.0, 1e4, 369)  # of the tolerances as they are given, by 2.5 %: none is below one
 _NO_SLOPE = 1e-12  # of the largest singular value: below, there is none
 
@@ -48,10 +48,9 @@ class Tolerance:
 
 @dataclass(frozen=True)
 class Prior:
-    """A normal distribution of those parameters of the base set that have a tolerance; of the rest nothing is known.
+    """Normal distribution of those parameters of the base set that have a tolerance.
 
     Attributes:
-        mean: ``(p,)``.
         of: indices ``(m,)`` of the parameters it is of.
         whiten: ``(m, m)`` the inverse of the covariance's Cholesky factor.
     """
@@ -61,14 +60,14 @@ class Prior:
     whiten: Array
 
     def rows(self, sigma: float) -> ExtraResiduals:
-        """The prior as residuals beside measurements that weigh as one over ``sigma`` of theirs."""
+        """Return the prior as residuals beside measurements that weigh as one over ``sigma`` of theirs."""
         jacobian = np.zeros((len(self.of), len(self.mean)))
         jacobian[:, list(self.of)] = self.whiten * sigma
         return lambda values: (jacobian @ (self.mean - values), jacobian)
 
     def knows_less(self, covariance: Array) -> bool:
-        """Decide whether measurements of this covariance ``(m, m)`` know every direction better, at any scale."""
-        return bool(np.trace(self.whiten @ covariance @ self.whiten.T) < WEAK**2)
+        """Decide whether measurements of this covariance ``(m, m)`` are better in every direction, at any scale."""
+        return bool(np.trace(self.whiten @ covariance @ self.whiten.T) < _WEAK**2)
 
     def surprise(self, values: Array) -> Array:
         """Return the deviation of each parameter of ``of`` from nominal ``(m,)``, in its own standard deviations."""
@@ -83,7 +82,6 @@ class ActingPrior:
 
     Attributes:
         names: of the parameters ``(p,)``.
-        mean: ``(p,)``.
         rows_by_parameter: ``(w, p)`` of each direction, in its prior standard deviations.
         scale: the tolerances that it takes, in those that were given.
         scale_from: how many well measured directions the scale was estimated from; none where it was not.
@@ -107,7 +105,7 @@ class ActingPrior:
         return len(self.rows_by_parameter)
 
     def rows(self, sigma: float, names: Sequence[str] | None = None) -> ExtraResiduals:
-        """The prior as residuals beside measurements that weigh as one over ``sigma`` of theirs.
+        """Return the prior as residuals beside measurements that weigh as one over ``sigma`` of theirs.
 
         Args:
             names: of another model's parameters, among which are these; by default of this one's.
@@ -137,7 +135,7 @@ class Directions:
 
     def weak(self, scale: float) -> NDArray[np.bool_]:
         """Check ``(m,)`` which parameters are measured hardly better than a prior of this scale determines them."""
-        return np.asarray(self.stds > WEAK * scale)
+        return np.asarray(self.stds > _WEAK * scale)
 
     def left_by_prior(self, scale: float) -> float:
         """Return the degrees of freedom that a prior of this scale takes from the fit."""
@@ -145,18 +143,18 @@ class Directions:
         return float(np.sum(1 / (1 + (scale / stds) ** 2)))
 
     def scale(self) -> tuple[float, int]:
-        """The most likely scale, at least one, and how many directions are measured better than that.
+        """Return the most likely scale, at least one, and the number of directions measured better than that.
 
         Of the marginal likelihood: a value is normal with the variance of the tolerances and that of its measurement.
         """
-        told = np.isfinite(self.stds)
-        variance = _SCALES[:, None] ** 2 + self.stds[told] ** 2
-        scale = float(_SCALES[np.argmin((np.log(variance) + self.values[told] ** 2 / variance).sum(axis=1))])
+        determined = np.isfinite(self.stds)
+        variance = _SCALES[:, None] ** 2 + self.stds[determined] ** 2
+        scale = float(_SCALES[np.argmin((np.log(variance) + self.values[determined] ** 2 / variance).sum(axis=1))])
         return scale, int((self.stds < scale).sum())
 
 
 def directions_of(prior: Prior, triangle: Array, right: Array, columns: Sequence[int], values: Array) -> Directions:
-    """Directions in which prior and measurements are both diagonal (a generalized singular value decomposition).
+    """Return directions in which prior and measurements are both diagonal (a generalized SVD).
 
     Args:
         triangle: ``(r, c)`` R of the measurements' rows, as the prior weighs beside them.
@@ -197,13 +195,13 @@ def standard_deviations(model: Model, tolerance: Tolerance) -> Array:
 def prior_of(
     model: Model, structure: BaseSet, nominal: Array, tolerance: Tolerance, *, links_alone: bool = False
 ) -> Prior:
-    """The prior of the base set that the tolerances of all parameters make.
+    """Return the prior of the base set that the tolerances of all parameters make.
 
-    What has no nominal value (base, tool, fixtures) has no prior; an error of a link that goes into it alone tells
-    nothing.
+    What has no nominal value (base, tool, fixtures) has no prior; an error of a link that goes into it alone is
+    uninformative.
 
     Args:
-        links_alone: whether effects have none either: whether there are any is for a test to say.
+        links_alone: whether effects have none either; tests decide whether there are any.
     """
     sigma = standard_deviations(model, tolerance)
     if links_alone:

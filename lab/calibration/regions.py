@@ -1,9 +1,8 @@
-"""The poses over which the errors of a calibrated arm are predicted.
+"""Choose the poses over which the errors of a calibrated arm are predicted.
 
 By default these are the measured configurations, each as a new one: predicted by the fit of all others, its covariance
 is larger by the leverage that the configuration has in its own prediction (Cook & Weisberg 1982, section 2.2). A task
-names its own region by points, which the arm reaches from the measured configuration whose point is nearest. Hinges are
-taken modulo a turn where the model is.
+names its own region by points, which the arm reaches from the measured configuration whose point is nearest.
 """
 
 from collections.abc import Sequence
@@ -58,7 +57,6 @@ class Region:
     """Poses of a part of the workspace.
 
     Attributes:
-        kind: how the region was named.
         inputs: ``(n, joints + conditions)`` its poses.
         factors: ``(n,)`` how many times the parameters' covariance is larger at each, as it was fitted; None for once.
     """
@@ -75,8 +73,6 @@ def measured_region(found: Identification, observed: Observations, turning: NDAr
     neighbouring measured ones and as far beyond them.
 
     Args:
-        found: the fit.
-        observed: its measurements, weighted as they were.
         turning: ``(joints,)`` which joints are hinges.
     """
     observed, size = observed.thinned(_MAX_POSES), len(turning)
@@ -96,7 +92,7 @@ def measured_region(found: Identification, observed: Observations, turning: NDAr
     there = slopes / linear.scale @ whole.directions
     left = np.eye(own.shape[1]) - own @ np.swapaxes(own, 1, 2)
     spread, axes = np.linalg.eigh(left)
-    turned = np.swapaxes(axes, 1, 2) @ own @ np.swapaxes(there, 1, 2)  # what the configuration tells of its own point
+    turned = np.swapaxes(axes, 1, 2) @ own @ np.swapaxes(there, 1, 2)  # its own leverage
     more = ((turned**2).sum(axis=2) / np.maximum(spread, _LEAST_LEFT)).sum(axis=1)
     return Region("measured", inputs, np.asarray(1 + more / np.maximum((there**2).sum(axis=(1, 2)), 1e-300)))
 
@@ -110,9 +106,9 @@ def _between_neighbours(inputs: Array, turning: NDArray[np.bool_], rng: np.rando
     ]
     drawn = inputs[order].copy()
     if near.shape[1]:
-        way = joints[near[order, rng.integers(near.shape[1], size=len(order))]] - joints[order]
-        way = np.where(turning, np.remainder(way + np.pi, 2 * np.pi) - np.pi, way)
-        moved = joints[order] + rng.uniform(-1, 1, (len(order), 1)) * way
+        toward = joints[near[order, rng.integers(near.shape[1], size=len(order))]] - joints[order]
+        toward = np.where(turning, np.remainder(toward + np.pi, 2 * np.pi) - np.pi, toward)
+        moved = joints[order] + rng.uniform(-1, 1, (len(order), 1)) * toward
         drawn[:, :size] = np.clip(moved, joints.min(axis=0), joints.max(axis=0))
     return np.asarray(drawn)
 
@@ -123,7 +119,6 @@ def workspace_region(
     """Draw random poses within the joints' limits; with measured ones, hinges are turned by whole turns toward these.
 
     Args:
-        model: of the arm.
         values: ``(p,)`` its parameters.
         measured: ``(n, joints)`` the measured positions.
         turning: ``(joints,)`` which joints are hinges.
@@ -160,13 +155,9 @@ def region_of_points(
     """Find poses in which the first target is at points, each near the measured pose whose target is nearest to it.
 
     Args:
-        kind: how the points were named.
         points: ``(m, 3)`` m, in the frame of the measurements.
-        model: of the arm.
         values: ``(p,)`` its parameters.
         inputs: ``(n, joints + conditions)`` the measured poses.
-        joints: their limits.
-        name: what an error calls the region.
 
     Raises:
         LabError: the arm reaches none of the points.

@@ -1,10 +1,9 @@
-"""Spread of the residuals of measured positions, with configurations as clusters.
+"""Estimate the spread of the residuals of measured positions, with configurations as clusters.
 
 Readings of one configuration share the model discrepancy there. With N configurations that leave m residuals each, the
 variance of their means, B = sum of squares of the means / (3 N - f), is that of the lack of fit and a share 1 / m of
 the noise of a reading; W, the variance within configurations, is the noise. One reading at a new configuration is off
-by B + (1 - 1 / m) W. The parameters' covariance stands on the variance of a single reading as if all were independent:
-by configurations it is larger by m B over that variance.
+by B + (1 - 1 / m) W. By configurations the parameters' covariance is larger by m B over the variance of one reading.
 """
 
 from dataclasses import dataclass, replace
@@ -57,7 +56,6 @@ def residual_spread(
     """Estimate the spread of the residuals of measured positions.
 
     Args:
-        found: the fit.
         labels: ``(n,)`` which configuration each fitted row is of; each row its own where not given.
         lack_of_fit: whether the residuals are more than the noise that was given.
         independent_m: the instrument's part of the noise of a coordinate, where the measurements share further errors,
@@ -95,9 +93,6 @@ def for_later_rows(
     (Student's t).
 
     Args:
-        left: what the fit left of all its rows.
-        found: the fit.
-        observed: its measurements, weighted as they were.
         order: ``(n,)`` its rows in the order in which they were measured.
         most_m: as much is added at most: the standard deviation of a coordinate of an arm that was never calibrated.
     """
@@ -141,7 +136,6 @@ class _Parts:
         within: of readings of one configuration; zero where none is repeated.
         pooled: of all readings, as if they were independent.
         readings: of a configuration, their harmonic mean.
-        dof_between, dof_within, dof_pooled: degrees of freedom.
     """
 
     between: float
@@ -154,7 +148,6 @@ class _Parts:
 
     @classmethod
     def of(cls, found: Identification, labels: NDArray[np.int_] | None) -> "_Parts":
-        """Take the residuals of positions apart."""
         positions = observation_of(found.model).positions
         residuals, count = found.residuals[:, :positions], found.residuals.shape[1]
         labels = np.arange(len(residuals)) if labels is None else np.unique(labels, return_inverse=True)[1]
@@ -183,7 +176,6 @@ class _Parts:
 
     @property
     def of_one_reading(self) -> float:
-        """The variance of one reading at a new configuration."""
         return self.between + (1 - 1 / self.readings) * self.within
 
     @property
@@ -196,5 +188,4 @@ class _Parts:
 
     @property
     def dof(self) -> int:
-        """Degrees of freedom of the variance of one reading."""
         return self.dof_between if self.is_shared else self.dof_pooled

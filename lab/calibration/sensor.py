@@ -1,6 +1,6 @@
 """Define a sensor: how its readings of an arm are found in a file, modelled, weighted and named.
 
-``lab.sensors`` has a module for each sensor; identification knows this interface alone.
+``lab.sensors`` has a module for each sensor; identification uses this interface alone.
 """
 
 from abc import ABC, abstractmethod
@@ -30,7 +30,7 @@ class SensorTerms:
         reading: what one row of a file holds: ``length of the cable``.
         error: what is left of one after the fit: ``error of the cable's length``.
         placed: what has no nominal value and is fitted even before the links are: ``tool and anchors``.
-        names_targets: whether the names of the targets say anything of what was measured.
+        names_targets: whether the names of the targets are informative.
     """
 
     measured: str
@@ -78,7 +78,6 @@ class Sensor(ABC):
 
         Args:
             arm: the arm, measured by points.
-            data: the file's.
             nominal: ``(p,)`` nominal parameters of ``arm``.
 
         Returns:
@@ -101,7 +100,6 @@ class Sensor(ABC):
 
         Args:
             arm: the arm, measured by points: those of ``targets(data)``.
-            data: the file's.
             nominal: ``(p,)`` nominal parameters of ``arm``.
 
         Returns:
@@ -117,7 +115,6 @@ class Sensor(ABC):
         Args:
             data: of ``observation``, those to be fitted.
             nominal: ``(p,)`` nominal parameters of ``model``.
-            request: the options of the identification.
 
         Returns:
             The model as it is, where all observed numbers are lengths.
@@ -125,12 +122,7 @@ class Sensor(ABC):
         return model
 
     def weighted_by(self, instrument: Instrument, data: Measurements) -> Self:
-        """Return the sensor with the weights that an instrument's noise gives: itself where all are lengths.
-
-        Args:
-            instrument: what observed.
-            data: the file's.
-        """
+        """Return the sensor with the weights that an instrument's noise gives: itself where all are lengths."""
         return self
 
     def weighted_as(self, model: Model) -> Self:

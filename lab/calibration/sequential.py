@@ -1,12 +1,11 @@
-"""Angles first, from orientations; lengths after, from positions: the sequential calibration of measured poses.
+"""Calibrate measured poses sequentially: angles from orientations, then lengths from positions.
 
 Orientations do not depend on lengths, and positions are linear in them (Mallem 2011; Khalil & Dombre 2002,
 chapter 11, for the RX 130). For an arm with parallel axes this split does not hold literally: orientations depend on
-the sum of the angles about these axes alone, and the gauge keeps each angle, so that (1, -1) of two leaves all
+the sum of the angles about these axes alone, and the gauge identifies each angle, so that (1, -1) of two leaves all
 orientations as they are. Such directions belong to the lengths. With them the two steps alternate: exact for exact
-poses, while angles that carry the orientations' noise times the reach leave positions worse than the global fit,
-which weighs both at once. The covariance of the estimate has both: the noise of the positions in the lengths, and the
-errors of the angles that these lengths take up.
+poses, less accurate than the global fit for noisy ones. The covariance of the estimate has the noise of the positions
+in the lengths, and the errors of the angles that these lengths take up.
 """
 
 from collections.abc import Sequence
@@ -23,15 +22,15 @@ from lab.core.se3 import Array
 from lab.kinematics.gauge import independent_columns
 from lab.kinematics.model import Model
 
-__all__ = ["Split", "fit_sequentially", "split_of"]
+__all__ = ["fit_sequentially", "split_of"]
 
-MOST_ROUNDS = 100
-SETTLED = 1e-13  # m or rad: a round that changes less has come to rest
-ROUNDING = 1e-9  # a change below that no longer shrinks is rounding
+_MOST_ROUNDS = 100
+_SETTLED = 1e-13  # m or rad: a round that changes less has come to rest
+_ROUNDING = 1e-9  # a change below that no longer shrinks is rounding
 
 
 @dataclass(frozen=True)
-class Split:
+class _Split:
     """Split of the parameters into those identified by orientations and those left to the positions.
 
     Attributes:
@@ -43,16 +42,14 @@ class Split:
     rest: Array
 
 
-def split_of(observation: Observation, observed: Observations, free: Sequence[int], values: Array) -> Split:
-    """The split of the ``free`` parameters at nominal links.
+def split_of(observation: Observation, observed: Observations, free: Sequence[int], values: Array) -> _Split:
+    """Return the split of the ``free`` parameters at nominal links.
 
     An angle that orientations do not identify changes them as the identified ones do, with coefficients c: moving it
     by 1 and these by -c leaves all orientations as they are.
 
     Args:
         observation: of positions, then orientations.
-        observed: what was measured.
-        free: indices of the parameters to fit.
         values: ``(p,)`` nominal links, base and tool located.
     """
     model, positions = observation.model, observation.positions
@@ -61,15 +58,15 @@ def split_of(observation: Observation, observed: Observations, free: Sequence[in
     rotating = [i for i in free if model.parameters[i].is_angle]
     order = [i for i in model.column_priority() if i in rotating]
     angles = independent_columns(rows, order)
-    lost = [i for i in order if i not in angles]
+    dependent = [i for i in order if i not in angles]
     single = np.eye(len(model.names))
-    coefficients = np.linalg.lstsq(rows[:, angles], rows[:, lost])[0]
+    coefficients = np.linalg.lstsq(rows[:, angles], rows[:, dependent])[0]
     coefficients[np.abs(coefficients) < 1e-9] = 0.0
-    unobservable = single[:, lost]
+    unobservable = single[:, dependent]
     unobservable[list(angles)] -= coefficients
     lengths = [i for i in free if i not in rotating]
     directions = np.concatenate([single[:, lengths], unobservable], axis=1)
-    return Split(angles, directions)
+    return _Split(angles, directions)
 
 
 def fit_sequentially(observation: Observation, observed: Observations, free: Sequence[int], start: Array) -> Fit:
@@ -77,8 +74,6 @@ def fit_sequentially(observation: Observation, observed: Observations, free: Seq
 
     Args:
         observation: of positions, then orientations.
-        observed: what was measured.
-        free: the parameters to fit, as ``identify`` keeps them.
         start: ``(p,)`` nominal links, base and tool located.
 
     Returns:
@@ -97,14 +92,14 @@ def fit_sequentially(observation: Observation, observed: Observations, free: Seq
     angles = np.eye(len(start))[:, list(split.angles)]
     values, costs, change = start.copy(), [], np.inf
     status: Status = "not converged"
-    for _ in range(MOST_ROUNDS):
+    for _ in range(_MOST_ROUNDS):
         turned = values + _step(model, observed, slice(positions, None), values, angles)
         moved = turned + _step(model, observed, slice(None, positions), turned, split.rest)
         last, change = change, float(np.abs(moved - values).max())
         values = moved
         residuals = observed.apply(observed.points - model.points(observed.inputs, values))
         costs.append(0.5 * float((residuals**2).sum()))
-        if change < SETTLED or (change < ROUNDING and change >= 0.5 * last):
+        if change < _SETTLED or (change < _ROUNDING and change >= 0.5 * last):
             status = "converged"
             break
     linear = fit(model, observed, free, values, tolerance_m=np.inf)
@@ -112,7 +107,7 @@ def fit_sequentially(observation: Observation, observed: Observations, free: Seq
     return replace(linear, values=values, status=status, cost_trace=tuple(costs), other=own)
 
 
-def _unit_covariance(model: Model, observed: Observations, positions: int, split: Split, values: Array) -> Array:
+def _unit_covariance(model: Model, observed: Observations, positions: int, split: _Split, values: Array) -> Array:
     """Covariance ``(p, p)`` of the sequential estimate, where whitened noise has variance one.
 
     The estimate x solves Q_a'(r_o - O x) = 0 and Q_l'(r_p - P x) = 0: orientations with their derivatives O leave
@@ -136,7 +131,7 @@ def _unit_covariance(model: Model, observed: Observations, positions: int, split
 
 
 def _step(model: Model, observed: Observations, quantities: slice, values: Array, directions: Array) -> Array:
-    """The Gauss-Newton step ``(p,)`` along ``directions`` ``(p, r)`` from some of the observed quantities."""
+    """Return the Gauss-Newton step ``(p,)`` along ``directions`` ``(p, r)`` from some of the observed quantities."""
     part = Observations(observed.inputs, observed.points[:, quantities], observed.whiten[:, quantities])
     predicted, jacobian = model.observe(observed.inputs, values)
     rows = part.apply(jacobian[:, quantities] @ directions)

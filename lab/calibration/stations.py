@@ -1,4 +1,4 @@
-"""Stations of an instrument in measurements: how many points each needs, so that its place can be found."""
+"""Locate stations of an instrument, and count the points that each needs."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -18,10 +18,10 @@ STATION_POINTS: Final = 3  # the fewest that place a station
 
 
 def station_poses(model: Model, values: Array, data: Measurements) -> dict[str, Array]:
-    """Poses ``(4, 4)`` (m) of all stations that measured some rows, by name, in the frame of the first, which is first.
+    """Return poses ``(4, 4)`` (m) of all stations by name, in the frame of the first, which comes first.
 
     Args:
-        model: with parameters ``(p,)`` that say where the others stand.
+        model: with parameters ``(p,)`` of the poses of the others.
     """
     further = {
         condition.removeprefix(STATION): values[list(indices)]
@@ -32,11 +32,11 @@ def station_poses(model: Model, values: Array, data: Measurements) -> dict[str, 
 
 
 def in_first_frame(model: Model, values: Array, inputs: Array, points: Array) -> Array:
-    """Points ``(n, k, 3)`` m, each row in the frame of the station that measured it, in the first one's frame.
+    """Return points ``(n, k, 3)`` m, each row from the frame of its station to the first one's frame.
 
     Args:
-        model: with parameters ``(p,)`` that say where the others stand.
-        inputs: ``(n, joints + conditions)``, which say what station it is.
+        model: with parameters ``(p,)`` of the poses of the others.
+        inputs: ``(n, joints + conditions)``, with the station as a condition.
     """
     first = inputs.shape[1] - len(model.conditions)
     for condition, indices in further_stations(model.parameters).items():
@@ -67,10 +67,7 @@ def few_points_of_a_station(model: Model, data: Measurements) -> str:
 
 
 def named_stations(rows: Measurements, of_cell: Sequence[str]) -> tuple[str, ...]:
-    """The stations of some rows: in the cell's order, else in that of the rows.
-
-    Args:
-        of_cell: the stations that the cell names.
+    """Return the stations of some rows: in the cell's order, else in that of the rows.
 
     Raises:
         LabError: some rows name a station, and one does not.

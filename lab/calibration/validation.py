@@ -32,7 +32,6 @@ __all__ = [
     "ROWS_PER_PARAMETER",
     "SAME_CONFIGURATION",
     "Errors",
-    "Identify",
     "JudgedBy",
     "TruthComparison",
     "Validation",
@@ -56,13 +55,13 @@ __all__ = [
 SAME_CONFIGURATION = 0.01  # rad (m for a slide): joint positions this near are repeats of one configuration
 _MANY_ROWS, _CELLS = 20_000, 8  # more rows are looked at by cells, so many to the width of a configuration
 _UNIDENTIFIED = Check("validation.unidentified", "not tested")
-FOLDS, LEAST_FOLDS = 5, 3
+FOLDS, _LEAST_FOLDS = 5, 3
 MOST_OUTLIERS = 0.05  # of the validation poses, without a doubt about all of them
 ROWS_PER_PARAMETER = 1.5  # what each fold must leave to fit
-REFERENCE_EVERY = 3  # the rows that place base or tool anew where a file does not say which
+_REFERENCE_EVERY = 3  # the rows that place base or tool anew where a file does not mark them
 
-Rows = NDArray[np.int_]
-Identify = Callable[[Measurements], Identification]
+_Rows = NDArray[np.int_]
+_Identify = Callable[[Measurements], Identification]
 JudgedBy = Literal["fresh", "holdout", "file", "cross-validation"]
 
 
@@ -84,7 +83,6 @@ class Validation:
     """Validation of a calibration.
 
     Attributes:
-        judged_by: None where it was not.
         errors: at those poses; None where it was not validated.
         checks: of the validation: poses that it lacks, fits that did not converge, notes of the measurements.
         rows: those poses; None where their base or tool was placed anew, or their model is another.
@@ -144,7 +142,6 @@ def errors_at(identification: Identification, inputs: Array, points: Array) -> E
     """Return the errors of the nominal and the estimated model where the targets are given.
 
     Args:
-        identification: of points.
         inputs: ``(n, joints + conditions)``.
         points: ``(n, k, 3)`` m, the targets in the instrument's frame.
     """
@@ -154,15 +151,15 @@ def errors_at(identification: Identification, inputs: Array, points: Array) -> E
 
 
 def errors_of(identification: Identification, test: Measurements) -> Errors:
-    """Errors at rows that were not fitted, as their observation counts them."""
+    """Return errors at rows that were not fitted, as their observation counts them."""
     observation = observation_of(identification.model)
     return Errors(
         observation.errors(test, identification.nominal_aligned), observation.errors(test, identification.values)
     )
 
 
-def configurations(joints: Array) -> Rows:
-    """``(n,)`` labels of joint positions ``(n, joints)``: rows within 0.01 rad (m) in every joint share one.
+def configurations(joints: Array) -> _Rows:
+    """Label joint positions ``(n, joints)``: rows within 0.01 rad (m) in every joint share a label ``(n,)``.
 
     Of very many rows those in one cell of an eighth of that stand for each other, or their pairs would be too many.
     """
@@ -177,33 +174,33 @@ def configurations(joints: Array) -> Rows:
         return configurations(joints[first[order]])[np.argsort(order)[same]]
     pairs = scipy.spatial.cKDTree(joints).query_pairs(SAME_CONFIGURATION, p=np.inf, output_type="ndarray")
     links = scipy.sparse.coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(joints), len(joints)))
-    labels: Rows = scipy.sparse.csgraph.connected_components(links, directed=False)[1].astype(np.int_)
+    labels: _Rows = scipy.sparse.csgraph.connected_components(links, directed=False)[1].astype(np.int_)
     return labels
 
 
 def _row_numbers(rows: Array) -> NDArray[np.uint64]:
-    """A number ``(n,)`` for each of rows ``(n, c)`` of whole numbers, of its own among a million."""
+    """Return a number ``(n,)`` for each of rows ``(n, c)`` of whole numbers, unique among a million."""
     factors = rng_for(0, "split").integers(1 << 63, size=rows.shape[1], dtype=np.uint64) | np.uint64(1)
     return np.asarray((rows.astype(np.int64).view(np.uint64) * factors).sum(axis=1, dtype=np.uint64))
 
 
-def cv_groups_of(model: Model, data: Measurements) -> Rows:
-    """``(n,)`` labels of rows that are fitted or held out together: at a fixture, or repeats of a configuration."""
+def cv_groups_of(model: Model, data: Measurements) -> _Rows:
+    """Label rows ``(n,)`` that are fitted or held out together: at a fixture, or repeats of a configuration."""
     labels = observation_of(model).cv_groups(data)
     return configurations(data.joints) if labels is None else labels
 
 
-def split_by_label(labels: Rows, share: float, seed: int) -> tuple[Rows, Rows]:
-    """Rows to fit and rows to hold out: all rows of a label, labels at random, until the share is reached."""
+def split_by_label(labels: _Rows, share: float, seed: int) -> tuple[_Rows, _Rows]:
+    """Split rows into those to fit and those to hold out: whole labels at random, until the share is reached."""
     order = rng_for(seed, "split").permutation(labels.max() + 1)
     sizes = np.bincount(labels)[order]
-    held = order[np.cumsum(sizes) - sizes < share * len(labels) - 0.5]
-    test = np.isin(labels, held)
+    left_out = order[np.cumsum(sizes) - sizes < share * len(labels) - 0.5]
+    test = np.isin(labels, left_out)
     return np.flatnonzero(~test), np.flatnonzero(test)
 
 
-def folds(labels: Rows, seed: int) -> Rows:
-    """``(n,)`` the fold of each row, five or as many as there are labels: all rows of a label, labels at random."""
+def folds(labels: _Rows, seed: int) -> _Rows:
+    """Assign each row ``(n,)`` to a fold, five or as many as there are labels: whole labels, at random."""
     order = rng_for(seed, "split").permutation(labels.max() + 1)
     fold_of = np.empty(len(order), dtype=np.int_)
     fold_of[order] = np.arange(len(order)) % FOLDS
@@ -211,7 +208,7 @@ def folds(labels: Rows, seed: int) -> Rows:
 
 
 def hold_out(model: Model, data: Measurements, share: float, seed: int) -> tuple[Measurements, Measurements]:
-    """The rows to fit, and the hold-out set.
+    """Split the rows into those to fit and the hold-out set.
 
     Raises:
         LabError: the share is not between 0 and 1, or leaves nothing to fit or to validate on.
@@ -227,7 +224,7 @@ def hold_out(model: Model, data: Measurements, share: float, seed: int) -> tuple
     return data.take(fitted), data.take(held_out)
 
 
-def rows_in_time(data: Measurements) -> Rows:
+def rows_in_time(data: Measurements) -> _Rows:
     """Return the rows in the order in which they were measured: by ``time_s`` where every row has it, else as given."""
     seconds = data.conditions.get("time_s", np.full(len(data), np.nan))
     return np.argsort(seconds, kind="stable") if np.isfinite(seconds).all() else np.arange(len(data))
@@ -263,7 +260,7 @@ def hold_out_last(model: Model, data: Measurements, share: float) -> tuple[Measu
 
 
 def shared_rows(test: Measurements, fitted: Measurements) -> float:
-    """The share of rows that were fitted too: the same joint positions with the same points, to a nanometre."""
+    """Return the share of rows that were fitted too: equal joint positions and points, to a nanometre."""
     common = [target for target in test.targets if target in fitted.targets]
 
     def rows(data: Measurements) -> list[bytes]:
@@ -275,21 +272,17 @@ def shared_rows(test: Measurements, fitted: Measurements) -> float:
 
 
 def validate_rows(identification: Identification, test: Measurements) -> Validation:
-    """Judge on rows that were held out, or that the file itself keeps for this (``use`` = ``test``)."""
+    """Validate on rows that were held out, or that the file itself keeps for this (``use`` = ``test``)."""
     return Validation("holdout", errors_of(identification, test), rows=test)
 
 
 def validate_folds(
-    identify: Identify, identification: Identification, data: Measurements, seed: int, progress: Progress = no_progress
+    identify: _Identify, identification: Identification, data: Measurements, seed: int, progress: Progress = no_progress
 ) -> Validation:
     """Five-fold cross-validation by configuration or fixture; none where a fold would leave too little to fit.
 
     Args:
-        identify: fits some of the rows as all were fitted.
-        identification: of all rows.
         data: the rows ``(n,)``.
-        seed: of the split.
-        progress: takes how many folds are done of how many.
     """
     labels, numbers = cv_groups_of(identification.model, data), data.points.shape[2]
     rows = folds(labels, seed)
@@ -299,7 +292,7 @@ def validate_folds(
     for fold in range(count):
         if why := few_points_of_a_station(identification.model, data.take(np.flatnonzero(rows != fold))):
             return Validation(None, None, (_not_without_a_fold(why),))
-    if count < LEAST_FOLDS or not enough:
+    if count < _LEAST_FOLDS or not enough:
         per_pose = points.mean()
         wanted = int(np.ceil(ROWS_PER_PARAMETER * identifiable / (numbers * per_pose) * FOLDS / (FOLDS - 1)))
         return Validation(None, None, (Check("validation.poses", "not tested", data={"wanted": wanted}),))
@@ -314,11 +307,13 @@ def validate_folds(
             return Validation(None, None, (_not_without_a_fold(str(error)),))
         stuck += part.status != "converged"
         unobservable = {part.model.names[i] for i in part.unobservable}
-        lost = [k for k, target in enumerate(data.targets) if f"tool.{target}.x" in unobservable]
-        if len(unobservable) > 3 * len(lost):
+        only_here = [k for k, target in enumerate(data.targets) if f"tool.{target}.x" in unobservable]
+        if len(unobservable) > 3 * len(only_here):
             return Validation(None, None, (_UNIDENTIFIED,))
         errors = errors_of(part, data.take(test))
-        errors.before[:, lost] = errors.after[:, lost] = np.nan  # targets that only this fold's poses measured
+        errors.before[:, only_here] = errors.after[:, only_here] = (
+            np.nan
+        )  # targets that only this fold's poses measured
         before[test], after[test] = errors.before, errors.after
         progress(fold + 1, count)
     if np.isnan(after).all():
@@ -339,10 +334,7 @@ def validate_file(identification: Identification, model: Model, data: Measuremen
     named in a warning.
 
     Args:
-        identification: of the arm.
         model: the arm with the targets of ``data``.
-        data: the other file's.
-        refit: what is placed anew: base, tool, or both.
 
     Raises:
         LabError: a target is unknown, or a session's reference rows cannot place what is to be refitted.
@@ -385,10 +377,9 @@ def validate_file(identification: Identification, model: Model, data: Measuremen
 
 
 def compare_with_truth(identification: Identification, truth: Truth) -> TruthComparison:
-    """Errors of the fitted parameters, in SI units and in standard deviations.
+    """Compare the fitted parameters with the truth, in SI units and in standard deviations.
 
     Args:
-        identification: of a virtual arm.
         truth: that arm's parameters, in the canonical gauge.
     """
     model, free = identification.model, list(identification.fit.free)
@@ -417,8 +408,8 @@ def error_tangent(model: Model, values: Array) -> Array:
 
 
 def _refuse_unknown_targets(identification: Identification, model: Model, refit: Sequence[str]) -> None:
-    if stray := set(refit) - {"base", "tool"}:
-        raise LabError(f"{option_name('refit')} {sorted(stray)[0]}: unknown; give base, tool or base,tool")
+    if unknown_groups := set(refit) - {"base", "tool"}:
+        raise LabError(f"{option_name('refit')} {sorted(unknown_groups)[0]}: unknown; give base, tool or base,tool")
     known = targets_of(identification.model.parameters)
     unknown = [target for target in model.targets if target not in known]
     if unknown and "tool" not in refit:
@@ -433,7 +424,7 @@ def _reference_and_test(part: Measurements, refit: Sequence[str]) -> tuple[list[
     if part.marked:
         reference = [i for i in rows if part.use[i] == "reference"]
     else:
-        reference = rows[::REFERENCE_EVERY] if refit else []
+        reference = rows[::_REFERENCE_EVERY] if refit else []
     chosen = set(reference)
     test = [i for i in rows if i not in chosen]
     setup = _setup_name(setups(part)[0] if refit else (part.sessions[0], ""))
@@ -446,12 +437,11 @@ def _reference_and_test(part: Measurements, refit: Sequence[str]) -> tuple[list[
 
 
 def _setup_name(setup: tuple[str, str]) -> str:
-    """A session and a station, as a person names them; "" where neither has a name."""
+    """Return the name of a session and a station; "" where neither has a name."""
     kinds = zip(("session", "station"), setup, strict=True)
     return ", ".join(f"{kind} '{name}'" for kind, name in kinds if name)
 
 
 def _transfer(source: Model, target: Model, values: Array) -> Array:
-    """Values by name from one model to another; targets that are new start at zero."""
     known = dict(zip(source.names, values, strict=True))
     return np.array([known.get(name, 0.0) for name in target.names])

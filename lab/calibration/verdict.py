@@ -42,28 +42,28 @@ from lab.kinematics.parameter import indices_of_groups
 __all__ = ["CONSTANT_SPREAD", "MOST_TOLERANCES", "Answer", "Verdict", "Word", "judge", "rotation_noise_rad", "verdict"]
 
 CONSTANT_SPREAD = 1e-6  # of what was measured, to the nominal model's: below, it does not change from pose to pose
-LARGEST_CHANGE_M, LARGEST_CHANGE_RAD = 20e-3, np.deg2rad(10)  # of a link: beyond, it is another robot's drawing
+_LARGEST_CHANGE_M, _LARGEST_CHANGE_RAD = 20e-3, np.deg2rad(10)  # of a link: beyond, it is another robot's drawing
 _LARGEST_ROTATION_RAD = 50e-3  # of measured orientations' residuals: no probe is that bad, and no calibration needs it
 MOST_TOLERANCES = 10.0  # that a link is from its nominal value
-_LEAST_GAIN = 0.9  # of the mean error: what is left of more is hardly an improvement
+_LEAST_GAIN = 0.9  # of the mean error: above, there is hardly an improvement
 _CLEAR_GAIN = 0.5  # of the mean error: below, a larger maximum is one pose's
-WORSE = 1.1  # times the nominal model's mean error
+_WORSE = 1.1  # times the nominal model's mean error
 _NOISE_FLOOR = 1.5  # times what the noise and the parameters' covariance make of the error
-_UNINFORMATIVE = 0.5  # of what tolerances make of an arm: a calibration that predicts no less says little
+_UNINFORMATIVE = 0.5  # of what tolerances make of an arm: a calibration that predicts no less is uninformative
 _ROUGHLY = 1.1  # times the predicted mean error: as much a campaign's own differs from what is predicted
 _MOST_FITTED = 0.5  # of the validation poses: if more were fitted, they validate nothing
 _FLOOR_M = 1e-7  # errors below are rounding
 _ONE_SIDED = 1.645  # standard deviations: 95 % of a normal distribution lie above
 
 Word = Literal["good", "doubtful", "bad", "not judged"]
-Standing = Literal["holds", "does not matter", "doubtful", "bad", "not judged"]
+_Standing = Literal["holds", "does not matter", "doubtful", "bad", "not judged"]
 
 
 @dataclass(frozen=True)
 class Answer:
-    """An answer of a verdict, of three: whether it holds, and the checks behind its sentence."""
+    """One of the three answers of a verdict, with the checks behind its sentence."""
 
-    standing: Standing
+    standing: _Standing
     checks: tuple[Check, ...]
 
 
@@ -73,8 +73,7 @@ class Verdict:
 
     Attributes:
         reasons: the failed checks that make it less than good, the heaviest first.
-        checks: all that it was judged from.
-        gate_m: the largest mean error that was asked for; None where none was.
+        gate_m: the largest mean error that is allowed; None for no limit.
     """
 
     word: Word
@@ -129,7 +128,7 @@ def judge(checks: Sequence[Check], gate_m: float | None = None) -> Verdict:
 
     Args:
         checks: of the fit, its validation and its predictions, with those of lack of fit and of the errors.
-        gate_m: the largest mean error that was asked for; None where none was.
+        gate_m: the largest mean error that is allowed; None for no limit.
     """
     foreign = _failed(checks, "arm")
     accuracy, because = _accuracy(checks)
@@ -193,7 +192,6 @@ def _accuracy(checks: Sequence[Check]) -> tuple[Answer, list[Check]]:
 
 
 def _fit(checks: Sequence[Check]) -> tuple[Answer, list[Check]]:
-    """Check whether the noise explains the residuals, and is plausible for instruments and arms."""
     answer, reasons = _goodness(checks)
     found = _failed(checks, "finding")
     if not found or _one(checks, "fit.residuals").outcome == "passed":
@@ -204,7 +202,6 @@ def _fit(checks: Sequence[Check]) -> tuple[Answer, list[Check]]:
 
 
 def _goodness(checks: Sequence[Check]) -> tuple[Answer, list[Check]]:
-    """Check whether the noise explains the residuals."""
     tested, residuals = [each for each in checks if _group(each) == "lack_of_fit"], _one(checks, "fit.residuals")
     if not tested:
         return Answer("holds", (replace(residuals, outcome="not tested"),)), []
@@ -221,12 +218,10 @@ def _goodness(checks: Sequence[Check]) -> tuple[Answer, list[Check]]:
 
 
 def _below_gate(checks: Sequence[Check]) -> bool:
-    """Decide whether 95 % of the validation errors are below the gate, with 95 % confidence."""
     return any(each.name == "accuracy.tolerance_bound" and each.outcome == "passed" for each in checks)
 
 
 def _determination(checks: Sequence[Check], gate_m: float | None) -> tuple[Answer, list[Check]]:
-    """Decide whether the arm is determined over its region, and is the one of the nominal model."""
     error, far = _one(checks, "determination.error"), _failed(checks, "links")
     if other := [each for each in far if each.name == "links.other_robot"]:
         return Answer("bad", (other[0],)), other
@@ -257,11 +252,8 @@ def verdict(
     """Judge a calibration by the checks of its fit and of its validation.
 
     Args:
-        identification: the fit.
-        validation: its errors on poses that were not fitted.
         gate_m: a larger mean error there is bad; None for no such limit.
         goodness: the test of lack of fit; None where nobody tested it.
-        tolerance: of manufacture.
         measured: the range of the measured joint positions; None where nothing is known of what lies beyond.
         findings: about the errors; with one that nothing supports, a calibration is doubtful at most.
         prediction: observed against predicted errors at the validation poses; None where they were not compared.
@@ -310,7 +302,6 @@ class _Calibration:
     distances: tuple[Distance, ...]
 
     def checks(self, prediction: Check | None) -> list[Check]:
-        """Return all checks but those of lack of fit and of the errors."""
         return [*self._foreign(), *self._accuracy(prediction), self._residuals(), *self._determination()]
 
     def _foreign(self) -> list[Check]:
@@ -324,14 +315,13 @@ class _Calibration:
             return [_cannot_be("convergence", status=found.status)]
         if (rms_rad := self._orientations_rad()) > _LARGEST_ROTATION_RAD:
             return [_cannot_be("orientations", rms_rad=rms_rad)]
-        if not (change_m := self._unconstrained_m()) <= LARGEST_CHANGE_M:
+        if not (change_m := self._unconstrained_m()) <= _LARGEST_CHANGE_M:
             return [_cannot_be("fixtures", change_m=change_m)]
         if found.unobservable:
             return [_cannot_be("identifiable", names=[found.model.names[i] for i in found.unobservable])]
         return []
 
     def _orientations_rad(self) -> float:
-        """Return the root mean square (rad) of measured orientations' residuals; zero where there are none."""
         observation = observation_of(self.identification.model)
         if not observation.positions:
             return 0.0
@@ -347,7 +337,6 @@ class _Calibration:
         return float(np.abs(found.values - found.nominal_aligned)[lengths].max())
 
     def _accuracy(self, prediction: Check | None) -> list[Check]:
-        """Check the errors at poses that were not fitted, and these poses themselves."""
         errors, validation = self.validation.errors, self.validation
         if errors is None or not np.isfinite(errors.after).any():
             return [Check("accuracy.validation", "not tested")]
@@ -389,7 +378,7 @@ class _Calibration:
         return Check(name, "passed" if within else "failed", after_m / limit if after_m > limit else 0.0, data=data)
 
     def _shares_without_noise(self) -> tuple[float, float]:
-        """The share of the measured errors that is the arm's, and its lower 95 % limit, without the validation's noise.
+        """Return the arm's share of the measured errors, and its lower 95 % limit, without the validation's noise.
 
         Where no noise is given, that of the residuals counts, up to what common instruments have.
         """
@@ -411,7 +400,7 @@ class _Calibration:
             return []
         grown = float(np.nanmax(errors.after)) > float(np.nanmax(errors.before))
         data = {"before_m": before, "after_m": after, "grown": grown}
-        if after > WORSE * before:
+        if after > _WORSE * before:
             return [Check("accuracy.worse", "failed", after / before, data=data)]
         if after > _LEAST_GAIN * before or (grown and after > _CLEAR_GAIN * before):
             times = after / before / _LEAST_GAIN if not grown else 1 + after / before
@@ -428,7 +417,6 @@ class _Calibration:
         return float(np.sqrt(3 * found.sigma_m**2 + np.nan_to_num(predicted) ** 2))
 
     def _validation_poses(self) -> list[Check]:
-        """Check whether the validation itself is to be trusted."""
         checks, found = [], self.validation
         if found.fitted_share > 0:
             data = {"share": found.fitted_share}
@@ -485,20 +473,20 @@ class _Calibration:
     def _is_felt(self, of: Distance) -> bool:
         """Decide whether positions show that a link is another one, by more than the tolerances explain.
 
-        What a point near an axis hardly shows harms no prediction, however far from nominal it is estimated.
+        A weakly observable link harms no prediction, however far from nominal it is estimated.
         """
         errors, most = self.validation.errors, self.workspace.tolerance_rms_m
         model, nominal = self.identification.model, np.inf
         placed = set(indices_of_groups(model.parameters, ("base", "tool")))
         fixed = placed & set(self.identification.base_set.fixed)  # in their place a link was freed on request
-        asked = fixed and fixed - set(base_set(model, self.identification.nominal_aligned).fixed)
-        if not asked and errors is not None and np.isfinite(errors.before).any():
+        freed = fixed and fixed - set(base_set(model, self.identification.nominal_aligned).fixed)
+        if not freed and errors is not None and np.isfinite(errors.before).any():
             nominal = float(np.sqrt(np.nanmean(errors.before**2)))
         return not min(of.felt_m, nominal) <= most
 
     def _largest(self, of: Distance) -> float:
-        """A link that is farther from its nominal value is of another robot."""
-        tolerance, least = self.tolerance, (LARGEST_CHANGE_M, LARGEST_CHANGE_RAD)[of.is_angle]
+        """Return the distance from nominal beyond which a link is of another robot."""
+        tolerance, least = self.tolerance, (_LARGEST_CHANGE_M, _LARGEST_CHANGE_RAD)[of.is_angle]
         return max(float(least), MOST_TOLERANCES * (tolerance.angle_rad if of.is_angle else tolerance.length_m))
 
     def _limit(self, predicted: Mapping[str, Any]) -> list[Check]:

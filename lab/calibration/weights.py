@@ -18,15 +18,7 @@ from lab.noise.error_term import Components, ErrorShapes
 from lab.noise.instruments import Instrument, is_isotropic
 from lab.noise.terms import UNCORRELATED, correlation_of
 
-__all__ = [
-    "Noise",
-    "correlated",
-    "error_shapes",
-    "joined",
-    "root_mean_square_sigma",
-    "weigh",
-    "weighted_constraints",
-]
+__all__ = ["Noise", "error_shapes", "joined", "root_mean_square_sigma", "weigh", "weighted_constraints"]
 
 
 @dataclass(frozen=True)
@@ -57,7 +49,7 @@ def weigh(observation: Observation, data: Measurements, noise: Noise) -> tuple[O
     observed, known = _by_instrument(observation, data, noise)
     if noise.shared is None:
         return observed, known
-    return correlated(observation.model, observed, data, noise.shared, known=known), known
+    return _correlated(observation.model, observed, data, noise.shared, known=known), known
 
 
 def _by_instrument(observation: Observation, data: Measurements, noise: Noise) -> tuple[Observations, bool]:
@@ -86,7 +78,7 @@ def _by_instrument(observation: Observation, data: Measurements, noise: Noise) -
 
 
 def _instrument_covariance(observation: Observation, device: Instrument, points: Array, readings: int) -> Array:
-    """``(n, k, 3, 3)``: of positions the instrument's; of what else is observed, by its unit, from their mean."""
+    """Return ``(n, k, 3, 3)``: the instrument's of positions; of other quantities their mean in units."""
     if not observation.positions:
         raise LabError(
             f"{device.name} measures points, of which none are observed: give {option_name('noise_mm')} instead"
@@ -101,7 +93,7 @@ def _instrument_covariance(observation: Observation, device: Instrument, points:
 
 
 def root_mean_square_sigma(observed: Observations, positions: int) -> float:
-    """The sigma of an observed number, as it is weighted.
+    """Return the sigma of an observed number, as it is weighted.
 
     Of the first ``positions`` things; of all where there are none.
     """
@@ -149,13 +141,13 @@ def error_shapes(
     return ErrorShapes(scatter, shift, along, times)
 
 
-def correlated(
+def _correlated(
     model: Model, observed: Observations, data: Measurements, shared: ErrorModel, *, known: bool
 ) -> Observations:
     """Return the measurements, weighted by the instrument, with the errors that they share.
 
     Args:
-        model: that predicts ``observed``; parameters that ``shared`` does not know are zero.
+        model: that predicts ``observed``; parameters without a value in ``shared`` are zero.
         known: whether the weights stand on a known sigma; else they are in units of ``shared.sigma_m``.
     """
     values = np.array([shared.values.get(name, 0.0) for name in model.names])

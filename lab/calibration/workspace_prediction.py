@@ -1,4 +1,4 @@
-"""Errors that a calibration predicts over regions of the workspace, and distances of links from their nominal values.
+"""Predict errors of a calibrated arm over regions of the workspace, and compare them with errors at validation poses.
 
 Errors of the identified parameters are normal, with the covariance C that the fit gives: at a pose with derivatives J
 the position error is normal with covariance J C J'. What the tolerances of manufacture alone would make of an arm that
@@ -8,6 +8,10 @@ Over a region two more things count. What the fit left of the measured positions
 configurations too, the instrument's noise aside where it is given. And no covariance, however far it is extrapolated,
 makes a calibrated arm worse than one within its tolerances that was never calibrated; where the calibration moved the
 measured points farther than tolerances do, the arm's own tolerances are that much wider.
+
+At validation poses the errors of the parameters, and where measured points judge those of the noise, are drawn many
+times, with one draw of the parameters for all poses: so the 95 % error of these poses is known with its chance. Poses
+in regions that were not measured are left out where enough others remain, as the model discrepancy there is wide.
 """
 
 from dataclasses import dataclass, replace
@@ -18,15 +22,20 @@ from numpy.typing import NDArray
 
 from lab.calibration.extrapolation import MeasuredRange, model_covariances, position_covariances
 from lab.calibration.identify import Identification
-from lab.calibration.observation import observation_of
+from lab.calibration.observation import observation_of, only_positions
 from lab.calibration.prior import Tolerance, alias_matrix, standard_deviations
 from lab.calibration.regions import Region, RegionKind, workspace_region
 from lab.calibration.residual_spread import ResidualSpread
-from lab.calibration.validation import Validation, configurations
+from lab.calibration.validation import FOLDS, Validation, configurations
+from lab.calibration.weights import Noise, weigh
+from lab.core.checks import Check
 from lab.core.errors import LabError
-from lab.core.linear_model import matched_dof, p_value_of_squares
+from lab.core.linear_model import covariance_root, matched_dof, p_value_of_squares
+from lab.core.measurements import Measurements, evenly
 from lab.core.probability import beta_ppf, chi2_isf, f_isf
+from lab.core.random import rng_for
 from lab.core.se3 import Array
+from lab.core.significance import PREDICTION_EXCEEDED
 from lab.kinematics.gauge import BaseSet
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import indices_of_groups
@@ -39,6 +48,7 @@ __all__ = [
     "ValidationBounds",
     "WorkspacePrediction",
     "bounds_at",
+    "check_prediction",
     "distances_from_nominal",
     "length_not_exceeded",
     "own_tolerance",
@@ -47,6 +57,7 @@ __all__ = [
     "predict_over_workspace",
     "predicted_errors",
     "predicted_errors_at",
+    "prediction_check",
     "tolerance_rms",
 ]
 
@@ -61,12 +72,12 @@ class WorkspacePrediction:
     Attributes:
         rms_m: root mean square, by the parameters' covariance.
         mean_m, p95_m: the mean, and the length that 95 % of the errors do not exceed, over poses and over campaigns
-            like this one; where the residuals are more than the noise, as large as they say.
+            like this one; scaled by the residuals where these exceed the noise.
         tolerance_rms_m: root mean square error of an arm within the tolerances that was never calibrated.
         beyond_share: the share of the poses that are beyond the measured joint positions, where the model is known to
-            be worse than its covariance; zero where nothing says so.
+            be worse than its covariance; zero if unknown.
         uncovered_share: the share of the poses that no measured pose is near, where the model is known to lack
-            something; zero where nothing says so.
+            something; zero if unknown.
     """
 
     rms_m: float
@@ -82,7 +93,6 @@ class RegionPrediction:
     """Predicted position errors (m) over the poses of a region; NaN where unknown.
 
     Attributes:
-        kind: the region's.
         poses: how many poses stand for it.
         rms_m: root mean square, by the parameters' covariance.
         mean_m, p95_m: the mean, and the length that 95 % of the errors do not exceed, over poses and over campaigns
@@ -135,13 +145,10 @@ class Distance:
     """Distance of a link's parameter from its nominal value.
 
     Attributes:
-        name: of the parameter.
         size: the distance (m, or rad and then half a turn at most).
-        sure: the distance less two standard deviations.
         tolerances: ``size`` in the standard deviations that the tolerances of all links give this parameter.
         sure_tolerances: ``sure`` in these.
         felt_m: root mean square error (m) of the measured points if it were nominal and the others refitted.
-        is_angle: whether it is in rad.
     """
 
     name: str
@@ -160,10 +167,9 @@ def predict_over_workspace(
     lack_of_fit: bool = False,
     measured: MeasuredRange | None = None,
 ) -> WorkspacePrediction:
-    """Predicted errors of the first target over the workspace.
+    """Predict the errors of the first target over the workspace.
 
     Args:
-        tolerance: of manufacture.
         lack_of_fit: whether the residuals are more than the noise that was given.
         measured: the joint positions that were measured, and what the model may lack beyond them.
     """
@@ -185,7 +191,9 @@ def predict_over_workspace(
     known = identification.sigma_given and not lack_of_fit
     dof = None if known else max(identification.dof, 1)
     larger = 1.0
-    if lack_of_fit and identification.sigma_given and identification.dof_each is None:  # the poses' own say it already
+    if (
+        lack_of_fit and identification.sigma_given and identification.dof_each is None
+    ):  # else the poses' own intervals have it
         larger = max(identification.residual_sigma_m / identification.sigma_m, 1.0)
     mean, most = MEAN_OF_RMS * rms, length_not_exceeded(squares, dof)
     return WorkspacePrediction(rms, larger * mean, larger * most, of_tolerances, beyond, uncovered)
@@ -203,8 +211,6 @@ def predict_over_region(
 
     Args:
         tolerance: the arm's own (``own_tolerance``).
-        region: its poses.
-        left: what the fit left of the measurements.
         measured: the joint positions that were measured, and what the model may lack beyond them.
     """
     model, nothing = identification.model, float("nan")
@@ -291,7 +297,6 @@ def predicted_errors_at(
     """Predict the errors of all targets at some poses.
 
     Args:
-        identification: of positions.
         left: what the fit left of the measurements that it comes from.
         inputs: ``(n, joints + conditions)`` the poses.
         measured: the joint positions that were measured, and what the model may lack beyond them.
@@ -313,7 +318,7 @@ def predicted_errors_at(
 def predicted_errors(
     identification: Identification, measured: MeasuredRange | None = None
 ) -> tuple[Array, Array] | None:
-    """Random poses of the workspace ``(n, joints + conditions)`` and the predicted RMS error ``(n,)`` (m) at each.
+    """Return random poses ``(n, joints + conditions)`` and the predicted RMS error ``(n,)`` (m) at each.
 
     It is that of the first target, by the parameters' covariance and what the model may lack beyond the measured joint
     positions. None where the covariance is not known, or no position is measured.
@@ -328,7 +333,7 @@ def predicted_errors(
 
 
 def tolerance_rms(model: Model, jacobian: Array, tolerance: Tolerance, placed: tuple[int, ...] = ()) -> Array:
-    """Root mean square position error ``(n,)`` (m) of arms within the tolerances, at each pose.
+    """Return the root mean square position error ``(n,)`` (m) of arms within the tolerances, at each pose.
 
     Args:
         jacobian: ``(n, 3, p)`` of positions.
@@ -343,7 +348,7 @@ def tolerance_rms(model: Model, jacobian: Array, tolerance: Tolerance, placed: t
 
 
 def distances_from_nominal(identification: Identification, tolerance: Tolerance) -> tuple[Distance, ...]:
-    """The identified link parameters, farthest from nominal first, counted in tolerances.
+    """Return the identified link parameters, farthest from nominal first, counted in tolerances.
 
     An error of a link that is fixed goes into those that it is aliased with, so their tolerances are wider.
     """
@@ -379,7 +384,6 @@ def _felt_per_unit(identification: Identification) -> Array:
 
 
 def _spread_of_retained(model: Model, structure: BaseSet, tolerance: Tolerance) -> Array:
-    """Return the standard deviation ``(kept,)`` of the identified parameters by the tolerances of all."""
     sigma = standard_deviations(model, tolerance)
     drawn = np.isfinite(sigma)
     wide = alias_matrix(structure, len(model.names))[:, drawn] * sigma[drawn]
@@ -393,14 +397,14 @@ def _target_jacobian(model: Model, values: Array) -> tuple[Array, Array]:
 
 
 def _reached(model: Model, values: Array, inputs: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Those of the poses that the arm takes, derivatives ``(n, 3, p)`` of the first target's positions there, which."""
+    """Return the poses that the arm takes, derivatives ``(n, 3, p)`` of the first target there, and a mask."""
     jacobian: Array = model.observe(inputs, values)[1][:, 0]
     reached = np.asarray(np.isfinite(jacobian).all(axis=(1, 2)))
     return inputs[reached], jacobian[reached], reached
 
 
 def length_not_exceeded(squares: Array, dof: float | None, share: float = _SHARE) -> float:
-    """The length that 95 % of normal errors with these covariances ``(n, d, d)``, taken together, do not exceed.
+    """Return the length below which 95 % of normal errors with covariances ``(n, d, d)`` lie, taken together.
 
     Or another ``share`` of them. A sum of squares of correlated normal numbers is taken for a scaled chi squared
     (Satterthwaite 1946), an F where the variance was estimated with ``dof`` degrees of freedom.
@@ -451,9 +455,7 @@ def bounds_at(
     """Compare predictions and errors at the validation poses; None where no pose has both.
 
     Args:
-        left: what the fit left of the measurements.
         measured: the joint positions that were measured, and what the model may lack beyond them.
-        tolerance: the arm's own.
     """
     rows, errors, positions = validation.rows, validation.errors, observation_of(found.model).positions
     if rows is None or errors is None or not positions or not np.isfinite(left.total_m):
@@ -483,3 +485,121 @@ def bounds_at(
         high if share < 1 else 1.0,
         0.0 if measured is None else float(measured.uncovered(rows.joints).mean()),
     )
+
+
+_DRAWS = 999
+_MAX_COMPARED = 300
+_PERCENT = 95.0  # percent
+_ROUNDING_M = 1e-7  # errors below are those of the arithmetic
+_LEAST_POSES = 10  # in the measured region: of fewer, those beyond it are compared too
+
+
+def prediction_check(
+    observed_p95_m: float, predicted_p95_m: float, allowed_p95_m: float, extrapolated: int = 0
+) -> Check:
+    """Return the check of the 95 % error (m) at poses that were not fitted: failed where it exceeds what is allowed.
+
+    Args:
+        predicted_p95_m: the median of what was predicted for these poses.
+        allowed_p95_m: what chance exceeds in 1 % of campaigns like this one.
+        extrapolated: poses beyond the measured region that were left out.
+    """
+    return Check(
+        "accuracy.prediction",
+        "failed" if observed_p95_m > allowed_p95_m + _ROUNDING_M else "passed",
+        observed_p95_m / max(allowed_p95_m, _ROUNDING_M),
+        level=PREDICTION_EXCEEDED,
+        data={
+            "observed_p95_m": observed_p95_m,
+            "predicted_p95_m": predicted_p95_m,
+            "allowed_p95_m": allowed_p95_m,
+            "extrapolated": extrapolated,
+        },
+    )
+
+
+def check_prediction(
+    identification: Identification,
+    validation: Validation,
+    noise: Noise,
+    measured: MeasuredRange | None = None,
+    *,
+    seed: int = 0,
+) -> Check | None:
+    """Compare observed and predicted 95 % errors; None where there is nothing to compare.
+
+    Args:
+        validation: errors of points at poses whose rows are known.
+        noise: of the measurements that judge, with the errors that they share.
+    """
+    rows, errors = validation.rows, validation.errors
+    if rows is None or errors is None or not only_positions(observation_of(identification.model)):
+        return None
+    after = errors.after
+    if after.shape != rows.points.shape[:2] or validation.fitted_share > 0:
+        return None
+    inside, extrapolated = _rows_in_measured_region(measured, rows), 0
+    if inside is not None:
+        extrapolated = len(rows) - len(inside)
+        rows, after = rows.take(inside), after[inside]
+    if (some := evenly(len(rows), _MAX_COMPARED)) is not None:
+        rows, after = rows.take(some), after[some]
+    seen = np.isfinite(after)
+    if not seen.any() or not np.isfinite(identification.covariance).all():
+        return None
+    rng = rng_for(seed, "bootstrap")
+    inflation = FOLDS / (FOLDS - 1) if validation.judged_by == "cross-validation" else 1.0
+    scale = _sigma_ratio(identification, rng)
+    drawn = np.sqrt(inflation) * _errors_of_parameters(identification, measured, rows, rng)
+    if validation.judged_by != "fresh":
+        drawn = drawn + _errors_of_noise(identification, noise, rows, rng)
+    lengths = np.linalg.norm(drawn * scale, axis=2)[seen]  # (points, draws)
+    p95 = np.percentile(lengths, _PERCENT, axis=0)
+    return prediction_check(
+        float(np.percentile(after[seen], _PERCENT)),
+        float(np.median(p95)),
+        float(np.quantile(p95, 1 - PREDICTION_EXCEEDED)),
+        extrapolated,
+    )
+
+
+def _rows_in_measured_region(measured: MeasuredRange | None, rows: Measurements) -> NDArray[np.int_] | None:
+    if measured is None or not measured.is_worse_beyond:
+        return None
+    inside = np.flatnonzero(~measured.outside(rows.joints))
+    return inside if _LEAST_POSES <= len(inside) < len(rows) else None
+
+
+def _errors_of_parameters(
+    found: Identification, measured: MeasuredRange | None, rows: Measurements, rng: np.random.Generator
+) -> Array:
+    inputs = rows.inputs(found.model.conditions)
+    n, k = rows.points.shape[:2]
+    if found.process is not None:
+        root = covariance_root(found.process.covariance(inputs))
+        return np.asarray((root @ rng.standard_normal((len(root), _DRAWS))).reshape(n, k, 3, _DRAWS))
+    slopes = found.model.observe(inputs, found.values)[1][..., list(found.fit.free)]
+    drawn = slopes @ (covariance_root(found.covariance) @ rng.standard_normal((slopes.shape[-1], _DRAWS)))
+    if measured is not None and measured.is_worse_beyond:
+        unknown = measured.unknown(found.model, inputs, found.values)
+        drawn = drawn + unknown @ rng.standard_normal((unknown.shape[-1], _DRAWS))
+    return np.asarray(drawn)
+
+
+def _errors_of_noise(found: Identification, noise: Noise, rows: Measurements, rng: np.random.Generator) -> Array:
+    observed, known = weigh(observation_of(found.model), rows, noise)
+    drawn = np.zeros((*observed.points.shape, _DRAWS))
+    white = rng.standard_normal((3 * int(observed.seen.sum()), _DRAWS))
+    drawn[observed.seen] = observed.in_metres(white).reshape(-1, 3, _DRAWS)
+    if known:
+        return drawn
+    sigma = found.sigma_m if noise.shared is None else noise.shared.sigma_m
+    return np.asarray(sigma * drawn)
+
+
+def _sigma_ratio(found: Identification, rng: np.random.Generator) -> Array:
+    """Draw the true over the estimated standard deviation ``(draws,)``: one where it was given."""
+    if found.sigma_given:
+        return np.ones(_DRAWS)
+    dof = max(found.dof, 1)
+    return np.asarray(np.sqrt(dof / np.maximum(rng.chisquare(dof, _DRAWS), 1e-300)))

@@ -40,10 +40,8 @@ __all__ = [
     "BudgetLine",
     "FrameMotion",
     "InputQuantity",
-    "KinematicDraws",
     "Measurand",
     "Placement",
-    "Propagated",
     "Propagation",
     "RandomErrors",
     "RandomScatter",
@@ -73,13 +71,12 @@ class InputQuantity:
         group: misalignment, reflector, temperature, repeatability, model, stability or parameters.
         name: what it is.
         source: where its uncertainty comes from.
-        unit: in which people read it.
         uncertainty: of each of its components, SI.
         columns: ``(w, 3, c)`` how far a unit of each component moves the positions at w poses, m.
         anew: whether it is another one at each position; else all positions share it.
         shifts: ``(f, c)`` how far a unit of each component shifts the identified parameters; None for what does not
             come through the fit.
-        detail: what is meant by ``name``; empty where that says all.
+        detail: of ``name``; may be empty.
         placed: whether it is another error in each pose, of the fitted ones and of others.
     """
 
@@ -107,7 +104,6 @@ class BudgetLine:
     Attributes:
         contribution_m: what the quantity contributes to the standard uncertainty (root mean square over the
             workspace).
-        share: of the combined variance.
     """
 
     quantity: InputQuantity
@@ -121,7 +117,7 @@ class BudgetLine:
 
 
 @dataclass(frozen=True)
-class KinematicDraws:
+class _KinematicDraws:
     """The length that 95 % of the errors do not exceed, of the same drawn calibrations.
 
     Attributes:
@@ -140,9 +136,7 @@ class Budget:
     """The uncertainty of a measurand.
 
     Attributes:
-        lines: the quantities that contribute.
         combined_m: combined standard uncertainty, root mean square over the workspace.
-        freedom: its effective degrees of freedom.
         propagated_m: expanded uncertainty by the law of propagation.
         drawn_m: the same by drawing the quantities so many times, with ``drawn_std_m`` its own standard deviation.
         kinematics: the same by drawing calibrations, linear and through the full kinematics.
@@ -156,7 +150,7 @@ class Budget:
     drawn_m: float
     drawn_std_m: float
     draws: int
-    kinematics: KinematicDraws
+    kinematics: _KinematicDraws
 
     @cached_property
     def tolerance_m(self) -> float:
@@ -189,15 +183,12 @@ class Budget:
 
 
 @dataclass(frozen=True)
-class Propagated:
+class _Propagated:
     """Result of the law of propagation of uncertainty for a measurand.
 
     Attributes:
-        quantities: those that contribute.
         columns: ``(w, d, c)`` of each, m: what a unit of its components does to the d numbers of the measurand.
         variances: ``(quantities,)`` m^2, what each contributes.
-        freedom: effective degrees of freedom.
-        expanded_m: expanded uncertainty.
     """
 
     quantities: tuple[InputQuantity, ...]
@@ -214,13 +205,12 @@ class Propagated:
 
 def propagated(
     measurand: Measurand, quantities: Sequence[InputQuantity], positions: Array, rng: np.random.Generator
-) -> Propagated:
-    """The uncertainty of positions, or of distances between random pairs of them.
+) -> _Propagated:
+    """Propagate the uncertainty of positions, or of distances between random pairs of them.
 
     Args:
         quantities: those that matter; at least one has an uncertainty above zero.
         positions: ``(w, 3)`` m.
-        rng: of the pairs.
     """
     retained = [each for each in quantities if each.uncertainty.standard and each.columns.any()]
     columns = [each.columns for each in retained]
@@ -234,7 +224,7 @@ def propagated(
     spread = float((variances**2 / freedoms).sum())  # an infinite one adds nothing
     dof = float(variances.sum() ** 2 / spread) if spread else np.inf
     expanded = length_not_exceeded(np.sum(squares, axis=0), None if np.isinf(dof) else dof)
-    return Propagated(tuple(retained), tuple(columns), variances, dof, expanded)
+    return _Propagated(tuple(retained), tuple(columns), variances, dof, expanded)
 
 
 def budget_of(
@@ -244,13 +234,12 @@ def budget_of(
     moved: Callable[[Array], Array],
     rng: np.random.Generator,
 ) -> Budget:
-    """The budget of positions, or of distances between random pairs of them.
+    """Return the budget of positions, or of distances between random pairs of them.
 
     Args:
         quantities: those that matter; at least one has an uncertainty above zero.
         positions: ``(w, 3)`` m.
         moved: the same positions with the identified parameters shifted by ``(f,)``, by the full kinematics.
-        rng: of the pairs and of the draws.
     """
     found = propagated(measurand, quantities, positions, rng)
     lengths = _drawn_lengths(found.quantities, found.columns, rng)
@@ -279,7 +268,6 @@ def _of_distances(quantities: Sequence[InputQuantity], positions: Array, rng: np
 
 
 def _partners(count: int, rng: np.random.Generator) -> NDArray[np.int_]:
-    """Return another position for each position."""
     return (np.arange(count) + rng.integers(1, count, count)) % count
 
 
@@ -289,8 +277,8 @@ def _through_kinematics(
     positions: Array,
     moved: Callable[[Array], Array],
     rng: np.random.Generator,
-) -> KinematicDraws:
-    """Errors of drawn calibrations: the same ones with the linear map and with the full kinematics."""
+) -> _KinematicDraws:
+    """Draw calibrations: the same ones with the linear map and with the full kinematics."""
     count = len(positions)
     other: Array = np.zeros((_CALIBRATIONS, count, 3))  # what does not come through the fit
     mapped, shifts = np.zeros_like(other), list[Array]()
@@ -321,7 +309,7 @@ def _through_kinematics(
         steps = [np.linalg.norm(errors + other, axis=2) for errors in (mapped, full)]
     met = np.isfinite(steps[1])  # a loop may not close so far off
     linear_m, full_m = (_quantile(np.abs(each[met]))[0] for each in steps)
-    return KinematicDraws(linear_m, full_m, _CALIBRATIONS)
+    return _KinematicDraws(linear_m, full_m, _CALIBRATIONS)
 
 
 def _drawn_lengths(quantities: Sequence[InputQuantity], columns: Sequence[Array], rng: np.random.Generator) -> Array:
@@ -394,7 +382,6 @@ class Propagation:
         """Build the propagation of a fit, at the fitted parameters ``(p,)``.
 
         Args:
-            free: which of them were identified.
             prior_covariance: ``(f, f)`` of these, in units of the weights, where a prior took part in the fit.
         """
         model = observation.model
@@ -451,8 +438,6 @@ class RandomScatter:
     """Random scatter of positions, per axis, and its source.
 
     Attributes:
-        sigma_m: standard deviation of one coordinate.
-        dof: its degrees of freedom.
         of_residuals: whether it was estimated from what the model leaves.
     """
 
@@ -516,13 +501,7 @@ class FrameMotion:
 def quantities_of(
     propagation: Propagation, errors: TrackerErrors, source: str, chance: RandomErrors
 ) -> tuple[InputQuantity, ...]:
-    """Return all input quantities but the robot's temperature.
-
-    Args:
-        errors: systematic errors of the instrument.
-        source: who states them.
-        chance: random errors.
-    """
+    """Return all input quantities but the robot's temperature."""
     placed = [] if chance.placement == "in the residuals" else list(_placements(propagation, errors, source))
     systematic = [_systematic(propagation, errors, source, term) for term in errors.lasting]
     found = [*systematic, *(quantity for quantity, _ in placed)]
@@ -552,10 +531,10 @@ def quantities_of(
 
 
 def motion_of(propagation: Propagation, motion: FrameMotion) -> InputQuantity:
-    """The frame of the measurements moved: a position at the campaign's end is elsewhere by the offset.
+    """Return a motion of the measurements' frame as an input quantity.
 
-    Its direction is not known, so each coordinate has a third of its square. Of two positions each may be of any time,
-    so that a distance between them has it twice.
+    A position at the campaign's end is displaced by the offset. Its direction is unknown, so each coordinate has a
+    third of its square. Two positions may be of different times, so a distance between them has it twice.
     """
     each = np.broadcast_to(np.eye(3), (len(propagation.positions), 3, 3))
     known = Uncertain(motion.offset_m / float(np.sqrt(3)), dof=max(motion.dof, _MIN_DOF))
@@ -572,16 +551,16 @@ def lack_of_fit_of(propagation: Propagation, sigma_m: float, dof: float, source:
 
 
 def scale_of(propagation: Propagation, relative: Uncertain, source: str) -> InputQuantity:
-    """The scale of the measurements: all points are farther from the instrument, or nearer, by a share."""
+    """Return the scale of the measurements as an input quantity."""
     shifts = propagation.shifts_by(_seen(propagation)[..., None])
     return _fitted(propagation, shifts, "misalignment", "scale of the measurements", source, PPM, relative)
 
 
 def unseen_move_of(propagation: Propagation, sigma_m: float) -> InputQuantity:
-    """A move of base or instrument half way that is too small to be found: calibrated positions are off by half of it.
+    """Return the move of base or instrument that is too small to be found, as an input quantity.
 
-    A mean of half the points against that of the others finds it with the power stated, at the level of the search for
-    change points, of which every pose is one.
+    Calibrated positions are displaced by half of it. A mean of half the points against that of the others finds it with
+    the power stated, at the level of the search for change points, of which every pose is one.
 
     Args:
         sigma_m: what a measured coordinate scatters by.
@@ -595,14 +574,13 @@ def unseen_move_of(propagation: Propagation, sigma_m: float) -> InputQuantity:
 
 
 def temperature_of(propagation: Propagation, base: Array, kelvin: Uncertain, expansion_per_k: float) -> InputQuantity:
-    """Temperature of the robot: all lengths grow with it about the robot's base ``(3,)`` m."""
+    """Return the robot's temperature as an input quantity: all lengths grow with it about the base ``(3,)`` m."""
     columns = expansion_per_k * (propagation.positions - base)[..., None]
     source = f"stated, expansion {PPM.of(expansion_per_k):g} ppm/K"
     return InputQuantity("temperature", "temperature of the robot", source, KELVIN, kelvin, columns)
 
 
 def _systematic(propagation: Propagation, errors: TrackerErrors, source: str, term: SystematicError) -> InputQuantity:
-    """A systematic error of the instrument, through the fit."""
     group = "temperature" if term.name in _OF_AIR else "reflector" if term.name == "centring_depth" else "misalignment"
     shifts = propagation.shifts_by(errors.displacements(term, _seen(propagation)))
     return _fitted(propagation, shifts, group, term.description, source, term.unit, errors.quantity(term))
@@ -631,12 +609,11 @@ def _fitted(
     detail: str = "",
     placed: bool = False,
 ) -> InputQuantity:
-    """A quantity that comes through the fit, by its shifts ``(f, c)`` of the identified parameters."""
+    """Return a quantity that comes through the fit, by its shifts ``(f, c)`` of the identified parameters."""
     columns = propagation.columns_of(shifts)
     messages = group, name, source, unit, uncertainty
     return InputQuantity(*messages, columns, shifts=shifts, detail=detail, placed=placed)
 
 
 def _seen(propagation: Propagation) -> Array:
-    """The measured points; ones where nothing was measured, which nothing counts."""
     return np.nan_to_num(propagation.observed.points, nan=1.0)

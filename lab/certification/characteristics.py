@@ -1,6 +1,6 @@
 """Characteristics of ISO 9283:1998, as far as the measurements of a calibration determine them.
 
-A position is commanded through the calibrated model: what the controller would have to be told to attain it. Accuracy
+A position is commanded through the calibrated model. Accuracy
 and repeatability are those of the positions alone, of each pose and target.
 """
 
@@ -18,7 +18,6 @@ __all__ = [
     "CHARACTERISTICS",
     "Accuracy",
     "Conformity",
-    "DecisionRule",
     "PoseAccuracy",
     "Repeats",
     "conformity_of",
@@ -64,7 +63,6 @@ class PoseAccuracy:
 
     Attributes:
         accuracy: AP, from where a pose is commanded to the mean of the positions attained.
-        poses: how many.
         cycles: the fewest and the most visits to one.
     """
 
@@ -107,8 +105,8 @@ def pose_accuracy(errors: Array, labels: NDArray[np.int_]) -> PoseAccuracy:
 def repeats_of(errors: Array, labels: NDArray[np.int_], places: Array) -> Repeats | None:
     """Compute the repeatability from errors ``(n, k, 3)`` m; None where no label has several measured rows.
 
-    It is the scatter of a pose's errors about their own mean. What the model is off by is the same at each visit and
-    leaves it as it is, also where the model was fitted to these rows.
+    It is the scatter of a pose's errors about their own mean, which model discrepancy does not change: it is the same
+    at each visit, also where the model was fitted to these rows.
 
     Args:
         labels: ``(n,)`` rows of a pose share one.
@@ -142,9 +140,7 @@ def distance_errors(measured: Array, commanded: Array, labels: NDArray[np.int_],
 
     Args:
         measured: ``(n, k, 3)`` m, NaN where not measured.
-        commanded: the same.
         labels: rows of a pose share one.
-        rng: of the pairs.
     """
     count = len(measured)
     if count * (count - 1) // 2 <= _MOST_PAIRS:
@@ -159,8 +155,8 @@ def distance_errors(measured: Array, commanded: Array, labels: NDArray[np.int_],
     return np.asarray(found[np.isfinite(found)])
 
 
-DecisionRule = Literal["guard-band", "simple"]
-Decision = Literal["conforms", "does not conform", "not decided"]
+_DecisionRule = Literal["guard-band", "simple"]
+_Decision = Literal["conforms", "does not conform", "not decided"]
 _RULES = {
     "simple": (
         "simple acceptance (JCGM 106:2012, 8.2): it conforms where the value is not above the tolerance; the risk of a "
@@ -176,30 +172,24 @@ _RULES = {
 
 @dataclass(frozen=True)
 class Conformity:
-    """Statement of conformity of a value to a tolerance.
-
-    Attributes:
-        value_m: the measured value.
-        tolerance_m: the largest that is allowed.
-        expanded_m: expanded uncertainty of the value.
-    """
+    """Statement of conformity of a value to a tolerance."""
 
     value_m: float
     tolerance_m: float
     expanded_m: float
-    rule: DecisionRule
-    decision: Decision
+    rule: _DecisionRule
+    decision: _Decision
 
     @property
     def rule_text(self) -> str:
-        """The rule, for a person."""
+        """Text of the rule."""
         return _RULES[self.rule]
 
 
-def conformity_of(value_m: float, tolerance_m: float, expanded_m: float, rule: DecisionRule) -> Conformity:
-    """The statement on a value with an expanded uncertainty (m), by a rule."""
+def conformity_of(value_m: float, tolerance_m: float, expanded_m: float, rule: _DecisionRule) -> Conformity:
+    """Return the statement on a value with an expanded uncertainty (m), by a rule."""
     guard = expanded_m if rule == "guard-band" else 0.0
-    decision: Decision = "not decided"
+    decision: _Decision = "not decided"
     if value_m + guard <= tolerance_m:
         decision = "conforms"
     elif value_m - guard > tolerance_m:

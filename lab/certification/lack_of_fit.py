@@ -32,7 +32,6 @@ class ValidationErrors:
 
     Attributes:
         rms_m, p95_m: root mean square and 95th percentile of their lengths.
-        poses: how many of the poses are distinct.
         own: ``(n, 3, 3)`` m^2, covariance of each point's error by what differs from point to point.
         shared: ``(n, 3, c)`` m, what independent numbers of variance one that all points share do to them.
         freedom: degrees of freedom of the noise that scales both; infinite where it is known.
@@ -55,15 +54,13 @@ class ValidationErrors:
 
 @dataclass(frozen=True)
 class LackOfFit:
-    """The errors of a validation beside those that a budget predicts.
+    """Errors of a validation beside those that a budget predicts.
 
     Attributes:
         observed_rms_m, expected_rms_m: root mean square error of the validation, and as the budget predicts it.
         observed_95_m, expected_95_m: the length that 95 % of the errors do not exceed, likewise.
         p: the chance of a larger mean square, if the budget is right.
         sigma_m: what the budget lacks, of one coordinate; 0 where chance explains the difference.
-        dof: degrees of freedom of that.
-        poses: by how many distinct poses.
     """
 
     observed_rms_m: float
@@ -104,7 +101,7 @@ def lack_of_fit(found: ValidationErrors) -> LackOfFit:
 
 
 def _variance_of_mean(found: ValidationErrors) -> float:
-    """The variance (m^4) of the mean square, by what the errors share and what each has of its own."""
+    """Return the variance (m^4) of the mean square, by what the errors share and what each has of its own."""
     n = len(found.own)
     flat = found.shared.reshape(3 * n, -1)
     between = flat.T @ flat
@@ -113,7 +110,7 @@ def _variance_of_mean(found: ValidationErrors) -> float:
 
 
 def _for_the_largest(found: ValidationErrors, mean_square: float) -> float:
-    """The lack of fit (m) with which the budget contains 95 % of the errors; 0 where they are as normal ones are.
+    """Return the lack of fit (m) with which the budget contains 95 % of the errors; 0 for normal errors.
 
     Normal errors are scaled to the mean square that was found, so that only their tails are judged here.
 
@@ -139,7 +136,7 @@ def _for_the_largest(found: ValidationErrors, mean_square: float) -> float:
 
 
 def _share_by_chance(count: int) -> float:
-    """The share below which the 95th percentile of so many independent lengths lies, but for a chance of 5 %."""
+    """Return the share below which the 95th percentile of so many lengths lies, but for a 5 % chance."""
     rank = int(np.ceil(_SHARE * (count - 1))) + 1
 
     def exceeded(share: float) -> float:

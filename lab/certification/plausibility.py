@@ -17,14 +17,14 @@ from lab.formats.programs.registry import language_of_maker
 
 __all__ = ["CampaignFacts", "implausibilities"]
 
-USUAL_C = (15.0, 35.0)  # of a hall in which robots are measured
+_USUAL_C = (15.0, 35.0)  # of a hall in which robots are measured
 _LONGEST_YEARS = 2.0  # between two calibrations of an instrument, where its certificate states no end
 _LONGEST_DAYS_TO_ISSUE = 365  # from the measurements to the certificate
-USUAL_PRESSURE_HPA = (700.0, 1080.0)  # from 3,000 m up to the highest at sea level
+_USUAL_PRESSURE_HPA = (700.0, 1080.0)  # from 3,000 m up to the highest at sea level
 _MOST_HUMID_PERCENT = 90.0  # above, water condenses on cooler glass
-USUAL_EXPANSION_PPM = (1.0, 30.0)  # from carbon fibre to aluminium alloys
+_USUAL_EXPANSION_PPM = (1.0, 30.0)  # from carbon fibre to aluminium alloys
 _MOST_ROBOT_KELVIN = 30.0  # by which a working robot is warmer than its surroundings
-USUAL_REPEATABILITY_MM = (1e-3, 1.0)  # RP that data sheets of robots state
+_USUAL_REPEATABILITY_MM = (1e-3, 1.0)  # RP that data sheets of robots state
 _REPEATABILITY_RATIO = 3.0  # of the measured to the stated one, either way
 _YEAR = 365.25  # days
 
@@ -63,7 +63,6 @@ def implausibilities(details: CertificateDetails, facts: CampaignFacts) -> tuple
 
 
 def _of_dates(details: CertificateDetails, facts: CampaignFacts) -> Iterator[Check]:
-    """Check the order of the dates of calibration, measurement and issue."""
     stated, issued = _day(details.certificate.measured_on or facts.measured_on), _day(details.certificate.date)
     if details.certificate.measured_on and facts.measured_on and facts.measured_on != details.certificate.measured_on:
         days = {"stated": details.certificate.measured_on, "of_run": facts.measured_on}
@@ -125,8 +124,8 @@ def _of_surroundings(details: CertificateDetails) -> Iterator[Check]:
     room, low, high = details.environment, details.instrument.lowest_c, details.instrument.highest_c
     if (at := room.temperature_c) is not None:
         unfit = not low <= at <= high
-        if unfit or not USUAL_C[0] <= at <= USUAL_C[1]:
-            least, most = (low, high) if unfit else USUAL_C
+        if unfit or not _USUAL_C[0] <= at <= _USUAL_C[1]:
+            least, most = (low, high) if unfit else _USUAL_C
             temperature = {"at_c": at, "least_c": least, "most_c": most}
             name = "unfit_temperature" if unfit else "unusual_temperature"
             yield _found(name, "environment.temperature_c", impossible=unfit, **temperature)
@@ -136,8 +135,8 @@ def _of_surroundings(details: CertificateDetails) -> Iterator[Check]:
             sizes = {"spread_k": spread, "most_k": _MOST_ROBOT_KELVIN}
             yield _found("robot_temperature", "environment.robot_temperature_k", impossible=False, **sizes)
     numbers: dict[str, tuple[float | None, tuple[float, float], str]] = {
-        "expansion_ppm_per_k": (room.expansion_ppm_per_k, USUAL_EXPANSION_PPM, "ppm/K"),
-        "pressure_hpa": (room.pressure_hpa, USUAL_PRESSURE_HPA, "hPa"),
+        "expansion_ppm_per_k": (room.expansion_ppm_per_k, _USUAL_EXPANSION_PPM, "ppm/K"),
+        "pressure_hpa": (room.pressure_hpa, _USUAL_PRESSURE_HPA, "hPa"),
         "humidity_percent": (room.humidity_percent, (0.0, _MOST_HUMID_PERCENT), "%"),
     }
     for name, (value, (least, most), unit) in numbers.items():
@@ -150,7 +149,7 @@ def _of_repeatability(details: CertificateDetails, facts: CampaignFacts) -> Iter
     stated, found = details.robot.repeatability_mm, facts.repeatability_mm
     if stated is None:
         return
-    low, high = USUAL_REPEATABILITY_MM
+    low, high = _USUAL_REPEATABILITY_MM
     if not low <= stated <= high:
         sizes = {"stated_mm": stated, "least_mm": low, "most_mm": high}
         yield _found("unusual_repeatability", "robot.repeatability_mm", impossible=False, **sizes)

@@ -30,33 +30,33 @@ from lab.kinematics.inverse.closed_form import Solutions
 from lab.kinematics.inverse.newton import FREEDOMS, PLACES, PoseTarget, reach, shortest_step, tool_at, within_reach
 from lab.kinematics.joints import JointSpec
 
-__all__ = ["AGREED_M", "CLEAR_RAD", "NEAR_RAD", "REQUESTED_BRANCH", "Compensation", "Compensator", "Refusals"]
+__all__ = ["AGREED_M", "CLEAR_RAD", "NEAR_RAD", "REQUESTED_BRANCH", "Compensation", "Compensator"]
 
 CLEAR_RAD = np.deg2rad(5.0)  # of a singularity, where the rotation is free to choose
 _MOST_LEFT_OUT_M = 10e-3  # of a place, by an arm with one or two joints; what is farther off is out of its reach
 _AIMINGS = 3  # of the nominal model's inverse at what the arm misses, before Newton's method begins
 _ROUNDS = 50  # of the schemes (b) and (c)
 _SETTLED_M, _SETTLED_RAD = 1e-9, 1e-9  # an error that they leave
-_NO_OTHER = "; no other solution of the inverse is free of that and within limits"
-REQUESTED_BRANCH = "the row's joint positions ask for this solution, so leave them empty to have others tried"
+_NO_OTHER = "; no other solution avoids it within the limits"
+REQUESTED_BRANCH = "the row's joint positions choose this solution; leave them empty to try others"
 _BLOCK = 2_000  # targets that are worked out at a time
 _TRIED = 20  # random poses, in one of which the arm moves its tool every way if it ever does
 
-Texts = NDArray[np.object_]  # (n,) of str
+_Texts = NDArray[np.object_]  # (n,) of str
 NEAR_RAD = np.deg2rad(1.0)  # of a singularity (m for a slide)
 AGREED_M = 1e-6  # what schemes of compensation may end apart, m or rad
 _EDGE_M = 1e-3  # missed by less, a target is at the edge of the workspace
 _LIMIT_SLACK = 1e-9  # rad or m: rounding
 
-Moved = Callable[
+_Moved = Callable[
     [NDArray[np.int_], Array, Array], Array
 ]  # rows, their joint positions, what is missing: to new joint positions
-Refusals = Callable[[Array], Sequence[str]]  # joint positions (n, joints): why the arm may not be there; "" if it may
+_Refusals = Callable[[Array], Sequence[str]]  # joint positions (n, joints): why the arm may not be there; "" if it may
 
 
 @dataclass
-class Attempts:
-    """The best that was found so far.
+class _Attempts:
+    """Best attempts so far.
 
     Attributes:
         start: ``(n, joints)`` the nominal model's joint positions, of its solutions ``branch`` ``(n,)``.
@@ -76,26 +76,26 @@ class Attempts:
     arrived: NDArray[np.bool_]
     excess: Array
     steps: NDArray[np.int_]
-    refusals: Texts
-    passed_over: Texts
+    refusals: _Texts
+    passed_over: _Texts
 
     @property
     def possible(self) -> NDArray[np.bool_]:
-        """``(n,)``: arrived, and within limits."""
+        """Check ``(n,)`` which targets are reached within limits."""
         return np.asarray(self.arrived & (self.excess.max(axis=1) <= _LIMIT_SLACK))
 
     @property
     def fits(self) -> NDArray[np.bool_]:
-        """``(n,)``: arrived, within limits, and not refused."""
+        """Check ``(n,)`` which targets are reached, within limits, and not refused."""
         return np.asarray(self.possible & (self.refusals == ""))
 
     @property
     def cost(self) -> Array:
-        """``(n,)``: the smaller, the better: what is refused is better than what is beyond limits or not reached."""
+        """Cost ``(n,)``: a refusal costs less than a joint beyond its limits or a target not reached."""
         beyond = np.where(self.refusals == "", self.excess.max(axis=1), 2 * _LIMIT_SLACK)
         return np.where(self.arrived, beyond, 1e3 + np.abs(self.errors).max(axis=1))
 
-    def take_better(self, rows: NDArray[np.int_], other: "Attempts", chain: JointSpec) -> None:
+    def take_better(self, rows: NDArray[np.int_], other: "_Attempts", chain: JointSpec) -> None:
         """Replace worse results by those of another method for some rows, and report what was wrong with them."""
         better = other.cost < self.cost[rows]
         for i in rows[better].tolist():
@@ -141,7 +141,7 @@ class Compensation:
     Attributes:
         joints: ``(n, joints)`` that bring the identified arm's tool to each target; where that fails, those that come
             nearest.
-        uncorrected: ``(n, joints)`` that the nominal model says, in the same branch.
+        uncorrected: ``(n, joints)`` by the nominal model, in the same branch.
         positions, rotations: ``(n, 3)`` m, ``(n, 3, 3)``: the corrected targets in space, in the tracker's frame.
         reasons: why a target cannot be reached, one each; empty where it is reached.
         differential, cartesian: ``(n, joints)`` joint positions of the schemes (b) and (c).
@@ -172,7 +172,7 @@ class Compensation:
 
     @property
     def converged(self) -> NDArray[np.bool_]:
-        """``(n,)``: which targets are reached."""
+        """Check ``(n,)`` which targets are reached."""
         return np.array([not reason for reason in self.reasons], dtype=np.bool_)
 
 
@@ -195,7 +195,7 @@ class Compensator:
     nominal: NominalInverse
     arm: Arm
     values: Array
-    refusals: Refusals | None = None
+    refusals: _Refusals | None = None
     bound: str = REQUESTED_BRANCH
     progress: Progress = no_progress
     keep: Keep = at_once
@@ -203,11 +203,11 @@ class Compensator:
     def __post_init__(self) -> None:
         arm, chain = self.nominal.arm, self.nominal.arm.chain
         _, jacobian = self.nominal.tool(chain.random_joints(_TRIED, rng_for(0, "structure")))
-        ways = int(np.linalg.matrix_rank(jacobian[:, :3], tol=SINGULAR_M).max())
-        if ways < min(PLACES, chain.size):
+        directions = int(np.linalg.matrix_rank(jacobian[:, :3], tol=SINGULAR_M).max())
+        if directions < min(PLACES, chain.size):
             raise LabError(
                 f"robot '{chain.name}': its joints ({', '.join(chain.joint_names)}) move "
-                f"{arm.targets[self.nominal.target]} in {ways} of three directions, so it cannot be brought to a "
+                f"{arm.targets[self.nominal.target]} in {directions} of three directions, so it cannot be brought to a "
                 "place that is off by a little; compensation takes three joints that do"
             )
 
@@ -216,7 +216,7 @@ class Compensator:
 
         Args:
             conditions: ``(n, c)``, what the arm's effects ask for.
-            reference: ``(n, joints)`` joint positions that say which way to take; NaN where that is free.
+            reference: ``(n, joints)`` joint positions that choose the IK branch; NaN where that is free.
         """
         count, before, whole = len(wanted), self.nominal.arm.chain.home, dict[str, Any]()
         for first in range(0, max(count, 1), _BLOCK):
@@ -292,8 +292,8 @@ class Compensator:
 
     def _first_that_fits(
         self, wanted: PoseTarget, conditions: Array, reference: Array, before: Array
-    ) -> tuple[Attempts, Array]:
-        """The identified arm's inverse, by the nominal model's first solution within limits, else the best."""
+    ) -> tuple[_Attempts, Array]:
+        """Return the identified arm's inverse, by the nominal model's first solution within limits, else the best."""
         chain = self.nominal.arm.chain
         ways = self.nominal.solutions(wanted, reference)
         starts, order = ordered(chain, ways, reference, self._near_singular(wanted, ways), before)
@@ -317,7 +317,6 @@ class Compensator:
         return PoseTarget(self._tool(joints, conditions)[0][:, :3, 3], wanted.rotations)
 
     def _left_out(self, asked: PoseTarget, joints: Array, conditions: Array) -> tuple[Array, Array]:
-        """Return the position error ``(n,)`` (m) and the rotation error (rad)."""
         missing = asked.errors(self._tool(joints, conditions)[0])
         return np.linalg.norm(missing[:, :3], axis=1), np.linalg.norm(missing[:, 3:], axis=1)
 
@@ -331,7 +330,7 @@ class Compensator:
         near[rows] = (distance < CLEAR_RAD).reshape(near[rows].shape)
         return near
 
-    def _tried(self, wanted: PoseTarget, conditions: Array, start: Array, branch: NDArray[np.int_]) -> Attempts:
+    def _tried(self, wanted: PoseTarget, conditions: Array, start: Array, branch: NDArray[np.int_]) -> _Attempts:
         """Run Newton's method from one IK solution of the nominal model, aimed a few times at the arm's error there."""
         chain = self.nominal.arm.chain
         joints, aimings = start.copy(), np.zeros(len(wanted), dtype=np.int_)
@@ -345,7 +344,7 @@ class Compensator:
         turned = nearest_whole_turns(chain, ended.joints, start)
         arrived = ended.arrived & (np.linalg.norm(ended.errors[:, :3], axis=1) < _MOST_LEFT_OUT_M)
         start = nearest_whole_turns(chain, start, turned)  # the other schemes end where this one does
-        found = Attempts(start, branch, turned, ended.errors, arrived, chain.excess(turned),
+        found = _Attempts(start, branch, turned, ended.errors, arrived, chain.excess(turned),
                          aimings + ended.steps, _no_texts(len(turned)), _no_texts(len(turned)))  # fmt: skip
         if self.refusals is not None:
             rows = np.flatnonzero(found.possible)
@@ -353,8 +352,6 @@ class Compensator:
         return found
 
     def _differential(self, wanted: PoseTarget, conditions: Array, start: Array) -> Array:
-        """Scheme (b)."""
-
         def moved(rows: NDArray[np.int_], joints: Array, missing: Array) -> Array:
             return joints + shortest_step(self.nominal.tool(joints)[1], missing, wanted.turned[rows])
 
@@ -363,7 +360,7 @@ class Compensator:
     def _cartesian(
         self, wanted: PoseTarget, conditions: Array, start: Array, branch: NDArray[np.int_]
     ) -> tuple[PoseTarget, Array]:
-        """Scheme (c): the corrected targets, and the joint positions that the controller finds for them."""
+        """Apply scheme (c): return corrected targets, and the joint positions that the controller finds for them."""
         aimed = PoseTarget(wanted.positions.copy(), wanted.rotations.copy())
 
         def moved(rows: NDArray[np.int_], joints: Array, _: Array) -> Array:
@@ -377,10 +374,10 @@ class Compensator:
         """Give targets without a wanted or reachable rotation the one that scheme (a) ends with, as a controller
         needs one.
         """
-        Ts, kept = self._tool(joints, conditions)[0], wanted.turned & (joints.shape[1] >= FREEDOMS)
-        return PoseTarget(wanted.positions, np.where(kept[:, None, None], wanted.rotations, Ts[:, :3, :3]))
+        Ts, reachable = self._tool(joints, conditions)[0], wanted.turned & (joints.shape[1] >= FREEDOMS)
+        return PoseTarget(wanted.positions, np.where(reachable[:, None, None], wanted.rotations, Ts[:, :3, :3]))
 
-    def _iterated(self, wanted: PoseTarget, conditions: Array, start: Array, moved: Moved) -> Array:
+    def _iterated(self, wanted: PoseTarget, conditions: Array, start: Array, moved: _Moved) -> Array:
         """Joint positions ``(n, joints)`` moved again and again, until the tool is where it is wanted.
 
         A fixed point, not Newton's method: ``moved`` may be a controller's own inverse, which gives joint positions,
@@ -408,7 +405,7 @@ class Compensator:
         return tool_at(self.arm, np.concatenate([joints, conditions], axis=1), self.values, self.nominal.target)
 
     def _apart(self, conditions: Array, turned: NDArray[np.bool_], *schemes: Array) -> Array:
-        """The largest distance ``(n,)`` m between the tool's poses, a radian of turned ones as a metre."""
+        """Return the largest distance ``(n,)`` m between the tool's poses, a radian of turned ones as a metre."""
         Ts = [self._tool(joints, conditions)[0] for joints in schemes]
         apart = np.zeros(len(turned))
         for other in Ts[1:]:
@@ -418,26 +415,22 @@ class Compensator:
         return apart
 
 
-def _no_texts(count: int) -> Texts:
-    """So many empty texts."""
+def _no_texts(count: int) -> _Texts:
     return np.full(count, "", dtype=object)
 
 
 def _settled(missing: Array) -> NDArray[np.bool_]:
-    """Check ``(n,)`` whether errors ``(n, 6)`` are negligible."""
     place, turn = np.linalg.norm(missing[:, :3], axis=1), np.linalg.norm(missing[:, 3:], axis=1)
     return np.asarray((place < _SETTLED_M) & (turn < _SETTLED_RAD))
 
 
 def _spread(part: Array, rows: NDArray[np.int_], shape: tuple[int, ...]) -> Array:
-    """Values of some rows among all, NaN in the others."""
     whole = np.full(shape, np.nan)
     whole[rows] = part
     return whole
 
 
 def _beyond_limit(chain: JointSpec, joints: Array, joint: int) -> str:
-    """Describe a joint's position and its limit."""
     at = joints[joint]
     limit = chain.upper[joint] if at > chain.upper[joint] else chain.lower[joint]
     unit = chain.unit(joint)

@@ -1,14 +1,14 @@
-"""Pose of the flange's face in the last frame of a calibrated arm, from the given information.
+"""Estimate the pose of the flange's face in the last frame of a calibrated arm.
 
-Measured points of the tool say where they are relative to the last joint's axis. Where the face is relative to that
-axis (along it, about it, beside it, tilted) only two things say: the nominal last link, within the tolerances of
-manufacture, and the places in the flange that were stated for the points. The first is a normal prior of a small motion
+Measured points of the tool are located relative to the last joint's axis. The face relative to that axis (along it,
+about it, beside it, tilted) follows from two sources alone: the nominal last link, within the tolerances of
+manufacture, and the stated places of the points in the flange. The first is a normal prior of a small motion
 d = (t, phi) of the face in the last frame, the second are measurements of it: a point stated at s is measured at
 s + t + phi x s. Both together are a linear least-squares problem of six unknowns.
 
-Stated places are used as far as they are to be believed. Three points and more show by the distances between them how
-well they are stated. Where all of them are farther from their places, or more turned, than tolerances of the last link
-explain, they sit on something that was not stated (an adapter), and say nothing of the flange.
+Three points and more show by the distances between them how well their places are stated. Where all of them are farther
+from their places, or more turned, than tolerances of the last link explain, they sit on something that was not stated
+(an adapter), and are not used.
 """
 
 from dataclasses import dataclass
@@ -23,10 +23,10 @@ __all__ = ["Flange", "located_flange", "point_rows"]
 
 _STATED_M = 10e-6  # one standard deviation of a stated coordinate, before distances between points show it
 _STATED_DOF = 1  # as many residuals that weighs
-_LEVEL = 0.01  # chance, of each of two tests, that places stated rightly are not believed
+_LEVEL = 0.01  # of each of two tests: the chance that places stated rightly are not used
 _SPREAD_M = 1e-3  # of points about a line: below, they do not turn about it
 _RANK = 1e-6  # of the largest singular value: below, points show no such motion
-_DETERMINED = 0.5  # of its tolerance: a rotation known better than that is identified
+_DETERMINED = 0.5  # of its tolerance: a rotation more certain than that is identified
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,6 @@ class Flange:
         gain: ``(6, 3 k)`` derivative of the estimated motion (m, rad) by the k measured points.
         covariance: ``(6, 6)`` of the motion's errors that are not those of the measured points.
         dof: degrees of freedom of the covariance's size.
-        uses_stated: whether the stated positions take part.
         turned: whether they determine the flange's rotation.
         deviation_m: ``(k,)`` distance of each measured point from its stated position in the nominal flange.
     """
@@ -68,7 +67,6 @@ def located_flange(
         covariance: ``(3 k, 3 k)`` m^2 of them.
         stated: ``(k, 3)`` m, their places in the flange.
         prior: ``(6, 6)`` covariance (m, rad) that tolerances give the flange's motion.
-        dof: degrees of freedom of these.
         posed: whether the points stand for a measured pose: distances between them then show nothing.
     """
     count = 3 * len(stated)
@@ -110,7 +108,6 @@ def _is_elsewhere(whole: Array, rows: Array, deviation: Array) -> bool:
 
 
 def _least(covariance: Array) -> float:
-    """Return the variance along the most certain axis."""
     return float(np.linalg.eigvalsh(covariance)[0])
 
 

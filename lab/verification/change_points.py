@@ -1,4 +1,4 @@
-"""Sequential change-point test on a series of calibrations, which keeps its level over a year.
+"""Compare calibrations of one robot: two of them, or a series by a sequential change-point test.
 
 The calibrations of a series are independent. Where nothing changes, their estimates x_j scatter about one value with
 their covariances C_j. After each new calibration every change point t is tried: the weighted means before and after it
@@ -10,44 +10,22 @@ The k-th test of a year rejects at the level a / (k (k + 1)), corrected for dire
 These levels add up to less than a for any number of tests, so an unchanged robot raises an alarm in at most a share a
 of the years, however often it is measured.
 
-The two tests of a verification: along the parameters, and of everything else.
-
-One chi squared over all numbers loses its power as these grow: 300,000 of them scatter by 775, and hide a square of 300
-that a moved joint adds. So r, whitened by its whole covariance S = noise + J C J', is split into its part in the span
-of S^-1/2 J, with J the columns of the identified parameters, and the rest. What the arm itself can do lies in the
-first, with no more degrees of freedom than there are parameters; a bad reading or larger noise shows in the second.
-Both parts are independent, so each is tested at 1 - (1 - a)^(1/2) and one of them rejects in a share a (Sidak 1967).
-
-The first part is also how much less r' S^-1 r is where every identified parameter is set free: the classical test of a
-linear hypothesis (Seber & Lee 2003, section 4.1). Where the measurements are no more than the parameters, all of r
-lies in their span, and one test at a is left.
+Two calibrations alone are compared by d' (C1 + C2)^-1 d, which is chi squared where the noise of both is given, else F
+(Seber & Lee 2003, section 4.3). Parameters are named by Holm's procedure (1979).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from lab.calibration.estimate import IdentifiedSubset
-from lab.core.linear_model import LinearModel, half_width_95, p_value_of_squares
+from lab.core.linear_model import half_width_95, p_value_of_squares
 from lab.core.probability import chi2_isf, t_isf, t_sf
 from lab.core.se3 import Array
 from lab.core.significance import TREND_YEAR, VERIFICATION
-from lab.verification.prediction import FULL_RANK, CalibrationPrediction, RefitSolution
 
-__all__ = [
-    "POWER",
-    "ChangePoint",
-    "ChangeTest",
-    "Directions",
-    "PartTest",
-    "Series",
-    "change_test",
-    "explained",
-    "freed",
-    "levels",
-    "split_test",
-]
+__all__ = ["POWER", "ChangePoint", "Difference", "Directions", "Series", "difference_of", "levels"]
 
 POWER = 0.95  # with which a minimum detectable change is found
 _YEAR = 365.25  # days
@@ -93,7 +71,7 @@ class ChangePoint:
 
 
 def levels(days: Sequence[float]) -> tuple[float, ...]:
-    """The level of the test after each calibration ``(n,)``; that after the first is not made.
+    """Return the level of the test after each calibration ``(n,)``; there is none after the first.
 
     Args:
         days: when each was measured, ascending.
@@ -102,12 +80,11 @@ def levels(days: Sequence[float]) -> tuple[float, ...]:
 
 
 def _level(count: int) -> float:
-    """Return the level of the k-th test of a year (k = ``count``)."""
     return TREND_YEAR / (count * (count + 1))
 
 
 def _counted(days: Sequence[float]) -> list[int]:
-    """The number of the test after each calibration in its year; years are counted from the first."""
+    """Return the number of the test after each calibration in its year; years are counted from the first."""
     found, year = [0], 0
     for day in days[1:]:
         this = int((day - days[0]) // _YEAR)
@@ -118,8 +95,6 @@ def _counted(days: Sequence[float]) -> list[int]:
 
 @dataclass(frozen=True)
 class _Pooled:
-    """Calibrations in one: information ``(f, f)`` times and the weighted mean ``(f,)`` of scaled parameters."""
-
     information: Array
     mean: Array
 
@@ -146,7 +121,7 @@ class Series:
         self._columns = directions.columns / self._scale[:, None]
 
     def first(self, count: int) -> "Series":
-        """The first so many calibrations of the series."""
+        """Return the first so many calibrations of the series."""
         return Series(self._estimates[:count], self._days[:count], self.directions)
 
     def change_points(self) -> tuple[ChangePoint, ...]:
@@ -164,7 +139,7 @@ class Series:
         )
 
     def detectable(self, directions: Array, start: int) -> Array:
-        """The change ``(c,)`` of each direction ``(f, c)`` that one more calibration like the last finds in 95 of 100.
+        """Return the change ``(c,)`` of each direction ``(f, c)`` that one more calibration finds in 95 of 100.
 
         It is infinite for a direction that is zero.
 
@@ -186,7 +161,7 @@ class Series:
         return _Pooled(information, np.linalg.solve(information, self._pull[first : last + 1].sum(axis=0)))
 
     def _alarm(self, start: int, last: int) -> tuple[int, float] | None:
-        """The likeliest change point, and its p, where the test after calibration ``last`` rejects."""
+        """Return the likeliest change point, and its p, where the test after calibration ``last`` rejects."""
         z = self._scores(start, last)
         dof, tried = min(self._freedom[start : last + 1]), z.size
         p = min(1.0, float(tried * 2 * t_sf(np.abs(z).max(), dof)))
@@ -240,96 +215,57 @@ class Series:
 
 
 def _of_difference(before: Array, after: Array) -> Array:
-    """The information ``(..., f, f)`` of the difference of two means, (A^-1 + B^-1)^-1."""
+    """Return the information ``(..., f, f)`` of the difference of two means, (A^-1 + B^-1)^-1."""
     information: Array = before @ np.linalg.solve(before + after, after)
     return (information + np.swapaxes(information, -1, -2)) / 2
 
 
 @dataclass(frozen=True)
-class PartTest:
-    """A part of the test statistic r' S^-1 r.
+class Difference:
+    """The second calibration less the first.
 
     Attributes:
-        square: its size.
-        numbers: its degrees of freedom.
-        p: the chance of a larger one, if nothing has changed; 1 where it has no degrees of freedom.
+        changes, half_widths: ``(f,)`` differences with half of their 95 % intervals.
+        p: the chance of differences as large, of all parameters together, if nothing has changed.
     """
 
-    square: float
-    numbers: int
+    names: tuple[str, ...]
+    changes: Array
+    half_widths: Array
     p: float
-
-
-@dataclass(frozen=True)
-class ChangeTest:
-    """Test for a change of the arm, by both parts of the statistic.
-
-    Attributes:
-        along: the part that the identified parameters span.
-        rest: the other.
-    """
-
-    along: PartTest
-    rest: PartTest
-
-    @property
-    def square(self) -> float:
-        """Total statistic r' S^-1 r."""
-        return self.along.square + self.rest.square
-
-    @property
-    def tests(self) -> int:
-        """Number of parts that have degrees of freedom."""
-        return sum(part.numbers > 0 for part in (self.along, self.rest))
-
-    @property
-    def p(self) -> float:
-        """The chance of a smaller p of either part, if nothing has changed."""
-        least = min(self.along.p, self.rest.p)
-        return least if self.tests < 2 else float(-np.expm1(2 * np.log1p(-least))) if least < 1 else 1.0
+    moved: tuple[str, ...]
 
     @property
     def changed(self) -> bool:
-        """Check whether the test rejects at its level."""
+        """Check whether the test of all parameters rejects at a level of 1 %."""
         return self.p < VERIFICATION
 
-    @property
-    def level(self) -> float:
-        """Level of each part."""
-        return VERIFICATION if self.tests < 2 else float(-np.expm1(np.log1p(-VERIFICATION) / 2))
+
+def difference_of(first: IdentifiedSubset, second: IdentifiedSubset) -> Difference:
+    """Compare two calibrations that identified the same parameters."""
+    assert first.names == second.names
+    changes = second.values - first.values
+    turns = np.array(first.is_angle)
+    changes = np.where(turns, np.remainder(changes + np.pi, 2 * np.pi) - np.pi, changes)
+    covariance = first.covariance + second.covariance
+    known = [dof for dof in (first.dof, second.dof) if dof is not None]
+    dof = min(known) if known else None
+    std = np.sqrt(np.diag(covariance))
+    z = changes / std
+    square = float(z @ np.linalg.solve(covariance / np.outer(std, std), z))
+    p = float(p_value_of_squares(square, len(z), dof))
+    freedom = np.inf if dof is None else float(dof)
+    moved = _holm(2 * t_sf(np.abs(z), freedom)) if p < VERIFICATION else []
+    half_widths = half_width_95(freedom) * std
+    return Difference(first.names, changes, half_widths, p, tuple(first.names[i] for i in moved))
 
 
-def freed(fit: RefitSolution, free: tuple[int, ...]) -> RefitSolution:
-    """Refit every identified parameter too, linearized at ``fit``; ``square`` stays that of ``fit``."""
-    directions = np.concatenate([fit.directions, np.eye(len(fit.values))[:, list(free)]], axis=1)
-    model = LinearModel.of(fit.there.white(fit.there.jacobian @ directions), FULL_RANK)
-    return replace(fit, model=model, directions=directions)
-
-
-def change_test(prediction: CalibrationPrediction, fit: RefitSolution) -> ChangeTest:
-    """Test for a change by the statistic that remains at ``fit``."""
-    return split_test(prediction, (fit.square, fit.dof), explained(fit, freed(fit, prediction.free)))
-
-
-def explained(fit: RefitSolution, opened: RefitSolution) -> tuple[float, int]:
-    """Return the fall of r' S^-1 r when the parameters are ``freed``, and its degrees of freedom."""
-    residual = fit.there.white(fit.there.residual)
-    pulls = (float((each.model.coordinates(residual) ** 2).sum()) for each in (opened, fit))
-    return next(pulls) - next(pulls), opened.rank - fit.rank
-
-
-def split_test(prediction: CalibrationPrediction, left: tuple[float, int], along: tuple[float, int]) -> ChangeTest:
-    """Return the change test of two statistics with their degrees of freedom.
-
-    Args:
-        left: statistic of all coordinates.
-        along: the part of it that the identified parameters would explain.
-    """
-    square, numbers = max(along[0], 0.0), along[1]
-    others = left[1] - numbers
-    each = max(1, left[1] // max(numbers, 1))
-    rest = max(left[0] - square, 0.0)
-    return ChangeTest(
-        PartTest(square, numbers, prediction.p(square, numbers, each)),
-        PartTest(rest, others, prediction.p(rest, others)),
-    )
+def _holm(p_values: Array) -> list[int]:
+    """Return the hypotheses that Holm's procedure rejects, the smallest p first."""
+    order = np.argsort(p_values, kind="stable")
+    rejected = []
+    for rank, i in enumerate(order.tolist()):
+        if p_values[i] >= VERIFICATION / (len(p_values) - rank):
+            break
+        rejected.append(i)
+    return rejected

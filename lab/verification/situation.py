@@ -7,7 +7,6 @@ predicts.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -39,47 +38,28 @@ def situation(
     Args:
         values: ``(p,)`` the arm's, with what was fitted anew.
         expected_m: root mean square error that the run predicts.
-        refit: what was fitted anew already.
     """
-    trial = _Trial(prediction, observed.thinned(_MOST_POSES), values)
-    if trial.left(()) <= max(_LARGE_M, _LARGE * expected_m):
+    arm, some = prediction.arm, observed.thinned(_MOST_POSES)
+
+    def left(groups: Sequence[str], start: Array = values) -> float:
+        return trimmed_error(arm, some.inputs, some.points, start, groups)
+
+    if left(()) <= max(_LARGE_M, _LARGE * expected_m):
         return None
     for kind, groups in (("setup", ("base",)), ("tool", ("tool",)), ("setup_and_tool", PLACED)):
         named = tuple(group for group in PLACED if group in groups or group in refit)
-        if set(named) != set(refit) and (left := trial.left(named)) <= _NORMAL * expected_m:
-            return Check(f"situation.{kind}", "failed", data={"refit": named, "left_m": left})
-    return trial.in_other_numbers() or trial.of_another_arm(expected_m)
+        if set(named) != set(refit) and (left_m := left(named)) <= _NORMAL * expected_m:
+            return Check(f"situation.{kind}", "failed", data={"refit": named, "left_m": left_m})
+    if found := in_other_numbers(arm, arm.rigid.chain.prismatic, some.inputs, some.points, values):
+        return found
+    left_m = left(PLACED)
+    by_nominal = left(PLACED, arm.nominal({target: np.zeros(3) for target in arm.targets}))
+    if not np.isfinite(left_m) or left_m < max(_ALIEN * expected_m, _LIKE_NOMINAL * by_nominal):
+        return None
+    return Check("situation.another_arm", "failed", data={"left_m": left_m, "by_nominal_m": by_nominal})
 
 
 def another_unit(prediction: CalibrationPrediction, observed: Observations) -> Check | None:
     """Return the unit in which measured points, or joint positions, are those of the arm; None if there is none."""
-    return _Trial(prediction, observed.thinned(_MOST_POSES), prediction.values).in_other_numbers()
-
-
-@dataclass(frozen=True)
-class _Trial:
-    """New measurements, by the calibrated arm and by the nominal one."""
-
-    prediction: CalibrationPrediction
-    observed: Observations
-    values: Array
-
-    def left(self, groups: Sequence[str]) -> float:
-        """The root mean square error (m) with groups fitted anew; infinite where they cannot be."""
-        return trimmed_error(self.prediction.arm, self.observed.inputs, self.observed.points, self.values, groups)
-
-    def in_other_numbers(self) -> Check | None:
-        """Points or joint positions in another unit, or in a mirrored frame."""
-        arm, observed = self.prediction.arm, self.observed
-        slides = arm.rigid.chain.prismatic
-        return in_other_numbers(arm, slides, observed.inputs, observed.points, self.values)
-
-    def of_another_arm(self, expected_m: float) -> Check | None:
-        """An arm that the calibration describes about as badly as the nominal model does."""
-        left = self.left(PLACED)
-        arm = self.prediction.arm
-        nominal = arm.nominal({target: np.zeros(3) for target in arm.targets})
-        by_nominal = trimmed_error(arm, self.observed.inputs, self.observed.points, nominal, PLACED)
-        if not np.isfinite(left) or left < max(_ALIEN * expected_m, _LIKE_NOMINAL * by_nominal):
-            return None
-        return Check("situation.another_arm", "failed", data={"left_m": left, "by_nominal_m": by_nominal})
+    arm, some = prediction.arm, observed.thinned(_MOST_POSES)
+    return in_other_numbers(arm, arm.rigid.chain.prismatic, some.inputs, some.points, prediction.values)

@@ -1,12 +1,18 @@
 """Verify a calibrated arm with a few new measurements, and find what moved if the test rejects.
 
-The test compares measured less predicted with its predicted covariance (``prediction``), along the parameters and
-beyond them (``change_points``). Where it rejects, each movement alone is fitted by generalized least squares, and
-compared by Schwarz's criterion (1978).
+The test compares measured less predicted, r, with its predicted covariance S = noise + J C J' (``prediction``). One chi
+squared over all numbers loses its power as these grow, so whitened r is split into its part in the span of S^-1/2 J,
+with J the columns of the identified parameters, and the rest. A change of the arm shows in the first part, an outlier
+or larger noise in the second. Both are independent, so each is tested at 1 - (1 - a)^(1/2) (Sidak 1967). The first
+part is also how much less r' S^-1 r is where every identified parameter is refitted (Seber & Lee 2003, section 4.1).
+Where the measurements are no more than the parameters, one test at a is left.
+
+Where the test rejects, each movement alone is fitted by generalized least squares, and compared by Schwarz's criterion
+(1978).
 """
 
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -18,30 +24,106 @@ from lab.calibration.refit import dependent_columns
 from lab.core import se3
 from lab.core.checks import Check, Outcome
 from lab.core.errors import LabError, counted
+from lab.core.linear_model import LinearModel
 from lab.core.measurements import seen_mask
 from lab.core.progress import Progress, no_progress
 from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.significance import VERIFICATION
 from lab.kinematics.effects.arm import Arm
-from lab.verification.change_points import ChangeTest, change_test, explained, freed, split_test
 from lab.verification.prediction import DRAWS, FULL_RANK, CalibrationPrediction, RefitSolution, VerificationProblem
 from lab.verification.situation import situation
 
-__all__ = [
-    "ChangeHypothesis",
-    "Displacement",
-    "Hypothesis",
-    "Kind",
-    "Verified",
-    "extent",
-    "of_joints",
-    "refitted",
-    "sized",
-    "verify",
-]
+__all__ = ["Displacement", "Hypothesis", "Verified", "change_test", "refitted", "split_test", "verify"]
 
-Kind = Literal["base", "tool", "joint", "reading"]
+_Kind = Literal["base", "tool", "joint", "reading"]
+
+
+@dataclass(frozen=True)
+class _PartTest:
+    """Part of the test statistic r' S^-1 r.
+
+    Attributes:
+        p: the chance of a larger one, if nothing has changed; 1 where it has no degrees of freedom.
+    """
+
+    square: float
+    numbers: int
+    p: float
+
+
+@dataclass(frozen=True)
+class _ChangeTest:
+    """Test for a change of the arm, by both parts of the statistic.
+
+    Attributes:
+        along: the part that the identified parameters span.
+    """
+
+    along: _PartTest
+    rest: _PartTest
+
+    @property
+    def square(self) -> float:
+        """Total statistic r' S^-1 r."""
+        return self.along.square + self.rest.square
+
+    @property
+    def tests(self) -> int:
+        """Number of parts that have degrees of freedom."""
+        return sum(part.numbers > 0 for part in (self.along, self.rest))
+
+    @property
+    def p(self) -> float:
+        """The chance of a smaller p of either part, if nothing has changed."""
+        least = min(self.along.p, self.rest.p)
+        return least if self.tests < 2 else float(-np.expm1(2 * np.log1p(-least))) if least < 1 else 1.0
+
+    @property
+    def changed(self) -> bool:
+        """Check whether the test rejects at its level."""
+        return self.p < VERIFICATION
+
+    @property
+    def level(self) -> float:
+        """Level of each part."""
+        return VERIFICATION if self.tests < 2 else float(-np.expm1(np.log1p(-VERIFICATION) / 2))
+
+
+def _freed(fit: RefitSolution, free: tuple[int, ...]) -> RefitSolution:
+    """Refit every identified parameter too, linearized at ``fit``; ``square`` stays that of ``fit``."""
+    directions = np.concatenate([fit.directions, np.eye(len(fit.values))[:, list(free)]], axis=1)
+    model = LinearModel.of(fit.there.white(fit.there.jacobian @ directions), FULL_RANK)
+    return replace(fit, model=model, directions=directions)
+
+
+def change_test(prediction: CalibrationPrediction, fit: RefitSolution) -> _ChangeTest:
+    """Test for a change by the statistic that remains at ``fit``."""
+    return split_test(prediction, (fit.square, fit.dof), _explained(fit, _freed(fit, prediction.free)))
+
+
+def _explained(fit: RefitSolution, opened: RefitSolution) -> tuple[float, int]:
+    """Return the fall of r' S^-1 r when the parameters are freed, and its degrees of freedom."""
+    residual = fit.there.white(fit.there.residual)
+    pulls = (float((each.model.coordinates(residual) ** 2).sum()) for each in (opened, fit))
+    return next(pulls) - next(pulls), opened.rank - fit.rank
+
+
+def split_test(prediction: CalibrationPrediction, left: tuple[float, int], along: tuple[float, int]) -> _ChangeTest:
+    """Return the change test of two statistics with their degrees of freedom.
+
+    Args:
+        left: statistic of all coordinates.
+        along: the part of it that the identified parameters would explain.
+    """
+    square, numbers = max(along[0], 0.0), along[1]
+    others = left[1] - numbers
+    each = max(1, left[1] // max(numbers, 1))
+    rest = max(left[0] - square, 0.0)
+    return _ChangeTest(
+        _PartTest(square, numbers, prediction.p(square, numbers, each)),
+        _PartTest(rest, others, prediction.p(rest, others)),
+    )
 
 
 @dataclass(frozen=True)
@@ -55,7 +137,7 @@ class Displacement:
 
 
 @dataclass(frozen=True)
-class ChangeHypothesis:
+class _ChangeHypothesis:
     """Hypothesis of one change of an arm.
 
     Attributes:
@@ -67,7 +149,7 @@ class ChangeHypothesis:
         alike: number of movements of its kind that are tried.
     """
 
-    kind: Kind
+    kind: _Kind
     change: str
     of: tuple[str, ...]
     directions: Array
@@ -75,64 +157,52 @@ class ChangeHypothesis:
     alike: int = 1
 
 
-def _movements(arm: Arm, values: Array, without: Sequence[str]) -> list[ChangeHypothesis]:
-    """Return all movements of base, tool and joints to try, without the kinds that are fitted anew anyhow.
-
-    Args:
-        without: ``base``, ``tool``, or both.
-    """
-    found = [] if "base" in without else _of_base(arm)
-    found += [] if "tool" in without else _of_tool(arm, values)
-    return found + of_joints(arm)
-
-
 def refitted(arm: Arm, refit: Sequence[str]) -> Array:
     """Directions ``(p, h)`` of everything that is fitted anew."""
     return np.eye(len(arm.names))[:, list(columns_of(arm, refit))]
 
 
-def _of_base(arm: Arm) -> list[ChangeHypothesis]:
-    """Instrument and base moved against each other: it is the same to the measurements."""
+def _of_base(arm: Arm) -> list[_ChangeHypothesis]:
+    """Return movements of base or instrument, which measurements do not tell apart."""
     one = refitted(arm, ("base",))
     return [
-        ChangeHypothesis("base", "base_shift", (), one[:, :3]),
-        ChangeHypothesis("base", "base", (), one, turns=3),
+        _ChangeHypothesis("base", "base_shift", (), one[:, :3]),
+        _ChangeHypothesis("base", "base", (), one, turns=3),
     ]
 
 
-def _of_tool(arm: Arm, values: Array) -> list[ChangeHypothesis]:
+def _of_tool(arm: Arm, values: Array) -> list[_ChangeHypothesis]:
     """Return each target moved alone; of several, also the tool as one (by little: v + w x t), or each by its own."""
     one, count, found = refitted(arm, ("tool",)), len(arm.targets), _of_targets(arm)
     if count > 1:
         places = values[list(columns_of(arm, ("tool",)))].reshape(-1, 3)
         turned = -se3.skew(places - places.mean(axis=0))  # (k, 3, 3) of w x t
         as_one = np.concatenate([np.tile(np.eye(3), (count, 1)), turned.reshape(-1, 3)], axis=1)
-        found.append(ChangeHypothesis("tool", "tool", (), one @ as_one, turns=3))
-        found.append(ChangeHypothesis("tool", "targets", (), one))
+        found.append(_ChangeHypothesis("tool", "tool", (), one @ as_one, turns=3))
+        found.append(_ChangeHypothesis("tool", "targets", (), one))
     return found
 
 
-def _of_targets(arm: Arm) -> list[ChangeHypothesis]:
-    """Return the movements of each target alone."""
+def _of_targets(arm: Arm) -> list[_ChangeHypothesis]:
     one, count = refitted(arm, ("tool",)), len(arm.targets)
     return [
-        ChangeHypothesis("tool", "target", (target,), one[:, 3 * k : 3 * k + 3], alike=count)
+        _ChangeHypothesis("tool", "target", (target,), one[:, 3 * k : 3 * k + 3], alike=count)
         for k, target in enumerate(arm.targets)
     ]
 
 
-def of_joints(arm: Arm) -> list[ChangeHypothesis]:
+def _of_joints(arm: Arm) -> list[_ChangeHypothesis]:
     """Return the zero offset of each joint: its position exceeds its reading."""
     chain, found = arm.rigid.chain, []
     directions = arm.rigid.joint_derivatives(np.eye(len(arm.names)))  # (p, joints)
     for k, slides in enumerate(chain.prismatic):
         of = str(k + 1), chain.joint_names[k]
         direction = directions[:, k : k + 1]
-        found.append(ChangeHypothesis("joint", "joint", of, direction, int(not slides), chain.size))
+        found.append(_ChangeHypothesis("joint", "joint", of, direction, int(not slides), chain.size))
     return found
 
 
-def extent(arm: Arm, movement: ChangeHypothesis, before: Array, after: Array, covariance: Array) -> Displacement:
+def _extent(arm: Arm, movement: _ChangeHypothesis, before: Array, after: Array, covariance: Array) -> Displacement:
     """Return the size of a movement.
 
     Args:
@@ -149,12 +219,12 @@ def extent(arm: Arm, movement: ChangeHypothesis, before: Array, after: Array, co
         local[3:, 3:] = se3.left_jacobian(after[turning])
         spread = local @ spread @ local.T
     first = len(numbers) - movement.turns
-    shift = sized(numbers[:first], spread[:first, :first])
-    turn = sized(numbers[first:], spread[first:, first:])
+    shift = _sized(numbers[:first], spread[:first, :first])
+    turn = _sized(numbers[first:], spread[first:, first:])
     return Displacement(*shift, *turn)
 
 
-def sized(vector: Array, covariance: Array) -> tuple[float, float]:
+def _sized(vector: Array, covariance: Array) -> tuple[float, float]:
     """Length of a vector ``(3 k,)``, or of the mean of k of them (root mean square), and its standard deviation.
 
     A single number keeps its sign. NaN where there is none.
@@ -169,7 +239,7 @@ def sized(vector: Array, covariance: Array) -> tuple[float, float]:
     return length / each, float(np.sqrt(along @ covariance @ along)) / each
 
 
-_GAP = 6.0  # of the criterion: what is worse by less cannot be told from the best (Kass & Raftery 1995: "strong")
+_GAP = 6.0  # of the criterion: less is equivalent to the best (Kass & Raftery 1995: "strong")
 _STRUCTURE_POSES = 50
 
 
@@ -187,7 +257,7 @@ class Hypothesis:
         explains: whether what it leaves is not rejected.
     """
 
-    kind: Kind
+    kind: _Kind
     change: str
     of: tuple[str, ...]
     extent: Displacement
@@ -199,7 +269,7 @@ class Hypothesis:
 
     @property
     def check(self) -> Check:
-        """The test of what it leaves; passed where that is not rejected."""
+        """Test of the remaining statistic; passed where it is not rejected."""
         data = {"of": self.of, **asdict(self.extent)}
         return Check(f"changed.{self.change}", "passed" if self.explains else "failed", self.chi2, self.p, data=data)
 
@@ -213,7 +283,6 @@ class Verified:
         p_of_all: the chance of a larger one, if nothing has changed.
         numbers: its degrees of freedom.
         sigma_freedom: those with which sigma was estimated; None where it was given.
-        test: the parts of the statistic and their p.
         values: ``(p,)`` of the arm as the run has them, with what was fitted anew.
         errors: ``(n, k)`` lengths of measured less predicted (m), NaN where not observed.
         expected_m: predicted root mean square length of the errors here.
@@ -231,12 +300,12 @@ class Verified:
     p_of_all: float
     numbers: int
     sigma_dof: int | None
-    test: ChangeTest
+    test: _ChangeTest
     values: Array
     errors: Array
     expected_m: float
     hypotheses: tuple[Hypothesis, ...]
-    moved: tuple[Kind, ...]
+    moved: tuple[_Kind, ...]
     refit: tuple[tuple[str, Displacement], ...]
     undetermined: tuple[str, ...]
     would_notice: tuple[tuple[str, float], ...]
@@ -277,8 +346,7 @@ def verify(
     if refit and (fit.dof < 1 or fit.numbers <= requested):
         count = counted(len(observed.points), "pose")
         raise LabError(
-            f"{count} cannot place {' and '.join(refit)} anew and still say whether the arm is good: "
-            "measure more, or refit less"
+            f"{count} cannot place {' and '.join(refit)} anew and also test the arm: measure more, or refit less"
         )
     test = change_test(prediction, fit)
     expected = problem.expected_m(fit)
@@ -331,14 +399,16 @@ def _structural_rank(prediction: CalibrationPrediction, directions: Array) -> in
 def _hypotheses(
     problem: VerificationProblem, fit: RefitSolution, refit: Sequence[str], poses: Sequence[str]
 ) -> list[Hypothesis]:
-    """Fit every single change; the best first."""
-    tried = _movements(problem.prediction.arm, fit.values, refit)
+    arm = problem.prediction.arm
+    tried = [] if "base" in refit else _of_base(arm)
+    tried += [] if "tool" in refit else _of_tool(arm, fit.values)
+    tried += _of_joints(arm)
     found = [each for movement in tried if (each := _tried(problem, fit, refit, movement)) is not None]
     return sorted([*found, *_bad_reading(problem, fit, poses)], key=lambda each: each.bic)
 
 
 def _tried(
-    problem: VerificationProblem, fit: RefitSolution, refit: Sequence[str], movement: ChangeHypothesis
+    problem: VerificationProblem, fit: RefitSolution, refit: Sequence[str], movement: _ChangeHypothesis
 ) -> Hypothesis | None:
     """Fit one movement beside what is fitted anew; None where the measurements do not determine it."""
     arm = problem.prediction.arm
@@ -349,20 +419,21 @@ def _tried(
     if fitted_columns < 1:
         return None
     whole = fitted_columns == np.linalg.matrix_rank(movement.directions)
-    size = extent(arm, movement, fit.values, moved.values, moved.covariance) if whole else Displacement()
+    size = _extent(arm, movement, fit.values, moved.values, moved.covariance) if whole else Displacement()
     left, what = change_test(problem.prediction, moved), (movement.kind, movement.change, movement.of)
     return _judged(problem, what, size, fitted_columns, left, movement.alike)
 
 
 def _bad_reading(problem: VerificationProblem, fit: RefitSolution, poses: Sequence[str]) -> list[Hypothesis]:
-    """The pose without which r' S^-1 r is least, as a reading of its own.
+    """Return the pose without which r' S^-1 r is least, as an outlier of its own.
 
     With M = S^-1 less what is fitted and g = M r, leaving out rows i lowers it by g_i' M_ii^-1 g_i, and M_ii^-1 g_i
     is how far they are off, with covariance M_ii^-1 (Cook & Weisberg 1982, section 2.2, for blocks).
     """
     taken = fit.taken  # M = 1 - J taken (J taken)'
     shared, least, count = taken.T @ (fit.there.jacobian.T @ fit.there.residual), None, 0
-    for first, (block, residual, jacobian) in _numbered(problem.parts(fit.values)):
+    first = 0
+    for block, residual, jacobian in problem.parts(fit.values):
         mask = np.repeat(seen_mask(block.points), 3, axis=1)
         rows, pulls = np.zeros((*mask.shape, taken.shape[1])), np.zeros(mask.shape)
         rows[mask] = jacobian @ taken
@@ -375,47 +446,41 @@ def _bad_reading(problem: VerificationProblem, fit: RefitSolution, poses: Sequen
         if least is None or drops[i] > least[0]:
             there, of_pose = np.ix_(mask[i], mask[i]), _rows_of(mask, i)
             rows_there = residual[of_pose], jacobian[of_pose]
-            least = float(drops[i]), first + i, inverse[i][there], pulls[i][mask[i]], _metres_of(block, of_pose)
+            units = np.zeros((len(residual), len(of_pose)))
+            units[of_pose] = np.eye(len(of_pose))
+            metres = block.in_metres(units)[of_pose]
+            least = float(drops[i]), first + i, inverse[i][there], pulls[i][mask[i]], metres
+        first += len(block.inputs)
     assert least is not None
     drop, i, dof, pull, metres = least
-    told = int(np.linalg.matrix_rank(dof, hermitian=True))
-    if told < 1:
+    determined = int(np.linalg.matrix_rank(dof, hermitian=True))
+    if determined < 1:
         return []
-    size = Displacement(*sized(metres @ dof @ pull, metres @ dof @ metres.T))
+    size = Displacement(*_sized(metres @ dof @ pull, metres @ dof @ metres.T))
     pose = poses[i] if poses else f"pose {i}"
-    left = _without_reading(problem.prediction, fit, (drop, told), rows_there)
-    return [_judged(problem, ("reading", "reading", (pose,)), size, told, left, count)]
+    left = _without_reading(problem.prediction, fit, (drop, determined), rows_there)
+    return [_judged(problem, ("reading", "reading", (pose,)), size, determined, left, count)]
 
 
 def _without_reading(
     prediction: CalibrationPrediction, fit: RefitSolution, dropped: tuple[float, int], rows: tuple[Array, Array]
-) -> ChangeTest:
+) -> _ChangeTest:
     """Test all numbers but those of one pose: what these lower, where the parameters are freed too.
 
     Args:
         dropped: by how much r' S^-1 r is less without them, and how many they are.
         rows: whitened residuals ``(m,)`` and derivatives ``(m, p)`` of the pose.
     """
-    opened = freed(fit, prediction.free)
-    square, numbers = explained(fit, opened)
+    opened = _freed(fit, prediction.free)
+    square, numbers = _explained(fit, opened)
     residual, jacobian = rows
     columns = jacobian @ opened.taken
     pull = residual - columns @ (opened.taken.T @ (fit.there.jacobian.T @ fit.there.residual))
     sizes, axes = np.linalg.eigh(np.eye(len(residual)) - columns @ columns.T)
     free = sizes > FULL_RANK  # of the pose's numbers those that the parameters cannot follow
-    drop, told = float(((axes[:, free].T @ pull) ** 2 / sizes[free]).sum()), int(free.sum())
-    along = square - dropped[0] + drop, numbers - dropped[1] + told
+    drop, determined = float(((axes[:, free].T @ pull) ** 2 / sizes[free]).sum()), int(free.sum())
+    along = square - dropped[0] + drop, numbers - dropped[1] + determined
     return split_test(prediction, (fit.square - dropped[0], fit.dof - dropped[1]), along)
-
-
-def _numbered(
-    parts: Iterator[tuple[Observations, Array, Array]],
-) -> Iterator[tuple[int, tuple[Observations, Array, Array]]]:
-    """Yield each part with the number of its first pose."""
-    first = 0
-    for part in parts:
-        yield first, part
-        first += len(part[0].inputs)
 
 
 def _rows_of(mask: NDArray[np.bool_], pose: int) -> NDArray[np.int_]:
@@ -425,25 +490,18 @@ def _rows_of(mask: NDArray[np.bool_], pose: int) -> NDArray[np.int_]:
     return np.flatnonzero(of_pose[mask])
 
 
-def _metres_of(block: Observations, rows: NDArray[np.int_]) -> Array:
-    """Return some coordinates ``(m, m)`` of a block in metres."""
-    units = np.zeros((3 * int(seen_mask(block.points).sum()), len(rows)))
-    units[rows] = np.eye(len(rows))
-    return block.in_metres(units)[rows]
-
-
 def _judged(
     problem: VerificationProblem,
-    what: tuple[Kind, str, tuple[str, ...]],
+    what: tuple[_Kind, str, tuple[str, ...]],
     size: Displacement,
-    told: int,
-    left: ChangeTest,
+    determined: int,
+    left: _ChangeTest,
     alike: int,
 ) -> Hypothesis:
-    """Return a hypothesis of ``told`` parameters with its test; ``what`` is its kind, change and ``of``."""
+    """Return a hypothesis with its test; ``what`` is its kind, change and ``of``."""
     prediction, numbers = problem.prediction, problem.numbers
-    bic = prediction.deviance(left.square, numbers) + told * np.log(numbers) + 2 * np.log(alike)
-    return Hypothesis(*what, size, told, left.square, left.p, float(bic), not left.changed)
+    bic = prediction.deviance(left.square, numbers) + determined * np.log(numbers) + 2 * np.log(alike)
+    return Hypothesis(*what, size, determined, left.square, left.p, float(bic), not left.changed)
 
 
 def _equivalent(found: Sequence[Hypothesis], numbers: int) -> list[Hypothesis]:
@@ -466,7 +524,6 @@ def _equivalent(found: Sequence[Hypothesis], numbers: int) -> list[Hypothesis]:
 
 
 def _likeliest_parameter(prediction: CalibrationPrediction, fit: RefitSolution) -> str | None:
-    """The identified parameter that lowers r' S^-1 r most, if it alone has changed; None if none does."""
     columns = fit.beyond(np.eye(len(fit.values))[:, list(prediction.free)])
     sizes = (columns**2).sum(axis=0)
     pulls = columns.T @ fit.there.white(fit.there.residual)
@@ -487,14 +544,14 @@ def _placed_anew(
         tried += [(f"tool.{target}", each) for target, each in zip(arm.targets, _of_targets(arm), strict=True)]
     whole = fit.rank == refitted(arm, refit).shape[1]
     return tuple(
-        (name, extent(arm, each, prediction.values, fit.values, fit.covariance) if whole else Displacement())
+        (name, _extent(arm, each, prediction.values, fit.values, fit.covariance) if whole else Displacement())
         for name, each in tried
         if name.removeprefix("tool.") not in prediction.strange
     )
 
 
 def _would_notice(
-    prediction: CalibrationPrediction, fit: RefitSolution, test: ChangeTest, refit: Sequence[str]
+    prediction: CalibrationPrediction, fit: RefitSolution, test: _ChangeTest, refit: Sequence[str]
 ) -> tuple[tuple[str, float], ...]:
     """Return the smallest detectable movement of base, target or a joint's zero, in the worst direction.
 
@@ -504,8 +561,8 @@ def _would_notice(
     tried = [] if "base" in refit else [("base", _of_base(arm)[0])]
     if "tool" not in refit:
         tried += [(f"tool.{target}", each) for target, each in zip(arm.targets, _of_targets(arm), strict=True)]
-    tried += [(f"joint{k + 1}", each) for k, each in enumerate(of_joints(arm))]
-    along = freed(fit, prediction.free).model
+    tried += [(f"joint{k + 1}", each) for k, each in enumerate(_of_joints(arm))]
+    along = _freed(fit, prediction.free).model
     bounds = [
         np.sqrt(prediction.noticeable(part.numbers, test.level)) if part.numbers > 0 else np.inf
         for part in (test.along, test.rest)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120
 
-from lab.calibration.checks.fit import check_validation_poses
+from lab.calibration.checks import check_validation_poses
 from lab.calibration.estimate_files import (
     POSES_FILE,
     Extrapolation,

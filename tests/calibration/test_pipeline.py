@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from helpers.robots import IRB120, somewhere
 
-from lab.calibration.checks.fit import check_outlier_search
+from lab.calibration.checks import check_outlier_search
 from lab.calibration.fitted import Fitted, Judging
 from lab.calibration.fitter import Fitter
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification, IdentifyOptions, identify
-from lab.calibration.lack_of_fit import adequacy_of, with_intervals_of_poses
 from lab.calibration.pipeline import FITTING, STEPS, PipelineOptions, identify_robot, run_steps, start
 from lab.calibration.statistics.candidate_models import FullModel
+from lab.calibration.statistics.goodness_of_fit import adequacy_of, with_intervals_of_poses
 from lab.calibration.statistics.linearized import NoiseDistribution
 from lab.calibration.weights import Noise
 from lab.campaign.option_groups import Fitting

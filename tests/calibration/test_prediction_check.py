@@ -8,9 +8,9 @@ from helpers.mistakes import ARM, session_with_noise
 
 from lab.calibration.extrapolation import MeasuredRange
 from lab.calibration.identify import Identification, identify
-from lab.calibration.prediction_check import check_prediction
 from lab.calibration.validation import Errors, Validation, validate_folds, validate_rows
 from lab.calibration.weights import Noise
+from lab.calibration.workspace_prediction import check_prediction
 from lab.core.checks import Check
 from lab.core.measurements import Measurements
 

@@ -11,9 +11,9 @@ from helpers.judged import Case, campaign, errors
 
 from lab.calibration.identify import IdentifyOptions
 from lab.calibration.noise.plausibility import finding
-from lab.calibration.prediction_check import prediction_check
 from lab.calibration.validation import Validation
 from lab.calibration.verdict import judge, verdict
+from lab.calibration.workspace_prediction import prediction_check
 from lab.campaign.robot import load_robot
 from lab.core.checks import Check
 from lab.kinematics.serial.arm import SerialArm

@@ -414,4 +414,4 @@ def test_another_solution_is_taken_before_a_target_is_refused_and_it_is_said_why
         assert found.reasons[i].startswith("collision: elbow in table; no other solution")
     requested_solutions = corrected(replace(free, refusals=refused), wanted, nearest.joints)
     assert not requested_solutions.converged[forbidden].any()
-    assert "so leave them empty" in requested_solutions.reasons[int(np.argmax(forbidden))]
+    assert "leave them empty" in requested_solutions.reasons[int(np.argmax(forbidden))]

@@ -6,7 +6,7 @@ from scipy import stats
 
 from lab.calibration.estimate import IdentifiedSubset
 from lab.core.significance import VERIFICATION
-from lab.verification.difference import difference_of
+from lab.verification.change_points import difference_of
 
 COUNT = 12
 SCALE = np.geomspace(1e-6, 1e-3, COUNT)

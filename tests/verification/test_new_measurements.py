@@ -14,8 +14,7 @@ from lab.core.significance import VERIFICATION
 from lab.kinematics.effects.arm import Arm
 from lab.noise.error_term import Components
 from lab.noise.variance_components import ComponentErrors
-from lab.verification.new_measurements import STEP, with_estimated_noise
-from lab.verification.prediction import CalibrationPrediction
+from lab.verification.prediction import STEP, CalibrationPrediction, with_estimated_noise
 
 CASE = CASES["AR(1) 0.9, 1 target, 40 poses"]
 ARM = linear_arm(CASE, 0, 12)

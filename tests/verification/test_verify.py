@@ -27,9 +27,8 @@ from lab.noise.instruments import instrument
 from lab.render.phrases.registry import phrase
 from lab.simulation.collisions import random_poses
 from lab.simulation.tracking import track
-from lab.verification.change_points import change_test, split_test
 from lab.verification.prediction import CalibrationPrediction, VerificationProblem
-from lab.verification.test import refitted, verify
+from lab.verification.test import change_test, refitted, split_test, verify
 
 SIGMA = 5e-6
 NAMES = IRB120.chain.joint_names

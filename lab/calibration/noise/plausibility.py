@@ -1,13 +1,13 @@
-"""Findings about the errors of a campaign: are they what an instrument and a robot can have?
+"""Check whether the errors of a campaign are plausible for an instrument and a robot.
 
 A noise model explains any residuals: a tracker that was moved becomes a step, a joint whose zero was shifted becomes
-scatter. So what it explains is a finding. A finding is supported where something else than the residuals shows it:
-poses that were measured again, or an instrument whose stated noise is as large. A verdict cannot be good with a finding
-that nothing supports, nor with errors larger than common instruments and industrial arms have.
+scatter. So what it explains is a finding. A finding is supported where repeated poses, or an instrument whose stated
+noise is as large, show it too. A verdict cannot be good with an unsupported finding, nor with errors larger than
+common instruments and industrial arms have.
 
-Beside the shared errors that ``noise.search`` estimates, the residuals are scanned for what changed during the campaign
-(the base's place and direction, a tool point, a joint's zero, the size of the arm, that of the errors), for every row
-at which it may have changed; and for an arm that grows steadily as it warms up.
+Beside the shared errors that ``noise.search`` estimates, the residuals are scanned for changes during the campaign
+(the base's place and direction, a tool point, a joint's zero, the size of the arm, that of the errors), at every row;
+and for an arm that grows steadily as it warms up.
 """
 
 from collections.abc import Mapping
@@ -74,9 +74,7 @@ def shared_error_findings(
     """Findings from estimated shared errors and from the estimated size of the noise.
 
     Args:
-        rows: that were fitted.
         shared: errors beside the instrument's that were estimated from the residuals; None where none were.
-        adequacy: of the fit, by the best test that there was.
         labels: ``(n,)`` one a configuration; rows that share one are repeats.
     """
     if found.residual_sigma_m < _FLOOR_M:
@@ -108,7 +106,7 @@ def shared_error_findings(
 
 
 def changes_in_time(found: Identification, observed: Observations, rows: Measurements) -> list[Check]:
-    """The likeliest change during the campaign, where one is significant: at most one finding.
+    """Return the likeliest change during the campaign, where one is significant: at most one finding.
 
     F tests of whitened rows for each row at which it may have happened: the base's place and direction at once, each
     tool point, each joint's zero, the size of the arm; of its steady growth; and of the mean square of the errors
@@ -116,7 +114,6 @@ def changes_in_time(found: Identification, observed: Observations, rows: Measure
 
     Args:
         observed: the fitted rows, weighted as they were, without estimated shared errors.
-        rows: the same rows.
     """
     times = row_times(rows)
     if (some := evenly(len(rows), _MAX_SCANNED_POSES)) is not None:
@@ -135,9 +132,9 @@ def changes_in_time(found: Identification, observed: Observations, rows: Measure
             best = what, scan, columns
     size, growth = _change_of_size(within, times), _steady_growth(within, changing[grows], times)
     first = min((each.p for each in (size, best and best[1]) if each is not None), default=1.0)
-    if growth is not None and tried * growth.p < CHANGE_IN_TIME and growth.p <= first:
+    if growth is not None and tried * growth[0] < CHANGE_IN_TIME and growth[0] <= first:
         ends = (rows.ids[i] for i in (int(np.argmin(times)), int(np.argmax(times))))
-        return [finding("change", growth.size / observed.typical_weight, between=tuple(ends), what=grows)]
+        return [finding("change", growth[1] / observed.typical_weight, between=tuple(ends), what=grows)]
     if best is not None and tried * best[1].p < CHANGE_IN_TIME and (size is None or best[1].p <= size.p):
         what, scan, columns = best
         before, after = (rows.ids[i] for i in rows_around(times, scan.change.time))
@@ -173,8 +170,8 @@ def _changing(
     moved = np.broadcast_to(np.eye(3), (*points.shape[:2], 3, 3))
     turned = np.stack([np.cross(axis, points - middle) for axis in np.eye(3)], axis=-1)
     columns: dict[tuple[str, ...], Array] = {("base",): linear.rows_of(observed, np.concatenate([moved, turned], -1))}
-    foot = [model.names.index(f"base.{axis}") for axis in "xyz" if f"base.{axis}" in model.names]
-    grown = points - (found.values[foot] if len(foot) == 3 else middle)
+    base = [model.names.index(f"base.{axis}") for axis in "xyz" if f"base.{axis}" in model.names]
+    grown = points - (found.values[base] if len(base) == 3 else middle)
     columns["size",] = linear.rows_of(observed, grown[..., None])
     for target in targets_of(model.parameters):
         own = [i for i, name in enumerate(model.names) if name.startswith(f"tool.{target}.")]
@@ -191,21 +188,11 @@ def _changing(
     return columns
 
 
-@dataclass(frozen=True)
-class _Growth:
-    """A steady growth of the arm.
+def _steady_growth(within: SubsetFit, columns: Array, times: Array) -> tuple[float, float] | None:
+    """Test a growth proportional to the time within each session; None where the rows cannot show one.
 
-    Attributes:
-        p: the chance of as large a one, where nothing grew.
-        size: root mean square, whitened, of how far points moved by it from the first row to the last.
-    """
-
-    p: float
-    size: float
-
-
-def _steady_growth(within: SubsetFit, columns: Array, times: Array) -> _Growth | None:
-    """Test a growth that is proportional to the time within each session; None where the rows cannot show one.
+    Returns:
+        Its p-value, and the whitened root mean square move of points from the first row to the last.
 
     Args:
         columns: ``(poses, m, 1)`` whitened derivatives by the relative size of the arm.
@@ -225,7 +212,7 @@ def _steady_growth(within: SubsetFit, columns: Array, times: Array) -> _Growth |
     explained = pull**2 / left
     p = f_sf(explained / (max(squares - explained, 1e-300) / dof), 1, dof)
     count = max(int(linear.mask[: linear.poses].sum()), 1)
-    return _Growth(float(p), abs(pull / left) * span * float(np.sqrt(3 * (columns**2).sum() / count)))
+    return float(p), abs(pull / left) * span * float(np.sqrt(3 * (columns**2).sum() / count))
 
 
 def _spans(columns: Array, own: Array) -> bool:
@@ -253,7 +240,7 @@ class _ChangeOfSize:
 
 
 def _change_of_size(within: SubsetFit, times: Array) -> _ChangeOfSize | None:
-    """The likeliest change of the errors' size; None where there are too few rows for one.
+    """Return the likeliest change of the errors' size; None where there are too few rows for one.
 
     Squares of a pose, over what the fit leaves of it, before against after: F with as many degrees of freedom as both
     have, of the larger over the smaller, times two and times the candidates.
@@ -295,7 +282,6 @@ def _size_of(
     times: Array,
     time: float,
 ) -> float:
-    """Return the root mean square (m) of a change's effect on the points after it."""
     after = (times > time)[:, None, None] * columns
     fitted = np.concatenate([white[..., :-1], after], axis=2).reshape(-1, white.shape[2] - 1 + columns.shape[2])
     solution = np.linalg.lstsq(fitted, white[..., -1].ravel(), rcond=None)[0][-columns.shape[2] :]

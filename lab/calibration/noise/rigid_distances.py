@@ -31,9 +31,6 @@ class InstrumentNoise:
     """Noise of one coordinate, estimated from distances between targets.
 
     Attributes:
-        sigma_m: estimated.
-        low_m, high_m: its 95 % interval.
-        dof: degrees of freedom.
         moving_p: the chance of as large a change of the distances over the poses if the tool were rigid.
     """
 
@@ -50,7 +47,7 @@ class InstrumentNoise:
 
     @property
     def description(self) -> str:
-        """For a person."""
+        """Description for a report."""
         if not self.is_rigid:
             return (
                 f"the distances between the targets change over the poses (F test, p = {self.moving_p:.1g}): the tool "
@@ -58,7 +55,7 @@ class InstrumentNoise:
             )
         sigma, low, high = (f"{MICRONS.of(size):.3g}" for size in (self.sigma_m, self.low_m, self.high_m))
         return (
-            f"the distances between the targets say that the instrument's noise per axis is {sigma} µm (95 % interval "
+            f"by the distances between the targets the instrument's noise per axis is {sigma} µm (95 % interval "
             f"{low} to {high} µm, {self.dof} degrees of freedom)"
         )
 
@@ -104,7 +101,6 @@ def goodness_by_distances(squares: float, dof: int, instrument: InstrumentNoise)
 
     Args:
         squares: the sum of its squared residuals (m^2), all of one weight.
-        dof: their degrees of freedom.
     """
     rest, own = dof - instrument.dof, instrument.sigma_m**2 * instrument.dof
     if rest < 1 or not own > 0:
@@ -119,6 +115,5 @@ def goodness_by_distances(squares: float, dof: int, instrument: InstrumentNoise)
 
 
 def _left(columns: Array, numbers: Array) -> float:
-    """The sum of squares that columns ``(r, p)`` leave of numbers ``(r,)``."""
     middle = numbers - columns @ np.linalg.lstsq(columns, numbers, rcond=None)[0]
     return float(middle @ middle)

@@ -36,22 +36,22 @@ __all__ = ["NOTABLE", "NoiseSearch", "counted", "in_stretches", "search_noise"]
 
 NOTABLE = 0.1  # of the noise: what whole counts of the encoders make beside it
 _LEAST_ALONE = 0.1  # of a noise that was estimated with the counts in it: what it is at least without them
-_LEAST_POSES = 10  # fewer say nothing of how errors are shared
+_LEAST_POSES = 10  # fewer do not show shared errors
 _LEAST_DOF = 20
-_MOST_POSES, _STRETCHES = 4_000, 8  # by which very many measurements are told, and in how many stretches they lie
+_MOST_POSES, _STRETCHES = 4_000, 8  # rows used of very many, and the stretches that they are in
 _FLOOR_M = 1e-7  # an estimated sigma below is what arithmetic leaves, or the models of each other
 
 
 @dataclass(frozen=True)
 class NoiseSearch:
-    """The errors that the residuals of a fit show.
+    """Errors that the residuals of a fit show.
 
     Attributes:
         shared: beside the instrument's; None where there are none, or where they are the arm's: they come back.
         trials: every kind that was tried, with its p-value.
         deviance: minus twice the restricted log-likelihood of what was chosen.
         undecided: whether errors are shared that come back with the joints: what is drawn anew at each pose, and what
-            the model lacks, cannot be told apart.
+            the model lacks, are confounded.
     """
 
     shared: ErrorModel | None
@@ -62,7 +62,7 @@ class NoiseSearch:
     undecided: bool = False
 
     def corrected(self, found: Identification) -> Identification:
-        """An identification with these errors, its covariance and intervals those of estimated variances."""
+        """Return an identification with the covariance and intervals of the estimated variances."""
         small = self._small_sample
         if small is None or self.linear is None:
             return found
@@ -85,15 +85,13 @@ def search_noise(found: Identification, data: Measurements, noise: Noise) -> Noi
     """Choose the errors that the rows of an identification share, by restricted likelihood on its linear problem.
 
     Args:
-        found: the identification.
-        data: the rows that it comes from.
         noise: of the instrument, and of whole counts where these are known; what was estimated of shared errors is left
             aside.
     """
     observation = observation_of(found.model)
     noise = noise.independent
-    known_errors = noise.shared
-    nothing = NoiseSearch(known_errors, (), float("nan"))
+    given_errors = noise.shared
+    nothing = NoiseSearch(given_errors, (), float("nan"))
     if not only_positions(observation) or len(data) < _LEAST_POSES or found.dof < _LEAST_DOF:
         return nothing
     model = observation.model
@@ -114,9 +112,9 @@ def search_noise(found: Identification, data: Measurements, noise: Noise) -> Noi
     )
     estimate, trials = chosen_components(problem)
     if not estimate.kinds:
-        return NoiseSearch(known_errors, trials, estimate.deviance)
+        return NoiseSearch(given_errors, trials, estimate.deviance)
     if _varies_with_joints(linear, estimate, data):
-        return NoiseSearch(known_errors, trials, problem.likelihood(Components()).deviance, undecided=True)
+        return NoiseSearch(given_errors, trials, problem.likelihood(Components()).deviance, undecided=True)
     parts, scale = estimate.components, estimate.likelihood.scale
     shared = ErrorModel(
         sigma_m=found.sigma_m if known else float(np.sqrt(scale)),
@@ -125,7 +123,7 @@ def search_noise(found: Identification, data: Measurements, noise: Noise) -> Noi
         carry=parts.carry,
         clock=clock,
         values=dict(zip(model.names, found.values.tolist(), strict=True)),
-        counts_rad=None if known_errors is None else known_errors.counts_rad,
+        counts_rad=None if given_errors is None else given_errors.counts_rad,
         moves=_moves(estimate, data, times),
     )
     return NoiseSearch(shared, trials, estimate.deviance, linear, estimate)
@@ -166,7 +164,6 @@ def _varies_with_joints(linear: LinearizedFit, estimate: Estimate, data: Measure
 
 
 def _padded(shapes: ErrorShapes, blocks: int) -> ErrorShapes:
-    """Pad the shapes with blocks of prior information, which shares no errors."""
     more = blocks - len(shapes.times)
     if not more:
         return shapes
@@ -185,10 +182,8 @@ def counted(
     all numbers of a pose share that.
 
     Args:
-        data: with what the model observes.
         values: ``(p,)`` of a fit; the derivatives are taken there.
         sigma_m: the noise of a coordinate; where it was estimated, with the counts in it.
-        dof: residual degrees of freedom, where it was estimated.
     """
     if not counting(model, data, values, encoders) > NOTABLE * sigma_m > 0:
         return None
@@ -199,7 +194,7 @@ def counted(
 
 
 def _without_counts(model: Model, data: Measurements, values: Array, root: Array, dof: int, sigma_m: float) -> float:
-    """The sigma for which the residuals r are what they should be beside counts: sum r' (sigma^2 + S S')^-1 r = dof.
+    """Return sigma beside encoder counts, so that sum r' (sigma^2 + S S')^-1 r of residuals r equals dof.
 
     Where even a small one explains the residuals, that is it.
     """

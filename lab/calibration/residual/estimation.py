@@ -4,12 +4,10 @@ The variances are those of the largest restricted likelihood (Patterson & Thomps
 never lowers it (Zhou, Hu, Zhou & Lange 2019), in steps that are extrapolated (Varadhan & Roland 2008). A variance at
 its bound of zero has an error too: on the linear scale, by the expected information.
 
-Errors of poses that are left out, by formulas instead of refits, and the factor of predicted variances by them.
-
 With P of universal kriging the error of numbers that are left out together is P_ii^-1 (P r)_i, and its covariance
-matrix P_ii^-1, noise included (Cressie 1993, section 3.2; Cook & Weisberg 1982 without a process). The variances of
-the process are those of all poses. The factor uses the quantile of conformal prediction (Vovk, Gammerman & Shafer
-2005, section 4.1): that of n errors, below which one more lies in 95 % of all cases.
+matrix P_ii^-1, noise included (Cressie 1993, section 3.2; Cook & Weisberg 1982 without a process). The factor of
+predicted variances uses the quantile of conformal prediction (Vovk, Gammerman & Shafer 2005, section 4.1): that of n
+errors, below which one more lies in 95 % of all cases.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -42,21 +40,20 @@ from lab.core.units import MM
 from lab.kinematics.effects.arm import ArmWithEffects
 from lab.kinematics.serial.arm import SerialArm
 
-__all__ = ["ExpectedGain", "LeftOut", "bound_factor", "expected_gain", "left_out", "with_residual"]
+__all__ = ["ExpectedGain", "bound_factor", "expected_gain", "left_out", "with_residual"]
 
 _MAX_LEFT_OUT = 300  # poses: their time grows with the numbers' square
 _TOGETHER = 20  # poses that are worked out at once
-_LEAST_NARROWING = 60  # points that may make bounds narrower: fewer say too little of the largest errors
+_LEAST_NARROWING = 60  # points that may make bounds narrower: fewer do not determine the largest errors
 _LEVEL, _LIMIT = 0.95, 7.814727903251179  # of chi^2 with three degrees of freedom
 _FACTORS = np.geomspace(1 / 16, 16.0, 97)
 
 
 @dataclass(frozen=True)
-class LeftOut:
+class _LeftOut:
     """A pose that was left out.
 
     Attributes:
-        pose: its row.
         error: ``(s,)`` measured less predicted (m) of the numbers seen there.
         covariance: ``(s, s)`` predicted of it, noise included (m^2).
     """
@@ -68,12 +65,10 @@ class LeftOut:
 
 def left_out(
     support: Support, reduction: Reduction, noise: float, left: tuple[Array, Array], labels: NDArray[np.int_]
-) -> Iterator[LeftOut]:
+) -> Iterator[_LeftOut]:
     """Errors of poses whose repeats are left out with them.
 
     Args:
-        support: all numbers.
-        reduction: of them.
         noise: variance of the noise (m^2).
         left: P times the residuals: of the numbers that the offsets move, and of those with the noise alone.
         labels: ``(n,)`` of configurations, left out together.
@@ -103,11 +98,11 @@ def left_out(
             for pose in np.unique(poses):
                 rows = np.flatnonzero(poses == pose)
                 turned = reduction.back(pose, covariance[np.ix_(rows, rows)])
-                yield LeftOut(int(pose), reduction.back(pose, error[rows]), reduction.back(pose, turned.T))
+                yield _LeftOut(int(pose), reduction.back(pose, error[rows]), reduction.back(pose, turned.T))
 
 
 def bound_factor(errors: Array, covariances: Array, noise: float, prior: Array) -> float:
-    """The factor of predicted variances by which 95 % of the points left out lie within their bounds.
+    """Return the factor of predicted variances with which 95 % of points left out lie within their bounds.
 
     Args:
         errors: ``(m, 3)`` of points that were left out (m).
@@ -116,7 +111,7 @@ def bound_factor(errors: Array, covariances: Array, noise: float, prior: Array) 
         prior: ``(m,)`` sums of the three variances by the offsets before any measurement (m^2).
     """
     rank = int(np.ceil(_LEVEL * (len(errors) + 1)))
-    if rank > len(errors):  # too few to tell
+    if rank > len(errors):  # too few
         return 1.0
     alone = noise * np.eye(3)
     predicted = covariances - alone
@@ -131,14 +126,14 @@ def bound_factor(errors: Array, covariances: Array, noise: float, prior: Array) 
 
 _MOST_NUMBERS = 8_400  # that the process is conditioned on: its time grows with the third power
 _MOST_ESTIMATING = 900  # that the variances come from
-_LEAST_SPARE = 30  # numbers beyond the parameters, of which so many variances can be told
-_MIN_IDENTIFIABLE = 1e-6  # of what is known best: a mixture of variances that is told less well is not told at all
+_LEAST_SPARE = 30  # numbers beyond the parameters that determine so many variances
+_MIN_IDENTIFIABLE = 1e-6  # of the best determined: below this a mixture of variances is not identifiable
 _CYCLES, _SETTLED = 12, 2e-3
 _LONGEST = 16.0  # of an extrapolated step
 _LEAST_SHARE = 1e-6  # of the residuals' variance, that a component has at least
 _MOST_STEPS, _CONVERGED_M = 8, 1e-8
-_MOST_LEFT_OUT = 450  # numbers by which the gain is told
-_RATIOS = np.logspace(-2.0, 5.0, 29)  # of the process' variance to the noise's, of which the likeliest tells the gain
+_MOST_LEFT_OUT = 450  # numbers that estimate the gain
+_RATIOS = np.logspace(-2.0, 5.0, 29)  # of the process' variance to the noise's
 _LEAST_GAIN = 0.1  # of the error: less is not worth a group that names no cause
 
 
@@ -147,7 +142,6 @@ class _Rows:
     """Selected poses of an identification.
 
     Attributes:
-        kernels: of the arm's joints.
         joints: ``(n, joints)``.
         slopes: ``(n, 3 k, joints)`` derivatives of all numbers by the joint positions.
         columns: ``(n, 3 k, f)`` those by the free parameters.
@@ -164,7 +158,6 @@ class _Rows:
 
     @classmethod
     def of(cls, found: Identification, data: Measurements) -> "_Rows":
-        """Build from some rows, at the identified parameters."""
         model = found.model
         assert isinstance(model, SerialArm | ArmWithEffects)
         turning = ~np.array(model.rigid.chain.prismatic, dtype=np.bool_)
@@ -176,17 +169,14 @@ class _Rows:
         return cls(JointKernels(turning), inputs[:, :size], slopes, columns, residual, data.seen)
 
     def take(self, rows: NDArray[np.int_]) -> "_Rows":
-        """Select poses."""
         some = self.joints[rows], self.slopes[rows], self.columns[rows], self.residual[rows]
         return _Rows(self.kernels, *some, self.seen[rows])
 
     @cached_property
     def reduction(self) -> Reduction:
-        """Reduction to the coordinates that the joints' offsets move."""
         return Reduction.of(self.joints, self.slopes, self.seen)
 
     def reduced(self) -> "_Numbers":
-        """The numbers that the joints' offsets move, and those with the noise alone."""
         columns, alone = self.reduction(self.columns)
         residual, left = self.reduction(self.residual)
         kinds = unit_covariances(self.kernels, self.reduction.numbers)
@@ -194,7 +184,6 @@ class _Rows:
         return _Numbers(kinds, units[: len(columns)], units[len(columns) :], residual, left)
 
     def plain(self) -> "_Numbers":
-        """The numbers as they were measured."""
         retained = np.repeat(self.seen, 3, axis=1).ravel()
         whole = PoseNumbers.whole(self.joints, self.slopes)
         numbers = PoseNumbers(self.joints, whole.pose[retained], whole.slopes[retained])
@@ -222,12 +211,10 @@ class _Numbers:
 
     @property
     def squares(self) -> float:
-        """Sum of all squared residuals (m^2)."""
         return float(self.residual @ self.residual + self.noise_residual @ self.noise_residual)
 
     @property
     def dof(self) -> int:
-        """Numbers beyond the parameters."""
         return len(self.residual) + len(self.noise_residual) - int(self.columns.shape[1])
 
 
@@ -237,7 +224,6 @@ class ExpectedGain:
 
     Attributes:
         before_m, after_m: mean errors of points, without and with it.
-        poses: number of poses left out.
     """
 
     before_m: float
@@ -246,7 +232,7 @@ class ExpectedGain:
 
     @property
     def description(self) -> str:
-        """For a person."""
+        """Description for a report."""
         return (
             "The group residual would lower the error at poses that are left out from "
             f"{MM.of(self.before_m):.2g} to about {MM.text(self.after_m, 2)} (means, leave-one-out over {self.poses} "
@@ -261,7 +247,6 @@ def expected_gain(found: Identification, data: Measurements) -> ExpectedGain | N
     1982). Repeats of a configuration are left out together.
 
     Args:
-        found: of points of a serial arm.
         data: the rows that it comes from; of many, a subset, evenly spaced.
 
     Returns:
@@ -298,7 +283,7 @@ def _left_out(weighted: Array, root: Array, turned: Array, labels: NDArray[np.in
 
 
 def with_residual(found: Identification, data: Measurements, estimated: JointProcess | None = None) -> Identification:
-    """An identification with what its parameters do not explain, as offsets of the joints.
+    """Add joint offsets that the parameters do not explain to an identification.
 
     Its parameters and their covariance are those of generalized least squares beside the process, which is
     conditioned on the same residuals; ``process`` is what predicts beside them.
@@ -330,11 +315,24 @@ def with_residual(found: Identification, data: Measurements, estimated: JointPro
     factor = _factor(rows, variances, poses) if estimated is None else estimated.factor
     inputs = data_used.inputs(model.conditions)
     process = JointProcess(inputs, data_used.seen, variances, errors, weights, rows.kernels.turning, p, factor)
-    return _replaced(found, data, process, values, covariance)
+    with_process, whole = process.added_to(model), np.append(values, 1.0)
+    return replace(
+        found,
+        model=with_process,
+        values=whole,
+        nominal_aligned=np.append(found.nominal_aligned, 0.0),
+        fit=replace(found.fit, values=whole),
+        covariance=covariance,
+        dof_each=None,
+        sigma_m=found.sigma_m if found.sigma_given else process.noise_m,
+        residual_sigma_m=float(np.sqrt(process.upper[0])),
+        residuals=data.points - with_process.points(data.inputs(with_process.conditions), whole),
+        process=PredictedBy(process, model, values, found.fit.free),
+    )
 
 
 def _seen_at_poses(data: Measurements) -> NDArray[np.bool_]:
-    """``(m, k)`` whether a target was seen at each distinct pose: the joints' offsets come back with its repeats."""
+    """Check ``(m, k)`` whether a target was seen at each distinct pose."""
     labels = configurations(data.joints)
     seen = np.zeros((labels.max() + 1, len(data.targets)), dtype=np.bool_)
     np.logical_or.at(seen, labels, data.seen)
@@ -343,7 +341,7 @@ def _seen_at_poses(data: Measurements) -> NDArray[np.bool_]:
 
 def _beside(
     found: Identification, data: Measurements, rows: _Rows, variances: Array
-) -> tuple[Array, Array, Array, Iterator[LeftOut]]:
+) -> tuple[Array, Array, Array, Iterator[_LeftOut]]:
     """Parameters ``(p,)`` beside a process, their covariance, the offsets' weights, and the poses left out in turn.
 
     Covariance matrix and derivatives are those at the first parameters: both change by far less than they are.
@@ -373,8 +371,7 @@ def _beside(
     return values, covariance, np.ascontiguousarray(weights), poses
 
 
-def _factor(rows: _Rows, variances: Array, poses: Iterable[LeftOut]) -> float:
-    """The factor of the predicted variances, from poses that are left out in turn."""
+def _factor(rows: _Rows, variances: Array, poses: Iterable[_LeftOut]) -> float:
     errors, covariances, priors = [], [], []
     for each in poses:
         slopes = rows.slopes[each.pose].reshape(-1, 3, rows.slopes.shape[-1])[rows.seen[each.pose]]
@@ -384,40 +381,16 @@ def _factor(rows: _Rows, variances: Array, poses: Iterable[LeftOut]) -> float:
     return bound_factor(np.array(errors), np.array(covariances), variances[0], np.array(priors))
 
 
-def _replaced(
-    found: Identification, data: Measurements, process: JointProcess, values: Array, covariance: Array
-) -> Identification:
-    """The identification with the process and the parameters beside it."""
-    base = found.model
-    assert isinstance(base, SerialArm | ArmWithEffects)
-    model = process.added_to(base)
-    whole = np.append(values, 1.0)
-    noise = process.noise_m
-    return replace(
-        found,
-        model=model,
-        values=whole,
-        nominal_aligned=np.append(found.nominal_aligned, 0.0),
-        fit=replace(found.fit, values=whole),
-        covariance=covariance,
-        dof_each=None,
-        sigma_m=found.sigma_m if found.sigma_given else noise,
-        residual_sigma_m=float(np.sqrt(process.upper[0])),
-        residuals=data.points - model.points(data.inputs(model.conditions), whole),
-        process=PredictedBy(process, base, values, found.fit.free),
-    )
-
-
 def _variances(numbers: _Numbers, known: float | None) -> tuple[Array, Array, float]:
-    """The likeliest variances ``(c,)``, the covariance of their estimates, and the p-value of the offsets."""
+    """Return the likeliest variances ``(c,)``, the covariance of their estimates, and the p-value of the offsets."""
     count = len(numbers.kinds)
     sizes, deviance = _likeliest(numbers, known, count)
     alone = _likeliest(numbers, known, 2)[1]
     information = _Projector.of(numbers, sizes).information(numbers.kinds)
     estimated = np.arange(count) >= (known is not None)
     errors = np.zeros((count, count))
-    known_so_well = np.sqrt(np.diag(information)[estimated])
-    scale = np.outer(known_so_well, known_so_well)
+    information_roots = np.sqrt(np.diag(information)[estimated])
+    scale = np.outer(information_roots, information_roots)
     relative = information[np.ix_(estimated, estimated)] / scale
     errors[np.ix_(estimated, estimated)] = np.linalg.pinv(relative, rcond=_MIN_IDENTIFIABLE, hermitian=True) / scale
     ratio = max(alone - deviance, 0.0)
@@ -483,7 +456,6 @@ class _Projector:
 
     @classmethod
     def of(cls, numbers: _Numbers, sizes: Array) -> "_Projector":
-        """Build from the variances of the first components."""
         triangle = np.linalg.cholesky(sum(size * kind for size, kind in zip(sizes, numbers.kinds, strict=False)))
         inverse = scipy.linalg.lapack.dpotri(triangle, lower=1)[0]
         inverse = np.tril(inverse) + np.tril(inverse, -1).T

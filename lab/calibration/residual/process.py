@@ -1,25 +1,20 @@
-"""A Gaussian process of the joints' offsets, conditioned on measurements, beside parameters that are estimated with it.
+"""Model joint offsets as a Gaussian process, conditioned on measurements, beside parameters estimated with it.
 
-What is measured is y = X b + Z f + e: parameters b without a prior, offsets f of the joints (``kernels``) through the
-derivatives Z by their positions, and noise. The best linear unbiased prediction and its covariance are those of
-universal kriging (Cressie 1993, section 3.4). The variances of f are estimates themselves. With fixed weights the
-variance of a predicted point is a linear function of them, and the upper quartile of this function follows from the
-covariance matrix of the estimated variances. It counts far from all measured poses. Near them a factor of the predicted
-variance is chosen so that 95 % of the poses that are left out in turn lie within their 95 % bounds (``estimation``).
+What is measured is y = X b + Z f + e: parameters b without a prior, offsets f of the joints through the derivatives Z
+by their positions, and noise. The best linear unbiased prediction and its covariance are those of universal kriging
+(Cressie 1993, section 3.4). The variances of f are estimates: with fixed weights the variance of a predicted point is
+linear in them, and its upper quartile follows from their covariance, and counts far from all measured poses. Near them
+a factor of the predicted variance is chosen so that 95 % of the poses left out in turn lie within their 95 % bounds
+(``estimation``).
 
-How alike two poses' errors are: covariances of the joints' offsets, by how far apart the joint positions are.
+Each joint is off by the sum of a function of its own position, as gears are, and one of all positions, as compliant
+links are. Either is a sum of stationary processes of several lengths (Rasmussen & Williams 2006, section 4.2): Matern's
+with 3/2 of the own position; with 1/2 of all, which assumes no smoothness, and with 5/2 and longer lengths, as the sag
+of springs varies. Distances of hinges are chords, 2 sin(d / 2); a slide's are in units of 0.3 m.
 
-Each joint is off by the sum of a function of its own position, as gears are, and one of all positions, as what gives
-way is. Either is a sum of stationary Gaussian processes of several lengths (Rasmussen & Williams 2006, section 4.2):
-Matern's with 3/2 of the own position; with 1/2 of all, which trusts no smoothness that nobody measured, and beside it
-with 5/2 and longer lengths, as the sag of springs varies: the data choose how much of each. Distances of hinges are
-chords, 2 sin(d / 2), so that a whole turn leads back; a slide's are in units of 0.3 m.
-
-Measured numbers of poses, reduced to those that the joints' offsets move, and their covariances.
-
-All numbers of one pose depend on the same offsets of its joints. A pose with three targets has nine numbers and six
-joints: an orthogonal transformation of the nine leaves six that depend on the offsets and three that have the noise
-alone. The likelihood is that of all nine, and the covariance matrix is two thirds as large.
+All numbers of one pose depend on the same offsets. A pose with three targets has nine numbers and six joints: an
+orthogonal transformation leaves six that depend on the offsets and three with the noise alone. The likelihood is that
+of all nine, and the covariance matrix is two thirds as large.
 """
 
 from collections.abc import Iterator, Sequence
@@ -44,7 +39,6 @@ from lab.kinematics.parameter import Parameter
 __all__ = [
     "COMPONENTS",
     "GROUP",
-    "SHARE",
     "UPPER_QUARTILE",
     "JointKernels",
     "JointProcess",
@@ -136,7 +130,7 @@ class PoseNumbers:
         return cls(joints, np.repeat(np.arange(n), d), slopes.reshape(n * d, size))
 
     def per_joint(self, numbers: Array) -> Array:
-        """The transposed derivatives times numbers ``(N, q)``: ``(joints, n, q)``."""
+        """Multiply the transposed derivatives by numbers ``(N, q)``: ``(joints, n, q)``."""
         first = np.flatnonzero(np.diff(self.pose, prepend=-1))
         found = np.zeros((self.slopes.shape[1], len(self.joints), numbers.shape[1]), dtype=numbers.dtype)
         there = self.pose[first]
@@ -202,8 +196,8 @@ class Reduction:
         """Numbers ``(n, 3 k, ...)`` transformed: those that the offsets move ``(N, ...)``, and the others."""
         tail = numbers.shape[2:]
         parts = []
-        for rows, kept, turn in self.groups:
-            some = numbers[rows][:, kept].reshape(len(rows), len(kept), -1)
+        for rows, seen_numbers, turn in self.groups:
+            some = numbers[rows][:, seen_numbers].reshape(len(rows), len(seen_numbers), -1)
             parts.append((np.swapaxes(turn, 1, 2) @ some).reshape(-1, *tail))
         found, count = np.concatenate(parts)[self.order], len(self.numbers.pose)
         return found[:count], found[count:]
@@ -250,7 +244,7 @@ def _add_scatter(found: Array, size: float, numbers: PoseNumbers) -> None:
 
 
 GROUP = "residual"
-SHARE = Parameter(GROUP, "share", GROUP, "ratio", PPM, 1.0)
+_SHARE = Parameter(GROUP, "share", GROUP, "ratio", PPM, 1.0)
 _BLOCK_POSES = 400  # poses that are worked out at once
 UPPER_QUARTILE = 0.6744897501960817  # of a standard normal
 _MAX_COVARIANCE_NUMBERS = 4_500  # measured, by which covariances are predicted: their time grows with the square
@@ -262,7 +256,7 @@ class JointProcess:
     """Offsets of an arm's joints, estimated from measurements.
 
     Attributes:
-        inputs: ``(s, joints + conditions)`` the poses that say it.
+        inputs: ``(s, joints + conditions)`` its poses.
         seen: ``(s, k)`` which targets were measured there.
         variances: ``(c,)`` of ``kernels.COMPONENTS``, m^2 of the noise and rad^2 (m^2 of a slide) of the others.
         errors: ``(c, c)`` covariance of their estimates.
@@ -317,13 +311,13 @@ class JointProcess:
         return np.asarray(self.variances[1:].sum() * (slopes**2).sum(axis=1))
 
     def effect(self) -> Effect:
-        """The offsets as a group of one parameter: the share of them that is taken, zero in the nominal model."""
+        """Return the offsets as a group of one parameter: their share, zero in the nominal model."""
 
         def moved(joints: Array, _: Array, values: Array) -> tuple[Array, Array]:
             offsets = self.offsets(np.real(joints))
             return offsets * values[0], offsets[..., None]
 
-        return Effect(GROUP, (SHARE,), moved, plain=self._plain, made_by=self.effect)
+        return Effect(GROUP, (_SHARE,), moved, plain=self._plain, made_by=self.effect)
 
     def _plain(self, values: Array) -> list[dict[str, Any]]:
         """Return the offsets as a term of ``formats.plain_arm``."""
@@ -350,7 +344,7 @@ class JointProcess:
         return found
 
     def added_to(self, arm: Arm) -> ArmWithEffects:
-        """The arm with these offsets, whose share is its last parameter."""
+        """Return the arm with these offsets, whose share is its last parameter."""
         effects = arm.effects if isinstance(arm, ArmWithEffects) else ()
         added = affected(arm.rigid, (*effects, self.effect()))
         assert isinstance(added, ArmWithEffects)
@@ -358,17 +352,17 @@ class JointProcess:
 
 
 def scaled_by(factor: float, share: Array) -> Array:
-    """The factor of predicted variances that are a ``share`` of what they were before any measurement.
+    """Return the factor of predicted variances that are a ``share`` of those before any measurement.
 
-    More is more everywhere. Less is less only as far as measurements nearby tell the offsets: they showed that.
+    A factor above one applies everywhere, one below only near measurements, which determine the offsets.
     """
     return np.asarray(factor + max(1 - factor, 0.0) * np.clip(share, 0.0, 1.0))
 
 
 def precisions(parameters: Sequence[Parameter]) -> Array:
-    """``(f,)`` how surely each parameter is near where least squares alone puts it: links to ten usual tolerances.
+    """Return ``(f,)`` prior precisions of the parameters about least squares: links to ten usual tolerances.
 
-    A direction that the poses hardly tell would else take up what the process does not, and lead far away.
+    A weakly observable direction would else take up what the process does not, and lead far away.
     """
     return np.array([1 / _AWAY[each.is_angle] ** 2 if each.is_link else 0.0 for each in parameters])
 
@@ -378,8 +372,6 @@ class PredictedBy:
     """A process beside the parameters of an arm.
 
     Attributes:
-        model: the arm without the process.
-        values: ``(p,)`` of it.
         free: those that were estimated together with the process.
     """
 
@@ -389,11 +381,7 @@ class PredictedBy:
     free: tuple[int, ...]
 
     def covariances(self, inputs: Array, targets: int | None = None) -> Array:
-        """Covariances ``(n, k, 3, 3)`` (m^2) of the predicted points' errors at poses ``(n, joints + conditions)``.
-
-        Args:
-            targets: how many, from the first; all where None.
-        """
+        """Covariances ``(n, k, 3, 3)`` (m^2) of the predicted points' errors at poses ``(n, joints + conditions)``."""
         k = len(self.model.targets) if targets is None else targets
         found = np.empty((len(inputs), k, 3, 3))
         for first in range(0, len(inputs), _BLOCK_POSES // k):
@@ -410,9 +398,9 @@ class PredictedBy:
         here, kernels, support = PoseNumbers.whole(joints, slopes), self.process.kernels, self._support
         crossed = covariance(kernels, self.process.variances, support.numbers, here)
         half = scipy.linalg.solve_triangular(support.root, crossed, lower=True, check_finite=False)
-        lacking = (columns / support.scale).T - support.half_columns.T @ half
-        by_parameters = np.linalg.solve(support.information, lacking)
-        found = covariance(kernels, self.process.variances, here) - half.T @ half + lacking.T @ by_parameters
+        unexplained = (columns / support.scale).T - support.half_columns.T @ half
+        by_parameters = np.linalg.solve(support.information, unexplained)
+        found = covariance(kernels, self.process.variances, here) - half.T @ half + unexplained.T @ by_parameters
         half += support.half_columns @ by_parameters
         weights = scipy.linalg.solve_triangular(support.root, half, lower=True, trans="T", check_finite=False)
         alone = support.noise_columns @ by_parameters / self.process.variances[0]

@@ -1,27 +1,17 @@
-"""Candidate models of one set of measurements: every model that groups of parameters make.
+"""Score candidate models of one set of measurements: all that groups of parameters make.
 
-All nested models of one large model at once: near a solution every one of them is linear.
+Near a solution every nested model is linear. One orthogonal factorization of the large model's whitened Jacobian beside
+the residual holds each nested one's sum of squares, and one for each fold the predictions of the other poses.
 
-One orthogonal factorization of the large model's whitened Jacobian beside the residual holds each nested one's
-sum of squares in its triangle, and one for each fold what the other poses predict there.
+A wave of which less than half lies in its joint's measured range looks like a slope and a curvature there, and
+diverges outside of it together with other slow waves. So such a wave is fitted only where it is determined as surely as
+a wave of a gear, and so is a ratio, the slope itself.
 
-How well a parameter of an effect has to be known to be of any use where nothing was measured.
-
-A wave of which less than half lies in its joint's measured range looks like a slope and a curvature there, and the
-geometry and other slow waves do too. Fitted all the same, they grow against each other, and leave the measured range
-with the difference of large numbers. So such a wave is fitted only where it is known as surely as a wave of a gear, and
-so is a ratio, the slope itself: of a joint that moved through 60 degrees it takes what a spring's second wave leaves.
-
-Which of hundreds of small groups of parameters a robot has: a search on the linearized problem, with one level.
-
-A group here is one joint's or link's: its error is a few functions of the pose, such as the sine and cosine of twenty
-times the joint's angle. All are tried at once by how much of the residual they explain beyond what is fitted already
-(the score test), the best is taken, and so on: orthogonal matching pursuit (Pati, Rezaiifar & Krishnaprasad 1993).
-
-The level is that of the whole search. How far the best of all groups lowers the squares by chance is found by flipping
-the signs of whole configurations' residuals (Hemerik, Goeman & Finos 2020). So the level holds where the noise is no
-instrument's: where joints scatter from pose to pose, and move all targets of a pose together, where errors have heavy
-tails, or differ over the workspace.
+Groups of single joints or links, of which there are hundreds, are searched on the linearized problem: all are tried by
+how much of the residual they explain beyond what is fitted (the score test), the best is taken, and so on (orthogonal
+matching pursuit: Pati, Rezaiifar & Krishnaprasad 1993). The level is that of the whole search. The largest fall of the
+squares by chance is found by flipping the signs of whole configurations' residuals (Hemerik, Goeman & Finos 2020), so
+the level holds also for joint scatter, heavy tails and variances that differ over the workspace.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -58,7 +48,6 @@ __all__ = [
     "FoundTerm",
     "FullModel",
     "HeldOutGain",
-    "Labels",
     "ModelWith",
     "NestedModels",
     "NominalOf",
@@ -69,7 +58,7 @@ __all__ = [
     "largest_useful_std",
 ]
 
-Labels = NDArray[np.int_]
+_Labels = NDArray[np.int_]
 
 
 @dataclass(frozen=True)
@@ -77,8 +66,6 @@ class Score:
     """Score of a nested model.
 
     Attributes:
-        parameters: number of fitted parameters.
-        squares: its sum of squared whitened residuals.
         errors: ``(m,)`` lengths (m) of held-out errors, one per observed thing.
         bic: Bayes' information criterion (Schwarz 1978), lower is better.
     """
@@ -94,8 +81,6 @@ class HeldOutGain:
     """Estimate how far the error at held-out configurations falls, each configuration counted once.
 
     Attributes:
-        mean_m: the mean over configurations.
-        std_m: its standard error.
         dof: of that standard error: configurations less one.
     """
 
@@ -123,7 +108,6 @@ class NestedModels:
         training: the same of all folds but one.
         held: ``(m_f, d, c + 1)`` of each fold: derivatives and residual of its things, in m.
         cluster: ``(m,)`` what each thing of the folds, one after the other, was held out together with.
-        rows: the number of residuals.
         floor: the least standard deviation that a whitened residual may have: 1 where sigma is known.
         witnesses: the scaled rows themselves, residual last, by the poses whose errors may go together.
     """
@@ -134,21 +118,21 @@ class NestedModels:
     whole: Array
     training: tuple[Array, ...]
     held_out: tuple[Array, ...]
-    cluster: Labels
+    cluster: _Labels
     rows: int
     floor: float
     witnesses: ClusteredRows
 
     def score(self, fitted: Sequence[int]) -> Score:
-        """The nested model that fits these columns, held-out errors by linear prediction from the other folds.
+        """Score the nested model that fits these columns, held-out errors predicted from the other folds.
 
         BIC = N log s^2 + RSS / s^2 + p log N, with s^2 = RSS / N but never below what the noise is known to be:
         the likelihood's maximum under that bound, so that a sigma given too small does not let every column in.
         """
         squares = float(np.sum(self._left(self.whole, fitted)[1] ** 2))
         lengths = [
-            np.linalg.norm(held @ self._left(triangle, fitted)[0], axis=1)
-            for triangle, held in zip(self.training, self.held_out, strict=True)
+            np.linalg.norm(left_out @ self._left(triangle, fitted)[0], axis=1)
+            for triangle, left_out in zip(self.training, self.held_out, strict=True)
         ]
         return Score(len(fitted), squares, np.concatenate(lengths), self._bic(squares, len(fitted)))
 
@@ -184,7 +168,7 @@ class NestedModels:
         return std
 
     def p_value(self, small: Score, big: Score) -> float:
-        """The chance of a fall in squares as large as from ``small`` to ``big`` if what was added is not there.
+        """Return the p-value of the fall in squares from ``small`` to ``big``.
 
         The larger of the F-test's and of the chi squared test's by the known sigma (Seber & Lee 2003, section
         4.3): a sigma given too small makes the second one far too sure, and one that says that the smaller model
@@ -223,70 +207,19 @@ class NestedModels:
         return weights, triangle @ weights
 
 
-def _nested_at(
-    observation: Observation,
-    observed: Observations,
-    values: Array,
-    columns: Sequence[int],
-    nominal: Array,
-    folds: Labels,
-    clusters: Labels,
-    extra_residuals: ExtraResiduals,
-    floor: float,
-    configurations: Labels,
-) -> NestedModels:
-    """The large model near ``values`` ``(p,)``.
-
-    Args:
-        columns: the parameters that some nested model fits.
-        nominal: ``(c,)`` what they are where they are not fitted.
-        folds, clusters: ``(n,)`` labels: a row's fold, from 0 on, and what it is held out together with.
-        extra_residuals: what is known beside the measurements, weighted as they are.
-        configurations: ``(n,)`` labels from 0 on: rows whose errors may go together.
-    """
-    index, count = list(columns), int(folds.max()) + 1
-    predicted, jacobian = observation.model.observe(observed.inputs, values)
-    both = np.concatenate([jacobian[..., index], (observed.points - predicted)[..., None]], axis=3)
-    rows, mask = observed.apply(both), observed.seen
-    scale = np.append(np.linalg.norm(rows[:, :-1], axis=0), 1.0)
-    scale[scale == 0] = 1.0
-    residual, slopes = extra_residuals(values)
-    beside = np.column_stack([slopes[:, index], residual]) / scale
-    fold = np.repeat(folds[np.nonzero(mask)[0]], observed.points.shape[2])
-    parts = [_stacked([rows[fold == f] / scale]) for f in range(count)]
-    in_m = (both / observation.units[:, None, None])[:, : observation.positions or None]
-    inside = [mask[:, : in_m.shape[1]] & (folds == f)[:, None] for f in range(count)]
-    return NestedModels(
-        columns=tuple(columns),
-        scale=scale[:-1],
-        away=(values[index] - nominal) * scale[:-1],
-        whole=_stacked([*parts, beside]),
-        training=tuple(_stacked([*parts[:f], *parts[f + 1 :], beside]) for f in range(count)),
-        held_out=tuple(in_m[part] / scale for part in inside),
-        cluster=np.concatenate([clusters[np.nonzero(part)[0]] for part in inside]),
-        rows=len(rows) + len(residual),
-        floor=floor,
-        witnesses=ClusteredRows.of(
-            np.concatenate([rows / scale, beside]), configurations[np.nonzero(mask)[0]], both.shape[2]
-        ),
-    )
-
-
-def _stacked(parts: Sequence[Array]) -> Array:
-    """The triangle of rows below each other."""
+def _triangle(parts: Sequence[Array]) -> Array:
     return np.asarray(np.linalg.qr(np.concatenate(parts), mode="r"))
 
 
-TELLING = 1e-4  # rad or m: an effect of one joint that is known no better says nothing of poses beyond the measured
+TELLING = 1e-4  # rad or m: a less certain effect of one joint is not used beyond the measured poses
 _USEFUL: dict[Kind, float] = {"ratio": TELLING, "compliance": 1e-4, "section": 1e-4, "mass": 1.0}  # else WEAK
 _SUPPORTED = 0.5  # of a wave's length, in the measured range
 
 
 def largest_useful_std(parameters: Sequence[Parameter], joints: Array) -> Array:
-    """``(p,)`` the largest standard deviation, in each one's unit, with which it is worth fitting.
+    """Return the largest standard deviation ``(p,)``, in each one's unit, with which it is worth fitting.
 
     Args:
-        parameters: p of them.
         joints: ``(n, joints)`` measured positions (rad, m of a slide).
     """
     turns = np.ptp(joints, axis=0) / (2 * np.pi)
@@ -311,7 +244,6 @@ class SelectionTask:
 
     Attributes:
         model_with: the arm with groups of effects, by name; a LabError where a group cannot be built.
-        nominal_of: the nominal parameters of such a model.
     """
 
     model_with: ModelWith
@@ -323,11 +255,7 @@ class SelectionTask:
     def identified(
         self, groups: Sequence[str], fixed: Sequence[str] = (), near: Identification | None = None
     ) -> Identification:
-        """Identify with these groups less the parameters held; requests for other groups are left out.
-
-        Args:
-            near: a neighbouring model's, to start from.
-        """
+        """Identify with these groups less the parameters held; requests for other groups are left out."""
         model = self.model_with(groups)
         request = self.request.of(observation_of(model).within(self.data).model.names)
         start = {} if near is None else dict(zip(near.model.names, near.values.tolist(), strict=True))
@@ -343,7 +271,7 @@ class SelectionTask:
         return None
 
     def refuse_unknown_wishes(self, groups: Sequence[str]) -> None:
-        """A LabError for patterns that mean no parameter of geometry or of any of the groups that can be built."""
+        """Refuse patterns that match no parameter of geometry or of groups that can be built."""
         names: dict[str, None] = {}
         for group in ([], *([name] for name in groups)):
             with suppress(LabError):
@@ -376,7 +304,6 @@ class FullModel:
     """The model with all groups that can be tried, in which every other one is nested.
 
     Attributes:
-        start: the nominal parameters.
         observed: the measurements as the model's observation has them, weighted.
         groups: indices of each one's parameters, less those to be held on request.
         structure, measured: triangles of its Jacobian at the nominal model, over all its limits and at the
@@ -394,9 +321,9 @@ class FullModel:
     groups: dict[str, tuple[int, ...]]
     structure: Array
     measured: Array
-    folds: Labels
-    clusters: Labels
-    configurations: Labels
+    folds: _Labels
+    clusters: _Labels
+    configurations: _Labels
     loads: Array
     extra_residuals: ExtraResiduals
     floor: float
@@ -412,24 +339,30 @@ class FullModel:
         anywhere = model.structure_joints(STRUCTURE_POSES, rng_for(0, "structure"))
         structure, measured = (model.observe(inputs, at)[1] for inputs in (anywhere, observed.inputs))
         extra_residuals = observation.extra_residuals(at)[1]
-        held = named(model.names, option_name("fix"), task.request.of(model.names).fix)
+        fixed = named(model.names, option_name("fix"), task.request.of(model.names).fix)
         own = {name: task.parameters(name) for name in groups}
-        clusters = cv_groups_of(made, task.data)
+        clusters, sigma = cv_groups_of(made, task.data), 1.0 if known else alone.sigma_m
+        prior = weighted_constraints(observation, observed)
+        if task.request.tolerance is not None and not task.request.automatic:
+            base = base_set(model, at, prior_rows=extra_residuals)
+            prior = joined(prior, prior_of(model, base, start, task.request.tolerance).rows(sigma))
+        elif task.request.tolerance is not None and alone.prior is not None:  # an automatic one is geometry's alone
+            prior = joined(prior, alone.prior.rows(sigma, model.names))
         return cls(
             observation=observation,
             start=start,
             observed=observed,
             groups={
-                name: tuple(i for i, parameter in enumerate(model.names) if parameter in own[name] and i not in held)
+                name: tuple(i for i, parameter in enumerate(model.names) if parameter in own[name] and i not in fixed)
                 for name in groups
             },
-            structure=_triangle(structure.reshape(-1, len(model.names)), extra_residuals),
-            measured=_triangle(measured[observed.seen].reshape(-1, len(model.names)), extra_residuals),
+            structure=_triangle([structure.reshape(-1, len(model.names)), extra_residuals]),
+            measured=_triangle([measured[observed.seen].reshape(-1, len(model.names)), extra_residuals]),
             folds=folds(clusters, seed),
             clusters=clusters,
             configurations=configurations(task.data.joints),
             loads=np.nan_to_num(task.data.conditions.get(PAYLOAD, np.zeros(len(task.data)))),
-            extra_residuals=_prior(task, observation, observed, start, at, alone, alone.sigma_m if not known else 1.0),
+            extra_residuals=prior,
             floor=1.0 if known else LEAST_SIGMA_M,
         )
 
@@ -448,21 +381,36 @@ class FullModel:
 
     def around(self, found: Identification) -> NestedModels:
         """Return all nested models near an identified one."""
-        values = _filled(self.start, self.observation.model, found.model, found.values)
+        observation, observed = self.observation, self.observed
+        values = _filled(self.start, observation.model, found.model, found.values)
         effects = [i for group in self.groups.values() for i in group]
         columns = sorted({*self.fitted(found), *effects})
         nominal = np.array([self.start[i] if i in effects else values[i] for i in columns])
-        kinds = self.folds, self.clusters
-        return _nested_at(
-            self.observation,
-            self.observed,
-            values,
-            columns,
-            nominal,
-            *kinds,
-            self.extra_residuals,
-            self.floor,
-            self.configurations,
+        count = int(self.folds.max()) + 1
+        predicted, jacobian = observation.model.observe(observed.inputs, values)
+        both = np.concatenate([jacobian[..., columns], (observed.points - predicted)[..., None]], axis=3)
+        rows, mask = observed.apply(both), observed.seen
+        scale = np.append(np.linalg.norm(rows[:, :-1], axis=0), 1.0)
+        scale[scale == 0] = 1.0
+        residual, slopes = self.extra_residuals(values)
+        beside = np.column_stack([slopes[:, columns], residual]) / scale
+        fold = np.repeat(self.folds[np.nonzero(mask)[0]], observed.points.shape[2])
+        parts = [_triangle([rows[fold == f] / scale]) for f in range(count)]
+        in_m = (both / observation.units[:, None, None])[:, : observation.positions or None]
+        inside = [mask[:, : in_m.shape[1]] & (self.folds == f)[:, None] for f in range(count)]
+        return NestedModels(
+            columns=tuple(columns),
+            scale=scale[:-1],
+            away=(values[columns] - nominal) * scale[:-1],
+            whole=_triangle([*parts, beside]),
+            training=tuple(_triangle([*parts[:f], *parts[f + 1 :], beside]) for f in range(count)),
+            held_out=tuple(in_m[part] / scale for part in inside),
+            cluster=np.concatenate([self.clusters[np.nonzero(part)[0]] for part in inside]),
+            rows=len(rows) + len(residual),
+            floor=self.floor,
+            witnesses=ClusteredRows.of(
+                np.concatenate([rows / scale, beside]), self.configurations[np.nonzero(mask)[0]], both.shape[2]
+            ),
         )
 
     def fitted(self, found: Identification) -> tuple[int, ...]:
@@ -472,7 +420,7 @@ class FullModel:
     def added(self, table: NestedModels, found: Identification, group: str) -> tuple[tuple[int, ...], tuple[int, ...]]:
         """Return the parameters of a group that add to an identified model, and those of them to be fitted.
 
-        Left out are those that these poses do not tell apart, and, the least known first, those whose standard
+        Left out are those that are not identifiable in these poses, and, the least certain first, those whose standard
         deviation would be larger than such an effect: fitted all the same, they run off to where the model is not
         linear, for nothing.
         """
@@ -495,7 +443,6 @@ class FullModel:
 
     @cached_property
     def _useful(self) -> Array:
-        """``(p,)`` the largest standard deviations that are worth fitting."""
         joints = self.observed.inputs[:, : self.observed.inputs.shape[1] - len(self.observation.model.conditions)]
         return largest_useful_std(self.observation.model.parameters, joints)
 
@@ -505,36 +452,8 @@ class FullModel:
 
     @staticmethod
     def _new(triangle: Array, known: Sequence[int], wanted: Sequence[int]) -> tuple[int, ...]:
-        """Return the wanted columns that the given ones and those before them do not span."""
-        kept = independent_columns(triangle, [*known, *wanted])
-        return tuple(i for i in wanted if i in kept)
-
-
-def _prior(
-    task: SelectionTask,
-    observation: Observation,
-    observed: Observations,
-    start: Array,
-    at: Array,
-    alone: Identification,
-    sigma: float,
-) -> ExtraResiduals:
-    """Return the prior information: of the observation, and the whole model's prior if one is requested.
-
-    An automatic prior is that of geometry alone.
-    """
-    beside = weighted_constraints(observation, observed)
-    if task.request.tolerance is None:
-        return beside
-    if task.request.automatic:
-        return beside if alone.prior is None else joined(beside, alone.prior.rows(sigma, observation.model.names))
-    structure = base_set(observation.model, at, prior_rows=observation.extra_residuals(at)[1])
-    return joined(beside, prior_of(observation.model, structure, start, task.request.tolerance).rows(sigma))
-
-
-def _triangle(jacobian: Array, extra_residuals: Array) -> Array:
-    """Reduce rows to as few with the same inner products."""
-    return np.asarray(np.linalg.qr(np.concatenate([jacobian, extra_residuals]), mode="r"))
+        independent = independent_columns(triangle, [*known, *wanted])
+        return tuple(i for i in wanted if i in independent)
 
 
 def _filled(start: Array, model: Model, source: Model, values: Array) -> Array:
@@ -547,7 +466,7 @@ _FLIPS = 999  # of signs: the level is exact for so many and one
 _STAGE = 8  # groups that are taken before all others are looked at anew
 _POOL = 48  # groups that a stage chooses from
 _LEFT = 1e-3  # share of a column's squares that what is fitted has to leave
-_TIE = 1e-3  # share of a fall by which groups that say the same differ beside geometry: the table's first is taken
+_TIE = 1e-3  # share of a fall by which groups that are equivalent beside geometry differ: the table's first is taken
 _APART = 1e-3  # share of the squares that two columns of a group have apart
 
 
@@ -568,11 +487,9 @@ class TermTable:
     """Effects of each group on the joints, or on the far ends of links, at some poses.
 
     Attributes:
-        names: of the groups, g of them.
         functions: ``(n, p)`` rad or m a unit of each of their parameters.
         motion: ``(p,)`` what that moves: a joint, from 0, or, beyond the joints, one of six motions of each link's far
             end.
-        joints: how many joints there are.
         owner: ``(p,)`` the group that each parameter is of; one has one parameter or two.
         parameters: the names of each group's parameters.
     """
@@ -605,7 +522,7 @@ class TermTable:
 
     @cached_property
     def showing_ends(self) -> dict[int, int]:
-        """For each motion of a link's end that a group has, the first such group."""
+        """First group with each motion of a link's end, by motion."""
         found: dict[int, int] = {}
         for column in np.flatnonzero(self.motion >= self.joints).tolist():
             found.setdefault(int(self.motion[column]), int(self.owner[column]))
@@ -683,7 +600,7 @@ class TermSearch:
         largest_std: float,
         floor: float,
     ) -> "TermSearch":
-        """Near ``values`` ``(p,)``, of which those ``free`` are fitted; what is in the model is not tried again.
+        """Build near ``values`` ``(p,)``, of which those ``free`` are fitted, without the terms of the model.
 
         Args:
             with_ends: the model with the table's groups ``showing_ends`` beside.
@@ -716,18 +633,13 @@ class TermSearch:
     def run(
         self, rng: np.random.Generator, most: int, only: Sequence[str] | None = None, level: float = TERM_SEARCH
     ) -> tuple[FoundTerm, ...]:
-        """The groups that are significant, at most so many, in the order in which they are taken.
+        """Return the significant groups, at most so many, in the order in which they are taken.
 
         Args:
             only: names of those that are searched; all where None.
-            level: of this search.
         """
         wanted = None if only is None else set(only)
         among = np.array([wanted is None or name in wanted for name in self.table.names], dtype=bool)
-        return tuple(self._taken(rng, most, among, level))
-
-    def _taken(self, rng: np.random.Generator, most: int, among: NDArray[np.bool_], level: float) -> list[FoundTerm]:
-        """Take the terms that are significant at a level among some of the groups."""
         taken: list[FoundTerm] = []
         while len(taken) < most:
             gram, scores = self._gram(), self._scores()
@@ -739,10 +651,10 @@ class TermSearch:
             if not new:
                 break
             taken += new
-        return taken
+        return tuple(taken)
 
     def _stage(self, pool: list[int], threshold: float, most: int) -> list[FoundTerm]:
-        """The groups taken of a pool, the one that lowers the squares most first, while they are significant."""
+        """Take significant groups of a pool, the one that lowers the squares most first."""
         found: list[FoundTerm] = []
         while pool and len(found) < most:
             index = self._pairs[pool].ravel()
@@ -778,7 +690,6 @@ class TermSearch:
         return np.asarray(raw - fitted @ self._shared)
 
     def _gram(self) -> Array:
-        """``(3, g)`` inner products of the groups' columns beyond what is fitted."""
         return self._squares - _products_of_pairs(self._shared, self._pairs)
 
     def _useful(self, gram: Array) -> NDArray[np.bool_]:
@@ -805,13 +716,13 @@ class TermSearch:
 
 
 def _products_of_pairs(rows: Array, pairs: NDArray[np.int_]) -> Array:
-    """``(3, g)`` sums over rows ``(r, p)`` of each pair's squares and products: first, mixed, second."""
+    """Return ``(3, g)`` sums over rows ``(r, p)`` of each pair's squares and products: first, mixed, second."""
     first, last = (rows[:, column] for column in pairs.T)
     return np.stack([np.einsum("rg,rg->g", a, b) for a, b in ((first, first), (first, last), (last, last))])
 
 
 def _quadratic(products: Array, matrix: Array) -> Array:
-    """The squares x' M^-1 x ``(..., g)`` of x ``(..., g, 2)`` and M's entries ``(3, g)``; one column twice: x^2 / M."""
+    """Return x' M^-1 x ``(..., g)`` of x ``(..., g, 2)`` and M's entries ``(3, g)``; one column twice: x^2 / M."""
     (a, b, d), (x, y) = matrix, np.moveaxis(products, -1, 0)
     determinant = a * d - b**2
     single = determinant <= 1e-9 * a * d

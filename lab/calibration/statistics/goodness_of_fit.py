@@ -1,9 +1,9 @@
-"""Lack-of-fit tests of a model: against a given noise, repeats, poses held out, or the joints' positions.
+"""Test the lack of fit of a model, and choose the intervals of its parameters.
 
 Each is a ``Check`` named ``lack_of_fit.`` and the test: ``chi2`` (against a given sigma), ``repeats`` (F against pure
 error), ``holdout`` (F of held-out errors), ``joints`` (F of what varies with the joints' positions), ``distances`` (F
 against distances between targets) or ``nothing``. It failed where there is lack of fit, passed where there is none, and
-is not tested where neither can be told.
+is not tested where neither is known. Intervals are those of the weights, or cluster-robust ones of whole poses.
 """
 
 from dataclasses import dataclass, replace
@@ -13,19 +13,26 @@ import scipy  # its statistics are loaded at their first use
 from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import ExtraResiduals, Fit, Observations
+from lab.calibration.identify import Identification
+from lab.calibration.noise.rigid_distances import goodness_by_distances, instrument_noise
+from lab.calibration.observation import observation_of, only_positions
 from lab.calibration.statistics.joint_rounding import by_joint_positions
 from lab.calibration.statistics.linearized import LinearizedFit, NoiseDistribution, linearized
+from lab.calibration.statistics.outliers import LEAST_SIGMA_M
 from lab.calibration.validation import configurations
+from lab.calibration.weights import Noise, weigh
 from lab.core.checks import Check, Outcome
 from lab.core.linear_model import LinearModel, matched_dof, p_value_of_squares
-from lab.core.measurements import FIXTURE, Measurements, evenly
-from lab.core.probability import binomial_cdf, f_cdf, f_sf, normal_ppf
+from lab.core.measurements import FIXTURE, Measurements, evenly, seen_mask
+from lab.core.probability import binomial_cdf, f_cdf, f_isf, f_sf, normal_ppf
 from lab.core.se3 import Array
 from lab.core.significance import LACK_OF_FIT, UNSOLICITED_WARNING, VERDICT_LACK_OF_FIT
 from lab.kinematics.model import Model
+from lab.noise.error_model import ErrorModel
+from lab.noise.instruments import is_isotropic
 
 __all__ = [
-    "Sandwich",
+    "adequacy_of",
     "goodness_beside_shared_errors",
     "goodness_of_fit",
     "is_doubted",
@@ -34,10 +41,12 @@ __all__ = [
     "repeats",
     "sandwich",
     "upper_tolerance_bound",
+    "with_intervals_of_poses",
+    "with_own_intervals",
 ]
 
-_MIN_INDEPENDENT = 1e-3  # of a column that the model does not say already
-_TOO_SMALL = 1 - 1e-4  # a p-value that says that the given noise is too large
+_MIN_INDEPENDENT = 1e-3  # of a column that the model does not explain
+_TOO_SMALL = 1 - 1e-4  # a p-value above: the given noise is too large
 _MOST_POSES = 8_000  # by which residuals are held against the joints
 
 
@@ -67,11 +76,8 @@ def goodness_of_fit(
     It tests the model, with the residuals that least squares leaves, also where the estimate is another.
 
     Args:
-        observed: what was fitted, weighted as it was.
         sigma_given: whether its weights stand on a known sigma.
-        shape: of the noise.
         labels: ``(n,)`` one a configuration; rows that share one are repeats.
-        held_out: poses that were not fitted.
         extra_residuals: what else was known of the parameters when they were fitted.
     """
     linear = linearized(model, observed, fit.least_squares, fit.free, extra_residuals)
@@ -124,7 +130,7 @@ def _by_repeats(linear: LinearizedFit, labels: NDArray[np.int_]) -> Check | None
     """F of lack of fit against pure error: scatter between configurations and within their repeats; None without.
 
     Residuals are compared, not points, so that readings that differ a little do not count (Draper & Smith 1998,
-    section 2.1). Repeats tell of the noise of one setup alone.
+    section 2.1). Repeats show the noise of one setup alone.
 
     Args:
         labels: ``(n,)`` one a configuration (and session).
@@ -150,7 +156,6 @@ def _by_repeats(linear: LinearizedFit, labels: NDArray[np.int_]) -> Check | None
 
 
 def _lack_of_fit(name: str, statistic: float, p: float, dof: tuple[int, int]) -> Check:
-    """Return an F test at the level of a warning, with its degrees of freedom."""
     return Check(name, "failed" if p < LACK_OF_FIT else "passed", statistic, p, LACK_OF_FIT, {"dof": dof})
 
 
@@ -192,13 +197,12 @@ def _by_holdout(linear: LinearizedFit, held_out: LinearizedFit) -> Check | None:
 
 
 def _by_joints(model: Model, observed: Observations, fit: Fit, extra_residuals: ExtraResiduals | None) -> Check | None:
-    """Test whether a fit's residuals vary with the joints; of very many poses, a subset, evenly spaced."""
     some = evenly(len(observed.inputs), _MOST_POSES)
-    looked_at = observed if some is None else observed.take(some)
-    linear = linearized(model, looked_at, fit.least_squares, fit.free, extra_residuals)
-    count = looked_at.inputs.shape[1] - len(model.conditions)
-    slopes = by_joint_positions(model, looked_at.inputs, fit.least_squares, count)
-    return _varying(linear, linear.rows_of(looked_at, slopes), looked_at.inputs[:, :count])
+    some_poses = observed if some is None else observed.take(some)
+    linear = linearized(model, some_poses, fit.least_squares, fit.free, extra_residuals)
+    count = some_poses.inputs.shape[1] - len(model.conditions)
+    slopes = by_joint_positions(model, some_poses.inputs, fit.least_squares, count)
+    return _varying(linear, linear.rows_of(some_poses, slopes), some_poses.inputs[:, :count])
 
 
 def _varying(linear: LinearizedFit, slopes: Array, joints: Array) -> Check | None:
@@ -263,7 +267,7 @@ def isotropy(model: Model, observed: Observations, fit: Fit) -> Check:
 
 
 @dataclass(frozen=True)
-class Sandwich:
+class _Sandwich:
     """Return a covariance that is robust against wrong weights.
 
     Attributes:
@@ -275,7 +279,7 @@ class Sandwich:
     dof: Array
 
 
-def sandwich(linear: LinearizedFit) -> Sandwich:
+def sandwich(linear: LinearizedFit) -> _Sandwich:
     """Covariance from each pose's own residuals, whatever their distribution is (CR2).
 
     V = C (sum J_i' A_i r_i r_i' A_i J_i) C, A_i = (I - H_ii)^-1/2, unbiased where the weights are right after all;
@@ -290,28 +294,30 @@ def sandwich(linear: LinearizedFit) -> Sandwich:
         scores = np.einsum("nmf,nm->nf", bent, linear.residual[part])
         meat += scores.T @ scores
         for j, row in enumerate(within.back):
-            pulls = bent @ row  # (n, m) u_i, of which tr and tr of the square of diag(u_i'u_i) - S S' are asked for
+            pulls = bent @ row  # (n, m) u_i, of which tr and tr of the square of diag(u_i'u_i) - S S' are needed
             own, shared = (pulls**2).sum(axis=1), np.einsum("nmf,nm->nf", basis, pulls)
             inner[j] += shared.T @ shared
             cross[j] += own @ (shared**2).sum(axis=1)
             sums[:, j] += own.sum(), (own**2).sum()
     means = sums[0] - np.trace(inner, axis1=1, axis2=2)
     squares = sums[1] - 2 * cross + (inner**2).sum(axis=(1, 2))
-    return Sandwich(within.back @ meat @ within.back.T, matched_dof(means, 2 * squares))
+    return _Sandwich(within.back @ meat @ within.back.T, matched_dof(means, 2 * squares))
 
 
 def repeats(rows: Measurements) -> NDArray[np.int_]:
-    """``(n,)`` labels: rows that share one are repeats of the same, whose scatter is noise alone.
+    """Label repeats ``(n,)``: rows of one label differ by noise alone.
 
     They agree in joints, payload, approach, session, station and place; the time is passed over, or nothing would
     repeat.
     """
-    told = [column for name, column in rows.conditions.items() if name.startswith(("payload_", "approach_", FIXTURE))]
+    further = [
+        column for name, column in rows.conditions.items() if name.startswith(("payload_", "approach_", FIXTURE))
+    ]
     columns = [rows.sessions, *(rows.other.get(name, rows.sessions) for name in ("station", "location", "socket"))]
     texts = list(zip(*columns, strict=True))
     kinds = {text: float(i) for i, text in enumerate(dict.fromkeys(texts))}
     group = np.array([kinds[text] for text in texts])
-    return configurations(np.column_stack([rows.joints, *(np.nan_to_num(column) for column in told), group]))
+    return configurations(np.column_stack([rows.joints, *(np.nan_to_num(column) for column in further), group]))
 
 
 _SHARE = _CONFIDENCE = 0.95
@@ -319,7 +325,7 @@ _FEWEST = 3
 
 
 def upper_tolerance_bound(lengths: Array) -> float:
-    """The 95 %/95 % upper tolerance bound of independent lengths ``(n,)``; infinite where there are fewer than three.
+    """Return the 95 %/95 % upper tolerance bound of lengths ``(n,)``; infinite of fewer than three.
 
     From 59 lengths on it is the smallest of them that serves, whatever their distribution is (Wilks 1941). Of fewer,
     the cube root of their squares is taken for normal (Wilson & Hilferty 1931), with the factor of a normal sample
@@ -335,3 +341,149 @@ def upper_tolerance_bound(lengths: Array) -> float:
     roots = np.cbrt(lengths**2)
     factor = scipy.stats.nct.ppf(_CONFIDENCE, count - 1, normal_ppf(_SHARE) * np.sqrt(count)) / np.sqrt(count)
     return float((roots.mean() + factor * roots.std(ddof=1)) ** 1.5)
+
+
+def _beside_shared_errors(
+    found: Identification,
+    observations: Observations,
+    rows: Measurements,
+    shared: ErrorModel,
+    instrument: tuple[Observations, NoiseDistribution] | None = None,
+) -> Check:
+    """Test whether residuals vary with the joints, beside errors that are independent between poses.
+
+    Where the instrument's noise was given, residuals above it are lack of fit, even where shared errors would explain
+    them: without repeats nothing shows that these are not what the model lacks.
+
+    Args:
+        instrument: the observations weighted by the instrument alone, and the shape of its noise; None where sigma was
+            estimated.
+    """
+    linear = linearized(found.model, observations, found.values, found.fit.free, found.extra_residuals)
+    slopes = by_joint_positions(found.model, observations.inputs, found.values, rows.joints.shape[1])
+    judged = goodness_beside_shared_errors(linear, linear.rows_of(observations, slopes), rows.joints)
+    judged = replace(judged, data={**judged.data, "shared": shared})
+    if judged.outcome == "failed" or instrument is None:
+        return judged
+    extra = found.extra_residuals
+    alone = goodness_of_fit(
+        found.model, instrument[0], found.fit, sigma_given=True, shape=instrument[1], extra_residuals=extra
+    )
+    if alone.outcome != "failed":
+        return judged
+    return replace(alone, data={**alone.data, "shared": shared})
+
+
+def _by_distances(found: Identification, observations: Observations, rows: Measurements) -> Check | None:
+    """Test residuals against the instrument's noise, estimated from a tool's rigid distances.
+
+    None where there are none, or where the noise is not the same in all directions: then distances, which lie across
+    the line of sight as often as not, do not determine it.
+    """
+    if found.sigma_given or not only_positions(observation_of(found.model)):
+        return None
+    instrument = instrument_noise(rows.points)
+    if instrument is None or not instrument.is_rigid or instrument.sigma_m < LEAST_SIGMA_M:
+        return None
+    if _is_of_the_instrument(found, observations):
+        return None
+    return goodness_by_distances(found.residual_sigma_m**2 * found.dof, found.dof, instrument)
+
+
+def with_own_intervals(
+    found: Identification, observations: Observations, noise: Noise, *, searched: bool, plausible: bool
+) -> tuple[Identification, list[Check]]:
+    """Return the identification with the poses' own intervals, and the test of that, where directions are uneven.
+
+    It is the instrument's only where targets of one pose show it against each other, which the arm moves as one; else
+    the arm may be the cause, and the intervals are those of whole poses (cluster-robust).
+
+    Args:
+        plausible: whether the weights stand on a known sigma or on a prior.
+    """
+    device = noise.instrument
+    if (device is not None and not is_isotropic(device)) or found.sigma_m < LEAST_SIGMA_M:
+        return found, []
+    seen = isotropy(found.model, observations, found.fit)
+    if seen.outcome != "failed":
+        return found, []
+    clustered = not plausible and len(np.unique(_clusters(found, observations))) > len(found.fit.free)
+    of_instrument = _is_of_the_instrument(found, observations)
+    data = {"of_instrument": of_instrument, "clustered": clustered, "searched": searched}
+    check = Check("intervals.uneven", "failed", seen.statistic, seen.p, UNSOLICITED_WARNING, data)
+    return _of_whole_poses(found, observations) if clustered else found, [check]
+
+
+def with_intervals_of_poses(
+    found: Identification, observations: Observations, *, searched: bool
+) -> tuple[Identification, list[Check]]:
+    """Return the identification with cluster-robust intervals, and why, where what poses share is undecided."""
+    if len(np.unique(_clusters(found, observations))) <= len(found.fit.free):
+        return found, []
+    return _of_whole_poses(found, observations), [Check("intervals.undecided", "failed", data={"searched": searched})]
+
+
+def _of_whole_poses(found: Identification, observations: Observations) -> Identification:
+    """Return the identification with the covariance of each configuration's own residuals: repeats are one cluster."""
+    linear = linearized(found.model, observations, found.values, found.fit.free)
+    own = sandwich(linear.by_cluster(_clusters(found, observations)))
+    return replace(found, covariance=own.covariance, dof_each=own.dof)
+
+
+def _clusters(found: Identification, observations: Observations) -> NDArray[np.int_]:
+    joints = observations.inputs.shape[1] - len(found.model.conditions)
+    return configurations(observations.inputs[:, :joints])
+
+
+def _is_of_the_instrument(found: Identification, observations: Observations) -> bool:
+    """Test whether residuals of targets about their pose's mean differ across and along the line of sight."""
+    mask = seen_mask(observations.points)
+    several = mask.sum(axis=1) > 1
+    if not several.any():
+        return False
+    residuals = np.where(
+        mask[..., None], observations.points - found.model.points(observations.inputs, found.values), 0
+    )
+    middle = residuals.sum(axis=1, keepdims=True) / np.maximum(mask.sum(axis=1), 1)[:, None, None]
+    apart = np.where(mask[..., None], residuals - middle, 0.0)[several]
+    points = np.nan_to_num(observations.points[several])
+    sight = points / np.maximum(np.linalg.norm(points, axis=2, keepdims=True), 1e-300)
+    along = (apart * sight).sum(axis=2)
+    across = float((apart**2).sum() - (along**2).sum()) / 2
+    numbers = float(mask[several].sum() - several.sum())
+    ratio = across / max(float((along**2).sum()), 1e-300)
+    level = UNSOLICITED_WARNING / 2
+    uneven = max(f_isf(level, 2 * numbers, numbers), f_isf(level, numbers, 2 * numbers))
+    return max(ratio, 1 / max(ratio, 1e-300)) > float(uneven)
+
+
+def adequacy_of(
+    found: Identification, rows: Measurements, held_out: Measurements | None, noise: Noise, shape: NoiseDistribution
+) -> Check:
+    """Test whether a model fits its rows, by the best test that the data allow.
+
+    Args:
+        held_out: poses that were not fitted; None, or without rows, where there are none to test by.
+    """
+    observation = observation_of(found.model)
+    observations, sigma_given = weigh(observation, rows, noise)
+    shared = noise.shared if noise.shared is None or not noise.shared.is_given else None
+    labels = repeats(rows) if shared is not None or not sigma_given else None
+    unrepeated = labels is not None and len(np.unique(labels)) == len(labels)
+    if shared is not None and unrepeated:
+        alone = weigh(observation, rows, replace(noise, shared=None))[0]
+        instrument = (alone, shape) if sigma_given else None
+        return _beside_shared_errors(found, observations, rows, shared, instrument)
+    if unrepeated and (judged := _by_distances(found, observations, rows)) is not None:
+        return judged
+    judging = held_out if held_out is not None and len(held_out) and observation.positions else None
+    return goodness_of_fit(
+        found.model,
+        observations,
+        found.fit,
+        sigma_given=sigma_given and shared is None,
+        shape=shape,
+        labels=labels,
+        held_out=None if judging is None else weigh(observation, judging, noise)[0],
+        extra_residuals=found.extra_residuals,
+    )

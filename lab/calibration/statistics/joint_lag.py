@@ -30,7 +30,6 @@ class Lag:
     """A session whose joint values do not follow the arm.
 
     Attributes:
-        session: its name.
         p: the chance, over all sessions, that noise follows the moves as well.
         fractions: ``(joints,)`` of the last move that the joint positions still lack; negative where the arm lacks it.
         significant: ``(joints,)``, whether a joint's own fraction is more than noise would make it.
@@ -48,7 +47,7 @@ class Lag:
 
 
 def moves_before(data: Measurements, ids: Sequence[str]) -> Array:
-    """``(n, joints)`` how far the joints moved from the pose before in its session and from its station; zeros first.
+    """Return the joints' moves ``(n, joints)`` from the pose before in its session and station; zeros first.
 
     Args:
         data: all that was measured, in its order.
@@ -74,7 +73,7 @@ def lagging(
     sessions: Sequence[str],
     omitted: Callable[[], Sequence[Array]] = tuple,
 ) -> tuple[Lag, ...]:
-    """The sessions where several joints lag.
+    """Return the sessions where several joints lag.
 
     Residuals are regressed on J_q (joint position - the one before), after what the fit takes up of it (Frisch & Waugh
     1933): F for all joints together, Student's t for each, both with sigma from what is then left. Residuals of an
@@ -132,21 +131,20 @@ def _beside_rivals(basis: Array, residual: Array, columns: Array, rivals: Sequen
 
 
 def _beyond(basis: Array, columns: Array) -> Array:
-    """An orthonormal basis of what columns have beyond another one's."""
     left = columns - basis @ (basis.T @ columns)
-    told = np.linalg.norm(left, axis=0) > FULL_RANK * np.linalg.norm(columns, axis=0)
-    own = LinearModel.of(left[:, told], FULL_RANK).basis
+    own_columns = np.linalg.norm(left, axis=0) > FULL_RANK * np.linalg.norm(columns, axis=0)
+    own = LinearModel.of(left[:, own_columns], FULL_RANK).basis
     return np.linalg.qr(own - basis @ (basis.T @ own))[0]
 
 
 def _bic(left: Array, own: Array) -> float:
-    """Bayes' information criterion of residuals ``(r,)`` with more orthonormal columns, but for a constant."""
+    """Return the BIC of residuals ``(r,)`` with more orthonormal columns, but for a constant."""
     squares = float(left @ left - ((own.T @ left) ** 2).sum())
     return float(len(left) * np.log(max(squares, 1e-300)) + own.shape[1] * np.log(len(left)))
 
 
 def _regressed(name: str, basis: Array, residual: Array, columns: Array, sessions: int) -> Lag:
-    """Regression of residuals ``(r,)`` on ``columns`` ``(r, joints)`` beside the orthonormal basis of the fit."""
+    """Regress residuals ``(r,)`` on ``columns`` ``(r, joints)`` beside the orthonormal basis of the fit."""
     joints = columns.shape[1]
     left = columns - basis @ (basis.T @ columns)
     before, scale = (np.linalg.norm(part, axis=0) for part in (columns, left))

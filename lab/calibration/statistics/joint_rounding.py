@@ -9,7 +9,7 @@ from lab.core.se3 import Array
 from lab.kinematics.joints import Encoders
 from lab.kinematics.model import Model
 
-__all__ = ["Rounding", "by_joint_positions", "counting", "rounding"]
+__all__ = ["by_joint_positions", "counting", "rounding"]
 
 _STEP = 1e-6  # rad or m, of central differences: exact to about 1e-10 of a lever
 _STEPS_DEG = (1.0, 0.5, 0.1, 0.05, 0.01, 0.005, 0.001)  # that displays and files round to, coarse ones first
@@ -18,21 +18,20 @@ _LEAST_DIFFERENT = 3  # positions of a joint: fewer may be round by choice
 
 
 @dataclass(frozen=True)
-class Rounding:
+class _Rounding:
     """Readings rounded to ``step_rad``, and the root mean square ``rms_m`` that this makes of an observation."""
 
     step_rad: float
     rms_m: float
 
 
-def rounding(model: Model, data: Measurements, values: Array, things: int | None = None) -> Rounding | None:
+def rounding(model: Model, data: Measurements, values: Array, things: int | None = None) -> _Rounding | None:
     """Return the effect of rounded joint positions; None where they do not look rounded.
 
     An error within half a step is uniform, of variance step^2 / 12 for each joint on its own; through the
     derivatives by the joint positions it is the observation's: rms^2 = mean over rows of step^2 / 12 tr(J J').
 
     Args:
-        data: with what the model observes.
         things: how many of the observed things, from the first, are lengths; all where None.
     """
     turning = [j for j in range(data.joints.shape[1]) if len(np.unique(data.joints[:, j])) >= _LEAST_DIFFERENT]
@@ -42,11 +41,10 @@ def rounding(model: Model, data: Measurements, values: Array, things: int | None
     slope = by_joint_positions(model, data.inputs(model.conditions), values, data.joints.shape[1])[:, :things]
     squares = (slope[..., turning] ** 2).sum(axis=(2, 3))
     visible = seen_mask(data.points[:, :things])
-    return Rounding(step, float(step * np.sqrt(squares[visible].mean() / 12)))
+    return _Rounding(step, float(step * np.sqrt(squares[visible].mean() / 12)))
 
 
 def _step_of(joints: Array) -> float | None:
-    """The coarsest step (rad) of which all joint positions ``(n, j)`` are multiples."""
     if not joints.size:
         return None
     for degrees in _STEPS_DEG:
@@ -57,7 +55,7 @@ def _step_of(joints: Array) -> float | None:
 
 
 def counting(model: Model, data: Measurements, values: Array, encoders: Encoders, things: int | None = None) -> float:
-    """The root mean square (m) that whole counts of known encoders alone make of an observation.
+    """Return the root mean square (m) that whole counts of known encoders alone make of an observation.
 
     Args:
         things: how many of the observed things, from the first, are lengths; all where None.

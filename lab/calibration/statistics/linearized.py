@@ -1,14 +1,12 @@
-"""A fit's linear problem pose by pose, and what noise alone makes of the poses' residuals.
+"""Linearize a fit pose by pose, for all tests of residuals: outliers, goodness of fit, lagging joints.
 
-Every test of residuals stands on it: outliers, goodness of fit, lagging joints. Near the solution the whitened
-residual of all poses is r = (I - Q Q') e, whatever the parameters are (Cook & Weisberg 1982, section 2.1).
+Near the solution the whitened residual of all poses is r = (I - Q Q') e, whatever the parameters are (Cook & Weisberg
+1982, section 2.1).
 
-Whitened rows of a linear problem, in clusters whose errors may be correlated, and a test that allows for it.
-
-An error of the joints moves all targets of a pose together, what a model lacks repeats at each visit of a pose, and
-poses far from the base are moved more than others. So a cluster is a configuration of the arm, however often it is
-measured. The covariance of what columns add to a fit comes from the jackknife over clusters, which assumes neither
-independent rows nor equal variances (Bell & McCaffrey 2002, CR3).
+Rows of one configuration may have correlated errors: an error of the joints moves all targets of a pose together, and
+model discrepancy repeats at each visit. So a cluster is a configuration, however often it is measured. The covariance
+of what columns add to a fit comes from the jackknife over clusters, which assumes neither independent rows nor equal
+variances (Bell & McCaffrey 2002, CR3).
 """
 
 from collections.abc import Iterator, Sequence
@@ -106,18 +104,18 @@ class LinearizedFit:
         return self.within(np.ones(len(self.mask), dtype=bool))
 
     def blocks(self) -> Iterator[slice]:
-        """The blocks of poses in parts of a bounded size."""
+        """Yield the blocks of poses in parts of a bounded size."""
         size = max(_BLOCK // max(self.jacobian[0].size, 1), 1)
         return (slice(first, first + size) for first in range(0, len(self.mask), size))
 
     def basis(self, directions: Array) -> Iterator[tuple[slice, Array]]:
-        """``(n, m, rank)`` the rows in other directions ``(f, rank)``, in parts: in one product, not one a pose."""
+        """Yield the rows in other directions ``(f, rank)``, ``(n, m, rank)``, in parts."""
         for part in self.blocks():
             rows = self.jacobian[part]
             yield part, (rows.reshape(-1, len(directions)) @ directions).reshape(*rows.shape[:2], -1)
 
     def rows_of(self, observed: Observations, vectors: Array) -> Array:
-        """``(poses, m, c)`` vectors ``(n, k, d, c)`` at the poses, whitened as these residuals; zero where not seen."""
+        """Whiten vectors ``(n, k, d, c)`` at the poses to ``(poses, m, c)``; zero where not seen."""
         rows = np.zeros((self.poses, self.mask.shape[1], vectors.shape[3]))
         _fill(rows, self.mask[: self.poses], observed.apply(vectors))
         return rows
@@ -186,12 +184,10 @@ class SubsetFit:
     """Least squares on some poses, with every pose judged by the others of them.
 
     Attributes:
-        linear: the problem of all poses.
         directions: ``(f, rank)`` from its columns to an orthonormal basis Q of the rows inside.
         root: ``(n, m, m)`` whitens a pose's residual: (I - H_ii)^-1/2 inside, (I + H_ii)^-1/2 outside.
         count: ``(n,)`` numbers of a pose that the other poses predict.
-        dof: residual degrees of freedom inside.
-        full_rank: whether the poses inside tell all parameters apart.
+        full_rank: whether the poses inside identify all parameters.
     """
 
     linear: LinearizedFit
@@ -208,11 +204,11 @@ class SubsetFit:
         return self.directions / self.linear.scale[:, None]
 
     def basis(self) -> Iterator[tuple[slice, Array]]:
-        """``(n, m, rank)`` Q in parts: H_ij = Q_i Q_j' maps pose j's errors to pose i's prediction."""
+        """Yield Q ``(n, m, rank)`` in parts: H_ij = Q_i Q_j' maps pose j's errors to pose i's prediction."""
         return self.linear.basis(self.directions)
 
     def left(self) -> Array:
-        """``(n, m)`` the share of each number's variance that the fit leaves to its residual, where it was fitted."""
+        """Return the share ``(n, m)`` of each fitted number's variance that remains in its residual."""
         left = np.empty(self.linear.mask.shape)
         for part, basis in self.basis():
             left[part] = 1 - (basis**2).sum(axis=2)
@@ -265,7 +261,7 @@ class SubsetFit:
 
 
 def _root_near_one(small: Array) -> Array:
-    """``(1 + A)^-1/2`` of matrices ``(n, m, m)`` of norms below a thousandth, by the binomial series."""
+    """Return ``(1 + A)^-1/2`` of matrices ``(n, m, m)`` of norms below a thousandth, by the binomial series."""
     one = np.eye(small.shape[1])
     total = one - 7 / 8 * small
     for factor in (5 / 6, 3 / 4, 1 / 2):
@@ -280,7 +276,7 @@ def linearized(
     free: Sequence[int],
     extra_residuals: ExtraResiduals | None = None,
 ) -> LinearizedFit:
-    """The linear problem of ``observed`` at ``values`` ``(p,)`` in the parameters ``free``.
+    """Return the linear problem of ``observed`` at ``values`` ``(p,)`` in the parameters ``free``.
 
     Args:
         extra_residuals: what else is known of the parameters; its rows stay whichever poses are looked at.
@@ -318,7 +314,7 @@ def _fill(target: Array, where: Mask, rows: Array) -> None:
 def smallest_p(
     within: SubsetFit, mask: Mask, shape: NoiseDistribution, sigma_given: bool, draws: int, rng: np.random.Generator
 ) -> Array:
-    """The smallest of all poses' p-values ``(draws,)``, ascending, where there is nothing but noise of this shape.
+    """Return the smallest of all poses' p-values ``(draws,)``, ascending, for noise alone of this shape.
 
     Of many poses the errors themselves are taken for the residuals, where the fit follows no pose.
     """
@@ -383,16 +379,11 @@ class ClusteredRows:
 
     @classmethod
     def of(cls, rows: Array, labels: NDArray[np.int_], numbers: int) -> "ClusteredRows":
-        """Build from rows, the first of which are of observed things of so many numbers each; each other row is alone.
-
-        Args:
-            labels: of the things, from 0 on.
-        """
+        """Build from rows: first those of observed things, with so many numbers each, then single ones."""
         order, starts = clusters_first(np.repeat(labels, numbers), len(rows))
         return cls(rows[order], starts, len(np.unique(labels)) < len(labels))
 
     def _basis(self, fitted: tuple[int, ...]) -> Array:
-        """Orthonormal columns for those that are fitted; the same are asked for again and again."""
         if fitted not in self._bases:
             self._bases.clear()
             self._bases[fitted] = np.linalg.qr(self.rows[:, list(fitted)])[0]
@@ -426,7 +417,6 @@ class _Jackknife:
     """Return how far leaving out each cluster moves coefficients.
 
     Attributes:
-        moves: ``(clusters, added)``.
         trace: what the sum of their squares is on average where errors are white, of variance one.
         dof: degrees of freedom of that sum.
     """
@@ -437,7 +427,7 @@ class _Jackknife:
 
 
 def _jackknife(whole: Array, added: int, errors: Array, starts: NDArray[np.int_]) -> _Jackknife | None:
-    """The jackknife of the last coefficients of a fit; None where one cluster alone determines any of them.
+    """Return the jackknife of the last coefficients of a fit; None where one cluster alone determines any of them.
 
     With H_i the part of a cluster's rows Z_i in the fit, Z_i Z_i', and U_i the columns that are added, the coefficients
     move by U_i' (1 - H_i)^-1 e_i, with e_i the cluster's residuals.
@@ -488,7 +478,7 @@ def _by_others(block: Array, wanted: Array) -> Array | None:
 
 
 def clusters_first(labels: NDArray[np.int_], count: int) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
-    """An order ``(count,)`` of rows in which those of one label follow each other, and where each label begins.
+    """Return an order ``(count,)`` of rows in which those of one label follow each other, and where each label begins.
 
     Args:
         labels: from 0 on, of the first rows; each of the others is alone.

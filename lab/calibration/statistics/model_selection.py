@@ -8,6 +8,9 @@ everything. Where the configurations are too few for a test by them, the held-ou
 
 Groups of single joints, of which there are hundreds, are searched beside these, with one level for all of them
 (``candidate_models``).
+
+Last, a chosen group that bears loads is replaced by another one, and the arm identified anew. If that fits as well, by
+the likelihood alone, it is an alternative, and the pose at which the two arms differ most would separate them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,7 +21,6 @@ import numpy as np
 
 from lab.calibration.identify import Identification, IdentifyOptions
 from lab.calibration.observation import observation_of
-from lab.calibration.statistics.alternatives import Alternative, alternatives
 from lab.calibration.statistics.candidate_models import (
     LEAST_SIGMA_M,
     TELLING,
@@ -39,9 +41,11 @@ from lab.calibration.weights import Noise, weigh
 from lab.core.errors import IncompleteColumnError
 from lab.core.measurements import Measurements
 from lab.core.random import rng_for
+from lab.core.se3 import Array
 from lab.core.significance import MODEL_GROUPS, TERM_SEARCH
-from lab.kinematics.effects.effect import Effect
+from lab.kinematics.effects.effect import Effect, absent
 from lab.kinematics.effects.registry import CANDIDATES
+from lab.kinematics.effects.sessions import at_first_station
 
 __all__ = ["GroupTrial", "Selection", "follow", "objection", "select"]
 
@@ -49,7 +53,9 @@ _GEOMETRY = "geometric"
 _NOT_SIGNIFICANT = "not significant"
 _NO_TERMS: Mapping[str, Effect] = MappingProxyType({})
 _SEARCHES = 6  # of terms, each around what the one before found
-_BIC_FALL = 10.0  # what is very strong evidence (Kass & Raftery 1995, section 3.2)
+_STRONG_EVIDENCE = 10.0  # of BIC or twice the log likelihood: very strong (Kass & Raftery 1995, section 3.2)
+_LOADED_GROUPS = ("compliance", "bending", "torsion")
+_POSES = 400
 
 
 @dataclass(frozen=True)
@@ -58,13 +64,11 @@ class GroupTrial:
 
     Attributes:
         name: of the group; ``geometry`` for the arm without any.
-        parameters: number of parameters that it adds.
         holdout_m: mean length of the error at held-out poses with it and what was taken before it; NaN if not tried.
         f_p: the chance of as large a fall in squares if it were not there (``NestedModels.p_value``), no Bonferroni's
             factor in it; NaN if not tried.
         configurations: the test by configurations; None where each is one reading of one target, or not tried.
         gain: the fall of the error at held-out configurations; None if not tried.
-        bic: of that model; NaN if not tried.
         chosen: whether it is in the final model; the others are tried beside that.
         infeasibility_reason: why it is not; empty where it is.
         incomplete_data: whether that is because a column that it needs has gaps.
@@ -85,21 +89,43 @@ class GroupTrial:
 
 
 @dataclass(frozen=True)
+class _Alternative:
+    """Another explanation that fits as well.
+
+    Attributes:
+        fit_rise: by how much twice the negative log likelihood rises with the other one instead; negative where that
+            fits better.
+        inputs: ``(joints + conditions,)`` the pose, of random ones, at which the two arms differ most.
+    """
+
+    chosen: str
+    other: str
+    fit_rise: float
+    inputs: Array
+    differ_m: float
+    sigma_m: float
+
+    @property
+    def is_distinguishable(self) -> bool:
+        """Check whether a measurement at that pose would distinguish the two models."""
+        return self.differ_m > 3 * self.sigma_m
+
+
+@dataclass(frozen=True)
 class Selection:
     """The smallest adequate model.
 
     Attributes:
         chosen: its groups, in the order in which they were taken.
-        identification: of that model.
         groups: geometry alone, the chosen ones in their order, then the others.
-        alternatives: other explanations of what loads do, which these measurements cannot tell from the chosen ones.
+        alternatives: other effects of loads that are confounded with the chosen ones.
         searched: whether the groups were searched for, or were given.
     """
 
     chosen: tuple[str, ...]
     identification: Identification
     groups: tuple[GroupTrial, ...]
-    alternatives: tuple[Alternative, ...] = ()
+    alternatives: tuple[_Alternative, ...] = ()
     searched: bool = True
 
     @property
@@ -108,7 +134,7 @@ class Selection:
         return self.fixed_of(self.chosen)
 
     def fixed_of(self, groups: Sequence[str]) -> tuple[str, ...]:
-        """Those of some of the chosen groups alone."""
+        """Return the fixed parameters of some of the chosen groups."""
         return tuple(name for group in self.groups if group.name in groups for name in group.fixed)
 
 
@@ -132,11 +158,9 @@ def select(
 
     Args:
         model_with: the arm with groups of effects, by name; a LabError where a group cannot be built.
-        nominal: the nominal parameters of such a model.
         candidates: groups to try, those of ``kinematics.effects`` or the caller's own.
         terms: groups of single joints to search, by names that ``model_with`` knows.
         expected: those of them that the search begins with.
-        seed: of the folds, and of the search's level.
         enough: how many groups end the search, where they only have to show that the model lacks something; all that
             the measurements call for where None.
 
@@ -158,8 +182,8 @@ def select(
     rows = growth.rows | refused
     chosen = [replace(rows[name], chosen=True) for name in growth.taken]
     others = (rows[name] for name in candidates if name not in growth.taken)
-    held = [parameter for name in rows for parameter in rows[name].fixed]
-    same = () if enough else alternatives(task, growth.taken, growth.found, growth.candidates, held)
+    fixed = [parameter for name in rows for parameter in rows[name].fixed]
+    same = () if enough else _alternatives(task, growth.taken, growth.found, growth.candidates, fixed)
     return Selection(growth.taken, growth.found, (rows[_GEOMETRY], *chosen, *others), same)
 
 
@@ -205,7 +229,6 @@ class _Growth:
     Attributes:
         candidates: groups that can be tried.
         enough: how many groups end the growth; None where nothing does.
-        found: the arm with the groups that are taken.
         rows: of the table, by group.
         stuck: groups that the fit does not converge with.
     """
@@ -227,7 +250,6 @@ class _Growth:
         self.found = self.alone
 
     def grow(self) -> None:
-        """Add one candidate after another, and drop those that become superfluous."""
         large = self.large()
         table = self.around(large)
         self.rows.setdefault(_GEOMETRY, _geometry(table.score(large.fitted(self.found))))
@@ -247,13 +269,12 @@ class _Growth:
 
     @property
     def has_enough(self) -> bool:
-        """True where as many groups were taken as are wanted."""
         return self.enough is not None and len(self.taken) >= self.enough
 
     def moved_to(self, groups: tuple[str, ...]) -> bool:
         """Identify with these groups, if the fit converges; else the last one is stuck."""
-        held = [parameter for name in groups for parameter in self.rows[name].fixed]
-        tried = self.task.identified(groups, held, self.found)
+        fixed = [parameter for name in groups for parameter in self.rows[name].fixed]
+        tried = self.task.identified(groups, fixed, self.found)
         if tried.status != "converged" and len(groups) > len(self.taken):
             self.stuck[groups[-1]] = _refused(groups[-1], "Gauss-Newton does not converge with it")
             return False
@@ -261,13 +282,11 @@ class _Growth:
         return True
 
     def around(self, large: FullModel) -> NestedModels:
-        """Return all models nested in a large one, near the current one; cached until that changes."""
         if self._around is None or self._around[0] is not large or self._around[1] is not self.found:
             self._around = large, self.found, large.around(self.found)
         return self._around[2]
 
     def large(self) -> FullModel:
-        """The model with all candidates that go together with what is taken; kept until that changes."""
         if self._large is None or self._large[0] != self.taken:
             self._large = self.taken, self._made_large()
         return self._large[1]
@@ -291,11 +310,10 @@ class _Growth:
         if expected:
             self._search_some(table, expected, TERM_SEARCH / 2)
         self._search_some(table, None, TERM_SEARCH / 2 if expected else TERM_SEARCH)
-        self._hold_what_became_useless()
+        self._fix_superfluous()
         self._judge_terms(set(terms))
 
     def _search_some(self, table: TermTable, only: Sequence[str] | None, level: float) -> None:
-        """Add what the residuals show of some groups of single joints, or of all."""
         for _ in range(0 if self.has_enough else _SEARCHES):
             new = self._found_terms(table, only, level)
             self.rows |= {term.name: GroupTrial(term.name, 0, np.nan, term.p, np.nan, True) for term in new}
@@ -305,22 +323,21 @@ class _Growth:
                 break
             self.grow()
 
-    def _hold_what_became_useless(self) -> None:
+    def _fix_superfluous(self) -> None:
         """Hold, the worst first, parameters that were well determined when taken and no longer are."""
         while True:
             large = self.large()
             if (worst := large.most_uncertain(self.around(large), self.found)) is None:
                 return
             owner = next(name for name in self.taken if worst in large.groups[name])
-            held = (*self.rows[owner].fixed, large.observation.model.names[worst])
-            self.rows[owner] = replace(self.rows[owner], fixed=held)
-            empty = len(held) == len(self.task.parameters(owner))
+            fixed = (*self.rows[owner].fixed, large.observation.model.names[worst])
+            self.rows[owner] = replace(self.rows[owner], fixed=fixed)
+            empty = len(fixed) == len(self.task.parameters(owner))
             groups = tuple(name for name in self.taken if not (empty and name == owner))
             if not self.moved_to(groups):
                 return
 
     def _found_terms(self, table: TermTable, only: Sequence[str] | None, level: float) -> tuple[FoundTerm, ...]:
-        """Search for terms beside the identified arm."""
         if self._search is None or self._search[0] is not self.found:
             self._search = self.found, self._search_at(table)
         room = self.large().least_rows / ROWS_PER_PARAMETER - len(self.found.fit.free)
@@ -368,7 +385,7 @@ def _next(
     trials: Sequence[GroupTrial],
     small: Score,
 ) -> tuple[str, ...]:
-    """The groups taken, less one that is superfluous now, or with the best of those worth it; else the same."""
+    """Drop a superfluous group, or add the best of those worth it; else return the groups as they are."""
     fitted = large.fitted(found)
     bic = table.bic_without(fitted, [large.groups[name] for name in taken])
     if taken and bic.min() < small.bic:
@@ -388,7 +405,7 @@ def _trial(large: FullModel, table: NestedModels, found: Identification, name: s
     big = table.score([*fitted, *shown])
     p, gain, clustered = table.p_value(small, big), table.gain(small, big), table.test_by_configurations(fitted, shown)
     why = objection(small, big, gain, p * len(large.groups)) or _by_configurations(clustered, gain, len(large.groups))
-    held = tuple(large.observation.model.names[i] for i in new if i not in shown)
+    fixed = tuple(large.observation.model.names[i] for i in new if i not in shown)
     return GroupTrial(
         name,
         len(shown),
@@ -397,7 +414,7 @@ def _trial(large: FullModel, table: NestedModels, found: Identification, name: s
         big.bic,
         False,
         why,
-        held,
+        fixed,
         configurations=clustered,
         gain=gain,
     )
@@ -407,7 +424,7 @@ def objection(small: Score, big: Score, gain: HeldOutGain, p: float) -> str:
     """Return the objection to an extension, with ``p`` of the tests of all groups together; empty if none."""
     if p >= MODEL_GROUPS:
         return _NOT_SIGNIFICANT
-    if big.bic > small.bic - _BIC_FALL:
+    if big.bic > small.bic - _STRONG_EVIDENCE:
         return "BIC does not fall enough" if big.bic < small.bic else "BIC rises"
     return "" if gain.mean_m > gain.std_m else "the held-out error does not fall"
 
@@ -427,10 +444,44 @@ def _by_configurations(test: ClusterTest | None, gain: HeldOutGain, groups: int)
 
 
 def _geometry(score: Score) -> GroupTrial:
-    """The first row: no group."""
     return GroupTrial(_GEOMETRY, score.parameters, float(score.errors.mean()), np.nan, score.bic, True)
 
 
 def _refused(name: str, why: str) -> GroupTrial:
-    """A group that was not tried."""
     return GroupTrial(name, 0, np.nan, np.nan, np.nan, False, why)
+
+
+def _alternatives(
+    task: SelectionTask, taken: Sequence[str], found: Identification, candidates: Sequence[str], fixed: Sequence[str]
+) -> tuple[_Alternative, ...]:
+    """Return, for each chosen group that bears loads, the others that fit as well in its place."""
+    messages = []
+    for chosen in (name for name in taken if name in _LOADED_GROUPS):
+        for other in (name for name in _LOADED_GROUPS if name in candidates and name not in taken):
+            groups = [other if name == chosen else name for name in taken]
+            known = set(task.parameters(other)) | set(found.model.names)
+            swapped = task.identified(groups, [name for name in fixed if name in known - task.parameters(chosen)])
+            rise = _misfit(swapped) - _misfit(found)
+            if swapped.status == "converged" and rise < _STRONG_EVIDENCE:
+                messages.append(_compared(chosen, other, rise, found, swapped))
+    return tuple(messages)
+
+
+def _misfit(found: Identification) -> float:
+    """Return twice the negative log likelihood, but for the terms common to all models of the same measurements."""
+    squares, rows = 2 * found.fit.cost_trace[-1], found.dof + len(found.fit.free)
+    return float(squares if found.sigma_given else rows * np.log(max(squares, 1e-300)))
+
+
+def _compared(chosen: str, other: str, rise: float, found: Identification, swapped: Identification) -> _Alternative:
+    model = found.model
+    inputs = at_first_station(model.conditions, model.structure_joints(_POSES, rng_for(0, "structure")))
+    size = inputs.shape[1] - len(found.model.conditions)
+    column = {name: inputs[:, size + i] for i, name in enumerate(found.model.conditions)}
+    others = [column.get(name, absent(name, _POSES)) for name in swapped.model.conditions]
+    there = np.column_stack([inputs[:, :size], *others])
+    apart = np.linalg.norm(
+        found.model.points(inputs, found.values) - swapped.model.points(there, swapped.values), axis=2
+    )
+    worst = int(apart.max(axis=1).argmax())
+    return _Alternative(chosen, other, float(rise), inputs[worst], float(apart[worst].max()), found.sigma_m)

@@ -1,8 +1,8 @@
-"""Poses that are off by more than noise explains: found by a robust start, named by a test with a level.
+"""Find outlying poses: a robust start, then a test with a level.
 
-Redescending weights find a clean majority whatever a few poses say. From there on it is least squares and a
-test: every pose is judged as a prediction by the others that are believed, and comes back unless it fails. The
-level is that of a whole campaign: the chance that anything is named where there is nothing but noise.
+Redescending weights find a clean majority whatever a few poses are. From there on it is least squares and a test:
+every pose is compared with its prediction by the accepted others, and is accepted unless it fails. The level is that of
+a whole campaign: the chance that any outlier is reported where there is noise alone.
 """
 
 from collections.abc import Sequence
@@ -50,8 +50,8 @@ class Outliers:
         weights: ``(n,)`` Tukey's, where the search started; 1 is a pose like the others, 0 one far out.
         sigma_given: whether the given sigma was the test's measure. It is not where most residuals are beyond it.
         level: the chance that a campaign of noise alone has an outlier.
-        needed: rows that fail the test, but without which the others do not identify the parameters. They are fitted,
-            and the search ended there: the others cannot be judged beside them.
+        needed: rows that fail the test, but without which the others do not identify the parameters: they are fitted,
+            and end the search.
     """
 
     rows: NDArray[np.int_]
@@ -80,12 +80,9 @@ def find_outliers(
     """Find the poses that are off, and fit the others.
 
     Args:
-        free: the parameters to fit.
         start: ``(p,)``, links near the nominal ones, base and targets located.
         sigma_given: whether the weights of ``observed`` stand on a known sigma.
         rng: for the distribution of the largest residual where noise is not Gaussian.
-        shape: of the noise.
-        level: of a whole campaign.
         things: how many of the observed things, from the first, are lengths; all where None.
         extra_residuals: what else is known of the parameters, as for ``fit``.
     """
@@ -94,8 +91,8 @@ def find_outliers(
     )
     plausible = bool(sigma_given and scale <= _MISFIT)
     inside, linear = weights > 0, linearized(model, observed, values, free, extra_residuals)
-    told = plausible == sigma_given or shape.kind == "student"
-    test = _test(linear, shape if told else NoiseDistribution(), plausible, level, rng)
+    applies = plausible == sigma_given or shape.kind == "student"
+    test = _test(linear, shape if applies else NoiseDistribution(), plausible, level, rng)
     for _ in range(_ROUNDS):
         settled, needed = _settle(linear, inside, test)
         solution = fit(
@@ -141,7 +138,6 @@ def held_out_outliers(
         fitted: how many of them were.
         sigma_given: whether the weights are from a given sigma; where most residuals are beyond it, it is estimated.
         level, extra_residuals, things: as for ``find_outliers``.
-        tail_dof: of Student's t, where the noise has such tails.
     """
     linear = linearized(model, observed, solution.values, solution.free, extra_residuals)
     inside = np.ones(len(linear.mask), dtype=bool)
@@ -160,7 +156,7 @@ def held_out_outliers(
 
 
 def leave_out(observed: Observations, rows: NDArray[np.int_]) -> Observations:
-    """The observations without some rows."""
+    """Return the observations without some rows."""
     return observed.take(np.setdiff1d(np.arange(len(observed.inputs)), rows))
 
 
@@ -180,7 +176,6 @@ class _Test:
     Attributes:
         critical: a pose is an outlier where its own p-value is at most this.
         reference: ``(b,)`` smallest p-values of campaigns of nothing but noise; empty if Gaussian.
-        poses: number of tested poses.
         floor: least sigma, whitened.
     """
 
@@ -191,12 +186,11 @@ class _Test:
     floor: float
 
     def judge(self, within: SubsetFit, errors: Array) -> tuple[Array, Array]:
-        """The poses' own p-values and squared distances ``(n,)``."""
         distance, total = within.squares(within.residuals(errors))
         return within.p_values(distance, total, self.sigma_given, self.floor), distance
 
     def campaign(self, p: Array) -> Array:
-        """The p-values of a whole campaign: Bonferroni's, or the share of draws with as small a one."""
+        """Return p-values of a whole campaign: Bonferroni's, or the share of draws with as small a one."""
         if not len(self.reference):
             return np.minimum(1.0, p * self.poses)
         below = np.searchsorted(self.reference, p, side="right")
@@ -224,7 +218,9 @@ def _settle(linear: LinearizedFit, inside: Mask, test: _Test) -> tuple[Mask, NDA
     other pose then stands out because of it. Of very many poses, none of which moves the fit much, all leave together
     that fail half as far away as the worst.
     """
-    within = _enough(linear, inside)
+    within = linear.within(inside)
+    if not (within.full_rank and within.dof > 0):  # too few to determine the parameters and sigma
+        within = linear.everywhere()
     inside, tried = within.inside, set[bytes]()
     while inside.tobytes() not in tried:
         tried.add(inside.tobytes())
@@ -238,23 +234,13 @@ def _settle(linear: LinearizedFit, inside: Mask, test: _Test) -> tuple[Mask, NDA
         if not failed.any():
             break
         without = inside.copy()
-        without[_worst(np.where(failed, distance, -1.0), many=linear.poses > _FIRST_POSES)] = False
+        off = np.where(failed, distance, -1.0)
+        without[off >= off.max() / 2 if linear.poses > _FIRST_POSES else np.argmax(off, keepdims=True)] = False
         others = linear.within(without)
         if not others.full_rank:
             return inside, np.flatnonzero(failed & (within.count < linear.mask.sum(axis=1)))
         inside, within = without, others
     return inside, np.empty(0, dtype=np.int_)
-
-
-def _worst(distance: Array, *, many: bool) -> NDArray[np.int_]:
-    """The farthest pose; of many all that are half as far."""
-    return np.flatnonzero(distance >= distance.max() / 2) if many else np.argmax(distance, keepdims=True)
-
-
-def _enough(linear: LinearizedFit, inside: Mask) -> SubsetFit:
-    """The fit of the poses inside; of all, where those are too few to tell the parameters apart and for a sigma."""
-    within = linear.within(inside)
-    return within if within.full_rank and within.dof > 0 else linear.everywhere()
 
 
 def _robust(
@@ -275,7 +261,7 @@ def _robust(
     poses are missed by more than before, is halved.
     """
     few = observed.thinned(_FIRST_POSES)
-    if few is not observed:  # what so many say comes near enough to what all do
+    if few is not observed:
         values, _, _ = _robust(model, few, free, start, extra_residuals, floor)
         return values, *_weights_at(model, observed, values, extra_residuals, floor)
     values, linear = start, linearized(model, observed, start, free, extra_residuals)
@@ -300,7 +286,7 @@ def _robust(
 
 
 def _missed(linear: LinearizedFit) -> float:
-    """The length of the residual that half of the poses exceed; infinite where a model has no answer."""
+    """Return the length of the residual that half of the poses exceed; infinite where a model has no answer."""
     lengths = np.linalg.norm(linear.residual[: linear.poses], axis=1)
     return float(np.median(lengths)) if np.isfinite(linear.residual).all() else np.inf
 
@@ -346,7 +332,6 @@ def _biweight(lengths: Array, size: NDArray[np.int_], tested: Mask, shrunk: floa
 
 
 def _weighted_step(linear: LinearizedFit, basis: Array, weights: Array) -> Array:
-    """Weighted least squares ``(f,)``, one weight a pose."""
     spread = (np.repeat(weights, linear.mask.shape[1])[:, None] * basis).T
     normal = spread @ basis
     normal.flat[:: len(normal) + 1] += 1e-12 * np.trace(normal)  # weights of zero may leave a direction to nobody

@@ -1,16 +1,12 @@
-"""Sources of the remaining error: the instrument, errors that poses share, and an unexplained rest.
+"""Split the remaining error into the instrument, errors that poses share, and an unexplained rest.
 
 The mean square of the residuals is the instrument's part (given, or estimated from rigid distances), that of the noise
 model beside it, and a rest. A rest that is correlated at neighbouring joint positions is the arm's, one correlated
-from lab.core.errors import option_name
-from lab.core.errors import option_name
 from pose to pose is time's: the mean product of neighbours' residuals over their mean square, against permutations.
 
-How much of the error each group of effects explains, beside geometry and the other groups.
-
-On the linear problem at the fit, what a group adds to the predictions is J_g v_g, its parameters away from zero.
-Without it the others would be fitted anew and take up what they can: what is left of it is the part that is orthogonal
-to their columns (Seber & Lee 2003, section 3.9). Groups that can say the same explain little each, and more together.
+On the linear problem at the fit, a group of effects adds J_g v_g to the predictions. Without it the others would be
+refitted: the part orthogonal to their columns is left (Seber & Lee 2003, section 3.9). Overlapping effects each look
+small alone.
 """
 
 from collections.abc import Mapping, Sequence
@@ -31,17 +27,17 @@ from lab.core.units import MM
 from lab.kinematics.model import Model
 from lab.noise.error_model import ErrorModel
 
-__all__ = ["NEARLY", "ExplainedError", "Likeness", "RemainingError", "explained_errors", "remaining_error"]
+__all__ = ["NEARLY", "ExplainedError", "RemainingError", "explained_errors", "remaining_error"]
 
 _DRAWS = 199  # (draws + 1) x level is a whole number
-_MOST_PAIRS = 5000  # whose likeness is told
+_MOST_PAIRS = 5000  # whose correlation is estimated
 _LEAST_POSES = 20
-NEARLY = 0.05  # of a group that was not taken: told
+NEARLY = 0.05  # p-value of a group that was not taken, but is reported
 _SMALL = 0.1  # of the mean square: a rest that needs no explanation
 
 
 @dataclass(frozen=True)
-class Likeness:
+class _Likeness:
     """Correlation of the residuals of neighbours.
 
     Attributes:
@@ -64,7 +60,7 @@ class RemainingError:
 
     Attributes:
         total_m: of the residuals, for the parameters that were fitted.
-        instrument_m: the instrument's part; NaN where nothing says it.
+        instrument_m: the instrument's part; NaN if unknown.
         shared_m: the part of joint scatter, wandering and drift.
         rest_m: what is left of the total.
         over_joints: of neighbours in joint positions; None where poses are few.
@@ -77,8 +73,8 @@ class RemainingError:
     instrument_m: float
     shared_m: float
     rest_m: float
-    over_joints: Likeness | None
-    over_time: Likeness | None
+    over_joints: _Likeness | None
+    over_time: _Likeness | None
     nearly: tuple[str, ...] = ()
     searched: bool = False
 
@@ -94,7 +90,7 @@ class RemainingError:
         if np.isfinite(self.instrument_m):
             messages.append(f"the instrument makes {MM.text(self.instrument_m, 2)} of it")
         if self.shared_m:
-            messages.append(f"what poses share {MM.text(self.shared_m, 2)}")
+            messages.append(f"errors that poses share make {MM.text(self.shared_m, 2)}")
         if not self.is_explained:
             whose = "the instrument's or the arm's" if np.isnan(self.instrument_m) else "of unknown origin"
             messages.append(f"{MM.text(self.rest_m, 2)} is {whose}")
@@ -111,7 +107,7 @@ class RemainingError:
     def measure_next(self) -> str:
         """Advise on the next measurements."""
         if self.over_time is not None and self.over_time.is_shown and not self.shared_m:
-            return "measure a reference pose again and again, and write down time_s: the residuals follow the time"
+            return "measure a reference pose repeatedly, and record time_s: the residuals follow the time"
         if self.over_joints is not None and self.over_joints.is_shown:
             model = "auto+residual" if self.searched else "auto, then residual"
             return (
@@ -148,12 +144,8 @@ def remaining_error(
         residuals: ``(n, k, 3)`` m, NaN where not observed.
         joints: ``(n, joints)`` rad or m.
         order: ``(n,)`` when each pose was measured.
-        dof: residual degrees of freedom.
-        instrument_m: the instrument's noise of a coordinate; NaN where nothing says it.
-        shared: errors that poses share.
+        instrument_m: the instrument's noise of a coordinate; NaN if unknown.
         scatter_slopes: ``(n, k, 3, joints)`` derivatives by the joints' positions.
-        nearly: groups that were seen and not taken.
-        searched: whether the groups were searched for.
     """
     mask = seen_mask(residuals)
     numbers = 3 * int(mask.sum())
@@ -178,7 +170,7 @@ def remaining_error(
 
 
 def _neighbours(joints: Array) -> NDArray[np.int_]:
-    """``(n, 2)`` each pose with the nearest one that is no repeat of it."""
+    """Return each pose with the nearest one that is no repeat of it ``(n, 2)``."""
     labels = configurations(joints)
     first = np.unique(labels, return_index=True)[1]
     if len(first) < 2:
@@ -190,13 +182,12 @@ def _neighbours(joints: Array) -> NDArray[np.int_]:
 
 
 def _thinned(pairs: NDArray[np.int_]) -> NDArray[np.int_]:
-    """Thin out the pairs, evenly spaced, to as many as are informative."""
     some = evenly(len(pairs), _MOST_PAIRS)
     return pairs if some is None else pairs[some]
 
 
-def _likeness(residuals: Array, pairs: NDArray[np.int_]) -> Likeness | None:
-    """The mean product of pairs' residuals over their mean square, against poses in an order by chance.
+def _likeness(residuals: Array, pairs: NDArray[np.int_]) -> _Likeness | None:
+    """Return the mean product of pairs' residuals over their mean square, against random orders of the poses.
 
     Of more poses than twice those pairs have, only theirs change places.
     """
@@ -213,11 +204,11 @@ def _likeness(residuals: Array, pairs: NDArray[np.int_]) -> Likeness | None:
 
     here = mean(np.arange(len(rows)))
     drawn = np.array([mean(rng.permutation(len(rows))) for _ in range(_DRAWS)])
-    return Likeness(here, float((1 + np.count_nonzero(drawn >= here)) / (1 + _DRAWS)))
+    return _Likeness(here, float((1 + np.count_nonzero(drawn >= here)) / (1 + _DRAWS)))
 
 
-_SPANNED = 1e-10  # of the largest singular value: a direction below says nothing
-_MOST_POSES = 4_000  # by which it is told
+_SPANNED = 1e-10  # of the largest singular value: directions below are dropped
+_MOST_POSES = 4_000  # used of more
 
 
 @dataclass(frozen=True)
@@ -225,7 +216,6 @@ class ExplainedError:
     """Error explained by one group, root mean squares of a coordinate over the measured poses.
 
     Attributes:
-        group: its name.
         size_m: by how much the predictions would be off without it, all else fitted anew.
         share: of the mean square that geometry alone would leave; shares of groups that are confounded do not add up.
     """
@@ -241,9 +231,7 @@ def explained_errors(
     """Return the error that each group explains, in the order given; empty without groups.
 
     Args:
-        model: of measured points, fitted to ``data``.
         values: ``(p,)`` as they were found.
-        free: which of these were fitted.
         groups: by name, the names of their parameters.
     """
     if not groups:
@@ -266,7 +254,6 @@ def explained_errors(
 
 
 def _left_by(columns: Array, vector: Array) -> Array:
-    """Return the part of a vector that is orthogonal to the columns."""
     basis, sizes, _ = np.linalg.svd(unit_columns(columns)[0], full_matrices=False)
     basis = basis[:, sizes > _SPANNED * sizes.max(initial=0.0)]
     return np.asarray(vector - basis @ (basis.T @ vector))

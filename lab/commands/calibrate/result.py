@@ -171,7 +171,7 @@ class CalibrationResult(Result):
     @property
     def tolerance(self) -> Tolerance:
         """Tolerances of manufacture."""
-        return self.fit.fitter.tolerance
+        return self.fit.fitter.options.tolerance
 
     @property
     def validation(self) -> Validation:

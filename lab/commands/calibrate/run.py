@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from lab.calibration.checks.fit import note
+from lab.calibration.checks import note
 from lab.calibration.fitted import Fitted, Judging
 from lab.calibration.fitter import Fitter
 from lab.calibration.identify import spread

@@ -34,7 +34,7 @@ from lab.render.document import (
     plus_minus,
 )
 from lab.render.style import AFTER, INK, MUTED
-from lab.verification.difference import Difference, difference_of
+from lab.verification.change_points import Difference, difference_of
 
 if TYPE_CHECKING:
     from lab.commands.calibrate.run import CalibrationResult

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from lab.calibration.checks.fit import changes
+from lab.calibration.checks import changes
 from lab.calibration.identifiability import (
     WEAK_CONDITION,
     aliases,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.calibration.checks.fit import check_extrapolated, check_limits
+from lab.calibration.checks import check_extrapolated, check_limits
 from lab.calibration.estimate import PredictedPoints
 from lab.commands.calibrate.load_run import CalibrationRun, calibrated_by, condition_notes, folder_of, read_calibrated
 from lab.commands.command_line import options_of, takes

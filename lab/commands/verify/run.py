@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.calibration.checks.fit import check_extrapolated
-from lab.calibration.checks.mistakes import noise_beyond
+from lab.calibration.checks import check_extrapolated, noise_beyond
 from lab.calibration.extrapolation import MOST_UNCOVERED
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import PLAUSIBLE_SPREAD, spread
@@ -53,8 +52,7 @@ from lab.render.plots import Spread, histograms
 from lab.render.style import AFTER, BEFORE, PREDICTED
 from lab.render.terminal import Stage, status
 from lab.sensors.registry import sensor_named
-from lab.verification.new_measurements import predict_measurements
-from lab.verification.prediction import CalibrationPrediction
+from lab.verification.prediction import CalibrationPrediction, predict_measurements
 from lab.verification.situation import another_unit
 from lab.verification.test import Displacement, Hypothesis, Verified
 from lab.verification.test import verify as test

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lab.calibration.noise.tails import tail_dof
+from lab.calibration.outliers_and_noise import tail_dof
 from lab.calibration.statistics.linearized import LinearizedFit, NoiseDistribution
 from lab.core.significance import VERIFICATION
 from lab.verification.prediction import CalibrationPrediction

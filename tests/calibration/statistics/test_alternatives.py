@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from designed_campaign import DesignedCampaign
 
-from lab.calibration.checks.fit import check_alternatives, check_twist
+from lab.calibration.checks import check_alternatives, check_twist
 from lab.campaign.option_groups import ArmEffects
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.virtual_robot import perturbed_arm

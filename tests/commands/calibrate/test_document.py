@@ -9,7 +9,7 @@ import pytest
 from helpers.html_page import Page
 from helpers.robots import data_file
 
-from lab.calibration.checks.fit import note
+from lab.calibration.checks import note
 from lab.calibration.verdict import Verdict
 from lab.campaign.option_groups import ArmEffects, Fitting
 from lab.campaign.options import VirtualCampaign

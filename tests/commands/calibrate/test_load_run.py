@@ -82,7 +82,7 @@ def without_tool(text: str) -> str:
         ("parameters.json", without_tool, "has no tool"),
         ("parameters.json", lambda text: text.replace("link3.d", "link3.e"), "has no link3.d"),
         ("parameters.json", lambda text: text.replace("exported", "export"), "'0.exported' is missing"),
-        ("covariance.csv", lambda text: text.replace("parameter", "name"), "not those of its columns"),
+        ("covariance.csv", lambda text: text.replace("parameter", "name"), "name different parameters"),
         ("covariance.csv", lambda text: text.replace("e-1", "f-1"), "identify again"),
     ],
 )

@@ -1,19 +1,26 @@
-"""Checks of a fit: outliers, weakly observable parameters, priors, joint positions, validation poses."""
+"""Check a fit and its measurements: outliers, weak parameters, priors, joint positions, units, scales, joint signs.
 
+A joint that a controller counts in the other direction than the nominal model need not spoil the fit: with the fifth
+joint of a wrist negated, the arm whose fourth and sixth zeros are half a turn away is the same arm. So each joint is
+negated in turn, and the geometry identified again from the nominal one.
+"""
+
+import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from lab.calibration.extrapolation import MOST_UNCOVERED, MeasuredRange
 from lab.calibration.fitted import Named
-from lab.calibration.fitter import NominalRobot
+from lab.calibration.fitter import Fitter, NominalRobot
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identifiability import WEAK_CONDITION, condition_of
-from lab.calibration.identify import Identification
+from lab.calibration.identify import Identification, spread
 from lab.calibration.noise.search import NOTABLE
 from lab.calibration.observation import FixtureObservation, observation_of
+from lab.calibration.other_numbers import PLACED, in_other_numbers, trimmed_error
 from lab.calibration.prior import Tolerance, prior_of
 from lab.calibration.residual.process import PredictedBy
 from lab.calibration.sensor import Sensor
@@ -22,9 +29,11 @@ from lab.calibration.statistics.joint_rounding import by_joint_positions, counti
 from lab.calibration.statistics.model_selection import Selection
 from lab.calibration.statistics.outliers import Outliers, would_matter
 from lab.calibration.validation import Validation
-from lab.calibration.verdict import Verdict
+from lab.calibration.verdict import CONSTANT_SPREAD, Answer, Verdict
+from lab.calibration.workspace_prediction import distances_from_nominal
 from lab.core.checks import Check
-from lab.core.measurements import Measurements, evenly, seen_mask
+from lab.core.errors import LabError, option_name
+from lab.core.measurements import Measurements, evenly, seen_mask, thinned
 from lab.core.se3 import Array
 from lab.core.significance import MODEL_GROUPS
 from lab.core.units import MM
@@ -33,11 +42,11 @@ from lab.kinematics.effects.effect import NO_SESSIONS, SessionInfo, approach_of
 from lab.kinematics.effects.sessions import at_first_station
 from lab.kinematics.joints import Encoders, JointSpec
 from lab.kinematics.parameter import targets_of
+from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
 from lab.noise.instruments import Instrument, is_isotropic
 
 __all__ = [
-    "SetupSuggestion",
     "changes",
     "check_alternatives",
     "check_approaches",
@@ -48,6 +57,7 @@ __all__ = [
     "check_held_out",
     "check_improvement",
     "check_instrument",
+    "check_joint_signs",
     "check_joints",
     "check_limits",
     "check_nominal",
@@ -61,14 +71,19 @@ __all__ = [
     "check_twist",
     "check_validation_poses",
     "check_workspace",
+    "doubted",
+    "in_other_numbers_or_poses",
+    "noise_beyond",
+    "noise_in_another_unit",
     "note",
+    "points_in_another_scale",
 ]
 
 _OFFSET_M = 0.05  # by which a target is moved along x of its frame, and a second one stands from the first
 
 
 @dataclass(frozen=True)
-class SetupSuggestion:
+class _SetupSuggestion:
     """A change of what is measured, and the condition number that the same poses would then have."""
 
     change: str
@@ -83,14 +98,12 @@ def changes(
     values: Array,
     inputs: Array,
     session: SessionInfo = NO_SESSIONS,
-) -> tuple[SetupSuggestion, ...]:
-    """The changes that anyone can make, the best first.
+) -> tuple[_SetupSuggestion, ...]:
+    """Return changes of the set-up with the condition number of each, the best first.
 
     Args:
-        sensor: that measures.
         values: ``(p,)`` of the arm with these targets and groups, measured by points.
         inputs: where it is measured, ``(n, joints + conditions)``.
-        session: how.
     """
     arm = robot.arm_with(targets, groups, session)
     known = dict(zip(arm.names, values, strict=True))
@@ -103,15 +116,15 @@ def changes(
     second = dict(zip("xyz", np.array(first) + np.array([_OFFSET_M, _OFFSET_M, 0.0]), strict=True))
     both = known | {f"tool.another.{axis}": value for axis, value in second.items()}
     found = [
-        SetupSuggestion(
+        _SetupSuggestion(
             f"the target {MM.text(_OFFSET_M, 6)} elsewhere on what carries it", condition_of(arm, away, inputs)
         ),
-        SetupSuggestion("a second target", condition_of(more, np.array([both[name] for name in more.names]), inputs)),
+        _SetupSuggestion("a second target", condition_of(more, np.array([both[name] for name in more.names]), inputs)),
     ]
     if (posed := sensor.with_orientation(arm, targets[0])) is not None:
         seen = np.concatenate([inputs, np.broadcast_to([1.0, 0.0, 0.0, 0.0], (len(inputs), 4))], axis=1)
         found.append(
-            SetupSuggestion("orientations measured too", condition_of(posed.model, posed.nominal(values), seen))
+            _SetupSuggestion("orientations measured too", condition_of(posed.model, posed.nominal(values), seen))
         )
     return tuple(sorted(found, key=lambda change: change.condition))
 
@@ -175,8 +188,6 @@ def check_extrapolated(what: str, ids: Sequence[str], count: int) -> list[Check]
 
     Args:
         what: the plural of what they are.
-        ids: of those that no fitted pose is near.
-        count: of all.
     """
     return [_failed("extrapolated", what=what, extrapolated=len(ids), first=ids[0], count=count)] if len(ids) else []
 
@@ -307,7 +318,7 @@ def check_joints(
         moves: ``(n, joints)`` from the pose measured before each row, whether that was fitted or not.
         encoders: those of the robot's table; None where it names none.
     """
-    if (some := evenly(len(rows), _MOST_POSES)) is not None:  # very many say no more
+    if (some := evenly(len(rows), _MOST_POSES)) is not None:  # more change nothing
         seen, rows, moves = seen.take(some), rows.take(some), moves[some]
     model, checks = found.model, list[Check]()
     if encoders is not None:
@@ -372,11 +383,7 @@ def check_alternatives(selection: Selection, data: Measurements) -> list[Check]:
 
 
 def check_approaches(chain: JointSpec, data: Measurements, *, searched: bool) -> list[Check]:
-    """Note the joints for which backlash is fitted or tested, where the file has approach columns of some alone.
-
-    Args:
-        searched: whether groups are searched for, or were given.
-    """
+    """Note the joints for which backlash is fitted or tested, where the file has approach columns of some alone."""
     columns = {name: approach_of(name) for name in chain.joint_names}
     known = [name for name, column in columns.items() if column in data.conditions]
     missing = [column for name, column in columns.items() if name not in known]
@@ -430,3 +437,151 @@ def check_improvement(validation: Validation) -> list[Check]:
         return []
     before, after = (float(np.nanmean(errors)) for errors in (validation.errors.before, validation.errors.after))
     return [_failed("validation.improvement", before_m=before, after_m=after)] if after >= before else []
+
+
+_LEAST_RESIDUAL_M = 1e-7  # below, residuals are rounding
+_MIN_DOF = 10
+_MANY = 10.0  # times the residuals' noise: what is given hides errors
+_UNIT = 100.0  # times the residuals' noise that a given one may be: a unit is a thousand
+_ANOTHER_INSTRUMENT = 500.0  # the same of an instrument that may be another one
+_LINK_LENGTH = re.compile(r"link\d+\.(a|d)")
+_LONG_M = 0.05  # links by which a scale is tested: of shorter ones tolerances are as large
+_LEAST_LENGTHS = 3
+_LEAST_SCALE = 0.005  # steel is so much longer at 400 K more
+_MADE_M = 0.0015  # by which the longest link is to differ, too: three times what links are made to
+_FAR = 0.1  # of the points' spread: no robot is so far from its nominal model
+_POSE_ROWS = 200  # by which that is tested
+_ALIKE = 0.1  # of the squares of what lengths differ by that a common scale may leave
+_SIGN_ROWS = 200  # by which signs are tried
+_CLEARLY = 5.0  # times as small, the residuals or the distance from the nominal model
+_NO_WORSE = 1.5  # times the residuals: the same arm in another pose of its wrist fits as well
+_NEAR = 100.0  # tolerances from the nominal model: beyond, it is not that robot either
+
+
+def noise_in_another_unit(noise_mm: float | None, rows: Measurements, found: Identification) -> list[Check]:
+    """Refuse a given noise far above the residuals of the fit, and check one that is many times as large.
+
+    Args:
+        noise_mm: the option; None where it was not given.
+
+    Raises:
+        LabError: it is; with the number that it would be in the right unit.
+    """
+    if found.dof < _MIN_DOF:
+        return []
+    return noise_beyond(noise_mm, rows, found.residual_sigma_m, "the residuals", _UNIT)
+
+
+def noise_beyond(
+    noise_mm: float | None, rows: Measurements, noise_m: float, whose: str, times: float = _ANOTHER_INSTRUMENT
+) -> list[Check]:
+    """Refuse a noise that is far more than plausible for the robot and its instrument.
+
+    Args:
+        noise_mm: the option; None where the rows give it.
+        noise_m: standard deviation per axis of residuals with such an instrument.
+        whose: the residuals' name in the message.
+
+    Returns:
+        The check of one that is so many times as much that it hides errors; nothing of others.
+
+    Raises:
+        LabError: it is; with the number that it would be in the right unit.
+    """
+    name, given_mm = option_name("noise_mm"), noise_mm
+    if given_mm is None:
+        name, known = "column sigma_mm", rows.sigma_m[np.isfinite(rows.sigma_m)]
+        if known.size and known.max() > _UNIT * known.min():
+            data = {"least_m": float(known.min()), "most_m": float(known.max())}
+            return [Check("given.noises", "failed", data=data)]
+        given_mm = MM.of(float(np.median(known))) if known.size else None
+    if given_mm is None or noise_m <= _LEAST_RESIDUAL_M or MM.to_si(given_mm) <= _MANY * noise_m:
+        return []
+    ratio = MM.to_si(given_mm) / noise_m
+    text = f"{name} {given_mm:g}: {whose} are those of a noise of {MM.text(noise_m, 2)}, {ratio:.0f} times less"
+    if ratio > times:
+        raise LabError(f"{text}; is it in µm? That would be {MM.to_si(given_mm):g} mm")
+    figures = {"given_m": MM.to_si(given_mm), "known_m": noise_m}
+    return [Check("given.noise", "failed", ratio, data={"in_column": noise_mm is None, "whose": whose, **figures})]
+
+
+def points_in_another_scale(found: Identification) -> list[Check]:
+    """Detect a wrong scale of the points: all long links longer, or shorter, by about one share, as no arm is made."""
+    names, free = found.model.names, [i for i in found.fit.free if _LINK_LENGTH.fullmatch(found.model.names[i])]
+    long = [i for i in free if abs(found.nominal_aligned[i]) >= _LONG_M]
+    if len(long) < _LEAST_LENGTHS:
+        return []
+    nominal = found.nominal_aligned[long]
+    more = found.values[long] - nominal
+    scale = float(more @ nominal / (nominal @ nominal))
+    if abs(scale) < max(_LEAST_SCALE, _MADE_M / np.abs(nominal).max()):
+        return []
+    if ((more - scale * nominal) ** 2).sum() > _ALIKE * (more @ more):
+        return []
+    return [Check("given.scale", "failed", data={"links": [names[i] for i in long], "scale": scale})]
+
+
+def in_other_numbers_or_poses(robot: NominalRobot, rows: Measurements) -> list[Check]:
+    """Find why points are far from the nominal arm for any base and tool; mostly empty.
+
+    Args:
+        rows: points that one instrument measured from one station.
+    """
+    rows = thinned(rows.with_points(), _POSE_ROWS)
+    arm, slides = robot.arm(rows.targets), robot.chain.prismatic
+    nominal = arm.nominal({target: np.zeros(3) for target in rows.targets})
+    if found := in_other_numbers(arm, slides, rows.joints, rows.points, nominal):
+        return [found]
+    left, size = trimmed_error(arm, rows.joints, rows.points, nominal, PLACED), spread(rows.points)
+    if not _FAR * size < left < size / CONSTANT_SPREAD:  # points that do not move
+        return []
+    return [Check("given.poses", "failed", data={"off_m": left})]
+
+
+def doubted(word: Verdict, checks: Sequence[Check]) -> Verdict:
+    """Return the verdict where the given noise or scale is impossible: it is not good."""
+    if not checks:
+        return word
+    doubtful = "doubtful" if word.word == "good" else word.word
+    return replace(word, word=doubtful, fit=Answer("doubtful", (checks[0],)), reasons=(*word.reasons, *checks))
+
+
+def check_joint_signs(fitter: Fitter, rows: Measurements) -> list[Check]:
+    """Report the joint with which negated the geometry fits near the nominal model, as it does not as it is."""
+    if not fitter.kind.in_instrument_frame or not isinstance(fitter.robot.arm(fitter.targets), SerialArm):
+        return []
+    rows = thinned(rows, _SIGN_ROWS)
+    tolerance, given = fitter.options.tolerance, _identified(fitter, rows)
+    tried = []
+    for j, name in enumerate(rows.joint_names):
+        signs = np.where(np.arange(rows.joints.shape[1]) == j, -1.0, 1.0)
+        found = _identified(fitter, replace(rows, joints=rows.joints * signs))
+        if found is not None and _explains(found, given, tolerance):
+            tried.append((found.residual_sigma_m, name))
+    if not tried:
+        return []
+    sigma_m, name = min(tried)
+    return [Check("mistake.joint_sign", "failed", data={"joint": name, "sigma_m": sigma_m})]
+
+
+def _identified(fitter: Fitter, rows: Measurements) -> Identification | None:
+    try:
+        return fitter.identified_with(rows, (), ())
+    except LabError:
+        return None
+
+
+def _explains(found: Identification, given: Identification | None, tolerance: Tolerance) -> bool:
+    """Decide whether one fit is of the nominal robot and the other, of the rows as given, is not."""
+    if found.status != "converged" or not found.plausible or _tolerances(found, tolerance) > _NEAR:
+        return False
+    if given is None or given.status != "converged" or not given.plausible:
+        return given is None or found.residual_sigma_m * _CLEARLY < given.residual_sigma_m
+    if found.residual_sigma_m * _CLEARLY < given.residual_sigma_m:
+        return True
+    nearer = _tolerances(found, tolerance) * _CLEARLY < _tolerances(given, tolerance)
+    return nearer and found.residual_sigma_m < _NO_WORSE * given.residual_sigma_m
+
+
+def _tolerances(found: Identification, tolerance: Tolerance) -> float:
+    return max((each.tolerances for each in distances_from_nominal(found, tolerance)), default=0.0)

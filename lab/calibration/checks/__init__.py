@@ -1,1 +1,0 @@
-"""Checks of measurements and of a fit: numbers, no sentences."""
