@@ -64,7 +64,6 @@ __all__ = [
     "ClosedRobot",
     "Robot",
     "SerialRobot",
-    "load_again",
     "load_robot",
     "load_virtual",
 ]
@@ -392,12 +391,8 @@ def load_robot(robot: str | Path | Robot, cell: Path | None = None) -> Robot:
     return replace(known, model=replace(known.model, origin=origin)).placed_in(cell)
 
 
-def load_again(origin: Origin) -> RobotModel:
-    """Load a model from where it was loaded before.
-
-    Raises:
-        LabError: a file of it is missing, or is another one by now.
-    """
+def _load_again(origin: Origin) -> RobotModel:
+    """Load the model of a pickled robot; refuse missing or changed files."""
     known = load_robot(origin.source)
     if known.sha256 != origin.sha256:
         raise LabError(f"{origin.source}: the robot's files changed since it was pickled; load it anew")
@@ -427,7 +422,7 @@ def _read(path: Path, sha256: str) -> Robot:
     if path.suffix == ".toml" and is_mechanism(path):
         described = read_mechanism(path)
         closed = closed_model(path, described)
-        return ClosedRobot(replace(closed, origin=Origin(str(path), sha256)), described.warnings)
+        return ClosedRobot(replace(closed, origin=Origin(str(path), sha256, load=_load_again)), described.warnings)
     if path.suffix == ".toml":
         table = read_table(path)
         model, warnings = table_model(path, table), table.warnings
@@ -443,7 +438,7 @@ def _read(path: Path, sha256: str) -> Robot:
     if model.links is not None:
         with error_context(path):
             refuse_without_length(loads_of(model), model.links)
-    return SerialRobot(replace(model, origin=Origin(str(path), sha256)), warnings, loads)
+    return SerialRobot(replace(model, origin=Origin(str(path), sha256, load=_load_again)), warnings, loads)
 
 
 def _with_links(path: Path, sha256: str, base: str, sections: object) -> Robot:
@@ -458,7 +453,7 @@ def _with_links(path: Path, sha256: str, base: str, sections: object) -> Robot:
             raise LabError(f"robot {base} has [[link]] sections of its own; change those")
     links = links_of(path, sections, model.chain.size)
     both = hashlib.sha256(f"{known.sha256} {sha256}".encode()).hexdigest()
-    model = replace(model, links=links, origin=Origin(str(path), both))
+    model = replace(model, links=links, origin=Origin(str(path), both, load=_load_again))
     with error_context(path):
         refuse_without_length(loads_of(model), links)
     loads = None if known.loads is None else loads_of(model)

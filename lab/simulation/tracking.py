@@ -119,7 +119,7 @@ def recorded(
 ) -> Measurements:
     """Return measurements of points ``(m, k, 3)`` m under these conditions, with a session of its own after a bump.
 
-    Where the instrument has several stations, each row names the one that measured it.
+    If the instrument has several stations, each row names its station.
     """
     data = measured(real.robot.chain.joint_names, joints, targets, points)
     rest = {name: column for name, column in conditions.items() if name != BUMPED and not name.startswith(STATION)}
@@ -133,7 +133,7 @@ def recorded(
 
 
 def _stations(real: TrueRobot, conditions: Mapping[str, Array], poses: int) -> NDArray[np.int_]:
-    """``(poses,)`` the station, from 0, that measures each pose."""
+    """Return the station ``(poses,)``, from 0, that measures each pose."""
     station = np.zeros(poses, dtype=np.int_)
     for i, name in enumerate(real.robot.stations[1:], start=1):
         station[conditions.get(STATION + name, np.zeros(poses)) > 0] = i
