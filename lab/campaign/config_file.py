@@ -59,13 +59,13 @@ class RunInputs:
     config: RunConfig
 
     def copy(self, given: object) -> Path | None:
-        """The copy of an input in the run's folder; None where there is none."""
+        """Return the copy of an input in the run's folder; None without one."""
         kept = self.config.inputs.get(str(given))
         copy = None if kept is None else self.folder / kept
         return copy if copy is not None and copy.exists() else None
 
     def path(self, given: object) -> Path:
-        """The copy of an input, or the input itself where it is that of the run; a name of the lab's own as it is.
+        """Return the copy of an input, or the input itself if it is the run's; names of the lab's own are unchanged.
 
         Raises:
             LabError: the run keeps no copy, and the file is gone, is another one, or has no checksum in the run.
@@ -86,7 +86,7 @@ class RunInputs:
         )
 
     def located(self, value: Any) -> Any:
-        """Options as plain values, with the copies of inputs in the place of these."""
+        """Return options as plain values, with inputs replaced by their copies."""
         if isinstance(value, Mapping):
             return {name: self.located(each) for name, each in value.items()}
         if isinstance(value, list):
@@ -96,7 +96,7 @@ class RunInputs:
 
 
 def read_config(folder: Path, mend: str = "give the folder of a run of the lab") -> RunConfig:
-    """The content of ``config.json`` of a run.
+    """Read ``config.json`` of a run.
 
     Args:
         mend: what to do if it cannot be read, for the end of the message.
@@ -108,7 +108,7 @@ def read_config(folder: Path, mend: str = "give the folder of a run of the lab")
 
 
 def input_names(folder: Path) -> tuple[str, ...]:
-    """The copies of inputs that a run's folder holds, or should hold by its checksums, by their paths in it."""
+    """Return the paths of input copies that a run's folder holds, or should hold by its checksums."""
     there = [path for path in (folder / INPUTS).rglob("*") if path.is_file()]
     names = {path.relative_to(folder).as_posix() for path in there}
     if (folder / CHECKSUMS).is_file():
@@ -118,7 +118,7 @@ def input_names(folder: Path) -> tuple[str, ...]:
 
 
 def read_options(path: Path, command: str, kind: type[Options]) -> Options:
-    """The options that a run of ``command`` was given; those that the file leaves out are at their defaults.
+    """Read the options of a run of ``command``; missing ones have their defaults.
 
     Inputs are read from their copies beside the file.
 

@@ -77,7 +77,7 @@ class ReachabilityGraph:
 
 
 def free_home(model: RobotModel, candidates: Array) -> Array:
-    """The robot's home ``(joints,)``; where it touches something there, the nearest of free poses ``(m, joints)``."""
+    """Return the robot's home ``(joints,)``; if in collision, the nearest of free poses ``(m, joints)``."""
     home = model.chain.home
     if not collides(model, home[None])[0]:
         return home
@@ -87,7 +87,7 @@ def free_home(model: RobotModel, candidates: Array) -> Array:
 def reachability(
     model: RobotModel, home: Array, candidates: Array, allowed: Feasible, most: int = HUBS
 ) -> ReachabilityGraph:
-    """Hubs among the first of the candidates ``(m, joints)``, and what can be reached from them.
+    """Find hubs among the first of the candidates ``(m, joints)``, and build the tests of reachability from them.
 
     Args:
         allowed: inputs ``(n, joints + further)`` to ``(n,)``, whether the arm may be there and is measured there.
@@ -118,7 +118,7 @@ def reachability(
 
 
 def refusals(model: RobotModel, access: ReachabilityGraph | None) -> Callable[[Array], list[str]]:
-    """A callable: why the arm may not go to joint positions ``(n, joints)``, in words; "" where it may.
+    """Return a function of joint positions ``(n, joints)``: the reasons against each, "" for none.
 
     Args:
         access: to which a free way has to lead; None where the ways are given, and each place is judged by itself.
@@ -141,7 +141,7 @@ def waypoints_in_order(
     progress: Progress = no_progress,
     keep: Keep = at_once,
 ) -> tuple[Array, NDArray[np.int_]]:
-    """A free way from home through poses in the order in which they are given, and home again.
+    """Find a free path from home through poses in the given order, and home again.
 
     Args:
         chain: with known rates.
@@ -232,7 +232,7 @@ class PoseProblem:
         return information(self.before) if len(self.before) else None
 
     def station(self, inputs: Array) -> NDArray[np.int_]:
-        """``(n,)`` the station, from 0, that measures each of these inputs."""
+        """Return the station ``(n,)``, from 0, of each of these inputs."""
         return _station_of(inputs[:, self.arm.chain.size :])
 
 
@@ -323,11 +323,11 @@ class _Derivatives:
     device: Instrument
 
     def unweighted(self, inputs: Array) -> Array:
-        """In m; zeros for a pose that the arm cannot take."""
+        """Return derivatives in m; zeros for an impossible pose."""
         return self._flat(self._observed(inputs)[1])
 
     def whitened(self, inputs: Array) -> Array:
-        """In standard deviations of the device's noise."""
+        """Return derivatives in standard deviations of the device's noise."""
         points, jacobian = self._observed(inputs)
         if not is_isotropic(self.device):
             return self._flat(whitening(self.device.covariance(points)) @ jacobian)
@@ -335,7 +335,7 @@ class _Derivatives:
         return self._flat(np.multiply(jacobian, everywhere[0, 0], order="C"))  # one pose's numbers beside each other
 
     def _observed(self, inputs: Array) -> tuple[Array, Array]:
-        """Points and their Jacobian of the base set."""
+        """Return points and their Jacobian of the base set."""
         if further := len(self.seen.conditions):  # whoever asks for slopes moves these columns too, which are whole
             inputs = np.append(inputs[:, :-further], inputs[:, -further:].round(), axis=1)
         points, jacobian = self.seen.observe(inputs, self.values)
@@ -347,7 +347,7 @@ class _Derivatives:
 
 
 def _assigned(options: DesignOptions, model: RobotModel, device: Instrument, joints: Array) -> Array:
-    """Candidates ``(m, joints)`` with the station that sees each best."""
+    """Return inputs of candidates ``(m, joints)``, each with its best station."""
     if not model.stations:
         return joints
     stations = seeing_station(model, options.targets, device)(joints)
@@ -356,19 +356,19 @@ def _assigned(options: DesignOptions, model: RobotModel, device: Instrument, joi
 
 
 def _station_of(columns: Array) -> NDArray[np.int_]:
-    """``(n,)`` the station, from 0, of columns ``(n, stations - 1)`` that are 1 where a pose is of each further one."""
+    """Return the station ``(n,)``, from 0, of indicator columns ``(n, stations - 1)`` of the further ones."""
     return np.asarray(columns.round() @ np.arange(1, columns.shape[1] + 1), dtype=np.int_)
 
 
 def _inputs(model: RobotModel, joints: Array, stations: NDArray[np.int_] | None = None) -> Array:
-    """Joint positions ``(n, joints)`` with the columns of the stations ``(n,)``; the first of all, if not given."""
+    """Return joint positions ``(n, joints)`` with indicator columns of the stations ``(n,)``; default is the first."""
     further = np.arange(1, len(model.station_sites))
     at = np.zeros(len(joints), dtype=np.int_) if stations is None else stations
     return np.concatenate([joints, at[:, None] == further], axis=1) if len(further) else joints
 
 
 def _feasible(model: RobotModel, targets: Sequence[str], device: Instrument) -> Feasible:
-    """A callable: whether inputs are feasible poses, every target in the sight of their station."""
+    """Return a test of inputs: feasible poses, every target visible to their station."""
     allowed = [feasibility(model, targets, device, station=k) for k in range(len(model.station_sites))]
     if len(allowed) == 1:
         return allowed[0]
@@ -414,7 +414,7 @@ def _home(
 
 
 def _home_option(given: Sequence[float], chain: JointSpec, model: RobotModel) -> Array:
-    """The joint positions ``(n,)`` that ``--home`` says."""
+    """Return the joint positions ``(n,)`` of ``--home``."""
     text = f"--home {','.join(f'{number:g}' for number in given)}"
     if len(given) != chain.size or not np.isfinite(given).all():
         raise LabError(f"{text}: give one finite number for each of {', '.join(chain.joint_names)}")
@@ -429,7 +429,7 @@ def _home_option(given: Sequence[float], chain: JointSpec, model: RobotModel) ->
 
 
 def _measured_before(options: DesignOptions, robot: Robot) -> Array:
-    """Poses ``(n0, joints)`` of the file to extend: those fully measured, or all of a plan not yet measured."""
+    """Return poses ``(n0, joints)`` of the file to extend: fully measured ones, or all of a plan not yet measured."""
     chain = robot.chain
     if options.extend is None:
         return _inputs(robot.model, np.empty((0, chain.size)))
@@ -448,7 +448,7 @@ _ROUNDS = 4  # uphill
 
 
 def best_design(options: DesignOptions, problem: PoseProblem, count: int, progress: Stage = no_stage) -> Design:
-    """The best of several starts, each exchanged among the candidates and then moved uphill.
+    """Return the best of several starts, each exchanged among the candidates and then moved uphill.
 
     The first round uphill gains most, and tells which start is the best: that one alone goes on.
     """
@@ -503,7 +503,7 @@ def _uphill(problem: PoseProblem, design: Design, rounds: int) -> Design:
 
 
 def exchanged(problem: PoseProblem, count: int, rng: np.random.Generator) -> Design:
-    """A design among the candidates to which a free way leads."""
+    """Exchange among the candidates to which a free path leads."""
     return exchange(
         problem.inputs,
         problem.pool,

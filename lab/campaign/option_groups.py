@@ -101,7 +101,7 @@ class Fitting:
 
 
 def _comma_separated(kind: type[Options]) -> type[Options]:
-    """A class whose inherited options of several numbers are given as one word, e.g. ``0,3``."""
+    """Let a class's inherited options of several numbers be given as one word, e.g. ``0,3``."""
     kind.__annotations__ = {each.name: Numbers for each in fields(kind) if each.type == tuple[float, ...]}
     return kind
 

@@ -13,7 +13,7 @@ _Read = TypeVar("_Read", int, float)
 
 
 def number(text: str) -> float:
-    """A number as typed.
+    """Read a number.
 
     Raises:
         LabError: it is none.
@@ -22,7 +22,7 @@ def number(text: str) -> float:
 
 
 def whole_number(text: str) -> int:
-    """A whole number as typed.
+    """Read a whole number.
 
     Raises:
         LabError: it is none.

@@ -92,7 +92,7 @@ class VirtualCampaign(SensorOptions, VirtualSetup, _VirtualSession):
     """A campaign on a virtual arm."""
 
     def kind(self) -> "VirtualSensor":
-        """The kind of observation that is asked for, with its options.
+        """Return the requested sensor, with its options.
 
         Raises:
             LabError: there is no such kind, or an option of it makes no sense or is of another kind.

@@ -167,7 +167,7 @@ class Robot(Value, ABC):
         """
 
     def serial_arm(self, targets: tuple[str, ...]) -> SerialArm:
-        """The arm as equations, for what exists for serial arms alone.
+        """Return the kinematic model of a serial arm.
 
         Raises:
             LabError: the robot has loops.
@@ -176,7 +176,7 @@ class Robot(Value, ABC):
 
     @abstractmethod
     def arm(self, targets: tuple[str, ...]) -> RigidArm:
-        """The arm as equations, with these targets."""
+        """Return the kinematic model with these targets."""
 
     def arm_with(
         self,
@@ -185,7 +185,7 @@ class Robot(Value, ABC):
         session: SessionInfo = SessionInfo(),  # noqa: B008
         moving: bool = False,
     ) -> Arm:
-        """The arm with groups of effects, by name, for measurements of such a course, or moving, under inertia too.
+        """Return the kinematic model with groups of effects, by name.
 
         Raises:
             LabError: there is no such group, or no masses or sessions for it, or two do not go together.
@@ -195,11 +195,11 @@ class Robot(Value, ABC):
 
     @abstractmethod
     def _simulated_loads(self) -> Loads | None:
-        """The masses of its model, assumed ones too; None where it has none, or where nothing bends such a robot."""
+        """Return the masses of its model, assumed ones too; None without any, or for a mechanism."""
 
     @abstractmethod
     def perturbed(self, errors: GeometryErrors, T_world_tracker: Array, rng: np.random.Generator) -> TrueRobot:
-        """A robot to stand for reality, without effects: its geometry off by normal draws, before a tracker.
+        """Draw a true robot, without effects: its geometry with normal errors, before a tracker.
 
         Args:
             errors: how large the errors of the geometry are.
@@ -216,7 +216,7 @@ class Robot(Value, ABC):
 
     @abstractmethod
     def description(self, file: str, targets: tuple[str, ...], values: Array, comment: str = "") -> str:
-        """The content of such a file for the arm with these targets and parameters ``(p,)``, base included.
+        """Return the content of such a file for the arm with these targets and parameters ``(p,)``, base included.
 
         Args:
             comment: what is said of it at its head.
@@ -233,7 +233,7 @@ class Robot(Value, ABC):
         return (self.stored_file, *(each.file for each in MAKER_FORMATS if each.file in self.description_files))
 
     def placed_in(self, cell: Path | None) -> Self:
-        """The robot in the cell that a file describes; as it is, without a file.
+        """Return the robot in the cell of a file; unchanged without a file.
 
         Raises:
             LabError: the file cannot be read, or is not of such a robot.
@@ -247,20 +247,20 @@ class Robot(Value, ABC):
         return placed if self.loads is None else replace(placed, loads=placed._simulated_loads())
 
     def refuse_unknown(self, targets: tuple[str, ...]) -> None:
-        """A LabError for a target that the robot (or the default tool, if it has none) does not have."""
+        """Refuse a target that the robot (or the default tool, if it has none) does not have, with a LabError."""
         known = self.tool or DEFAULT_TOOL
         for target in (target for target in targets if target not in known):
             raise LabError(f"target '{target}' is unknown: robot {self.name} has {', '.join(known)}")
 
     def refuse_impossible(self, path: Path, data: Measurements) -> None:
-        """A LabError for joint positions of a file that the nominal model cannot take."""
+        """Refuse joint positions of a file that are impossible for the nominal model, with a LabError."""
         if (lost := np.flatnonzero(~self.chain.is_assemblable(data.joints))).size:
             why = self.chain.infeasibility_reason(data.joints[lost[0]])
             more = f" (and {len(lost) - 1} more)" if len(lost) > 1 else ""
             raise LabError(f"{path}: {data.where(int(lost[0]))}{more}: {why}; mend the joint positions, or use = skip")
 
     def refuse_beyond_limits(self, path: Path, data: Measurements, slack: float) -> None:
-        """A LabError for joint positions of a file that are beyond the limits by more than ``slack`` (rad or m)."""
+        """Refuse joint positions of a file beyond the limits by more than ``slack`` (rad or m), with a LabError."""
         outside = self.chain.beyond_limits(data.joints, slack)
         if outside.any():
             row, joint = np.argwhere(outside)[0].tolist()
@@ -287,15 +287,14 @@ class SerialRobot(Robot):
         return None if self.model.links is None else self.model.links.compliances
 
     def arm(self, targets: tuple[str, ...]) -> SerialArm:
-        """The arm as equations, with these targets."""
+        """Return the kinematic model with these targets."""
         return self.serial_arm(targets)
 
     def _simulated_loads(self) -> Loads | None:
-        """The masses of its model, assumed ones too; None where there are none."""
         return _some(loads_of(self.model))
 
     def perturbed(self, errors: GeometryErrors, T_world_tracker: Array, rng: np.random.Generator) -> TrueSerialRobot:
-        """A copy with every body and joint off, or with the entries of the Denavit-Hartenberg table alone."""
+        """Draw errors of every body and joint, or of the entries of the Denavit-Hartenberg table alone."""
         if not errors.table_alone:
             perturbation = random_perturbation(
                 self.model, errors.position_sigma_m, errors.rotation_sigma_rad, rng, errors.joint_offset_sigma
@@ -312,7 +311,7 @@ class SerialRobot(Robot):
         return tuple(each.file for each in SERIAL_FORMATS)
 
     def description(self, file: str, targets: tuple[str, ...], values: Array, comment: str = "") -> str:
-        """The content of one of these files."""
+        """Return the content of one of these files."""
         identified = IdentifiedRobot(self.name, self.arm(targets), values, self.loads, self.model)
         return with_comment(file, {each.file: each for each in SERIAL_FORMATS}[file].text(identified), comment)
 
@@ -336,14 +335,14 @@ class ClosedRobot(Robot):
         )
 
     def arm(self, targets: tuple[str, ...]) -> ClosedArm:
-        """The mechanism as equations, with these targets on its platform."""
+        """Return the kinematic model with these targets on its platform."""
         return ClosedArm(self.model.chain, targets)
 
     def _simulated_loads(self) -> None:
-        """Nothing bends it, so none are asked for."""
+        """Return None: a mechanism is rigid."""
 
     def perturbed(self, errors: GeometryErrors, T_world_tracker: Array, rng: np.random.Generator) -> TrueMechanism:
-        """A copy with every dimension off.
+        """Draw errors of every dimension.
 
         Raises:
             LabError: an error that only serial arms have is asked for.
@@ -362,7 +361,7 @@ class ClosedRobot(Robot):
         return tuple(each.file for each in CLOSED_FORMATS)
 
     def description(self, file: str, targets: tuple[str, ...], values: Array, comment: str = "") -> str:
-        """The content of one of these files."""
+        """Return the content of one of these files."""
         identified = IdentifiedRobot(self.name, self.arm(targets), values, self.loads, self.model)
         return with_comment(file, {each.file: each for each in CLOSED_FORMATS}[file].text(identified), comment)
 
@@ -442,7 +441,7 @@ def _read(path: Path, sha256: str) -> Robot:
 
 
 def _with_links(path: Path, sha256: str, base: str, sections: object) -> Robot:
-    """Another robot, with what a file says of its links."""
+    """Load another robot, with the link sections of a file."""
     beside = path.parent / base if (path.parent / base).is_file() else Path(base)
     if beside.suffix == ".toml" and beside.is_file() and described_links(beside) is not None:
         raise LabError(f"{path}: robot {base} names another robot in its turn; give that one")
@@ -476,5 +475,4 @@ def load_virtual(robot: str | Path | Robot, cell: Path | None = None) -> Robot:
 
 
 def _some(loads: Loads) -> Loads | None:
-    """Masses, if there are any."""
     return loads if loads.mass_kg.any() else None

@@ -14,7 +14,7 @@ __all__ = ["refuse_idle_stations", "station_columns", "stations_in"]
 
 
 def stations_in(path: Path, rows: Measurements, model: RobotModel) -> NDArray[np.int_]:
-    """``(n,)`` the station, from 0, that measures each row of a plan.
+    """Return the station ``(n,)``, from 0, of each row of a plan.
 
     Args:
         path: of the plan, for errors.
@@ -35,7 +35,7 @@ def stations_in(path: Path, rows: Measurements, model: RobotModel) -> NDArray[np
 
 
 def station_columns(model: RobotModel, stations: NDArray[np.int_]) -> dict[str, Array]:
-    """The conditions ``(n,)`` that say which station, from 0, measures each pose; none where there is one alone."""
+    """Return the conditions ``(n,)`` of each pose's station, from 0; none for a single station."""
     return {STATION + name: (stations == k).astype(np.float64) for k, name in enumerate(model.stations) if k}
 
 

@@ -47,7 +47,7 @@ _USUAL_HOURS = 1.0  # that a campaign takes where nothing is said
 
 
 def perturbed_arm(robot: Robot, options: VirtualCampaign) -> TrueRobot:
-    """The virtual arm of these options, before its tracker at all its stations, with its effects."""
+    """Draw the virtual arm of these options, before its tracker at all its stations, with its effects."""
     arm = ArmFacts(robot.chain, robot.loads, sections=robot.link_compliances)
     effects = random_effects(arm, options.effects, rng_for(options.seed, "effects"))
     rngs = [rng_for(options.seed, "tracker", k) for k in range(1, len(robot.model.station_sites))]
@@ -56,7 +56,7 @@ def perturbed_arm(robot: Robot, options: VirtualCampaign) -> TrueRobot:
 
 
 def truth_of(real: TrueRobot, arm: RigidArm) -> Truth | None:
-    """The parameters that the identifier should find, without effects, in the canonical gauge.
+    """Return the true parameters, without effects, in the canonical gauge of identification.
 
     Of a serial arm they are read off its joint axes. Of a mechanism they are those of the gauge that give its exact
     positions: None where none do, because what the gauge fixes shows in an imperfect copy.
@@ -74,7 +74,7 @@ def truth_of(real: TrueRobot, arm: RigidArm) -> Truth | None:
 
 
 def _geometry(robot: Robot, options: VirtualCampaign) -> TrueRobot:
-    """The perturbed arm without effects."""
+    """Draw the arm without effects."""
     T_world_tracker = random_tracker(robot.model, rng_for(options.seed, "tracker"))
     errors = GeometryErrors(
         position_sigma_m=MM.to_si(options.position_sigma_mm),
@@ -86,7 +86,7 @@ def _geometry(robot: Robot, options: VirtualCampaign) -> TrueRobot:
 
 
 def poses_to_measure(robot: Robot, options: VirtualCampaign) -> tuple[Array, dict[str, Array], tuple[str, ...]]:
-    """The poses to measure, of the plan or random ones that collide with nothing, what is set there, and warnings.
+    """Return the poses to measure, of the plan or random ones without collisions, their conditions, and warnings.
 
     Raises:
         LabError: the plan has nothing to measure, a pose in collision, an empty condition, or a payload beside the
@@ -123,7 +123,7 @@ def poses_to_measure(robot: Robot, options: VirtualCampaign) -> tuple[Array, dic
 
 
 def _seeing(robot: Robot, options: VirtualCampaign, joints: Array) -> NDArray[np.int_]:
-    """``(n,)`` the station, from 0, that sees each of random poses ``(n, joints)`` best; in turn where none does."""
+    """Return the best station ``(n,)``, from 0, of each of random poses ``(n, joints)``; in turn where none is."""
     if len(robot.model.stations) < 2:
         return np.zeros(len(joints), dtype=np.int_)
     best = seeing_station(robot.model, options.targets, named_instrument(options.instrument))(joints)

@@ -62,7 +62,7 @@ class Scaling:
     tolerance_rad: float = 1.5e-3
 
     def columns(self, parameters: Sequence[Parameter], candidates: Array) -> Array:
-        """Factors ``(p,)`` for the columns of a Jacobian in m, m and rad.
+        """Return factors ``(p,)`` for the columns of a Jacobian in m, m and rad.
 
         Args:
             parameters: what the columns are of.
@@ -79,7 +79,7 @@ class Scaling:
         return factors
 
     def describe(self) -> str:
-        """The scaling in words."""
+        """Describe the scaling."""
         return {
             "raw": "millimetres and radians",
             "unit": "columns of unit root mean square over the candidates",
@@ -108,7 +108,7 @@ class Indices:
 
 
 def indices(jacobian: Array, test: Array | None = None) -> Indices:
-    """Indices of designs ``(..., n, r, p)``, scaled as they come.
+    """Compute the indices of designs ``(..., n, r, p)``, in the scaling of the Jacobians.
 
     Args:
         test: ``(t, r, p)``, Jacobians at the test poses, scaled alike.
@@ -146,10 +146,10 @@ class Criterion(ABC):
 
     @abstractmethod
     def score(self, information: Array) -> Array:
-        """Information matrices ``(..., p, p)`` to scores ``(...)``, worse than any other where singular."""
+        """Return the scores ``(...)`` of information matrices ``(..., p, p)``, worse than any other where singular."""
 
     def slope(self, information: Array) -> Array:
-        """Derivative ``(p, p)``, symmetric, of the score by the information ``(p, p)``.
+        """Return the symmetric derivative ``(p, p)`` of the score by the information ``(p, p)``.
 
         Here by central differences, in coordinates in which the information is the identity.
         """
@@ -165,14 +165,14 @@ class Criterion(ABC):
 
 
 def refuse_unknown(name: str, *others: str) -> None:
-    """A LabError where no criterion has this name, nor is it one of ``others``."""
+    """Refuse a name that is neither a criterion's nor one of ``others``, with a LabError."""
     known = (*others, *CRITERIA, *registered("lab.criteria"))
     if name not in known:
         raise LabError(f"criterion '{name}' is unknown: choose one of {', '.join(known)}")
 
 
 def own_criterion(given: object) -> Criterion:
-    """The criterion that a user or a package gives: an object, or a class of such objects.
+    """Return the criterion given by a user or a package: an object, or a class of such objects.
 
     Raises:
         LabError: it is no ``Criterion``, or has no name.
@@ -185,7 +185,7 @@ def own_criterion(given: object) -> Criterion:
 
 
 def criterion(name: str, size: int, test: Array | None = None) -> Criterion:
-    """The criterion of that name for ``size`` parameters; G and I need ``test`` ``(t, r, p)``.
+    """Return the criterion of this name for ``size`` parameters; G and I need ``test`` ``(t, r, p)``.
 
     Raises:
         LabError: the name is unknown.
@@ -270,7 +270,7 @@ class _Spectral(Criterion):
 
 
 def _values(information: Array) -> Array:
-    """Eigenvalues, ascending, above zero."""
+    """Return the eigenvalues, ascending, above zero."""
     return np.asarray(np.maximum(np.linalg.eigvalsh(information), _LEAST), dtype=np.float64)
 
 
@@ -284,14 +284,14 @@ def is_singular(information: Array) -> NDArray[np.bool_]:
 
 
 def _unit_diagonal(information: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Information scaled to a diagonal of one, the roots of its diagonal, and whether it is singular."""
+    """Return the information scaled to unit diagonal, the roots of its diagonal, and whether it is singular."""
     size = np.sqrt(np.maximum(np.diagonal(information, axis1=-2, axis2=-1), _LEAST))
     scaled: Array = information / size[..., :, None] / size[..., None, :]
     return scaled, size, np.asarray(np.linalg.eigvalsh(scaled)[..., 0] < _SINGULAR, dtype=np.bool_)
 
 
 def _variances(information: Array, test: Array) -> Array:
-    """Predicted variances ``(..., t)`` at test poses ``(t, r, p)``; infinite where information is singular."""
+    """Return predicted variances ``(..., t)`` at test poses ``(t, r, p)``; infinite where information is singular."""
     scaled, size, singular = _unit_diagonal(information)
     scaled[singular] = np.eye(information.shape[-1])
     inverse = np.linalg.inv(scaled) / size[..., :, None] / size[..., None, :]
@@ -302,7 +302,7 @@ def _variances(information: Array, test: Array) -> Array:
 
 
 def _ends(low: float, high: float) -> Callable[[Array], Array]:
-    """Derivatives of ``low log(smallest) - high log(largest)`` by the eigenvalues."""
+    """Return derivatives of ``low log(smallest) - high log(largest)`` by the eigenvalues."""
 
     def slope(values: Array) -> Array:
         out = np.zeros_like(values)
@@ -345,7 +345,7 @@ class PredictedAccuracy:
 
 
 def predict(information: Array, test: Array, rng: np.random.Generator) -> PredictedAccuracy:
-    """Prediction from an information matrix ``(p, p)`` and Jacobians at test poses ``(t, 3, p)`` (m).
+    """Predict accuracy from an information matrix ``(p, p)`` and Jacobians at test poses ``(t, 3, p)`` (m).
 
     The coverage radius x is the strict one: P(Q95 over poses of |J d| <= x) = 95 % over draws d ~ N(0, C). The
     marginal 95 % of all pose-draws would be kept in too few calibrations.
@@ -363,7 +363,7 @@ def predict(information: Array, test: Array, rng: np.random.Generator) -> Predic
 
 
 def smallest_count(coverage_radius: Callable[[int], float], wanted: float, least: int, most: int) -> int:
-    """The least number of poses whose coverage radius is within ``wanted`` (m).
+    """Find the smallest number of poses whose coverage radius is within ``wanted`` (m).
 
     Args:
         coverage_radius: number of poses to the coverage radius (m) of a design of that size.

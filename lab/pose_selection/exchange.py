@@ -52,7 +52,7 @@ class Design:
 
 
 def information(jacobian: Array) -> Array:
-    """Information matrix ``(p, p)`` of Jacobians ``(n, r, p)``."""
+    """Return information matrix ``(p, p)`` of Jacobians ``(n, r, p)``."""
     flat = jacobian.reshape(-1, jacobian.shape[-1])
     matrix: Array = flat.T @ flat
     return matrix
@@ -69,7 +69,7 @@ def exchange(
     measured: Array | None = None,
     reachable: Feasible | None = None,
 ) -> Design:
-    """The best of several Fedorov exchanges: each pose in turn gives way to the best candidate.
+    """Return the best of several Fedorov exchanges: each pose in turn is replaced by the best candidate.
 
     Args:
         joints: candidates ``(m, joints)``.
@@ -127,7 +127,7 @@ class _Exchange:
         self.by_trace = goal.name == "O1"
 
     def settled(self, count: int) -> tuple[NDArray[np.int_], float]:
-        """So many poses, begun by chance, when no place has a better candidate that is allowed; and their score.
+        """Exchange poses from a random start until no allowed candidate is better; return them and their score.
 
         Whether a pose can be reached takes longer than all else, so it is asked of those that stand in the end, and
         the exchange goes on without those that cannot.
@@ -148,7 +148,7 @@ class _Exchange:
         return bool(out)
 
     def _count_anew(self) -> None:
-        """The information of all poses chosen, and what follows from it, without the rounding of updates."""
+        """Compute information and traces of the chosen poses without the rounding of updates."""
         self.total = self.held + information(self.jacobian[self.chosen])
         if self.by_trace:
             self.kept = self._reckoned(self.total)
@@ -170,7 +170,7 @@ class _Exchange:
         return True
 
     def _winner(self, without: Array, left: "_Traces | None", present: int) -> int:
-        """The best allowed candidate for a place, which is the present one where none is better."""
+        """Return the best allowed candidate for a slot: the present one if none is better."""
         while True:
             tried, scores = self._scores(without, left, present)
             winner = int(np.argmax(scores))
@@ -193,7 +193,7 @@ class _Exchange:
             self.free[row] = False
 
     def _scores(self, without: Array, left: "_Traces | None", present: int) -> tuple[NDArray[np.int_], Array]:
-        """Candidates that may take a place (the present one last), and the score of the design with each there."""
+        """Return candidates for a slot (the present one last), and the score of the design with each."""
         if left is not None:
             tried = np.append(self._promising(left), present)
             return tried, _added(self.jacobian[tried], left.inverse)
@@ -214,7 +214,7 @@ class _Exchange:
         return tried, -np.log(np.maximum(np.trace(self.goal.weight @ inverse) - gain, 1e-300))
 
     def _promising(self, left: "_Traces") -> NDArray[np.int_]:
-        """Free candidates that may have the largest log det(I + J V J').
+        """Return the free candidates that may have the largest log det(I + J V J').
 
         It is at most r log(1 + t / r) with t the trace of the r x r matrix J V J', so whoever stays
         below the best of those with the largest traces is out.
@@ -254,14 +254,14 @@ class _Traces:
 
 
 def _added(jacobian: Array, inverse: Array) -> Array:
-    """Log det(I + J V J') of candidates ``(m, r, p)``: how much each adds to the log det of the information."""
+    """Return log det(I + J V J') of candidates ``(m, r, p)``: each one's gain in log det of the information."""
     core = np.eye(jacobian.shape[1]) + jacobian @ inverse @ np.swapaxes(jacobian, 1, 2)
     gains: Array = np.linalg.slogdet(core)[1]
     return gains
 
 
 def _inverse(information: Array) -> Array:
-    """The inverse, with a trace of a ridge where a design one pose short is singular."""
+    """Invert with a small ridge, as a design one pose short may be singular."""
     p = len(information)
     return np.asarray(np.linalg.inv(information + _RIDGE * np.trace(information) / p * np.eye(p)), dtype=np.float64)
 
@@ -379,14 +379,14 @@ class Certificate:
         return float(-np.expm1(-(self.bound - self.log_det) / self.parameters))
 
     def efficiency(self, jacobian: Array) -> float:
-        """Certified D-efficiency of a design ``(n, r, p)``: (det(M/n) / bound)^(1/p), at most 1."""
+        """Return the certified D-efficiency of a design ``(n, r, p)``: (det(M/n) / bound)^(1/p), at most 1."""
         flat = jacobian.reshape(-1, self.parameters)
         sign, log_det = np.linalg.slogdet(flat.T @ flat / len(jacobian))
         return float(np.exp((log_det - self.bound) / self.parameters)) if sign > 0 else 0.0
 
 
 def certify(jacobian: Array, *, gap: float = 1e-3, measured: Array | None = None, share: float = 1.0) -> Certificate:
-    """The continuous D-optimal design over candidates ``(m, r, p)``, by multiplicative updates.
+    """Compute the continuous D-optimal design over candidates ``(m, r, p)``, by multiplicative updates.
 
     Candidates whose weight vanishes are set aside and looked at again; the bound itself is taken
     over all of them.
@@ -413,7 +413,7 @@ def certify(jacobian: Array, *, gap: float = 1e-3, measured: Array | None = None
 
 
 def _multiplied(each: Array, weights: Array, held: Array, share: float) -> Array:
-    """Weights after a round of updates ``w <- w d / sum(w d)`` (Titterington 1976), which raise the log det."""
+    """Update weights by ``w <- w d / sum(w d)`` (Titterington 1976), which raises the log det."""
     for _ in range(UPDATES):
         gains = _gains(each, held + share * _weighted(each, weights, len(held)))
         weights = weights * gains / (weights @ gains)
@@ -421,7 +421,7 @@ def _multiplied(each: Array, weights: Array, held: Array, share: float) -> Array
 
 
 def _information(jacobian: Array) -> Array:
-    """J'J of each candidate ``(m, r, p)``, its upper half row by row, ``(m, p (p + 1) / 2)``.
+    """Return J'J of each candidate ``(m, r, p)``, its upper half row by row, ``(m, p (p + 1) / 2)``.
 
     Every update asks for weighted sums of these matrices and for their inner products with one other: with each kept
     as a row, both are a product of a matrix with a vector.
@@ -436,7 +436,7 @@ def _information(jacobian: Array) -> Array:
 
 
 def _weighted(each: Array, weights: Array, p: int) -> Array:
-    """The sum of w J'J over candidates, ``(p, p)``."""
+    """Return the sum of w J'J over candidates, ``(p, p)``."""
     total = np.empty((p, p))
     rows, columns = _upper(p)
     total[rows, columns] = total[columns, rows] = weights @ each
@@ -445,13 +445,13 @@ def _weighted(each: Array, weights: Array, p: int) -> Array:
 
 @lru_cache(maxsize=8)
 def _upper(p: int) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
-    """Rows and columns of the upper half of a ``(p, p)`` matrix: asked for at every update."""
+    """Return rows and columns of the upper half of a ``(p, p)`` matrix."""
     rows, columns = np.triu_indices(p)
     return rows, columns
 
 
 def _gains(each: Array, information: Array) -> Array:
-    """For each candidate d = tr(J M^-1 J'), the inner product of J'J and M^-1, ``(m,)``."""
+    """Return d = tr(J M^-1 J') of each candidate, the inner product of J'J and M^-1, ``(m,)``."""
     inverse = np.linalg.inv(information)
     both = inverse + inverse.T
     np.fill_diagonal(both, np.diag(inverse))
@@ -460,7 +460,7 @@ def _gains(each: Array, information: Array) -> Array:
 
 
 def _bound(log_det: float, gains: Array, weights: Array, p: int, share: float, alone: bool) -> float:
-    """The tangent's largest value; where nothing was measured before, the tighter one of the logarithm."""
+    """Return the tangent's largest value; without earlier poses, the tighter one of the logarithm."""
     if alone:
         return log_det + p * float(np.log(gains.max() / p))
     return log_det + share * float(gains.max() - weights @ gains)

@@ -54,13 +54,13 @@ _GAIN = 1e-12
 
 
 def lengths(cost: Array, tours: Tours) -> Array:
-    """``(k,)``: the length of each closed tour."""
+    """Return the length ``(k,)`` of each closed tour."""
     total: Array = cost[tours, np.roll(tours, -1, axis=1)].sum(axis=1)
     return total
 
 
 def random_starts(cost: Array, rng: np.random.Generator, count: int = _STARTS) -> Tours:
-    """``(count, m)``: half of them random, half by nearest neighbour from different places, place 0 first."""
+    """Draw tours ``(count, m)``: half by nearest neighbour from different nodes, node 0 first, half random."""
     size = len(cost)
     starts = np.append(0, rng.permutation(np.arange(1, size)))[: max(1, count // 2)]
     nearest = [_nearest_neighbour(cost, int(start)) for start in starts]
@@ -81,7 +81,7 @@ def improve(cost: Array, tours: Tours) -> Tours:
 
 
 def double_bridge(tours: Tours, rng: np.random.Generator) -> Tours:
-    """Exchange two neighbouring stretches of each tour (a double bridge)."""
+    """Return exchange two neighbouring stretches of each tour (a double bridge)."""
     size = tours.shape[1]
     if size < 5:
         return tours
@@ -102,7 +102,7 @@ def _nearest_neighbour(cost: Array, start: int) -> Tours:
 
 
 def _best_move(cost: Array, tours: Tours) -> tuple[Tours, NDArray[np.bool_]]:
-    """The tours ``(k, m)`` after their best move, and which of them it shortens."""
+    """Return the tours ``(k, m)`` after their best move, and which of them it shortens."""
     moved, changes = tours.copy(), []
     between = cost[tours[:, :, None], tours[:, None, :]]  # (k, m, m)
     kinds = [(0, False), *((n, turned) for n in range(1, _LONGEST_SEGMENT + 1) for turned in (False, True))]
@@ -121,7 +121,7 @@ def _best_move(cost: Array, tours: Tours) -> tuple[Tours, NDArray[np.bool_]]:
 
 
 def _two_opt_change(between: Array) -> Array:
-    """``(k, m, m)``: what it changes to replace legs i and j by (i, j) and (i + 1, j + 1)."""
+    """Return the changes ``(k, m, m)`` of length from replacing legs i and j by (i, j) and (i + 1, j + 1)."""
     leg = _legs(between)
     change: Array = between + np.roll(between, (-1, -1), (1, 2)) - leg[:, :, None] - leg[:, None, :]
     at = np.arange(between.shape[1])
@@ -130,7 +130,7 @@ def _two_opt_change(between: Array) -> Array:
 
 
 def _or_change(between: Array, length: int, turned: bool) -> Array:
-    """``(k, m, m)``: what it changes to put the segment from i on between j and j + 1; inf if j is in it."""
+    """Return the changes ``(k, m, m)`` from moving the segment at i between j and j + 1; inf if j is in it."""
     size, at = between.shape[1], np.arange(between.shape[1])
     before, last, after = (at - 1) % size, (at + length - 1) % size, (at + length) % size
     leg = _legs(between)
@@ -143,7 +143,7 @@ def _or_change(between: Array, length: int, turned: bool) -> Array:
 
 
 def _legs(between: Array) -> Array:
-    """``(k, m)``: the leg from each stop to the next."""
+    """Return the leg ``(k, m)`` from each node to the next."""
     at = np.arange(between.shape[1])
     legs: Array = between[:, at, np.roll(at, -1)]
     return legs
@@ -194,12 +194,12 @@ class Tour:
         return int((self.measured[1:-1] < 0).sum()) - len(self.breaks)
 
     def among(self, poses: Indices) -> "Tour":
-        """The tour of poses ``(m,)`` that are some of more, by their numbers among all."""
+        """Return the tour with the poses' numbers ``(m,)`` among more poses."""
         return replace(self, order=poses[self.order], measured=np.where(self.measured < 0, -1, poses[self.measured]))
 
 
 def one_after_another(tours: Sequence[Tour]) -> Tour:
-    """Several tours from home to home as one, which comes home between them: of the same poses, in their parts."""
+    """Join tours from home to home into one, with stops at home between them."""
     waypoints = np.concatenate([tours[0].waypoints, *(tour.waypoints[1:] for tour in tours[1:])])
     measured = np.concatenate([tours[0].measured, *(tour.measured[1:] for tour in tours[1:])])
     breaks = np.cumsum([len(tour.waypoints) - 1 for tour in tours[:-1]], dtype=np.int_).tolist()
@@ -222,7 +222,7 @@ class RoadmapGraph:
         home: Array | None = None,
         safe: Array | None = None,
     ) -> None:
-        """Joints ``(m, n)``, their largest rates ``(n,)``, home ``(n,)`` (zero joint positions), safe ``(k, n)``."""
+        """Set up nodes from joints ``(m, n)``, home ``(n,)`` (zero by default) and safe ``(k, n)``."""
         size = joints.shape[1]
         start = np.zeros(size) if home is None else home
         extra = np.empty((0, size)) if safe is None else safe
@@ -251,13 +251,13 @@ class RoadmapGraph:
         return any(changed)
 
     def seconds(self, order: Indices) -> float:
-        """Duration of the tour that measures the poses in this order."""
+        """Return the duration of the tour that measures the poses in this order."""
         tour = np.append(0, np.asarray(order) + 1)
         self.settle_tour(tour)
         return float(lengths(self.cost, tour[None])[0])
 
     def tour(self, order: Indices) -> Tour:
-        """The tour that measures the poses in this order, detours included."""
+        """Return the tour that measures the poses in this order, detours included."""
         seconds, waypoints, measured = self.seconds(order), [0], [-1]
         nodes = [0, *(np.asarray(order) + 1).tolist(), 0]
         for a, b in pairwise(nodes):
@@ -267,7 +267,7 @@ class RoadmapGraph:
         return Tour(np.asarray(order), self.nodes[waypoints], np.array(measured), seconds)
 
     def fastest(self, a: int, b: int) -> tuple[int, ...]:
-        """The places on the fastest free way; looks only at moves on ways that would be the fastest."""
+        """Return the nodes on the fastest free path; only moves on candidate fastest paths are checked."""
         while True:
             route = self._shortest(a, b)
             blocked = [leg for leg in pairwise(route) if not self._looked_free(*leg)]
@@ -275,7 +275,7 @@ class RoadmapGraph:
                 return route
 
     def _shortest(self, a: int, b: int) -> tuple[int, ...]:
-        """Places on the shortest way from a to b, as far as is known."""
+        """Return the nodes on the shortest path from a to b by the present costs."""
         if np.isfinite(self._graph[a, b]):
             return a, b  # the direct move is never slower than one by way of another place
         far, previous = scipy.sparse.csgraph.dijkstra(self._graph, directed=False, indices=a, return_predecessors=True)
@@ -305,7 +305,7 @@ class RoadmapGraph:
 
 
 def fastest_path(start: Array, end: Array, safe: Array, chain: JointSpec, free: FreePath) -> Array:
-    """The fastest free way between two joint positions ``(n,)``, straight or by way of others.
+    """Return the fastest free path between two joint positions ``(n,)``, straight or through others.
 
     Args:
         safe: ``(k, n)`` joint positions that a detour may pass through.
@@ -323,7 +323,7 @@ def fastest_path(start: Array, end: Array, safe: Array, chain: JointSpec, free: 
 
 
 def with_reference(tour: Tour, every: int, safe: Array, chain: JointSpec, free: FreePath) -> Tour:
-    """The tour with its first pose measured again after every so many poses, and last.
+    """Return the tour with its first pose measured again after every so many poses, and last.
 
     Args:
         tour: from home to home.
@@ -357,7 +357,7 @@ def with_reference(tour: Tour, every: int, safe: Array, chain: JointSpec, free: 
 
 
 def rated(chain: JointSpec) -> tuple[JointSpec, tuple[str, ...]]:
-    """The chain with representative speeds and accelerations where they are unknown, and a warning then."""
+    """Return the chain with representative speeds and accelerations where they are not given, and a warning then."""
     slow, sudden = np.isnan(chain.speed), np.isnan(chain.acceleration)
     speed = np.where(slow, np.where(chain.prismatic, DEFAULT_SLIDE_SPEED, DEFAULT_SPEED), chain.speed)
     acceleration = np.where(sudden, speed / FULL_SPEED_S, chain.acceleration)
@@ -376,12 +376,12 @@ def _named(chain: JointSpec, which: NDArray[np.bool_]) -> str:
 
 
 def move_seconds(joints: Array, speed: Array, acceleration: Array) -> Array:
-    """Durations ``(m, m)`` of moves between joint positions ``(m, n)``, by the joints' largest rates ``(n,)``."""
+    """Return the durations ``(m, m)`` of moves between joint positions ``(m, n)``, by the joints' rates ``(n,)``."""
     return rest_to_rest_seconds(joints[:, None] - joints[None], speed, acceleration)
 
 
 def tour_trajectory(chain: JointSpec, waypoints: Array, waiting: Array) -> tuple[Trajectory, Array]:
-    """Motion of the joints through waypoints, with the arrival time at each ``(s,)`` s.
+    """Return the motion of the joints through waypoints, with the arrival time at each ``(s,)`` s.
 
     Args:
         chain: with known rates.
@@ -407,7 +407,7 @@ def plan_tour(
     home: Array | None = None,
     safe: Array | None = None,
 ) -> Tour:
-    """A short closed tour from home through the poses ``(m, n)``, every move of it free.
+    """Plan a short closed tour from home through the poses ``(m, n)``, every move of it free.
 
     Nearest neighbour and random starts, 2-opt and Or-opt, then kicks (double bridges) until a number of
     rounds brought nothing: no certificate, but for a dozen poses the optimum.

@@ -71,7 +71,7 @@ def contacts_at(model: mujoco.MjModel, qpos: Array, data: mujoco.MjData | None =
 def _contacts(robot: RobotModel, joints: Array, data: mujoco.MjData | None = None) -> Iterator[mujoco.MjData | None]:
     """Yield the nominal arm's contacts at joint positions ``(n, joints)``; None where its loops do not close."""
     qpos = robot.qpos(joints)
-    open_loops = np.isnan(qpos).any(axis=1)
+    open_loops = np.asarray(np.isnan(qpos).any(axis=1))
     contacts = contacts_at(robot.model, qpos[~open_loops], data)
     return (None if is_open else next(contacts) for is_open in open_loops)
 

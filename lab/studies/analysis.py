@@ -71,7 +71,7 @@ class Resampled:
 
 
 def resampled(values: Array, weights: Array, level: float) -> Resampled:
-    """Means over robots with their intervals.
+    """Compute means over robots with their intervals.
 
     Args:
         values: ``(robots, m)``; NaN where a robot has none.
@@ -95,7 +95,7 @@ def resampled(values: Array, weights: Array, level: float) -> Resampled:
 
 
 def _moments(weights: Array, finite: Array, left: Array, floor: Array) -> tuple[Array, Array]:
-    """Mean ``(resamples, m)`` of what is left, and its standard error: infinite where nothing was drawn."""
+    """Return the means ``(resamples, m)`` of the residuals, and their standard errors."""
     count = weights @ finite.astype(float)
     shift = weights @ left / np.maximum(count, 1)
     square = weights @ left**2 / np.maximum(count, 1) - shift**2
@@ -104,12 +104,12 @@ def _moments(weights: Array, finite: Array, left: Array, floor: Array) -> tuple[
 
 
 def _quotient(size: Array, std: Array) -> Array:
-    """Size over standard error; infinite where one robot alone was drawn, zero for zero."""
+    """Return size over standard error; infinite if one robot alone was drawn, zero for zero."""
     return np.where(std > 0, size / np.where(std > 0, std, 1.0), np.where(size > 0, np.inf, 0.0))
 
 
 def holm(p: Array) -> Array:
-    """p-values ``(m,)`` for the family that they are, whatever their dependence (Holm 1979); NaN is not of it."""
+    """Correct a family of p-values ``(m,)`` under any dependence (Holm 1979); NaN stays out of it."""
     corrected = np.full(len(p), np.nan)
     order = np.argsort(p)[: int(np.isfinite(p).sum())]
     steps = p[order] * np.arange(len(order), 0, -1)
@@ -137,7 +137,7 @@ class CellGroup:
 
 
 def groups(cells: Sequence[Cell], free: Collection[str]) -> tuple[CellGroup, ...]:
-    """Cells that agree in all factors but the free ones; a cell whose level is "any" is in each group it agrees with.
+    """Group cells that agree in all factors but the free ones; a cell with the level "any" is in each such group.
 
     Groups that are a part of another one are not told.
     """
@@ -176,7 +176,7 @@ class CampaignArray:
     def of(
         cls, columns: Mapping[str, NDArray[Any]], cells: Sequence[Cell], seed: int = 0, resamples: int = RESAMPLES
     ) -> "CampaignArray":
-        """Arrange the columns ``cell``, ``robot``, ``draw``, ``converged`` and metrics as an array.
+        """Return arrange the columns ``cell``, ``robot``, ``draw``, ``converged`` and metrics as an array.
 
         Raises:
             LabError: a column is missing, a cell is unknown, or a campaign is duplicated.
@@ -198,7 +198,7 @@ class CampaignArray:
         return cls(tuple(cells), columns, shape, place, drawn.astype(float))
 
     def values(self, metric: str) -> Array:
-        """A metric ``(cells, robots, draws)``; NaN where there is no campaign, it did not converge or is not finite.
+        """Return a metric ``(cells, robots, draws)``; NaN without a converged campaign or a finite value.
 
         Raises:
             LabError: the metric is unknown.
@@ -214,7 +214,7 @@ class CampaignArray:
         return self._arranged(np.ones(len(self.place)), 0.0).astype(bool)
 
     def not_converged(self) -> NDArray[np.int_]:
-        """Campaigns that did not, by cell."""
+        """Count campaigns that did not converge, by cell."""
         failed = ~np.asarray(self.columns["converged"], dtype=bool)
         return np.asarray(self._arranged(failed.astype(float), 0.0).sum((1, 2)), dtype=int)
 
@@ -318,7 +318,7 @@ class Comparison:
     ranks: tuple[Rank, ...]
 
     def against(self, one: int, other: int) -> Pair:
-        """The pair of two of the group's cells, the other one against the one."""
+        """Return the pair of two of the group's cells, ``other`` against ``one``."""
         pair = next(pair for pair in self.pairs if {pair.first, pair.second} == {one, other})
         return pair if pair.first == one else _reversed(pair, self.kind)
 
@@ -356,7 +356,7 @@ def means(campaigns: CampaignArray, metric: str) -> tuple[Mean, ...]:
 
 
 def compared(campaigns: CampaignArray, group: CellGroup, metric: str, kind: Kind = "ratio") -> Comparison:
-    """Compare all pairs of a group's cells, and rank the cells.
+    """Return compare all pairs of a group's cells, and rank the cells.
 
     A campaign counts in a pair where it converged in both cells (and, for a ratio, the metric is positive in both).
     """
@@ -389,7 +389,7 @@ def compared(campaigns: CampaignArray, group: CellGroup, metric: str, kind: Kind
 def _ranks(
     group: CellGroup, numbers: Sequence[tuple[int, int]], found: Resampled, pairs: Sequence[Pair]
 ) -> tuple[Rank, ...]:
-    """Ranks by the scores that fit the pairs' effects best; with no campaign left out these are the cells' means."""
+    """Rank cells by the scores that fit the pairs' effects best; with all campaigns these are the cells' means."""
     known = np.isfinite(found.mean)
     signs = np.zeros((len(numbers), len(group.cells)))
     for row, (i, j) in zip(signs, numbers, strict=True):
@@ -408,20 +408,19 @@ def _ranks(
 
 
 def _placed(scores: Array) -> NDArray[np.int_]:
-    """Ranks ``(n, cells)`` of scores: 1 and how many are less."""
+    """Return the ranks ``(n, cells)`` of scores: one plus the number of smaller ones."""
     margin = _TIED * np.abs(scores).max(axis=1, initial=0.0)[:, None, None]
     return np.asarray(1 + (scores[:, None, :] < scores[:, :, None] - margin).sum(axis=2))
 
 
 def _over_draws(values: Array) -> Array:
-    """Means over the last axis of what is finite; NaN where nothing is."""
+    """Return means over the last axis of finite values; NaN without any."""
     good = np.isfinite(values)
     count = good.sum(axis=-1)
     return np.asarray(np.where(good, values, 0.0).sum(axis=-1) / np.where(count, count, np.nan))
 
 
 def _reversed(pair: Pair, kind: Kind) -> Pair:
-    """The first against the second."""
     ends = np.array([pair.effect, pair.upper, pair.lower])
     effect, lower, upper = (1 / ends if kind == "ratio" else -ends).tolist()
     return replace(pair, first=pair.second, second=pair.first, effect=effect, lower=lower, upper=upper)
@@ -434,7 +433,7 @@ def analysed(
     metrics: Sequence[str] = COMPARED,
     factors: Sequence[str] | None = None,
 ) -> Analysis:
-    """Means of every cell by every column, and comparisons by some metrics and factors.
+    """Compute the means of every cell by every column, and comparisons by some metrics and factors.
 
     Args:
         metrics: of which less is better.

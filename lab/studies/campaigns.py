@@ -93,7 +93,7 @@ def refuse_impossible(study: Study) -> None:
 
 
 def cell_poses(study: Study, cell: Cell) -> Array:
-    """The poses ``(n, joints)`` that every campaign of a cell measures: of the nominal model, whatever the robot.
+    """Return the poses ``(n, joints)`` of every campaign of a cell, chosen for the nominal model.
 
     They are designed for the usual parameters, whichever are then identified.
 
@@ -126,7 +126,7 @@ def _refuse_few_poses(cell: Cell, fitted: "_Fitted", study: Study) -> None:
 
 @lru_cache(maxsize=16)
 def _designed(requested: DesignOptions) -> Array:
-    """Kept, because cells that differ in the arm alone have the same."""
+    """Design poses; cached, as cells that differ in the arm alone share them."""
     assert requested.poses is not None
     return best_design(requested, pose_problem(requested), requested.poses).joints
 
@@ -198,14 +198,13 @@ class _Fitted:
 
 
 def _noisy(device: Instrument, noise: float) -> Instrument:
-    """The instrument with its noise multiplied."""
     names = ("radial_m", "radial_per_m", "transverse_m", "transverse_per_m", "angle_rad")
     grown = {name: noise * getattr(device, name) for name in names if hasattr(device, name)}
     return replace(device, errors=device.errors.times(noise), **grown)
 
 
 def _of_robot(study: Study, fitted: _Fitted, number: int, joints: Array, fresh: Array) -> Columns:
-    """The campaigns with one robot, a row each."""
+    """Run the campaigns with one robot, a row each."""
     seed, cell = seed_of(study.seed, "robots", number), fitted.cell
     requested = VirtualCampaign(
         robot=study.robot,
@@ -250,7 +249,7 @@ def _measured(real: TrueRobot, device: Instrument, requested: VirtualCampaign, j
 
 
 def _turned(fitted: _Fitted, real: TrueRobot, joints: Array, measured: Array) -> PointBatch:
-    """The campaigns turned onto the nominal model: by what was measured, or where the base is known, by that."""
+    """Align the campaigns with the nominal model, by the measured points, or by a fixed base."""
     shown, device = real.effects.shown(joints), fitted.device
     if fitted.placed:
         campaigns = align(fitted.stacked, shown, measured, fitted.nominal)
@@ -296,7 +295,7 @@ def _judged(
 
 
 def _before(fitted: _Fitted, joints: Array, exact: Array, fresh: Array, there: Array) -> float:
-    """Mean error (mm) at the validation poses of nominal links with base and tool fitted, without noise."""
+    """Return the mean error (mm) at validation poses of nominal links with base and tool fitted, without noise."""
     campaigns = align(fitted.stacked, joints, exact[None], fitted.nominal)
     placing = base_set(
         fitted.stacked.arm, fitted.nominal, fix=names_of(each for each in fitted.stacked.arm.parameters if each.is_link)
@@ -306,7 +305,7 @@ def _before(fitted: _Fitted, joints: Array, exact: Array, fresh: Array, there: A
 
 
 def _errors(fitted: _Fitted, fresh: Array, values: Array, exact: Array) -> Array:
-    """Sizes ``(b, k m)`` mm of the errors at validation poses ``(m, joints)``, with targets at ``(b, k, 3, m)``."""
+    """Return errors ``(b, k m)`` mm at validation poses ``(m, joints)``, with targets at ``(b, k, 3, m)``."""
     parts = []
     for at in range(0, len(values), _JUDGED_TOGETHER):
         part = slice(at, at + _JUDGED_TOGETHER)
@@ -317,7 +316,7 @@ def _errors(fitted: _Fitted, fresh: Array, values: Array, exact: Array) -> Array
 
 
 def _true_values(fitted: _Fitted, real: TrueRobot, Ts_instrument_nominal: Array) -> Array:
-    """The robot's parameters ``(b, p)`` in the canonical gauge, the base as each campaign was turned."""
+    """Return the robot's parameters ``(b, p)`` in the canonical gauge, with the base of each aligned campaign."""
     arm = fitted.stacked.arm
     known = truth_of(real, arm)
     truth = np.full(len(arm.names), np.nan) if known is None else known.of(arm.names)
@@ -328,7 +327,7 @@ def _true_values(fitted: _Fitted, real: TrueRobot, Ts_instrument_nominal: Array)
 
 
 def _rms(values: Array) -> Array:
-    """Root mean squares ``(b,)`` of ``(b, f)``; NaN of nothing."""
+    """Return root mean squares ``(b,)`` of ``(b, f)``; NaN for no columns."""
     return np.sqrt((values**2).mean(axis=1)) if values.shape[1] else np.full(len(values), np.nan)
 
 
@@ -349,6 +348,6 @@ def difference(there: dict[str, Any], here: dict[str, Any]) -> str | None:
 
 
 def other_version(old: Mapping[str, str], new: Mapping[str, str]) -> str | None:
-    """The first package that is not of the same version, in words; None if all are."""
+    """Describe the first package of another version; None if all versions are equal."""
     other = next((name for name in sorted({*old, *new}) if old.get(name) != new.get(name)), None)
     return None if other is None else f"{other} {old.get(other)}, not {new.get(other)}"

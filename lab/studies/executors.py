@@ -45,7 +45,7 @@ class StoppedError(LabError):
 
 
 def local_executor(workers: int | None = None) -> ProcessPoolExecutor:
-    """Processes of this machine, by default one for each core that this process may use.
+    """Return processes of this machine, by default one for each core that this process may use.
 
     A process imports the modules whose functions it calls, but not the script or the session that started it: a script
     needs no ``if __name__ == "__main__"``, and its own functions cannot be called.
@@ -94,14 +94,14 @@ class _Processes(SpawnContext):
 
 
 def _prepare() -> None:
-    """Prepare a new process: one BLAS thread, interrupted only by the parent, ended with it."""
+    """Return prepare a new process: one BLAS thread, interrupted only by the parent, ended with it."""
     os.environ.update(dict.fromkeys(_THREADS, "1"))  # before numpy is imported
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # where the signal could not be blocked before
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
 def _end_with_parent() -> None:
-    """A parent that was killed closes nothing: without this its workers would wait for work for ever."""
+    """End with the parent: workers of a killed parent would wait for work for ever."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()
@@ -110,7 +110,7 @@ def _end_with_parent() -> None:
 
 @contextmanager
 def cluster_executor(address: str) -> Iterator[Executor]:
-    """The workers of a dask.distributed scheduler; certificates for ``tls://`` come from dask's own configuration.
+    """Yield the workers of a dask.distributed scheduler; certificates for ``tls://`` come from dask's configuration.
 
     Raises:
         LabError: the extra is not installed, or the scheduler does not answer or has no workers with the lab.
@@ -144,7 +144,7 @@ def cluster_executor(address: str) -> Iterator[Executor]:
 
 
 def _client(address: str) -> "Client":
-    """A client of a scheduler that answers."""
+    """Return a client of a scheduler that answers."""
     from distributed import Client
     from distributed.comm.core import connect
     from distributed.security import Security

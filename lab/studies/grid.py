@@ -159,12 +159,12 @@ class Study:
 
 
 def _plain(cell: Cell) -> Cell:
-    """A scaling that makes no difference is none: of random poses, and of O1."""
+    """Return the cell with the scaling "any" where it makes no difference: of random poses, and of O1."""
     return Cell(**{**asdict(cell), "scaling": ANY}) if cell.criterion in ("random", "O1") else cell
 
 
 def read_study(path: Path) -> Study:
-    """A study from a TOML file.
+    """Read a study from a TOML file.
 
     Raises:
         LabError: the file cannot be read, or asks for what there is not.
@@ -177,7 +177,7 @@ def read_study(path: Path) -> Study:
 
 
 def study_from(content: Mapping[str, Any]) -> Study:
-    """A study from plain values, as TOML and JSON have them.
+    """Build a study from plain values of TOML and JSON.
 
     Raises:
         LabError: a name is unknown, a value is not of its type, or the study asks for what there is not.
@@ -188,7 +188,7 @@ def study_from(content: Mapping[str, Any]) -> Study:
 
 
 def _levels(factor: str, given: Any) -> tuple[Any, ...]:
-    """A factor's values, one or a list, each of the factor's type."""
+    """Return a factor's values, one or a list, each of the factor's type."""
     levels = given if isinstance(given, list) else [given]
     if factor not in FACTORS:
         return tuple(levels)  # the study says that there is none such

@@ -92,7 +92,7 @@ def run_study(
 
 
 def _posed(store: Store, executor: Executor, progress: Progress, work: Callable[..., Array]) -> dict[int, Array]:
-    """The poses of every cell; those that are not there yet are worked out and kept."""
+    """Return the poses of every cell; missing ones are computed and stored."""
     cells = store.cells
     read = ((number, store.read_poses(number)) for number in range(len(cells)))
     poses = {number: joints for number, joints in read if joints is not None}
@@ -125,7 +125,7 @@ def _solved(
 
 
 def _work(origin: dict[str, Any], robot: str, function: Callable[..., Any], *arguments: Any) -> Any:
-    """Call a function in a worker, with one BLAS thread, if its results would equal those of other machines."""
+    """Call a function in a worker, with one BLAS thread; refuse other versions or files, whose results may differ."""
     what = difference(_origin_here(robot), origin)
     if what is not None:
         raise StoppedError(f"a worker has {what}; mend that, then {option_name('resume')} goes on")
@@ -144,7 +144,7 @@ Running = Callable[[Study, Path], tuple[CampaignArray, StudyDone]]
 
 @contextlib.contextmanager
 def study_runner(workers: int) -> Iterator[Running]:
-    """Processes of this machine that run studies, one after another, each into a folder or on with what is there.
+    """Yield a function that runs studies on processes of this machine, each into a new or unfinished folder.
 
     What is yielded gives a study's campaigns in order, and how long it took; a LabError where the folder holds another
     study.

@@ -76,7 +76,7 @@ class Store:
         return (task.last - task.first) * self.study.draws
 
     def read_poses(self, cell: int) -> Array | None:
-        """The poses ``(n, joints)`` of a cell, in rad or m; None if they are not there, or not whole."""
+        """Read the poses ``(n, joints)`` of a cell, in rad or m; None if missing or incomplete."""
         content = read_checked(self._poses(cell))
         if content is None:
             return None
@@ -161,7 +161,7 @@ class Store:
 
 
 def begin(folder: Path, study: Study) -> Store:
-    """A folder for a study: there with all that describes it, or not at all.
+    """Create a study's folder with its description, or nothing at all.
 
     Raises:
         LabError: it holds something, or cannot be written.
@@ -184,7 +184,7 @@ def begin(folder: Path, study: Study) -> Store:
 
 
 def go_on(folder: Path, study: Study) -> Store:
-    """The folder of this very study, without what a killed run left half written.
+    """Open the folder of this study, and remove half-written files of a killed run.
 
     Raises:
         LabError: it holds another study, or was begun with another version or other files of the robot.
@@ -217,7 +217,7 @@ def go_on(folder: Path, study: Study) -> Store:
 
 
 def read_store(folder: Path) -> Store:
-    """The folder of a study, to read.
+    """Open the folder of a study to read.
 
     Raises:
         LabError: it holds none.
@@ -237,7 +237,7 @@ def read_campaigns(folder: Path) -> pa.Table:
 
 @contextmanager
 def _write_errors(path: Path) -> Iterator[None]:
-    """A file that cannot be written stops the study, and what is kept stays.
+    """Stop the study if a file cannot be written; finished files stay.
 
     Raises:
         StoppedError: the disk is full, or does not let it be written.
@@ -268,7 +268,7 @@ def _pose_columns(study: Study) -> tuple[str, ...]:
 
 
 def _read(path: Path) -> pa.Table:
-    """A file of campaigns; an Arrow error or OSError if it is not as it was written."""
+    """Read a file of campaigns; an Arrow error or OSError if it was changed or damaged."""
     with pq.ParquetFile(path, page_checksum_verification=True) as file:
         table = file.read()
     if not table.schema.equals(SCHEMA):
