@@ -1,16 +1,14 @@
-"""The shortest measurement session: a closed tour from home through all poses and back.
+"""Plan the shortest measurement session: a closed tour from home through all poses and back.
 
-A move lasts what the quickest one does that all joints begin, cruise and end together, at rest at both ends
-(``geometry.laws``): a straight path of the joint positions. Whether that
-is free is asked of a plain callable, and only for the moves that a tour wants to use. A move that is not
-free goes by way of other free poses and costs what that detour takes; the order is then sought again with
-the costs so corrected. Costs only ever rise, so an order that is best among costs of which all of its own
-are known is best among the true ones.
+A move is the fastest straight path of the joint positions in which all joints begin, cruise and end together, at rest
+at both ends (``kinematics.trajectory.profiles``). Only moves of a candidate tour are checked for collisions. A move
+that is not free is replaced by the fastest detour through other free poses; the order is then optimized again with the
+corrected costs. Costs only rise, so an order that is best among costs of which all of its own are checked is best
+among the true ones.
 
-Short closed tours over a symmetric cost matrix: 2-opt, Or-opt and kicks, for many tours at once.
-
-A batch of k tours over m places is an array ``(k, m)``, each row a permutation. (Lin & Kernighan 1973 and
-Or 1976 for the moves; Martin, Otto & Felten 1991 for the double bridge that kicks a tour out of its rut.)
+Tours over the symmetric cost matrix are improved by 2-opt, Or-opt and kicks, many at once: k tours over m nodes are an
+array ``(k, m)``, each row a permutation (Lin & Kernighan 1973 and Or 1976 for the moves; Martin, Otto & Felten 1991 for
+the double bridge as a kick).
 """
 
 from collections.abc import Callable, Sequence
@@ -18,7 +16,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-import scipy  # its parts are loaded at their first use, which not every process comes to
+import scipy  # its parts are loaded at their first use
 from numpy.typing import NDArray
 
 from lab.core.errors import LabError
@@ -47,19 +45,19 @@ __all__ = [
     "with_reference",
 ]
 
-Tours = NDArray[np.int_]
+_Indices = NDArray[np.int_]
 _STARTS = 24
-_LONGEST_SEGMENT = 3
+_MAX_SEGMENT = 3
 _GAIN = 1e-12
 
 
-def lengths(cost: Array, tours: Tours) -> Array:
+def lengths(cost: Array, tours: _Indices) -> Array:
     """Return the length ``(k,)`` of each closed tour."""
     total: Array = cost[tours, np.roll(tours, -1, axis=1)].sum(axis=1)
     return total
 
 
-def random_starts(cost: Array, rng: np.random.Generator, count: int = _STARTS) -> Tours:
+def random_starts(cost: Array, rng: np.random.Generator, count: int = _STARTS) -> _Indices:
     """Draw tours ``(count, m)``: half by nearest neighbour from different nodes, node 0 first, half random."""
     size = len(cost)
     starts = np.append(0, rng.permutation(np.arange(1, size)))[: max(1, count // 2)]
@@ -67,11 +65,11 @@ def random_starts(cost: Array, rng: np.random.Generator, count: int = _STARTS) -
     return np.array([*nearest, *(rng.permutation(size) for _ in range(count - len(nearest)))])
 
 
-def improve(cost: Array, tours: Tours) -> Tours:
+def improve(cost: Array, tours: _Indices) -> _Indices:
     """Apply the best 2-opt or Or-opt move to each tour until none shortens it."""
     tours = tours.copy()
     if tours.shape[1] < 4:
-        return tours  # three places have one tour
+        return tours  # three nodes have one tour
     active = np.arange(len(tours))
     while len(active):
         moved, gained = _best_move(cost, tours[active])
@@ -80,7 +78,7 @@ def improve(cost: Array, tours: Tours) -> Tours:
     return tours
 
 
-def double_bridge(tours: Tours, rng: np.random.Generator) -> Tours:
+def double_bridge(tours: _Indices, rng: np.random.Generator) -> _Indices:
     """Return exchange two neighbouring stretches of each tour (a double bridge)."""
     size = tours.shape[1]
     if size < 5:
@@ -92,7 +90,7 @@ def double_bridge(tours: Tours, rng: np.random.Generator) -> Tours:
     return np.array(kicks)
 
 
-def _nearest_neighbour(cost: Array, start: int) -> Tours:
+def _nearest_neighbour(cost: Array, start: int) -> _Indices:
     tour, left = [start], np.ones(len(cost), dtype=bool)
     left[start] = False
     while left.any():
@@ -101,11 +99,11 @@ def _nearest_neighbour(cost: Array, start: int) -> Tours:
     return np.array(tour)
 
 
-def _best_move(cost: Array, tours: Tours) -> tuple[Tours, NDArray[np.bool_]]:
+def _best_move(cost: Array, tours: _Indices) -> tuple[_Indices, NDArray[np.bool_]]:
     """Return the tours ``(k, m)`` after their best move, and which of them it shortens."""
     moved, changes = tours.copy(), []
     between = cost[tours[:, :, None], tours[:, None, :]]  # (k, m, m)
-    kinds = [(0, False), *((n, turned) for n in range(1, _LONGEST_SEGMENT + 1) for turned in (False, True))]
+    kinds = [(0, False), *((n, turned) for n in range(1, _MAX_SEGMENT + 1) for turned in (False, True))]
     kinds = [kind for kind in kinds if kind[0] <= tours.shape[1] - 3]
     for length, turned in kinds:
         change = _or_change(between, length, turned) if length else _two_opt_change(between)
@@ -149,12 +147,12 @@ def _legs(between: Array) -> Array:
     return legs
 
 
-def _reversed(tour: Tours, i: int, j: int) -> Tours:
+def _reversed(tour: _Indices, i: int, j: int) -> _Indices:
     i, j = min(i, j), max(i, j)
     return np.concatenate([tour[: i + 1], tour[j:i:-1], tour[j + 1 :]])
 
 
-def _or_moved(tour: Tours, i: int, j: int, length: int, turned: bool) -> Tours:
+def _or_moved(tour: _Indices, i: int, j: int, length: int, turned: bool) -> _Indices:
     around = np.roll(tour, -i)
     segment, rest = around[:length], around[length:]
     cut = (j - i) % len(tour) - length + 1
@@ -163,9 +161,8 @@ def _or_moved(tour: Tours, i: int, j: int, length: int, turned: bool) -> Tours:
 
 DEFAULT_SPEED = np.pi  # rad/s; small arms' axes reach 2.5 to 7
 DEFAULT_SLIDE_SPEED = 0.5  # m/s
-FULL_SPEED_S = 0.3  # after which a joint whose acceleration is unknown has its full speed
+FULL_SPEED_S = 0.3  # to full speed, for a joint without a given acceleration
 FreePath = Callable[[Array, Array], bool]
-Indices = NDArray[np.int_]
 _PATIENCE = 20  # rounds of kicks without a shorter tour
 _GAIN_S = 1e-9
 
@@ -176,24 +173,24 @@ class Tour:
 
     Attributes:
         order: ``(m,)``, the poses in the order in which they are first measured.
-        stops: ``(s, n)`` joint positions to move to one after the other: home, poses and detours' poses, home.
-        measured: ``(s,)``, which pose is measured at a stop, -1 where none is.
-        seconds: time on the move; time to measure is not in it.
-        breaks: stops at home, between the first and the last, at which the instrument is moved.
+        waypoints: ``(s, n)`` joint positions to move to one after the other: home, poses and detours' poses, home.
+        measured: ``(s,)``, the pose measured at each waypoint, -1 for none.
+        seconds: time of all moves, without measuring.
+        breaks: waypoints at home, between the first and the last, at which the instrument is moved.
     """
 
-    order: Indices
+    order: _Indices
     waypoints: Array
-    measured: Indices
+    measured: _Indices
     seconds: float
     breaks: tuple[int, ...] = ()
 
     @property
     def via(self) -> int:
-        """Number of waypoints that are passed and not measured, home left out."""
+        """Number of waypoints without a measurement, except home."""
         return int((self.measured[1:-1] < 0).sum()) - len(self.breaks)
 
-    def among(self, poses: Indices) -> "Tour":
+    def among(self, poses: _Indices) -> "Tour":
         """Return the tour with the poses' numbers ``(m,)`` among more poses."""
         return replace(self, order=poses[self.order], measured=np.where(self.measured < 0, -1, poses[self.measured]))
 
@@ -208,7 +205,7 @@ def one_after_another(tours: Sequence[Tour]) -> Tour:
 
 
 class RoadmapGraph:
-    """Cost of moving between home (place 0) and the poses (places 1 to m), as far as computed.
+    """Cost of moving between home (node 0) and the poses (nodes 1 to m), as far as computed.
 
     Detours pass through home, through ``safe`` poses, or through poses of the plan.
     """
@@ -228,14 +225,14 @@ class RoadmapGraph:
         extra = np.empty((0, size)) if safe is None else safe
         self.nodes = np.concatenate([start[None], joints, extra])
         self.count = 1 + len(joints)
-        self._free, self._known = free, np.eye(len(self.nodes), dtype=bool)
+        self._free, self._checked = free, np.eye(len(self.nodes), dtype=bool)
         self._graph = move_seconds(self.nodes, speed, acceleration)  # inf: not free
-        self.cost = self._graph[: self.count, : self.count].copy()  # (m + 1, m + 1): direct until looked at
+        self.cost = self._graph[: self.count, : self.count].copy()  # (m + 1, m + 1): direct until checked
         self._settled = np.eye(self.count, dtype=bool)
         self._routes: dict[tuple[int, int], tuple[int, ...]] = {}
 
     def settle(self, a: int, b: int) -> bool:
-        """Make the cost of the move between two places true; False if it was already."""
+        """Make the cost of the move between two nodes true; False if it was already."""
         if self._settled[a, b]:
             return False
         a, b = min(a, b), max(a, b)
@@ -245,18 +242,18 @@ class RoadmapGraph:
         self.cost[a, b] = self.cost[b, a] = sum(self._graph[i, j] for i, j in pairwise(route))
         return True
 
-    def settle_tour(self, tour: Indices) -> bool:
+    def settle_tour(self, tour: _Indices) -> bool:
         """Make the costs of all moves of a closed tour ``(m + 1,)``; False if all were already true."""
         changed = [self.settle(int(a), int(b)) for a, b in zip(tour, np.roll(tour, -1), strict=True)]
         return any(changed)
 
-    def seconds(self, order: Indices) -> float:
+    def seconds(self, order: _Indices) -> float:
         """Return the duration of the tour that measures the poses in this order."""
         tour = np.append(0, np.asarray(order) + 1)
         self.settle_tour(tour)
         return float(lengths(self.cost, tour[None])[0])
 
-    def tour(self, order: Indices) -> Tour:
+    def tour(self, order: _Indices) -> Tour:
         """Return the tour that measures the poses in this order, detours included."""
         seconds, waypoints, measured = self.seconds(order), [0], [-1]
         nodes = [0, *(np.asarray(order) + 1).tolist(), 0]
@@ -270,35 +267,35 @@ class RoadmapGraph:
         """Return the nodes on the fastest free path; only moves on candidate fastest paths are checked."""
         while True:
             route = self._shortest(a, b)
-            blocked = [leg for leg in pairwise(route) if not self._looked_free(*leg)]
+            blocked = [leg for leg in pairwise(route) if not self._is_free(*leg)]
             if not blocked:
                 return route
 
     def _shortest(self, a: int, b: int) -> tuple[int, ...]:
         """Return the nodes on the shortest path from a to b by the present costs."""
         if np.isfinite(self._graph[a, b]):
-            return a, b  # the direct move is never slower than one by way of another place
+            return a, b  # the direct move is never slower than one through another node
         far, previous = scipy.sparse.csgraph.dijkstra(self._graph, directed=False, indices=a, return_predecessors=True)
         if not np.isfinite(far[b]):
             raise LabError(
                 f"no free way to {self._cut_off(a, b)}, through any of {len(self.nodes)} places: "
                 "give more safe poses, another home, or leave that pose out"
             )
-        way = [b]
-        while way[-1] != a:
-            way.append(int(previous[way[-1]]))
-        return tuple(reversed(way))
+        path = [b]
+        while path[-1] != a:
+            path.append(int(previous[path[-1]]))
+        return tuple(reversed(path))
 
     def _cut_off(self, a: int, b: int) -> str:
-        """Return which of two places without a path between them cannot be reached."""
+        """Return the unreachable one of two nodes without a path between them."""
         if np.isfinite(self._graph[0]).sum() == 1:
             return "home"
         far = scipy.sparse.csgraph.dijkstra(self._graph, directed=False, indices=0)
         return f"pose {(b if np.isfinite(far[a]) else a) - 1}"
 
-    def _looked_free(self, a: int, b: int) -> bool:
-        if not self._known[a, b]:
-            self._known[a, b] = self._known[b, a] = True
+    def _is_free(self, a: int, b: int) -> bool:
+        if not self._checked[a, b]:
+            self._checked[a, b] = self._checked[b, a] = True
             if not self._free(self.nodes[min(a, b)], self.nodes[max(a, b)]):
                 self._graph[a, b] = self._graph[b, a] = np.inf
         return bool(np.isfinite(self._graph[a, b]))
@@ -313,10 +310,10 @@ def fastest_path(start: Array, end: Array, safe: Array, chain: JointSpec, free: 
         free: whether the straight joint path between two joint positions is free, the same both ways.
 
     Returns:
-        Joint positions ``(s, n)``: the start, what is passed on the way, and the end.
+        Joint positions ``(s, n)``: the start, those in between, and the end.
 
     Raises:
-        LabError: there is no free way.
+        LabError: there is no free path.
     """
     roads = RoadmapGraph(end[None], chain.speed, chain.acceleration, free, start, safe)
     return roads.nodes[list(roads.fastest(0, 1))]
@@ -327,13 +324,13 @@ def with_reference(tour: Tour, every: int, safe: Array, chain: JointSpec, free: 
 
     Args:
         tour: from home to home.
-        every: how many poses.
+        every: number of poses.
         safe: ``(k, n)`` joint positions that a detour may pass through.
         chain: with known rates (``rated``).
         free: whether the straight joint path between two joint positions is free, the same both ways.
 
     Raises:
-        LabError: there is no free way.
+        LabError: there is no free path.
     """
     places = np.flatnonzero(tour.measured >= 0)
     reference = tour.waypoints[places[0]]
@@ -351,9 +348,9 @@ def with_reference(tour: Tour, every: int, safe: Array, chain: JointSpec, free: 
         waypoints += [there, back]
         measured += [-1] * (len(there) - 1) + [int(tour.order[0])] + [-1] * len(back)
     waypoints.append(tour.waypoints[-1:])
-    every_stop = np.concatenate(waypoints)
-    seconds = rest_to_rest_seconds(np.diff(every_stop, axis=0), chain.speed, chain.acceleration).sum()
-    return Tour(tour.order, every_stop, np.array([*measured, -1]), float(seconds))
+    all_waypoints = np.concatenate(waypoints)
+    seconds = rest_to_rest_seconds(np.diff(all_waypoints, axis=0), chain.speed, chain.acceleration).sum()
+    return Tour(tour.order, all_waypoints, np.array([*measured, -1]), float(seconds))
 
 
 def rated(chain: JointSpec) -> tuple[JointSpec, tuple[str, ...]]:
@@ -386,12 +383,12 @@ def tour_trajectory(chain: JointSpec, waypoints: Array, waiting: Array) -> tuple
     Args:
         chain: with known rates.
         waypoints: joint positions ``(s, n)``, from rest to rest.
-        waiting: ``(s,)`` s, how long the arm stands at each.
+        waiting: ``(s,)`` s at each.
     """
     parts, arrivals = [], [0.0]
-    for (start, end), stand in zip(pairwise(waypoints), waiting, strict=False):
+    for (start, end), seconds in zip(pairwise(waypoints), waiting, strict=False):
         still = np.zeros((1, chain.size))
-        wait = Trajectory(np.array([stand]), still, start, still[0])
+        wait = Trajectory(np.array([seconds]), still, start, still[0])
         move = common_phases(chain, start, end)
         parts += [wait, move]
         arrivals.append(arrivals[-1] + wait.seconds + move.seconds)
@@ -410,18 +407,18 @@ def plan_tour(
     """Plan a short closed tour from home through the poses ``(m, n)``, every move of it free.
 
     Nearest neighbour and random starts, 2-opt and Or-opt, then kicks (double bridges) until a number of
-    rounds brought nothing: no certificate, but for a dozen poses the optimum.
+    rounds without improvement: optimal for a dozen poses, without a certificate for more.
 
     Args:
         joints: ``(m, n)`` joint positions, rad or m.
         speed, acceleration: ``(n,)`` largest ones of the joints (see ``rated``).
         free: whether the straight joint path between two joint positions ``(n,)`` is free, the same both ways.
-        rng: one state gives one tour.
+        rng: determines the tour.
         home: ``(n,)`` joint positions; zero if not given.
         safe: ``(k, n)`` further joint positions that detours may pass through.
 
     Raises:
-        LabError: a pose cannot be reached, or a speed or an acceleration is unknown.
+        LabError: a pose cannot be reached, or a speed or an acceleration is missing.
     """
     roads = RoadmapGraph(joints, speed, acceleration, free, home, safe)
     tours = improve(roads.cost, random_starts(roads.cost, rng))
