@@ -1,4 +1,4 @@
-"""Instruments as they are named: a preset, or a file that describes one."""
+"""Find instruments by the name of a preset, or by a file."""
 
 from pathlib import Path
 
@@ -31,7 +31,7 @@ def named_instrument(name: str) -> Instrument:
     """Return an instrument by the name of its preset, or by the path of its TOML file.
 
     Raises:
-        LabError: there is neither, or the file describes none.
+        LabError: there is neither, or the file does not describe an instrument.
     """
     if name in INSTRUMENTS or not name.endswith(".toml"):
         return instruments.instrument(name)
@@ -42,7 +42,7 @@ def name_of(device: str | Path | Instrument) -> str:
     """Return the name or path of an instrument in options, by which a run reads it again.
 
     Raises:
-        LabError: it is neither a preset nor as a file describes it, so that a run could not name it.
+        LabError: it is neither a preset nor equal to that of a file, so that a run could not name it.
     """
     if not isinstance(device, Instrument):
         return str(device)

@@ -1,4 +1,4 @@
-"""The lab's own robots: where their files are, and what says that a robot's files are as they were."""
+"""Find the lab's own robots, and compute digests of robots' files."""
 
 import hashlib
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The types of options that commands share: flags, lists in one argument, and numbers with a plain refusal."""
+"""Define types of options: flags, lists in one argument, and numbers with a plain refusal."""
 
 from collections.abc import Callable
 from typing import Annotated, Literal, TypeVar, get_args

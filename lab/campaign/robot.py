@@ -1,9 +1,7 @@
-"""A robot by name or path: a folder of ``models``, an MJCF, a URDF, or a table.
+"""Load a robot by name or path: a folder of ``models``, an MJCF, a URDF, or a table.
 
-The file formats in which each kind of robot can be described: a line adds one.
-
-The first format of a kind is the one that a run keeps of a robot that was given as a model; the last one is exact to
-the bit, which a run keeps of a robot that was given as a table or as a mechanism.
+Each kind of robot has its formats of description. The first is the one that a run keeps of a robot given as a model;
+the last, exact to the bit, that of a robot given as a table or as a mechanism.
 """
 
 import hashlib
@@ -69,7 +67,7 @@ __all__ = [
 ]
 
 
-Model = TypeVar("Model", bound=RobotModel)
+_Model = TypeVar("_Model", bound=RobotModel)
 MAKER_FORMATS: tuple[DescriptionFormat[SerialArm, SerialModel], ...] = (UR_KINEMATICS, UR_CORRECTIONS)
 SERIAL_FORMATS: tuple[DescriptionFormat[SerialArm, SerialModel], ...] = (
     MJCF,
@@ -83,15 +81,15 @@ CLOSED_FORMATS: tuple[DescriptionFormat[ClosedArm, ClosedModel], ...] = (CLOSED_
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Robot(Value, ABC):
-    """A robot before any measurement; subclasses answer by their methods.
+    """A robot before any measurement.
 
-    Two are equal where all that is known of them is. A pickled robot is loaded again from its files, which must be
-    there and the same.
+    Robots are equal if all their data are. A pickled robot is loaded again from its files, which must be
+    unchanged.
 
     Attributes:
-        model: its MuJoCo model; of a robot given as a table, one that is built from it.
-        warnings: for the user, on the files that it was read from.
-        loads: its masses, for gravity effects; None where the file gives none.
+        model: its MuJoCo model; built from the table of a robot given as one.
+        warnings: for the user, on its files.
+        loads: its masses, for gravity effects; None if the file gives none.
     """
 
     model: RobotModel
@@ -114,7 +112,7 @@ class Robot(Value, ABC):
 
     @property
     def sha256(self) -> str:
-        """Of the files that it was read from."""
+        """Digest of its files."""
         return self.model.origin.sha256
 
     @property
@@ -124,7 +122,7 @@ class Robot(Value, ABC):
 
     @property
     def cell(self) -> Cell | None:
-        """The cell that it stands in; None where it is alone with what its model has."""
+        """Its cell; None without one."""
         return self.model.origin.cell
 
     @property
@@ -139,7 +137,7 @@ class Robot(Value, ABC):
 
     @property
     def tool(self) -> dict[str, Array]:
-        """Positions ``(3,)`` of the targets that it has (m, in the last frame, or the platform's)."""
+        """Positions ``(3,)`` of its targets (m, in the last frame, or the platform's)."""
         return self.model.tool
 
     @property
@@ -154,13 +152,13 @@ class Robot(Value, ABC):
 
     @property
     def link_compliances(self) -> Array | None:
-        """``(n, 4)`` of its links (``beam.COMPLIANCES``), as its description has them; None where it has none."""
+        """``(n, 4)`` of its links (``beam.COMPLIANCES``), from its description; None without any."""
         return None
 
     @property
     @abstractmethod
     def serial_model(self) -> SerialModel:
-        """Its model, for what exists for serial arms alone.
+        """Its model, if it is a serial arm.
 
         Raises:
             LabError: the robot has loops.
@@ -188,7 +186,7 @@ class Robot(Value, ABC):
         """Return the kinematic model with groups of effects, by name.
 
         Raises:
-            LabError: there is no such group, or no masses or sessions for it, or two do not go together.
+            LabError: there is no such group, or no masses or sessions for it, or two are incompatible.
         """
         named = [effect(name, self.chain, self.loads, session, moving=moving) for name in groups]
         return affected(self.arm(targets), [*stations(session.stations), *named])
@@ -202,11 +200,11 @@ class Robot(Value, ABC):
         """Draw a true robot, without effects: its geometry with normal errors, before a tracker.
 
         Args:
-            errors: how large the errors of the geometry are.
+            errors: standard deviations of the geometry.
             T_world_tracker: pose ``(4, 4)`` (m) of the tracker's frame in the world of the MuJoCo model.
 
         Raises:
-            LabError: this kind of robot has no such errors.
+            LabError: this kind of robot does not have such errors.
         """
 
     @property
@@ -219,24 +217,24 @@ class Robot(Value, ABC):
         """Return the content of such a file for the arm with these targets and parameters ``(p,)``, base included.
 
         Args:
-            comment: what is said of it at its head.
+            comment: at its head.
         """
 
     @property
     def stored_file(self) -> str:
-        """The one of ``description_files`` that a run keeps: in the format that the robot was given in, or near it."""
+        """The one of ``description_files`` that a run keeps: in the robot's own format, or near it."""
         return self.description_files[-1] if self.model.path.suffix == ".toml" else self.description_files[0]
 
     @property
     def stored_files(self) -> tuple[str, ...]:
-        """The ones that a run keeps: also those of the controller's maker, where they are of such a robot."""
+        """The ones that a run keeps: also those of the controller's maker, if they are for such a robot."""
         return (self.stored_file, *(each.file for each in MAKER_FORMATS if each.file in self.description_files))
 
     def placed_in(self, cell: Path | None) -> Self:
         """Return the robot in the cell of a file; unchanged without a file.
 
         Raises:
-            LabError: the file cannot be read, or is not of such a robot.
+            LabError: the file cannot be read, or is not for such a robot.
         """
         if cell is None:
             return self
@@ -283,7 +281,7 @@ class SerialRobot(Robot):
 
     @property
     def link_compliances(self) -> Array | None:
-        """``(n, 4)`` of its links, as its description has them; None where it has none."""
+        """``(n, 4)`` of its links, from its description; None without any."""
         return None if self.model.links is None else self.model.links.compliances
 
     def arm(self, targets: tuple[str, ...]) -> SerialArm:
@@ -324,10 +322,10 @@ class ClosedRobot(Robot):
 
     @property
     def serial_model(self) -> SerialModel:
-        """There is none.
+        """Raise an error: a robot with loops has no serial model.
 
         Raises:
-            LabError: always: a robot with loops has no serial model.
+            LabError: always.
         """
         raise LabError(
             f"robot {self.name} has loops: this is for serial arms alone; its identified dimensions are in "
@@ -345,7 +343,7 @@ class ClosedRobot(Robot):
         """Draw errors of every dimension.
 
         Raises:
-            LabError: an error that only serial arms have is asked for.
+            LabError: an error of serial arms alone is requested.
         """
         if errors.table_alone or errors.joint_offset_sigma:
             raise LabError(
@@ -367,15 +365,15 @@ class ClosedRobot(Robot):
 
 
 def load_robot(robot: str | Path | Robot, cell: Path | None = None) -> Robot:
-    """Load a robot: its nominal model, and what else is known of it before anything is measured.
+    """Load a robot: its nominal model, masses and warnings.
 
     Args:
-        robot: the name of a model of the lab, or a path to an MJCF, a URDF, or a TOML table or mechanism; a robot that
-            is loaded already stays as it is.
+        robot: the name of a model of the lab, or a path to an MJCF, a URDF, or a TOML table or mechanism; a loaded
+            robot is unchanged.
         cell: the file that describes its cell, if any.
 
     Raises:
-        LabError: there is no such robot (the message lists those there are), or it or its cell cannot be read.
+        LabError: there is no such robot (the message lists all), or it or its cell cannot be read.
 
     Example:
         >>> import lab
@@ -385,33 +383,31 @@ def load_robot(robot: str | Path | Robot, cell: Path | None = None) -> Robot:
     """
     if isinstance(robot, Robot):
         return robot.placed_in(cell)
-    known = _loaded(str(robot))
-    origin = replace(known.model.origin, source=str(robot))
-    return replace(known, model=replace(known.model, origin=origin)).placed_in(cell)
+    loaded = _loaded(str(robot))
+    origin = replace(loaded.model.origin, source=str(robot))
+    return replace(loaded, model=replace(loaded.model, origin=origin)).placed_in(cell)
 
 
 def _load_again(origin: Origin) -> RobotModel:
     """Load the model of a pickled robot; refuse missing or changed files."""
-    known = load_robot(origin.source)
-    if known.sha256 != origin.sha256:
+    loaded = load_robot(origin.source)
+    if loaded.sha256 != origin.sha256:
         raise LabError(f"{origin.source}: the robot's files changed since it was pickled; load it anew")
-    return known.model if origin.cell is None else _in_cell(known.model, origin.cell)
+    return loaded.model if origin.cell is None else _in_cell(loaded.model, origin.cell)
 
 
-def _in_cell(model: Model, cell: Cell) -> Model:
+def _in_cell(model: _Model, cell: Cell) -> _Model:
     return replace(in_cell(model, cell), origin=replace(model.origin, cell=cell))
 
 
 def _loaded(robot: str) -> Robot:
     path = description_of(robot)
-    if is_own(path):
-        return _own(path, sha256_of(path))
-    return _read(path, sha256_of(path))
+    return (_own if is_own(path) else _read)(path, sha256_of(path))
 
 
 @cache
 def _own(path: Path, sha256: str) -> Robot:
-    """Read one of the lab's own robots, once a process as long as its folder does not change: robots are immutable."""
+    """Read one of the lab's own robots, once a process while its folder is unchanged: robots are immutable."""
     return _read(path, sha256)
 
 
@@ -445,22 +441,22 @@ def _with_links(path: Path, sha256: str, base: str, sections: object) -> Robot:
     beside = path.parent / base if (path.parent / base).is_file() else Path(base)
     if beside.suffix == ".toml" and beside.is_file() and described_links(beside) is not None:
         raise LabError(f"{path}: robot {base} names another robot in its turn; give that one")
-    known = _loaded(str(beside))
+    loaded = _loaded(str(beside))
     with error_context(path):
-        model = known.serial_model
+        model = loaded.serial_model
         if model.links is not None:
             raise LabError(f"robot {base} has [[link]] sections of its own; change those")
     links = links_of(path, sections, model.chain.size)
-    both = hashlib.sha256(f"{known.sha256} {sha256}".encode()).hexdigest()
+    both = hashlib.sha256(f"{loaded.sha256} {sha256}".encode()).hexdigest()
     model = replace(model, links=links, origin=Origin(str(path), both, load=_load_again))
     with error_context(path):
         refuse_without_length(loads_of(model), links)
-    loads = None if known.loads is None else loads_of(model)
-    return replace(known, model=model, loads=loads)
+    loads = None if loaded.loads is None else loads_of(model)
+    return replace(loaded, model=model, loads=loads)
 
 
 def load_virtual(robot: str | Path | Robot, cell: Path | None = None) -> Robot:
-    """Load a robot that stands for reality: shapes and masses that its file lacks are assumed, with a warning.
+    """Load a robot for a virtual arm: missing shapes and masses are assumed, with a warning.
 
     Raises:
         LabError: it cannot be loaded, or meshes that it needs cannot be read.

@@ -1,4 +1,4 @@
-"""The virtual arm that a campaign's options describe, and the poses that it takes."""
+"""Draw the virtual arm of a campaign's options, and its poses."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -12,7 +12,6 @@ from lab.calibration.stations import STATION_POINTS
 from lab.campaign.instruments import named_instrument
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot
-from lab.campaign.stations import refuse_idle_stations, station_columns, stations_in
 from lab.core.errors import LabError
 from lab.core.limits import WAYPOINTS
 from lab.core.measurements import Measurements, measured
@@ -26,7 +25,7 @@ from lab.kinematics.gauge import STRUCTURE_POSES, base_set
 from lab.kinematics.model import RigidArm
 from lab.kinematics.serial.axes_to_dh import Truth
 from lab.sensors.registry import sensor_named
-from lab.simulation.candidate_poses import seeing_station
+from lab.simulation.candidate_poses import refuse_idle_stations, seeing_station, station_columns, stations_in
 from lab.simulation.collisions import collides, random_poses
 from lab.simulation.effects import Effects, random_conditions, random_effects
 from lab.simulation.tracking import recorded
@@ -43,7 +42,7 @@ __all__ = [
 ]
 
 FRESH_POSES = 1000
-_USUAL_HOURS = 1.0  # that a campaign takes where nothing is said
+_USUAL_HOURS = 1.0  # default duration of a campaign
 
 
 def perturbed_arm(robot: Robot, options: VirtualCampaign) -> TrueRobot:
@@ -58,8 +57,8 @@ def perturbed_arm(robot: Robot, options: VirtualCampaign) -> TrueRobot:
 def truth_of(real: TrueRobot, arm: RigidArm) -> Truth | None:
     """Return the true parameters, without effects, in the canonical gauge of identification.
 
-    Of a serial arm they are read off its joint axes. Of a mechanism they are those of the gauge that give its exact
-    positions: None where none do, because what the gauge fixes shows in an imperfect copy.
+    For a serial arm they are read off its joint axes. For a mechanism they are those of the gauge that give its exact
+    positions: None if none do, as parameters fixed by the gauge are observable in an imperfect copy.
     """
     if (truth := real.truth(arm.targets)) is not None:
         return truth
@@ -143,7 +142,7 @@ def requested_conditions(robot: Robot, options: VirtualCampaign) -> tuple[str, .
     groups = GROUPS if options.fitting.parametric == "auto" else options.fitting.groups
     requested: dict[str, None] = {}
     for group in groups:
-        with suppress(LabError):  # what cannot be built says so when it is to be fitted
+        with suppress(LabError):  # an impossible group is refused when it is fitted
             requested |= dict.fromkeys(robot.arm_with(options.targets, [group]).conditions)
     if any(options.effects.payload_kg):
         requested["payload_kg"] = None

@@ -1,4 +1,4 @@
-"""Draw candidate poses: within limits, free of collisions, every requested target visible to the tracker.
+"""Draw candidate poses: within limits, free of collisions, every requested target visible; assign stations to poses.
 
 All checks use the nominal model, with the tracker at its nominal pose. A target is visible if the
 instrument admits its range, its elevation and the angle at which the beam meets the reflector (whose
@@ -8,6 +8,7 @@ ray; every other visible geom does, so the collision shapes, a little larger tha
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from lab.core import se3
 from lab.core.errors import LabError
+from lab.core.measurements import STATION, Measurements
 from lab.core.progress import Progress, no_progress
 from lab.core.random import ScrambledSobol
 from lab.core.se3 import Array
@@ -36,7 +38,10 @@ __all__ = [
     "feasibility",
     "field_of_view",
     "incidence",
+    "refuse_idle_stations",
     "seeing_station",
+    "station_columns",
+    "stations_in",
     "view_of",
 ]
 
@@ -308,3 +313,44 @@ def _refuse_hopeless(
         f"limit, {n['singularity']} to a parallel singularity, {n['collision']} collide{pairs}, in {n['visibility']} "
         f"the tracker at {place} m does not see {', '.join(targets)}; {mend}"
     )
+
+
+def stations_in(path: Path, rows: Measurements, model: RobotModel) -> NDArray[np.int_]:
+    """Return the station ``(n,)``, from 0, of each row of a plan.
+
+    Args:
+        path: of the plan, for errors.
+        rows: of the plan.
+        model: in its cell.
+
+    Raises:
+        LabError: a row of a cell with several stations names none of them.
+    """
+    if len(model.stations) < 2:
+        return np.zeros(len(rows), dtype=np.int_)
+    valid = {name: i for i, name in enumerate(model.stations)}
+    for i, name in enumerate(rows.stations):
+        if name not in valid:
+            text = f"station '{name}' is none of the cell's" if name else "the station is missing"
+            raise LabError(f"{path}: {rows.where(i)}: {text}; write one of {', '.join(valid)} into the column station")
+    return np.array([valid[name] for name in rows.stations], dtype=np.int_)
+
+
+def station_columns(model: RobotModel, stations: NDArray[np.int_]) -> dict[str, Array]:
+    """Return the conditions ``(n,)`` of each pose's station, from 0; none for a single station."""
+    return {STATION + name: (stations == k).astype(np.float64) for k, name in enumerate(model.stations) if k}
+
+
+def refuse_idle_stations(model: RobotModel, stations: NDArray[np.int_], least: int) -> None:
+    """Refuse an assignment of poses to stations ``(n,)`` that gives one fewer than ``least``.
+
+    Raises:
+        LabError: a station measures too few poses.
+    """
+    counts = np.bincount(stations, minlength=max(len(model.stations), 1))
+    if len(model.stations) > 1 and counts.min() < least:
+        raise LabError(
+            f"{model.path}: station '{model.stations[int(counts.argmin())]}' measures {counts.min()} of "
+            f"{len(stations)} poses, because others see the rest better, and needs {least} at least to be placed; "
+            "leave it out, move it, or ask for more poses"
+        )

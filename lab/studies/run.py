@@ -1,6 +1,7 @@
-"""A study on any executor: the poses of every cell, then all campaigns, each file kept as soon as it is there."""
+"""Run a study on any executor: the poses of every cell, then all campaigns, each file stored when it is finished."""
 
 import contextlib
+import shutil
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
@@ -24,18 +25,16 @@ from lab.studies.store import Store, begin, go_on, read_campaigns
 
 __all__ = ["StudyDone", "run_study", "study_runner"]
 
-Posing = Callable[[Study, Cell], Array]
-Solving = Callable[[Study, Task, Array], dict[str, Array]]
-Progress = Callable[[str, int, int], None]  # what is being made, how many there are, how many there are to be
+_Progress = Callable[[str, int, int], None]  # kind of files, number of finished ones, number of all
 
 
 @dataclass(frozen=True)
 class StudyDone:
-    """A study that is finished.
+    """A finished study.
 
     Attributes:
-        computed: campaigns that this run added to those that were there.
-        seconds: that it took, designs and start of the processes included.
+        computed: number of campaigns added by this run.
+        seconds: duration, designs and start of the processes included.
     """
 
     folder: Path
@@ -62,9 +61,9 @@ def run_study(
     executor: Executor,
     *,
     resume: bool = False,
-    progress: Progress = lambda what, there, all_of_them: None,
-    posing: Posing = cell_poses,
-    solving: Solving = run_task,
+    progress: _Progress = lambda kind, done, total: None,
+    posing: Callable[[Study, Cell], Array] = cell_poses,
+    solving: Callable[[Study, Task, Array], dict[str, Array]] = run_task,
 ) -> StudyDone:
     """Run a study into a folder, or go on with one that stopped.
 
@@ -72,26 +71,26 @@ def run_study(
         executor: whose workers have the lab: threads, processes or a cluster; the campaigns are the same.
 
     Raises:
-        LabError: the folder is not to be written, or the study asks for what cannot be.
-        StoppedError: the disk is full or workers were lost; what is finished is kept.
+        LabError: the folder cannot be written, or the study is impossible.
+        StoppedError: the disk is full or workers were lost; finished files stay.
     """
     started = time.perf_counter()
     store = go_on(folder, study) if resume else begin(folder, study)
     work = partial(_work, origin_of(study.robot), study.robot)
-    with held(folder), threadpool_limits(1):  # of this process, where the workers are its threads
+    with held(folder), threadpool_limits(1):  # of this process, whose threads may be the workers
         try:
             poses = _posed(store, executor, progress, partial(work, posing))
         except StoppedError:
             raise
-        except Exception:  # of a worker: the study cannot be
+        except Exception:  # of a worker: the study is impossible
             if not resume:
-                store.discard()
+                shutil.rmtree(folder, ignore_errors=True)
             raise
         computed = _solved(store, executor, progress, partial(work, solving), poses)
     return StudyDone(folder, study, computed, time.perf_counter() - started)
 
 
-def _posed(store: Store, executor: Executor, progress: Progress, work: Callable[..., Array]) -> dict[int, Array]:
+def _posed(store: Store, executor: Executor, progress: _Progress, work: Callable[..., Array]) -> dict[int, Array]:
     """Return the poses of every cell; missing ones are computed and stored."""
     cells = store.cells
     read = ((number, store.read_poses(number)) for number in range(len(cells)))
@@ -108,7 +107,11 @@ def _posed(store: Store, executor: Executor, progress: Progress, work: Callable[
 
 
 def _solved(
-    store: Store, executor: Executor, progress: Progress, work: Callable[..., dict[str, Array]], poses: dict[int, Array]
+    store: Store,
+    executor: Executor,
+    progress: _Progress,
+    work: Callable[..., dict[str, Array]],
+    poses: dict[int, Array],
 ) -> int:
     """Compute and store the missing campaigns; return their number."""
     study = store.study
@@ -139,15 +142,11 @@ def _origin_here(robot: str) -> dict[str, Any]:
     return origin_of(robot)
 
 
-Running = Callable[[Study, Path], tuple[CampaignArray, StudyDone]]
-
-
 @contextlib.contextmanager
-def study_runner(workers: int) -> Iterator[Running]:
+def study_runner(workers: int) -> Iterator[Callable[[Study, Path], tuple[CampaignArray, StudyDone]]]:
     """Yield a function that runs studies on processes of this machine, each into a new or unfinished folder.
 
-    What is yielded gives a study's campaigns in order, and how long it took; a LabError where the folder holds another
-    study.
+    The function returns a study's campaigns in order, and its result; it refuses a folder of another study.
     """
     with local_executor(workers) as executor:
 

@@ -1,11 +1,10 @@
-"""A study's folder: what was asked, the poses of every cell, and the campaigns, a file a task.
+"""Read and write a study's folder: its options, the poses of every cell, and the campaigns, a file a task.
 
-A file appears whole or not at all: it is written under a temporary name and renamed.
+Files are written under a temporary name and renamed, so that none is incomplete.
 """
 
 import hashlib
 import json
-import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
@@ -41,13 +40,13 @@ _CONFIG, _MANIFEST, _POSES, _CAMPAIGNS = "config.json", "manifest.json", "poses"
 _DIGEST = "sha256"  # of the numbers, in a file of campaigns
 _TYPES = dict.fromkeys(("cell", "robot", "draw", "steps", "lost"), pa.int32()) | {"converged": pa.bool_()}
 _MEND = "give the folder of a study, or begin it again in another"
-SCHEMA = pa.schema([(name, _TYPES.get(name, pa.float64())) for name in COLUMNS])
-_REALS = [field.name for field in SCHEMA if field.type == pa.float64()]
+_SCHEMA = pa.schema([(name, _TYPES.get(name, pa.float64())) for name in COLUMNS])
+_REALS = [field.name for field in _SCHEMA if field.type == pa.float64()]
 
 
 @dataclass(frozen=True)
 class _Begun:
-    """Content of ``config.json`` of a study; its keys."""
+    """Content of ``config.json`` of a study."""
 
     options: Mapping[str, Any]
     model_sha256: str
@@ -105,8 +104,8 @@ class Store:
 
     def keep(self, task: Task, columns: dict[str, Array]) -> None:
         """Write the campaigns of a task: the same campaigns give the same bytes."""
-        arrays = [np.asarray(columns[field.name], dtype=field.type.to_pandas_dtype()) for field in SCHEMA]
-        table = pa.Table.from_arrays([pa.array(array) for array in arrays], schema=SCHEMA)
+        arrays = [np.asarray(columns[field.name], dtype=field.type.to_pandas_dtype()) for field in _SCHEMA]
+        table = pa.Table.from_arrays([pa.array(array) for array in arrays], schema=_SCHEMA)
         table = table.replace_schema_metadata({_DIGEST: _digest(table)})
         assert len(table) == self.campaigns_of(task), task
         buffer = pa.BufferOutputStream()
@@ -128,30 +127,24 @@ class Store:
         Raises:
             LabError: some are missing or damaged.
         """
-        return pa.concat_tables([self._whole(task) for task in self.study.tasks])
+        tables = []
+        for path in map(self._campaigns, self.study.tasks):
+            try:
+                tables.append(_read(path))
+            except (OSError, pa.ArrowException) as error:
+                raise LabError(
+                    f"{path}: not there, or not whole; run the study again with {option_name('resume')}"
+                ) from error
+        return pa.concat_tables(tables)
 
     def remove_left_over(self) -> None:
-        """Remove what a killed run left half written of the study's own files, and no other file."""
+        """Remove half-written files of the study itself, from a killed run, and no others."""
         posed = {path.name for i in range(len(self.cells)) for path in piece_files(self._poses(i))}
         done = {self._campaigns(task).name for task in self.study.tasks}
         for part, names in ((_POSES, posed), (_CAMPAIGNS, done)):
             for path in (self.folder / part).iterdir():
                 if left_of(path) in names and path.is_file():
                     path.unlink()
-
-    def discard(self) -> None:
-        """Remove the folder of a study that cannot be."""
-        shutil.rmtree(self.folder, ignore_errors=True)
-
-    def _whole(self, task: Task) -> pa.Table:
-        path = self._campaigns(task)
-        try:
-            table = _read(path)
-        except (OSError, pa.ArrowException) as error:
-            raise LabError(
-                f"{path}: not there, or not whole; run the study again with {option_name('resume')}"
-            ) from error
-        return table
 
     def _poses(self, cell: int) -> Path:
         return self.folder / _POSES / f"cell{cell:04d}.csv"
@@ -164,7 +157,7 @@ def begin(folder: Path, study: Study) -> Store:
     """Create a study's folder with its description, or nothing at all.
 
     Raises:
-        LabError: it holds something, or cannot be written.
+        LabError: it is not empty, or cannot be written.
     """
     content = _described(study)
     try:
@@ -252,7 +245,7 @@ def _write_errors(path: Path) -> Iterator[None]:
 
 def _described(study: Study) -> dict[str, dict[str, Any]]:
     """Return the content of the folder's JSON files, by their names."""
-    columns = {field.name: {"type": str(field.type), "meaning": COLUMNS[field.name]} for field in SCHEMA}
+    columns = {field.name: {"type": str(field.type), "meaning": COLUMNS[field.name]} for field in _SCHEMA}
     cells = [{"number": number, "factors": asdict(cell)} for number, cell in enumerate(study.cells)]
     tasks = [{"file": f"{_CAMPAIGNS}/{task.name}.parquet", **asdict(task)} for task in study.tasks]
     return {
@@ -271,7 +264,7 @@ def _read(path: Path) -> pa.Table:
     """Read a file of campaigns; an Arrow error or OSError if it was changed or damaged."""
     with pq.ParquetFile(path, page_checksum_verification=True) as file:
         table = file.read()
-    if not table.schema.equals(SCHEMA):
+    if not table.schema.equals(_SCHEMA):
         raise pa.ArrowInvalid("other columns")
     if (table.schema.metadata or {}).get(_DIGEST.encode()) != _digest(table).encode():
         raise pa.ArrowInvalid("other numbers than were written")
