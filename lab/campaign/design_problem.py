@@ -142,11 +142,7 @@ def refusals(model: RobotModel, access: ReachabilityGraph | None) -> Callable[[A
 
 
 def waypoints_in_order(
-    chain: JointSpec,
-    access: ReachabilityGraph,
-    joints: Array,
-    progress: Progress = no_progress,
-    keep: Keep = at_once,
+    chain: JointSpec, access: ReachabilityGraph, joints: Array, progress: Progress = no_progress, keep: Keep = at_once
 ) -> tuple[Array, NDArray[np.int_]]:
     """Find a free path from home through poses in the given order, and home again.
 
@@ -244,10 +240,7 @@ class PoseProblem:
 
 
 def pose_problem(
-    options: DesignOptions,
-    robot: Robot | None = None,
-    progress: Progress = no_progress,
-    own: Criterion | None = None,
+    options: DesignOptions, robot: Robot | None = None, progress: Progress = no_progress, own: Criterion | None = None
 ) -> PoseProblem:
     """Load the arm, draw candidates, and set up what a design needs.
 

@@ -214,12 +214,7 @@ def check_region(region: str, kind: "Sensor") -> None:
 
 
 def check_common(
-    fitting: Fitting,
-    seed: int,
-    gate_mm: float | None,
-    noise_mm: float | None,
-    date: str | None,
-    serial: str | None,
+    fitting: Fitting, seed: int, gate_mm: float | None, noise_mm: float | None, date: str | None, serial: str | None
 ) -> None:
     """Refuse options of virtual and measured campaigns that make no sense, with a LabError that names the option."""
     fitting.check()

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Self, TypeVar
+from typing import Any, ClassVar, Self, TypeVar
 
 import numpy as np
 
@@ -55,27 +55,12 @@ from lab.simulation.true_robot import (
     true_robot_from_table,
 )
 
-__all__ = [
-    "CLOSED_FORMATS",
-    "MAKER_FORMATS",
-    "SERIAL_FORMATS",
-    "ClosedRobot",
-    "Robot",
-    "SerialRobot",
-    "load_robot",
-    "load_virtual",
-]
+__all__ = ["CLOSED_FORMATS", "SERIAL_FORMATS", "ClosedRobot", "Robot", "SerialRobot", "load_robot", "load_virtual"]
 
 
 _Model = TypeVar("_Model", bound=RobotModel)
-MAKER_FORMATS: tuple[DescriptionFormat[SerialArm, SerialModel], ...] = (UR_KINEMATICS, UR_CORRECTIONS)
-SERIAL_FORMATS: tuple[DescriptionFormat[SerialArm, SerialModel], ...] = (
-    MJCF,
-    URDF,
-    XACRO,
-    *MAKER_FORMATS,
-    TABLE_TOML,
-)
+_MAKER_FORMATS: tuple[DescriptionFormat[SerialArm, SerialModel], ...] = (UR_KINEMATICS, UR_CORRECTIONS)
+SERIAL_FORMATS: tuple[DescriptionFormat[SerialArm, SerialModel], ...] = (MJCF, URDF, XACRO, *_MAKER_FORMATS, TABLE_TOML)
 CLOSED_FORMATS: tuple[DescriptionFormat[ClosedArm, ClosedModel], ...] = (CLOSED_MJCF, MECHANISM_TOML)
 
 
@@ -90,11 +75,13 @@ class Robot(Value, ABC):
         model: its MuJoCo model; built from the table of a robot given as one.
         warnings: for the user, on its files.
         loads: its masses, for gravity effects; None if the file gives none.
+        formats: of its descriptions.
     """
 
     model: RobotModel
     warnings: tuple[str, ...] = ()
     loads: Loads | None = None
+    formats: ClassVar[tuple[DescriptionFormat[Any, Any], ...]]
 
     def _about(self) -> str:
         joints, targets = len(self.chain.joint_names), ", ".join(self.tool) or "none"
@@ -208,17 +195,18 @@ class Robot(Value, ABC):
         """
 
     @property
-    @abstractmethod
     def description_files(self) -> tuple[str, ...]:
         """The files that can describe it with identified parameters; the last is exact to the bit."""
+        return tuple(each.file for each in self.formats)
 
-    @abstractmethod
     def description(self, file: str, targets: tuple[str, ...], values: Array, comment: str = "") -> str:
         """Return the content of such a file for the arm with these targets and parameters ``(p,)``, base included.
 
         Args:
             comment: at its head.
         """
+        identified = IdentifiedRobot(self.name, self.arm(targets), values, self.loads, self.model)
+        return with_comment(file, {each.file: each for each in self.formats}[file].text(identified), comment)
 
     @property
     def stored_file(self) -> str:
@@ -228,7 +216,7 @@ class Robot(Value, ABC):
     @property
     def stored_files(self) -> tuple[str, ...]:
         """The ones that a run keeps: also those of the controller's maker, if they are for such a robot."""
-        return (self.stored_file, *(each.file for each in MAKER_FORMATS if each.file in self.description_files))
+        return (self.stored_file, *(each.file for each in _MAKER_FORMATS if each.file in self.description_files))
 
     def placed_in(self, cell: Path | None) -> Self:
         """Return the robot in the cell of a file; unchanged without a file.
@@ -272,6 +260,7 @@ class Robot(Value, ABC):
 class SerialRobot(Robot):
     """A serial arm."""
 
+    formats: ClassVar[tuple[DescriptionFormat[Any, Any], ...]] = SERIAL_FORMATS
     model: SerialModel
 
     @property
@@ -303,21 +292,12 @@ class SerialRobot(Robot):
         values = arm.assemble(base, table, arm.split(arm.nominal(self.tool))[2])
         return true_robot_from_table(self.model, arm, values, T_world_tracker)
 
-    @property
-    def description_files(self) -> tuple[str, ...]:
-        """MJCF, URDF and the table; of some robots those of ROS."""
-        return tuple(each.file for each in SERIAL_FORMATS)
-
-    def description(self, file: str, targets: tuple[str, ...], values: Array, comment: str = "") -> str:
-        """Return the content of one of these files."""
-        identified = IdentifiedRobot(self.name, self.arm(targets), values, self.loads, self.model)
-        return with_comment(file, {each.file: each for each in SERIAL_FORMATS}[file].text(identified), comment)
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ClosedRobot(Robot):
     """A mechanism with loops."""
 
+    formats: ClassVar[tuple[DescriptionFormat[Any, Any], ...]] = CLOSED_FORMATS
     model: ClosedModel
 
     @property
@@ -352,16 +332,6 @@ class ClosedRobot(Robot):
             )
         values = random_values(self.model.chain, errors.position_sigma_m, errors.rotation_sigma_rad, rng)
         return true_mechanism(self.model, values, T_world_tracker)
-
-    @property
-    def description_files(self) -> tuple[str, ...]:
-        """MJCF and the mechanism's description."""
-        return tuple(each.file for each in CLOSED_FORMATS)
-
-    def description(self, file: str, targets: tuple[str, ...], values: Array, comment: str = "") -> str:
-        """Return the content of one of these files."""
-        identified = IdentifiedRobot(self.name, self.arm(targets), values, self.loads, self.model)
-        return with_comment(file, {each.file: each for each in CLOSED_FORMATS}[file].text(identified), comment)
 
 
 def load_robot(robot: str | Path | Robot, cell: Path | None = None) -> Robot:
@@ -402,13 +372,7 @@ def _in_cell(model: _Model, cell: Cell) -> _Model:
 
 def _loaded(robot: str) -> Robot:
     path = description_of(robot)
-    return (_own if is_own(path) else _read)(path, sha256_of(path))
-
-
-@cache
-def _own(path: Path, sha256: str) -> Robot:
-    """Read one of the lab's own robots, once a process while its folder is unchanged: robots are immutable."""
-    return _read(path, sha256)
+    return (_read_once if is_own(path) else _read)(path, sha256_of(path))
 
 
 def _read(path: Path, sha256: str) -> Robot:
@@ -434,6 +398,9 @@ def _read(path: Path, sha256: str) -> Robot:
         with error_context(path):
             refuse_without_length(loads_of(model), model.links)
     return SerialRobot(replace(model, origin=Origin(str(path), sha256, load=_load_again)), warnings, loads)
+
+
+_read_once = cache(_read)  # by digest: robots are immutable
 
 
 def _with_links(path: Path, sha256: str, base: str, sections: object) -> Robot:

@@ -397,11 +397,7 @@ class ComponentErrors:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the errors as in ``result.json``."""
-        return {
-            "names": list(self.names),
-            "covariance": self.covariance.tolist(),
-            "slopes": self.slopes.tolist(),
-        }
+        return {"names": list(self.names), "covariance": self.covariance.tolist(), "slopes": self.slopes.tolist()}
 
     def without(self, name: str) -> "ComponentErrors":
         """Return the errors with one of the variances fixed."""

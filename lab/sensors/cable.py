@@ -111,7 +111,7 @@ class CableSensor(FixtureSensor):
         )
         return replace(with_sessions(data, starts), warnings=(*data.warnings, moved))
 
-    def fixture_rows(self, arm: Model, data: Measurements, nominal: Array) -> FixtureRows:
+    def fixture_rows(self, data: Measurements) -> FixtureRows:
         """Return an anchor a session, and the lengths.
 
         Raises:
@@ -125,7 +125,26 @@ class CableSensor(FixtureSensor):
             raise LabError(f"{where}: a wire's length is above zero; mend it, or leave the cell empty")
         if any(data.sessions):
             refuse_blank(data, "session", data.sessions, Cable.group, np.isfinite(lengths))
-        return FixtureRows(data.sessions, lengths[:, None], _contradictions(arm, data, nominal))
+        return data.sessions, lengths[:, None]
+
+    def contradictions(self, arm: Model, data: Measurements, nominal: Array) -> tuple[str, ...]:
+        """Return warnings of rows whose point, beside the length, is not where their joints put it, farthest first.
+
+        The arm of the points has nominal links, with base and tool fitted.
+        """
+        if arm.targets != data.targets or data.points.shape[1] == 0 or int(data.seen.sum()) < _PLACING:
+            return ()
+        observed = Observations(data.inputs(arm.conditions), data.points, np.ones(data.points.shape[:2]))
+        values = fit_base_and_tool(Points(arm), observed, nominal)
+        distance = np.linalg.norm(data.points - arm.points(observed.inputs, values), axis=2)
+        distance = np.where(np.isnan(distance), 0.0, distance).max(axis=1)
+        typical = float(np.median(distance[data.seen.any(axis=1)]))
+        rows = np.flatnonzero(distance > max(_CONTRADICTION * typical, _CONTRADICTION_M))
+        return tuple(
+            f"row {data.ids[row]}: its point is {MM.text(float(distance[row]))} from where its joints put it: check "
+            "the row (the wire's length alone is fitted)"
+            for row in rows[np.argsort(-distance[rows], kind="stable")].tolist()
+        )
 
     def simulate(self, poses: VirtualMeasurement, setup: VirtualSetup) -> SimulatedReadings:
         """Measure lengths to one anchor after the other, in as many poses each as can be; the cable stays straight."""
@@ -152,26 +171,6 @@ def _anchors(arm: FixtureSimulation, points: Array, count: int) -> Array:
     heights = reach * arm.rng.uniform(_LOWEST, _HIGHEST, count)
     return transform(
         T_tracker_base, np.stack([_AWAY * reach * np.cos(angle), _AWAY * reach * np.sin(angle), heights], axis=1)
-    )
-
-
-def _contradictions(arm: Model, data: Measurements, nominal: Array) -> tuple[str, ...]:
-    """Return warnings of rows whose point, beside the length, is not where their joints put it, the farthest first.
-
-    The arm of the points has nominal links, with base and tool fitted.
-    """
-    if arm.targets != data.targets or data.points.shape[1] == 0 or int(data.seen.sum()) < _PLACING:
-        return ()
-    observed = Observations(data.inputs(arm.conditions), data.points, np.ones(data.points.shape[:2]))
-    values = fit_base_and_tool(Points(arm), observed, nominal)
-    distance = np.linalg.norm(data.points - arm.points(observed.inputs, values), axis=2)
-    distance = np.where(np.isnan(distance), 0.0, distance).max(axis=1)
-    typical = float(np.median(distance[data.seen.any(axis=1)]))
-    rows = np.flatnonzero(distance > max(_CONTRADICTION * typical, _CONTRADICTION_M))
-    return tuple(
-        f"row {data.ids[row]}: its point is {MM.text(float(distance[row]))} from where its joints put it: check the "
-        "row (the wire's length alone is fitted)"
-        for row in rows[np.argsort(-distance[rows], kind="stable")].tolist()
     )
 
 

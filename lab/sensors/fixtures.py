@@ -305,19 +305,8 @@ class Fixtures(ABC):
         return np.array([index[number] for number in found.tolist()], dtype=np.int_)[rows]
 
 
-@dataclass(frozen=True)
-class FixtureRows:
-    """Fixtures as a file names them.
-
-    Attributes:
-        labels: of each row's fixture, one a row; "" where the file names none.
-        observed: ``(n, d)`` m; NaN where nothing was observed.
-        warnings: of the readings, for the report.
-    """
-
-    labels: Sequence[str]
-    observed: Array
-    warnings: tuple[str, ...] = ()
+FixtureRows = tuple[Sequence[str], Array]
+"""Label of each row's fixture, "" where the file names none; and readings ``(n, d)`` m, NaN where there are none."""
 
 
 @dataclass(frozen=True)
@@ -329,12 +318,16 @@ class FixtureSensor(VirtualSensor, ABC):
     setup: ClassVar[tuple[str, ...]] = ("fixtures",)
 
     @abstractmethod
-    def fixture_rows(self, arm: Model, data: Measurements, nominal: Array) -> FixtureRows:
+    def fixture_rows(self, data: Measurements) -> FixtureRows:
         """Read the fixtures that the file names.
 
         Raises:
             LabError: a column is missing, or a cell has an impossible value.
         """
+
+    def contradictions(self, arm: Model, data: Measurements, nominal: Array) -> tuple[str, ...]:
+        """Return warnings of rows whose other readings contradict their joint positions: here, none."""
+        return ()
 
     def fixtures(self, arm: Model, nominal: Array, numbers: tuple[int, ...], labels: tuple[str, ...]) -> Fixtures:
         """Return the model of these fixtures.
@@ -368,10 +361,10 @@ class FixtureSensor(VirtualSensor, ABC):
             raise LabError(
                 f"{option_name('observe')} {self.name} takes one target, not {', '.join(arm.targets)}: name one"
             )
-        rows, kind = self.fixture_rows(arm, data, nominal), self.model
-        measured = np.asarray(np.isfinite(rows.observed).all(axis=1))
-        labels = list(dict.fromkeys(name for name, there in zip(rows.labels, measured.tolist(), strict=True) if there))
-        number = np.array([labels.index(name) if name in labels else -1 for name in rows.labels])
+        (names, observed), kind = self.fixture_rows(data), self.model
+        measured = np.asarray(np.isfinite(observed).all(axis=1))
+        labels = list(dict.fromkeys(name for name, there in zip(names, measured.tolist(), strict=True) if there))
+        number = np.array([labels.index(name) if name in labels else -1 for name in names])
         counts = np.array([int((measured & (number == i)).sum()) for i in range(len(labels))])
         few = [i for i in range(len(labels)) if counts[i] < kind.least_rows]
         if len(few) == len(labels):
@@ -390,9 +383,9 @@ class FixtureSensor(VirtualSensor, ABC):
         full = replace(
             data,
             targets=model.targets,
-            points=rows.observed[:, None],
+            points=observed[:, None],
             conditions={**data.conditions, FIXTURE: number.astype(np.float64)},
-            warnings=(*data.warnings, *rows.warnings, *left_out),
+            warnings=(*data.warnings, *self.contradictions(arm, data, nominal), *left_out),
         )
         return model, full.take(np.flatnonzero(measured & ~np.isin(number, few)))
 

@@ -10,7 +10,6 @@ from lab.calibration.sensor import SensorTerms
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array, exp, left_jacobian, transform
 from lab.formats.measurement_csv import ObservedColumns
-from lab.kinematics.model import Model
 from lab.sensors.contact import FixtureSimulation
 from lab.sensors.fixtures import FixtureRows, Fixtures, FixtureSensor, refuse_blank
 from lab.sensors.options import VirtualSetup
@@ -81,7 +80,7 @@ class PlaneSensor(FixtureSensor):
         """Return all rows ``(n,)``, as a contact needs no column of its own."""
         return np.ones(len(data), dtype=np.bool_)
 
-    def fixture_rows(self, arm: Model, data: Measurements, nominal: Array) -> FixtureRows:
+    def fixture_rows(self, data: Measurements) -> FixtureRows:
         """Return the planes by location, else by session; one plane where nothing names any.
 
         Raises:
@@ -91,7 +90,7 @@ class PlaneSensor(FixtureSensor):
         labels = data.other.get("location", data.sessions)
         if any(labels):
             refuse_blank(data, column, labels, Planes.group)
-        return FixtureRows(labels, np.zeros((len(data), 1)))
+        return labels, np.zeros((len(data), 1))
 
     def simulate(self, poses: VirtualMeasurement, setup: VirtualSetup) -> SimulatedReadings:
         """Touch one plane after the other, in as many poses as are given, which are new ones."""

@@ -126,7 +126,7 @@ class SocketSensor(FixtureSensor):
         cells = zip(*(data.other.get(column, none) for column in _COLUMNS), strict=True)
         return np.array([all(texts) for texts in cells], dtype=np.bool_)
 
-    def fixture_rows(self, arm: Model, data: Measurements, nominal: Array) -> FixtureRows:
+    def fixture_rows(self, data: Measurements) -> FixtureRows:
         """Return the sockets by location and name.
 
         Raises:
@@ -140,7 +140,7 @@ class SocketSensor(FixtureSensor):
                 )
             refuse_blank(data, column, data.other[column], Sockets.group)
         labels = [f"{location}.{socket}" for location, socket in zip(*(data.other[c] for c in _COLUMNS), strict=True)]
-        return FixtureRows(labels, np.zeros((len(data), 3)))
+        return labels, np.zeros((len(data), 3))
 
     def fixtures(self, arm: Model, nominal: Array, numbers: tuple[int, ...], labels: tuple[str, ...]) -> Fixtures:
         """Return the sockets, with the distance between the two of a location.

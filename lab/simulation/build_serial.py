@@ -111,7 +111,7 @@ def _add_pedestal(spec: mujoco.MjSpec, base: mujoco.MjsBody, height_m: float, ra
 
 
 @dataclass(frozen=True)
-class Rod:
+class _Rod:
     """A stretch with round ends of the link that ``joint`` (from 0; -1 is the base) moves.
 
     ``start`` and ``end`` are ``(3,)`` m in frame 0, joint positions zero.
@@ -130,7 +130,7 @@ def reach_of(chain: Chain) -> float:
     return float(np.linalg.norm(arm.flange(joints, arm.nominal())[:, :3, 3], axis=1).max())
 
 
-def link_rods(chain: Chain) -> list[Rod]:
+def link_rods(chain: Chain) -> list[_Rod]:
     """Return the rods of all links, at least one each."""
     n, (frames_at, last) = chain.size, _frames(chain)
     ends = [frame[:3, 3] - row[1] * frame[:3, 2] for frame, row in zip(frames_at, chain.table, strict=True)]
@@ -144,13 +144,13 @@ def link_rods(chain: Chain) -> list[Rod]:
             stretches.append((ends[i], here))
         elif i + 1 < n and chain.prismatic[i + 1]:
             low, high = np.sort(chain.sign[i] * np.array([min(chain.lower[i], 0.0), max(chain.upper[i], 0.0)]))
-            rods.append(Rod(i - 1, here + low * z, here + high * z, radii[i]))
+            rods.append(_Rod(i - 1, here + low * z, here + high * z, radii[i]))
         else:
             stretches.append((here - chain.sign[i] * _stroke(chain.lower[i], chain.upper[i]) * z, here))
         long = [pair for pair in stretches if np.linalg.norm(pair[1] - pair[0]) > _SHORT_M]
         if i == n - 1:
             long = [(start, _short_of(last[:3, 3], start, end, radii[i])) for start, end in long]
-        rods += [Rod(i, start, end, radii[i]) for start, end in long or [(here, here)]]
+        rods += [_Rod(i, start, end, radii[i]) for start, end in long or [(here, here)]]
     return rods
 
 
@@ -237,18 +237,18 @@ def add_rods(
         length = np.linalg.norm(place)
         if length > 2 * _BALL_M:
             tip = se3.transform(T_frame0_last, (place * (1 - _BALL_M / length))[None])[0]
-            _add(spec.body(hand), Rod(chain.size, T_frame0_last[:3, 3], tip, _SPOKE_M), T_body_frame0, 0.0)
+            _add(spec.body(hand), _Rod(chain.size, T_frame0_last[:3, 3], tip, _SPOKE_M), T_body_frame0, 0.0)
     named = [*bodies, hand, base]  # -1 is the base
     _let_touch(path, spec, chain, {(named[guide], named[carried]) for guide, carried in _drawn_in(chain)})
     return bool((np.isnan(owners) & ~heavy).any())
 
 
-def _volume(rod: Rod) -> float:
+def _volume(rod: _Rod) -> float:
     length = float(np.linalg.norm(rod.end - rod.start))
     return np.pi * rod.radius**2 * (length + 4 / 3 * rod.radius)
 
 
-def _add(body: mujoco.MjsBody, rod: Rod, T_body_frame0: Array, density: float) -> None:
+def _add(body: mujoco.MjsBody, rod: _Rod, T_body_frame0: Array, density: float) -> None:
     """Add a capsule, or a ball."""
     ends = se3.transform(T_body_frame0, np.array([rod.start, rod.end]))
     colour = _PAINT if rod.joint % 2 == 0 else _STEEL
@@ -258,11 +258,7 @@ def _add(body: mujoco.MjsBody, rod: Rod, T_body_frame0: Array, density: float) -
         )
         return
     body.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-        size=[rod.radius, 0, 0],
-        fromto=ends.ravel(),
-        density=density,
-        rgba=colour,
+        type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[rod.radius, 0, 0], fromto=ends.ravel(), density=density, rgba=colour
     )
 
 

@@ -155,14 +155,11 @@ CLOSED_MJCF: DescriptionFormat[ClosedArm, ClosedModel] = DescriptionFormat(
 
 def _passive_coordinates(model: mujoco.MjModel, mechanism: Mechanism, joints: Array, passive: Array) -> Array:
     """Return MuJoCo's coordinates ``(n, nq)`` at joint positions ``(n, joints)`` and passive values ``(z, n)``."""
-    moving = [i for i, name in enumerate(mechanism.joint_names) if mechanism.offset_of(i) not in _legs(mechanism)]
+    legs = [f"{rod.name}.length" for rod in mechanism.tree.rods]
+    moving = [i for i in range(len(mechanism.joint_names)) if mechanism.offset_of(i) not in legs]
     names = [mechanism.joint_names[i] for i in moving]
     names += [mechanism.tree.name_of(f, s) for f, s in mechanism.tree.passive]
     return coordinates(model, names, np.concatenate([joints[:, moving], passive.T], axis=1))
-
-
-def _legs(mechanism: Mechanism) -> list[str]:
-    return [f"{rod.name}.length" for rod in mechanism.tree.rods]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -205,11 +202,7 @@ def true_mechanism(robot: ClosedModel, values: Array, T_world_tracker: Array) ->
     model = robot.with_values(values, robot.tool).compile()
     put_before_tracker(model, robot, T_world_tracker)
     return TrueMechanism(
-        robot=robot,
-        model=model,
-        T_world_tracker=T_world_tracker,
-        values=values,
-        effects=Effects.none(robot.chain.size),
+        robot=robot, model=model, T_world_tracker=T_world_tracker, values=values, effects=Effects.none(robot.chain.size)
     )
 
 

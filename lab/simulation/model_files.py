@@ -64,7 +64,6 @@ __all__ = [
     "XACRO",
     "bodies_of_links",
     "calibrated_mjcf",
-    "joint_limits",
     "link_inertias",
     "load_model",
     "loads_of",
@@ -186,7 +185,7 @@ def _sizes(path: Path, folders: set[Path], name: str | None) -> dict[Path, int]:
 _SPEED_KEY, _ACCELERATION_KEY = "joint_speed_deg_per_s", "joint_acceleration_deg_per_s2"
 
 
-def joint_limits(path: Path, model: mujoco.MjModel, names: Sequence[str]) -> tuple[Array, Array, Array, Array]:
+def _joint_limits(path: Path, model: mujoco.MjModel, names: Sequence[str]) -> tuple[Array, Array, Array, Array]:
     """Return lower and upper limits, speeds and accelerations ``(n,)``, rad or m (per s, s^2); NaN if not given.
 
     Raises:
@@ -278,7 +277,7 @@ def load_model(path: Path) -> SerialModel:
         joint_axes(model, data, names, ()),
         base,
         flange,
-        joint_limits(path, model, names),
+        _joint_limits(path, model, names),
     )
     T_world_last = last_frame(chain, T_world_frame0)
     tool = _own_targets(model, data, bodies, T_world_last)
