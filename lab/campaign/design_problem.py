@@ -335,7 +335,6 @@ class _Derivatives:
         return self._flat(np.multiply(jacobian, everywhere[0, 0], order="C"))  # contiguous numbers of a pose
 
     def _observed(self, inputs: Array) -> tuple[Array, Array]:
-        """Return points and their Jacobian of the base set."""
         if further := len(self.seen.conditions):  # differences move these columns too, which are whole numbers
             inputs = np.append(inputs[:, :-further], inputs[:, -further:].round(), axis=1)
         points, jacobian = self.seen.observe(inputs, self.values)
@@ -414,7 +413,6 @@ def _home(
 
 
 def _home_option(given: Sequence[float], chain: JointSpec, model: RobotModel) -> Array:
-    """Return the joint positions ``(n,)`` of ``--home``."""
     text = f"--home {','.join(f'{number:g}' for number in given)}"
     if len(given) != chain.size or not np.isfinite(given).all():
         raise LabError(f"{text}: give one finite number for each of {', '.join(chain.joint_names)}")

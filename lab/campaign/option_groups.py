@@ -28,7 +28,7 @@ _MODEL_HELP = "geometric; auto, which adds the groups that the data support; or 
 
 @dataclass(frozen=True)
 class Fitting:
-    """How parameters are fitted."""
+    """Options of the fit."""
 
     model: Annotated[str, tyro.conf.arg(help=_MODEL_HELP)] = "geometric"
     robust: Flag = False

@@ -404,7 +404,6 @@ _read_once = cache(_read)  # by digest: robots are immutable
 
 
 def _with_links(path: Path, sha256: str, base: str, sections: object) -> Robot:
-    """Load another robot, with the link sections of a file."""
     beside = path.parent / base if (path.parent / base).is_file() else Path(base)
     if beside.suffix == ".toml" and beside.is_file() and described_links(beside) is not None:
         raise LabError(f"{path}: robot {base} names another robot in its turn; give that one")

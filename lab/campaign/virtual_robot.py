@@ -73,7 +73,6 @@ def truth_of(real: TrueRobot, arm: RigidArm) -> Truth | None:
 
 
 def _geometry(robot: Robot, options: VirtualCampaign) -> TrueRobot:
-    """Draw the arm without effects."""
     T_world_tracker = random_tracker(robot.model, rng_for(options.seed, "tracker"))
     errors = GeometryErrors(
         position_sigma_m=MM.to_si(options.position_sigma_mm),

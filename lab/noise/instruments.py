@@ -266,7 +266,6 @@ def _components(name: str, reach: Array, azimuth: Array, elevation: Array) -> Ar
 
 
 def _along(points: Array) -> Array:
-    """Return the projection ``(..., 3, 3)`` onto the beam."""
     along: Array = points[..., :, None] * points[..., None, :] / np.sum(points**2, axis=-1)[..., None, None]
     return along
 

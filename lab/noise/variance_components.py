@@ -321,7 +321,6 @@ class _Search:
         return each, ComponentTrial(kind, ratio, term_called(kind).p_value(ratio), taken=False)
 
     def _changed(self, found: Estimate, kind: str) -> tuple[Estimate | None, ComponentTrial]:
-        """Return an estimate with one more change point; None if none is significant."""
         scan = found.problem.likeliest_change(found.components)
         if scan is None:
             return None, ComponentTrial(kind, 0.0, 1.0, taken=False)

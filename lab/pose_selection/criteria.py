@@ -269,7 +269,6 @@ class _Spectral(Criterion):
 
 
 def _values(information: Array) -> Array:
-    """Return the eigenvalues, ascending, above zero."""
     return np.asarray(np.maximum(np.linalg.eigvalsh(information), _TINY), dtype=np.float64)
 
 

@@ -169,7 +169,6 @@ class _Exchange:
         return True
 
     def _best_candidate(self, without: Array, left: "_Traces | None", present: int) -> int:
-        """Return the best allowed candidate for a slot: the present one if none is better."""
         while True:
             tried, scores = self._scores(without, left, present)
             best = int(np.argmax(scores))
@@ -437,7 +436,6 @@ def _weighted(each: Array, weights: Array, p: int) -> Array:
 
 @lru_cache(maxsize=8)
 def _upper(p: int) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
-    """Return rows and columns of the upper half of a ``(p, p)`` matrix."""
     rows, columns = np.triu_indices(p)
     return rows, columns
 

@@ -79,7 +79,7 @@ def improve(cost: Array, tours: _Indices) -> _Indices:
 
 
 def double_bridge(tours: _Indices, rng: np.random.Generator) -> _Indices:
-    """Return exchange two neighbouring stretches of each tour (a double bridge)."""
+    """Exchange two neighbouring stretches of each tour (a double bridge)."""
     size = tours.shape[1]
     if size < 5:
         return tours
@@ -100,7 +100,6 @@ def _nearest_neighbour(cost: Array, start: int) -> _Indices:
 
 
 def _best_move(cost: Array, tours: _Indices) -> tuple[_Indices, NDArray[np.bool_]]:
-    """Return the tours ``(k, m)`` after their best move, and which of them it shortens."""
     moved, changes = tours.copy(), []
     between = cost[tours[:, :, None], tours[:, None, :]]  # (k, m, m)
     kinds = [(0, False), *((n, turned) for n in range(1, _MAX_SEGMENT + 1) for turned in (False, True))]
@@ -141,7 +140,6 @@ def _or_change(between: Array, length: int, turned: bool) -> Array:
 
 
 def _legs(between: Array) -> Array:
-    """Return the leg ``(k, m)`` from each node to the next."""
     at = np.arange(between.shape[1])
     legs: Array = between[:, at, np.roll(at, -1)]
     return legs

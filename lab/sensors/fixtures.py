@@ -299,7 +299,6 @@ class Fixtures(ABC):
         return fit(self, observed, columns, np.concatenate([values, start])).values
 
     def _index(self, numbers: Array) -> NDArray[np.int_]:
-        """Return the index of each row's fixture among the fixtures of the parameters."""
         index = {number: i for i, number in enumerate(self.numbers)}
         found, rows = np.unique(numbers.astype(np.int_), return_inverse=True)
         return np.array([index[number] for number in found.tolist()], dtype=np.int_)[rows]

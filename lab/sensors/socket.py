@@ -75,7 +75,6 @@ class Sockets(Fixtures):
         return np.array([order[location[int(number)]] for number in data.conditions[FIXTURE]], dtype=np.int_)
 
     def _pairs(self) -> list[tuple[int, int]]:
-        """Indices of the two sockets of each location that has both."""
         if self.distance_m is None:
             return []
         at: dict[str, list[int]] = {}

@@ -98,7 +98,6 @@ def _add_body(parent: mujoco.MjsBody, name: str, T_parent_body: Array) -> mujoco
 
 
 def _add_pedestal(spec: mujoco.MjSpec, base: mujoco.MjsBody, height_m: float, radius_m: float) -> None:
-    """Add a floor, and a column on it up to frame 0."""
     spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05])
     if height_m > 0:
         base.add_geom(
@@ -249,7 +248,6 @@ def _volume(rod: _Rod) -> float:
 
 
 def _add(body: mujoco.MjsBody, rod: _Rod, T_body_frame0: Array, density: float) -> None:
-    """Add a capsule, or a ball."""
     ends = se3.transform(T_body_frame0, np.array([rod.start, rod.end]))
     colour = _PAINT if rod.joint % 2 == 0 else _STEEL
     if np.linalg.norm(ends[1] - ends[0]) <= _SHORT_M:

@@ -246,7 +246,6 @@ def edges_text(extents: Sequence[float] | Array) -> str:
 
 
 def _check_sizes(robot: RobotModel, cell: Cell) -> Iterator[str]:
-    """Check the longest edges of obstacles and plates."""
     names = [*robot.obstacles, *robot.plates]
     for shape, name in zip((*cell.obstacle, *cell.plate), names, strict=True):
         extents = extents_mm(robot, shape, name)
@@ -266,7 +265,6 @@ def _check_sizes(robot: RobotModel, cell: Cell) -> Iterator[str]:
 
 
 def _check_tools(cell: Cell, reach: float) -> Iterator[str]:
-    """Check the sizes of tools and plates on the flange."""
     lengths = {f"tool point '{point.name}'": MM.of(float(np.linalg.norm(point.position))) for point in cell.tool}
     for what, length in lengths.items():
         if 0 < length < _TOOL_MM:
@@ -294,7 +292,6 @@ def _check_positions(cell: Cell) -> Iterator[str]:
 
 
 def _check_base(robot: RobotModel, cell: Cell) -> Iterator[str]:
-    """Find obstacles around the origin of the robot's base."""
     data = next(kinematics_at(robot, robot.chain.home[None]))
     for name in robot.obstacles:
         depth = _depth(robot.model, data, robot.model.geom(name).id, robot.T_world_frame0[:3, 3])
@@ -303,7 +300,6 @@ def _check_base(robot: RobotModel, cell: Cell) -> Iterator[str]:
 
 
 def _check_contacts(robot: RobotModel, cell: Cell, joints: Array) -> Iterator[str]:
-    """Find obstacles that the arm touches in most poses."""
     if not len(joints):
         return
     counts = dict.fromkeys(robot.obstacles, 0)
@@ -323,7 +319,6 @@ def _check_contacts(robot: RobotModel, cell: Cell, joints: Array) -> Iterator[st
 
 
 def _check_instruments(robot: RobotModel, cell: Cell, reach: float) -> Iterator[str]:
-    """Find instruments inside a shape, at the robot's base, in the arm's way, or far away."""
     if not cell.instrument_places:
         return
     model, data = robot.model, next(kinematics_at(robot, robot.chain.home[None]))
@@ -354,7 +349,6 @@ def _check_instruments(robot: RobotModel, cell: Cell, reach: float) -> Iterator[
 
 
 def _check_reach(robot: RobotModel, cell: Cell, reach: float) -> Iterator[str]:
-    """Find cells without an obstacle in the robot's reach."""
     if not robot.obstacles:
         return
     base, data = robot.T_world_frame0[:3, 3], next(kinematics_at(robot, robot.chain.home[None]))
@@ -368,7 +362,6 @@ def _check_reach(robot: RobotModel, cell: Cell, reach: float) -> Iterator[str]:
 
 
 def _check_limits(cell: Cell) -> Iterator[str]:
-    """Find limits in degrees that look like radians."""
     for name, limits in cell.joints.items():
         low, high, cable = limits.lower_deg, limits.upper_deg, limits.cable_deg
         left = 2 * cable if cable is not None else None if low is None or high is None else high - low

@@ -1,4 +1,4 @@
-"""Robots with loops in MuJoCo: nominal, with dimensions in error, and identified.
+"""Model robots with loops in MuJoCo: nominal, with dimensions in error, and identified.
 
 A mechanism has a body for each frame, joints for its steps that move, and tendons for rods. The model rests (``qpos0``)
 in the nominal position: joints at home, passive values nominal. MuJoCo computes the length of a tendon there whenever
@@ -303,7 +303,6 @@ def _rest(mechanism: Mechanism) -> Configuration:
 
 
 def _bodies(mechanism: Mechanism, dimensions: Dimensions, passive: Array) -> list[_Body]:
-    """Return all bodies, each after its carrier, at passive values ``(z,)`` at rest."""
     tree, bodies, driven = mechanism.tree, [], {_BASE_BODY: 0}
     for f, frame in enumerate(tree.frames):
         on = _BASE_BODY if frame.on == BASE else tree.frames[frame.on].name
@@ -327,7 +326,6 @@ def _bodies(mechanism: Mechanism, dimensions: Dimensions, passive: Array) -> lis
 
 
 def _parts(path: tuple[Step, ...]) -> list[list[int]]:
-    """Return the steps of a path, cut after each that moves."""
     parts: list[list[int]] = [[]]
     for s in range(len(path)):
         if s and (path[s - 1].passive or path[s - 1].joint is not None):

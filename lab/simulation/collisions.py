@@ -102,7 +102,6 @@ def describe_collisions(robot: RobotModel, joints: Array) -> tuple[str, ...]:
 
 
 def _deepest(data: mujoco.MjData, robot: RobotModel) -> str:
-    """Describe the deepest contact; "" without any."""
     if not data.ncon:
         return ""
     deepest = int(np.argmin(data.contact.dist))

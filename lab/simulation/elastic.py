@@ -1,4 +1,4 @@
-"""Deflection of an arm under its loads: joints like springs, links like beams.
+"""Compute the deflection of an arm under its loads: joints like springs, links like beams.
 
 A joint driven to q settles at ``q' = q - c tau(q')``, with its compliance c and MuJoCo's torque tau that holds the arm
 at q' (``mj_rne``; in motion the torque that moves it). The far end of an elastic link is displaced by its torsor

@@ -219,7 +219,6 @@ def _required_clearance(robot: RobotModel, clearance_m: float) -> float:
 
 
 def _add_reflectors(robot: RobotModel, spec: mujoco.MjSpec, targets: Sequence[str], radii: Array) -> None:
-    """Give each target a body with a ball and, behind it along the reflector's axis, its nest."""
     taken = {body.name for body in spec.bodies}
     for target, radius in zip(targets, radii.tolist(), strict=True):
         site = robot.model.site(target)
@@ -236,7 +235,6 @@ def _add_reflectors(robot: RobotModel, spec: mujoco.MjSpec, targets: Sequence[st
 
 
 def _name_shapes(spec: mujoco.MjSpec) -> None:
-    """Give every shape a name, for pairs."""
     geoms = list(spec.geoms)
     taken = {geom.name for geom in geoms}
     for i, geom in enumerate(geoms):

@@ -155,7 +155,6 @@ def _shell(model: mujoco.MjModel, body: int, geoms: list[int]) -> Shell:
 
 
 def _colour(model: mujoco.MjModel, geom: int) -> NDArray[np.uint8]:
-    """Return a geom's own colour, else its material's."""
     rgba, material = model.geom_rgba[geom], int(model.geom_matid[geom])
     if material >= 0 and np.allclose(rgba, _UNPAINTED):
         rgba = model.mat_rgba[material]
@@ -191,7 +190,6 @@ def _mesh(model: mujoco.MjModel, mesh: int) -> _Surface:
 
 
 def _box(half: Array) -> _Surface:
-    """Return six sides, each with its own corners and normal."""
     square = np.array([[-1.0, -1.0, 1.0], [1.0, -1.0, 1.0], [1.0, 1.0, 1.0], [-1.0, 1.0, 1.0]])
     sides = [np.roll(square * [1, sign, sign], axis, axis=1) for axis in range(3) for sign in (1, -1)]
     normals = [np.roll([0.0, 0.0, sign], axis) for axis in range(3) for sign in (1, -1)]
@@ -200,7 +198,6 @@ def _box(half: Array) -> _Surface:
 
 
 def _cylinder(radius: float, half: float) -> _Surface:
-    """Return the surface of a cylinder: two lids and a wall."""
     profile = np.array([[0.0, -half], [radius, -half], [radius, half], [0.0, half]])
     outward = np.array([[0.0, -1.0], [1.0, 0.0], [0.0, 1.0]])
     return _revolved(np.stack([profile[:-1], profile[1:]], axis=1), np.stack([outward, outward], axis=1))

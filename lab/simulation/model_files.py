@@ -115,7 +115,6 @@ def model_files(path: Path) -> set[Path]:
 
 
 def _folders(path: Path, element: ET.Element) -> set[Path]:
-    """Return the folders of files that an element names."""
     return {path.parent / element.get(each, "") for each in ("meshdir", "texturedir", "assetdir")}
 
 
@@ -341,7 +340,6 @@ def _built(path: Path, urdf: UrdfSource | None) -> tuple[mujoco.MjSpec, mujoco.M
 
 
 def _delete_meshes(spec: mujoco.MjSpec) -> None:
-    """Leave the kinematics; a body whose mass came from a mesh gets a negligible one."""
     for geom in [geom for geom in spec.geoms if geom.type == mujoco.mjtGeom.mjGEOM_MESH]:
         spec.delete(geom)
     for mesh in list(spec.meshes):
@@ -373,7 +371,6 @@ def _read(path: Path, urdf: UrdfSource | None) -> mujoco.MjSpec:
 
 
 def _serial_bodies(path: Path, model: mujoco.MjModel) -> tuple[str, ...]:
-    """Return the jointed bodies of the one chain, base outward."""
     jointed = [b for b in range(1, model.nbody) if model.body_jntnum[b] > 0]
     if not jointed:
         raise LabError(f"{path}: no joints, so no chain; give a model with hinge or slide joints")
@@ -403,7 +400,6 @@ def _serial_bodies(path: Path, model: mujoco.MjModel) -> tuple[str, ...]:
 
 
 def _ancestors(model: mujoco.MjModel, body: int) -> list[int]:
-    """Return the body, its parent, and so on up to but without the world."""
     line = []
     while body != 0:
         line.append(body)
@@ -412,7 +408,6 @@ def _ancestors(model: mujoco.MjModel, body: int) -> list[int]:
 
 
 def _beyond(model: mujoco.MjModel, body: str) -> list[int]:
-    """Return the body and all those it carries."""
     first = model.body(body).id
     return [b for b in range(model.nbody) if first in _ancestors(model, b)]
 
@@ -431,7 +426,6 @@ def _flange_pose(model: mujoco.MjModel, data: mujoco.MjData, bodies: tuple[str, 
 def _own_targets(
     model: mujoco.MjModel, data: mujoco.MjData, bodies: tuple[str, ...], T_world_last: Array
 ) -> dict[str, Array]:
-    """Return the sites on the last body or beyond it, in the last frame (m)."""
     beyond = _beyond(model, bodies[-1])
     T_last_world = se3.inverse(T_world_last)
     return {
@@ -510,7 +504,6 @@ def set_vectors(element: ET.Element, **vectors: Array) -> None:
 
 
 def _source(model: SerialModel) -> str:
-    """Return the text of the URDF that the model was read from; "" if it was none."""
     return read_text(model.path, TEXT_BYTES) if model.path.is_file() and is_urdf(model.path) else ""
 
 

@@ -172,7 +172,7 @@ class CampaignArray:
     def of(
         cls, columns: Mapping[str, NDArray[Any]], cells: Sequence[Cell], seed: int = 0, resamples: int = RESAMPLES
     ) -> "CampaignArray":
-        """Return arrange the columns ``cell``, ``robot``, ``draw``, ``converged`` and metrics as an array.
+        """Arrange the columns ``cell``, ``robot``, ``draw``, ``converged`` and metrics as an array.
 
         Raises:
             LabError: a column is missing, a cell is unknown, or a campaign is duplicated.
@@ -352,7 +352,7 @@ def means(campaigns: CampaignArray, metric: str) -> tuple[Mean, ...]:
 
 
 def compared(campaigns: CampaignArray, group: CellGroup, metric: str, kind: Kind = "ratio") -> Comparison:
-    """Return compare all pairs of a group's cells, and rank the cells.
+    """Compare all pairs of a group's cells, and rank the cells.
 
     A campaign counts in a pair where it converged in both cells (and, for a ratio, the metric is positive in both).
     """

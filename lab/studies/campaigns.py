@@ -194,7 +194,6 @@ def _noisy(device: Instrument, noise: float) -> Instrument:
 
 
 def _of_robot(study: Study, fitted: _Fitted, number: int, joints: Array, fresh: Array) -> _Columns:
-    """Run the campaigns with one robot, a row each."""
     seed, cell = seed_of(study.seed, "robots", number), fitted.cell
     requested = VirtualCampaign(
         robot=study.robot,

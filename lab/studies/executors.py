@@ -94,7 +94,7 @@ class _Processes(SpawnContext):
 
 
 def _prepare() -> None:
-    """Return prepare a new process: one BLAS thread, interrupted only by the parent, ended with it."""
+    """Prepare a new process: one BLAS thread, interrupted only by the parent, ended with it."""
     os.environ.update(dict.fromkeys(_THREADS, "1"))  # before numpy is imported
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # where the signal could not be blocked before
     threading.Thread(target=_end_with_parent, daemon=True).start()
@@ -144,7 +144,6 @@ def cluster_executor(address: str) -> Iterator[Executor]:
 
 
 def _client(address: str) -> "Client":
-    """Return a client of a scheduler that answers."""
     from distributed import Client
     from distributed.comm.core import connect
     from distributed.security import Security

@@ -128,7 +128,6 @@ class Study:
                 raise LabError(f"factor effects: '{cell.effects}' is not defined; add [effects.{cell.effects}]")
 
     def _refuse_large(self) -> None:
-        """Refuse a study beyond the limits, before any of it is listed."""
         cells = prod(len(values) for values in self.factors.values())
         CELLS("factors", cells)
         CAMPAIGNS("robots, draws and factors", cells * self.robots * self.draws)
@@ -188,7 +187,6 @@ def study_from(content: Mapping[str, Any]) -> Study:
 
 
 def _levels(factor: str, given: Any) -> tuple[Any, ...]:
-    """Return a factor's values, one or a list, each of the factor's type."""
     levels = given if isinstance(given, list) else [given]
     if factor not in FACTORS:
         return tuple(levels)  # the study refuses it
