@@ -10,7 +10,7 @@ from pathlib import Path
 
 from lab.campaign.model_files import models_folder
 from lab.campaign.robot import load_robot
-from lab.simulation.build_closed import closed_mjcf
+from lab.simulation.closed_robot import closed_mjcf
 
 
 def target(description: Path) -> Path:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from beam_chain import BeamChain
 from designed_campaign import DesignedCampaign
 from shared import Answer, Document, Flag, paragraphs, run_script
 
@@ -36,7 +37,7 @@ from lab.kinematics.inverse.newton import PoseTarget
 from lab.kinematics.serial.arm import SerialArm
 from lab.pose_selection.tour import rated
 from lab.simulation.collisions import random_poses
-from lab.simulation.elastic import AT_REST, BeamChain, JointMotion
+from lab.simulation.elastic import AT_REST, JointMotion
 from lab.simulation.true_robot import TrueSerialRobot
 
 EI, GJ = 48_400.0, 36_000.0  # N m²: aluminium, a tube of 80 x 4 mm

@@ -27,8 +27,7 @@ from lab.kinematics.effects.arm import Arm
 from lab.kinematics.gauge import base_set
 from lab.kinematics.model import Model
 from lab.noise.change_points import ANOTHER_SESSION
-from lab.noise.error_term import Components, ErrorShapes
-from lab.noise.terms import correlation_of
+from lab.noise.error_term import Components, ErrorShapes, correlation_of
 from lab.noise.variance_components import Estimate, RestrictedProblem, SmallSample, chosen_components, small_sample
 from lab.studies import executors
 from lab.verification.prediction import STEP, CalibrationPrediction, VerificationProblem, with_estimated_noise

@@ -55,8 +55,7 @@ from lab.render.style import GRID, REFERENCE, SCALINGS
 from lab.simulation.collisions import random_poses
 from lab.studies.analysis import CampaignArray, Comparison, Mean, Pair, compared, groups, means
 from lab.studies.grid import ANY, Cell, Study
-from lab.studies.run import study_runner
-from lab.studies.store import read_store
+from lab.studies.run import read_store, study_runner
 
 STUDIED = ("random", "O1", "O2", "O3", "O4", "O5")  # the condition number is O2 turned over: the same poses
 SCALED = ("raw", "unit", "length", "whitened")

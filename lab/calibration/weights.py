@@ -14,9 +14,8 @@ from lab.core.measurements import Measurements, seen_mask
 from lab.core.se3 import Array
 from lab.kinematics.model import Model
 from lab.noise.error_model import Clock, ErrorModel, row_times, within_session
-from lab.noise.error_term import Components, ErrorShapes
+from lab.noise.error_term import UNCORRELATED, Components, ErrorShapes, correlation_of
 from lab.noise.instruments import Instrument, is_isotropic
-from lab.noise.terms import UNCORRELATED, correlation_of
 
 __all__ = ["Noise", "error_shapes", "joined", "root_mean_square_sigma", "weigh", "weighted_constraints"]
 

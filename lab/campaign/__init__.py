@@ -1,1 +1,1 @@
-"""Parts of one campaign, for commands and studies: options, robot, virtual robot, candidate poses."""
+"""Parts of one campaign, for commands and studies: options, robot, virtual robot, design problem."""

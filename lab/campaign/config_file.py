@@ -1,7 +1,7 @@
-"""``config.json`` of a run: its command, its options, and which inputs it was made from.
+"""Read ``config.json`` of a run: its command, its options, and its inputs.
 
-A run keeps a copy of each input file in its folder ``inputs``, and whatever is made from the run reads the copy. A run
-of an older version keeps none: there the file that its options name is used, if its checksum is that of the run.
+A run keeps a copy of each input file in its folder ``inputs``, which later commands read. A run
+of an older version keeps none: there the file that its options name is used, if it has the run's checksum.
 """
 
 from collections.abc import Mapping
@@ -16,9 +16,9 @@ from lab.formats.structured import read_structured, read_text, structured
 
 __all__ = ["CONFIG_FILE", "INPUTS", "RunConfig", "RunInputs", "input_names", "read_config", "read_options"]
 
-Options = TypeVar("Options")
+_Options = TypeVar("_Options")
 CONFIG_FILE, INPUTS = "config.json", "inputs"
-_FILES = (".toml", ".xml", ".urdf")  # what describes a robot, an instrument or a cell, and is no name of the lab's own
+_FILES = (".toml", ".xml", ".urdf")  # descriptions of robots, instruments and cells, unlike names of the lab's own
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class RunConfig:
 
 @dataclass(frozen=True)
 class RunInputs:
-    """The files that a run was made from, by the paths that its options name.
+    """Input files of a run, by the paths in its options.
 
     Attributes:
         folder: of the run.
@@ -59,16 +59,16 @@ class RunInputs:
     config: RunConfig
 
     def copy(self, given: object) -> Path | None:
-        """The copy of an input in the run's folder; None where there is none."""
+        """Return the copy of an input in the run's folder; None without one."""
         kept = self.config.inputs.get(str(given))
         copy = None if kept is None else self.folder / kept
         return copy if copy is not None and copy.exists() else None
 
     def path(self, given: object) -> Path:
-        """The copy of an input, or the input itself where it is that of the run; a name of the lab's own as it is.
+        """Return the copy of an input, or the input itself if it is the run's; names of the lab's own are unchanged.
 
         Raises:
-            LabError: the run keeps no copy, and the file is gone, is another one, or has no checksum in the run.
+            LabError: the run keeps no copy, and the file is missing, is another one, or has no checksum in the run.
         """
         path, valid = Path(str(given)), self.config.inputs_sha256.get(str(given))
         if (copy := self.copy(given)) is not None:
@@ -86,7 +86,7 @@ class RunInputs:
         )
 
     def located(self, value: Any) -> Any:
-        """Options as plain values, with the copies of inputs in the place of these."""
+        """Return options as plain values, with inputs replaced by their copies."""
         if isinstance(value, Mapping):
             return {name: self.located(each) for name, each in value.items()}
         if isinstance(value, list):
@@ -96,19 +96,19 @@ class RunInputs:
 
 
 def read_config(folder: Path, mend: str = "give the folder of a run of the lab") -> RunConfig:
-    """The content of ``config.json`` of a run.
+    """Read ``config.json`` of a run.
 
     Args:
-        mend: what to do if it cannot be read, for the end of the message.
+        mend: end of the message if it cannot be read.
 
     Raises:
-        LabError: the file cannot be read, or does not hold what a run writes.
+        LabError: the file cannot be read, or is not a run's.
     """
     return read_structured(folder / CONFIG_FILE, RunConfig, mend)
 
 
 def input_names(folder: Path) -> tuple[str, ...]:
-    """The copies of inputs that a run's folder holds, or should hold by its checksums, by their paths in it."""
+    """Return the paths of input copies that a run's folder holds, or should hold by its checksums."""
     there = [path for path in (folder / INPUTS).rglob("*") if path.is_file()]
     names = {path.relative_to(folder).as_posix() for path in there}
     if (folder / CHECKSUMS).is_file():
@@ -117,13 +117,13 @@ def input_names(folder: Path) -> tuple[str, ...]:
     return tuple(sorted(names))
 
 
-def read_options(path: Path, command: str, kind: type[Options]) -> Options:
-    """The options that a run of ``command`` was given; those that the file leaves out are at their defaults.
+def read_options(path: Path, command: str, kind: type[_Options]) -> _Options:
+    """Read the options of a run of ``command``; missing ones have their defaults.
 
     Inputs are read from their copies beside the file.
 
     Raises:
-        LabError: the file cannot be read, is of another command, or holds what is no option, or a copy was changed.
+        LabError: the file cannot be read, is of another command, or has an unknown option, or a copy was changed.
     """
     mend, folder = "give a run's config.json", path.parent
     config = read_structured(path, RunConfig, mend)

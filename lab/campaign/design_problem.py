@@ -1,4 +1,4 @@
-"""Design problem of a measurement session: the nominal arm and tracker, candidates, sensitivities."""
+"""Set up and solve the design problem of a measurement session: candidates, sensitivities, reachability."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -13,7 +13,6 @@ from lab.calibration.stations import STATION_POINTS
 from lab.campaign.instruments import named_instrument
 from lab.campaign.options import DesignOptions
 from lab.campaign.robot import Robot, load_virtual
-from lab.campaign.stations import refuse_idle_stations, stations_in
 from lab.core.errors import LabError
 from lab.core.limits import WAYPOINTS
 from lab.core.linear_model import whitening
@@ -34,7 +33,15 @@ from lab.pose_selection.criteria import Criterion, Scaling, criterion, is_singul
 from lab.pose_selection.exchange import Design, Feasible, Sensitivity, ascend, exchange, information
 from lab.pose_selection.tour import FreePath, fastest_path
 from lab.render.terminal import Stage, no_stage
-from lab.simulation.candidate_poses import MARGIN, Candidates, draw_candidates, feasibility, seeing_station
+from lab.simulation.candidate_poses import (
+    MARGIN,
+    Candidates,
+    draw_candidates,
+    feasibility,
+    refuse_idle_stations,
+    seeing_station,
+    stations_in,
+)
 from lab.simulation.collisions import LOWER_CLEARANCE, collides, describe_collisions, random_poses, unchecked
 from lab.simulation.free_path import path_check, planning_model
 from lab.simulation.model import RobotModel
@@ -52,8 +59,8 @@ __all__ = [
     "waypoints_in_order",
 ]
 
-_BLOCK = 500  # ways that are looked at, and kept, together
-HUBS = 20  # candidates tried as poses to pass through on the way to others
+_BLOCK = 500  # paths that are checked, and stored, together
+HUBS = 20  # candidates tried as waypoints to others
 
 
 @dataclass(frozen=True)
@@ -63,7 +70,7 @@ class ReachabilityGraph:
     Inputs are joint positions, with further columns, if any, on how a pose is measured.
 
     Attributes:
-        hubs: ``(h, joints)``, home (zero joint positions, or what is nearest and touches nothing) and poses with a
+        hubs: ``(h, joints)``, home (zero joint positions, or the nearest pose without contact) and poses with a
             free path to it.
         free: whether the joint path between two poses is free of collisions.
         reachable: whether a free path leads from a hub to inputs ``(n, joints + further)``.
@@ -77,7 +84,7 @@ class ReachabilityGraph:
 
 
 def free_home(model: RobotModel, candidates: Array) -> Array:
-    """The robot's home ``(joints,)``; where it touches something there, the nearest of free poses ``(m, joints)``."""
+    """Return the robot's home ``(joints,)``; if in collision, the nearest of free poses ``(m, joints)``."""
     home = model.chain.home
     if not collides(model, home[None])[0]:
         return home
@@ -87,10 +94,10 @@ def free_home(model: RobotModel, candidates: Array) -> Array:
 def reachability(
     model: RobotModel, home: Array, candidates: Array, allowed: Feasible, most: int = HUBS
 ) -> ReachabilityGraph:
-    """Hubs among the first of the candidates ``(m, joints)``, and what can be reached from them.
+    """Find hubs among the first of the candidates ``(m, joints)``, and build the tests of reachability from them.
 
     Args:
-        allowed: inputs ``(n, joints + further)`` to ``(n,)``, whether the arm may be there and is measured there.
+        allowed: test of inputs ``(n, joints + further)``: allowed for the arm, and measurable.
     """
     free = path_check(model)
     found = [home]
@@ -98,7 +105,7 @@ def reachability(
         if any(free(hub, pose) for hub in found):
             found.append(pose)
 
-    stored: dict[bytes, bool] = {}  # designs of other sizes ask for the same candidates again
+    stored: dict[bytes, bool] = {}  # designs of other sizes test the same candidates again
 
     def leads_to(pose: Array) -> bool:
         key = pose.tobytes()
@@ -118,10 +125,10 @@ def reachability(
 
 
 def refusals(model: RobotModel, access: ReachabilityGraph | None) -> Callable[[Array], list[str]]:
-    """A callable: why the arm may not go to joint positions ``(n, joints)``, in words; "" where it may.
+    """Return a function of joint positions ``(n, joints)``: the reasons against each, "" for none.
 
     Args:
-        access: to which a free way has to lead; None where the ways are given, and each place is judged by itself.
+        access: from which a free path is required; None if paths are given, and each pose is checked alone.
     """
 
     def refused(joints: Array) -> list[str]:
@@ -135,23 +142,19 @@ def refusals(model: RobotModel, access: ReachabilityGraph | None) -> Callable[[A
 
 
 def waypoints_in_order(
-    chain: JointSpec,
-    access: ReachabilityGraph,
-    joints: Array,
-    progress: Progress = no_progress,
-    keep: Keep = at_once,
+    chain: JointSpec, access: ReachabilityGraph, joints: Array, progress: Progress = no_progress, keep: Keep = at_once
 ) -> tuple[Array, NDArray[np.int_]]:
-    """A free way from home through poses in the order in which they are given, and home again.
+    """Find a free path from home through poses in the given order, and home again.
 
     Args:
         chain: with known rates.
-        joints: ``(n, joints)``, to each of which a free way leads.
-        progress: told how many ways were looked at.
-        keep: how the ways that were looked at are kept.
+        joints: ``(n, joints)``, each with a free path to it.
+        progress: called with the number of checked paths.
+        keep: stores the checked paths.
 
     Returns:
         Joint positions ``(s, joints)`` to move to one after the other, each in a straight line of all joints, and
-        ``(s,)`` which of the poses each one is, -1 for home and for what is only passed.
+        ``(s,)`` the pose of each, -1 for home and detours.
     """
     home, stored = access.hubs[0], dict[bytes, bool]()
 
@@ -167,9 +170,9 @@ def waypoints_in_order(
         waypoints, which = [], []
         for i in range(first, last):
             progress(i, len(joints) + 1)
-            way = fastest_path(nodes[i], nodes[i + 1], access.hubs, chain, free)[1:]
-            waypoints.append(way)
-            which.append(np.append(np.full(len(way) - 1, -1), i if i < len(joints) else -1))
+            path = fastest_path(nodes[i], nodes[i + 1], access.hubs, chain, free)[1:]
+            waypoints.append(path)
+            which.append(np.append(np.full(len(path) - 1, -1), i if i < len(joints) else -1))
         return {"stops": np.concatenate(waypoints), "which": np.concatenate(which)}
 
     waypoints, which = [home[None]], [np.array([-1])]
@@ -182,27 +185,27 @@ def waypoints_in_order(
 
 
 _TEST_POSES = 500
-_MEASURED_SLACK = 1e-3  # rad or m: how far joint positions may lie beyond a data sheet's limits
+_MEASURED_SLACK = 1e-3  # rad or m: allowed excess of joint positions over a data sheet's limits
 
 
 @dataclass(frozen=True)
 class PoseProblem:
     """A planning problem, from which designs of any size are chosen.
 
-    Inputs are joint positions and, where the instrument has several stations, which of them measures a pose: one column
-    for each but the first, 1 or 0.
+    Inputs are joint positions and, for an instrument with several stations, an indicator column (1 or 0)
+    of each station but the first.
 
     Attributes:
         values: nominal parameters ``(p,)``, with the base before the nominal tracker.
-        seen: the arm as its instrument sees it from all its stations; its parameters begin with those of ``arm``.
+        seen: the arm with the effects of the stations; its parameters begin with those of ``arm``.
         inputs: ``(m, joints + stations - 1)`` of the candidates.
         whitened: inputs to Jacobians ``(n, r, f)`` of the base set in standard deviations.
-        sensitivity: the same in the units of the scaling, which the criterion sees.
+        sensitivity: the same in the units of the scaling, for the criterion.
         pool: ``(m, r, f)``, sensitivities of the candidates.
         test: ``(t, 3, f)``, Jacobians (m) of the targets at random poses.
         already: ``(n0, joints + stations - 1)``, poses measured before.
         before: ``(n0, r, f)``, sensitivities there.
-        access: the collision-free ways between the poses; None after pickling or copying, because it is too large.
+        access: the collision-free paths between the poses; None after pickling or copying, because it is too large.
     """
 
     robot: Robot
@@ -228,25 +231,22 @@ class PoseProblem:
 
     @property
     def measured(self) -> Array | None:
-        """Information ``(f, f)`` of the poses measured before, as the criterion sees it; None without any."""
+        """Information ``(f, f)`` of the poses measured before, in the criterion's scaling; None without any."""
         return information(self.before) if len(self.before) else None
 
     def station(self, inputs: Array) -> NDArray[np.int_]:
-        """``(n,)`` the station, from 0, that measures each of these inputs."""
+        """Return the station ``(n,)``, from 0, of each of these inputs."""
         return _station_of(inputs[:, self.arm.chain.size :])
 
 
 def pose_problem(
-    options: DesignOptions,
-    robot: Robot | None = None,
-    progress: Progress = no_progress,
-    own: Criterion | None = None,
+    options: DesignOptions, robot: Robot | None = None, progress: Progress = no_progress, own: Criterion | None = None
 ) -> PoseProblem:
     """Load the arm, draw candidates, and set up what a design needs.
 
     Args:
-        own: the criterion, in the place of the one that the options name.
-        progress: told how many candidates are found.
+        own: the criterion, in place of that of the options.
+        progress: called with the number of candidates found.
 
     Raises:
         LabError: the robot, instrument, targets or criterion cannot be used, or hardly a pose is feasible.
@@ -308,13 +308,13 @@ def _scaled(jacobians: Sensitivity, factors: Array, inputs: Array) -> Array:
 
 @dataclass(frozen=True)
 class _Derivatives:
-    """Derivatives ``(n, r, f)`` of what is seen by the base set, at inputs ``(n, joints + conditions)``.
+    """Derivatives ``(n, r, f)`` of measured points by the base set, at inputs ``(n, joints + conditions)``.
 
     Attributes:
-        seen: the arm as it is seen.
+        seen: the arm with the effects of the stations.
         values: ``(p,)`` its parameters.
         retained: f of them, the base set.
-        device: whose noise ``whitened`` is in units of.
+        device: of the noise units of ``whitened``.
     """
 
     seen: Arm
@@ -323,20 +323,19 @@ class _Derivatives:
     device: Instrument
 
     def unweighted(self, inputs: Array) -> Array:
-        """In m; zeros for a pose that the arm cannot take."""
+        """Return derivatives in m; zeros for an impossible pose."""
         return self._flat(self._observed(inputs)[1])
 
     def whitened(self, inputs: Array) -> Array:
-        """In standard deviations of the device's noise."""
+        """Return derivatives in standard deviations of the device's noise."""
         points, jacobian = self._observed(inputs)
         if not is_isotropic(self.device):
             return self._flat(whitening(self.device.covariance(points)) @ jacobian)
         everywhere = whitening(self.device.covariance(np.ones(3)))
-        return self._flat(np.multiply(jacobian, everywhere[0, 0], order="C"))  # one pose's numbers beside each other
+        return self._flat(np.multiply(jacobian, everywhere[0, 0], order="C"))  # contiguous numbers of a pose
 
     def _observed(self, inputs: Array) -> tuple[Array, Array]:
-        """Points and their Jacobian of the base set."""
-        if further := len(self.seen.conditions):  # whoever asks for slopes moves these columns too, which are whole
+        if further := len(self.seen.conditions):  # differences move these columns too, which are whole numbers
             inputs = np.append(inputs[:, :-further], inputs[:, -further:].round(), axis=1)
         points, jacobian = self.seen.observe(inputs, self.values)
         return _finite(points), _finite(jacobian[..., list(self.retained)])
@@ -347,7 +346,7 @@ class _Derivatives:
 
 
 def _assigned(options: DesignOptions, model: RobotModel, device: Instrument, joints: Array) -> Array:
-    """Candidates ``(m, joints)`` with the station that sees each best."""
+    """Return inputs of candidates ``(m, joints)``, each with its best station."""
     if not model.stations:
         return joints
     stations = seeing_station(model, options.targets, device)(joints)
@@ -356,19 +355,19 @@ def _assigned(options: DesignOptions, model: RobotModel, device: Instrument, joi
 
 
 def _station_of(columns: Array) -> NDArray[np.int_]:
-    """``(n,)`` the station, from 0, of columns ``(n, stations - 1)`` that are 1 where a pose is of each further one."""
+    """Return the station ``(n,)``, from 0, of indicator columns ``(n, stations - 1)`` of the further ones."""
     return np.asarray(columns.round() @ np.arange(1, columns.shape[1] + 1), dtype=np.int_)
 
 
 def _inputs(model: RobotModel, joints: Array, stations: NDArray[np.int_] | None = None) -> Array:
-    """Joint positions ``(n, joints)`` with the columns of the stations ``(n,)``; the first of all, if not given."""
+    """Return joint positions ``(n, joints)`` with indicator columns of the stations ``(n,)``; default is the first."""
     further = np.arange(1, len(model.station_sites))
     at = np.zeros(len(joints), dtype=np.int_) if stations is None else stations
     return np.concatenate([joints, at[:, None] == further], axis=1) if len(further) else joints
 
 
 def _feasible(model: RobotModel, targets: Sequence[str], device: Instrument) -> Feasible:
-    """A callable: whether inputs are feasible poses, every target in the sight of their station."""
+    """Return a test of inputs: feasible poses, every target visible to their station."""
     allowed = [feasibility(model, targets, device, station=k) for k in range(len(model.station_sites))]
     if len(allowed) == 1:
         return allowed[0]
@@ -401,7 +400,7 @@ def _noisy(name: str) -> Instrument:
 def _home(
     options: DesignOptions, chain: JointSpec, model: RobotModel, candidates: Array
 ) -> tuple[Array, tuple[str, ...]]:
-    """Return the requested home; else the robot's home, or a near pose if the arm collides with itself there."""
+    """Return the requested home; else the robot's home, or a near pose if the arm collides there."""
     if options.home:
         return _home_option(options.home, chain, model), ()
     home = free_home(model, candidates)
@@ -414,7 +413,6 @@ def _home(
 
 
 def _home_option(given: Sequence[float], chain: JointSpec, model: RobotModel) -> Array:
-    """The joint positions ``(n,)`` that ``--home`` says."""
     text = f"--home {','.join(f'{number:g}' for number in given)}"
     if len(given) != chain.size or not np.isfinite(given).all():
         raise LabError(f"{text}: give one finite number for each of {', '.join(chain.joint_names)}")
@@ -429,7 +427,7 @@ def _home_option(given: Sequence[float], chain: JointSpec, model: RobotModel) ->
 
 
 def _measured_before(options: DesignOptions, robot: Robot) -> Array:
-    """Poses ``(n0, joints)`` of the file to extend: those fully measured, or all of a plan not yet measured."""
+    """Return poses ``(n0, joints)`` of the file to extend: fully measured ones, or all of a plan not yet measured."""
     chain = robot.chain
     if options.extend is None:
         return _inputs(robot.model, np.empty((0, chain.size)))
@@ -448,9 +446,9 @@ _ROUNDS = 4  # uphill
 
 
 def best_design(options: DesignOptions, problem: PoseProblem, count: int, progress: Stage = no_stage) -> Design:
-    """The best of several starts, each exchanged among the candidates and then moved uphill.
+    """Return the best of several starts, each exchanged among the candidates and then moved uphill.
 
-    The first round uphill gains most, and tells which start is the best: that one alone goes on.
+    The best start is chosen after the first round uphill, which gains most; that one alone continues.
     """
     rng = rng_for(options.seed, "design")
     best: Design | None = None
@@ -471,7 +469,7 @@ def best_design(options: DesignOptions, problem: PoseProblem, count: int, progre
 
 
 def _begun(problem: PoseProblem, count: int, rng: np.random.Generator) -> Design:
-    """Compute one start, exchanged and moved uphill once: stored with the state in which it leaves the generator."""
+    """Compute one start, exchanged and moved uphill once; it is stored with the generator's state after it."""
 
     def work() -> Columns:
         design = _uphill(problem, exchanged(problem, count, rng), 1)
@@ -489,7 +487,7 @@ def _state(rng: np.random.Generator) -> NDArray[np.str_]:
 def _uphill(problem: PoseProblem, design: Design, rounds: int) -> Design:
     chain = problem.robot.chain
     keep_off = MARGIN * (chain.upper - chain.lower)
-    further = problem.inputs.shape[1] - chain.size  # columns of stations, which stay as they are: nothing slopes there
+    further = problem.inputs.shape[1] - chain.size  # columns of stations, which do not change: their slope is zero
     return ascend(
         design,
         problem.sensitivity,
@@ -503,7 +501,7 @@ def _uphill(problem: PoseProblem, design: Design, rounds: int) -> Design:
 
 
 def exchanged(problem: PoseProblem, count: int, rng: np.random.Generator) -> Design:
-    """A design among the candidates to which a free way leads."""
+    """Exchange among the candidates to which a free path leads."""
     return exchange(
         problem.inputs,
         problem.pool,

@@ -1,4 +1,4 @@
-"""Instruments as they are named: a preset, or a file that describes one."""
+"""Find instruments by the name of a preset, or by a file."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ __all__ = ["instrument", "name_of", "named_instrument"]
 
 
 def instrument(name: str | Path | Instrument) -> Instrument:
-    """An instrument's noise model, and where it sees: by a name or a file, as every call takes it.
+    """Return an instrument, its noise model and field of view, by a name or a file.
 
     Args:
         name: of a preset; or the path of a TOML file that describes a tracker; an instrument stays as it is.
@@ -28,10 +28,10 @@ def instrument(name: str | Path | Instrument) -> Instrument:
 
 
 def named_instrument(name: str) -> Instrument:
-    """An instrument by the name of its preset, or by the path of a TOML file that describes it.
+    """Return an instrument by the name of its preset, or by the path of its TOML file.
 
     Raises:
-        LabError: there is neither, or the file describes none.
+        LabError: there is neither, or the file does not describe an instrument.
     """
     if name in INSTRUMENTS or not name.endswith(".toml"):
         return instruments.instrument(name)
@@ -39,10 +39,10 @@ def named_instrument(name: str) -> Instrument:
 
 
 def name_of(device: str | Path | Instrument) -> str:
-    """The name or the path by which an instrument is named in options, and read again with a run.
+    """Return the name or path of an instrument in options, by which a run reads it again.
 
     Raises:
-        LabError: it is neither a preset nor as a file describes it, so that a run could not name it.
+        LabError: it is neither a preset nor equal to that of a file, so that a run could not name it.
     """
     if not isinstance(device, Instrument):
         return str(device)

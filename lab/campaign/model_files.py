@@ -1,4 +1,4 @@
-"""The lab's own robots: where their files are, and what says that a robot's files are as they were."""
+"""Find the lab's own robots, and compute digests of robots' files."""
 
 import hashlib
 from pathlib import Path
@@ -17,7 +17,7 @@ def models_folder() -> Path:
 
 
 def own_models() -> dict[str, Path]:
-    """The lab's own robots by name: a folder's, and ``<folder>/<file>`` of what else it describes."""
+    """Return the lab's own robots by name: a folder's, and ``<folder>/<file>`` of its other descriptions."""
     found = dict[str, Path]()
     for folder in sorted(path for path in models_folder().iterdir() if (path / "README.md").is_file()):
         files = [folder / name for name in (_DESCRIPTION, "scene.xml", "robot.xml", "robot.toml")]
@@ -28,7 +28,7 @@ def own_models() -> dict[str, Path]:
 
 
 def description_of(robot: str) -> Path:
-    """The file that describes a robot, given by the name of one of the lab's own or by a path.
+    """Return the file that describes a robot, given by a name of the lab's own or by a path.
 
     Raises:
         LabError: there is none (the message lists those there are).

@@ -1,4 +1,4 @@
-"""Options that campaigns share: how parameters are fitted, and what of a virtual arm is not geometry."""
+"""Define options that campaigns share: of the fit, and of a virtual arm's effects."""
 
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 __all__ = ["ArmEffects", "Fitting"]
 
-Options = TypeVar("Options", bound=EffectOptions)
+_Options = TypeVar("_Options", bound=EffectOptions)
 
 
 _GROUPS = [f"{each.name} ({each.meaning})" if each.meaning else each.name for each in fitted_groups()]
@@ -28,7 +28,7 @@ _MODEL_HELP = "geometric; auto, which adds the groups that the data support; or 
 
 @dataclass(frozen=True)
 class Fitting:
-    """How parameters are fitted."""
+    """Options of the fit."""
 
     model: Annotated[str, tyro.conf.arg(help=_MODEL_HELP)] = "geometric"
     robust: Flag = False
@@ -38,16 +38,16 @@ class Fitting:
     free: Names = ()
     """Identify these parameters, which are usually fixed, in the place of fixed ones."""
     prior: PriorMode = "auto"
-    """Manufacturing tolerances as a prior (MAP): auto, only where the measurements say little, at a scale that they
-    tell; on (also the bare flag), in all directions, as wide as they are given; off, not at all."""
+    """Manufacturing tolerances as a prior (MAP): auto, only in weakly observable directions, at an estimated scale;
+    on (also the bare flag), in all directions, as given; off, not at all."""
     tolerance_mm: float = 0.5
     """Manufacturing tolerance of lengths (1σ): of the prior, and by which aliased errors are shared in exports."""
     tolerance_mrad: float = 1.5
-    """The same of angles."""
+    """Manufacturing tolerance of angles (1σ)."""
     load: Path | None = None
-    """The folder of a run of lab payload: payloads hang where that one does; rows without payload_kg carry it."""
+    """The folder of a run of lab payload: it places all payloads; rows without payload_kg have its mass."""
     accept_edited: Flag = False
-    """Take --load from a run too whose files were changed since it was written."""
+    """Accept a --load run whose files were changed since it was written."""
 
     def __post_init__(self) -> None:
         """Take the truth values of older runs and calls for on and off."""
@@ -68,18 +68,18 @@ class Fitting:
 
     @property
     def groups(self) -> tuple[str, ...]:
-        """The groups asked for by name; none for geometric and auto."""
+        """The groups requested by name; none for geometric and auto."""
         named = self.parametric
         return () if named in ("geometric", "auto") else tuple(named.removeprefix("geometric+").split("+"))
 
     @property
     def residual(self) -> bool:
-        """True where the residual that no group explains is predicted, as offsets of the joints."""
+        """True if the residual that no group explains is predicted, as joint offsets."""
         return "residual" in self.model.split("+")
 
     @property
     def parametric(self) -> str:
-        """The model without that."""
+        """The model without the residual."""
         return "+".join(name for name in self.model.split("+") if name != "residual") or "geometric"
 
     @property
@@ -100,8 +100,8 @@ class Fitting:
         )
 
 
-def _comma_separated(kind: type[Options]) -> type[Options]:
-    """A class whose inherited options of several numbers are given as one word, e.g. ``0,3``."""
+def _comma_separated(kind: type[_Options]) -> type[_Options]:
+    """Let a class's inherited options of several numbers be given as one word, e.g. ``0,3``."""
     kind.__annotations__ = {each.name: Numbers for each in fields(kind) if each.type == tuple[float, ...]}
     return kind
 
@@ -109,4 +109,4 @@ def _comma_separated(kind: type[Options]) -> type[Options]:
 @dataclass(frozen=True)
 @_comma_separated
 class ArmEffects(EffectOptions):
-    """What of the virtual arm is not geometry; all of it is off unless given."""
+    """Effects of the virtual arm beside its geometry; all are off unless given."""

@@ -1,4 +1,4 @@
-"""The types of options that commands share: flags, lists in one argument, and numbers with a plain refusal."""
+"""Define types of options: flags, lists in one argument, and numbers with a plain refusal."""
 
 from collections.abc import Callable
 from typing import Annotated, Literal, TypeVar, get_args
@@ -13,7 +13,7 @@ _Read = TypeVar("_Read", int, float)
 
 
 def number(text: str) -> float:
-    """A number as typed.
+    """Read a number.
 
     Raises:
         LabError: it is none.
@@ -22,7 +22,7 @@ def number(text: str) -> float:
 
 
 def whole_number(text: str) -> int:
-    """A whole number as typed.
+    """Read a whole number.
 
     Raises:
         LabError: it is none.

@@ -1,4 +1,4 @@
-"""Options of a virtual campaign and of a design, shared by commands and studies."""
+"""Define the options of a virtual campaign and of a design, for commands and studies."""
 
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -40,7 +40,7 @@ __all__ = ["DesignOptions", "VirtualCampaign", "check_common", "check_region"]
 
 @dataclass(frozen=True)
 class _VirtualSession:
-    """A virtual arm, how it is measured, and how its parameters are fitted."""
+    """Options of a virtual arm, its measurement and its fit."""
 
     robot: str = "irb120"
     """A model's name, or a path to an MJCF, a URDF, or a TOML table or mechanism."""
@@ -51,11 +51,11 @@ class _VirtualSession:
     plan: Path | None = None
     """Measure the poses of this CSV instead."""
     seed: int = 0
-    """Of the arm, the tracker, the poses and the noise, each its own stream."""
+    """Random seed of the arm, the tracker, the poses and the noise."""
     targets: Names = ("p1",)
     """Measured points of the tool."""
     instrument: str = "uniform-8um"
-    """Whose noise there is: exact, uniform-8um, leica-at960, leica-at500, faro-vantage, optical-cmm, krypton-k600,
+    """The instrument: exact, uniform-8um, leica-at960, leica-at500, faro-vantage, optical-cmm, krypton-k600,
     draw-wire, ball-in-socket or touch-probe; or the TOML file of a tracker, with its systematic errors."""
     observe: SensorName = "points"
     """What is measured."""
@@ -66,7 +66,7 @@ class _VirtualSession:
     position_sigma_mm: float = 0.5
     """Position error of base, links and flange, per axis (1σ)."""
     rotation_sigma_mrad: float = 1.5
-    """How far base, links and flange are turned, per axis."""
+    """Rotation error of base, links and flange, per axis (1σ)."""
     offset_sigma_mrad: float = 0.0
     """Error of the joints' zeros (mm for a slide, 1σ)."""
     dh_only: Flag = False
@@ -77,14 +77,14 @@ class _VirtualSession:
     require: Literal["good"] | None = None
     """Exit with 3 where the verdict is doubtful or nothing was validated; a bad one exits with 1 in any case."""
     date: str | None = None
-    """The day of the measurements, YYYY-MM-DD, by which lab trend puts runs in order."""
+    """The date of the measurements, YYYY-MM-DD, by which lab trend orders runs."""
     serial: str | None = None
     """The serial number of the arm; whatever is built on the run inherits it, and refuses another arm's."""
     no_recording: NoRecording = False
     fitting: tyro.conf.OmitArgPrefixes[Fitting] = field(default_factory=Fitting)
     """How parameters are fitted."""
     effects: tyro.conf.OmitArgPrefixes[ArmEffects] = field(default_factory=ArmEffects)
-    """What of the arm is not geometry."""
+    """Effects of the arm beside its geometry."""
 
 
 @dataclass(frozen=True)
@@ -92,10 +92,10 @@ class VirtualCampaign(SensorOptions, VirtualSetup, _VirtualSession):
     """A campaign on a virtual arm."""
 
     def kind(self) -> "VirtualSensor":
-        """The kind of observation that is asked for, with its options.
+        """Return the requested sensor, with its options.
 
         Raises:
-            LabError: there is no such kind, or an option of it makes no sense or is of another kind.
+            LabError: there is no such sensor, or an option of it makes no sense or is of another sensor.
         """
         return configured_sensor(self.observe, self, FitInputs(self.noise_mm, self.fitting.prior == "on"))
 
@@ -131,7 +131,7 @@ class VirtualCampaign(SensorOptions, VirtualSetup, _VirtualSession):
 
 @dataclass(frozen=True)
 class DesignOptions:
-    """Which poses to measure, and what accuracy to expect of them."""
+    """Options of a choice of poses, and of its predicted accuracy."""
 
     robot: str = "irb120"
     """A model's name, or a path to an MJCF, a URDF, or a TOML table or mechanism."""
@@ -140,46 +140,46 @@ class DesignOptions:
     poses: int | None = None
     """Number of poses to choose; 30 unless an accuracy is given."""
     accuracy_mm: float | None = None
-    """Choose as few poses as keep 95 % of the validation poses within this, in 95 % of the campaigns."""
+    """Choose the fewest poses with errors within this at 95 % of the validation poses, in 95 % of the campaigns."""
     criterion: str = "O1"
-    """What to make as good as can be: O1, O2, O3, O4, O5, condition, A, G or I. Packages may add others."""
+    """Criterion to optimize: O1, O2, O3, O4, O5, condition, A, G or I. Packages may add others."""
     scaling: Literal["raw", "unit", "length", "whitened"] = "whitened"
     """Units of the indices: mm and rad, unit columns, a characteristic length, or tolerances and noise."""
     targets: Names = ("p1",)
     """Measured points of the tool."""
     instrument: str = "uniform-8um"
-    """Whose noise and sight the plan is for: uniform-8um, leica-at960, leica-at500, faro-vantage, optical-cmm or
+    """The instrument, for its noise and view: uniform-8um, leica-at960, leica-at500, faro-vantage, optical-cmm or
     krypton-k600, or the TOML file of a tracker."""
     candidates: int = 2000
-    """How many feasible poses to choose from."""
+    """Number of feasible poses to choose from."""
     starts: int = 4
-    """How many times to choose anew; the best is kept."""
+    """Number of random starts; the best result is taken."""
     curve: Flag = False
     """Draw the predicted error against the number of poses from a design of each number, which takes much longer."""
     check: Path | None = None
-    """Plan nothing: check this plan.csv of an earlier run again, in the cell as it is now."""
+    """Plan nothing: check this plan.csv of an earlier run again, in the present cell."""
     extend: Path | None = None
-    """Poses measured already (CSV), to which these are added."""
+    """Poses measured before (CSV), to which these are added."""
     home: Numbers = ()
     """Where the session starts and ends: joint positions in deg (mm of a slide); zero if not given, or the
     nominal configuration of a mechanism."""
     reference_every: int | None = None
     """Measure the first pose again after every so many poses, and last: its scatter is the repeatability."""
     controller: Controller | None = None
-    """The language of its program; that of the robot's maker, if not given and known by the robot's name."""
+    """Language of the robot program; by default that of the robot's maker, found by the robot's name."""
     clearance_mm: float = CLEARANCE_MM
-    """How far arm and reflectors stay from what stands around them, where neither obstacle nor cell states it."""
+    """Clearance of arm and reflectors from their surroundings, unless an obstacle or the cell states one."""
     self_clearance_mm: float = CLEARANCE_MM
-    """How far links that are not neighbours, and reflectors, stay from each other; at most what they have at home."""
+    """Clearance between links that are not neighbours, and reflectors; at most that at home."""
     no_check: Flag = False
-    """Check nothing for collisions: neither the poses nor the ways between them."""
+    """Check neither poses nor the paths between them for collisions."""
     no_recording: NoRecording = False
     seed: int = 0
-    """Of the candidates, the starts and the test poses."""
+    """Random seed of the candidates, the starts and the test poses."""
 
     @property
     def clearances(self) -> Clearances:
-        """Clearances that the plan keeps."""
+        """Clearances of the plan."""
         return Clearances(MM.to_si(self.clearance_mm), MM.to_si(self.self_clearance_mm))
 
     def refuse_nonsense(self) -> None:
@@ -208,20 +208,15 @@ class DesignOptions:
 
 
 def check_region(region: str, kind: "Sensor") -> None:
-    """Refuse a region that is none, or of measurements that no position can be predicted from, with a LabError."""
+    """Refuse an invalid region, or one for a sensor without positions, with a LabError."""
     if task_region(region).kind != "measured" and not kind.in_instrument_frame:
         raise LabError(f"--region {region}: nothing is predicted for --observe {kind.name}; leave it out")
 
 
 def check_common(
-    fitting: Fitting,
-    seed: int,
-    gate_mm: float | None,
-    noise_mm: float | None,
-    date: str | None,
-    serial: str | None,
+    fitting: Fitting, seed: int, gate_mm: float | None, noise_mm: float | None, date: str | None, serial: str | None
 ) -> None:
-    """Refuse numbers that make no sense in what virtual and measured campaigns share, naming the option."""
+    """Refuse options of virtual and measured campaigns that make no sense, with a LabError that names the option."""
     fitting.check()
     whole("--seed", seed, 0, SEED)
     if gate_mm is not None:

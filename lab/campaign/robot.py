@@ -1,9 +1,7 @@
-"""A robot by name or path: a folder of ``models``, an MJCF, a URDF, or a table.
+"""Load a robot by name or path: a folder of ``models``, an MJCF, a URDF, or a table.
 
-The file formats in which each kind of robot can be described: a line adds one.
-
-The first format of a kind is the one that a run keeps of a robot that was given as a model; the last one is exact to
-the bit, which a run keeps of a robot that was given as a table or as a mechanism.
+Each kind of robot has its formats of description. The first is the one that a run keeps of a robot given as a model;
+the last, exact to the bit, that of a robot given as a table or as a mechanism.
 """
 
 import hashlib
@@ -12,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Self, TypeVar
+from typing import Any, ClassVar, Self, TypeVar
 
 import numpy as np
 
@@ -57,47 +55,33 @@ from lab.simulation.true_robot import (
     true_robot_from_table,
 )
 
-__all__ = [
-    "CLOSED_FORMATS",
-    "MAKER_FORMATS",
-    "SERIAL_FORMATS",
-    "ClosedRobot",
-    "Robot",
-    "SerialRobot",
-    "load_again",
-    "load_robot",
-    "load_virtual",
-]
+__all__ = ["CLOSED_FORMATS", "SERIAL_FORMATS", "ClosedRobot", "Robot", "SerialRobot", "load_robot", "load_virtual"]
 
 
-Model = TypeVar("Model", bound=RobotModel)
-MAKER_FORMATS: tuple[DescriptionFormat[SerialArm, SerialModel], ...] = (UR_KINEMATICS, UR_CORRECTIONS)
-SERIAL_FORMATS: tuple[DescriptionFormat[SerialArm, SerialModel], ...] = (
-    MJCF,
-    URDF,
-    XACRO,
-    *MAKER_FORMATS,
-    TABLE_TOML,
-)
+_Model = TypeVar("_Model", bound=RobotModel)
+_MAKER_FORMATS: tuple[DescriptionFormat[SerialArm, SerialModel], ...] = (UR_KINEMATICS, UR_CORRECTIONS)
+SERIAL_FORMATS: tuple[DescriptionFormat[SerialArm, SerialModel], ...] = (MJCF, URDF, XACRO, *_MAKER_FORMATS, TABLE_TOML)
 CLOSED_FORMATS: tuple[DescriptionFormat[ClosedArm, ClosedModel], ...] = (CLOSED_MJCF, MECHANISM_TOML)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Robot(Value, ABC):
-    """A robot before any measurement; subclasses answer by their methods.
+    """A robot before any measurement.
 
-    Two are equal where all that is known of them is. A pickled robot is loaded again from its files, which must be
-    there and the same.
+    Robots are equal if all their data are. A pickled robot is loaded again from its files, which must be
+    unchanged.
 
     Attributes:
-        model: its MuJoCo model; of a robot given as a table, one that is built from it.
-        warnings: for the user, on the files that it was read from.
-        loads: its masses, for gravity effects; None where the file gives none.
+        model: its MuJoCo model; built from the table of a robot given as one.
+        warnings: for the user, on its files.
+        loads: its masses, for gravity effects; None if the file gives none.
+        formats: of its descriptions.
     """
 
     model: RobotModel
     warnings: tuple[str, ...] = ()
     loads: Loads | None = None
+    formats: ClassVar[tuple[DescriptionFormat[Any, Any], ...]]
 
     def _about(self) -> str:
         joints, targets = len(self.chain.joint_names), ", ".join(self.tool) or "none"
@@ -115,7 +99,7 @@ class Robot(Value, ABC):
 
     @property
     def sha256(self) -> str:
-        """Of the files that it was read from."""
+        """Digest of its files."""
         return self.model.origin.sha256
 
     @property
@@ -125,7 +109,7 @@ class Robot(Value, ABC):
 
     @property
     def cell(self) -> Cell | None:
-        """The cell that it stands in; None where it is alone with what its model has."""
+        """Its cell; None without one."""
         return self.model.origin.cell
 
     @property
@@ -140,7 +124,7 @@ class Robot(Value, ABC):
 
     @property
     def tool(self) -> dict[str, Array]:
-        """Positions ``(3,)`` of the targets that it has (m, in the last frame, or the platform's)."""
+        """Positions ``(3,)`` of its targets (m, in the last frame, or the platform's)."""
         return self.model.tool
 
     @property
@@ -155,20 +139,20 @@ class Robot(Value, ABC):
 
     @property
     def link_compliances(self) -> Array | None:
-        """``(n, 4)`` of its links (``beam.COMPLIANCES``), as its description has them; None where it has none."""
+        """``(n, 4)`` of its links (``beam.COMPLIANCES``), from its description; None without any."""
         return None
 
     @property
     @abstractmethod
     def serial_model(self) -> SerialModel:
-        """Its model, for what exists for serial arms alone.
+        """Its model, if it is a serial arm.
 
         Raises:
             LabError: the robot has loops.
         """
 
     def serial_arm(self, targets: tuple[str, ...]) -> SerialArm:
-        """The arm as equations, for what exists for serial arms alone.
+        """Return the kinematic model of a serial arm.
 
         Raises:
             LabError: the robot has loops.
@@ -177,7 +161,7 @@ class Robot(Value, ABC):
 
     @abstractmethod
     def arm(self, targets: tuple[str, ...]) -> RigidArm:
-        """The arm as equations, with these targets."""
+        """Return the kinematic model with these targets."""
 
     def arm_with(
         self,
@@ -186,58 +170,59 @@ class Robot(Value, ABC):
         session: SessionInfo = SessionInfo(),  # noqa: B008
         moving: bool = False,
     ) -> Arm:
-        """The arm with groups of effects, by name, for measurements of such a course, or moving, under inertia too.
+        """Return the kinematic model with groups of effects, by name.
 
         Raises:
-            LabError: there is no such group, or no masses or sessions for it, or two do not go together.
+            LabError: there is no such group, or no masses or sessions for it, or two are incompatible.
         """
         named = [effect(name, self.chain, self.loads, session, moving=moving) for name in groups]
         return affected(self.arm(targets), [*stations(session.stations), *named])
 
     @abstractmethod
     def _simulated_loads(self) -> Loads | None:
-        """The masses of its model, assumed ones too; None where it has none, or where nothing bends such a robot."""
+        """Return the masses of its model, assumed ones too; None without any, or for a mechanism."""
 
     @abstractmethod
     def perturbed(self, errors: GeometryErrors, T_world_tracker: Array, rng: np.random.Generator) -> TrueRobot:
-        """A robot to stand for reality, without effects: its geometry off by normal draws, before a tracker.
+        """Draw a true robot, without effects: its geometry with normal errors, before a tracker.
 
         Args:
-            errors: how large the errors of the geometry are.
+            errors: standard deviations of the geometry.
             T_world_tracker: pose ``(4, 4)`` (m) of the tracker's frame in the world of the MuJoCo model.
 
         Raises:
-            LabError: this kind of robot has no such errors.
+            LabError: this kind of robot does not have such errors.
         """
 
     @property
-    @abstractmethod
     def description_files(self) -> tuple[str, ...]:
         """The files that can describe it with identified parameters; the last is exact to the bit."""
+        return tuple(each.file for each in self.formats)
 
-    @abstractmethod
     def description(self, file: str, targets: tuple[str, ...], values: Array, comment: str = "") -> str:
-        """The content of such a file for the arm with these targets and parameters ``(p,)``, base included.
+        """Return the content of such a file for the arm with these targets and parameters ``(p,)``, base included.
 
         Args:
-            comment: what is said of it at its head.
+            comment: at its head.
         """
+        identified = IdentifiedRobot(self.name, self.arm(targets), values, self.loads, self.model)
+        return with_comment(file, {each.file: each for each in self.formats}[file].text(identified), comment)
 
     @property
     def stored_file(self) -> str:
-        """The one of ``description_files`` that a run keeps: in the format that the robot was given in, or near it."""
+        """The one of ``description_files`` that a run keeps: in the robot's own format, or near it."""
         return self.description_files[-1] if self.model.path.suffix == ".toml" else self.description_files[0]
 
     @property
     def stored_files(self) -> tuple[str, ...]:
-        """The ones that a run keeps: also those of the controller's maker, where they are of such a robot."""
-        return (self.stored_file, *(each.file for each in MAKER_FORMATS if each.file in self.description_files))
+        """The ones that a run keeps: also those of the controller's maker, if they are for such a robot."""
+        return (self.stored_file, *(each.file for each in _MAKER_FORMATS if each.file in self.description_files))
 
     def placed_in(self, cell: Path | None) -> Self:
-        """The robot in the cell that a file describes; as it is, without a file.
+        """Return the robot in the cell of a file; unchanged without a file.
 
         Raises:
-            LabError: the file cannot be read, or is not of such a robot.
+            LabError: the file cannot be read, or is not for such a robot.
         """
         if cell is None:
             return self
@@ -248,20 +233,20 @@ class Robot(Value, ABC):
         return placed if self.loads is None else replace(placed, loads=placed._simulated_loads())
 
     def refuse_unknown(self, targets: tuple[str, ...]) -> None:
-        """A LabError for a target that the robot (or the default tool, if it has none) does not have."""
+        """Refuse a target that the robot (or the default tool, if it has none) does not have, with a LabError."""
         known = self.tool or DEFAULT_TOOL
         for target in (target for target in targets if target not in known):
             raise LabError(f"target '{target}' is unknown: robot {self.name} has {', '.join(known)}")
 
     def refuse_impossible(self, path: Path, data: Measurements) -> None:
-        """A LabError for joint positions of a file that the nominal model cannot take."""
+        """Refuse joint positions of a file that are impossible for the nominal model, with a LabError."""
         if (lost := np.flatnonzero(~self.chain.is_assemblable(data.joints))).size:
             why = self.chain.infeasibility_reason(data.joints[lost[0]])
             more = f" (and {len(lost) - 1} more)" if len(lost) > 1 else ""
             raise LabError(f"{path}: {data.where(int(lost[0]))}{more}: {why}; mend the joint positions, or use = skip")
 
     def refuse_beyond_limits(self, path: Path, data: Measurements, slack: float) -> None:
-        """A LabError for joint positions of a file that are beyond the limits by more than ``slack`` (rad or m)."""
+        """Refuse joint positions of a file beyond the limits by more than ``slack`` (rad or m), with a LabError."""
         outside = self.chain.beyond_limits(data.joints, slack)
         if outside.any():
             row, joint = np.argwhere(outside)[0].tolist()
@@ -275,6 +260,7 @@ class Robot(Value, ABC):
 class SerialRobot(Robot):
     """A serial arm."""
 
+    formats: ClassVar[tuple[DescriptionFormat[Any, Any], ...]] = SERIAL_FORMATS
     model: SerialModel
 
     @property
@@ -284,19 +270,18 @@ class SerialRobot(Robot):
 
     @property
     def link_compliances(self) -> Array | None:
-        """``(n, 4)`` of its links, as its description has them; None where it has none."""
+        """``(n, 4)`` of its links, from its description; None without any."""
         return None if self.model.links is None else self.model.links.compliances
 
     def arm(self, targets: tuple[str, ...]) -> SerialArm:
-        """The arm as equations, with these targets."""
+        """Return the kinematic model with these targets."""
         return self.serial_arm(targets)
 
     def _simulated_loads(self) -> Loads | None:
-        """The masses of its model, assumed ones too; None where there are none."""
         return _some(loads_of(self.model))
 
     def perturbed(self, errors: GeometryErrors, T_world_tracker: Array, rng: np.random.Generator) -> TrueSerialRobot:
-        """A copy with every body and joint off, or with the entries of the Denavit-Hartenberg table alone."""
+        """Draw errors of every body and joint, or of the entries of the Denavit-Hartenberg table alone."""
         if not errors.table_alone:
             perturbation = random_perturbation(
                 self.model, errors.position_sigma_m, errors.rotation_sigma_rad, rng, errors.joint_offset_sigma
@@ -307,29 +292,20 @@ class SerialRobot(Robot):
         values = arm.assemble(base, table, arm.split(arm.nominal(self.tool))[2])
         return true_robot_from_table(self.model, arm, values, T_world_tracker)
 
-    @property
-    def description_files(self) -> tuple[str, ...]:
-        """MJCF, URDF and the table; of some robots those of ROS."""
-        return tuple(each.file for each in SERIAL_FORMATS)
-
-    def description(self, file: str, targets: tuple[str, ...], values: Array, comment: str = "") -> str:
-        """The content of one of these files."""
-        identified = IdentifiedRobot(self.name, self.arm(targets), values, self.loads, self.model)
-        return with_comment(file, {each.file: each for each in SERIAL_FORMATS}[file].text(identified), comment)
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ClosedRobot(Robot):
     """A mechanism with loops."""
 
+    formats: ClassVar[tuple[DescriptionFormat[Any, Any], ...]] = CLOSED_FORMATS
     model: ClosedModel
 
     @property
     def serial_model(self) -> SerialModel:
-        """There is none.
+        """Raise an error: a robot with loops has no serial model.
 
         Raises:
-            LabError: always: a robot with loops has no serial model.
+            LabError: always.
         """
         raise LabError(
             f"robot {self.name} has loops: this is for serial arms alone; its identified dimensions are in "
@@ -337,17 +313,17 @@ class ClosedRobot(Robot):
         )
 
     def arm(self, targets: tuple[str, ...]) -> ClosedArm:
-        """The mechanism as equations, with these targets on its platform."""
+        """Return the kinematic model with these targets on its platform."""
         return ClosedArm(self.model.chain, targets)
 
     def _simulated_loads(self) -> None:
-        """Nothing bends it, so none are asked for."""
+        """Return None: a mechanism is rigid."""
 
     def perturbed(self, errors: GeometryErrors, T_world_tracker: Array, rng: np.random.Generator) -> TrueMechanism:
-        """A copy with every dimension off.
+        """Draw errors of every dimension.
 
         Raises:
-            LabError: an error that only serial arms have is asked for.
+            LabError: an error of serial arms alone is requested.
         """
         if errors.table_alone or errors.joint_offset_sigma:
             raise LabError(
@@ -357,27 +333,17 @@ class ClosedRobot(Robot):
         values = random_values(self.model.chain, errors.position_sigma_m, errors.rotation_sigma_rad, rng)
         return true_mechanism(self.model, values, T_world_tracker)
 
-    @property
-    def description_files(self) -> tuple[str, ...]:
-        """MJCF and the mechanism's description."""
-        return tuple(each.file for each in CLOSED_FORMATS)
-
-    def description(self, file: str, targets: tuple[str, ...], values: Array, comment: str = "") -> str:
-        """The content of one of these files."""
-        identified = IdentifiedRobot(self.name, self.arm(targets), values, self.loads, self.model)
-        return with_comment(file, {each.file: each for each in CLOSED_FORMATS}[file].text(identified), comment)
-
 
 def load_robot(robot: str | Path | Robot, cell: Path | None = None) -> Robot:
-    """Load a robot: its nominal model, and what else is known of it before anything is measured.
+    """Load a robot: its nominal model, masses and warnings.
 
     Args:
-        robot: the name of a model of the lab, or a path to an MJCF, a URDF, or a TOML table or mechanism; a robot that
-            is loaded already stays as it is.
+        robot: the name of a model of the lab, or a path to an MJCF, a URDF, or a TOML table or mechanism; a loaded
+            robot is unchanged.
         cell: the file that describes its cell, if any.
 
     Raises:
-        LabError: there is no such robot (the message lists those there are), or it or its cell cannot be read.
+        LabError: there is no such robot (the message lists all), or it or its cell cannot be read.
 
     Example:
         >>> import lab
@@ -387,38 +353,26 @@ def load_robot(robot: str | Path | Robot, cell: Path | None = None) -> Robot:
     """
     if isinstance(robot, Robot):
         return robot.placed_in(cell)
-    known = _loaded(str(robot))
-    origin = replace(known.model.origin, source=str(robot))
-    return replace(known, model=replace(known.model, origin=origin)).placed_in(cell)
+    loaded = _loaded(str(robot))
+    origin = replace(loaded.model.origin, source=str(robot))
+    return replace(loaded, model=replace(loaded.model, origin=origin)).placed_in(cell)
 
 
-def load_again(origin: Origin) -> RobotModel:
-    """Load a model from where it was loaded before.
-
-    Raises:
-        LabError: a file of it is missing, or is another one by now.
-    """
-    known = load_robot(origin.source)
-    if known.sha256 != origin.sha256:
+def _load_again(origin: Origin) -> RobotModel:
+    """Load the model of a pickled robot; refuse missing or changed files."""
+    loaded = load_robot(origin.source)
+    if loaded.sha256 != origin.sha256:
         raise LabError(f"{origin.source}: the robot's files changed since it was pickled; load it anew")
-    return known.model if origin.cell is None else _in_cell(known.model, origin.cell)
+    return loaded.model if origin.cell is None else _in_cell(loaded.model, origin.cell)
 
 
-def _in_cell(model: Model, cell: Cell) -> Model:
+def _in_cell(model: _Model, cell: Cell) -> _Model:
     return replace(in_cell(model, cell), origin=replace(model.origin, cell=cell))
 
 
 def _loaded(robot: str) -> Robot:
     path = description_of(robot)
-    if is_own(path):
-        return _own(path, sha256_of(path))
-    return _read(path, sha256_of(path))
-
-
-@cache
-def _own(path: Path, sha256: str) -> Robot:
-    """Read one of the lab's own robots, once a process as long as its folder does not change: robots are immutable."""
-    return _read(path, sha256)
+    return (_read_once if is_own(path) else _read)(path, sha256_of(path))
 
 
 def _read(path: Path, sha256: str) -> Robot:
@@ -427,7 +381,7 @@ def _read(path: Path, sha256: str) -> Robot:
     if path.suffix == ".toml" and is_mechanism(path):
         described = read_mechanism(path)
         closed = closed_model(path, described)
-        return ClosedRobot(replace(closed, origin=Origin(str(path), sha256)), described.warnings)
+        return ClosedRobot(replace(closed, origin=Origin(str(path), sha256, load=_load_again)), described.warnings)
     if path.suffix == ".toml":
         table = read_table(path)
         model, warnings = table_model(path, table), table.warnings
@@ -443,30 +397,32 @@ def _read(path: Path, sha256: str) -> Robot:
     if model.links is not None:
         with error_context(path):
             refuse_without_length(loads_of(model), model.links)
-    return SerialRobot(replace(model, origin=Origin(str(path), sha256)), warnings, loads)
+    return SerialRobot(replace(model, origin=Origin(str(path), sha256, load=_load_again)), warnings, loads)
+
+
+_read_once = cache(_read)  # by digest: robots are immutable
 
 
 def _with_links(path: Path, sha256: str, base: str, sections: object) -> Robot:
-    """Another robot, with what a file says of its links."""
     beside = path.parent / base if (path.parent / base).is_file() else Path(base)
     if beside.suffix == ".toml" and beside.is_file() and described_links(beside) is not None:
         raise LabError(f"{path}: robot {base} names another robot in its turn; give that one")
-    known = _loaded(str(beside))
+    loaded = _loaded(str(beside))
     with error_context(path):
-        model = known.serial_model
+        model = loaded.serial_model
         if model.links is not None:
             raise LabError(f"robot {base} has [[link]] sections of its own; change those")
     links = links_of(path, sections, model.chain.size)
-    both = hashlib.sha256(f"{known.sha256} {sha256}".encode()).hexdigest()
-    model = replace(model, links=links, origin=Origin(str(path), both))
+    both = hashlib.sha256(f"{loaded.sha256} {sha256}".encode()).hexdigest()
+    model = replace(model, links=links, origin=Origin(str(path), both, load=_load_again))
     with error_context(path):
         refuse_without_length(loads_of(model), links)
-    loads = None if known.loads is None else loads_of(model)
-    return replace(known, model=model, loads=loads)
+    loads = None if loaded.loads is None else loads_of(model)
+    return replace(loaded, model=model, loads=loads)
 
 
 def load_virtual(robot: str | Path | Robot, cell: Path | None = None) -> Robot:
-    """Load a robot that stands for reality: shapes and masses that its file lacks are assumed, with a warning.
+    """Load a robot for a virtual arm: missing shapes and masses are assumed, with a warning.
 
     Raises:
         LabError: it cannot be loaded, or meshes that it needs cannot be read.
@@ -481,5 +437,4 @@ def load_virtual(robot: str | Path | Robot, cell: Path | None = None) -> Robot:
 
 
 def _some(loads: Loads) -> Loads | None:
-    """Masses, if there are any."""
     return loads if loads.mass_kg.any() else None

@@ -1,4 +1,4 @@
-"""The region in which an arm is to be known, as an option names it: by a word, a box, or a file of targets."""
+"""Read the task region of an option: a name, a box, or a file of targets."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from lab.formats.target_csv import read_targets
 __all__ = ["REGION_HELP", "TaskRegion", "task_region"]
 
 REGION_HELP = (
-    "Where the arm is to be known, and the verdict holds: measured (where poses were), workspace (within the joints' "
+    "Region in which the verdict holds: measured (around the measured poses), workspace (within the joints' "
     "limits), a box x0,x1,y0,y1,z0,z1 in mm in the robot's frame 0, or a CSV file of targets, as lab compensate takes"
 )
 _BOX_POINTS = 200
@@ -26,12 +26,12 @@ _NUMBERS = 6
 
 @dataclass(frozen=True)
 class TaskRegion:
-    """A region that an option names.
+    """A region of an option.
 
     Attributes:
-        kind: how it is named.
-        box_m: ``(3, 2)`` m, the ends of a box along each axis of frame 0; None of another kind.
-        file: of targets; None of another kind.
+        kind: form of the option.
+        box_m: ``(3, 2)`` m, the ends of a box along each axis of frame 0; None for another kind.
+        file: of targets; None for another kind.
     """
 
     kind: Literal["measured", "workspace", "box", "targets"]
@@ -62,7 +62,7 @@ def task_region(text: str) -> TaskRegion:
     """Read the option.
 
     Raises:
-        LabError: it is no word, box or file.
+        LabError: it is no name, box or file.
     """
     if text in ("measured", "workspace"):
         return TaskRegion("measured" if text == "measured" else "workspace")

@@ -1,4 +1,4 @@
-"""The virtual arm that a campaign's options describe, and the poses that it takes."""
+"""Draw the virtual arm of a campaign's options, and its poses."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -12,7 +12,6 @@ from lab.calibration.stations import STATION_POINTS
 from lab.campaign.instruments import named_instrument
 from lab.campaign.options import VirtualCampaign
 from lab.campaign.robot import Robot
-from lab.campaign.stations import refuse_idle_stations, station_columns, stations_in
 from lab.core.errors import LabError
 from lab.core.limits import WAYPOINTS
 from lab.core.measurements import Measurements, measured
@@ -26,7 +25,7 @@ from lab.kinematics.gauge import STRUCTURE_POSES, base_set
 from lab.kinematics.model import RigidArm
 from lab.kinematics.serial.axes_to_dh import Truth
 from lab.sensors.registry import sensor_named
-from lab.simulation.candidate_poses import seeing_station
+from lab.simulation.candidate_poses import refuse_idle_stations, seeing_station, station_columns, stations_in
 from lab.simulation.collisions import collides, random_poses
 from lab.simulation.effects import Effects, random_conditions, random_effects
 from lab.simulation.tracking import recorded
@@ -43,11 +42,11 @@ __all__ = [
 ]
 
 FRESH_POSES = 1000
-_USUAL_HOURS = 1.0  # that a campaign takes where nothing is said
+_USUAL_HOURS = 1.0  # default duration of a campaign
 
 
 def perturbed_arm(robot: Robot, options: VirtualCampaign) -> TrueRobot:
-    """The virtual arm of these options, before its tracker at all its stations, with its effects."""
+    """Draw the virtual arm of these options, before its tracker at all its stations, with its effects."""
     arm = ArmFacts(robot.chain, robot.loads, sections=robot.link_compliances)
     effects = random_effects(arm, options.effects, rng_for(options.seed, "effects"))
     rngs = [rng_for(options.seed, "tracker", k) for k in range(1, len(robot.model.station_sites))]
@@ -56,10 +55,10 @@ def perturbed_arm(robot: Robot, options: VirtualCampaign) -> TrueRobot:
 
 
 def truth_of(real: TrueRobot, arm: RigidArm) -> Truth | None:
-    """The parameters that the identifier should find, without effects, in the canonical gauge.
+    """Return the true parameters, without effects, in the canonical gauge of identification.
 
-    Of a serial arm they are read off its joint axes. Of a mechanism they are those of the gauge that give its exact
-    positions: None where none do, because what the gauge fixes shows in an imperfect copy.
+    For a serial arm they are read off its joint axes. For a mechanism they are those of the gauge that give its exact
+    positions: None if none do, as parameters fixed by the gauge are observable in an imperfect copy.
     """
     if (truth := real.truth(arm.targets)) is not None:
         return truth
@@ -74,7 +73,6 @@ def truth_of(real: TrueRobot, arm: RigidArm) -> Truth | None:
 
 
 def _geometry(robot: Robot, options: VirtualCampaign) -> TrueRobot:
-    """The perturbed arm without effects."""
     T_world_tracker = random_tracker(robot.model, rng_for(options.seed, "tracker"))
     errors = GeometryErrors(
         position_sigma_m=MM.to_si(options.position_sigma_mm),
@@ -86,7 +84,7 @@ def _geometry(robot: Robot, options: VirtualCampaign) -> TrueRobot:
 
 
 def poses_to_measure(robot: Robot, options: VirtualCampaign) -> tuple[Array, dict[str, Array], tuple[str, ...]]:
-    """The poses to measure, of the plan or random ones that collide with nothing, what is set there, and warnings.
+    """Return the poses to measure, of the plan or random ones without collisions, their conditions, and warnings.
 
     Raises:
         LabError: the plan has nothing to measure, a pose in collision, an empty condition, or a payload beside the
@@ -123,7 +121,7 @@ def poses_to_measure(robot: Robot, options: VirtualCampaign) -> tuple[Array, dic
 
 
 def _seeing(robot: Robot, options: VirtualCampaign, joints: Array) -> NDArray[np.int_]:
-    """``(n,)`` the station, from 0, that sees each of random poses ``(n, joints)`` best; in turn where none does."""
+    """Return the best station ``(n,)``, from 0, of each of random poses ``(n, joints)``; in turn where none is."""
     if len(robot.model.stations) < 2:
         return np.zeros(len(joints), dtype=np.int_)
     best = seeing_station(robot.model, options.targets, named_instrument(options.instrument))(joints)
@@ -143,7 +141,7 @@ def requested_conditions(robot: Robot, options: VirtualCampaign) -> tuple[str, .
     groups = GROUPS if options.fitting.parametric == "auto" else options.fitting.groups
     requested: dict[str, None] = {}
     for group in groups:
-        with suppress(LabError):  # what cannot be built says so when it is to be fitted
+        with suppress(LabError):  # an impossible group is refused when it is fitted
             requested |= dict.fromkeys(robot.arm_with(options.targets, [group]).conditions)
     if any(options.effects.payload_kg):
         requested["payload_kg"] = None

@@ -10,7 +10,7 @@ from lab.core.errors import LabError
 from lab.core.units import MM
 from lab.formats.structured import structured
 from lab.noise.error_model import ErrorModel
-from lab.noise.terms import TERMS
+from lab.noise.error_term import TERMS
 from lab.noise.variance_components import ComponentErrors
 
 __all__ = ["NoiseModel", "component_errors_from_dict", "noise_model_from_dict", "noise_model_to_dict"]

@@ -1,9 +1,9 @@
-"""Change points: sudden moves of the base, found by a scan over the rows.
+"""Find change points, sudden moves of the base, by a scan over the rows.
 
-After a change the base stands elsewhere, by one shift for all rows that follow. For every row at which that may have
-happened, within a session, the three coefficients are tested at once, beside the parameters and what else lasts: an F
-test of whitened rows, all candidates from sums that run along the rows. The search counts: the least p is multiplied by
-the number of candidates (Bonferroni), so that it is a bound of the chance of any.
+A change shifts the base in all following rows. For every candidate row within a session, the three coefficients are
+tested at once, beside the parameters and other lasting errors: an F test of whitened rows, all candidates from
+cumulative sums. The least p is multiplied by the number of candidates (Bonferroni), and so bounds the p-value of the
+search.
 """
 
 from collections.abc import Sequence
@@ -19,26 +19,26 @@ __all__ = [
     "ANOTHER_SESSION",
     "APART",
     "ChangePoint",
-    "Found",
+    "ChangeScan",
     "before_and_after",
     "likeliest_change",
     "rows_around",
     "session_of",
 ]
 
-APART = 1e9  # times, from the first pose of a session to the first of the next
-_LEAST_ROWS = 8  # on either side in a session: of fewer with heavy tails the mean is none of a normal distribution
-_LEAST_SHARE = 1e-6  # of a shift's size that parameters leave: below, they cannot be told from it
+APART = 1e9  # units of time, from the first pose of a session to the first of the next
+_MIN_ROWS = 8  # on either side in a session: with heavy tails, means of fewer are not normally distributed
+_MIN_SHARE = 1e-6  # of a shift's variance beside the parameters: below, they are confounded
 _ROUNDING = 1e-12  # added to the normal equations of unit columns
 
 
 @dataclass(frozen=True)
 class ChangePoint:
-    """When the base moved.
+    """A sudden move of the base.
 
     Attributes:
         time: by the times of the rows.
-        share: of the rows, how many follow; the mean over all is where the base is said to be.
+        share: share of the rows after it; the estimated base is the mean over all rows.
     """
 
     time: float
@@ -46,17 +46,17 @@ class ChangePoint:
 
 
 ANOTHER_SESSION = ChangePoint(-np.inf, 0.0)
-"""On another day nobody knows where the base is left: it is off by the same shift in all rows."""
+"""Another session has an unknown base: the same shift in all rows."""
 
 
 @dataclass(frozen=True)
-class Found:
+class ChangeScan:
     """The likeliest change of a scan.
 
     Attributes:
         f: the F statistic of its three coefficients.
-        p: the chance of a larger one at any candidate, where nothing moved.
-        candidates: how many there were.
+        p: probability of a larger one at any candidate without a move.
+        candidates: their number.
     """
 
     change: ChangePoint
@@ -80,21 +80,21 @@ def rows_around(times: Array, time: float) -> tuple[int, int]:
 
 
 def session_of(times: Array) -> NDArray[np.int_]:
-    """Return the session index of each row, from 0: nothing is set up anew within one."""
+    """Return the session index of each row, from 0."""
     return np.round(times / APART).astype(np.int_)
 
 
-def likeliest_change(white: Array, shift: Array, times: Array) -> Found | None:
-    """The change that the rows show most; None where there are too few rows for any.
+def likeliest_change(white: Array, shift: Array, times: Array) -> ChangeScan | None:
+    """Find the likeliest change; None if there are too few rows for any.
 
     Args:
-        white: ``(n, m, k + 1)`` derivatives by all that is fitted, then residuals, whitened pose by pose.
-        shift: ``(n, m, 3)`` what a shift of the base does to them.
+        white: ``(n, m, k + 1)`` derivatives by all fitted parameters, then residuals, whitened pose by pose.
+        shift: ``(n, m, 3)`` their derivatives by a shift of the base.
         times: ``(n,)`` of the rows.
     """
     order = np.argsort(times, kind="stable")
     seen = np.any(shift[order], axis=(1, 2))
-    order = order[seen]  # rows of nothing else, in which no base is
+    order = order[seen]  # other rows do not depend on the base
     white, shift, times = white[order], shift[order], times[order]
     starts = _candidates(times)
     if not len(starts):
@@ -111,23 +111,23 @@ def likeliest_change(white: Array, shift: Array, times: Array) -> Found | None:
     best = int(np.argmax(f))
     change = ChangePoint(float(times[starts[best] - 1 : starts[best] + 1].mean()), float(1 - starts[best] / len(times)))
     p = float(f_sf(float(f[best]), shift.shape[2], dof))
-    return Found(change, float(f[best]), min(1.0, p * len(starts)), len(starts))
+    return ChangeScan(change, float(f[best]), min(1.0, p * len(starts)), len(starts))
 
 
 def _candidates(times: Array) -> NDArray[np.int_]:
-    """Rows, in the order of time, before which the base may have moved: enough of its session on either side."""
+    """Return candidate rows, in the order of time, with enough rows of their session on either side."""
     found, sessions = [], session_of(times)
     for label in dict.fromkeys(sessions.tolist()):
         rows = np.flatnonzero(sessions == label)
-        inner = rows[_LEAST_ROWS : len(rows) - _LEAST_ROWS + 1]
+        inner = rows[_MIN_ROWS : len(rows) - _MIN_ROWS + 1]
         found.append(inner[times[inner] > times[inner - 1]] if len(inner) else inner)
     return np.concatenate(found)
 
 
 def _after(products: Array, starts: NDArray[np.int_]) -> Array:
-    """``(c, 3, k + 4)`` inner products of the centred shift of each candidate, by those of single rows ``(n, 3, ...)``.
+    """Return inner products ``(c, 3, k + 4)`` of each candidate's centred shift, from those of rows ``(n, 3, ...)``.
 
-    Its own ones stand in the last three columns.
+    The last three columns are its products with itself.
     """
     total = products.sum(axis=0)
     after = total - np.cumsum(products, axis=0)[starts - 1]
@@ -137,7 +137,7 @@ def _after(products: Array, starts: NDArray[np.int_]) -> Array:
 
 
 def _gains(sums: Array, squares: Array) -> tuple[Array, float]:
-    """Return each candidate's reduction of the sum of squares ``(c,)``, and that sum beside what is fitted."""
+    """Return each candidate's reduction of the sum of squares ``(c,)``, and that sum after the fit of the others."""
     size, axes = len(squares) - 1, sums.shape[1]
     scale = 1 / np.sqrt(np.maximum(np.diag(squares)[:size], 1e-300))
     root = np.linalg.cholesky(scale[:, None] * squares[:size, :size] * scale + _ROUNDING * np.eye(size))
@@ -148,7 +148,7 @@ def _gains(sums: Array, squares: Array) -> tuple[Array, float]:
     free = own - np.einsum("kci,kcj->cij", beside, beside)
     toward = sums[..., size] - np.einsum("kci,k->ci", beside, pull)
     sizes, turned = np.linalg.eigh(free)
-    told = sizes > _LEAST_SHARE * np.trace(own, axis1=1, axis2=2)[:, None]
+    separable = sizes > _MIN_SHARE * np.trace(own, axis1=1, axis2=2)[:, None]
     along = np.einsum("cij,ci->cj", turned, toward)
-    gains = np.where(told, along**2 / np.where(told, sizes, 1.0), 0.0).sum(axis=1)
+    gains = np.where(separable, along**2 / np.where(separable, sizes, 1.0), 0.0).sum(axis=1)
     return gains, float(squares[size, size] - pull @ pull)

@@ -1,7 +1,7 @@
-"""Errors that several measured numbers share, and how they are made white.
+"""Whiten errors that several measured numbers share.
 
 In units of the instrument's noise the errors of pose t are y_t = e_t + S_t s_t + H_t x_t: white noise e_t; the joints'
-scatter s_t, drawn anew at each pose; and a state x_t that all poses share, which follows x_t = F_t x_(t-1) + w_t.
+scatter s_t, independent at each pose; and a state x_t that all poses share, which follows x_t = F_t x_(t-1) + w_t.
 Rows are whitened by the innovations of the Kalman filter (Durbin & Koopman 2012, section 4.3): a triangular factor of
 the inverse covariance, in a time that grows with the number of poses.
 """
@@ -26,11 +26,11 @@ class Correlation:
     Numbers that were not observed have rows of zeros.
 
     Attributes:
-        scatter: ``(n, m, j)`` what one standard deviation of each joint's scatter does.
-        shift: ``(n, m, s)`` what one standard deviation of each component of the wandering state does.
+        scatter: ``(n, m, j)`` effect of one standard deviation of each joint's scatter.
+        shift: ``(n, m, s)`` that of each component of the autoregressive state.
         carry: correlation of that state over one unit of time, in [0, 1).
-        trend: ``(n, m, q)`` what one standard deviation of each coefficient that is the same in all poses does.
-        times: ``(n,)`` when each pose was measured; a new session is far from the one before.
+        trend: ``(n, m, q)`` that of each coefficient common to all poses.
+        times: ``(n,)`` of each pose; sessions are far apart.
     """
 
     scatter: Array
@@ -61,7 +61,7 @@ class Correlation:
         return Correlation(shared, nothing, 0.0, nothing, self.times)
 
     def white(self, rows: Array) -> Array:
-        """Rows ``(n, m, ...)`` of unit variance and without correlation, from rows in units of the instrument's."""
+        """Whiten rows ``(n, m, ...)`` that are in units of the instrument's noise."""
         factors, gains, through = self._filter
         if not self._states:
             return np.asarray(np.einsum("nij,nj...->ni...", factors, rows))
@@ -69,7 +69,7 @@ class Correlation:
         return whiten(factors, self._observed, gains, through, self._order, flat).reshape(rows.shape)
 
     def coloured(self, rows: Array) -> Array:
-        """The inverse of ``white``."""
+        """Apply the inverse of ``white``."""
         factors = np.linalg.inv(self._filter[0])
         if not self._states:
             return np.asarray(np.einsum("nij,nj...->ni...", factors, rows))
@@ -105,8 +105,8 @@ class Correlation:
         own = np.eye(m) + self.scatter @ np.swapaxes(self.scatter, 1, 2)
         if not self._states:
             return np.linalg.inv(np.linalg.cholesky(own)), np.zeros((n, 0, m)), np.ones((n, 0))
-        wandering = np.arange(self._states) < self.shift.shape[2]
+        autoregressive = np.arange(self._states) < self.shift.shape[2]
         gaps = np.diff(self.times[self._order], prepend=-np.inf)
         through = np.ones((n, self._states))
-        through[self._order] = np.where(wandering, (self.carry**gaps)[:, None], 1.0)
+        through[self._order] = np.where(autoregressive, (self.carry**gaps)[:, None], 1.0)
         return *innovations(own, self._observed, through, self._order), through

@@ -1,7 +1,7 @@
-"""Model the errors of measured numbers beside the instrument's, as they were found in one set of measurements.
+"""Model the errors of measured numbers beside the instrument's, as estimated from one set of measurements.
 
-A value of SI units from which the shared errors of any measurements of the same arm follow: of those that it was
-estimated from, of poses held out, and of those of another day.
+The model, in SI units, gives the shared errors of any measurements of the same arm: of those that it was estimated
+from, of held-out poses, and of another session.
 """
 
 from collections.abc import Mapping
@@ -14,20 +14,19 @@ from lab.core.measurements import Measurements, setups
 from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.noise.change_points import APART, session_of
-from lab.noise.error_term import ErrorSizes, ErrorTerm, Move
-from lab.noise.terms import TERMS
+from lab.noise.error_term import TERMS, ErrorTerm, Move
 
 __all__ = ["Clock", "ErrorModel", "row_times", "within_session"]
 
 
 @dataclass(frozen=True)
 class Clock:
-    """The time of a campaign, in the spacing of its poses.
+    """The time of a campaign, in units of the spacing of its poses.
 
     Attributes:
         middle: the mean time of its poses.
         half_span: from there to the last.
-        origin_s, spacing_s: of ``time_s``: where times begin, and what one of them is; None where rows are counted.
+        origin_s, spacing_s: origin and unit in ``time_s``; None where rows are counted.
         sessions: in their order.
     """
 
@@ -43,11 +42,10 @@ class Clock:
         seconds, origin, spacing = data.conditions.get("time_s", np.full(len(data), np.nan)), 0.0, None
         if np.isfinite(seconds).all() and (gaps := np.diff(np.sort(seconds))).size and np.median(gaps) > 0:
             origin, spacing = float(seconds.min()), float(np.median(gaps))
-        known = Clock(0.0, 1.0, origin, spacing, tuple(dict.fromkeys(setups(data))))
-        within = within_session(row_times(data, known))
-        return replace(
-            known, middle=float(within.mean()), half_span=float(max(np.abs(within - within.mean()).max(), 1.0))
-        )
+        clock = Clock(0.0, 1.0, origin, spacing, tuple(dict.fromkeys(setups(data))))
+        within = within_session(row_times(data, clock))
+        half_span = float(max(np.abs(within - within.mean()).max(), 1.0))
+        return replace(clock, middle=float(within.mean()), half_span=half_span)
 
 
 @dataclass(frozen=True)
@@ -55,15 +53,15 @@ class ErrorModel:
     """Standard deviations of the errors that numbers share, term by term.
 
     Attributes:
-        sigma_m: of the instrument, of one coordinate, as it was estimated beside them.
-        independent_share: of a known instrument's variance: how much of it is independent from pose to pose.
+        sigma_m: of the instrument, of one coordinate, as estimated beside them.
+        independent_share: share of a given instrument's variance that is independent from pose to pose.
         sizes: by the name of the term, without those of zero.
-        clock: of that campaign; None on another day, when a drift has come to an end that nobody knows.
+        clock: of that campaign; None for another session, after a drift of unknown end.
         values: parameters by name, at which the derivatives by the joints are taken.
         carry: the correlation of the autoregressive term from one pose to the next.
-        counts_rad: ``(J, J)`` a root of the covariance that whole counts of known encoders give the joint positions
-            (rad, m); None where they are ideal, or too fine to be weighted.
-        moves: of the base at once; none on another day, when nobody knows where it was left.
+        counts_rad: ``(J, J)`` a root of the covariance of joint positions from rounding to encoder counts (rad, m);
+            None for ideal encoders, or counts too fine to be weighted.
+        moves: sudden ones of the base; none for another session, at whose start the base is at an unknown place.
     """
 
     sigma_m: float
@@ -79,17 +77,17 @@ class ErrorModel:
         object.__setattr__(self, "sizes", {name: size for name, size in self.sizes.items() if size})
 
     def size(self, name: str) -> float:
-        """Return the standard deviation of a term by its name; zero where it is not there."""
+        """Return the standard deviation of a term by its name; zero for a missing one."""
         return self.sizes.get(name, 0.0)
 
     @property
     def terms(self) -> tuple[ErrorTerm, ...]:
-        """The terms that are there."""
+        """The terms of nonzero size."""
         return tuple(term for term in TERMS if self.size(term.name) > 0)
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """The kinds of the terms that are there."""
+        """The kinds of these terms."""
         return tuple(term.kind for term in self.terms)
 
     @property
@@ -99,7 +97,7 @@ class ErrorModel:
 
     @property
     def scatter_rad(self) -> float:
-        """Standard deviation of where each joint stops from one pose to the next; m of a slide."""
+        """Standard deviation of each joint's scatter from pose to pose; m of a slide."""
         return self.size("scatter")
 
     @property
@@ -114,18 +112,18 @@ class ErrorModel:
 
     @property
     def step_m(self) -> float:
-        """Standard deviation of a shift where the base moves at once, of one coordinate."""
+        """Standard deviation of a sudden shift of the base, of one coordinate."""
         return self.size("step")
 
     @property
     def common_m2(self) -> float:
-        """Variance of a coordinate on another day: the independent errors beyond the instrument's, and every shift."""
+        """Variance of a coordinate in another session: independent excess errors, and every shift."""
         own = max(self.independent_m**2 - self.sigma_m**2, 0.0)
         return float(own + sum(self.size(term.name) ** 2 for term in self.terms if term.unit.si == "m"))
 
     @property
     def within_m2(self) -> tuple[float, ...]:
-        """Mean variances of a coordinate that each term's shifts make in the campaign itself."""
+        """Mean variances of a coordinate from each term's shifts in the campaign itself."""
         return tuple(term.variance_within(self.size(term.name), self.moves) for term in self.terms)
 
     def joint_covariance(self, joints: int) -> Array:
@@ -156,11 +154,13 @@ class ErrorModel:
     def descriptions(self) -> tuple[str, ...]:
         """Describe each of the errors."""
         messages = ["joint positions are whole counts of the encoders"] if self.counts_rad is not None else []
-        beside = ErrorSizes(self.carry, self.moves)
-        return (*messages, *(text for term in self.terms for text in term.describe(self.size(term.name), beside)))
+        return (
+            *messages,
+            *(text for term in self.terms for text in term.describe(self.size(term.name), self.carry, self.moves)),
+        )
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the model as ``result.json`` holds it, without what is of that campaign alone."""
+        """Return the model as in ``result.json``, without the clock of that campaign."""
         found: dict[str, Any] = {
             "independent_mm": MM.of(self.independent_m),
             "independent_share": self.independent_share,
@@ -178,27 +178,27 @@ class ErrorModel:
 
 
 def row_times(data: Measurements, clock: Clock | None = None) -> Array:
-    """When each row was measured, ``(n,)`` in the spacing of poses: by ``time_s``, else by the row's place in the file.
+    """Return the time of each row, ``(n,)`` in the spacing of poses: from ``time_s``, else from the order in the file.
 
-    Rows of another session or station are far away, so that nothing wanders from one to the next.
+    Rows of another session or station are far away, so that their errors are uncorrelated.
 
     Args:
-        clock: of the campaign that the rows are some of; their own without.
+        clock: of the campaign of the rows; their own if not given.
     """
-    known = Clock.of(data) if clock is None else clock
-    if known.spacing_s is not None:
-        times = (data.conditions["time_s"] - known.origin_s) / known.spacing_s
-        times = np.where(np.isfinite(times), times, known.middle)  # of rows that were held out
+    clock = Clock.of(data) if clock is None else clock
+    if clock.spacing_s is not None:
+        times = (data.conditions["time_s"] - clock.origin_s) / clock.spacing_s
+        times = np.where(np.isfinite(times), times, clock.middle)  # of held-out rows
     elif data.lines:
         times = np.array(data.lines, dtype=np.float64)
     elif all(name.isdecimal() for name in data.ids):
         times = np.array([float(name) for name in data.ids])
     else:
         times = np.arange(len(data), dtype=np.float64)
-    place = {setup: i for i, setup in enumerate(dict.fromkeys((*known.sessions, *setups(data))))}
+    place = {setup: i for i, setup in enumerate(dict.fromkeys((*clock.sessions, *setups(data))))}
     return np.asarray(times + APART * np.array([place[setup] for setup in setups(data)]))
 
 
 def within_session(times: Array) -> Array:
-    """Times of rows, those of each session from their own beginning."""
+    """Return times of rows from the beginning of each session."""
     return np.asarray(times - APART * session_of(times))

@@ -1,10 +1,10 @@
-"""Define an error term: one kind of error that measured numbers share, with all that the noise model needs of it.
+"""Define the error terms of the noise model: joint scatter, errors correlated in time, drift, change points.
 
 In units of the instrument's noise the covariance of all numbers is V = 1 + sum v_i S_i P_i S_i', with a variance v_i
 and a shape S_i for each term. Its structure P_i is one of three: drawn anew at each pose (``pose``), first-order
 autoregressive in time (``autoregressive``), or coefficients that are the same at all poses (``lasting``). Weights,
-likelihood, search, small-sample corrections and serialization go through the terms of ``terms.TERMS``, and know none
-by name. Of the first two structures there is one term each; of the third any number.
+likelihood, search, small-sample corrections and serialization loop over ``TERMS`` and name no term. Each of the first
+two structures has one term; the third has any number. A new term is a class and a place in ``TERMS``.
 """
 
 from abc import ABC, abstractmethod
@@ -17,10 +17,14 @@ import numpy as np
 
 from lab.core.probability import chi2_sf
 from lab.core.se3 import Array
-from lab.core.units import MM, Unit
-from lab.noise.change_points import ChangePoint
+from lab.core.units import MICRONS, MM, MRAD, Unit
+from lab.noise.change_points import ANOTHER_SESSION, ChangePoint, before_and_after
+from lab.noise.correlation import Correlation
 
-__all__ = ["Components", "ErrorShapes", "ErrorSizes", "ErrorTerm", "Move"]
+__all__ = ["TERMS", "UNCORRELATED", "Components", "ErrorShapes", "ErrorTerm", "Move", "correlation_of", "term_called"]
+
+UNCORRELATED = 0.15  # largest correlation from one pose to the next that counts as none: the search ends at 0.1
+_CORRELATIONS = 3.0  # number of independent correlations that a search amounts to
 
 
 @dataclass(frozen=True)
@@ -28,7 +32,7 @@ class Components:
     """Variances of the terms in units of the instrument's.
 
     Attributes:
-        variances: by the term's name, each per unit of its shape; a term that is missing has none.
+        variances: by the term's name, each per unit of its shape; zero for a missing term.
         carry: the correlation of the autoregressive term over one unit of time, in [0, 1).
     """
 
@@ -36,7 +40,7 @@ class Components:
     carry: float = 0.0
 
     def __getitem__(self, name: str) -> float:
-        """The variance of a term; zero where it has none."""
+        """Return the variance of a term; zero for a missing one."""
         return self.variances.get(name, 0.0)
 
     def times(self, factor: float, names: Sequence[str] = ()) -> "Components":
@@ -52,9 +56,9 @@ class ErrorShapes:
     Attributes:
         scatter: ``(n, m, j)`` of the joints' positions.
         shift: ``(n, m, 3)`` of a shift of the base.
-        along: ``(n,)`` where each pose lies in the campaign, from -1 to 1, with mean zero; one for all of another day.
-        times: ``(n,)`` when each pose was measured; far apart where a new session begins.
-        changes: when the base moved at once.
+        along: ``(n,)`` time of each pose in the campaign, from -1 to 1, with mean zero; one for all of another session.
+        times: ``(n,)`` of each pose; far apart between sessions.
+        changes: times of sudden moves of the base.
     """
 
     scatter: Array
@@ -71,13 +75,13 @@ class ErrorShapes:
 
 @dataclass(frozen=True)
 class Move:
-    """A move of the base or the instrument at once.
+    """A sudden move of the base or the instrument.
 
     Attributes:
-        change: when.
-        before, after: ids of the rows between which it did.
-        size_m: how far.
-        description: for a person.
+        change: its time.
+        before, after: ids of the rows before and after it.
+        size_m: its length.
+        description: for a report.
     """
 
     change: ChangePoint
@@ -87,29 +91,16 @@ class Move:
     description: str = ""
 
 
-@dataclass(frozen=True)
-class ErrorSizes:
-    """Sizes of the noise model that a term's description may need beside its own.
-
-    Attributes:
-        carry: the correlation of the autoregressive term from one pose to the next.
-        moves: of the base.
-    """
-
-    carry: float
-    moves: tuple[Move, ...]
-
-
 class ErrorTerm(ABC):
     """An error term of the noise model.
 
     Attributes:
         name: of its variance, in ``Components`` and in the errors of these.
-        kind: as the search for it is reported.
-        structure: how its coefficients depend on the pose.
-        unit: in which people read its standard deviation.
+        kind: its name in reports of the search.
+        structure: of its coefficients over the poses.
+        unit: of its standard deviation in reports.
         key: in ``result.json``, in that unit; "" for one under ``further``, by its name.
-        family: of terms that look alike in a campaign: families are searched one without the other; "" for none.
+        family: of terms confounded in a campaign: families are searched one without the other; "" for none.
         scanned: whether it is found by a scan over the rows for change points.
     """
 
@@ -126,17 +117,154 @@ class ErrorTerm(ABC):
         """Return the effect ``(n, m, c)`` of its coefficients on the numbers of each pose."""
 
     @abstractmethod
-    def describe(self, size: float, of: ErrorSizes) -> tuple[str, ...]:
-        """Describe errors of this standard deviation (above zero, in SI units) for a person."""
+    def describe(self, size: float, carry: float, moves: Sequence[Move]) -> tuple[str, ...]:
+        """Describe errors of this standard deviation (above zero, in SI units).
+
+        Args:
+            carry: the correlation of the autoregressive term from one pose to the next.
+            moves: of the base.
+        """
 
     def p_value(self, ratio: float) -> float:
         """Return the p-value of a likelihood ratio: half of a chi squared's, as no variance is below zero."""
         return 1.0 if ratio <= 0 else 0.5 * float(chi2_sf(ratio, 1))
 
     def variance_within(self, size: float, moves: Sequence[Move]) -> float:
-        """Return the mean variance (m^2) of a coordinate that the base's part of it makes in its own campaign."""
+        """Return the mean variance (m^2) of a coordinate from shifts of the base in the campaign itself."""
         return size**2
 
     def changed_at(self, of: ErrorShapes, moves: Sequence[Move], *, another_session: bool) -> ErrorShapes:
-        """Return the shapes of errors whose change points are known: as they are, where the term has none."""
+        """Return the shapes with the term's change points, if it has any."""
         return of
+
+
+class _JointScatter(ErrorTerm):
+    """Independent joint errors at each pose, of the same standard deviation in rad (m of a slide)."""
+
+    name = "scatter"
+    kind = "scatter"
+    structure = "pose"
+    unit = MRAD
+    key = "joint_scatter_mrad"
+
+    def shape(self, of: ErrorShapes) -> Array:
+        """Return the effect of the joints' positions."""
+        return of.scatter
+
+    def describe(self, size: float, carry: float, moves: Sequence[Move]) -> tuple[str, ...]:
+        """Describe the scatter."""
+        return (f"joints scatter by {MRAD.text(size, 2)} from pose to pose",)
+
+    def variance_within(self, size: float, moves: Sequence[Move]) -> float:
+        """Return zero: scatter does not shift the base."""
+        return 0.0
+
+
+class _AutocorrelatedShift(ErrorTerm):
+    """A shift of the base or the instrument that is correlated in time (AR(1)), of one coordinate."""
+
+    name = "shift"
+    kind = "wandering"
+    structure = "autoregressive"
+    key = "wandering_mm"
+    family = "wandering"
+
+    def shape(self, of: ErrorShapes) -> Array:
+        """Return the effect of a shift."""
+        return of.shift
+
+    def describe(self, size: float, carry: float, moves: Sequence[Move]) -> tuple[str, ...]:
+        """Describe the shift and its correlation."""
+        text = f"{MICRONS.text(size, 2)} (1σ per axis)"
+        if carry > UNCORRELATED:
+            return (f"errors are correlated in time: {text}, {carry:.2g} from one pose to the next",)
+        return (f"errors that each pose has of its own: {text}, uncorrelated in time",)
+
+    def p_value(self, ratio: float) -> float:
+        """Return the p-value of a likelihood ratio that was the largest over the correlations."""
+        return 1.0 if ratio <= 0 else min(1.0, _CORRELATIONS * 0.5 * float(chi2_sf(ratio, 1)))
+
+
+class _Drift(ErrorTerm):
+    """A steady drift of the base or the instrument: its shift at the campaign's end, of one coordinate."""
+
+    name = "trend"
+    kind = "drift"
+    structure = "lasting"
+    key = "drift_mm"
+    family = "moving"
+
+    def shape(self, of: ErrorShapes) -> Array:
+        """Return the effect of the shift at the end."""
+        return of.trend
+
+    def describe(self, size: float, carry: float, moves: Sequence[Move]) -> tuple[str, ...]:
+        """Describe the drift from the first pose to the last."""
+        return (f"the base or the instrument drifts steadily, by {2e6 * size:.2g} µm over the campaign",)
+
+    def variance_within(self, size: float, moves: Sequence[Move]) -> float:
+        """Return the mean square of a steady drift from minus to plus that size."""
+        return size**2 / 3
+
+
+class _ChangePoints(ErrorTerm):
+    """Sudden shifts of the base or the instrument, at times found by a scan over the rows, of one coordinate."""
+
+    name = "step"
+    kind = "step"
+    structure = "lasting"
+    key = "step_mm"
+    family = "moving"
+    scanned = True
+
+    def shape(self, of: ErrorShapes) -> Array:
+        """Return the effect ``(n, m, 3 c)`` of the shift at each change, against the mean over the rows."""
+        along = before_and_after(of.times, of.changes)
+        return np.asarray((along[:, None, :, None] * of.shift[:, :, None]).reshape(*of.shift.shape[:2], -1))
+
+    def describe(self, size: float, carry: float, moves: Sequence[Move]) -> tuple[str, ...]:
+        """Describe each move."""
+        return tuple(move.description for move in moves)
+
+    def variance_within(self, size: float, moves: Sequence[Move]) -> float:
+        """Return the mean square of the moves about their means over the rows."""
+        return sum(move.size_m**2 * move.change.share * (1 - move.change.share) / 3 for move in moves)
+
+    def changed_at(self, of: ErrorShapes, moves: Sequence[Move], *, another_session: bool) -> ErrorShapes:
+        """Return the shapes with the change points of the moves; in another session with one shift for all rows."""
+        return replace(of, changes=(ANOTHER_SESSION,) if another_session else tuple(move.change for move in moves))
+
+
+TERMS: tuple[ErrorTerm, ...] = (_JointScatter(), _AutocorrelatedShift(), _Drift(), _ChangePoints())
+"""All terms, in the order in which their covariances are added and written."""
+
+
+def term_called(kind: str) -> ErrorTerm:
+    """Return the term of this kind."""
+    return next(term for term in TERMS if term.kind == kind)
+
+
+def correlation_of(shapes: ErrorShapes, parts: Components) -> Correlation:
+    """Return the shared errors of these variances, each per unit of its shape; a term without variance is left out.
+
+    An autoregressive shift without correlation is independent at each pose, as scatter is.
+    """
+    alone, lasting, shift = list[Array](), list[Array](), shapes.shift[..., :0]
+    for term in TERMS:
+        if not (variance := parts[term.name]):
+            continue
+        made = np.sqrt(variance) * term.shape(shapes)
+        if term.structure == "lasting":
+            lasting.append(made)
+        elif term.structure == "autoregressive" and parts.carry:
+            shift = made
+        else:
+            alone.append(made)
+    none = shapes.shift[..., :0]
+    return Correlation(
+        np.concatenate(alone or [none], axis=2),
+        shift,
+        parts.carry,
+        np.concatenate(lasting or [none], axis=2),
+        shapes.times,
+    )

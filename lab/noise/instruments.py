@@ -1,17 +1,13 @@
-"""Noise models of instruments: drawn by the virtual tracker, used as weights by the identifier.
+"""Model the noise of instruments: drawn by the virtual tracker, used as weights by the identifier.
 
-Both rooms read it here, so that a virtual campaign and its weights agree by construction.
-Positions are in the instrument's own frame: the origin is its head, z is up.
+Positions are in the instrument's frame: the origin is its head, z its standing axis, upwards.
 
-Systematic errors of a laser tracker: closed forms of its misalignments, of refraction, and of the reflector.
-
-A tracker turns a beam about a standing axis (azimuth H) and a transit axis (elevation E) and measures the range R.
-What its parts are off by shows in R, H and E, to first order, as Loser & Kyle (1999, Alignment and field check
+Systematic errors of a laser tracker are closed forms of its misalignments, of refraction, and of the reflector. A
+tracker turns a beam about a standing axis (azimuth H) and a transit axis (elevation E) and measures the range R. The
+effects of misalignments on R, H and E, to first order, are those of Loser & Kyle (1999, Alignment and field check
 procedures for the Leica laser tracker LTD 500) and Muralikrishnan et al. (2009, J. Res. Natl. Inst. Stand. Technol.
-114, 21-35) give it; they count the vertical angle from the zenith, here it is the elevation. The tracker's own
-compensation takes out most of it: what remains is known within an uncertainty.
-
-Positions are in the instrument's frame: the origin is its head, z its standing axis.
+114, 21-35), with elevations in place of zenith angles. The tracker's own compensation removes most of them: the rest
+has an uncertainty.
 """
 
 from collections.abc import Callable, Sequence
@@ -47,7 +43,7 @@ __all__ = [
 
 
 def air_index(celsius: float, pascal: float = 101325.0, wavelength_m: float = 633e-9) -> float:
-    """Refractive index of dry air (Birch & Downs 1993, 1994, Metrologia 30 and 31: the updated formula of Edlen)."""
+    """Return the refractive index of dry air (Birch & Downs 1993, 1994, Metrologia 30, 31: Edlen updated)."""
     square = (1e-6 / wavelength_m) ** 2
     dispersion = 1e-8 * (8342.54 + 2406147.0 / (130 - square) + 15998.0 / (38.9 - square))
     compressed = 1 + 1e-8 * (0.601 - 0.00972 * celsius) * pascal
@@ -63,9 +59,9 @@ class SystematicError:
 
     Attributes:
         name: of the attribute of ``TrackerErrors``.
-        unit: in which people state it.
-        words: what it is.
-        components: how many independent quantities have this uncertainty.
+        unit: of its stated value.
+        description: for reports.
+        components: number of independent quantities with this uncertainty.
     """
 
     name: str
@@ -84,24 +80,24 @@ class TrackerErrors:
     """Uncertainties of a tracker's systematic errors; a term that is not given is zero.
 
     Attributes:
-        transit_offset: of the transit axis from the standing axis, m, towards where the beam goes.
+        transit_offset: of the transit axis from the standing axis, m, along the beam.
         transit_tilt: of the transit axis from square to the standing axis, rad.
         collimation: of the beam from square to the transit axis, rad.
         beam_offset: of the beam from the standing axis, sideways, m.
-        elevation_index: where the elevation's zero is, rad.
+        elevation_index: of the elevation's zero, rad.
         azimuth_eccentricity, elevation_eccentricity: of the circles from their axes, over their radii, as their cosine
             and their sine, rad.
-        range_offset: where the range's zero is, m.
+        range_offset: of the range's zero, m.
         range_scale: of the range, relative.
-        air_temperature: of the air along the beam, as the range is corrected for it, K.
+        air_temperature: of the air along the beam, from the one that the range is corrected for, K.
         temperature_gradient: of the air, upwards, K/m.
         centring_depth: of the reflector's optical centre from its sphere's, along the beam, m.
-        centring_lateral: the same across the beam, in each of two directions, m. The reflector is turned to the
-            tracker anew in each pose, so that its direction is by chance.
-        nest: of where the nest holds the sphere from one pose to the next, in each direction, m.
-        lock_on: of the range's zero from one pose to the next, m: the absolute distance meter finds it anew wherever
+        centring_lateral: that across the beam, in each of two directions, m. The reflector is turned to the
+            tracker again in each pose, so that its direction is random.
+        nest: of the sphere in its nest from one pose to the next, in each direction, m.
+        lock_on: of the range's zero from one pose to the next, m: the absolute distance meter sets it again wherever
             the beam was broken.
-        two_face: whether each point is measured in both faces, and the mean is taken.
+        two_face: whether each point is the mean of both faces.
     """
 
     transit_offset: Uncertain = field(default_factory=Uncertain)
@@ -129,7 +125,7 @@ class TrackerErrors:
     def displacements(self, term: SystematicError, points: Array) -> Array:
         """Return the displacement of measured points ``(..., 3)`` m by a unit of a term: ``(..., 3, components)``.
 
-        A term of ``PLACEMENT`` has none: it is another error in each pose.
+        A term of ``PLACEMENT`` has none: its error differs in each pose.
         """
         reach = np.linalg.norm(points, axis=-1)
         azimuth = np.arctan2(points[..., 1], points[..., 0])
@@ -141,13 +137,12 @@ class TrackerErrors:
         return (first + second) / 2
 
     def sample(self, points: Array, rng: np.random.Generator) -> Array:
-        """The systematic errors of one campaign at points ``(..., 3)`` m, those of ``PLACEMENT`` among them."""
+        """Draw the systematic errors of one campaign at points ``(..., 3)`` m, including those of ``PLACEMENT``."""
         total: Array = np.zeros_like(points)
         if not self.stated:
             return total
-        for term, own in zip(
-            SYSTEMATIC_ERRORS, rng.spawn(len(SYSTEMATIC_ERRORS)), strict=True
-        ):  # one term leaves the others' draws alone
+        streams = rng.spawn(len(SYSTEMATIC_ERRORS))  # a term does not change the draws of others
+        for term, own in zip(SYSTEMATIC_ERRORS, streams, strict=True):
             quantity = self.quantity(term)
             if not quantity.standard:
                 continue
@@ -159,35 +154,34 @@ class TrackerErrors:
 
     @property
     def stated(self) -> tuple[SystematicError, ...]:
-        """The terms that are not zero."""
+        """The nonzero terms."""
         return tuple(term for term in SYSTEMATIC_ERRORS if self.quantity(term).standard)
 
     @property
     def lasting(self) -> tuple[SystematicError, ...]:
-        """The terms that are not zero and are one error in all poses of a campaign."""
+        """The nonzero terms with one error for all poses of a campaign."""
         return tuple(term for term in self.stated if term not in PLACEMENT)
 
     @property
     def placement(self) -> tuple[SystematicError, ...]:
-        """The terms that are not zero and are another error in each pose."""
+        """The nonzero terms with an error of its own in each pose."""
         return tuple(term for term in self.stated if term in PLACEMENT)
 
     def times(self, factor: float) -> "TrackerErrors":
-        """The errors with every uncertainty multiplied."""
+        """Return the errors with every uncertainty multiplied."""
         grown = {term.name: self.quantity(term) for term in self.stated}
         grown = {name: replace(each, standard=factor * each.standard) for name, each in grown.items()}
         return TrackerErrors(**grown, two_face=self.two_face)
 
     def placement_covariance(self, points: Array, terms: Sequence[SystematicError] = ()) -> Array:
-        """Covariance ``(..., 3, 3)`` m^2 of what is another error in each pose: of some terms, by default of all."""
+        """Return the covariance ``(..., 3, 3)`` m^2 of ``PLACEMENT``: of some terms, by default of all."""
         total: Array = np.zeros((*points.shape, 3))
         for each in terms or PLACEMENT:
-            variance = self.quantity(each).standard ** 2
-            total += variance * _SHAPES[each.name](points)
+            total += self.quantity(each).standard ** 2 * _SHAPES[each.name](points)
         return total
 
     def _placed(self, term: SystematicError, quantity: Uncertain, points: Array, rng: np.random.Generator) -> Array:
-        """Draw nest and range anew at each point; the reflector's offset once, turned about the beam by chance."""
+        """Draw nest and range at each point; the reflector's offset once, turned about the beam at random."""
         if term.name == "nest":
             return quantity.sample(rng, points.shape)
         if term.name == "lock_on":
@@ -221,14 +215,14 @@ SYSTEMATIC_ERRORS = (
     SystematicError("lock_on", MICRONS, "zero of the range, found anew in each pose"),
 )
 PLACEMENT = tuple(term for term in SYSTEMATIC_ERRORS if term.name in ("centring_lateral", "nest", "lock_on"))
-"""Terms that are another error in each pose."""
+"""Terms with an error of its own in each pose."""
 assert [term.name for term in SYSTEMATIC_ERRORS] == [each.name for each in fields(TrackerErrors)][:-1]
 
 
 def _directions(azimuth: Array, elevation: Array) -> tuple[Array, Array, Array]:
-    """Unit vectors ``(..., 3)``: along the beam, where the azimuth grows, where the elevation grows.
+    """Return unit vectors ``(..., 3)``: along the beam, of growing azimuth, of growing elevation.
 
-    They are those of the mechanical angles: in the second face the last two point the other way.
+    They are those of the mechanical angles: in the second face the last two are reversed.
     """
     ch, sh, ce, se = np.cos(azimuth), np.sin(azimuth), np.cos(elevation), np.sin(elevation)
     along = np.stack([ce * ch, ce * sh, se], axis=-1)
@@ -272,7 +266,6 @@ def _components(name: str, reach: Array, azimuth: Array, elevation: Array) -> Ar
 
 
 def _along(points: Array) -> Array:
-    """The projection ``(..., 3, 3)`` onto the beam."""
     along: Array = points[..., :, None] * points[..., None, :] / np.sum(points**2, axis=-1)[..., None, None]
     return along
 
@@ -284,7 +277,7 @@ _SHAPES: dict[str, Callable[[Array], Array]] = {
 }  # the covariance of a unit of each term of PLACEMENT, (..., 3, 3)
 
 
-_ISOTROPIC = ("exact", "uniform", "gaussian")  # kinds whose readings scatter alike along all axes
+_ISOTROPIC = ("exact", "uniform", "gaussian")  # kinds with the same noise along all axes
 
 
 @dataclass(frozen=True)
@@ -304,9 +297,9 @@ class FieldOfView:
     acceptance_rad: float = np.pi
 
     def admits(self, points: Array, axes: Array) -> NDArray[np.bool_]:
-        """``(...)``: whether targets at ``points`` ``(..., 3)`` (m) that face along the unit ``axes`` are in sight.
+        """Return ``(...)``: whether targets at ``points`` ``(..., 3)`` (m) that face along unit ``axes`` are in view.
 
-        Both are in the instrument's frame. What stands in the way is not asked here.
+        Both are in the instrument's frame. Occlusion is not checked.
         """
         x, y, z = points[..., 0], points[..., 1], points[..., 2]
         reach, elevation = np.linalg.norm(points, axis=-1), np.arctan2(z, np.hypot(x, y))
@@ -325,10 +318,10 @@ class Instrument(Value):
     deviation ``radial_m``. ``spherical`` has standard deviation ``radial_m + radial_per_m R`` along the
     line of sight and ``transverse_m + transverse_per_m R`` in the two directions across it: to
     first order, azimuth and elevation errors of that over R cos(elevation) and over R. ``line-cameras`` are a
-    ``LineCameras``. That is the noise of one reading, which the mean of several reduces. ``errors`` are what readings
-    have in common: where nest and range are found anew in each pose, they belong to the noise, and no number of
-    readings reduces them; the others last through a campaign. They are zero unless stated. ``field_of_view`` is where
-    it sees a target at all. ``source`` is the path of the file that describes it, "" where there is none.
+    ``LineCameras``. That is the noise of one reading, which the mean of several reduces. ``errors`` are common to the
+    readings: those of nest and range differ in each pose and belong to the noise, which no number of
+    readings reduces; the others last through a campaign. They are zero unless stated. ``field_of_view`` bounds visible
+    targets. ``source`` is the path of the file that describes it, "" without one.
     """
 
     name: str
@@ -345,7 +338,7 @@ class Instrument(Value):
         return self.name
 
     def sample(self, points: Array, rng: np.random.Generator, readings: int = 1) -> Array:
-        """Positions of ``points`` ``(..., 3)`` (m), each the mean of some readings; ``errors`` draws the rest."""
+        """Draw readings of ``points`` ``(..., 3)`` (m), each the mean of some, without ``errors``."""
         if self.kind == "exact":
             return points.copy()
         total = np.zeros_like(points)
@@ -354,14 +347,14 @@ class Instrument(Value):
         return total / readings
 
     def covariance(self, points: Array, readings: int = 1) -> Array:
-        """Covariance ``(..., 3, 3)`` in m^2 of the mean of some readings at ``points`` ``(..., 3)``.
+        """Return the covariance ``(..., 3, 3)`` in m^2 of the mean of some readings at ``points`` ``(..., 3)``.
 
-        What is by chance from pose to pose is in it: the noise of the readings, and the errors of nest and range.
+        It includes all errors that vary from pose to pose: the noise of the readings, and those of nest and range.
         """
         return self._reading_covariance(points) / readings + self.errors.placement_covariance(points)
 
     def isotropic_sigma(self, readings: int = 1) -> float:
-        """Standard deviation (m) of the mean of some readings along each axis, of noise that is isotropic."""
+        """Return the standard deviation (m) of the mean of some readings along each axis, of isotropic noise."""
         assert is_isotropic(self)
         return float(np.hypot(self.radial_m / np.sqrt(readings), self.errors.nest.standard))
 
@@ -401,7 +394,7 @@ class PoseInstrument(Instrument):
     rotation_rad: float = 0.0
 
     def sample_rotations(self, rotations: Array, rng: np.random.Generator, readings: int = 1) -> Array:
-        """Noisy rotations ``(..., 3, 3)``: each turned by the mean of some readings' small rotation vectors."""
+        """Draw noisy rotations ``(..., 3, 3)``: each turned by the mean of some readings' small rotation vectors."""
         numbers = Instrument("", self.kind if self.kind in ("exact", "uniform") else "gaussian", self.rotation_rad)
         return np.asarray(rotations @ exp(numbers.sample(np.zeros(rotations.shape[:-1]), rng, readings)))
 
@@ -426,7 +419,7 @@ class LineCameras(PoseInstrument):
         return np.asarray(points + (_sight_axes(points) @ draw[..., None])[..., 0])
 
     def _sigmas(self, points: Array) -> Array:
-        """Standard deviations ``(..., 3)`` (m) along the line of sight, along the bar, and up.
+        """Return standard deviations ``(..., 3)`` (m) along the line of sight, along the bar, and up.
 
         The outer two see azimuths a, b of a point at range R in front of a bar of length B:
         da, db = (R dy -+ B/2 dx) / D with D = R^2 + B^2/4, so that dx = D (db - da) / B and dy = D (da + db) / (2 R);
@@ -444,60 +437,58 @@ def is_isotropic(device: Instrument) -> bool:
 
 
 def observers(kind: str) -> tuple[str, ...]:
-    """The names of the instruments that make a kind of observation, as ``--observe`` calls it."""
+    """Return the names of the instruments for a kind of observation, as in ``--observe``."""
     return tuple(name for name in INSTRUMENTS if name in _IDEAL or kind in _OBSERVES.get(name, _POINTS))
 
 
 def observing(device: Instrument, kind: str) -> Instrument:
-    """An instrument, for one kind of observation.
+    """Return an instrument if it makes one kind of observation.
 
     Args:
         device: a preset, or one of points.
-        kind: as ``--observe`` calls it.
+        kind: as in ``--observe``.
 
     Raises:
-        LabError: it does not observe so; the message lists the instruments that do.
+        LabError: it does not; the message lists the instruments that do.
     """
     able = _OBSERVES.get(device.name, _POINTS)
     if device.name not in _IDEAL and kind not in able:
         *others, last = observers(kind)
-        known = f"{', '.join(others)} or {last}"
-        raise LabError(f"instrument {device.name} measures {', '.join(able)}, not {kind}: take {known}")
+        raise LabError(
+            f"instrument {device.name} measures {', '.join(able)}, not {kind}: take {', '.join(others)} or {last}"
+        )
     return device
 
 
 def _sideways(ray: Array) -> Array:
-    """Horizontal unit vectors ``(..., 3)`` across lines of sight, where azimuth grows; any, of one straight up."""
+    """Return horizontal unit vectors ``(..., 3)`` of growing azimuth; y for a line of sight straight up."""
     level = np.hypot(ray[..., :1], ray[..., 1:2])
     straight_up = level < 1e-12
-    left = _turned_left(ray) / np.where(straight_up, 1.0, level)
+    left = np.stack([-ray[..., 1], ray[..., 0], np.zeros_like(ray[..., 0])], axis=-1) / np.where(
+        straight_up, 1.0, level
+    )
     return np.asarray(np.where(straight_up, np.array([0.0, 1.0, 0.0]), left))
 
 
 def _sight_axes(points: Array) -> Array:
-    """``(..., 3, 3)``: along the line of sight, sideways, and up, as columns."""
+    """Return axes ``(..., 3, 3)``, as columns: along the line of sight, sideways, and up."""
     ray = points / np.linalg.norm(points, axis=-1, keepdims=True)
     sideways = _sideways(ray)
     return np.stack([ray, sideways, np.cross(ray, sideways)], axis=-1)
 
 
-def _turned_left(vector: Array) -> Array:
-    """A quarter turn about z of the horizontal part: where azimuth grows."""
-    return np.stack([-vector[..., 1], vector[..., 0], np.zeros_like(vector[..., 0])], axis=-1)
-
-
 # One standard deviation is the stated maximum permissible error over k = 2. docs/reference/trackers.md has the noise of
 # each preset beside it, and the sources. They include the maker's own reflector, but no nest: 3 um is representative of
-# a magnetic one. The AT960's range is its interferometer's, whose zero its distance meter finds anew where the beam was
+# a magnetic one. The AT960's range is its interferometer's, whose zero its distance meter sets again where the beam was
 # broken. Representative, not of a data sheet, are also all orientations (the AT960's with a probe that it tracks in six
 # degrees of freedom; uniform-8um's as if from three points on a circle of 70 mm), the line cameras (which with these
 # angles read a point at 2.5 m to 57 um in depth, 11 um along the bar, 12 um up), the optical CMM, the draw-wire, the
 # ball in its socket and the touched plane.
 _MICRON = 1e-6
-# Where they see. The trackers' ranges are the part that a robot cell uses, and their elevations, like the camera's
+# Fields of view. The trackers' ranges are the part that a robot cell uses, and their elevations, like the camera's
 # sight, are representative, not a data sheet's; the Vantage's vertical range is 130 degrees in all (a maker's
 # calibration certificate). Trackers are given the common corner cube, which takes beams up to 30 degrees off its
-# axis; a cell's file says where another reflector is used. The two ideal instruments see everything that nothing hides.
+# axis; a cell's file names another reflector. The two ideal instruments see everything that is not occluded.
 _LEICA = FieldOfView(0.8, 20.0, np.deg2rad(-45.0), np.deg2rad(90.0), np.deg2rad(30.0))
 _VANTAGE = FieldOfView(0.8, 20.0, np.deg2rad(-52.0), np.deg2rad(78.0), np.deg2rad(30.0))
 _CAMERA = FieldOfView(1.0, 5.0, np.deg2rad(-45.0), np.deg2rad(45.0), np.deg2rad(60.0))
@@ -564,10 +555,10 @@ _OBSERVES = {
 
 
 def instrument(name: str) -> Instrument:
-    """An instrument's noise model by the name of its preset.
+    """Return a preset instrument by its name.
 
     Raises:
-        LabError: there is no such preset; the message lists those there are.
+        LabError: there is no such preset; the message lists all presets.
     """
     if name not in INSTRUMENTS:
         raise LabError(f"instrument '{name}' is unknown: choose one of {', '.join(INSTRUMENTS)}")

@@ -1,21 +1,21 @@
-"""Estimate variance components by restricted likelihood, choose which ones the residuals show, and correct for it.
+"""Estimate variance components by restricted likelihood, select the significant ones, and correct for small samples.
 
-With whitened rows y = J b + e of covariance s V the restricted likelihood is that of what no b explains (Patterson &
+With whitened rows y = J b + e of covariance s V the restricted likelihood is that of the residuals (Patterson &
 Thompson 1971): minus twice its logarithm is log|V| + log|J'V^-1 J| + (N - f) log s + Q / s, with Q = r'V^-1 r at the
 generalized least squares. V = 1 + g S S' + U G U' + sum d_i D_i D_i': errors within each pose, a first-order
 autoregressive shift (whose inverse covariance has one band: Rue & Held 2005, section 1.1), and lasting errors. So every
-product with V^-1 takes a time that grows with the number of poses alone.
+product with V^-1 takes a time linear in the number of poses.
 
-Search: one component after another is taken where the likelihood ratio is significant at ``VARIANCE_COMPONENTS``,
-Bonferroni's over those that could be taken. A variance of zero lies at the edge of what is possible, where twice the
-log ratio is half of the time zero (Self & Liang 1987). A change point is taken by the F test of a scan over the rows;
-beside others it stands with a likelihood in which it is equally likely at every row.
+Search: components are added one by one while the likelihood ratio is significant at ``VARIANCE_COMPONENTS``, with
+Bonferroni's correction over the candidates. A variance of zero lies at a bound, where twice the log ratio is zero half
+of the time (Self & Liang 1987). A change point is added by the F test of a scan over the rows; beside others its
+likelihood is a mean over all rows.
 
 Small samples: C(t) = (J'V(t)^-1 J)^-1 at estimated variances t of covariance W is too small twice: on average C(t^)
-misses half of the curvature sum W_ij C_ij, and the estimate with wrong weights is as much less precise. To the first
+misses half of the curvature sum W_ij C_ij, and estimated weights cost as much precision again. To the first
 order the covariance is C - sum W_ij C_ij with C_ij the second derivatives by the variances (Kenward & Roger 1997), and
 the degrees of freedom of a parameter's interval are those of a chi squared with the variance of C(t^) (Satterthwaite
-1946). A wandering base's correlation is too far from a normal distribution for the first: C is taken as it is.
+1946). An autoregressive correlation is too far from a normal distribution for the first: C is not corrected.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,21 +24,18 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import scipy  # its parts are loaded at their first use, which not every process comes to
+import scipy  # its parts are loaded at their first use
 
 from lab.core.linear_model import matched_dof
 from lab.core.se3 import Array
 from lab.core.significance import VARIANCE_COMPONENTS
-from lab.noise.change_points import ChangePoint, Found, likeliest_change
-from lab.noise.error_term import Components, ErrorShapes, ErrorTerm
-from lab.noise.terms import TERMS, term_called
+from lab.noise.change_points import ChangePoint, ChangeScan, likeliest_change
+from lab.noise.error_term import TERMS, Components, ErrorShapes, ErrorTerm, term_called
 
 __all__ = [
-    "LEAST_SHARE",
     "ComponentErrors",
     "ComponentTrial",
     "Estimate",
-    "Likelihood",
     "RestrictedProblem",
     "SmallSample",
     "best_components",
@@ -46,34 +43,34 @@ __all__ = [
     "small_sample",
 ]
 
-_LEAST = 1e-300
+_TINY = 1e-300
 (_WITHIN,) = (term for term in TERMS if term.structure == "pose")
 (_IN_TIME,) = (term for term in TERMS if term.structure == "autoregressive")
 _LASTING = tuple(term for term in TERMS if term.structure == "lasting")
-LEAST_SHARE = 0.25  # of a known instrument's variance: half its noise
-_LEAST_GAP = 1e-8
+_MIN_SHARE = 0.25  # of a given instrument's variance: half its noise
+_MIN_GAP = 1e-8
 _ROUNDING = 1e-14  # added to the normal equations of unit columns
-KINDS = tuple(term.kind for term in TERMS)
+_KINDS = tuple(term.kind for term in TERMS)
 _VARIANCES = (1e-4, 1e3)  # bounds of a component's mean variance, in units of the instrument's
 _CARRIES = (0.1, 0.995)  # bounds of the correlation from one pose to the next
 _START_VARIANCES, _START_CARRIES = (0.05, 0.3, 2.0, 15.0, 300.0), (0.4, 0.85)
-_HOPELESS = 1.0  # twice the log ratio at the best start: where it gains less, no search brings what a test asks for
-_EITHER = tuple(  # kinds that are left out, one way each
+_MIN_GAIN = 1.0  # twice the log ratio at the best start: from less, no search reaches significance
+_FAMILIES = tuple(  # kinds that are left out, one family in each search
     tuple(term.kind for term in TERMS if term.family == family) for family in ("moving", "wandering")
 )
-_MOST_CHANGES = 3  # of more the base rather wanders
+_MAX_CHANGES = 3  # more are rather an autoregressive shift
 _STEP = 0.1  # of the logarithm of a variance, and of a correlation's odds, for differences
-_LARGEST = 0.5  # of a standard deviation: no correction beyond is to be believed
-_LEAST_CURVATURE = 0.05  # of a log-likelihood by the logarithm of a variance: below, the residuals say nothing of it
+_MAX_INFLATION = 0.5  # largest relative increase of a standard deviation
+_MIN_CURVATURE = 0.05  # of a log-likelihood by the logarithm of a variance: below it is not identifiable
 
 
 @dataclass(frozen=True)
-class Likelihood:
+class _Likelihood:
     """Restricted likelihood of some variance components.
 
     Attributes:
         deviance: minus twice the restricted log-likelihood, up to a constant, with the weak prior of a slow shift.
-        scale: s, the instrument's variance in units of the one assumed.
+        scale: s, the instrument's variance in units of the assumed one.
         information: ``(f, f)`` J'V^-1 J of unit columns.
     """
 
@@ -84,13 +81,13 @@ class Likelihood:
 
 @dataclass(frozen=True)
 class RestrictedProblem:
-    """Whitened rows of n poses, residuals beside derivatives, with the errors that they may share.
+    """Whitened rows of n poses, residuals beside derivatives, with shapes of shared errors.
 
     Attributes:
         rows: ``(n, m, f + 1)`` derivatives of unit norm, then residuals; zero where nothing was observed.
-        numbers: how many were observed.
-        shapes: what the errors do.
-        known: whether the instrument's variance is known, so that s is at most one.
+        numbers: count of observed ones.
+        shapes: of the errors.
+        sigma_given: whether the instrument's variance is given, so that s is at most one.
     """
 
     rows: Array
@@ -107,14 +104,14 @@ class RestrictedProblem:
         """Return the problem with sudden moves of the base at these change points."""
         return replace(self, shapes=replace(self.shapes, changes=tuple(changes)))
 
-    def likeliest_change(self, components: Components) -> Found | None:
+    def likeliest_change(self, components: Components) -> ChangeScan | None:
         """Find the likeliest further move of the base, beside lasting terms but without an autoregressive shift."""
         rows, shift, lasting, weight = self._white(components)
         fitted = np.concatenate([rows[..., :-1], lasting, rows[..., -1:]], axis=2)
         return likeliest_change(fitted * weight, shift * weight, self.shapes.times)
 
     def predicted(self, components: Components, of: ErrorTerm) -> Array:
-        """Return the best prediction ``(c / 3, 3)`` of the coefficients of a lasting term; where nothing wanders."""
+        """Return the best prediction ``(c / 3, 3)`` of a lasting term's coefficients, without AR(1) shift."""
         rows, _, lasting, weight = self._white(components)
         squares = _gram(np.concatenate([rows[..., :-1], lasting, rows[..., -1:]], axis=2) * weight)
         free, size = rows.shape[2] - 1, len(squares) - 1
@@ -128,30 +125,21 @@ class RestrictedProblem:
             first += count
         return np.asarray(np.sqrt(components[of.name]) * found[first : first + count].reshape(-1, 3))
 
-    def likelihood(self, components: Components) -> Likelihood:
-        """The restricted likelihood of some components, with the best s.
+    def likelihood(self, components: Components, scale: float | None = None) -> _Likelihood:
+        """Return the restricted likelihood of some components, with the best s unless ``scale`` is given.
 
-        A known instrument's variance is an upper bound: some of its own error may wander. But it is not left aside.
+        A given instrument's variance is an upper bound, as some of its error may be autocorrelated.
         """
-        information, left, determinant = self._solved(components)
-        scale = float(np.clip(left / self.dof, LEAST_SHARE, 1.0)) if self.sigma_given else left / self.dof
-        deviance = determinant + self.dof * np.log(scale) + left / scale - _slowness(components)
-        return Likelihood(float(deviance), scale, information)
-
-    def at(self, components: Components, scale: float) -> Likelihood:
-        """Return the restricted likelihood for a given instrument variance s."""
-        information, left, determinant = self._solved(components)
-        deviance = determinant + self.dof * np.log(scale) + left / scale - _slowness(components)
-        return Likelihood(float(deviance), scale, information)
-
-    def _solved(self, components: Components) -> tuple[Array, float, float]:
-        """J'V^-1 J, the least r'V^-1 r, and log|V| + log|J'V^-1 J|."""
         squares, determinant = self._products(components)
         size = len(squares) - 1
         factor = np.linalg.cholesky(squares[:size, :size] + _ROUNDING * np.eye(size))
         pull = scipy.linalg.solve_triangular(factor, squares[:size, size], lower=True)
-        left = max(float(squares[size, size] - pull @ pull), _LEAST)
-        return squares[:size, :size], left, determinant + 2 * float(np.log(np.diag(factor)).sum())
+        left = max(float(squares[size, size] - pull @ pull), _TINY)
+        determinant = determinant + 2 * float(np.log(np.diag(factor)).sum())
+        if scale is None:
+            scale = float(np.clip(left / self.dof, _MIN_SHARE, 1.0)) if self.sigma_given else left / self.dof
+        deviance = determinant + self.dof * np.log(scale) + left / scale - _log_prior(components)
+        return _Likelihood(float(deviance), scale, squares[:size, :size])
 
     @cached_property
     def _rotated(self) -> "_Rotated":
@@ -163,7 +151,7 @@ class RestrictedProblem:
         return _Rotated(turn @ self.rows, turn @ _IN_TIME.shape(shapes), lasting, np.maximum(sizes, 0.0))
 
     def _white(self, components: Components) -> tuple[Array, Array, Array, Array]:
-        """Rows, shift and what lasts, ``(n, m, ...)``, and the weights ``(n, m, 1)`` that make white what does not."""
+        """Return rows, shift and lasting errors, ``(n, m, ...)``, and weights ``(n, m, 1)`` that whiten each pose."""
         rotated = self._rotated
         weight = 1 / np.sqrt(1 + components[_WITHIN.name] * rotated.sizes)[..., None]
         pairs = ((components[name], each) for name, each in rotated.lasting.items())
@@ -172,7 +160,7 @@ class RestrictedProblem:
         return rotated.rows, rotated.shift, np.concatenate(lasting or [none], axis=2), weight
 
     def _products(self, components: Components) -> tuple[Array, float]:
-        """Z'V^-1 Z ``(f + 1, f + 1)`` of the rows Z, and log|V|."""
+        """Return Z'V^-1 Z ``(f + 1, f + 1)`` of the rows Z, and log|V|."""
         rows, shift, lasting, weight = self._white(components)
         columns, count = rows.shape[2], lasting.shape[2]
         white = (np.concatenate([rows, lasting], axis=2) if count else rows) * weight
@@ -194,7 +182,7 @@ class RestrictedProblem:
         order = np.argsort(self.shapes.times, kind="stable")
         white, shift = white[order], shift[order]
         carry = components.carry ** np.diff(self.shapes.times[order])
-        own = np.maximum(1 - carry**2, _LEAST_GAP)  # of two rows at one time
+        own = np.maximum(1 - carry**2, _MIN_GAP)  # of two rows at one time
         diagonal = np.ones(len(order))
         diagonal[:-1] += carry**2 / own
         diagonal[1:] += carry**2 / own
@@ -230,8 +218,8 @@ class _Rotated:
     sizes: Array
 
 
-def _slowness(components: Components) -> float:
-    """Twice the logarithm of a weak prior, sqrt(1 - carry): no campaign shows a shift that is slower than itself."""
+def _log_prior(components: Components) -> float:
+    """Return twice the logarithm of a weak prior, sqrt(1 - carry): a campaign does not show slower shifts."""
     return float(np.log1p(-components.carry)) if components[_IN_TIME.name] else 0.0
 
 
@@ -245,16 +233,16 @@ class Estimate:
     """Maximum of the restricted likelihood for some kinds of components.
 
     Attributes:
-        kinds: which ones are in it.
+        kinds: of its components.
         components: their variances, in units of the instrument's.
         likelihood: there.
-        problem: what it is of, with the change points.
-        candidates: rows at which each of these may have been.
+        problem: of the rows, with the change points.
+        candidates: number of candidate rows of each of these.
     """
 
     kinds: tuple[str, ...]
     components: Components
-    likelihood: Likelihood
+    likelihood: _Likelihood
     problem: RestrictedProblem
     candidates: tuple[int, ...] = ()
 
@@ -266,12 +254,12 @@ class Estimate:
 
 @dataclass(frozen=True)
 class ComponentTrial:
-    """A component that was tried beside those taken before it.
+    """Test of a component beside those selected before it.
 
     Attributes:
-        ratio: twice the log of the likelihood ratio; of a change point the F statistic.
-        p: the chance of a larger one where there is none, without Bonferroni's factor over the kinds.
-        taken: whether it was taken.
+        ratio: twice the log of the likelihood ratio; the F statistic of a change point.
+        p: its p-value, without Bonferroni's factor over the kinds.
+        taken: whether it was selected.
     """
 
     kind: str
@@ -281,51 +269,50 @@ class ComponentTrial:
 
 
 def chosen_components(
-    problem: RestrictedProblem, kinds: Sequence[str] = KINDS
+    problem: RestrictedProblem, kinds: Sequence[str] = _KINDS
 ) -> tuple[Estimate, tuple[ComponentTrial, ...]]:
-    """The components that the residuals show, and all that were tried in the end.
+    """Select the significant components; return them and all tests.
 
-    A drift and changes look like a base that wanders, and the reverse: either is tried without the other, with scatter
-    beside it, and the likelier one is believed.
+    Drift and changes are confounded with an autoregressive shift: each family is searched without the other, with
+    scatter beside it, and the likelier result is taken.
     """
     search = _Search(problem, VARIANCE_COMPONENTS / len(kinds))
-    ways = [search.along([kind for kind in kinds if kind not in others]) for others in _EITHER]
-    found, trials = min(ways, key=lambda way: way[0].deviance)
-    tried = {trial.kind: replace(trial, taken=False) for _, each in ways for trial in each}
+    results = [search.along([kind for kind in kinds if kind not in others]) for others in _FAMILIES]
+    found, trials = min(results, key=lambda result: result[0].deviance)
+    tried = {trial.kind: replace(trial, taken=False) for _, each in results for trial in each}
     return found, tuple((tried | {trial.kind: trial for trial in trials}).values())
 
 
 class _Search:
-    """Components that are taken one after another; what was tried once is not tried again."""
+    """Forward selection of components, with a cache of estimates."""
 
     def __init__(self, problem: RestrictedProblem, level: float) -> None:
-        """The level is that of one kind."""
+        """Start a search at the significance level of one kind."""
         self._level = level
         self._alone = best_components(problem, ())
         self._known: dict[tuple[str, ...], Estimate] = {}
 
     def along(self, kinds: Sequence[str]) -> tuple[Estimate, list[ComponentTrial]]:
-        """The components of some kinds that the residuals show, and all that were tried."""
+        """Return the significant components of some kinds, and all tests."""
         found, trials = self._alone, dict[str, ComponentTrial]()
         while True:
-            shown = []
+            significant = []
             for kind in kinds:
                 scanned = term_called(kind).scanned
-                if kind in found.kinds and (not scanned or len(found.candidates) == _MOST_CHANGES):
+                if kind in found.kinds and (not scanned or len(found.candidates) == _MAX_CHANGES):
                     continue
                 each, trial = self._changed(found, kind) if scanned else self._extended(found, kind)
                 if kind not in found.kinds:
                     trials[kind] = trial
                 if each is not None and trial.p < self._level:
-                    shown.append((each, kind))
-            if not shown:
+                    significant.append((each, kind))
+            if not significant:
                 return found, list(trials.values())
-            found, kind = min(shown, key=lambda pair: pair[0].deviance)
+            found, kind = min(significant, key=lambda pair: pair[0].deviance)
             trials[kind] = replace(trials[kind], taken=True)
 
     def _extended(self, found: Estimate, kind: str) -> tuple[Estimate, ComponentTrial]:
-        """An estimate with one kind more."""
-        kinds, hopeless = (*found.kinds, kind), found.likelihood.deviance - _HOPELESS
+        kinds, hopeless = (*found.kinds, kind), found.likelihood.deviance - _MIN_GAIN
         each = self._known.get(kinds)
         if each is None or found.candidates:
             each = replace(best_components(found.problem, kinds, hopeless), candidates=found.candidates)
@@ -334,7 +321,6 @@ class _Search:
         return each, ComponentTrial(kind, ratio, term_called(kind).p_value(ratio), taken=False)
 
     def _changed(self, found: Estimate, kind: str) -> tuple[Estimate | None, ComponentTrial]:
-        """An estimate with one change point more; None where the rows do not show one at the level."""
         scan = found.problem.likeliest_change(found.components)
         if scan is None:
             return None, ComponentTrial(kind, 0.0, 1.0, taken=False)
@@ -347,10 +333,10 @@ class _Search:
 
 
 def best_components(problem: RestrictedProblem, kinds: tuple[str, ...], hopeless: float = np.inf) -> Estimate:
-    """The components of these kinds that have the largest restricted likelihood.
+    """Maximize the restricted likelihood of components of these kinds.
 
     Args:
-        hopeless: a deviance; where every start's is larger, the best start is given.
+        hopeless: a deviance; if every start's is larger, the best start is returned.
     """
     if not kinds:
         return Estimate(kinds, Components(), problem.likelihood(Components()), problem)
@@ -409,12 +395,8 @@ class ComponentErrors:
     slopes: Array
 
     def to_dict(self) -> dict[str, Any]:
-        """Return them as ``result.json`` holds them."""
-        return {
-            "names": list(self.names),
-            "covariance": self.covariance.tolist(),
-            "slopes": self.slopes.tolist(),
-        }
+        """Return the errors as in ``result.json``."""
+        return {"names": list(self.names), "covariance": self.covariance.tolist(), "slopes": self.slopes.tolist()}
 
     def without(self, name: str) -> "ComponentErrors":
         """Return the errors with one of the variances fixed."""
@@ -434,7 +416,7 @@ class SmallSample:
     Attributes:
         factor: ``(f, f)``: the covariance C becomes ``factor C factor'``, in unit columns.
         dof: ``(f,)`` degrees of freedom of each parameter's interval.
-        components: how well the variances are known that they stand on.
+        components: errors of the variance components.
     """
 
     factor: Array
@@ -443,11 +425,11 @@ class SmallSample:
 
 
 def small_sample(problem: RestrictedProblem, estimate: Estimate) -> SmallSample:
-    """The corrections at an estimate with at least one component.
+    """Compute the corrections at an estimate with at least one component.
 
     Derivatives are differences in the logarithms of the variances and in the correlation's odds.
     """
-    at = _Point.of(estimate, known=problem.sigma_given)
+    at = _Point.of(estimate, sigma_given=problem.sigma_given)
     count, middle = len(at.values), at.evaluate(problem, at.values)
     steps = _STEP * np.eye(count)
     ahead, behind = ([at.evaluate(problem, at.values + sign * step) for step in steps] for sign in (1, -1))
@@ -464,7 +446,7 @@ def small_sample(problem: RestrictedProblem, estimate: Estimate) -> SmallSample:
                 second[i, j] += a * b * corner.covariance / (4 * _STEP**2)
             bend[j, i], second[j, i] = bend[i, j], second[i, j]
     sizes, axes = np.linalg.eigh(bend / 2)  # half of the deviance is minus the log-likelihood
-    spread = (axes / np.maximum(sizes, _LEAST_CURVATURE)) @ axes.T
+    spread = (axes / np.maximum(sizes, _MIN_CURVATURE)) @ axes.T
     slopes = np.stack([np.diag(each) for each in first])
     components = ComponentErrors(at.names, spread, slopes / np.diag(middle.covariance) / 2)
     variance = np.einsum("if,ij,jf->f", slopes, spread, slopes)
@@ -477,7 +459,7 @@ def small_sample(problem: RestrictedProblem, estimate: Estimate) -> SmallSample:
 
 @dataclass(frozen=True)
 class _Evaluation:
-    """At some variances: the covariance ``(f, f)`` of the parameters, and the deviance."""
+    """Covariance ``(f, f)`` of the parameters, and deviance, at some variances."""
 
     covariance: Array
     deviance: float
@@ -489,8 +471,8 @@ class _Point:
 
     Attributes:
         names: of the components; ``scale`` is the instrument's variance.
-        values: their logarithms; of the correlation that of its odds.
-        scale: the instrument's variance where it is at a bound.
+        values: their logarithms; for the correlation that of its odds.
+        scale: the instrument's variance if it is at a bound.
     """
 
     names: tuple[str, ...]
@@ -498,9 +480,9 @@ class _Point:
     scale: float
 
     @staticmethod
-    def of(estimate: Estimate, *, known: bool) -> "_Point":
+    def of(estimate: Estimate, *, sigma_given: bool) -> "_Point":
         components, scale = estimate.components, estimate.likelihood.scale
-        at_bound = known and not LEAST_SHARE < scale < 1.0
+        at_bound = sigma_given and not _MIN_SHARE < scale < 1.0
         found = {} if at_bound else {"scale": float(np.log(scale))}
         for term in TERMS:
             if (variance := components[term.name]) > 0:
@@ -510,18 +492,17 @@ class _Point:
         return _Point(tuple(found), np.array(list(found.values())), scale)
 
     def evaluate(self, problem: RestrictedProblem, values: Array) -> _Evaluation:
-        """Covariance and deviance at other values."""
         found = dict(zip(self.names, np.exp(values).tolist(), strict=True))
         scale, odds = found.pop("scale", self.scale), found.pop("carry", 0.0)
         components = Components({name: value / scale for name, value in found.items()}, odds / (1 + odds))
-        there = problem.at(components, scale)
+        there = problem.likelihood(components, scale)
         return _Evaluation(scale * np.linalg.inv(there.information), there.deviance)
 
 
 def _bounded(covariance: Array, more: Array) -> Array:
-    """The factor by which the covariance grows by ``more``, in each direction as far as that is to be believed."""
+    """Return the factor by which the covariance grows by ``more``, clipped in each direction."""
     root = np.linalg.cholesky(covariance)
     inner = np.linalg.solve(root, np.linalg.solve(root, more).T)
     sizes, axes = np.linalg.eigh((inner + inner.T) / 2)
-    grown = (axes * np.sqrt(1 + np.clip(sizes, 0.0, (1 + _LARGEST) ** 2 - 1))) @ axes.T
+    grown = (axes * np.sqrt(1 + np.clip(sizes, 0.0, (1 + _MAX_INFLATION) ** 2 - 1))) @ axes.T
     return np.asarray(root @ grown @ np.linalg.inv(root))

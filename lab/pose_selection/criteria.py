@@ -1,11 +1,11 @@
-"""Observability indices and variance criteria of a set of poses.
+"""Compute observability indices and variance criteria of a set of poses.
 
 A Jacobian stacks r rows of positions (whitened or in m) for each of n poses over p parameters. O1 to O5 and
 the condition number are as in Mahdadi & Bouafia (2020), after Borm & Menq, Driels & Pathre, Nahvi
 & Hollerbach, and Sun & Hollerbach; A, G and I are those of optimal design (Pukelsheim 1993).
-O1 is D-optimality: a column scaling multiplies every design's O1 by the same factor, so that it
-ranks designs alike in all units. So do G and I, which speak of positions; O2 to O5, the condition
-number and A depend on the scaling.
+O1 is D-optimality: a column scaling multiplies every design's O1 by the same factor, so that its
+ranking of designs is independent of units. So are those of G and I, variances of positions; O2 to O5, the
+condition number and A depend on the scaling.
 """
 
 import inspect
@@ -38,11 +38,10 @@ __all__ = [
     "smallest_count",
 ]
 
-ScalingKind = Literal["raw", "unit", "length", "whitened"]
 CRITERIA = ("O1", "O2", "O3", "O4", "O5", "condition", "A", "G", "I")
 _CHARACTERISTIC_LENGTH_M = 0.300
-_LEAST = 1e-300
-_ROUNDING = 1e-14  # of the largest singular value: as good as zero
+_TINY = 1e-300
+_ROUNDING = 1e-14  # of the largest singular value: taken as zero
 _STEP = 1e-5  # of the information, for differences of a score
 _SINGULAR = 1e-13  # smallest eigenvalue of an information matrix of unit diagonal
 
@@ -56,16 +55,16 @@ class Scaling:
     (one standard deviation of each parameter's manufacture) and the instrument's noise.
     """
 
-    kind: ScalingKind = "raw"
+    kind: Literal["raw", "unit", "length", "whitened"] = "raw"
     length_m: float = _CHARACTERISTIC_LENGTH_M
     tolerance_m: float = 0.5e-3
     tolerance_rad: float = 1.5e-3
 
     def columns(self, parameters: Sequence[Parameter], candidates: Array) -> Array:
-        """Factors ``(p,)`` for the columns of a Jacobian in m, m and rad.
+        """Return factors ``(p,)`` for the columns of a Jacobian in m, m and rad.
 
         Args:
-            parameters: what the columns are of.
+            parameters: of the columns.
             candidates: ``(m, r, p)``, over which ``unit`` columns have unit norm.
         """
         angular = np.array([parameter.is_angle for parameter in parameters])
@@ -79,7 +78,7 @@ class Scaling:
         return factors
 
     def describe(self) -> str:
-        """The scaling in words."""
+        """Describe the scaling."""
         return {
             "raw": "millimetres and radians",
             "unit": "columns of unit root mean square over the candidates",
@@ -108,7 +107,7 @@ class Indices:
 
 
 def indices(jacobian: Array, test: Array | None = None) -> Indices:
-    """Indices of designs ``(..., n, r, p)``, scaled as they come.
+    """Compute the indices of designs ``(..., n, r, p)``, in the scaling of the Jacobians.
 
     Args:
         test: ``(t, r, p)``, Jacobians at the test poses, scaled alike.
@@ -133,12 +132,12 @@ def indices(jacobian: Array, test: Array | None = None) -> Indices:
 class Criterion(ABC):
     """A criterion of pose selection: a score of the information matrix, larger is better.
 
-    Your own is a subclass with a ``name`` and a ``score``. ``lab.design(criterion=...)`` takes an object of it; where
-    a package registers it as an entry point of ``lab.criteria``, commands and studies take it by name.
+    Your own is a subclass with a ``name`` and a ``score``. ``lab.design(criterion=...)`` takes an object of it; if a
+    package registers it as an entry point of ``lab.criteria``, commands and studies take it by name.
 
     Attributes:
-        name: what it is called, in options and results.
-        weight: W ``(p, p)`` where the score is -log tr(W M^-1); None for the others.
+        name: in options and results.
+        weight: W ``(p, p)`` of a score -log tr(W M^-1); None for the others.
     """
 
     name: str
@@ -146,10 +145,10 @@ class Criterion(ABC):
 
     @abstractmethod
     def score(self, information: Array) -> Array:
-        """Information matrices ``(..., p, p)`` to scores ``(...)``, worse than any other where singular."""
+        """Return the scores ``(...)`` of information matrices ``(..., p, p)``, worse than any other where singular."""
 
     def slope(self, information: Array) -> Array:
-        """Derivative ``(p, p)``, symmetric, of the score by the information ``(p, p)``.
+        """Return the symmetric derivative ``(p, p)`` of the score by the information ``(p, p)``.
 
         Here by central differences, in coordinates in which the information is the identity.
         """
@@ -165,14 +164,14 @@ class Criterion(ABC):
 
 
 def refuse_unknown(name: str, *others: str) -> None:
-    """A LabError where no criterion has this name, nor is it one of ``others``."""
-    known = (*others, *CRITERIA, *registered("lab.criteria"))
-    if name not in known:
-        raise LabError(f"criterion '{name}' is unknown: choose one of {', '.join(known)}")
+    """Refuse a name that is neither a criterion's nor one of ``others``, with a LabError."""
+    names = (*others, *CRITERIA, *registered("lab.criteria"))
+    if name not in names:
+        raise LabError(f"criterion '{name}' is unknown: choose one of {', '.join(names)}")
 
 
 def own_criterion(given: object) -> Criterion:
-    """The criterion that a user or a package gives: an object, or a class of such objects.
+    """Return the criterion given by a user or a package: an object, or a class of such objects.
 
     Raises:
         LabError: it is no ``Criterion``, or has no name.
@@ -185,7 +184,7 @@ def own_criterion(given: object) -> Criterion:
 
 
 def criterion(name: str, size: int, test: Array | None = None) -> Criterion:
-    """The criterion of that name for ``size`` parameters; G and I need ``test`` ``(t, r, p)``.
+    """Return the criterion of this name for ``size`` parameters; G and I need ``test`` ``(t, r, p)``.
 
     Raises:
         LabError: the name is unknown.
@@ -227,7 +226,7 @@ class _Trace(Criterion):
     def score(self, information: Array) -> Array:
         values, vectors = np.linalg.eigh(information)
         gains = np.einsum("...pk,pq,...qk->...k", vectors, self.weight, vectors, optimize=True)
-        total: Array = -np.log((gains / np.maximum(values, _LEAST)).sum(-1))
+        total: Array = -np.log((gains / np.maximum(values, _TINY)).sum(-1))
         return total
 
     def slope(self, information: Array) -> Array:
@@ -265,13 +264,12 @@ class _Spectral(Criterion):
 
     def slope(self, information: Array) -> Array:
         values, vectors = np.linalg.eigh(information)
-        slope: Array = (vectors * _SPECTRAL[self.name][1](np.maximum(values, _LEAST))) @ vectors.T
+        slope: Array = (vectors * _SPECTRAL[self.name][1](np.maximum(values, _TINY))) @ vectors.T
         return slope
 
 
 def _values(information: Array) -> Array:
-    """Eigenvalues, ascending, above zero."""
-    return np.asarray(np.maximum(np.linalg.eigvalsh(information), _LEAST), dtype=np.float64)
+    return np.asarray(np.maximum(np.linalg.eigvalsh(information), _TINY), dtype=np.float64)
 
 
 def _inverse(information: Array) -> Array:
@@ -279,19 +277,19 @@ def _inverse(information: Array) -> Array:
 
 
 def is_singular(information: Array) -> NDArray[np.bool_]:
-    """Decide whether information matrices ``(..., p, p)`` say nothing of some parameter, in whatever units."""
+    """Decide whether information matrices ``(..., p, p)`` leave a parameter undetermined, in any units."""
     return _unit_diagonal(information)[2]
 
 
 def _unit_diagonal(information: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Information scaled to a diagonal of one, the roots of its diagonal, and whether it is singular."""
-    size = np.sqrt(np.maximum(np.diagonal(information, axis1=-2, axis2=-1), _LEAST))
+    """Return the information scaled to unit diagonal, the roots of its diagonal, and whether it is singular."""
+    size = np.sqrt(np.maximum(np.diagonal(information, axis1=-2, axis2=-1), _TINY))
     scaled: Array = information / size[..., :, None] / size[..., None, :]
     return scaled, size, np.asarray(np.linalg.eigvalsh(scaled)[..., 0] < _SINGULAR, dtype=np.bool_)
 
 
 def _variances(information: Array, test: Array) -> Array:
-    """Predicted variances ``(..., t)`` at test poses ``(t, r, p)``; infinite where information is singular."""
+    """Return predicted variances ``(..., t)`` at test poses ``(t, r, p)``; infinite where information is singular."""
     scaled, size, singular = _unit_diagonal(information)
     scaled[singular] = np.eye(information.shape[-1])
     inverse = np.linalg.inv(scaled) / size[..., :, None] / size[..., None, :]
@@ -302,7 +300,7 @@ def _variances(information: Array, test: Array) -> Array:
 
 
 def _ends(low: float, high: float) -> Callable[[Array], Array]:
-    """Derivatives of ``low log(smallest) - high log(largest)`` by the eigenvalues."""
+    """Return derivatives of ``low log(smallest) - high log(largest)`` by the eigenvalues."""
 
     def slope(values: Array) -> Array:
         out = np.zeros_like(values)
@@ -323,8 +321,8 @@ _SPECTRAL: dict[str, tuple[Callable[[Array], Array], Callable[[Array], Array]]] 
 }
 
 
-DRAWS = 2000  # of the parameter error
-SHARE = 0.95  # of the validation poses, and of the calibrations
+_DRAWS = 2000  # of the parameter error
+_SHARE = 0.95  # of the validation poses, and of the calibrations
 
 
 @dataclass(frozen=True)
@@ -333,41 +331,41 @@ class PredictedAccuracy:
 
     Attributes:
         rms: ``(t,)`` sqrt(tr J C J') at each test pose.
-        coverage_radius: the error that 95 % of the validation poses keep in 95 % of the calibrations.
+        coverage_radius: bound of the error at 95 % of the validation poses in 95 % of the calibrations.
     """
 
     rms: Array
     coverage_radius: float
 
     def repeated(self, times: float) -> "PredictedAccuracy":
-        """Return the prediction for so many times the information: every error is smaller by its root."""
+        """Return the prediction for ``times`` the information: every error is smaller by its root."""
         return PredictedAccuracy(self.rms / np.sqrt(times), float(self.coverage_radius / np.sqrt(times)))
 
 
 def predict(information: Array, test: Array, rng: np.random.Generator) -> PredictedAccuracy:
-    """Prediction from an information matrix ``(p, p)`` and Jacobians at test poses ``(t, 3, p)`` (m).
+    """Predict accuracy from an information matrix ``(p, p)`` and Jacobians at test poses ``(t, 3, p)`` (m).
 
     The coverage radius x is the strict one: P(Q95 over poses of |J d| <= x) = 95 % over draws d ~ N(0, C). The
-    marginal 95 % of all pose-draws would be kept in too few calibrations.
+    marginal 95 % of all pose-draws would hold in too few calibrations.
     """
     size = np.sqrt(np.diag(information))
     factor = np.linalg.inv(np.linalg.cholesky(information / np.outer(size, size))) / size  # C = factor' factor
     spread = test @ factor.T
     rms = np.sqrt((spread**2).sum(axis=(1, 2)))
-    draws = rng.standard_normal((DRAWS, len(information)))
-    squared = np.zeros((DRAWS, len(test)))
+    draws = rng.standard_normal((_DRAWS, len(information)))
+    squared = np.zeros((_DRAWS, len(test)))
     for axis in spread.transpose(1, 2, 0):
         squared += np.square(draws @ axis)
-    kept = np.quantile(np.sqrt(squared, out=squared), SHARE, axis=1, overwrite_input=True)
-    return PredictedAccuracy(rms, float(np.quantile(kept, SHARE)))
+    kept = np.quantile(np.sqrt(squared, out=squared), _SHARE, axis=1, overwrite_input=True)
+    return PredictedAccuracy(rms, float(np.quantile(kept, _SHARE)))
 
 
 def smallest_count(coverage_radius: Callable[[int], float], wanted: float, least: int, most: int) -> int:
-    """The least number of poses whose coverage radius is within ``wanted`` (m).
+    """Find the smallest number of poses whose coverage radius is within ``wanted`` (m).
 
     Args:
         coverage_radius: number of poses to the coverage radius (m) of a design of that size.
-        least, most: numbers to look between.
+        least, most: bounds of the number.
 
     Raises:
         LabError: even ``most`` poses do not reach it.

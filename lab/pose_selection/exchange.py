@@ -1,12 +1,11 @@
 """Choose the poses to measure: exchange among candidates, then an ascent of all joint angles.
 
-A design sees the arm through one callable: joint positions ``(n, joints)`` in, scaled (and mostly whitened)
-Jacobians ``(n, r, p)`` out. So it serves any base set, with or without effects, any instrument.
+The arm is one function from joint positions ``(n, joints)`` to scaled (and mostly whitened) Jacobians ``(n, r, p)``,
+for any base set, with or without effects, and any instrument.
 
-How far a design is from the best possible one: the continuous D-optimal design bounds them all.
-
-Kiefer & Wolfowitz (1960): over weights w on the candidates, log det M(w) is concave, so its tangent
-bounds it everywhere; the bound holds for every exact design from these candidates.
+The continuous D-optimal design bounds the efficiency of all designs: over weights w on the candidates, log det M(w)
+is concave, so its tangent bounds it everywhere, also for every exact design from these candidates (Kiefer & Wolfowitz
+1960).
 """
 
 from collections.abc import Callable
@@ -14,7 +13,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-import scipy  # its parts are loaded at their first use, which not every process comes to
+import scipy  # its parts are loaded at their first use
 from numpy.typing import NDArray
 
 from lab.core.errors import LabError, option_name
@@ -25,24 +24,24 @@ __all__ = ["Certificate", "Design", "Feasible", "Sensitivity", "ascend", "certif
 
 Sensitivity = Callable[[Array], Array]
 Feasible = Callable[[Array], NDArray[np.bool_]]
-_MOST_PASSES = 30
-_LOOKED_AT = 32  # candidates of the largest trace, whose determinants are computed first
-_SAMPLED = 256  # candidates tried at each place where a criterion has no rank-k update
+_MAX_PASSES = 30
+_FIRST = 32  # candidates of the largest trace, whose determinants are computed first
+_SAMPLED = 256  # candidates tried for each slot if a criterion has no rank-k update
 _STEP_RAD = 1e-5  # of the central differences (m for a slide)
-_PROPOSED = 1e-5  # of the score: the last step of the first ascent, whose poses go only as far as is feasible
+_TOLERANCE = 1e-5  # relative gain of the score at which the first ascent ends
 _RIDGE = 1e-9  # of the trace, while a design one pose short is singular
-_NEARLY_SINGULAR = 1e-4  # of 1, what a pose that is left out leaves of a direction: an update would lose its digits
+_NEARLY_SINGULAR = 1e-4  # least share of a direction left without a pose: an update would lose its digits
 
 
 @dataclass(frozen=True)
 class Design:
-    """Poses chosen, and how good they are.
+    """Chosen poses, with their score.
 
     Attributes:
-        rows: ``(n,)`` which candidates they are; -1 for one that the ascent moved off the pool.
+        rows: ``(n,)`` their candidates; -1 for one that the ascent moved off the pool.
         joints: ``(n, joints)``.
         jacobian: ``(n, r, p)`` there.
-        score: the criterion's.
+        score: of the criterion.
     """
 
     rows: NDArray[np.int_]
@@ -52,7 +51,7 @@ class Design:
 
 
 def information(jacobian: Array) -> Array:
-    """Information matrix ``(p, p)`` of Jacobians ``(n, r, p)``."""
+    """Return information matrix ``(p, p)`` of Jacobians ``(n, r, p)``."""
     flat = jacobian.reshape(-1, jacobian.shape[-1])
     matrix: Array = flat.T @ flat
     return matrix
@@ -69,21 +68,21 @@ def exchange(
     measured: Array | None = None,
     reachable: Feasible | None = None,
 ) -> Design:
-    """The best of several Fedorov exchanges: each pose in turn gives way to the best candidate.
+    """Return the best of several Fedorov exchanges: each pose in turn is replaced by the best candidate.
 
     Args:
         joints: candidates ``(m, joints)``.
         jacobian: theirs, ``(m, r, p)``.
-        count: how many poses to choose, no candidate twice.
-        measured: information ``(p, p)`` of poses that were measured already.
-        reachable: joint positions ``(n, joints)`` to ``(n,)``, which of them the arm can go to; asked only of
-            candidates that would be chosen. All, if not given.
+        count: number of poses to choose, no candidate twice.
+        measured: information ``(p, p)`` of poses measured before.
+        reachable: test of joint positions ``(n, joints)``, called only for
+            candidates that would be chosen; all are reachable if not given.
 
     Raises:
-        LabError: there are too few candidates, or no choice of ``count`` shows every parameter.
+        LabError: there are too few candidates, or no choice of ``count`` determines every parameter.
     """
     m, rows, p = jacobian.shape
-    held = np.zeros((p, p)) if measured is None else measured
+    earlier = np.zeros((p, p)) if measured is None else measured
     if count < 1 or count > m:
         raise LabError(f"{count} poses from {m} candidates: ask for 1 to {m}, or for more candidates")
     if measured is None and count * rows < p:
@@ -94,11 +93,11 @@ def exchange(
 
     best: Design | None = None
     for _ in range(starts):
-        chosen, score = _Exchange(jacobian, goal, held, rng, allowed).settled(count)
+        chosen, score = _Exchange(jacobian, goal, earlier, rng, allowed).settled(count)
         if best is None or score > best.score:
             best = Design(chosen, joints[chosen], jacobian[chosen], score)
     assert best is not None
-    if np.linalg.matrix_rank(_scaled(held + information(best.jacobian)), tol=1e-9) < p:
+    if np.linalg.matrix_rank(_scaled(earlier + information(best.jacobian)), tol=1e-9) < p:
         raise LabError(f"no {count} of these poses show all {p} parameters: give more poses, or free fewer joints")
     return best
 
@@ -112,53 +111,53 @@ def _scaled(matrix: Array) -> Array:
 class _Exchange:
     """State of an exchange: the chosen poses, and the gain of every candidate.
 
-    For O1, V is the inverse of the information of all poses chosen, and tr(J V J') of every candidate is kept. Both
-    follow by updates of rank r when a pose is left out or taken (Sherman, Morrison & Woodbury 1950), at the cost of
+    For O1, V is the inverse of the information of all chosen poses, and tr(J V J') of every candidate is stored. Both
+    get updates of rank r when a pose is removed or added (Sherman, Morrison & Woodbury 1950), at the cost of
     candidates by p by r instead of candidates by p by p.
     """
 
     def __init__(
-        self, jacobian: Array, goal: Criterion, held: Array, rng: np.random.Generator, allowed: Callable[[int], bool]
+        self, jacobian: Array, goal: Criterion, earlier: Array, rng: np.random.Generator, allowed: Callable[[int], bool]
     ) -> None:
-        self.jacobian, self.goal, self.held, self.rng, self.reaches = jacobian, goal, held, rng, allowed
-        self.barred: set[int] = set()  # out of reach
+        self.jacobian, self.goal, self.earlier, self.rng, self.allowed = jacobian, goal, earlier, rng, allowed
+        self.barred: set[int] = set()  # unreachable
         self.columns = jacobian.transpose(2, 1, 0).reshape(jacobian.shape[2], -1)  # (p, r m), rows of one pose apart
-        self.free = np.ones(len(jacobian), dtype=bool)  # neither chosen nor known to be out of reach
+        self.free = np.ones(len(jacobian), dtype=bool)  # neither chosen nor found unreachable
         self.by_trace = goal.name == "O1"
 
     def settled(self, count: int) -> tuple[NDArray[np.int_], float]:
-        """So many poses, begun by chance, when no place has a better candidate that is allowed; and their score.
+        """Exchange poses from a random start until no allowed candidate is better; return them and their score.
 
-        Whether a pose can be reached takes longer than all else, so it is asked of those that stand in the end, and
-        the exchange goes on without those that cannot.
+        Tests of reachability take longest: they are done for the final poses, and the exchange continues without those
+        that are unreachable.
         """
         self.chosen = self.rng.choice(len(self.jacobian), count, replace=False)
         self.free[self.chosen] = False
         passes, unsettled = 0, True
         while unsettled:
-            self._count_anew()
+            self._recompute()
             changed, passes = sum(self._changed(slot) for slot in range(count)), passes + 1
-            unsettled = (changed > 0 and passes < _MOST_PASSES) or self._barred_anew()
-        return self.chosen, float(self.goal.score(self.held + information(self.jacobian[self.chosen])))
+            unsettled = (changed > 0 and passes < _MAX_PASSES) or self._bar_unreachable()
+        return self.chosen, float(self.goal.score(self.earlier + information(self.jacobian[self.chosen])))
 
-    def _barred_anew(self) -> bool:
-        """Decide whether chosen poses turn out to be out of reach."""
-        out = {row for row in self.chosen.tolist() if not self.reaches(row)}
+    def _bar_unreachable(self) -> bool:
+        """Bar chosen poses that are unreachable; return whether there are any."""
+        out = {row for row in self.chosen.tolist() if not self.allowed(row)}
         self.barred |= out
         return bool(out)
 
-    def _count_anew(self) -> None:
-        """The information of all poses chosen, and what follows from it, without the rounding of updates."""
-        self.total = self.held + information(self.jacobian[self.chosen])
+    def _recompute(self) -> None:
+        """Compute information and traces of the chosen poses without the rounding of updates."""
+        self.total = self.earlier + information(self.jacobian[self.chosen])
         if self.by_trace:
-            self.kept = self._reckoned(self.total)
+            self.traces = self._computed(self.total)
 
     def _changed(self, slot: int) -> bool:
         """Replace a pose by a better one, or by one that is allowed; return whether one was found."""
         present, own_information = int(self.chosen[slot]), information(self.jacobian[self.chosen[slot : slot + 1]])
         without = self.total - own_information
-        left = (self._with(self.kept, present, -1.0) or self._reckoned(without)) if self.by_trace else None
-        row = self._winner(without, left, present)
+        left = (self._updated(self.traces, present, -1.0) or self._computed(without)) if self.by_trace else None
+        row = self._best_candidate(without, left, present)
         if row == present:
             return False
         self.chosen[slot] = row
@@ -166,19 +165,18 @@ class _Exchange:
         self.free[row] = False
         self.free[present] = present not in self.barred
         if left is not None:
-            self.kept = self._with(left, row, 1.0) or self._reckoned(self.total)
+            self.traces = self._updated(left, row, 1.0) or self._computed(self.total)
         return True
 
-    def _winner(self, without: Array, left: "_Traces | None", present: int) -> int:
-        """The best allowed candidate for a place, which is the present one where none is better."""
+    def _best_candidate(self, without: Array, left: "_Traces | None", present: int) -> int:
         while True:
             tried, scores = self._scores(without, left, present)
-            winner = int(np.argmax(scores))
+            best = int(np.argmax(scores))
             own = scores[-1]
-            row = int(tried[winner]) if scores[winner] > own + 1e-9 * max(1.0, abs(own)) else present
+            row = int(tried[best]) if scores[best] > own + 1e-9 * max(1.0, abs(own)) else present
             if row not in self.barred:
                 return row
-            if row == present:  # whoever comes next is better than a pose that cannot be taken
+            if row == present:  # any reachable candidate is better than an unreachable pose
                 others = np.argsort(-scores[:-1], kind="stable")
                 for row in tried[others].tolist():
                     if row not in self.barred:
@@ -193,7 +191,7 @@ class _Exchange:
             self.free[row] = False
 
     def _scores(self, without: Array, left: "_Traces | None", present: int) -> tuple[NDArray[np.int_], Array]:
-        """Candidates that may take a place (the present one last), and the score of the design with each there."""
+        """Return candidates for a slot (the present one last), and the score of the design with each."""
         if left is not None:
             tried = np.append(self._promising(left), present)
             return tried, _added(self.jacobian[tried], left.inverse)
@@ -214,26 +212,26 @@ class _Exchange:
         return tried, -np.log(np.maximum(np.trace(self.goal.weight @ inverse) - gain, 1e-300))
 
     def _promising(self, left: "_Traces") -> NDArray[np.int_]:
-        """Free candidates that may have the largest log det(I + J V J').
+        """Return the free candidates that may have the largest log det(I + J V J').
 
-        It is at most r log(1 + t / r) with t the trace of the r x r matrix J V J', so whoever stays
-        below the best of those with the largest traces is out.
+        It is at most r log(1 + t / r) with t the trace of the r x r matrix J V J', so candidates whose bound is below
+        the best of those with the largest traces are out.
         """
         rows = self.jacobian.shape[1]
         trace = np.where(self.free, left.trace, -1.0)
-        first = np.argpartition(-trace, min(_LOOKED_AT, len(trace) - 1))[:_LOOKED_AT]
+        first = np.argpartition(-trace, min(_FIRST, len(trace) - 1))[:_FIRST]
         first = first[self.free[first]]
         best = _added(self.jacobian[first], left.inverse).max(initial=-np.inf)
         bound = rows * np.log1p(np.maximum(trace, -0.5) / rows)
         return np.flatnonzero(self.free & (bound >= best - 1e-9))
 
-    def _reckoned(self, total: Array) -> "_Traces":
+    def _computed(self, total: Array) -> "_Traces":
         inverse = _inverse(total)
         by_row = np.einsum("ij,ij->j", inverse @ self.columns, self.columns)
         return _Traces(inverse, by_row.reshape(-1, len(self.jacobian)).sum(axis=0))
 
-    def _with(self, now: "_Traces", row: int, sign: float) -> "_Traces | None":
-        """Return the state with a candidate taken (sign 1) or left out (-1); None where the rest is nearly singular."""
+    def _updated(self, now: "_Traces", row: int, sign: float) -> "_Traces | None":
+        """Return the traces with a candidate added (sign 1) or removed (-1); None if the rest is nearly singular."""
         added = self.jacobian[row]
         half = now.inverse @ added.T
         values, vectors = np.linalg.eigh(np.eye(len(added)) + sign * added @ half)
@@ -254,14 +252,14 @@ class _Traces:
 
 
 def _added(jacobian: Array, inverse: Array) -> Array:
-    """Log det(I + J V J') of candidates ``(m, r, p)``: how much each adds to the log det of the information."""
+    """Return log det(I + J V J') of candidates ``(m, r, p)``: each one's gain in log det of the information."""
     core = np.eye(jacobian.shape[1]) + jacobian @ inverse @ np.swapaxes(jacobian, 1, 2)
     gains: Array = np.linalg.slogdet(core)[1]
     return gains
 
 
 def _inverse(information: Array) -> Array:
-    """The inverse, with a trace of a ridge where a design one pose short is singular."""
+    """Invert with a small ridge, as a design one pose short may be singular."""
     p = len(information)
     return np.asarray(np.linalg.inv(information + _RIDGE * np.trace(information) / p * np.eye(p)), dtype=np.float64)
 
@@ -277,30 +275,28 @@ def ascend(
     rounds: int = 4,
     measured: Array | None = None,
 ) -> Design:
-    """Move all joint angles uphill, each pose only to where it is feasible; the score never falls.
+    """Move all joint angles uphill, each pose only to feasible positions; the score never falls.
 
-    A quasi-Newton ascent within the limits proposes; then each pose goes as far towards its
+    A quasi-Newton ascent within the limits proposes; then each pose moves as far towards its
     proposal (all of the way, a half, …) as is feasible and better.
 
-    The loop is its own: it maximizes, pose by pose, and what is infeasible or no better is not taken.
-
     Args:
-        sensitivity: joint positions to Jacobians, scaled as the design's.
+        sensitivity: from joint positions to Jacobians in the design's scaling.
         feasible: joint positions ``(n, joints)`` to ``(n,)``.
         lower, upper: limits ``(joints,)``; infinite where there are none.
     """
-    held = 0.0 if measured is None else measured
+    earlier = 0.0 if measured is None else measured
     joints, jacobian, score = design.joints.copy(), design.jacobian.copy(), design.score
     rows = design.rows.copy()
     for k in range(rounds):
-        proposal = _proposed(joints, sensitivity, goal, held, lower, upper, _PROPOSED * 0.1**k)
+        proposal = _proposed(joints, sensitivity, goal, earlier, lower, upper, _TOLERANCE * 0.1**k)
         before = score
         for pose in range(len(joints)):
             for share in (1.0, 0.5, 0.25, 0.1):
                 moved = joints[pose] + share * (proposal[pose] - joints[pose])
                 trial = jacobian.copy()
                 trial[pose] = sensitivity(moved[None])[0]
-                value = float(goal.score(held + information(trial)))
+                value = float(goal.score(earlier + information(trial)))
                 if value > score and feasible(moved[None])[0]:
                     joints[pose], jacobian, score, rows[pose] = moved, trial, value, -1
                     break
@@ -313,16 +309,12 @@ def _proposed(
     joints: Array,
     sensitivity: Sensitivity,
     goal: Criterion,
-    held: Array | float,
+    earlier: Array | float,
     lower: Array,
     upper: Array,
-    left: float,
+    tolerance: float,
 ) -> Array:
-    """Move all poses by a quasi-Newton ascent within the limits, collisions aside.
-
-    Args:
-        left: what a step may gain, as a part of the score, where the ascent ends.
-    """
+    """Move all poses by a quasi-Newton ascent within the limits, collisions aside, to a relative gain of the score."""
     n, size = joints.shape
     offsets = np.concatenate([np.zeros((1, size)), _STEP_RAD * np.eye(size), -_STEP_RAD * np.eye(size)])
 
@@ -330,11 +322,11 @@ def _proposed(
         around = (flat.reshape(n, 1, size) + offsets).reshape(-1, size)
         jacobian = sensitivity(around).reshape(n, 1 + 2 * size, -1, goal_size)
         here = jacobian[:, 0]
-        total = held + information(here)
+        total = earlier + information(here)
         rate = (jacobian[:, 1 : 1 + size] - jacobian[:, 1 + size :]) / (2 * _STEP_RAD)
         try:
             slope = 2 * np.einsum("nrp,njrp->nj", here @ goal.slope(total), rate)
-        except np.linalg.LinAlgError:  # a step too far, to poses that cannot be and tell nothing
+        except np.linalg.LinAlgError:  # a step to impossible poses without information
             slope = np.zeros_like(joints)
         return -float(goal.score(total)), -slope.ravel()
 
@@ -346,15 +338,15 @@ def _proposed(
         jac=True,
         method="L-BFGS-B",
         bounds=bounds,
-        options={"maxiter": 200, "ftol": left},
+        options={"maxiter": 200, "ftol": tolerance},
     )
     proposal: Array = solved.x.reshape(n, size)
     return proposal
 
 
-MOST_ROUNDS, UPDATES = 400, 50  # looks at all candidates, and updates of those with weight in between
-_VANISHED = 1e-9  # a weight this small counts as none
-_BLOCK = 500  # candidates whose whole matrices are held at a time
+_MAX_ROUNDS, _UPDATES = 400, 50  # checks of all candidates, and updates of those with weight in between
+_VANISHED = 1e-9  # a smaller weight counts as zero
+_BLOCK = 500  # candidates whose whole matrices are in memory at a time
 
 
 @dataclass(frozen=True)
@@ -375,32 +367,31 @@ class Certificate:
 
     @property
     def gap(self) -> float:
-        """Bound of the D-efficiency that the weights lack: 1 - exp(-(bound - log_det)/p)."""
+        """Bound of the loss of D-efficiency at these weights: 1 - exp(-(bound - log_det)/p)."""
         return float(-np.expm1(-(self.bound - self.log_det) / self.parameters))
 
     def efficiency(self, jacobian: Array) -> float:
-        """Certified D-efficiency of a design ``(n, r, p)``: (det(M/n) / bound)^(1/p), at most 1."""
+        """Return the certified D-efficiency of a design ``(n, r, p)``: (det(M/n) / bound)^(1/p), at most 1."""
         flat = jacobian.reshape(-1, self.parameters)
         sign, log_det = np.linalg.slogdet(flat.T @ flat / len(jacobian))
         return float(np.exp((log_det - self.bound) / self.parameters)) if sign > 0 else 0.0
 
 
 def certify(jacobian: Array, *, gap: float = 1e-3, measured: Array | None = None, share: float = 1.0) -> Certificate:
-    """The continuous D-optimal design over candidates ``(m, r, p)``, by multiplicative updates.
+    """Compute the continuous D-optimal design over candidates ``(m, r, p)``, by multiplicative updates.
 
-    Candidates whose weight vanishes are set aside and looked at again; the bound itself is taken
-    over all of them.
+    Candidates whose weight vanishes are set aside and checked again; the bound is over all of them.
 
     Args:
         gap: stop at this gap of the D-efficiency.
-        measured: information ``(p, p)`` per pose of poses measured already, with weight 1 - share.
-        share: of all poses, those still to be chosen.
+        measured: information ``(p, p)`` per pose of poses measured before, with weight 1 - share.
+        share: share of all poses that are still to be chosen.
     """
     m, _, p = jacobian.shape
-    held = np.zeros((p, p)) if measured is None else (1 - share) * measured
+    earlier = np.zeros((p, p)) if measured is None else (1 - share) * measured
     each, weights, bound = _information(jacobian), np.full(m, 1 / m), np.inf
-    for _ in range(MOST_ROUNDS):
-        total = held + share * _weighted(each, weights, p)
+    for _ in range(_MAX_ROUNDS):
+        total = earlier + share * _weighted(each, weights, p)
         gains = _gains(each, total)
         log_det = float(np.linalg.slogdet(total)[1])
         bound = min(bound, _bound(log_det, gains, weights, p, share, measured is None))
@@ -408,23 +399,23 @@ def certify(jacobian: Array, *, gap: float = 1e-3, measured: Array | None = None
             break
         keep = (weights > _VANISHED) | (gains > (1 - 0.2 * gap) * gains[weights > _VANISHED].max())
         weights = np.where(keep, np.maximum(weights, _VANISHED), 0.0) / np.maximum(weights, _VANISHED)[keep].sum()
-        weights[keep] = _multiplied(each if keep.all() else each[keep], weights[keep], held, share)
+        weights[keep] = _multiplied(each if keep.all() else each[keep], weights[keep], earlier, share)
     return Certificate(weights, log_det, bound, p)
 
 
-def _multiplied(each: Array, weights: Array, held: Array, share: float) -> Array:
-    """Weights after a round of updates ``w <- w d / sum(w d)`` (Titterington 1976), which raise the log det."""
-    for _ in range(UPDATES):
-        gains = _gains(each, held + share * _weighted(each, weights, len(held)))
+def _multiplied(each: Array, weights: Array, earlier: Array, share: float) -> Array:
+    """Update weights by ``w <- w d / sum(w d)`` (Titterington 1976), which raises the log det."""
+    for _ in range(_UPDATES):
+        gains = _gains(each, earlier + share * _weighted(each, weights, len(earlier)))
         weights = weights * gains / (weights @ gains)
     return weights
 
 
 def _information(jacobian: Array) -> Array:
-    """J'J of each candidate ``(m, r, p)``, its upper half row by row, ``(m, p (p + 1) / 2)``.
+    """Return J'J of each candidate ``(m, r, p)``, its upper half row by row, ``(m, p (p + 1) / 2)``.
 
-    Every update asks for weighted sums of these matrices and for their inner products with one other: with each kept
-    as a row, both are a product of a matrix with a vector.
+    Every update needs weighted sums of these matrices and their inner products with one other: with each stored as a
+    row, both are a product of a matrix with a vector.
     """
     m, _, p = jacobian.shape
     rows, columns = _upper(p)
@@ -436,7 +427,7 @@ def _information(jacobian: Array) -> Array:
 
 
 def _weighted(each: Array, weights: Array, p: int) -> Array:
-    """The sum of w J'J over candidates, ``(p, p)``."""
+    """Return the sum of w J'J over candidates, ``(p, p)``."""
     total = np.empty((p, p))
     rows, columns = _upper(p)
     total[rows, columns] = total[columns, rows] = weights @ each
@@ -445,13 +436,12 @@ def _weighted(each: Array, weights: Array, p: int) -> Array:
 
 @lru_cache(maxsize=8)
 def _upper(p: int) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
-    """Rows and columns of the upper half of a ``(p, p)`` matrix: asked for at every update."""
     rows, columns = np.triu_indices(p)
     return rows, columns
 
 
 def _gains(each: Array, information: Array) -> Array:
-    """For each candidate d = tr(J M^-1 J'), the inner product of J'J and M^-1, ``(m,)``."""
+    """Return d = tr(J M^-1 J') of each candidate, the inner product of J'J and M^-1, ``(m,)``."""
     inverse = np.linalg.inv(information)
     both = inverse + inverse.T
     np.fill_diagonal(both, np.diag(inverse))
@@ -460,7 +450,7 @@ def _gains(each: Array, information: Array) -> Array:
 
 
 def _bound(log_det: float, gains: Array, weights: Array, p: int, share: float, alone: bool) -> float:
-    """The tangent's largest value; where nothing was measured before, the tighter one of the logarithm."""
+    """Return the tangent's largest value; without earlier poses, the tighter one of the logarithm."""
     if alone:
         return log_det + p * float(np.log(gains.max() / p))
     return log_det + share * float(gains.max() - weights @ gains)

@@ -1,16 +1,14 @@
-"""The shortest measurement session: a closed tour from home through all poses and back.
+"""Plan the shortest measurement session: a closed tour from home through all poses and back.
 
-A move lasts what the quickest one does that all joints begin, cruise and end together, at rest at both ends
-(``geometry.laws``): a straight path of the joint positions. Whether that
-is free is asked of a plain callable, and only for the moves that a tour wants to use. A move that is not
-free goes by way of other free poses and costs what that detour takes; the order is then sought again with
-the costs so corrected. Costs only ever rise, so an order that is best among costs of which all of its own
-are known is best among the true ones.
+A move is the fastest straight path of the joint positions in which all joints begin, cruise and end together, at rest
+at both ends (``kinematics.trajectory.profiles``). Only moves of a candidate tour are checked for collisions. A move
+that is not free is replaced by the fastest detour through other free poses; the order is then optimized again with the
+corrected costs. Costs only rise, so an order that is best among costs of which all of its own are checked is best
+among the true ones.
 
-Short closed tours over a symmetric cost matrix: 2-opt, Or-opt and kicks, for many tours at once.
-
-A batch of k tours over m places is an array ``(k, m)``, each row a permutation. (Lin & Kernighan 1973 and
-Or 1976 for the moves; Martin, Otto & Felten 1991 for the double bridge that kicks a tour out of its rut.)
+Tours over the symmetric cost matrix are improved by 2-opt, Or-opt and kicks, many at once: k tours over m nodes are an
+array ``(k, m)``, each row a permutation (Lin & Kernighan 1973 and Or 1976 for the moves; Martin, Otto & Felten 1991 for
+the double bridge as a kick).
 """
 
 from collections.abc import Callable, Sequence
@@ -18,7 +16,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-import scipy  # its parts are loaded at their first use, which not every process comes to
+import scipy  # its parts are loaded at their first use
 from numpy.typing import NDArray
 
 from lab.core.errors import LabError
@@ -47,31 +45,31 @@ __all__ = [
     "with_reference",
 ]
 
-Tours = NDArray[np.int_]
+_Indices = NDArray[np.int_]
 _STARTS = 24
-_LONGEST_SEGMENT = 3
+_MAX_SEGMENT = 3
 _GAIN = 1e-12
 
 
-def lengths(cost: Array, tours: Tours) -> Array:
-    """``(k,)``: the length of each closed tour."""
+def lengths(cost: Array, tours: _Indices) -> Array:
+    """Return the length ``(k,)`` of each closed tour."""
     total: Array = cost[tours, np.roll(tours, -1, axis=1)].sum(axis=1)
     return total
 
 
-def random_starts(cost: Array, rng: np.random.Generator, count: int = _STARTS) -> Tours:
-    """``(count, m)``: half of them random, half by nearest neighbour from different places, place 0 first."""
+def random_starts(cost: Array, rng: np.random.Generator, count: int = _STARTS) -> _Indices:
+    """Draw tours ``(count, m)``: half by nearest neighbour from different nodes, node 0 first, half random."""
     size = len(cost)
     starts = np.append(0, rng.permutation(np.arange(1, size)))[: max(1, count // 2)]
     nearest = [_nearest_neighbour(cost, int(start)) for start in starts]
     return np.array([*nearest, *(rng.permutation(size) for _ in range(count - len(nearest)))])
 
 
-def improve(cost: Array, tours: Tours) -> Tours:
+def improve(cost: Array, tours: _Indices) -> _Indices:
     """Apply the best 2-opt or Or-opt move to each tour until none shortens it."""
     tours = tours.copy()
     if tours.shape[1] < 4:
-        return tours  # three places have one tour
+        return tours  # three nodes have one tour
     active = np.arange(len(tours))
     while len(active):
         moved, gained = _best_move(cost, tours[active])
@@ -80,7 +78,7 @@ def improve(cost: Array, tours: Tours) -> Tours:
     return tours
 
 
-def double_bridge(tours: Tours, rng: np.random.Generator) -> Tours:
+def double_bridge(tours: _Indices, rng: np.random.Generator) -> _Indices:
     """Exchange two neighbouring stretches of each tour (a double bridge)."""
     size = tours.shape[1]
     if size < 5:
@@ -92,7 +90,7 @@ def double_bridge(tours: Tours, rng: np.random.Generator) -> Tours:
     return np.array(kicks)
 
 
-def _nearest_neighbour(cost: Array, start: int) -> Tours:
+def _nearest_neighbour(cost: Array, start: int) -> _Indices:
     tour, left = [start], np.ones(len(cost), dtype=bool)
     left[start] = False
     while left.any():
@@ -101,11 +99,10 @@ def _nearest_neighbour(cost: Array, start: int) -> Tours:
     return np.array(tour)
 
 
-def _best_move(cost: Array, tours: Tours) -> tuple[Tours, NDArray[np.bool_]]:
-    """The tours ``(k, m)`` after their best move, and which of them it shortens."""
+def _best_move(cost: Array, tours: _Indices) -> tuple[_Indices, NDArray[np.bool_]]:
     moved, changes = tours.copy(), []
     between = cost[tours[:, :, None], tours[:, None, :]]  # (k, m, m)
-    kinds = [(0, False), *((n, turned) for n in range(1, _LONGEST_SEGMENT + 1) for turned in (False, True))]
+    kinds = [(0, False), *((n, turned) for n in range(1, _MAX_SEGMENT + 1) for turned in (False, True))]
     kinds = [kind for kind in kinds if kind[0] <= tours.shape[1] - 3]
     for length, turned in kinds:
         change = _or_change(between, length, turned) if length else _two_opt_change(between)
@@ -121,7 +118,7 @@ def _best_move(cost: Array, tours: Tours) -> tuple[Tours, NDArray[np.bool_]]:
 
 
 def _two_opt_change(between: Array) -> Array:
-    """``(k, m, m)``: what it changes to replace legs i and j by (i, j) and (i + 1, j + 1)."""
+    """Return the changes ``(k, m, m)`` of length from replacing legs i and j by (i, j) and (i + 1, j + 1)."""
     leg = _legs(between)
     change: Array = between + np.roll(between, (-1, -1), (1, 2)) - leg[:, :, None] - leg[:, None, :]
     at = np.arange(between.shape[1])
@@ -130,7 +127,7 @@ def _two_opt_change(between: Array) -> Array:
 
 
 def _or_change(between: Array, length: int, turned: bool) -> Array:
-    """``(k, m, m)``: what it changes to put the segment from i on between j and j + 1; inf if j is in it."""
+    """Return the changes ``(k, m, m)`` from moving the segment at i between j and j + 1; inf if j is in it."""
     size, at = between.shape[1], np.arange(between.shape[1])
     before, last, after = (at - 1) % size, (at + length - 1) % size, (at + length) % size
     leg = _legs(between)
@@ -143,18 +140,17 @@ def _or_change(between: Array, length: int, turned: bool) -> Array:
 
 
 def _legs(between: Array) -> Array:
-    """``(k, m)``: the leg from each stop to the next."""
     at = np.arange(between.shape[1])
     legs: Array = between[:, at, np.roll(at, -1)]
     return legs
 
 
-def _reversed(tour: Tours, i: int, j: int) -> Tours:
+def _reversed(tour: _Indices, i: int, j: int) -> _Indices:
     i, j = min(i, j), max(i, j)
     return np.concatenate([tour[: i + 1], tour[j:i:-1], tour[j + 1 :]])
 
 
-def _or_moved(tour: Tours, i: int, j: int, length: int, turned: bool) -> Tours:
+def _or_moved(tour: _Indices, i: int, j: int, length: int, turned: bool) -> _Indices:
     around = np.roll(tour, -i)
     segment, rest = around[:length], around[length:]
     cut = (j - i) % len(tour) - length + 1
@@ -163,9 +159,8 @@ def _or_moved(tour: Tours, i: int, j: int, length: int, turned: bool) -> Tours:
 
 DEFAULT_SPEED = np.pi  # rad/s; small arms' axes reach 2.5 to 7
 DEFAULT_SLIDE_SPEED = 0.5  # m/s
-FULL_SPEED_S = 0.3  # after which a joint whose acceleration is unknown has its full speed
+FULL_SPEED_S = 0.3  # to full speed, for a joint without a given acceleration
 FreePath = Callable[[Array, Array], bool]
-Indices = NDArray[np.int_]
 _PATIENCE = 20  # rounds of kicks without a shorter tour
 _GAIN_S = 1e-9
 
@@ -176,30 +171,30 @@ class Tour:
 
     Attributes:
         order: ``(m,)``, the poses in the order in which they are first measured.
-        stops: ``(s, n)`` joint positions to move to one after the other: home, poses and detours' poses, home.
-        measured: ``(s,)``, which pose is measured at a stop, -1 where none is.
-        seconds: time on the move; time to measure is not in it.
-        breaks: stops at home, between the first and the last, at which the instrument is moved.
+        waypoints: ``(s, n)`` joint positions to move to one after the other: home, poses and detours' poses, home.
+        measured: ``(s,)``, the pose measured at each waypoint, -1 for none.
+        seconds: time of all moves, without measuring.
+        breaks: waypoints at home, between the first and the last, at which the instrument is moved.
     """
 
-    order: Indices
+    order: _Indices
     waypoints: Array
-    measured: Indices
+    measured: _Indices
     seconds: float
     breaks: tuple[int, ...] = ()
 
     @property
     def via(self) -> int:
-        """Number of waypoints that are passed and not measured, home left out."""
+        """Number of waypoints without a measurement, except home."""
         return int((self.measured[1:-1] < 0).sum()) - len(self.breaks)
 
-    def among(self, poses: Indices) -> "Tour":
-        """The tour of poses ``(m,)`` that are some of more, by their numbers among all."""
+    def among(self, poses: _Indices) -> "Tour":
+        """Return the tour with the poses' numbers ``(m,)`` among more poses."""
         return replace(self, order=poses[self.order], measured=np.where(self.measured < 0, -1, poses[self.measured]))
 
 
 def one_after_another(tours: Sequence[Tour]) -> Tour:
-    """Several tours from home to home as one, which comes home between them: of the same poses, in their parts."""
+    """Join tours from home to home into one, with stops at home between them."""
     waypoints = np.concatenate([tours[0].waypoints, *(tour.waypoints[1:] for tour in tours[1:])])
     measured = np.concatenate([tours[0].measured, *(tour.measured[1:] for tour in tours[1:])])
     breaks = np.cumsum([len(tour.waypoints) - 1 for tour in tours[:-1]], dtype=np.int_).tolist()
@@ -208,7 +203,7 @@ def one_after_another(tours: Sequence[Tour]) -> Tour:
 
 
 class RoadmapGraph:
-    """Cost of moving between home (place 0) and the poses (places 1 to m), as far as computed.
+    """Cost of moving between home (node 0) and the poses (nodes 1 to m), as far as computed.
 
     Detours pass through home, through ``safe`` poses, or through poses of the plan.
     """
@@ -222,20 +217,20 @@ class RoadmapGraph:
         home: Array | None = None,
         safe: Array | None = None,
     ) -> None:
-        """Joints ``(m, n)``, their largest rates ``(n,)``, home ``(n,)`` (zero joint positions), safe ``(k, n)``."""
+        """Set up nodes from joints ``(m, n)``, home ``(n,)`` (zero by default) and safe ``(k, n)``."""
         size = joints.shape[1]
         start = np.zeros(size) if home is None else home
         extra = np.empty((0, size)) if safe is None else safe
         self.nodes = np.concatenate([start[None], joints, extra])
         self.count = 1 + len(joints)
-        self._free, self._known = free, np.eye(len(self.nodes), dtype=bool)
+        self._free, self._checked = free, np.eye(len(self.nodes), dtype=bool)
         self._graph = move_seconds(self.nodes, speed, acceleration)  # inf: not free
-        self.cost = self._graph[: self.count, : self.count].copy()  # (m + 1, m + 1): direct until looked at
+        self.cost = self._graph[: self.count, : self.count].copy()  # (m + 1, m + 1): direct until checked
         self._settled = np.eye(self.count, dtype=bool)
         self._routes: dict[tuple[int, int], tuple[int, ...]] = {}
 
     def settle(self, a: int, b: int) -> bool:
-        """Make the cost of the move between two places true; False if it was already."""
+        """Make the cost of the move between two nodes true; False if it was already."""
         if self._settled[a, b]:
             return False
         a, b = min(a, b), max(a, b)
@@ -245,19 +240,19 @@ class RoadmapGraph:
         self.cost[a, b] = self.cost[b, a] = sum(self._graph[i, j] for i, j in pairwise(route))
         return True
 
-    def settle_tour(self, tour: Indices) -> bool:
+    def settle_tour(self, tour: _Indices) -> bool:
         """Make the costs of all moves of a closed tour ``(m + 1,)``; False if all were already true."""
         changed = [self.settle(int(a), int(b)) for a, b in zip(tour, np.roll(tour, -1), strict=True)]
         return any(changed)
 
-    def seconds(self, order: Indices) -> float:
-        """Duration of the tour that measures the poses in this order."""
+    def seconds(self, order: _Indices) -> float:
+        """Return the duration of the tour that measures the poses in this order."""
         tour = np.append(0, np.asarray(order) + 1)
         self.settle_tour(tour)
         return float(lengths(self.cost, tour[None])[0])
 
-    def tour(self, order: Indices) -> Tour:
-        """The tour that measures the poses in this order, detours included."""
+    def tour(self, order: _Indices) -> Tour:
+        """Return the tour that measures the poses in this order, detours included."""
         seconds, waypoints, measured = self.seconds(order), [0], [-1]
         nodes = [0, *(np.asarray(order) + 1).tolist(), 0]
         for a, b in pairwise(nodes):
@@ -267,45 +262,45 @@ class RoadmapGraph:
         return Tour(np.asarray(order), self.nodes[waypoints], np.array(measured), seconds)
 
     def fastest(self, a: int, b: int) -> tuple[int, ...]:
-        """The places on the fastest free way; looks only at moves on ways that would be the fastest."""
+        """Return the nodes on the fastest free path; only moves on candidate fastest paths are checked."""
         while True:
             route = self._shortest(a, b)
-            blocked = [leg for leg in pairwise(route) if not self._looked_free(*leg)]
+            blocked = [leg for leg in pairwise(route) if not self._is_free(*leg)]
             if not blocked:
                 return route
 
     def _shortest(self, a: int, b: int) -> tuple[int, ...]:
-        """Places on the shortest way from a to b, as far as is known."""
+        """Return the nodes on the shortest path from a to b by the present costs."""
         if np.isfinite(self._graph[a, b]):
-            return a, b  # the direct move is never slower than one by way of another place
+            return a, b  # the direct move is never slower than one through another node
         far, previous = scipy.sparse.csgraph.dijkstra(self._graph, directed=False, indices=a, return_predecessors=True)
         if not np.isfinite(far[b]):
             raise LabError(
                 f"no free way to {self._cut_off(a, b)}, through any of {len(self.nodes)} places: "
                 "give more safe poses, another home, or leave that pose out"
             )
-        way = [b]
-        while way[-1] != a:
-            way.append(int(previous[way[-1]]))
-        return tuple(reversed(way))
+        path = [b]
+        while path[-1] != a:
+            path.append(int(previous[path[-1]]))
+        return tuple(reversed(path))
 
     def _cut_off(self, a: int, b: int) -> str:
-        """Return which of two places without a path between them cannot be reached."""
+        """Return the unreachable one of two nodes without a path between them."""
         if np.isfinite(self._graph[0]).sum() == 1:
             return "home"
         far = scipy.sparse.csgraph.dijkstra(self._graph, directed=False, indices=0)
         return f"pose {(b if np.isfinite(far[a]) else a) - 1}"
 
-    def _looked_free(self, a: int, b: int) -> bool:
-        if not self._known[a, b]:
-            self._known[a, b] = self._known[b, a] = True
+    def _is_free(self, a: int, b: int) -> bool:
+        if not self._checked[a, b]:
+            self._checked[a, b] = self._checked[b, a] = True
             if not self._free(self.nodes[min(a, b)], self.nodes[max(a, b)]):
                 self._graph[a, b] = self._graph[b, a] = np.inf
         return bool(np.isfinite(self._graph[a, b]))
 
 
 def fastest_path(start: Array, end: Array, safe: Array, chain: JointSpec, free: FreePath) -> Array:
-    """The fastest free way between two joint positions ``(n,)``, straight or by way of others.
+    """Return the fastest free path between two joint positions ``(n,)``, straight or through others.
 
     Args:
         safe: ``(k, n)`` joint positions that a detour may pass through.
@@ -313,27 +308,27 @@ def fastest_path(start: Array, end: Array, safe: Array, chain: JointSpec, free: 
         free: whether the straight joint path between two joint positions is free, the same both ways.
 
     Returns:
-        Joint positions ``(s, n)``: the start, what is passed on the way, and the end.
+        Joint positions ``(s, n)``: the start, those in between, and the end.
 
     Raises:
-        LabError: there is no free way.
+        LabError: there is no free path.
     """
     roads = RoadmapGraph(end[None], chain.speed, chain.acceleration, free, start, safe)
     return roads.nodes[list(roads.fastest(0, 1))]
 
 
 def with_reference(tour: Tour, every: int, safe: Array, chain: JointSpec, free: FreePath) -> Tour:
-    """The tour with its first pose measured again after every so many poses, and last.
+    """Return the tour with its first pose measured again after every so many poses, and last.
 
     Args:
         tour: from home to home.
-        every: how many poses.
+        every: number of poses.
         safe: ``(k, n)`` joint positions that a detour may pass through.
         chain: with known rates (``rated``).
         free: whether the straight joint path between two joint positions is free, the same both ways.
 
     Raises:
-        LabError: there is no free way.
+        LabError: there is no free path.
     """
     places = np.flatnonzero(tour.measured >= 0)
     reference = tour.waypoints[places[0]]
@@ -351,13 +346,13 @@ def with_reference(tour: Tour, every: int, safe: Array, chain: JointSpec, free: 
         waypoints += [there, back]
         measured += [-1] * (len(there) - 1) + [int(tour.order[0])] + [-1] * len(back)
     waypoints.append(tour.waypoints[-1:])
-    every_stop = np.concatenate(waypoints)
-    seconds = rest_to_rest_seconds(np.diff(every_stop, axis=0), chain.speed, chain.acceleration).sum()
-    return Tour(tour.order, every_stop, np.array([*measured, -1]), float(seconds))
+    all_waypoints = np.concatenate(waypoints)
+    seconds = rest_to_rest_seconds(np.diff(all_waypoints, axis=0), chain.speed, chain.acceleration).sum()
+    return Tour(tour.order, all_waypoints, np.array([*measured, -1]), float(seconds))
 
 
 def rated(chain: JointSpec) -> tuple[JointSpec, tuple[str, ...]]:
-    """The chain with representative speeds and accelerations where they are unknown, and a warning then."""
+    """Return the chain with representative speeds and accelerations where they are not given, and a warning then."""
     slow, sudden = np.isnan(chain.speed), np.isnan(chain.acceleration)
     speed = np.where(slow, np.where(chain.prismatic, DEFAULT_SLIDE_SPEED, DEFAULT_SPEED), chain.speed)
     acceleration = np.where(sudden, speed / FULL_SPEED_S, chain.acceleration)
@@ -376,22 +371,22 @@ def _named(chain: JointSpec, which: NDArray[np.bool_]) -> str:
 
 
 def move_seconds(joints: Array, speed: Array, acceleration: Array) -> Array:
-    """Durations ``(m, m)`` of moves between joint positions ``(m, n)``, by the joints' largest rates ``(n,)``."""
+    """Return the durations ``(m, m)`` of moves between joint positions ``(m, n)``, by the joints' rates ``(n,)``."""
     return rest_to_rest_seconds(joints[:, None] - joints[None], speed, acceleration)
 
 
 def tour_trajectory(chain: JointSpec, waypoints: Array, waiting: Array) -> tuple[Trajectory, Array]:
-    """Motion of the joints through waypoints, with the arrival time at each ``(s,)`` s.
+    """Return the motion of the joints through waypoints, with the arrival time at each ``(s,)`` s.
 
     Args:
         chain: with known rates.
         waypoints: joint positions ``(s, n)``, from rest to rest.
-        waiting: ``(s,)`` s, how long the arm stands at each.
+        waiting: ``(s,)`` s at each.
     """
     parts, arrivals = [], [0.0]
-    for (start, end), stand in zip(pairwise(waypoints), waiting, strict=False):
+    for (start, end), seconds in zip(pairwise(waypoints), waiting, strict=False):
         still = np.zeros((1, chain.size))
-        wait = Trajectory(np.array([stand]), still, start, still[0])
+        wait = Trajectory(np.array([seconds]), still, start, still[0])
         move = common_phases(chain, start, end)
         parts += [wait, move]
         arrivals.append(arrivals[-1] + wait.seconds + move.seconds)
@@ -407,21 +402,21 @@ def plan_tour(
     home: Array | None = None,
     safe: Array | None = None,
 ) -> Tour:
-    """A short closed tour from home through the poses ``(m, n)``, every move of it free.
+    """Plan a short closed tour from home through the poses ``(m, n)``, every move of it free.
 
     Nearest neighbour and random starts, 2-opt and Or-opt, then kicks (double bridges) until a number of
-    rounds brought nothing: no certificate, but for a dozen poses the optimum.
+    rounds without improvement: optimal for a dozen poses, without a certificate for more.
 
     Args:
         joints: ``(m, n)`` joint positions, rad or m.
         speed, acceleration: ``(n,)`` largest ones of the joints (see ``rated``).
         free: whether the straight joint path between two joint positions ``(n,)`` is free, the same both ways.
-        rng: one state gives one tour.
+        rng: determines the tour.
         home: ``(n,)`` joint positions; zero if not given.
         safe: ``(k, n)`` further joint positions that detours may pass through.
 
     Raises:
-        LabError: a pose cannot be reached, or a speed or an acceleration is unknown.
+        LabError: a pose cannot be reached, or a speed or an acceleration is missing.
     """
     roads = RoadmapGraph(joints, speed, acceleration, free, home, safe)
     tours = improve(roads.cost, random_starts(roads.cost, rng))

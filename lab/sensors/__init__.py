@@ -1,1 +1,1 @@
-"""Sensors: one module each for what it observes, its derivative, its columns, its simulation and its wording."""
+"""Sensors, one module each: model, derivative, columns, simulation and terms."""

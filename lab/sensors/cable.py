@@ -9,7 +9,6 @@ errors of nominal links correlate the residuals of neighbouring rows; a cut that
 Moves that are not large beside the nominal model's errors are therefore not detected.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -27,26 +26,25 @@ from lab.core.units import MM
 from lab.formats.measurement_csv import ObservedColumns
 from lab.kinematics.model import Model
 from lab.kinematics.parameter import Parameter, placed_parameters
-from lab.noise.instruments import Instrument
-from lab.sensors.contact import POINT, Chance, fixture_measurements, without_sessions
+from lab.sensors.contact import POINT, FixtureSimulation
 from lab.sensors.fixtures import FixtureRows, Fixtures, FixtureSensor, refuse_blank
 from lab.sensors.options import VirtualSetup
-from lab.sensors.virtual_sensor import SimulatedReadings, refuse_several_targets
-from lab.simulation.true_robot import TrueRobot
+from lab.sensors.virtual_sensor import SimulatedReadings
+from lab.simulation.tracking import VirtualMeasurement
 
 __all__ = ["Cable", "CableSensor", "found_sessions", "with_sessions"]
 
-LEAST_ROWS = 15  # of a session: a few bad rows are not one
-_MOST_SESSIONS = 10
-MARGIN = 8.0  # times Schwarz's criterion
-PARAMETERS = 5  # that a change adds: a, a'a, and its row
-FAR = 5.0  # standard deviations from which on a row is bad, if it is alone
-ALONE = 1 / 3  # of the rows around it, as many as a session has at least: more of them are a session
+_MIN_ROWS = 15  # of a session: a few outliers are not one
+_MAX_SESSIONS = 10
+_MARGIN = 8.0  # times Schwarz's criterion
+_PARAMETERS = 5  # that a change adds: a, a'a, and its row
+_OUTLIER = 5.0  # standard deviations from which on a row is an outlier, if it is alone
+_ALONE = 1 / 3  # of the rows around it, as many as a session has at least: more of them are a session
 _OFFSET_M = 0.01  # standard deviation of the length at which the instrument reads zero
 _AWAY = 1.5  # times the farthest point of the arm: where anchors are, on a circle about the base
-_LOWEST, _HIGHEST = -0.3, 0.5  # times the same: how high
-_FAR = 10.0  # times the median distance: no noise does that
-_LEAST_M = 5e-3  # and more than a nominal model is wrong by
+_LOWEST, _HIGHEST = -0.3, 0.5  # heights of anchors, as multiples of that distance
+_CONTRADICTION = 10.0  # times the median distance: no noise does that
+_CONTRADICTION_M = 5e-3  # more than a nominal model's error
 _PLACING = 10  # rows that place base and tool with room to spare
 
 
@@ -63,23 +61,19 @@ class Cable(Fixtures):
     offset: ClassVar[tuple[Parameter, ...]] = placed_parameters("cable", "cable", ("offset",), scaled=True)
 
     def predict(self, points: Array, fixtures: Array) -> tuple[Array, Array, Array]:
-        """Lengths ``(n, 1)``; they grow along the cable."""
+        """Return lengths ``(n, 1)``; they grow along the cable."""
         cable = points - fixtures
         length = np.sqrt((cable * cable).sum(axis=1, keepdims=True))
         along = (cable / length)[:, None]
         return length, along, -along
 
     def located(self, points: Array, observed: Array) -> Array:
-        """The anchor ``(3,)`` by trilateration: |p|^2 - L^2 = 2 p'a - a'a is linear in a and a'a, about the mean."""
+        """Return the anchor ``(3,)``: about the mean, |p|^2 - L^2 = 2 p'a - a'a is linear in a and a'a."""
         centre = points.mean(axis=0)
         near = points - centre
         system = np.column_stack([2 * near, -np.ones(len(near))]) / observed
         right = ((near**2).sum(axis=1) - observed[:, 0] ** 2) / observed[:, 0]
         return np.asarray(centre + np.linalg.lstsq(system, right)[0][:3])
-
-    def random_fixtures(self, points: Array, rng: np.random.Generator) -> Array:
-        """Anchors ``(m, 3)`` at the points themselves."""
-        return points
 
 
 @dataclass(frozen=True)
@@ -98,11 +92,11 @@ class CableSensor(FixtureSensor):
     model: ClassVar[type[Fixtures]] = Cable
 
     def rows(self, data: Measurements) -> NDArray[np.bool_]:
-        """``(n,)``: those with a length."""
+        """Return the rows ``(n,)`` with a length."""
         return np.isfinite(data.conditions.get("cable_mm", np.full(len(data), np.nan)))
 
     def with_sessions(self, arm: Model, data: Measurements, nominal: Array) -> Measurements:
-        """The measurements with a session for each anchor that the lengths tell apart, where the file names none."""
+        """Return the measurements with a session for each anchor found in the lengths, if the file names none."""
         if any(data.sessions):
             return data
         model, observed = self.observation(arm, data, nominal)
@@ -117,8 +111,8 @@ class CableSensor(FixtureSensor):
         )
         return replace(with_sessions(data, starts), warnings=(*data.warnings, moved))
 
-    def fixture_rows(self, arm: Model, data: Measurements, nominal: Array) -> FixtureRows:
-        """An anchor a session, and the lengths.
+    def fixture_rows(self, data: Measurements) -> FixtureRows:
+        """Return an anchor a session, and the lengths.
 
         Raises:
             LabError: the lengths are missing, one is not above zero, or a row does not name its session.
@@ -131,92 +125,57 @@ class CableSensor(FixtureSensor):
             raise LabError(f"{where}: a wire's length is above zero; mend it, or leave the cell empty")
         if any(data.sessions):
             refuse_blank(data, "session", data.sessions, Cable.group, np.isfinite(lengths))
-        return FixtureRows(data.sessions, lengths[:, None], tuple(_contradictions(arm, data, nominal)))
+        return data.sessions, lengths[:, None]
 
-    def fixtures(self, arm: Model, nominal: Array, numbers: tuple[int, ...], labels: tuple[str, ...]) -> Fixtures:
-        """The anchors."""
-        return Cable(arm, nominal, numbers, labels)
+    def contradictions(self, arm: Model, data: Measurements, nominal: Array) -> tuple[str, ...]:
+        """Return warnings of rows whose point, beside the length, is not where their joints put it, farthest first.
 
-    def simulate(
-        self,
-        real: TrueRobot,
-        joints: Array,
-        targets: tuple[str, ...],
-        instrument: Instrument,
-        rng: np.random.Generator,
-        readings: int,
-        conditions: Mapping[str, Array],
-        setup: VirtualSetup,
-    ) -> SimulatedReadings:
+        The arm of the points has nominal links, with base and tool fitted.
+        """
+        if arm.targets != data.targets or data.points.shape[1] == 0 or int(data.seen.sum()) < _PLACING:
+            return ()
+        observed = Observations(data.inputs(arm.conditions), data.points, np.ones(data.points.shape[:2]))
+        values = fit_base_and_tool(Points(arm), observed, nominal)
+        distance = np.linalg.norm(data.points - arm.points(observed.inputs, values), axis=2)
+        distance = np.where(np.isnan(distance), 0.0, distance).max(axis=1)
+        typical = float(np.median(distance[data.seen.any(axis=1)]))
+        rows = np.flatnonzero(distance > max(_CONTRADICTION * typical, _CONTRADICTION_M))
+        return tuple(
+            f"row {data.ids[row]}: its point is {MM.text(float(distance[row]))} from where its joints put it: check "
+            "the row (the wire's length alone is fitted)"
+            for row in rows[np.argsort(-distance[rows], kind="stable")].tolist()
+        )
+
+    def simulate(self, poses: VirtualMeasurement, setup: VirtualSetup) -> SimulatedReadings:
         """Measure lengths to one anchor after the other, in as many poses each as can be; the cable stays straight."""
-        refuse_several_targets("cable", targets)
-        chance, placing = Chance.of(real, instrument, (len(joints), 1), rng, readings), rng.spawn(1)[0]
-        set_there = without_sessions(conditions)
-        points = real.points(joints, POINT, set_there, chance.scatter)[:, 0] + chance.displaced
-        anchors = _anchors(real, points, setup.fixtures, placing)
-        offset_m = _OFFSET_M * float(placing.standard_normal())
-        number = np.arange(len(joints)) * setup.fixtures // len(joints)
-        lengths = np.linalg.norm(points - anchors[number], axis=1) + offset_m + chance.noise[:, 0]
-        data = fixture_measurements(real, joints, {**set_there, "cable_mm": MM.of(lengths)})
-        data = replace(data, sessions=tuple(str(1 + i) for i in number.tolist()))
+        arm = FixtureSimulation.drawn("cable", poses, 1)
+        points = arm.robot.points(poses.joints, POINT, arm.conditions, arm.scatter)[:, 0] + arm.displaced
+        anchors = _anchors(arm, points, setup.fixtures)
+        offset_m = _OFFSET_M * float(arm.rng.standard_normal())
+        number = np.arange(len(points)) * setup.fixtures // len(points)
+        lengths = np.linalg.norm(points - anchors[number], axis=1) + offset_m + arm.noise[:, 0]
+        data = replace(
+            arm.measurements(poses.joints),
+            conditions={**arm.conditions, "cable_mm": MM.of(lengths)},
+            sessions=tuple(str(1 + i) for i in number.tolist()),
+        )
         placed = {f"anchor.{1 + i}": anchor for i, anchor in enumerate(anchors)}
-        return SimulatedReadings(data, chance.bad, {**placed, "cable": np.array([offset_m])})
+        return SimulatedReadings(data, arm.bad, {**placed, "cable": np.array([offset_m])})
 
 
-def _anchors(real: TrueRobot, points: Array, count: int, rng: np.random.Generator) -> Array:
-    """Anchors ``(count, 3)`` m in the instrument's frame, evenly around the base from a random side on."""
-    T_tracker_base = inverse(real.T_world_tracker) @ real.robot.T_world_frame0
+def _anchors(arm: FixtureSimulation, points: Array, count: int) -> Array:
+    """Draw anchors ``(count, 3)`` m in the instrument's frame, evenly around the base from a random side on."""
+    T_tracker_base = arm.T_tracker_base
     reach = float(np.linalg.norm(transform(inverse(T_tracker_base), points), axis=1).max())
-    angle = rng.uniform(0, 2 * np.pi) + 2 * np.pi * np.arange(count) / count
-    heights = reach * rng.uniform(_LOWEST, _HIGHEST, count)
+    angle = arm.rng.uniform(0, 2 * np.pi) + 2 * np.pi * np.arange(count) / count
+    heights = reach * arm.rng.uniform(_LOWEST, _HIGHEST, count)
     return transform(
         T_tracker_base, np.stack([_AWAY * reach * np.cos(angle), _AWAY * reach * np.sin(angle), heights], axis=1)
     )
 
 
-def _contradictions(arm: Model, data: Measurements, nominal: Array) -> list[str]:
-    """Warnings of rows whose point, beside the length, is not where their joints put it."""
-    if arm.targets != data.targets:
-        return []
-    found = _disagreement(arm, data, nominal)
-    return [
-        f"row {data.ids[row]}: its point is {MM.text(size)} from where its joints put it: check the row "
-        "(the wire's length alone is fitted)"
-        for row, size in zip(found.rows.tolist(), found.sizes_m.tolist(), strict=True)
-    ]
-
-
-@dataclass(frozen=True)
-class Disagreement:
-    """Rows ``(r,)`` whose points are ``sizes_m`` ``(r,)`` away from where their joints put them, the largest first."""
-
-    rows: NDArray[np.int_]
-    sizes_m: Array
-
-
-def _disagreement(arm: Model, data: Measurements, nominal: Array) -> Disagreement:
-    """Rows where the file's points and joints cannot both be right, with nominal links and base and tool fitted.
-
-    Args:
-        arm: measured by the points of ``data``, which need not be what is fitted.
-        data: the file's.
-        nominal: ``(p,)`` nominal parameters of ``arm``.
-    """
-    none = Disagreement(np.empty(0, np.int_), np.empty(0))
-    if data.points.shape[1] == 0 or int(data.seen.sum()) < _PLACING:
-        return none
-    observed = Observations(data.inputs(arm.conditions), data.points, np.ones(data.points.shape[:2]))
-    values = fit_base_and_tool(Points(arm), observed, nominal)
-    distance = np.linalg.norm(data.points - arm.points(observed.inputs, values), axis=2)
-    distance = np.where(np.isnan(distance), 0.0, distance).max(axis=1)
-    typical = float(np.median(distance[data.seen.any(axis=1)]))
-    rows = np.flatnonzero(distance > max(_FAR * typical, _LEAST_M))
-    rows = rows[np.argsort(-distance[rows], kind="stable")]
-    return Disagreement(rows, distance[rows])
-
-
 def found_sessions(model: Fixtures, data: Measurements, nominal: Array) -> tuple[int, ...]:
-    """The rows at which a new anchor begins, the first 0.
+    """Return the rows at which a new anchor begins, the first 0.
 
     Args:
         model: of a cable with one anchor for all rows.
@@ -225,7 +184,7 @@ def found_sessions(model: Fixtures, data: Measurements, nominal: Array) -> tuple
     """
     n, starts = len(data), [0]
     best: tuple[float, list[int], Array, Array] | None = None
-    while len(starts) < _MOST_SESSIONS:
+    while len(starts) < _MAX_SESSIONS:
         left, rows = _trilateration(model, data, nominal, starts)
         criterion = n * np.log(max(_total(starts, n, left, rows), 1e-300)) + len(starts) * _penalty(n)
         if best is None or criterion < best[0]:
@@ -242,15 +201,15 @@ def found_sessions(model: Fixtures, data: Measurements, nominal: Array) -> tuple
 
 
 def with_sessions(data: Measurements, starts: tuple[int, ...]) -> Measurements:
-    """The measurements with sessions ``1``, ``2``, … that begin at these rows."""
+    """Return the measurements with sessions ``1``, ``2``, … that begin at these rows."""
     number = np.searchsorted(starts, np.arange(len(data)), side="right")
     return replace(data, sessions=tuple(str(i) for i in number.tolist()))
 
 
 def _trilateration(model: Fixtures, data: Measurements, nominal: Array, starts: list[int]) -> tuple[Array, Array]:
-    """Left sides ``(n,)`` and rows ``(n, 4)`` of the module's equations about the mean point; zero for bad rows.
+    """Return left sides ``(n,)`` and rows ``(n, 4)`` of the module's equations about the mean; zero for outliers.
 
-    Target and offset are those that fit with an anchor for each session, without the bad rows.
+    Target and offset are those that fit with an anchor for each session, without outliers.
     """
     number = (np.searchsorted(starts, np.arange(len(data)), side="right") - 1).astype(np.float64)
     numbers = tuple(range(len(starts)))
@@ -261,7 +220,7 @@ def _trilateration(model: Fixtures, data: Measurements, nominal: Array, starts: 
     for _ in range(2):
         observed = Observations(inputs[good], data.points[good], weights[good])
         values = fit_base_and_tool(observation, observed, observation.nominal(nominal))
-        good = ~_bad((data.points - observation.points(inputs, values))[:, 0, 0])
+        good = ~_outliers((data.points - observation.points(inputs, values))[:, 0, 0])
     size = len(model.arm.names)
     points = model.arm.points(inputs[:, :-1], values[:size])[:, 0]
     points = points - points.mean(axis=0)
@@ -271,25 +230,25 @@ def _trilateration(model: Fixtures, data: Measurements, nominal: Array, starts: 
     return np.where(good, left, 0.0), rows * good[:, None]
 
 
-def _bad(residual: Array) -> NDArray[np.bool_]:
-    """``(n,)``: rows whose residual ``(n,)`` is large while those of the rows around them are not."""
+def _outliers(residual: Array) -> NDArray[np.bool_]:
+    """Return ``(n,)``: rows whose residual ``(n,)`` is large while those of the rows around them are not."""
     spread = 1.4826 * np.median(np.abs(residual - np.median(residual)))
-    far = np.abs(residual) > FAR * spread
-    around = np.convolve(far, np.ones(LEAST_ROWS), mode="same") / LEAST_ROWS
-    return np.asarray(far & (around < ALONE))
+    far = np.abs(residual) > _OUTLIER * spread
+    around = np.convolve(far, np.ones(_MIN_ROWS), mode="same") / _MIN_ROWS
+    return np.asarray(far & (around < _ALONE))
 
 
 def _costs(left: Array, rows: Array) -> Array:
-    """Sums of squares ``(n,)`` of the first one, two, and so on rows, each with an anchor of its own."""
+    """Return the sums of squares ``(n,)`` of the first one, two, and so on rows, each with an anchor of its own."""
     moments = np.cumsum(rows[:, :, None] * rows[:, None, :], axis=0) + 1e-9 * np.eye(rows.shape[1])
     right, squares = np.cumsum(rows * left[:, None], axis=0), np.cumsum(left**2)
     return np.asarray(squares - (right * np.linalg.solve(moments, right[..., None])[..., 0]).sum(axis=1))
 
 
 def _split_of(left: Array, rows: Array) -> tuple[int, float]:
-    """The best row to cut at, and the cost that remains; 0 and the whole cost if there are too few rows."""
+    """Return the best row to cut at, and the cost that remains; 0 and the whole cost if there are too few rows."""
     ahead, back = _costs(left, rows), _costs(left[::-1], rows[::-1])[::-1]
-    cuts = np.arange(LEAST_ROWS, len(left) - LEAST_ROWS + 1)
+    cuts = np.arange(_MIN_ROWS, len(left) - _MIN_ROWS + 1)
     if not len(cuts):
         return 0, float(ahead[-1])
     total = ahead[cuts - 1] + back[cuts]
@@ -297,7 +256,7 @@ def _split_of(left: Array, rows: Array) -> tuple[int, float]:
 
 
 def _best_split(starts: list[int], left: Array, rows: Array) -> int | None:
-    """The cut that lowers the cost most; None where all sessions are too short for one."""
+    """Return the cut that lowers the cost most; None where all sessions are too short for one."""
     best: tuple[float, int] | None = None
     for a, b in zip(starts, [*starts[1:], len(left)], strict=True):
         cut, cost = _split_of(left[a:b], rows[a:b])
@@ -308,7 +267,7 @@ def _best_split(starts: list[int], left: Array, rows: Array) -> int | None:
 
 
 def _weakest(starts: list[int], left: Array, rows: Array) -> int | None:
-    """The start whose removal raises the cost least, where the criterion prefers it removed; None for none."""
+    """Return the start whose removal raises the cost least, if the criterion prefers it removed."""
     n = len(left)
     whole = max(_total(starts, n, left, rows), 1e-300)
     without = {start: _total([i for i in starts if i != start], n, left, rows) for start in starts[1:]}
@@ -320,10 +279,10 @@ def _weakest(starts: list[int], left: Array, rows: Array) -> int | None:
 
 
 def _penalty(rows: int) -> float:
-    """Least decrease of ``rows`` log(cost) that a session must bring."""
-    return MARGIN * PARAMETERS * float(np.log(rows))
+    """Return the least decrease of ``rows`` log(cost) that a session must bring."""
+    return _MARGIN * _PARAMETERS * float(np.log(rows))
 
 
 def _total(starts: list[int], end: int, left: Array, rows: Array) -> float:
-    """The cost of these sessions, the last of which ends before ``end``."""
+    """Return the cost of these sessions, the last of which ends before ``end``."""
     return float(sum(_costs(left[a:b], rows[a:b])[-1] for a, b in zip(starts, [*starts[1:], end], strict=True)))

@@ -1,8 +1,9 @@
-"""Find joint positions at which a virtual arm's point touches a fixture, by Newton's method."""
+"""Simulate readings at fixtures: random errors of each row, and joint positions in contact, by Newton's method."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,13 +13,13 @@ from lab.core.measurements import Measurements, measured
 from lab.core.newton import newton
 from lab.core.se3 import Array, inverse, transform
 from lab.kinematics.effects.effect import BUMPED, ShapesNoise, TrackerMotion
-from lab.noise.instruments import Instrument
 from lab.simulation.collisions import collides, random_poses
-from lab.simulation.true_robot import TrueRobot, TrueSerialRobot
+from lab.simulation.tracking import VirtualMeasurement
+from lab.simulation.true_robot import TrueSerialRobot
 
-__all__ = ["POINT", "Chance", "Contacts", "fixture_measurements", "reachable_points", "without_sessions"]
+__all__ = ["POINT", "FixtureSimulation"]
 
-POINT = ("p1",)  # of the tool, that touches
+POINT = ("p1",)  # of the tool, that touches or is tied
 _DRAWN = 200  # poses, among whose points fixtures are chosen
 _NEAR, _FAR = 0.4, 0.8  # shares of those by distance from the base, between which a fixture is placed: within reach
 _TOUCHING_M = 1e-12
@@ -30,58 +31,105 @@ _STEPS, _ROUNDS = 12, 60
 
 _NO_TEXTS: Mapping[str, tuple[str, ...]] = MappingProxyType({})
 
-Gap = Callable[[Array, NDArray[np.int_]], Array]
-"""How far ``(m, d)`` m points ``(m, 3)`` of some rows ``(m,)`` are from their fixtures."""
-
-
-def reachable_points(real: TrueRobot, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Places that the tool's point reaches, neither folded nor stretched.
-
-    Returns:
-        Places ``(count, 3)`` m in the instrument's frame, and joint positions ``(count, joints)`` that lead there.
-    """
-    poses = random_poses(real.robot, _DRAWN, rng)
-    points = real.points(poses, POINT)[:, 0]
-    T_tracker_base = inverse(real.T_world_tracker) @ real.robot.T_world_frame0
-    order = np.argsort(np.linalg.norm(transform(inverse(T_tracker_base), points), axis=1))
-    within = order[int(_NEAR * _DRAWN) : int(_FAR * _DRAWN)]
-    chosen = rng.permutation(within)[:count]
-    return points[chosen], poses[chosen]
-
 
 @dataclass(frozen=True)
-class Contacts:
-    """An arm that is to touch at some rows.
+class FixtureSimulation:
+    """A virtual arm at fixtures, with the random errors of its readings.
 
     Attributes:
-        conditions: what is set at each row, ``(n,)`` each.
-        scatter: ``(n, joints)`` how far the joints stand off by chance.
-        gap: what is to vanish.
-        near: ``(n, joints)`` that lead near each row's fixture.
+        robot: the arm.
+        conditions: set at each row, ``(n,)`` each, without sessions: there is no tracker to be bumped.
+        noise: ``(n, d)`` m, the instrument's.
+        displaced: ``(n, 3)`` m, displacement of the point of an outlier.
+        bad: ``(n,)`` which rows are outliers.
+        scatter: ``(n, joints)`` random joint errors.
+        rng: of the fixtures.
     """
 
-    real: TrueRobot
+    robot: TrueSerialRobot
     conditions: Mapping[str, Array]
+    noise: Array
+    displaced: Array
+    bad: NDArray[np.bool_]
     scatter: Array
-    gap: Gap
-    near: Array
+    rng: np.random.Generator
 
-    def joints(self, rng: np.random.Generator) -> Array:
-        """Joint positions ``(n, joints)`` in contact, within the limits and without a collision.
+    @classmethod
+    def drawn(cls, sensor: str, poses: VirtualMeasurement, numbers: int) -> Self:
+        """Draw the errors of an arm that is measured without a tracker, by so many ``numbers`` a row.
 
-        They are sought from random poses, and every other time around those that lead near.
+        Raises:
+            LabError: the robot has loops, its effects move a tracker, or other targets than ``p1`` are to be measured.
+        """
+        if poses.targets != POINT:
+            raise LabError(
+                f"{option_name('observe')} {sensor} is of one point of the tool, p1: leave out "
+                f"{option_name('targets')} {','.join(poses.targets)}"
+            )
+        robot, rng, count = poses.robot, poses.rng, len(poses.joints)
+        if not isinstance(robot, TrueSerialRobot):
+            raise LabError(
+                f"robot {robot.robot.chain.name} has loops: a virtual one is measured by "
+                f"{option_name('observe')} points or pose"
+            )
+        effects = robot.effects
+        moving = any(isinstance(part, TrackerMotion) and part.motion.any() for part in effects.parts)
+        if moving or any(isinstance(part, ShapesNoise) and part.is_of_a_tracker for part in effects.parts):
+            raise LabError(
+                "drift, bumps and steps are of a tracker, and this kind of observation has none: leave them out"
+            )
+        scattering, failing, shaping = rng.spawn(3)
+        scatter = effects.scatter(count, scattering)
+        displaced, bad = effects.displacements(count, failing)
+        noise = poses.instrument.sample(np.zeros((count, 1, numbers)), rng, poses.readings)
+        noise = effects.shaped_noise(noise, shaping)[:, 0]
+        conditions = {name: column for name, column in poses.conditions.items() if name != BUMPED}
+        return cls(robot, conditions, noise, displaced, bad, scatter, rng.spawn(1)[0])
+
+    def reachable_points(self, count: int) -> tuple[Array, Array]:
+        """Draw places that the tool's point reaches, neither folded nor stretched.
+
+        Returns:
+            Places ``(count, 3)`` m in the instrument's frame, and joint positions ``(count, joints)`` that lead there.
+        """
+        poses = random_poses(self.robot.robot, _DRAWN, self.rng)
+        points = self.robot.points(poses, POINT)[:, 0]
+        order = np.argsort(np.linalg.norm(transform(inverse(self.T_tracker_base), points), axis=1))
+        within = order[int(_NEAR * _DRAWN) : int(_FAR * _DRAWN)]
+        chosen = self.rng.permutation(within)[:count]
+        return points[chosen], poses[chosen]
+
+    @property
+    def T_tracker_base(self) -> Array:
+        """Nominal pose ``(4, 4)`` (m) of the base in the instrument's frame."""
+        return np.asarray(inverse(self.robot.T_world_tracker) @ self.robot.robot.T_world_frame0)
+
+    def joints_in_contact(self, gap: Callable[[Array, NDArray[np.int_]], Array], near: Array) -> Array:
+        """Return joint positions ``(n, joints)`` in contact, within the limits and without a collision.
+
+        They are searched from random poses, and every other time around those that lead near.
+
+        Args:
+            gap: distances ``(m, d)`` m of points ``(m, 3)`` of some rows ``(m,)`` from their fixtures.
+            near: ``(n, joints)`` that lead near each row's fixture.
 
         Raises:
             LabError: the arm cannot touch some fixture in other poses.
         """
-        robot, count = self.real.robot, len(self.scatter)
+        robot, count = self.robot.robot, len(self.scatter)
         found, missing = np.empty_like(self.scatter), np.arange(count)
+
+        def gaps(joints: Array, rows: NDArray[np.int_]) -> Array:
+            conditions = {name: column[rows] for name, column in self.conditions.items()}
+            points = self.robot.points(joints, POINT, conditions, self.scatter[rows])[:, 0]
+            return np.nan_to_num(gap(points, rows), nan=1.0)
+
         for number in range(_ROUNDS):
-            start = random_poses(robot, len(missing), rng)
+            start = random_poses(robot, len(missing), self.rng)
             if number % 2:
-                start = self.near[missing] + _AROUND * rng.standard_normal(start.shape)
-            moved = self._moved(start, missing)
-            far = np.abs(self._gaps(moved, missing)).max(axis=1)
+                start = near[missing] + _AROUND * self.rng.standard_normal(start.shape)
+            moved = _without_gaps(gaps, start, missing)
+            far = np.abs(gaps(moved, missing)).max(axis=1)
             good = (far < _TOUCHING_M) & ~robot.chain.beyond_limits(moved, 0.0).any(axis=1)
             good[good] = ~collides(robot, moved[good])
             found[missing[good]] = moved[good]
@@ -93,82 +141,27 @@ class Contacts:
             f"{option_name('seed')}, or fewer {option_name('fixtures')}"
         )
 
-    def _gaps(self, joints: Array, rows: NDArray[np.int_]) -> Array:
-        set_there = {name: column[rows] for name, column in self.conditions.items()}
-        points = self.real.points(joints, POINT, set_there, self.scatter[rows])[:, 0]
-        return np.nan_to_num(self.gap(points, rows), nan=1.0)
-
-    def _moved(self, start: Array, rows: NDArray[np.int_]) -> Array:
-        """The joint positions where Newton's steps, the shortest ones, end."""
-
-        def step(joints: Array, going: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
-            near, some = joints[going], rows[going]
-            gaps = self._gaps(near, some)
-            slopes = np.empty((*gaps.shape, joints.shape[1]))
-            for j in range(joints.shape[1]):
-                moved = near.copy()
-                moved[:, j] += _DIFFERENCE
-                slopes[..., j] = (self._gaps(moved, some) - gaps) / _DIFFERENCE
-            change, settled = np.zeros_like(joints), np.zeros_like(going)
-            change[going] = -(np.linalg.pinv(slopes, rcond=1e-6) @ gaps[..., None])[..., 0]
-            settled[going] = np.abs(gaps).max(axis=1) < _SETTLED_M  # the next gap is a millionth of it
-            return np.clip(change, -_LONGEST_STEP, _LONGEST_STEP), settled
-
-        return newton(step, start, _STEPS).values
+    def measurements(self, joints: Array, texts: Mapping[str, tuple[str, ...]] = _NO_TEXTS) -> Measurements:
+        """Return measurements without points: joint positions, conditions and the texts that name the fixtures."""
+        names = self.robot.robot.chain.joint_names
+        data = measured(names, self.robot.effects.shown(joints), (), np.empty((len(joints), 0, 3)))
+        return replace(data, conditions=dict(self.conditions), other=dict(texts))
 
 
-@dataclass(frozen=True)
-class Chance:
-    """Random errors of the readings of some rows.
+def _without_gaps(gaps: Callable[[Array, NDArray[np.int_]], Array], start: Array, rows: NDArray[np.int_]) -> Array:
+    """Return the joint positions where Newton's steps, the shortest ones, end."""
 
-    Attributes:
-        noise: ``(n, d)`` m, the instrument's.
-        displaced: ``(n, 3)`` m, by how far the point of a bad reading is elsewhere.
-        bad: ``(n,)`` which rows are bad.
-        scatter: ``(n, joints)`` how far the joints stand off.
-    """
+    def step(joints: Array, going: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
+        near, some = joints[going], rows[going]
+        here = gaps(near, some)
+        slopes = np.empty((*here.shape, joints.shape[1]))
+        for j in range(joints.shape[1]):
+            moved = near.copy()
+            moved[:, j] += _DIFFERENCE
+            slopes[..., j] = (gaps(moved, some) - here) / _DIFFERENCE
+        change, settled = np.zeros_like(joints), np.zeros_like(going)
+        change[going] = -(np.linalg.pinv(slopes, rcond=1e-6) @ here[..., None])[..., 0]
+        settled[going] = np.abs(here).max(axis=1) < _SETTLED_M  # the next gap is a millionth of it
+        return np.clip(change, -_LONGEST_STEP, _LONGEST_STEP), settled
 
-    noise: Array
-    displaced: Array
-    bad: NDArray[np.bool_]
-    scatter: Array
-
-    @classmethod
-    def of(
-        cls, real: TrueRobot, instrument: Instrument, shape: tuple[int, int], rng: np.random.Generator, readings: int
-    ) -> "Chance":
-        """Draws for an arm that is measured without a tracker, ``shape`` rows and numbers a row.
-
-        Raises:
-            LabError: the robot has loops, or its effects move a tracker.
-        """
-        if not isinstance(real, TrueSerialRobot):
-            raise LabError(
-                f"robot {real.robot.chain.name} has loops: a virtual one is measured by "
-                f"{option_name('observe')} points or pose"
-            )
-        parts = real.effects.parts
-        if any(isinstance(part, TrackerMotion) and part.motion.any() for part in parts) or any(
-            isinstance(part, ShapesNoise) and part.is_of_a_tracker for part in parts
-        ):
-            raise LabError(
-                "drift, bumps and steps are of a tracker, and this kind of observation has none: leave them out"
-            )
-        effects, (scattering, failing, shaping) = real.effects, rng.spawn(3)
-        scatter = effects.scatter(shape[0], scattering)
-        displaced, bad = effects.displacements(shape[0], failing)
-        noise = instrument.sample(np.zeros((shape[0], 1, shape[1])), rng, readings)
-        return cls(effects.shaped_noise(noise, shaping)[:, 0], displaced, bad, scatter)
-
-
-def without_sessions(conditions: Mapping[str, Array]) -> dict[str, Array]:
-    """Return the conditions of each pose without sessions: there is no tracker to be bumped."""
-    return {name: column for name, column in conditions.items() if name != BUMPED}
-
-
-def fixture_measurements(
-    real: TrueRobot, joints: Array, conditions: Mapping[str, Array], texts: Mapping[str, tuple[str, ...]] = _NO_TEXTS
-) -> Measurements:
-    """Measurements without points: joint positions, conditions and the texts that name the fixtures."""
-    data = measured(real.robot.chain.joint_names, real.effects.shown(joints), (), np.empty((len(joints), 0, 3)))
-    return replace(data, conditions=dict(conditions), other=dict(texts))
+    return newton(step, start, _STEPS).values

@@ -2,10 +2,10 @@
 
 Each fixture adds three parameters, and has the role of a base: the base stays at the origin. A residual that is zero
 where the arm touches its fixture is zero too when arm and fixture shrink together; which parameters are identifiable
-is therefore decided at poses in contact, and the longest link is the scale unless a distance is known.
+is therefore decided at poses in contact, and the longest link is the scale unless a distance is given.
 
-A ``FixtureSensor`` finds in a file which fixture each row is of, and what was observed there; its ``Fixtures`` predict
-that. The sensors of this family are ``cable``, ``socket`` and ``plane``.
+A ``FixtureSensor`` finds in a file the fixture of each row and the reading there; its ``Fixtures`` predict that
+reading. The sensors of this family are ``cable``, ``socket`` and ``plane``.
 """
 
 from abc import ABC, abstractmethod
@@ -51,8 +51,8 @@ class Fixtures(ABC):
     Attributes:
         arm: the arm, measured by one point.
         nominal_arm: ``(arm's p,)`` its nominal parameters, base at the origin.
-        numbers: of the fixtures, as the condition ``fixture`` says them, ascending.
-        labels: of the fixtures, as their parameters say them: ``anchor.<label>.x``; "" if it has no name.
+        numbers: of the fixtures, as in the condition ``fixture``, ascending.
+        labels: of the fixtures, as in the names of their parameters: ``anchor.<label>.x``; "" if it has no name.
         parameters: the arm's, the offset, then three of each fixture.
         names: of the parameters.
     """
@@ -63,11 +63,11 @@ class Fixtures(ABC):
     labels: tuple[str, ...]
     parameters: tuple[Parameter, ...] = field(init=False, repr=False)
     names: tuple[str, ...] = field(init=False)
-    group: ClassVar[str]  # what a fixture is called
+    group: ClassVar[str]  # name of a fixture
     axes: ClassVar[tuple[str, str, str]] = ("x", "y", "z")
-    least_rows: ClassVar[int]  # of a fixture that say anything of the arm beyond the fixture
+    least_rows: ClassVar[int]  # of a fixture, from which on they depend on the arm too
     contact: ClassVar[bool]  # whether the residual is zero at the fixture
-    offset: ClassVar[tuple[Parameter, ...]] = ()  # a parameter that adds to all that is observed, if there is one
+    offset: ClassVar[tuple[Parameter, ...]] = ()  # a parameter that adds to all observations, if there is one
 
     def __post_init__(self) -> None:
         assert len(self.arm.targets) == 1 and len(self.nominal_arm) == len(self.arm.names)
@@ -78,7 +78,7 @@ class Fixtures(ABC):
 
     @abstractmethod
     def predict(self, points: Array, fixtures: Array) -> tuple[Array, Array, Array]:
-        """Name of the observed quantity of the target at a fixture.
+        """Predict the observed quantity of the target at a fixture.
 
         Args:
             points: ``(n, 3)`` the target, m in the instrument's frame.
@@ -90,14 +90,14 @@ class Fixtures(ABC):
 
     @abstractmethod
     def located(self, points: Array, observed: Array) -> Array:
-        """The fixture ``(3,)`` that predicted points ``(m, 3)`` and what was observed there ``(m, d)`` place."""
+        """Return the fixture ``(3,)`` from predicted points ``(m, 3)`` and observations there ``(m, d)``."""
 
-    @abstractmethod
     def random_fixtures(self, points: Array, rng: np.random.Generator) -> Array:
-        """Fixtures ``(m, 3)``, else random, that the points ``(m, 3)`` touch."""
+        """Draw fixtures ``(m, 3)`` that the points ``(m, 3)`` touch: here, the points themselves."""
+        return points
 
     def at_base(self, placed: Array, T_base_instrument: Array, scale: float) -> Array:
-        """Fixtures in the base's frame, where the base is at the origin and lengths may be scaled.
+        """Return fixtures in the base's frame, where the base is at the origin and lengths may be scaled.
 
         Args:
             placed: ``(m, 3)`` m, places in the instrument's frame.
@@ -111,7 +111,7 @@ class Fixtures(ABC):
 
     @property
     def scale_link(self) -> int:
-        """The index of the link's length that is the scale of contacts, where nothing else is known of it."""
+        """Index of the link length that sets the scale of contacts, if no distance is given."""
         order = [i for i in self.arm.column_priority() if self.arm.parameters[i].group != "base"]
         after_tool = 1 + max(order.index(i) for i in indices_of_groups(self.arm.parameters, ["tool"]))
         near = [self.arm.parameters[i] for i in order[:after_tool]]
@@ -120,12 +120,12 @@ class Fixtures(ABC):
 
     @property
     def first(self) -> int:
-        """The index of the first fixture's first parameter."""
+        """Index of the first fixture's first parameter."""
         return len(self.arm.names) + len(self.offset)
 
     @property
     def model(self) -> Self:
-        """Itself: it is a model that says how it is observed."""
+        """This model, which defines its own observation."""
         return self
 
     @property
@@ -145,7 +145,7 @@ class Fixtures(ABC):
 
     @property
     def units(self) -> Array:
-        """``(1,)``: what is observed is in metres."""
+        """``(1,)``: observations are in metres."""
         return np.ones(1)
 
     @property
@@ -154,7 +154,7 @@ class Fixtures(ABC):
         return 0
 
     def within(self, data: Measurements) -> Self:
-        """The model with the fixtures of these rows."""
+        """Return the model with the fixtures of these rows."""
         known = np.unique(data.conditions[FIXTURE][data.seen.any(axis=1)])
         picked = [i for i, number in enumerate(self.numbers) if number in known]
         return replace(
@@ -162,11 +162,11 @@ class Fixtures(ABC):
         )
 
     def nominal(self, values: Array) -> Array:
-        """The arm's, with every fixture at the origin."""
+        """Return the arm's parameters, with every fixture at the origin."""
         return np.concatenate([values[: len(self.arm.names)], np.zeros(len(self.names) - len(self.arm.names))])
 
     def observe(self, inputs: Array, values: Array) -> tuple[Array, Array]:
-        """Observations ``(n, 1, d)`` in m and their derivatives ``(n, 1, d, p)``."""
+        """Return observations ``(n, 1, d)`` in m and their derivatives ``(n, 1, d, p)``."""
         size, index = len(self.arm.names), self._index(inputs[:, -1])
         points, jacobian = self.arm.observe(inputs[:, :-1], values[:size])
         observed, by_point, by_fixture = self.predict(points[:, 0], values[self.first :].reshape(-1, 3)[index])
@@ -180,14 +180,14 @@ class Fixtures(ABC):
         return observed[:, None], derivative
 
     def points(self, inputs: Array, values: Array) -> Array:
-        """Observations ``(n, 1, d)`` in m."""
+        """Return observations ``(n, 1, d)`` in m."""
         size, index = len(self.arm.names), self._index(inputs[:, -1])
         points = self.arm.points(inputs[:, :-1], values[:size])[:, 0]
         observed = self.predict(points, values[self.first :].reshape(-1, 3)[index])[0]
         return np.asarray(observed[:, None] + values[size : self.first].sum())
 
     def column_priority(self) -> tuple[int, ...]:
-        """The fixtures; then the arm's order, its longest link after the target if it is the scale; the base last."""
+        """Return fixtures, then the arm's order, its longest link after the target if it is the scale, then base."""
         parameters = self.arm.parameters
         base = indices_of_groups(parameters, ["base"])
         order = [i for i in self.arm.column_priority() if i not in base]
@@ -197,7 +197,7 @@ class Fixtures(ABC):
         return (*range(self.first, len(self.names)), *range(len(parameters), self.first), *order, *base)
 
     def rank_point(self, values: Array) -> Array:
-        """The arm's at ``values``; for contacts the nominal arm's, with the fixtures of ``structure_joints``."""
+        """Return the arm's at ``values``; for contacts the nominal arm's, with the fixtures of ``structure_joints``."""
         size = len(self.arm.names)
         if not self.contact:
             return np.concatenate([self.arm.rank_point(values[:size]), values[size:]])
@@ -208,7 +208,7 @@ class Fixtures(ABC):
         return np.concatenate([arm, self.random_fixtures(points, rng_for(1, "structure")).ravel()])
 
     def structure_joints(self, count: int, rng: np.random.Generator) -> Array:
-        """The arm's, with each fixture in turn; for contacts, poses near them that touch.
+        """Return the arm's, with each fixture in turn; for contacts, poses near them that touch.
 
         Raises:
             LabError: the nominal arm cannot touch every fixture of ``rank_point`` in other poses.
@@ -226,14 +226,14 @@ class Fixtures(ABC):
         raise LabError(f"the nominal arm cannot reach every {self.group} again: check the robot's limits")
 
     def inputs_in_contact(self, inputs: Array, values: Array) -> Array:
-        """Inputs whose joints Newton's steps bring to their fixtures.
+        """Return inputs whose joints Newton's steps bring to their fixtures.
 
         Args:
             inputs: ``(n, joints + conditions)`` to start from; changed in place.
             values: ``(p,)``.
 
         Returns:
-            ``(m, joints + conditions)``: those of them that came to touch.
+            ``(m, joints + conditions)``: those that converged.
         """
         joints = inputs.shape[1] - len(self.conditions)
 
@@ -268,7 +268,7 @@ class Fixtures(ABC):
         return no_extra_residuals(self)
 
     def errors(self, data: Measurements, values: Array) -> Array:
-        """Lengths ``(n, 1)`` in m of the residuals, where fixtures that ``values`` lack are placed by these rows.
+        """Return lengths ``(n, 1)`` in m of the residuals, where these rows place fixtures that ``values`` lack.
 
         NaN where such a fixture has too few rows to be placed and validated by them.
         """
@@ -290,7 +290,7 @@ class Fixtures(ABC):
         return None
 
     def _with_fixtures(self, data: Measurements, values: Array, new: Sequence[int]) -> Array:
-        """``values``, which end before the ``new`` fixtures, with these as the rows of ``data`` place them."""
+        """Return ``values``, which end before the ``new`` fixtures, with these as the rows of ``data`` place them."""
         observed = Observations(data.inputs(self.conditions), data.points, np.ones(data.points.shape[:2]))
         alone = replace(self, numbers=tuple(new), labels=tuple(map(str, new)))
         at_origin = np.concatenate([values[: self.first], np.zeros(3 * len(new))])
@@ -299,54 +299,46 @@ class Fixtures(ABC):
         return fit(self, observed, columns, np.concatenate([values, start])).values
 
     def _index(self, numbers: Array) -> NDArray[np.int_]:
-        """Return the index of each row's fixture among the fixtures of the parameters."""
         index = {number: i for i, number in enumerate(self.numbers)}
         found, rows = np.unique(numbers.astype(np.int_), return_inverse=True)
         return np.array([index[number] for number in found.tolist()], dtype=np.int_)[rows]
 
 
-@dataclass(frozen=True)
-class FixtureRows:
-    """Fixtures as a file names them.
-
-    Attributes:
-        labels: of each row's fixture, one a row; "" where the file names none.
-        observed: ``(n, d)`` m; NaN where nothing was observed.
-        warnings: what a reader should be told.
-    """
-
-    labels: Sequence[str]
-    observed: Array
-    warnings: tuple[str, ...] = ()
+FixtureRows = tuple[Sequence[str], Array]
+"""Label of each row's fixture, "" where the file names none; and readings ``(n, d)`` m, NaN where there are none."""
 
 
 @dataclass(frozen=True)
 class FixtureSensor(VirtualSensor, ABC):
-    """A kind of observation at fixtures: of one target, and of nothing in an instrument's frame."""
+    """A sensor at fixtures: of one target, and of nothing in an instrument's frame."""
 
     model: ClassVar[type[Fixtures]]
     in_instrument_frame: ClassVar[bool] = False
     setup: ClassVar[tuple[str, ...]] = ("fixtures",)
 
     @abstractmethod
-    def fixture_rows(self, arm: Model, data: Measurements, nominal: Array) -> FixtureRows:
+    def fixture_rows(self, data: Measurements) -> FixtureRows:
         """Read the fixtures that the file names.
 
         Raises:
-            LabError: a column is missing, or a cell says what cannot be.
+            LabError: a column is missing, or a cell has an impossible value.
         """
 
-    @abstractmethod
+    def contradictions(self, arm: Model, data: Measurements, nominal: Array) -> tuple[str, ...]:
+        """Return warnings of rows whose other readings contradict their joint positions: here, none."""
+        return ()
+
     def fixtures(self, arm: Model, nominal: Array, numbers: tuple[int, ...], labels: tuple[str, ...]) -> Fixtures:
-        """The model of these fixtures.
+        """Return the model of these fixtures.
 
         Raises:
-            LabError: an option of the kind does not hold for them.
+            LabError: an option of the sensor does not hold for them.
         """
+        return self.model(arm, nominal, numbers, labels)
 
     @classmethod
     def configured(cls, options: SensorOptions, fit: FitInputs) -> Self:
-        """The kind, whose observations no instrument weighs.
+        """Return the sensor, whose observations no instrument weights.
 
         Raises:
             LabError: an instrument or a validation file is given.
@@ -355,23 +347,23 @@ class FixtureSensor(VirtualSensor, ABC):
         return cls()
 
     def targets(self, data: Measurements) -> tuple[str, ...]:
-        """The target that touches or is tied, whatever points the file has."""
+        """Return the target that touches or is tied, whatever points the file has."""
         return ("p1",)
 
     def observation(self, arm: Model, data: Measurements, nominal: Array) -> tuple[Model, Measurements]:
-        """The fixtures that have enough rows, and these rows; a warning for each of the others.
+        """Return the fixtures that have enough rows, and these rows; a warning for each of the others.
 
         Raises:
-            LabError: the arm has several targets, no fixture has enough rows, or the file says what cannot be.
+            LabError: the arm has several targets, no fixture has enough rows, or a cell has an impossible value.
         """
         if len(arm.targets) != 1:
             raise LabError(
                 f"{option_name('observe')} {self.name} takes one target, not {', '.join(arm.targets)}: name one"
             )
-        rows, kind = self.fixture_rows(arm, data, nominal), self.model
-        measured = np.asarray(np.isfinite(rows.observed).all(axis=1))
-        labels = list(dict.fromkeys(name for name, there in zip(rows.labels, measured.tolist(), strict=True) if there))
-        number = np.array([labels.index(name) if name in labels else -1 for name in rows.labels])
+        (names, observed), kind = self.fixture_rows(data), self.model
+        measured = np.asarray(np.isfinite(observed).all(axis=1))
+        labels = list(dict.fromkeys(name for name, there in zip(names, measured.tolist(), strict=True) if there))
+        number = np.array([labels.index(name) if name in labels else -1 for name in names])
         counts = np.array([int((measured & (number == i)).sum()) for i in range(len(labels))])
         few = [i for i in range(len(labels)) if counts[i] < kind.least_rows]
         if len(few) == len(labels):
@@ -390,19 +382,19 @@ class FixtureSensor(VirtualSensor, ABC):
         full = replace(
             data,
             targets=model.targets,
-            points=rows.observed[:, None],
+            points=observed[:, None],
             conditions={**data.conditions, FIXTURE: number.astype(np.float64)},
-            warnings=(*data.warnings, *rows.warnings, *left_out),
+            warnings=(*data.warnings, *self.contradictions(arm, data, nominal), *left_out),
         )
         return model, full.take(np.flatnonzero(measured & ~np.isin(number, few)))
 
     def observed_truth(
         self, truth: Truth, found: Identification, real: TrueRobot, placed: Mapping[str, Array]
     ) -> Truth | None:
-        """Return the truth with the base at the origin and the fixtures there; None of a mechanism.
+        """Return the truth with the base at the origin and the fixtures there; None for a mechanism.
 
-        Without a known length the arm is scaled so that its longest link has its nominal length, as no contact gives
-        its size.
+        Without a given length the arm is scaled so that its longest link has its nominal length, as no contact
+        determines its size.
         """
         model = found.model
         assert isinstance(model, Fixtures)
@@ -427,13 +419,13 @@ class FixtureSensor(VirtualSensor, ABC):
 def refuse_blank(
     data: Measurements, column: str, labels: Sequence[str], group: str, rows: NDArray[np.bool_] | None = None
 ) -> None:
-    """Refuse rows to be used that do not say which fixture they are of.
+    """Refuse rows to be used that do not name their fixture.
 
     Args:
         data: the file's.
-        column: where a label is from.
+        column: of the labels.
         labels: one a row.
-        group: what a fixture is called.
+        group: name of a fixture.
         rows: ``(n,)`` those with something observed; all, if not given.
 
     Raises:
@@ -445,7 +437,7 @@ def refuse_blank(
 
 
 def _scaled(truth: Truth, scale: float) -> Truth:
-    """The truth of an arm whose lengths are so many times as long, in the same gauge: all joints turn."""
+    """Return the truth of an arm whose lengths are scaled, in the same gauge: all joints turn."""
     arm = truth.arm
     assert isinstance(arm, SerialArm)
     axes = [motion for motion in arm.motions(truth.values) if motion.joint is not None]

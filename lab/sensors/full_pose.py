@@ -1,4 +1,4 @@
-"""Full poses of a target: its position, and the orientation of a frame that is fixed to it.
+"""Measure full poses of a target: its position, and the orientation of a frame that is fixed to it.
 
 Metres and radians are compared by one number, the ratio of their noises. It is given, or estimated from the
 residuals as a ratio of two variance components (Foerstner 1979): the sums of squares of the positions' and of the
@@ -11,7 +11,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lab.calibration.gauss_newton import Observations
 from lab.calibration.identify import Identification, IdentifyOptions, Solve, identify
@@ -36,16 +35,16 @@ from lab.noise.instruments import Instrument, PoseInstrument
 from lab.sensors.options import FitInputs, PoseOptions, VirtualSetup
 from lab.sensors.virtual_sensor import SimulatedReadings, VirtualSensor
 from lab.simulation.effects import Effects
-from lab.simulation.tracking import scattered_points, seen_by, target_rotations
+from lab.simulation.tracking import VirtualMeasurement, target_rotations, track_with_errors, visible_targets
 from lab.simulation.true_robot import TrueRobot
 
 __all__ = ["QUATERNION", "PoseSensor", "Poses", "balanced"]
 
 QUATERNION = ("qw", "qx", "qy", "qz")
-_START_RATIO = 1.0  # rad per m: 1 mrad beside 1 mm, until the residuals say better
-ROUNDS = 4  # of the ratio's iteration
-SETTLED = 0.01  # a change of the ratio that is none
-EXACT = 1e-12  # residuals below this have no noise to be compared
+_START_RATIO = 1.0  # rad per m: 1 mrad beside 1 mm, until it is estimated from residuals
+_ROUNDS = 4  # of the ratio's iteration
+_SETTLED = 0.01  # relative change of the ratio that ends its iteration
+_EXACT = 1e-12  # residuals below this have no noise to be compared
 
 
 @dataclass(frozen=True)
@@ -82,7 +81,7 @@ class Poses:
 
     @property
     def model(self) -> Self:
-        """Itself: it is a model that says how it is observed."""
+        """This model, which defines its own observation."""
         return self
 
     @property
@@ -106,30 +105,29 @@ class Poses:
         return len(self.arm.targets)
 
     def within(self, data: Measurements) -> Self:
-        """Itself: no parameter is of some rows alone."""
+        """Return the model: no parameter is of some rows alone."""
         return self
 
     def nominal(self, values: Array) -> Array:
-        """The arm's, with the measured frame along the last one."""
+        """Return the arm's parameters, with the measured frame along the last one."""
         return np.concatenate([values[: len(self.arm.names)], np.zeros(3)])
 
     def column_priority(self) -> tuple[int, ...]:
-        """The arm's order; the tool's rotation after its positions."""
+        """Return the arm's order; the tool's rotation after its positions."""
         order = list(self.arm.column_priority())
         after = 1 + max(order.index(i) for i in indices_of_groups(self.arm.parameters, ["tool"]))
         return (*order[:after], *range(len(self.names) - 3, len(self.names)), *order[after:])
 
     def rank_point(self, values: Array) -> Array:
-        """The arm's ``(p,)``; the tool's rotation as it is in ``values``."""
+        """Return the arm's ``(p,)``; the tool's rotation as it is in ``values``."""
         return np.concatenate([self.arm.rank_point(values[:-3]), values[-3:]])
 
     def structure_joints(self, count: int, rng: np.random.Generator) -> Array:
-        """The arm's ``(count, joints + conditions)`` with no rotation measured: another would turn the same rows."""
+        """Return the arm's ``(count, joints + conditions)`` with no rotation measured: another turns the same rows."""
         identity = np.broadcast_to([1.0, 0.0, 0.0, 0.0], (count, 4))
         return np.concatenate([self.arm.structure_joints(count, rng), identity], axis=1)
 
     def _compilable(self, inputs: Array, values: Array) -> bool:
-        """Decide whether machine code can do it: it takes arms without effects, and real numbers."""
         return isinstance(self.arm, SerialArm) and real(inputs, values)
 
     def _points(self, inputs: Array, values: Array) -> Array:
@@ -141,11 +139,11 @@ class Poses:
 
     @with_fallback(_points, when=_compilable)
     def points(self, inputs: Array, values: Array) -> Array:
-        """Positions and rotations ``(n, k + 1, 3)``, m and rad."""
+        """Return positions and rotations ``(n, k + 1, 3)``, m and rad."""
         return self._oriented(inputs, values, rates=False)[0]
 
     def _observe(self, inputs: Array, values: Array) -> tuple[Array, Array]:
-        """``observe`` by numpy.
+        """Compute ``observe`` by numpy.
 
         A rotation w of the predicted frame (in the instrument's) changes the residual v = log(R_measured' R) by
         J_l(v)^-1 R_measured' w.
@@ -162,7 +160,7 @@ class Poses:
 
     @with_fallback(_observe, when=_compilable)
     def observe(self, inputs: Array, values: Array) -> tuple[Array, Array]:
-        """Positions and rotations ``(n, k + 1, 3)`` and their derivatives ``(n, k + 1, 3, p)``."""
+        """Return positions and rotations ``(n, k + 1, 3)`` and their derivatives ``(n, k + 1, 3, p)``."""
         return self._oriented(inputs, values, rates=True)
 
     def _oriented(self, inputs: Array, values: Array, *, rates: bool) -> tuple[Array, Array]:
@@ -171,7 +169,7 @@ class Poses:
         return code.oriented(inputs[:, :-4], values[:-3], values[-3:], inputs[:, -4:], rates=rates)
 
     def initial_guess(self, observed: Observations, values: Array) -> Array:
-        """Base and tool from the positions; the tool's rotation as the mean of R_flange' R_measured."""
+        """Estimate base and tool from the positions; the tool's rotation as the mean of R_flange' R_measured."""
         n = len(self.names) - 3
         whiten = observed.whiten[:, : self.positions]
         positions = Observations(observed.inputs[:, :-4], observed.points[:, :-1], whiten)
@@ -188,7 +186,7 @@ class Poses:
         return no_extra_residuals(self)
 
     def errors(self, data: Measurements, values: Array) -> Array:
-        """Lengths ``(n, k)`` of position errors in m: rotations are fitted, but not validated."""
+        """Return lengths ``(n, k)`` of position errors in m: rotations are fitted, but not validated."""
         arm = self.arm.points(data.inputs(self.arm.conditions), values[:-3])
         return np.asarray(np.linalg.norm(arm - data.points[:, : self.positions], axis=2))
 
@@ -197,7 +195,7 @@ class Poses:
 
 
 def _flange_rotation(arm: Model, inputs: Array, values: Array, points: Array) -> Array:
-    """The last frame's rotations ``(n, 3, 3)`` in the instrument's frame.
+    """Return the last frame's rotations ``(n, 3, 3)`` in the instrument's frame.
 
     A target's position t in the last frame enters its measured position as o + R t: it moves by the frame's axes where
     t is moved by one.
@@ -214,13 +212,13 @@ def _flange_rotation(arm: Model, inputs: Array, values: Array, points: Array) ->
 
 
 def _moved_tools(arm: Model, values: Array) -> list[Array]:
-    """The parameters with the first target moved by one along each axis of the last frame."""
+    """Return the parameters with the first target moved by one along each axis of the last frame."""
     tool = list(indices_of_groups(arm.parameters, ["tool"]))[:3]
     return [values + np.eye(len(values))[column] for column in tool]
 
 
 def _flange_rates(arm: Model, inputs: Array, values: Array, jacobian: Array) -> tuple[Array, Array]:
-    """The last frame's rotations ``(n, 3, 3)`` and their rates ``(n, 3, p)``, in the instrument's frame.
+    """Return the last frame's rotations ``(n, 3, 3)`` and their rates ``(n, 3, p)``, in the instrument's frame.
 
     A target's position t in the last frame enters its measured position as o + R t: the derivatives by t are the
     frame's axes r, and where t is moved by one axis's unit, every other derivative changes by dr. A rotation w makes
@@ -246,7 +244,7 @@ def _flange_rates(arm: Model, inputs: Array, values: Array, jacobian: Array) -> 
 
 
 def balanced(observation: Poses, data: Measurements, nominal: Array, request: IdentifyOptions | None = None) -> Poses:
-    """The observation with the ratio of the two noises that its residuals show (Foerstner 1979).
+    """Return the observation with the ratio of the two noises estimated from its residuals (Foerstner 1979).
 
     The residuals are those of least squares, whichever method then fits the parameters.
 
@@ -254,25 +252,25 @@ def balanced(observation: Poses, data: Measurements, nominal: Array, request: Id
         observation: with any ratio to start from.
         data: the observed poses, as ``identify`` takes them.
         nominal: ``(p,)`` nominal parameters.
-        request: what is asked of the identification.
+        request: the options of the identification.
 
     Returns:
-        The observation as it is where nothing is left over, or a noise is none.
+        The observation as it is where residuals or a noise are zero.
     """
     request = replace(request or IdentifyOptions(), solve=None)
-    for _ in range(ROUNDS):
+    for _ in range(_ROUNDS):
         sums = np.array(_variances(observation, identify(observation, data, nominal, Noise(), request), data))
-        if not np.isfinite(sums).all() or (np.sqrt(sums) < EXACT).any():
+        if not np.isfinite(sums).all() or (np.sqrt(sums) < _EXACT).any():
             return observation
         change = float(np.sqrt(sums[1] / sums[0]))
         observation = replace(observation, ratio=observation.ratio * change)
-        if abs(change - 1) < SETTLED:
+        if abs(change - 1) < _SETTLED:
             break
     return observation
 
 
 def _variances(observation: Poses, found: Identification, data: Measurements) -> tuple[float, float]:
-    """Variances (m^2) of positions and of rotations: sums of squares over their shares of the degrees of freedom."""
+    """Return variances (m^2) of positions and rotations: sums of squares over their degrees of freedom."""
     _, jacobian = observation.observe(data.inputs(observation.conditions), found.values)
     rows = jacobian[..., list(found.fit.free)] / observation.units[:, None, None]
     leverage = ((rows @ found.fit.unit_covariance()) * rows).sum(axis=-1)  # (n, k, 3)
@@ -290,7 +288,7 @@ class PoseSensor(VirtualSensor):
     """Positions of targets and the orientation of one.
 
     Attributes:
-        orientation: what three angles mean; None where the file has quaternions.
+        orientation: convention of the three angles; None where the file has quaternions.
         ratio: noise of a rotation over that of a position, rad per m; None to estimate it from the residuals.
         sequential: fit the angles from the orientations first, then the lengths from the positions.
     """
@@ -314,7 +312,7 @@ class PoseSensor(VirtualSensor):
 
     @classmethod
     def configured(cls, options: PoseOptions, fit: FitInputs) -> Self:
-        """Poses with these options.
+        """Return the sensor with these options.
 
         Raises:
             LabError: a validation file is given, ``--noise-mrad`` without ``--noise-mm``, or a prior
@@ -337,11 +335,11 @@ class PoseSensor(VirtualSensor):
 
     @property
     def solve(self) -> Solve | None:
-        """The sequential method, if it is asked for."""
+        """The sequential method, if it is requested."""
         return fit_sequentially if self.sequential else None
 
     def observation(self, arm: Model, data: Measurements, nominal: Array) -> tuple[Model, Measurements]:
-        """Positions of all targets and the orientation of the one that has some.
+        """Return positions of all targets and the orientation of the one that has some.
 
         Raises:
             LabError: no target has an orientation or several have, or a column or cell of it cannot be read.
@@ -358,57 +356,49 @@ class PoseSensor(VirtualSensor):
         return model, observed
 
     def balanced(self, model: Model, data: Measurements, nominal: Array, request: IdentifyOptions) -> Model:
-        """The model with the ratio of the two noises that its residuals show, where none was given."""
+        """Return the model with the ratio of the two noises estimated from its residuals, where none was given."""
         assert isinstance(model, Poses)
         return balanced(model, data, nominal, request) if self.ratio is None else model
 
     def weighted_by(self, instrument: Instrument, data: Measurements) -> Self:
-        """Poses with the ratio of the instrument's noises: of a rotation, and of a position, a mean of those seen."""
+        """Return the sensor with the instrument's ratio, the noise of a rotation over the mean of a position's."""
         points = data.points[data.seen]
-        known = isinstance(instrument, PoseInstrument) and instrument.kind != "exact"
-        if self.ratio is not None or not known or not len(points):
+        usable = isinstance(instrument, PoseInstrument) and instrument.kind != "exact"
+        if self.ratio is not None or not usable or not len(points):
             return self
         assert isinstance(instrument, PoseInstrument)
         mean = float(np.trace(instrument.covariance(points), axis1=-2, axis2=-1).mean()) / 3
         return replace(self, ratio=instrument.rotation_rad / float(np.sqrt(mean)))
 
     def weighted_as(self, model: Model) -> Self:
-        """Poses with the ratio of this model."""
+        """Return the sensor with the ratio of this model."""
         assert isinstance(model, Poses)
         return replace(self, ratio=model.ratio)
 
-    def simulate(
-        self,
-        real: TrueRobot,
-        joints: Array,
-        targets: tuple[str, ...],
-        instrument: Instrument,
-        rng: np.random.Generator,
-        readings: int,
-        conditions: Mapping[str, Array],
-        setup: VirtualSetup,
-    ) -> SimulatedReadings:
+    def simulate(self, poses: VirtualMeasurement, setup: VirtualSetup) -> SimulatedReadings:
         """Measure points as ``PointSensor`` does, and orientations of the first target, some of which may be missing.
 
         The points are those of ``--observe points`` with the same numbers drawn; orientations draw from a child.
         """
-        assert isinstance(instrument, PoseInstrument)  # else it does not observe poses
-        data, bad, scatter = scattered_points(real, joints, targets, instrument, rng, readings, conditions)
-        turning = rng.spawn(1)[0]
-        exact = target_rotations(real, joints, targets[0], conditions, scatter)
-        rotations = instrument.sample_rotations(exact, turning, readings)
-        visible = np.ones((len(joints), len(targets)), dtype=np.bool_)
-        if setup.occlusion:
-            visible = seen_by(real, joints, targets, instrument, conditions)
-        oriented = visible[:, 0] & _share(len(joints), setup.orientation_share, turning)
+        assert isinstance(poses.instrument, PoseInstrument)  # else it does not observe poses
+        joints, target = poses.joints, poses.targets[0]
+        data, bad, scatter = track_with_errors(poses)
+        turning = poses.rng.spawn(1)[0]
+        exact = target_rotations(poses.robot, joints, target, poses.conditions, scatter)
+        rotations = poses.instrument.sample_rotations(exact, turning, poses.readings)
+        visible = visible_targets(poses) if setup.occlusion else np.ones((len(joints), len(poses.targets)), np.bool_)
+        share = max(1, round(setup.orientation_share * len(joints)))
+        oriented = np.zeros(len(joints), dtype=np.bool_)
+        oriented[turning.permutation(len(joints))[:share]] = True
+        oriented &= visible[:, 0]
         points = np.where(visible[..., None], data.points, np.nan)
-        columns = orientation_texts(targets[0], rotations, oriented, self.orientation)
+        columns = orientation_texts(target, rotations, oriented, self.orientation)
         return SimulatedReadings(replace(data, points=points, other={**data.other, **columns}), bad)
 
     def observed_truth(
         self, truth: Truth, found: Identification, real: TrueRobot, placed: Mapping[str, Array]
     ) -> Truth | None:
-        """Return the truth with the rotation of the measured frame in the arm's last one; None of a mechanism."""
+        """Return the truth with the rotation of the measured frame in the arm's last one; None for a mechanism."""
         model = found.model
         assert isinstance(model, Poses)
         if not isinstance(truth.arm, SerialArm):
@@ -418,10 +408,3 @@ class PoseSensor(VirtualSensor):
         last = truth.arm.flange(rest, truth.values)[0, :3, :3]
         rotation = dict(zip(("tool.rx", "tool.ry", "tool.rz"), se3.log(last.T @ measured).tolist(), strict=True))
         return replace(truth, effects={**truth.effects, **rotation})
-
-
-def _share(poses: int, share: float, rng: np.random.Generator) -> NDArray[np.bool_]:
-    """``(poses,)``: which poses are of this share, as near as whole poses can be."""
-    chosen = np.zeros(poses, dtype=np.bool_)
-    chosen[rng.permutation(poses)[: max(1, round(share * poses))]] = True
-    return chosen

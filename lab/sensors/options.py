@@ -38,7 +38,7 @@ class SensorOptions(SocketOptions, PoseOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class VirtualSetup:
-    """Measurement set-up of a virtual arm, beside arm and instrument; each sensor names the fields that it reads."""
+    """Measurement set-up of a virtual arm, beside arm and instrument; a sensor's ``setup`` lists its fields."""
 
     occlusion: Annotated[
         bool,
@@ -54,12 +54,12 @@ class VirtualSetup:
 
 @dataclass(frozen=True)
 class FitInputs:
-    """The options of an identification beside a sensor's own, by which the sensor checks these.
+    """Options of an identification that a sensor checks beside its own.
 
     Attributes:
-        noise_mm: the noise that is assumed of a position (1σ per axis); None where it is not given.
+        noise_mm: assumed noise of a position (1σ per axis); None where it is not given.
         prior: whether the manufacturing tolerances are a prior.
-        instrument, validation_file: whether these are given, which are of points alone.
+        instrument, validation_file: whether these are given; they are for points alone.
     """
 
     noise_mm: float | None = None
@@ -68,7 +68,7 @@ class FitInputs:
     validation_file: bool = False
 
     def refuse_those_of_points(self, sensor: str) -> None:
-        """Refuse what only measured points can be judged or weighted by.
+        """Refuse options for measured points alone.
 
         Raises:
             LabError: an instrument or a validation file is given.
@@ -83,7 +83,7 @@ class FitInputs:
         """Refuse a file of points to validate on.
 
         Raises:
-            LabError: there is one.
+            LabError: a file is given.
         """
         if self.validation_file:
             raise LabError(f"{option_name('observe')} {sensor}: {option_name('validate')} is of points; leave it out")

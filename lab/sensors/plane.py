@@ -1,6 +1,5 @@
-"""Touched planes: a point of the tool on planes whose positions are fitted."""
+"""Measure by touching planes: a point of the tool on planes whose positions are fitted."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -11,13 +10,11 @@ from lab.calibration.sensor import SensorTerms
 from lab.core.measurements import Measurements
 from lab.core.se3 import Array, exp, left_jacobian, transform
 from lab.formats.measurement_csv import ObservedColumns
-from lab.kinematics.model import Model
-from lab.noise.instruments import Instrument
-from lab.sensors.contact import Chance, Contacts, fixture_measurements, reachable_points, without_sessions
+from lab.sensors.contact import FixtureSimulation
 from lab.sensors.fixtures import FixtureRows, Fixtures, FixtureSensor, refuse_blank
 from lab.sensors.options import VirtualSetup
-from lab.sensors.virtual_sensor import SimulatedReadings, refuse_several_targets
-from lab.simulation.true_robot import TrueRobot
+from lab.sensors.virtual_sensor import SimulatedReadings
+from lab.simulation.tracking import VirtualMeasurement
 
 __all__ = ["PlaneSensor", "Planes"]
 
@@ -35,7 +32,7 @@ class Planes(Fixtures):
     contact: ClassVar[bool] = True
 
     def predict(self, points: Array, fixtures: Array) -> tuple[Array, Array, Array]:
-        """Distances ``(n, 1)`` from the planes: a rotation w of a normal changes them by w'(n x p)."""
+        """Return distances ``(n, 1)`` from the planes: a rotation w of a normal changes them by w'(n x p)."""
         rotation = fixtures * np.array([1.0, 1.0, 0.0])
         normal = exp(rotation)[..., 2]
         observed = (normal * points).sum(axis=1, keepdims=True) - fixtures[:, 2:]
@@ -43,20 +40,20 @@ class Planes(Fixtures):
         return observed, normal[:, None], np.concatenate([by_rotation, -np.ones((len(points), 1, 1))], axis=2)
 
     def located(self, points: Array, observed: Array) -> Array:
-        """The plane ``(3,)`` of least squares: the normal is the direction of least spread."""
+        """Return the plane ``(3,)`` of least squares: the normal is the direction of least spread."""
         centre = points.mean(axis=0)
         normal = np.linalg.svd(points - centre)[2][-1]
         return _plane(normal if normal[2] >= 0 else -normal, centre)
 
     def at_base(self, placed: Array, T_base_instrument: Array, scale: float) -> Array:
-        """Planes ``(m, 3)`` from normals and distances ``(m, 4)`` in the instrument's frame."""
+        """Return planes ``(m, 3)`` from normals and distances ``(m, 4)`` in the instrument's frame."""
         normals = placed[:, :3] @ T_base_instrument[:3, :3].T
         points = transform(T_base_instrument, scale * placed[:, :3] * placed[:, 3:])
         upper = normals * np.where(normals[:, 2:] < 0, -1.0, 1.0)
         return np.array([_plane(normal, point) for normal, point in zip(upper, points, strict=True)])
 
     def random_fixtures(self, points: Array, rng: np.random.Generator) -> Array:
-        """Planes ``(m, 3)`` through the points, of random normals in the upper half."""
+        """Return planes ``(m, 3)`` through the points, with random normals in the upper half."""
         normals = rng.normal(size=(len(points), 3))
         normals[:, 2] = np.abs(normals[:, 2])
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -80,11 +77,11 @@ class PlaneSensor(FixtureSensor):
     finds_poses: ClassVar[bool] = True
 
     def rows(self, data: Measurements) -> NDArray[np.bool_]:
-        """``(n,)``: all, as a contact needs no column of its own."""
+        """Return all rows ``(n,)``, as a contact needs no column of its own."""
         return np.ones(len(data), dtype=np.bool_)
 
-    def fixture_rows(self, arm: Model, data: Measurements, nominal: Array) -> FixtureRows:
-        """The planes by location, else by session; one plane where nothing names any.
+    def fixture_rows(self, data: Measurements) -> FixtureRows:
+        """Return the planes by location, else by session; one plane where nothing names any.
 
         Raises:
             LabError: some rows name their plane, and another does not.
@@ -93,48 +90,32 @@ class PlaneSensor(FixtureSensor):
         labels = data.other.get("location", data.sessions)
         if any(labels):
             refuse_blank(data, column, labels, Planes.group)
-        return FixtureRows(labels, np.zeros((len(data), 1)))
+        return labels, np.zeros((len(data), 1))
 
-    def fixtures(self, arm: Model, nominal: Array, numbers: tuple[int, ...], labels: tuple[str, ...]) -> Fixtures:
-        """The planes."""
-        return Planes(arm, nominal, numbers, labels)
-
-    def simulate(
-        self,
-        real: TrueRobot,
-        joints: Array,
-        targets: tuple[str, ...],
-        instrument: Instrument,
-        rng: np.random.Generator,
-        readings: int,
-        conditions: Mapping[str, Array],
-        setup: VirtualSetup,
-    ) -> SimulatedReadings:
-        """Touch one plane after the other, in as many poses as ``joints`` ``(n, joints)``, which are new ones."""
-        refuse_several_targets("plane", targets)
-        chance, placing = Chance.of(real, instrument, (len(joints), 1), rng, readings), rng.spawn(1)[0]
-        set_there = without_sessions(conditions)
-        on, near = reachable_points(real, setup.fixtures, placing)
-        normals = placing.standard_normal(on.shape)
+    def simulate(self, poses: VirtualMeasurement, setup: VirtualSetup) -> SimulatedReadings:
+        """Touch one plane after the other, in as many poses as are given, which are new ones."""
+        arm = FixtureSimulation.drawn("plane", poses, 1)
+        on, near = arm.reachable_points(setup.fixtures)
+        normals = arm.rng.standard_normal(on.shape)
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        heights, number = (normals * on).sum(axis=1), np.arange(len(joints)) % len(on)
+        heights, number = (normals * on).sum(axis=1), np.arange(len(poses.joints)) % len(on)
 
         def gap(points: Array, rows: NDArray[np.int_]) -> Array:
             plane = number[rows]
-            along = (normals[plane] * (points - chance.displaced[rows])).sum(axis=1)
-            return np.asarray(along - heights[plane] - chance.noise[rows, 0])[:, None]
+            along = (normals[plane] * (points - arm.displaced[rows])).sum(axis=1)
+            return np.asarray(along - heights[plane] - arm.noise[rows, 0])[:, None]
 
-        touching = Contacts(real, set_there, chance.scatter, gap, near[number]).joints(placing)
+        touching = arm.joints_in_contact(gap, near[number])
         locations = tuple(str(1 + i) for i in number.tolist())
-        data = fixture_measurements(real, touching, set_there, {"location": locations})
+        data = arm.measurements(touching, {"location": locations})
         placed = {
             f"plane.{1 + i}": np.append(normal, z) for i, (normal, z) in enumerate(zip(normals, heights, strict=True))
         }
-        return SimulatedReadings(data, chance.bad, placed)
+        return SimulatedReadings(data, arm.bad, placed)
 
 
 def _plane(normal: Array, point: Array) -> Array:
-    """``(rx, ry, z)`` of the plane through a point ``(3,)``: e_z rotates into the normal ``(3,)`` about e_z x n."""
+    """Return ``(rx, ry, z)`` of the plane through a point: e_z rotates into the normal ``(3,)`` about e_z x n."""
     level = float(np.hypot(normal[0], normal[1]))
     angle = float(np.arctan2(level, normal[2]))
     ratio = angle / level if level > 1e-12 else 1.0

@@ -1,6 +1,5 @@
 """Measure points: positions of the tool's targets in an instrument's frame, the usual observation."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -11,12 +10,10 @@ from lab.core.measurements import Measurements
 from lab.core.se3 import Array
 from lab.formats.measurement_csv import ObservedColumns
 from lab.kinematics.model import Model
-from lab.noise.instruments import Instrument
 from lab.sensors.full_pose import Poses
 from lab.sensors.options import VirtualSetup
 from lab.sensors.virtual_sensor import SimulatedReadings, VirtualSensor
-from lab.simulation.tracking import measure_with_outlier_mask, seen_by
-from lab.simulation.true_robot import TrueRobot
+from lab.simulation.tracking import VirtualMeasurement, track_with_errors, visible_targets
 
 __all__ = ["PointSensor"]
 
@@ -41,20 +38,9 @@ class PointSensor(VirtualSensor):
         """Return the arm and the file's points as they are."""
         return arm, data
 
-    def simulate(
-        self,
-        real: TrueRobot,
-        joints: Array,
-        targets: tuple[str, ...],
-        instrument: Instrument,
-        rng: np.random.Generator,
-        readings: int,
-        conditions: Mapping[str, Array],
-        setup: VirtualSetup,
-    ) -> SimulatedReadings:
+    def simulate(self, poses: VirtualMeasurement, setup: VirtualSetup) -> SimulatedReadings:
         """Measure points of the targets, of all or of those that the instrument sees."""
-        data, bad = measure_with_outlier_mask(real, joints, targets, instrument, rng, readings, conditions)
+        data, bad, _ = track_with_errors(poses)
         if setup.occlusion:
-            visible = seen_by(real, joints, targets, instrument, conditions)
-            data = replace(data, points=np.where(visible[..., None], data.points, np.nan))
+            data = replace(data, points=np.where(visible_targets(poses)[..., None], data.points, np.nan))
         return SimulatedReadings(data, bad)

@@ -1,4 +1,4 @@
-"""List the sensors by name, with their options; a sensor's module is imported when it is used.
+"""List the sensors by name; a sensor's module is imported when it is used.
 
 This module imports no numpy, so that a command line is parsed quickly. A new sensor is a new line of ``SENSORS``, and
 its options, if it has any, are a new base of ``SensorOptions`` or new fields of ``VirtualSetup``.
@@ -79,7 +79,7 @@ def configured_sensor(name: str, options: SensorOptions, fit: FitInputs) -> "Vir
 
 
 def _flags_given(options: object, flags: type[Any] | None) -> list[str]:
-    """Return the flags of one sensor that differ from their defaults, as they are typed; none without ``flags``."""
+    """Return the flags of one sensor that differ from their defaults, as typed; none without ``flags``."""
     given = []
     for field in fields(flags) if flags is not None else ():
         if (value := getattr(options, field.name)) != field.default:

@@ -1,6 +1,5 @@
-"""A ball on the tool in sockets: each socket's centre is one point, which is fitted."""
+"""Measure with a ball on the tool in sockets: each socket's centre is a fitted point."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
@@ -11,22 +10,21 @@ from lab.calibration.sensor import SensorTerms
 from lab.core.errors import LabError, option_name
 from lab.core.limits import positive
 from lab.core.measurements import FIXTURE, Measurements
-from lab.core.se3 import Array, inverse
+from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.formats.measurement_csv import ObservedColumns
 from lab.kinematics.model import Model
-from lab.noise.instruments import Instrument
-from lab.sensors.contact import Chance, Contacts, fixture_measurements, reachable_points, without_sessions
+from lab.sensors.contact import FixtureSimulation
 from lab.sensors.fixtures import FixtureRows, Fixtures, FixtureSensor, refuse_blank
 from lab.sensors.options import FitInputs, SocketOptions, VirtualSetup
-from lab.sensors.virtual_sensor import SimulatedReadings, refuse_several_targets
-from lab.simulation.true_robot import TrueRobot
+from lab.sensors.virtual_sensor import SimulatedReadings
+from lab.simulation.tracking import VirtualMeasurement
 
 __all__ = ["SocketSensor", "Sockets"]
 
-_DISTANCE_WEIGHT = 30.0  # a distance between sockets is known that much better (0.01 mm) than a ball sits (0.3 mm)
+_DISTANCE_WEIGHT = 30.0  # a distance between sockets is that much more accurate (0.01 mm) than a ball's seat (0.3 mm)
 _WHOLE_LOCATIONS = 3  # from this many on, a location is fitted or held out as one
-_APART_M = 0.1  # of a location's two sockets, where nobody knows it
+_APART_M = 0.1  # of a location's two sockets, where no distance is given
 _NAMES = ("a", "b")
 _COLUMNS = ("location", "socket")
 
@@ -38,7 +36,7 @@ class Sockets(Fixtures):
     Labels are ``<location>.<socket>``.
 
     Attributes:
-        distance_m: known between the two sockets of every location; None if it is not.
+        distance_m: between the two sockets of every location; None if it is not given.
     """
 
     distance_m: float | None = None
@@ -47,20 +45,16 @@ class Sockets(Fixtures):
     contact: ClassVar[bool] = True
 
     def predict(self, points: Array, fixtures: Array) -> tuple[Array, Array, Array]:
-        """Vectors ``(n, 3)`` from the centres."""
+        """Return vectors ``(n, 3)`` from the centres."""
         one = np.broadcast_to(np.eye(3), (len(points), 3, 3))
         return points - fixtures, one, -one
 
     def located(self, points: Array, observed: Array) -> Array:
-        """The centre ``(3,)``: the mean of the points."""
+        """Return the centre ``(3,)``: the mean of the points."""
         return np.asarray(points.mean(axis=0))
 
-    def random_fixtures(self, points: Array, rng: np.random.Generator) -> Array:
-        """Centres ``(m, 3)`` at the points themselves."""
-        return points
-
     def extra_residuals(self, values: Array) -> tuple[Array, Array]:
-        """Return the known distance of each pair of sockets less that of the centres."""
+        """Return the given distance of each pair of sockets less that of the centres."""
         pairs = self._pairs()
         rows, residuals = np.zeros((len(pairs), len(self.names))), np.zeros(len(pairs))
         for row, (i, j) in enumerate(pairs):
@@ -73,7 +67,7 @@ class Sockets(Fixtures):
         return _DISTANCE_WEIGHT * residuals, _DISTANCE_WEIGHT * rows
 
     def cv_groups(self, data: Measurements) -> NDArray[np.int_] | None:
-        """Labels ``(n,)`` of the rows' locations, where there are three or more."""
+        """Return labels ``(n,)`` of the rows' locations, if there are three or more."""
         location = {number: label.rpartition(".")[0] for number, label in zip(self.numbers, self.labels, strict=True)}
         order = {name: i for i, name in enumerate(dict.fromkeys(location.values()))}
         if len(order) < _WHOLE_LOCATIONS:
@@ -81,7 +75,6 @@ class Sockets(Fixtures):
         return np.array([order[location[int(number)]] for number in data.conditions[FIXTURE]], dtype=np.int_)
 
     def _pairs(self) -> list[tuple[int, int]]:
-        """Indices of the two sockets of each location that has both."""
         if self.distance_m is None:
             return []
         at: dict[str, list[int]] = {}
@@ -95,7 +88,7 @@ class SocketSensor(FixtureSensor):
     """Contacts of a ball with sockets.
 
     Attributes:
-        distance_m: between the two sockets of a location; None if unknown.
+        distance_m: between the two sockets of a location; None if not given.
     """
 
     name: ClassVar[str] = "socket"
@@ -115,7 +108,7 @@ class SocketSensor(FixtureSensor):
 
     @classmethod
     def configured(cls, options: SocketOptions, fit: FitInputs) -> Self:
-        """Sockets at this distance.
+        """Return the sensor of sockets at the given distance.
 
         Raises:
             LabError: an instrument or a validation file is given, or the distance is not above zero.
@@ -127,13 +120,13 @@ class SocketSensor(FixtureSensor):
         return cls(MM.to_si(options.socket_distance_mm))
 
     def rows(self, data: Measurements) -> NDArray[np.bool_]:
-        """``(n,)``: those that name a location and a socket."""
+        """Return the rows ``(n,)`` that name a location and a socket."""
         none = ("",) * len(data)
         cells = zip(*(data.other.get(column, none) for column in _COLUMNS), strict=True)
         return np.array([all(texts) for texts in cells], dtype=np.bool_)
 
-    def fixture_rows(self, arm: Model, data: Measurements, nominal: Array) -> FixtureRows:
-        """The sockets by location and name.
+    def fixture_rows(self, data: Measurements) -> FixtureRows:
+        """Return the sockets by location and name.
 
         Raises:
             LabError: a column is missing, or empty in a row.
@@ -146,10 +139,10 @@ class SocketSensor(FixtureSensor):
                 )
             refuse_blank(data, column, data.other[column], Sockets.group)
         labels = [f"{location}.{socket}" for location, socket in zip(*(data.other[c] for c in _COLUMNS), strict=True)]
-        return FixtureRows(labels, np.zeros((len(data), 3)))
+        return labels, np.zeros((len(data), 3))
 
     def fixtures(self, arm: Model, nominal: Array, numbers: tuple[int, ...], labels: tuple[str, ...]) -> Fixtures:
-        """The sockets, with the distance between the two of a location.
+        """Return the sockets, with the distance between the two of a location.
 
         Raises:
             LabError: a distance is given, and a location has more than two sockets.
@@ -167,40 +160,23 @@ class SocketSensor(FixtureSensor):
                 )
         return replace(sockets, distance_m=self.distance_m)
 
-    def simulate(
-        self,
-        real: TrueRobot,
-        joints: Array,
-        targets: tuple[str, ...],
-        instrument: Instrument,
-        rng: np.random.Generator,
-        readings: int,
-        conditions: Mapping[str, Array],
-        setup: VirtualSetup,
-    ) -> SimulatedReadings:
-        """Put the ball into one socket after the other, in as many poses as ``joints`` ``(n, joints)``: new ones."""
-        refuse_several_targets("socket", targets)
-        chance, placing = Chance.of(real, instrument, (len(joints), 3), rng, readings), rng.spawn(1)[0]
-        set_there = without_sessions(conditions)
+    def simulate(self, poses: VirtualMeasurement, setup: VirtualSetup) -> SimulatedReadings:
+        """Put the ball into one socket after the other, in as many poses as are given, which are new ones."""
+        arm = FixtureSimulation.drawn("socket", poses, 3)
         apart_m = _APART_M if self.distance_m is None else self.distance_m
-        first, near = reachable_points(real, setup.fixtures, placing)
-        second = first + apart_m * _around(real, first) * placing.choice([-1.0, 1.0], (len(first), 1))
+        first, near = arm.reachable_points(setup.fixtures)
+        around = np.cross(arm.T_tracker_base[:3, 2], first - arm.T_tracker_base[:3, 3])  # the base's axis: within reach
+        around /= np.linalg.norm(around, axis=1, keepdims=True)
+        second = first + apart_m * around * arm.rng.choice([-1.0, 1.0], (len(first), 1))
         centres = np.stack([first, second], axis=1).reshape(-1, 3)
-        number = np.arange(len(joints)) % len(centres)
+        number = np.arange(len(poses.joints)) % len(centres)
 
         def gap(points: Array, rows: NDArray[np.int_]) -> Array:
-            return np.asarray(points - centres[number[rows]] - chance.noise[rows] - chance.displaced[rows])
+            return np.asarray(points - centres[number[rows]] - arm.noise[rows] - arm.displaced[rows])
 
-        touching = Contacts(real, set_there, chance.scatter, gap, near[number // 2]).joints(placing)
+        touching = arm.joints_in_contact(gap, near[number // 2])
         names = [(f"l{1 + i // 2}", _NAMES[i % 2]) for i in number.tolist()]
         locations, sockets = zip(*names, strict=True)
-        data = fixture_measurements(real, touching, set_there, {"location": locations, "socket": sockets})
+        data = arm.measurements(touching, {"location": locations, "socket": sockets})
         placed = {f"socket.l{1 + i // 2}.{_NAMES[i % 2]}": centre for i, centre in enumerate(centres)}
-        return SimulatedReadings(data, chance.bad, placed)
-
-
-def _around(real: TrueRobot, points: Array) -> Array:
-    """Unit vectors ``(m, 3)`` around the base's axis at places ``(m, 3)`` m in the instrument's frame: within reach."""
-    T = inverse(real.T_world_tracker) @ real.robot.T_world_frame0
-    around = np.cross(T[:3, 2], points - T[:3, 3])
-    return np.asarray(around / np.linalg.norm(around, axis=1, keepdims=True))
+        return SimulatedReadings(data, arm.bad, placed)

@@ -1,1 +1,1 @@
-"""The stand-in for reality: a MuJoCo robot that is a little off, measured with noise."""
+"""Simulation in MuJoCo: a true robot with errors, measured with noise."""

@@ -1,13 +1,14 @@
-"""Poses worth measuring: within limits, touching nothing, every wanted target in the tracker's sight.
+"""Draw candidate poses: within limits, free of collisions, every requested target visible; assign stations to poses.
 
-All of it is asked of the nominal model, the tracker at its nominal place. A target is visible if the
+All checks use the nominal model, with the tracker at its nominal pose. A target is visible if the
 instrument admits its range, its elevation and the angle at which the beam meets the reflector (whose
 axis is the site's z), and if a ray from the tracker's head reaches it. The tracker's own body stops no
-ray; every other visible geom does, so the collision shapes, a little fuller than the shells, count too.
+ray; every other visible geom does, so the collision shapes, a little larger than the shells, count too.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -15,18 +16,13 @@ from numpy.typing import NDArray
 
 from lab.core import se3
 from lab.core.errors import LabError
+from lab.core.measurements import STATION, Measurements
 from lab.core.progress import Progress, no_progress
 from lab.core.random import ScrambledSobol
 from lab.core.se3 import Array
 from lab.core.whole_folder import Keep, at_once
 from lab.noise.instruments import FieldOfView, Instrument
-from lab.simulation.collisions import (
-    LOWER_CLEARANCE,
-    collision_flags,
-    keeps_clearances,
-    most_frequent,
-    standing,
-)
+from lab.simulation.collisions import LOWER_CLEARANCE, collision_flags, keeps_clearances, kinematics_at, most_frequent
 from lab.simulation.model import RobotModel
 
 __all__ = [
@@ -36,30 +32,33 @@ __all__ = [
     "feasibility",
     "field_of_view",
     "incidence",
+    "refuse_idle_stations",
     "seeing_station",
+    "station_columns",
+    "stations_in",
     "view_of",
 ]
 
 MARGIN = 0.05  # of a joint's range, kept from each limit
-Feasible = Callable[[Array], NDArray[np.bool_]]
+_Feasible = Callable[[Array], NDArray[np.bool_]]
 _REASONS = ("limits", "singularity", "collision", "visibility")
 _BLOCK = 1024  # a power of two keeps Sobol's points even
-_PATIENCE, _WORST_SHARE = 16 * _BLOCK, 1 / 200  # draws without any candidate; least share of candidates
+_PATIENCE, _MIN_SHARE = 16 * _BLOCK, 1 / 200  # draws without any candidate; least share of candidates
 _HALF_INCH_BALL_M, _LARGEST_BALL_M, _RIM_M = 0.00635, 0.01905, 0.001  # half-inch and 1.5-inch reflectors
-_LOOKED_AT = 500  # colliding draws whose contacts a refusal counts
-_SAME_NOISE = 6  # decimals to which variances are alike
+_MAX_DESCRIBED = 500  # colliding draws whose contacts a refusal counts
+_SAME_NOISE = 6  # decimals to which variances are compared
 
 
 @dataclass(frozen=True)
 class Candidates:
-    """Feasible poses, and what became of the others.
+    """Feasible poses, and counts of the rejected ones.
 
     Attributes:
         joints: ``(m, n)`` joint positions, rad or m.
         drawn: quasi-random draws over the full limits, up to the last candidate.
         rejected: draws by the first reason against them: ``limits`` (in the margin), ``singularity`` (loops that do
-            not close, or nearly otherwise too), ``collision``,
-            ``visibility``. With the m candidates they sum up to ``drawn``.
+            not close, or are near another mode), ``collision``, ``visibility``; with the m candidates their sum is
+            ``drawn``.
     """
 
     joints: Array
@@ -77,13 +76,13 @@ def draw_candidates(
     progress: Progress = no_progress,
     keep: Keep = at_once,
 ) -> Candidates:
-    """``count`` feasible poses from a scrambled Sobol sequence over the joints' limits.
+    """Draw ``count`` feasible poses from a scrambled Sobol sequence over the joints' limits.
 
     The same generator state gives the same poses, and asking for more keeps the first ones.
 
     Args:
-        progress: told how many are found.
-        keep: how what was found of the draws is kept.
+        progress: called with the number found.
+        keep: stores the checked draws.
 
     Raises:
         LabError: a target is unknown, the tracker stands in the arm, or hardly any pose is feasible.
@@ -92,7 +91,8 @@ def draw_candidates(
         raise LabError(f"{count} candidate poses: ask for 1 or more")
     nearest = seeing_station(robot, targets, instrument)
     first_reason = _judge(robot, lambda joints: nearest(joints) >= 0, margin)
-    _refuse_tracker_in_arm(robot)
+    for station in range(len(robot.station_sites)):
+        _refuse_station_in_arm(robot, station)
     sobol = ScrambledSobol(robot.chain.size, rng)
     draws, reasons = np.empty((0, robot.chain.size)), np.empty(0, dtype=int)
     while (found := int(np.count_nonzero(reasons < 0))) < count:
@@ -108,20 +108,20 @@ def draw_candidates(
 
 def feasibility(
     robot: RobotModel, targets: Sequence[str], instrument: Instrument, margin: float = MARGIN, station: int = 0
-) -> Feasible:
-    """A callable: whether joint positions ``(n, joints)`` keep from the limits, touch nothing and show every target.
+) -> _Feasible:
+    """Return a test of joint positions ``(n, joints)``: off the limits, without contact, every target visible.
 
-    Quick to ask again and again, by one thread.
+    The test is quick to repeat, by one thread.
 
     Args:
-        station: of the instrument's stations, from 0, that which is to see the targets.
+        station: of the instrument, from 0, that measures the targets.
     """
     first_reason = _judge(robot, field_of_view(robot, targets, instrument, station), margin)
     return lambda joints: first_reason(joints) < 0
 
 
-def _judge(robot: RobotModel, sees: Feasible, margin: float) -> Callable[[Array], NDArray[np.int_]]:
-    """A callable: the first of ``_REASONS`` against each of the joint positions ``(n, joints)``, -1 for none."""
+def _judge(robot: RobotModel, sees: _Feasible, margin: float) -> Callable[[Array], NDArray[np.int_]]:
+    """Return a function of joint positions ``(n, joints)``: the first of ``_REASONS`` against each, -1 for none."""
     if not 0 <= margin < 0.5:
         raise LabError(f"margin {margin:g} of the joints' ranges: give 0 or more, below 0.5")
     data = mujoco.MjData(robot.model)
@@ -144,9 +144,9 @@ def _judge(robot: RobotModel, sees: Feasible, margin: float) -> Callable[[Array]
 def seeing_station(
     robot: RobotModel, targets: Sequence[str], instrument: Instrument
 ) -> Callable[[Array], NDArray[np.int_]]:
-    """A callable: the station, from 0, that sees the targets best at joint positions ``(n, joints)``; -1 for none.
+    """Return a function of joint positions ``(n, joints)``: the station, from 0, with the best view; -1 for none.
 
-    Of those that see every target that with the least noise there; where it is alike, that which the reflectors face.
+    The best of the stations that see every target has the least noise; at equal noise, the smallest incidence angle.
 
     Raises:
         LabError: the robot has no such target.
@@ -172,7 +172,7 @@ def _noise_and_angle(
 ) -> tuple[Array, Array]:
     """Return per station ``(n, s)`` the targets' variance (m^2; one without noise), and the incidence angle (rad)."""
     sites, Ts_world_station = [robot.model.site(name).id for name in targets], robot.Ts_world_station
-    points = np.stack([stand.site_xpos[sites] for stand in standing(robot, joints)])
+    points = np.stack([stand.site_xpos[sites] for stand in kinematics_at(robot, joints)])
     noise = np.ones((len(joints), len(Ts_world_station)))
     angle = np.empty_like(noise)
     for i, T in enumerate(Ts_world_station):
@@ -183,11 +183,11 @@ def _noise_and_angle(
     return noise, angle
 
 
-def field_of_view(robot: RobotModel, targets: Sequence[str], instrument: Instrument, station: int = 0) -> Feasible:
-    """A callable: whether the tracker sees every one of the targets at joint positions ``(n, joints)``.
+def field_of_view(robot: RobotModel, targets: Sequence[str], instrument: Instrument, station: int = 0) -> _Feasible:
+    """Return a test of joint positions ``(n, joints)``: whether the tracker sees every target.
 
     Args:
-        station: where it stands, of its stations, from 0.
+        station: of the tracker, from 0.
 
     Raises:
         LabError: the robot has no such target.
@@ -201,7 +201,7 @@ def field_of_view(robot: RobotModel, targets: Sequence[str], instrument: Instrum
     T_world_tracker = robot.Ts_world_station[station]
     head, turn = T_world_tracker[:3, 3].copy(), T_world_tracker[:3, :3]
     view = view_of(robot, instrument)
-    own = _tracker_body(robot, station) or -1  # a tracker drawn into the world itself leaves nothing out
+    own = _tracker_body(robot, station) or -1  # a tracker fixed in the world leaves nothing out
 
     def reached(stand: mujoco.MjData) -> bool:
         for site, radius in zip(sites, ball, strict=True):
@@ -213,11 +213,11 @@ def field_of_view(robot: RobotModel, targets: Sequence[str], instrument: Instrum
 
     def sees(joints: Array) -> NDArray[np.bool_]:
         points, axes = np.empty((2, len(joints), len(sites), 3))
-        for i, stand in enumerate(standing(robot, joints, data)):
+        for i, stand in enumerate(kinematics_at(robot, joints, data)):
             points[i], axes[i] = stand.site_xpos[sites], stand.site_xmat[sites, 2::3]
         admitted = view.admits((points - head) @ turn, axes @ turn)
         visible: NDArray[np.bool_] = np.all(admitted, axis=1)
-        rays = (reached(stand) for stand in standing(robot, joints[visible], data))
+        rays = (reached(stand) for stand in kinematics_at(robot, joints[visible], data))
         visible[visible] = np.fromiter(rays, bool, int(visible.sum()))
         return visible
 
@@ -227,16 +227,16 @@ def field_of_view(robot: RobotModel, targets: Sequence[str], instrument: Instrum
 def incidence(
     robot: RobotModel, targets: Sequence[str], joints: Array, station: NDArray[np.int_] | None = None
 ) -> Array:
-    """Angles ``(n, k)`` (rad) from each reflector's axis to the line to the head, at joint positions ``(n, joints)``.
+    """Return angles ``(n, k)`` (rad) from each reflector's axis to the line to the head, at ``joints`` ``(n, joints)``.
 
     Args:
-        targets: that the robot's model has.
-        station: ``(n,)`` from which each pose is measured, from 0; the first of all, if not given.
+        targets: of the robot's model.
+        station: ``(n,)`` that measures each pose, from 0; the first for all, if not given.
     """
     sites, heads = [robot.model.site(name).id for name in targets], robot.Ts_world_station[:, :3, 3]
     at = np.zeros(len(joints), dtype=np.int_) if station is None else station
     cosines = np.empty((len(joints), len(sites)))
-    for i, stand in enumerate(standing(robot, joints)):
+    for i, stand in enumerate(kinematics_at(robot, joints)):
         line = heads[at[i]] - stand.site_xpos[sites]
         cosines[i] = np.sum(line * stand.site_xmat[sites, 2::3], axis=1) / np.linalg.norm(line, axis=1)
     return np.arccos(np.clip(cosines, -1, 1))
@@ -253,13 +253,8 @@ def _tracker_body(robot: RobotModel, station: int = 0) -> int:
     return int(robot.model.site(robot.station_sites[station]).bodyid[0])
 
 
-def _refuse_tracker_in_arm(robot: RobotModel) -> None:
-    """The tracker's stand and head must be clear of the arm in half of the poses at least, at each of its stations."""
-    for station in range(len(robot.station_sites)):
-        _refuse_station_in_arm(robot, station)
-
-
 def _refuse_station_in_arm(robot: RobotModel, station: int) -> None:
+    """Refuse a tracker whose stand or head is in the arm in more than half of the poses."""
     model, body = robot.model, _tracker_body(robot, station)
     head, up = robot.Ts_world_station[station, :3, 3].copy(), np.array([0.0, 0.0, 1.0])
     joints, data = robot.chain.random_joints(256, np.random.default_rng(0)), mujoco.MjData(model)
@@ -278,11 +273,11 @@ def _refuse_station_in_arm(robot: RobotModel, station: int) -> None:
 
 
 def _touches_base(robot: RobotModel, body: int) -> bool:
-    """MuJoCo sees no contact between two bodies that both stand in the world."""
+    """Decide whether a body touches the base: MuJoCo reports no contact between two bodies fixed in the world."""
     model = robot.model
     if not (robot.base_body and body):
         return False
-    data = next(standing(robot, robot.chain.home[None]))
+    data = next(kinematics_at(robot, robot.chain.home[None]))
     solid = (model.geom_contype | model.geom_conaffinity) != 0
     of = [np.flatnonzero(solid & (model.geom_bodyid == b)) for b in (body, model.body(robot.base_body).id)]
     return any(mujoco.mj_geomDistance(model, data, a, b, 0.01, None) < 0 for a in of[0] for b in of[1])
@@ -296,11 +291,11 @@ def _refuse_hopeless(
     robot: RobotModel, targets: Sequence[str], draws: Array, reasons: NDArray[np.int_], count: int
 ) -> None:
     drawn, have = len(reasons), int(np.count_nonzero(reasons < 0))
-    if drawn < _PATIENCE or (have and drawn < count / _WORST_SHARE):
+    if drawn < _PATIENCE or (have and drawn < count / _MIN_SHARE):
         return
     n = _counted(reasons)
     place = " or ".join("(" + ", ".join(f"{x:.3g}" for x in head) + ")" for head in robot.Ts_world_station[:, :3, 3])
-    touching = draws[reasons == 2][:_LOOKED_AT]
+    touching = draws[reasons == 2][:_MAX_DESCRIBED]
     pairs = f" (of {len(touching)} of them, {most_frequent(robot, touching)})" if len(touching) else ""
     mend = "move the tracker, turn the targets towards it, or ask for fewer targets"
     if 2 * n["collision"] > drawn:
@@ -312,3 +307,44 @@ def _refuse_hopeless(
         f"limit, {n['singularity']} to a parallel singularity, {n['collision']} collide{pairs}, in {n['visibility']} "
         f"the tracker at {place} m does not see {', '.join(targets)}; {mend}"
     )
+
+
+def stations_in(path: Path, rows: Measurements, model: RobotModel) -> NDArray[np.int_]:
+    """Return the station ``(n,)``, from 0, of each row of a plan.
+
+    Args:
+        path: of the plan, for errors.
+        rows: of the plan.
+        model: in its cell.
+
+    Raises:
+        LabError: a row of a cell with several stations names none of them.
+    """
+    if len(model.stations) < 2:
+        return np.zeros(len(rows), dtype=np.int_)
+    valid = {name: i for i, name in enumerate(model.stations)}
+    for i, name in enumerate(rows.stations):
+        if name not in valid:
+            text = f"station '{name}' is none of the cell's" if name else "the station is missing"
+            raise LabError(f"{path}: {rows.where(i)}: {text}; write one of {', '.join(valid)} into the column station")
+    return np.array([valid[name] for name in rows.stations], dtype=np.int_)
+
+
+def station_columns(model: RobotModel, stations: NDArray[np.int_]) -> dict[str, Array]:
+    """Return the conditions ``(n,)`` of each pose's station, from 0; none for a single station."""
+    return {STATION + name: (stations == k).astype(np.float64) for k, name in enumerate(model.stations) if k}
+
+
+def refuse_idle_stations(model: RobotModel, stations: NDArray[np.int_], least: int) -> None:
+    """Refuse an assignment of poses to stations ``(n,)`` that gives one fewer than ``least``.
+
+    Raises:
+        LabError: a station measures too few poses.
+    """
+    counts = np.bincount(stations, minlength=max(len(model.stations), 1))
+    if len(model.stations) > 1 and counts.min() < least:
+        raise LabError(
+            f"{model.path}: station '{model.stations[int(counts.argmin())]}' measures {counts.min()} of "
+            f"{len(stations)} poses, because others see the rest better, and needs {least} at least to be placed; "
+            "leave it out, move it, or ask for more poses"
+        )

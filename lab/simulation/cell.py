@@ -1,9 +1,7 @@
-"""A robot's model in its cell: with what stands around it, what it carries, its limits, and its instrument's place.
+"""Put a robot's model into its cell: obstacles, tools, limits, and the instrument's pose; check the cell's numbers.
 
-Sizes and places of a cell that cannot be meant: lengths in metres under ``_mm``, an instrument inside the robot.
-
-What is surely wrong is refused; what may be right is a warning. Sizes are compared with those of things that people
-build cells of, and with the robot's reach.
+Implausible sizes and positions, such as lengths in metres under ``_mm`` or an instrument inside the robot, are refused
+if surely wrong, and warned of if they may be right. Sizes are compared with usual ones and with the robot's reach.
 """
 
 import warnings
@@ -22,7 +20,7 @@ from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.formats.cell_toml import Cell, Obstacle
 from lab.formats.link_tree import free_name
-from lab.simulation.collisions import at_contacts, describe_collisions, standing
+from lab.simulation.collisions import contacts_at, describe_collisions, kinematics_at
 from lab.simulation.meshes import VISUAL_GROUP
 from lab.simulation.model import (
     TRACKER,
@@ -36,22 +34,21 @@ from lab.simulation.model import (
     station_suffixed,
 )
 
-__all__ = ["extents_mm", "implausible", "in_cell", "in_words"]
+__all__ = ["edges_text", "extents_mm", "implausible", "in_cell"]
 
-Model = TypeVar("Model", bound=RobotModel)
+_Model = TypeVar("_Model", bound=RobotModel)
 _OBSTACLE_RGBA, _PLATE_RGBA = (0.45, 0.55, 0.65, 1.0), (0.58, 0.60, 0.64, 1.0)
 _REFLECTOR_M = 0.01905  # radius of a 1.5-inch reflector
 _MESHES = (".stl", ".obj")
 
 
-def in_cell(robot: Model, cell: Cell) -> Model:
-    """A copy of a robot's model with what its cell says.
+def in_cell(robot: _Model, cell: Cell) -> _Model:
+    """Return a copy of a robot's model in its cell.
 
-    The robot stays where it is in its model; what the cell has is put about it, gravity too where the robot is tilted.
+    The robot keeps its pose in the model; the cell is placed around it, and gravity turned if the robot is tilted.
 
     Raises:
-        LabError: the robot has no such joints, a file cannot be read, or the arm touches something at the home that
-            the cell says.
+        LabError: the robot has no such joints, a file cannot be read, or the arm touches something at the cell's home.
     """
     spec, T_robot_cell = robot.spec.copy(), se3.inverse(cell.robot.pose)
     spec.option.gravity = T_robot_cell[:3, :3] @ spec.option.gravity
@@ -89,7 +86,7 @@ def _carried(robot: RobotModel, shapes: "_Shapes", cell: Cell) -> tuple[dict[str
     """Put the cell's plates and tool points onto the flange.
 
     Returns:
-        The tool points (m, in the last frame) that there are, and the names of the plates' shapes.
+        The tool points (m, in the last frame), and the names of the plates' shapes.
     """
     if not (cell.plate or cell.tool):
         return robot.tool, ()
@@ -141,7 +138,7 @@ class _Shapes:
         return name
 
     def _add_mesh(self, shape: Obstacle) -> str:
-        """The name of a shape's mesh in the model, to which each file is added once."""
+        """Return the name of a shape's mesh in the model, to which each file is added once."""
         file = (self._path.parent / shape.file).resolve()
         if file.suffix.lower() not in _MESHES or not file.is_file():
             raise LabError(f"{self._path}: mesh '{shape.name}': {file} is no file of {' or '.join(_MESHES)}; give one")
@@ -163,7 +160,7 @@ def _place_tracker(robot: RobotModel, spec: mujoco.MjSpec, T_world_tracker: Arra
 
 
 def _add_station(robot: RobotModel, spec: mujoco.MjSpec, name: str, T_world_station: Array) -> None:
-    """A copy of the body that carries the tracker's head, at a further station; of the head alone without a body."""
+    """Copy the body that carries the tracker's head to a further station; the head alone without a body."""
     if int(robot.model.site(TRACKER).bodyid[0]) == 0:
         quat = se3.quaternion_from_rotation(T_world_station[:3, :3])
         spec.worldbody.add_site(name=station_suffixed(TRACKER, name), pos=T_world_station[:3, 3], quat=quat)
@@ -176,7 +173,7 @@ def _add_station(robot: RobotModel, spec: mujoco.MjSpec, name: str, T_world_stat
 
 
 def _body_pose_of_tracker(robot: RobotModel, T_world_head: Array) -> Array:
-    """World pose ``(4, 4)`` of the body that carries the tracker, where its head is to be at this one."""
+    """Return the world pose ``(4, 4)`` of the body that carries the tracker, from that of its head."""
     body = int(robot.model.site(TRACKER).bodyid[0])
     T_body_site = se3.inverse(body_pose(at_zero(robot.model), body)) @ robot.T_world_tracker
     return T_world_head @ se3.inverse(T_body_site)
@@ -184,7 +181,7 @@ def _body_pose_of_tracker(robot: RobotModel, T_world_head: Array) -> Array:
 
 _POSES = 100  # random ones within the limits
 _REFUSED_MM = (5.0, 100e3)  # an obstacle's longest edge is larger, and smaller
-_DOUBTED_MM = (30.0, 30e3)
+_DOUBTED_MM = (30.0, 30e3)  # warned of outside these
 _NEAR_MM = 5.0  # from the origin of its frame, without being there: metres under mm
 _TOOL_MM = 2.0
 _CLEARANCE_MM = 0.5
@@ -192,7 +189,7 @@ _AT_BASE_M, _NEAR_BASE_M = 0.05, 0.3  # between the instrument's head and the ro
 _NEAR_REACH = 0.7  # of the reach: an instrument nearer to the base is in the arm's way
 _FAR_HEAD_M = 30.0
 _SWALLOWED_M = 0.02  # how deep the base's origin is in an obstacle
-_ALWAYS, _MOSTLY = 1.0, 0.9  # shares of the poses in which the arm touches an obstacle
+_ALWAYS, _MOSTLY = 1.0, 0.9  # shares of the poses in which the arm touches an obstacle: refused, doubted
 _WIDE_TOOL = (1.0, 5.0)  # lengths of a tool or a plate beside the reach: doubted, refused
 _NARROW_DEG = 4 * np.pi  # a joint's range that would be two turns in radians
 
@@ -209,22 +206,22 @@ def implausible(robot: RobotModel, cell: Cell) -> tuple[str, ...]:
     joints = robot.chain.random_joints(_POSES, rng_for(0, "poses"))
     joints = joints[~np.isnan(robot.qpos(joints)).any(axis=1)]
     moving = np.flatnonzero(robot.model.body_weldid)
-    places = np.array([stand.xpos[moving] for stand in standing(robot, joints)]).reshape(-1, 3)
+    places = np.array([stand.xpos[moving] for stand in kinematics_at(robot, joints)]).reshape(-1, 3)
     reach = float(np.linalg.norm(places - robot.T_world_frame0[:3, 3], axis=1).max(initial=0.0))
     return (
-        *_of_sizes(robot, cell),
-        *_of_tools(cell, reach),
-        *_of_positions(cell),
-        *_of_base(robot, cell),
-        *_of_contacts(robot, cell, joints),
-        *_of_instrument(robot, cell, reach),
-        *_of_reach(robot, cell, reach),
-        *_of_joints(cell),
+        *_check_sizes(robot, cell),
+        *_check_tools(cell, reach),
+        *_check_positions(cell),
+        *_check_base(robot, cell),
+        *_check_contacts(robot, cell, joints),
+        *_check_instruments(robot, cell, reach),
+        *_check_reach(robot, cell, reach),
+        *_check_limits(cell),
     )
 
 
 def extents_mm(robot: RobotModel, shape: Obstacle, name: str) -> Array:
-    """Edges ``(3,)`` of the box around a shape, along its own axes.
+    """Return edges ``(3,)`` of the box around a shape, along its own axes.
 
     Args:
         robot: the model in the cell.
@@ -243,17 +240,16 @@ def extents_mm(robot: RobotModel, shape: Obstacle, name: str) -> Array:
     return np.asarray(MM.of(np.ptp(points, axis=0)))
 
 
-def in_words(extents: Sequence[float] | Array) -> str:
-    """Edges in mm, for a person."""
+def edges_text(extents: Sequence[float] | Array) -> str:
+    """Format edges in mm."""
     return " x ".join(f"{edge:.0f}" if edge >= 1000 else f"{edge:.3g}" for edge in extents) + " mm"
 
 
-def _of_sizes(robot: RobotModel, cell: Cell) -> Iterator[str]:
-    """Obstacles and plates whose longest edge is too short or too long for one."""
+def _check_sizes(robot: RobotModel, cell: Cell) -> Iterator[str]:
     names = [*robot.obstacles, *robot.plates]
     for shape, name in zip((*cell.obstacle, *cell.plate), names, strict=True):
         extents = extents_mm(robot, shape, name)
-        longest, what = float(extents.max()), f"{cell.path}: {shape.shape} '{shape.name}' is {in_words(extents)}"
+        longest, what = float(extents.max()), f"{cell.path}: {shape.shape} '{shape.name}' is {edges_text(extents)}"
         if shape.shape == "mesh":
             other = "m" if shape.unit == "mm" else "mm"
             mend = f'its unit is {shape.unit}; give unit = "{other}" if the file is in {other}'
@@ -268,8 +264,7 @@ def _of_sizes(robot: RobotModel, cell: Cell) -> Iterator[str]:
             yield f"{cell.path}: '{shape.name}' has a clearance of {stated:g} mm; give it in mm, not in metres"
 
 
-def _of_tools(cell: Cell, reach: float) -> Iterator[str]:
-    """Points and plates on the flange that are no tool's."""
+def _check_tools(cell: Cell, reach: float) -> Iterator[str]:
     lengths = {f"tool point '{point.name}'": MM.of(float(np.linalg.norm(point.position))) for point in cell.tool}
     for what, length in lengths.items():
         if 0 < length < _TOOL_MM:
@@ -285,8 +280,8 @@ def _of_tools(cell: Cell, reach: float) -> Iterator[str]:
             yield f"{text}; give lengths in mm"
 
 
-def _of_positions(cell: Cell) -> Iterator[str]:
-    """Places that are millimetres from the origin of their frame, as metres under ``_mm`` are."""
+def _check_positions(cell: Cell) -> Iterator[str]:
+    """Find positions millimetres from the origin of their frame, as metres under ``_mm`` are."""
     places = {f"obstacle '{each.name}'": each for each in cell.obstacle} | {"[robot]": cell.robot}
     for each in cell.instrument_places:
         places["[instrument]" if each is cell.instrument else f"station '{getattr(each, 'name', '')}'"] = each
@@ -296,21 +291,19 @@ def _of_positions(cell: Cell) -> Iterator[str]:
             yield f"{cell.path}: {what}: position_mm is [{at}]; give it in mm, not in metres"
 
 
-def _of_base(robot: RobotModel, cell: Cell) -> Iterator[str]:
-    """Obstacles that hold the origin of the robot's base."""
-    data = next(standing(robot, robot.chain.home[None]))
+def _check_base(robot: RobotModel, cell: Cell) -> Iterator[str]:
+    data = next(kinematics_at(robot, robot.chain.home[None]))
     for name in robot.obstacles:
         depth = _depth(robot.model, data, robot.model.geom(name).id, robot.T_world_frame0[:3, 3])
         if depth > _SWALLOWED_M:
             yield f"{cell.path}: the robot's base is {MM.of(depth):.0f} mm deep in '{name}'; move one of them"
 
 
-def _of_contacts(robot: RobotModel, cell: Cell, joints: Array) -> Iterator[str]:
-    """Obstacles that the arm touches wherever it is."""
+def _check_contacts(robot: RobotModel, cell: Cell, joints: Array) -> Iterator[str]:
     if not len(joints):
         return
     counts = dict.fromkeys(robot.obstacles, 0)
-    for data in at_contacts(robot.model, robot.qpos(joints)):
+    for data in contacts_at(robot.model, robot.qpos(joints)):
         for geom in np.unique(data.contact.geom):
             if (name := robot.model.geom(int(geom)).name) in counts:
                 counts[name] += 1
@@ -325,11 +318,10 @@ def _of_contacts(robot: RobotModel, cell: Cell, joints: Array) -> Iterator[str]:
             yield f"{text}; {mend}"
 
 
-def _of_instrument(robot: RobotModel, cell: Cell, reach: float) -> Iterator[str]:
-    """Instruments inside something, at the robot's base, in the arm's way, or far away."""
+def _check_instruments(robot: RobotModel, cell: Cell, reach: float) -> Iterator[str]:
     if not cell.instrument_places:
         return
-    model, data = robot.model, next(standing(robot, robot.chain.home[None]))
+    model, data = robot.model, next(kinematics_at(robot, robot.chain.home[None]))
     stands = {int(model.site(site).bodyid[0]) for site in robot.station_sites} - {0}
     solid = [
         geom
@@ -356,11 +348,10 @@ def _of_instrument(robot: RobotModel, cell: Cell, reach: float) -> Iterator[str]
             yield f"{who} is {away:.3g} m from the robot's base; give position_mm in mm"
 
 
-def _of_reach(robot: RobotModel, cell: Cell, reach: float) -> Iterator[str]:
-    """Cells of which nothing is in the robot's reach."""
+def _check_reach(robot: RobotModel, cell: Cell, reach: float) -> Iterator[str]:
     if not robot.obstacles:
         return
-    base, data = robot.T_world_frame0[:3, 3], next(standing(robot, robot.chain.home[None]))
+    base, data = robot.T_world_frame0[:3, 3], next(kinematics_at(robot, robot.chain.home[None]))
     ids = [robot.model.geom(name).id for name in robot.obstacles]
     gaps = np.linalg.norm(data.geom_xpos[ids] - base, axis=1) - robot.model.geom_rbound[ids]
     if gaps.min() > 2 * reach:
@@ -370,8 +361,7 @@ def _of_reach(robot: RobotModel, cell: Cell, reach: float) -> Iterator[str]:
         )
 
 
-def _of_joints(cell: Cell) -> Iterator[str]:
-    """Limits in degrees that look like radians."""
+def _check_limits(cell: Cell) -> Iterator[str]:
     for name, limits in cell.joints.items():
         low, high, cable = limits.lower_deg, limits.upper_deg, limits.cable_deg
         left = 2 * cable if cable is not None else None if low is None or high is None else high - low

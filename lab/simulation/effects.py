@@ -1,7 +1,7 @@
-"""Effects that displace a real arm from its geometric model at its joint positions, as one value.
+"""Combine the effects that displace a true arm from its geometric model at its joint positions.
 
-``TrueRobot.points`` composes what is the same at every visit, ``track`` adds what is not. Each effect is described in
-``kinematics.effects``; how an arm gives way under its load, in ``elastic``.
+``TrueRobot.points`` applies those that are the same at every visit, ``track`` the others. Each effect is described in
+``kinematics.effects``; deflection under load, in ``elastic``.
 """
 
 from collections.abc import Mapping, Sequence
@@ -41,8 +41,8 @@ from lab.kinematics.joints import JointSpec
 __all__ = ["NOTHING_SET", "Effects", "random_conditions", "random_effects", "true_parameters"]
 
 NOTHING_SET: Mapping[str, Array] = MappingProxyType({})
-_WARMING_K, _TIMES = 10.5, 3.0  # what an arm would warm up by in the end, and time constants that a campaign lasts
-Part = TypeVar("Part", bound=SimulatedEffect)
+_WARMING_K, _TIMES = 10.5, 3.0  # steady temperature rise of an arm, and time constants that a campaign lasts
+_Part = TypeVar("_Part", bound=SimulatedEffect)
 
 
 @dataclass(frozen=True)
@@ -50,8 +50,8 @@ class Effects:
     """The effects of one arm; ``Effects.none(n)`` has none.
 
     Attributes:
-        joints: how many the arm has.
-        parts: the effects, in the order of the registry; one that is off is zero.
+        joints: number of joints.
+        parts: the effects, in the order of the registry; zero for an effect that is off.
     """
 
     joints: int
@@ -71,12 +71,12 @@ class Effects:
         """Return no effects, for an arm of so many joints."""
         return cls(joints, ())
 
-    def part(self, kind: type[Part]) -> Part:
+    def part(self, kind: type[_Part]) -> _Part:
         """Return one of the effects; a null effect if the arm has none of this kind."""
         return next((part for part in self.parts if isinstance(part, kind)), kind.none(self.joints))
 
     def having(self, *parts: SimulatedEffect) -> "Effects":
-        """These effects instead of those of their kind."""
+        """Return these effects instead of those of their kind."""
         kinds = {type(part) for part in parts}
         return replace(self, parts=(*(part for part in self.parts if type(part) not in kinds), *parts))
 
@@ -95,11 +95,11 @@ class Effects:
         )
 
     def columns(self, joint_names: tuple[str, ...]) -> tuple[str, ...]:
-        """Names of the conditions that matter to these effects."""
+        """Return the names of the conditions that these effects depend on."""
         return in_order([name for part in self.parts for name in part.conditions(joint_names)])
 
     def refuse_unfit(self, chain: JointSpec) -> None:
-        """A LabError where an arm with these joints cannot have them."""
+        """Refuse an arm with these joints that cannot have them, with a LabError."""
         if self.joints != chain.size:
             raise LabError(f"effects of {self.joints} joints: robot {chain.name} has {chain.size}")
         for part in self.parts:
@@ -114,21 +114,21 @@ class Effects:
         return joints + error
 
     def moved(self, points: Array, base: Array, conditions: PoseConditions) -> Array:
-        """Points of the arm ``(m, k, 3)`` in the world, its foot ``(3,)`` there too, after what moves the whole arm."""
+        """Return points of the arm ``(m, k, 3)`` in the world after motions of the whole arm with base ``(3,)``."""
         for part in self.parts:
             if isinstance(part, MovesArm):
                 points = part.moved(points, base, conditions)
         return points
 
     def seen_after(self, points: Array, conditions: PoseConditions) -> Array:
-        """Points ``(m, k, 3)`` of the tracker's first frame in its frame at each pose."""
+        """Return points ``(m, k, 3)`` of the tracker's first frame in its frame at each pose."""
         for part in self.parts:
             if isinstance(part, MovesTracker):
                 points = part.seen_after(points, conditions)
         return points
 
     def shown(self, joints: Array) -> Array:
-        """The measured joint positions ``(m, n)`` of where the joints settle, in the order visited."""
+        """Return the measured joint positions ``(m, n)`` of where the joints settle, in the order visited."""
         for part in self.parts:
             if isinstance(part, ChangesJointPositions):
                 joints = part.shown(joints)
@@ -143,7 +143,7 @@ class Effects:
         return total
 
     def shaped_noise(self, noise: Array, rng: np.random.Generator) -> Array:
-        """The instrument's noise ``(poses, k, 3)`` m, from independent noise of it."""
+        """Return the instrument's noise ``(poses, k, 3)`` m, from independent noise of it."""
         for part in self.parts:
             if isinstance(part, ShapesNoise) and part.is_on:
                 noise = part.shaped(noise, rng)
@@ -161,12 +161,12 @@ class Effects:
 
 
 def _streams(rng: np.random.Generator, count: int) -> list[np.random.Generator]:
-    """So many streams, the first of which is ``rng`` itself."""
+    """Return ``count`` streams, the first of which is ``rng`` itself."""
     return [rng, *rng.spawn(count - 1)][:count] if count else []
 
 
 def random_effects(arm: ArmFacts, options: EffectOptions, rng: np.random.Generator) -> Effects:
-    """The effects of one arm: how large they are is said, the rest is chance.
+    """Draw the effects of one arm, of the sizes that options give.
 
     Each effect has children of ``rng`` for itself, in the registry's order, so that turning one on or making it larger
     leaves the draws of the others as they were; ``rng``'s own numbers are not used up.
@@ -214,8 +214,8 @@ def random_conditions(
 def true_parameters(effects: Effects) -> dict[str, float]:
     """Return the true values of identifiable parameters, by their names; joints count from 1.
 
-    Shares of several effects in one parameter add up. ``drift.*`` is how what is measured moves in an hour,
-    ``p' = exp(w t) (p + v t)``: the tracker's motion reversed. What an effect obscures is not in.
+    Shares of several effects in one parameter add up. ``drift.*`` is the hourly motion of measured points,
+    ``p' = exp(w t) (p + v t)``: the tracker's motion reversed. Parameters that an effect obscures are left out.
     """
     truth: dict[str, float] = {}
     for part in effects.parts:

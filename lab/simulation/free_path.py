@@ -1,9 +1,8 @@
-"""Clearances, and paths between poses that keep them.
+"""Check paths between poses, and build the model to plan with, whose shapes keep clearances.
 
-A robot's model to plan with: reflectors and nests are solid, and shapes meet while there is still room between them.
-
-The arm keeps a clearance from what stands around it, the floor among that, and another one between its own links.
-MuJoCo reports a contact where two shapes are nearer than their margin, so a pose without contacts keeps the clearances.
+In the model to plan with, reflectors and nests are solid. The arm keeps a clearance from its surroundings, including
+the floor, and another one between its own links. MuJoCo reports a contact where two shapes are nearer than their
+margin, so a pose without contacts keeps the clearances.
 """
 
 import copy
@@ -22,7 +21,7 @@ from lab.core.units import MM
 from lab.formats.link_tree import free_name
 from lab.noise.instruments import Instrument
 from lab.simulation.candidate_poses import view_of
-from lab.simulation.collisions import REFLECTOR, at_contacts
+from lab.simulation.collisions import REFLECTOR, contacts_at
 from lab.simulation.model import RobotModel, compiled
 
 __all__ = [
@@ -36,7 +35,7 @@ __all__ = [
 ]
 
 _STEP_M = 0.001  # along a path no point of the arm moves further than this between two places
-_ESTIMATED_STEP_M = 0.010  # of a mechanism, whose points' travel is estimated, and each place is looked at
+_ESTIMATED_STEP_M = 0.010  # of a mechanism, whose points' travel is estimated, and each configuration is checked
 _CLEAR_M = 0.040  # shapes that are farther apart than that and their clearance are not measured
 _SLACK_M = 1e-4  # of a computed distance
 _STILL_M = 1e-12  # two shapes that move less against each other stay as they are
@@ -44,9 +43,9 @@ _GOLDEN = (np.sqrt(5) - 1) / 2
 
 
 def path_check(robot: RobotModel) -> Callable[[Array, Array], bool]:
-    """A callable: whether the arm touches nothing while all joints move in proportion from ``(n,)`` to ``(n,)``.
+    """Return a test: whether the arm touches nothing while all joints move in proportion from ``(n,)`` to ``(n,)``.
 
-    It touches nothing at places so dense that no point of it moves more than ``path_step`` in between. By one thread.
+    Checked configurations are so dense that no point of the arm moves more than ``path_step`` in between. One thread.
     """
     return _Serial(robot) if robot.travel_is_bounded else _PlaceByPlace(robot)
 
@@ -57,7 +56,7 @@ def path_step(robot: RobotModel) -> float:
 
 
 class _PlaceByPlace:
-    """Checks of paths at evenly spaced places, for robots whose points' travel is only estimated."""
+    """Path checks at evenly spaced configurations, for robots whose points' travel is only estimated."""
 
     def __init__(self, robot: RobotModel) -> None:
         self.robot, self.data, self.reach = robot, mujoco.MjData(robot.model), robot.travel_per_joint()
@@ -69,20 +68,20 @@ class _PlaceByPlace:
         if np.isnan(qpos).any():
             return False
         spread = np.argsort(np.arange(len(qpos)) * _GOLDEN % 1.0)  # so that an obstacle is met early
-        return not any(data.ncon for data in at_contacts(self.robot.model, qpos[spread], self.data))
+        return not any(data.ncon for data in contacts_at(self.robot.model, qpos[spread], self.data))
 
 
 class _Serial:
-    """Checks of the paths of a serial arm, with few looks where there is room.
+    """Path checks of a serial arm, with few configurations where shapes are far apart.
 
-    A look at one place measures how much further apart than needed shapes are there. Until a pair has moved that far
-    against each other, it stays clear: only joints between its two bodies move them, none by more than their reach
-    says. Where there is hardly room, the next look is as far away as lets the pair move a step.
+    At one configuration the distance of each pair of shapes beyond its clearance is measured. Until the pair has moved
+    that far relative to each other, it stays clear: only joints between its two bodies move them, none by more than its
+    travel. At small distances the next configuration is at most a step away.
     """
 
     def __init__(self, robot: RobotModel) -> None:
         self.robot, self.model, self.data = robot, robot.model, mujoco.MjData(robot.model)
-        self.widened = copy.deepcopy(robot.model)  # its shapes meet ``_CLEAR_M`` before those of the model do
+        self.widened = copy.deepcopy(robot.model)  # in contact ``_CLEAR_M`` earlier than in the model
         self.widened.pair_margin[:] += _CLEAR_M + _SLACK_M
         self.widened.geom_margin[:] += (_CLEAR_M + _SLACK_M) / 2  # of two shapes, MuJoCo adds the margins
         self.widened.body_margin[:] += (_CLEAR_M + _SLACK_M) / 2
@@ -97,11 +96,11 @@ class _Serial:
         """Decide whether the path between two joint positions ``(joints,)`` is free of contact."""
         travel = np.abs(end - start) * self.reach
         total, ends = float(travel.sum()), self.robot.qpos(np.stack([start, end]))
-        if any(data.ncon for data in at_contacts(self.model, ends, self.data)):
+        if any(data.ncon for data in contacts_at(self.model, ends, self.data)):
             return False
         count = int(np.ceil(total / (2 * _CLEAR_M)))
         edges = np.linspace(0.0, 1.0, count + 1)
-        # evenly spread from the first look on, so that an obstacle is met early
+        # evenly spread from the first check on, so that an obstacle is met early
         order = np.argsort(np.arange(count) * _GOLDEN % 1.0).tolist()
         stretches = deque((float(edges[i]), float(edges[i + 1])) for i in order)
         while stretches:
@@ -118,7 +117,7 @@ class _Serial:
         """Return the share of the path on either side of ``(nq,)`` that is clear; negative if ``(nq,)`` is not.
 
         Args:
-            travel: ``(joints,)`` how far (m) a point moves at most by each joint on all of the path; ``total`` by all.
+            travel: ``(joints,)`` largest motion (m) of a point by each joint on all of the path; ``total`` by all.
         """
         data = self.data
         data.qpos[:] = qpos
@@ -135,13 +134,13 @@ class _Serial:
         return min(float((np.maximum(room - _SLACK_M, self.step / 2) / moving).min()), _CLEAR_M / total)
 
 
-Model = TypeVar("Model", bound=RobotModel)
+_Model = TypeVar("_Model", bound=RobotModel)
 
-CLEARANCE_MM = 20.0  # from surroundings, and of links that are not neighbours, unless more or less is asked for
+CLEARANCE_MM = 20.0  # default, from surroundings, and of links that are not neighbours
 INCIDENCE_MARGIN_RAD = np.deg2rad(3.0)  # kept from the largest angle that a reflector takes
 _MARGIN_SHARE = 0.1  # of that angle: a reflector that takes a few degrees keeps most of them
 _HALF_INCH_M, _LARGEST_M = 0.00635, 0.01905  # radius of a half-inch and of a 1.5-inch reflector
-_NEST = 4 / 3  # of the ball's radius: from its centre to the foot of its nest
+_NEST = 4 / 3  # of the ball's radius: from its centre to the base of its nest
 _CLEARANCE_SLACK_M = 1e-5  # of a computed distance
 _CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))  # of a box of two metres
 _INVISIBLE = (0.0, 0.0, 0.0, 0.0)  # no ray meets a shape that is transparent
@@ -152,8 +151,8 @@ class Clearances:
     """Clearances of a plan.
 
     Attributes:
-        surroundings_m: between the arm and what stands around it, where its cell states nothing else.
-        own_m: between links of the arm that are not neighbours, at most what the arm keeps at its nominal poses.
+        surroundings_m: between the arm and its surroundings, unless the cell states another.
+        own_m: between links of the arm that are not neighbours, at most that at its nominal poses.
     """
 
     surroundings_m: float = MM.to_si(CLEARANCE_MM)
@@ -161,7 +160,7 @@ class Clearances:
 
 
 def reflector_radii(robot: RobotModel, targets: Sequence[str], instrument: Instrument) -> Array:
-    """Radius ``(k,)`` (m) of the ball at each target: of its site, else the usual one of the instrument.
+    """Return radius ``(k,)`` (m) of the ball at each target: of its site, else the usual one of the instrument.
 
     A site smaller than a half-inch reflector states nothing. Trackers measure 1.5-inch reflectors unless the robot or
     its cell states others; targets of cameras and of ideal instruments are taken for half an inch.
@@ -171,18 +170,14 @@ def reflector_radii(robot: RobotModel, targets: Sequence[str], instrument: Instr
     return np.where(stated < _HALF_INCH_M - 1e-9, usual, np.minimum(stated, _LARGEST_M))
 
 
-def planning_model(robot: Model, targets: Sequence[str], instrument: Instrument, clearances: Clearances) -> Model:
-    """A copy of a robot's model whose contacts are what a plan avoids.
+def planning_model(robot: _Model, targets: Sequence[str], instrument: Instrument, clearances: Clearances) -> _Model:
+    """Return a copy of a robot's model whose contacts are those that a plan avoids.
 
     Each target is a ball in its nest, and two shapes touch as soon as they are within their clearance, and half of a
     path check's step more. An obstacle's or the cell's own clearance comes first. Neighbouring links keep none; other
-    links, and the first link from the surroundings, keep at most what they have at the nominal poses: home, joint
+    links, and the first link from the surroundings, keep at most that at the nominal poses: home, joint
     positions of zero, and the keyframes of the robot's file. Reflectors take a smaller angle, by
     ``INCIDENCE_MARGIN_RAD``.
-
-    Args:
-        targets: that are measured.
-        instrument: that measures them.
 
     Raises:
         LabError: MuJoCo cannot build the model.
@@ -203,7 +198,8 @@ def planning_model(robot: Model, targets: Sequence[str], instrument: Instrument,
     nearest = _least_distances(replace(robot, model=bare), [*own, *first], wanted)
     for pair, least, margin in zip([*own, *first], nearest, wanted, strict=True):
         if least <= 0 and shapes.reflectors & set(pair):
-            _exclude(spec, bare, pair)  # a ball that is drawn into a link's assumed shape
+            one, other = (bare.body(int(bare.geom_bodyid[each])).name for each in pair)
+            spec.add_exclude(bodyname1=one, bodyname2=other)  # a ball inside a link's assumed shape
             continue
         one, other = (bare.geom(each).name for each in pair)
         spec.add_pair(geomname1=one, geomname2=other, margin=max(0.0, min(margin, least - _CLEARANCE_SLACK_M)))
@@ -218,12 +214,11 @@ def planning_model(robot: Model, targets: Sequence[str], instrument: Instrument,
 
 
 def _required_clearance(robot: RobotModel, clearance_m: float) -> float:
-    """A clearance with what two shapes may close between two places of a path that are checked; none stays none."""
+    """Return a clearance plus half a path check's step; zero stays zero."""
     return clearance_m + path_step(robot) / 2 if clearance_m else 0.0
 
 
 def _add_reflectors(robot: RobotModel, spec: mujoco.MjSpec, targets: Sequence[str], radii: Array) -> None:
-    """Give each target a body with a ball and, behind it along the reflector's axis, its nest."""
     taken = {body.name for body in spec.bodies}
     for target, radius in zip(targets, radii.tolist(), strict=True):
         site = robot.model.site(target)
@@ -240,7 +235,6 @@ def _add_reflectors(robot: RobotModel, spec: mujoco.MjSpec, targets: Sequence[st
 
 
 def _name_shapes(spec: mujoco.MjSpec) -> None:
-    """Give every shape a name, by which pairs are told."""
     geoms = list(spec.geoms)
     taken = {geom.name for geom in geoms}
     for i, geom in enumerate(geoms):
@@ -261,11 +255,6 @@ def _mesh_boxes(spec: mujoco.MjSpec) -> None:
             geom.type, geom.meshname = mujoco.mjtGeom.mjGEOM_MESH, mesh
 
 
-def _exclude(spec: mujoco.MjSpec, model: mujoco.MjModel, pair: tuple[int, int]) -> None:
-    one, other = (model.body(int(model.geom_bodyid[each])).name for each in pair)
-    spec.add_exclude(bodyname1=one, bodyname2=other)
-
-
 @dataclass(frozen=True)
 class _Shapes:
     """The solid shapes of a model: those of the arm, those around it, and those of reflectors, by number."""
@@ -277,7 +266,7 @@ class _Shapes:
 
     @classmethod
     def of(cls, model: mujoco.MjModel, base_body: str) -> "_Shapes":
-        """The arm is what moves, and its base with all that stands on it."""
+        """Return the shapes of a model; the arm is all moving bodies, and its base with all on it."""
         base = model.body(base_body).id if base_body else -1
         on_base = np.zeros(model.nbody, dtype=bool)
         for body in range(1, model.nbody):  # MuJoCo numbers parents before children
@@ -292,7 +281,7 @@ class _Shapes:
         return cls(model, tuple(arm), tuple(around), frozenset(reflectors))
 
     def own_pairs(self) -> list[tuple[int, int]]:
-        """Pairs of the arm's shapes that are not of neighbours; a reflector has no neighbours but its carrier."""
+        """Return pairs of the arm's shapes that are not of neighbours; a reflector's only neighbour is its carrier."""
         return [
             pair
             for pair in combinations(self.arm, 2)
@@ -300,7 +289,7 @@ class _Shapes:
         ]
 
     def first_link_pairs(self, stated: Sequence[str]) -> list[tuple[int, int]]:
-        """Pairs of the surroundings, but those with a clearance of their own, and what moves on the world."""
+        """Return pairs of the first links and the surroundings without a clearance of their own."""
         weld, parent, of = self.model.body_weldid, self.model.body_parentid, self.model.geom_bodyid
         first = [geom for geom in self.arm if weld[of[geom]] and weld[parent[weld[of[geom]]]] == 0]
         return [
@@ -334,7 +323,7 @@ class _Shapes:
 
 
 def _least_distances(robot: RobotModel, pairs: Sequence[tuple[int, int]], wanted: Array) -> Array:
-    """Least distance (m) of each pair of shapes over the nominal poses; ``wanted`` and a slack where it is larger."""
+    """Return the least distance (m) of each pair of shapes over the nominal poses, at most ``wanted`` and a slack."""
     model, far = robot.model, wanted + 2 * _CLEARANCE_SLACK_M
     chain, data, least = robot.chain, mujoco.MjData(robot.model), far.copy()
     zero = np.zeros((1, chain.size))

@@ -1,4 +1,4 @@
-"""A robot's nominal model in MuJoCo, and what is read off any model of MuJoCo's."""
+"""Define a robot's nominal model in MuJoCo, and read poses off any MuJoCo model."""
 
 import copy
 import itertools
@@ -16,7 +16,6 @@ from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.core.values import Value
-from lab.extension_points import load_reference
 from lab.formats.cell_toml import Cell
 from lab.kinematics.dynamics.beam import LinkSections
 from lab.kinematics.joints import JointSpec
@@ -33,72 +32,66 @@ __all__ = [
     "SerialModel",
     "add_targets",
     "add_tracker",
+    "allow_massless",
     "at_zero",
     "body_pose",
     "compiled",
     "coordinates",
     "flange_body",
     "joint_axes",
-    "joint_name",
     "joint_of",
     "last_frame",
-    "let_weigh_nothing",
-    "one_line",
     "site_pose",
     "station_suffixed",
     "update_constants",
 ]
 
 FLANGE, TRACKER = "flange", "tracker"
-_DEFAULT_TRACKER = (1.6, -1.3, 1.1)  # head of a tracker (m) beside a small arm
+_DEFAULT_TRACKER = (1.6, -1.3, 1.1)  # head of a tracker (m) near a small arm
 
 
 @dataclass(frozen=True)
 class Origin:
-    """What a robot was loaded from.
+    """The files of a robot.
 
     Attributes:
-        source: the name or path that it was loaded by; "" where it was made in memory.
-        sha256: of the files that it was read from.
-        cell: that it stands in; None where it is alone with what its model has.
+        source: the name or path that it was loaded by; "" for a robot made in memory.
+        sha256: of its files.
+        cell: its cell; None without one.
+        load: loads the model of an origin again.
     """
 
     source: str = ""
     sha256: str = ""
     cell: Cell | None = None
-
-
-_LOAD_AGAIN = "lab.campaign.robot:load_again"  # from an origin to the model
+    load: "Callable[[Origin], RobotModel] | None" = field(default=None, compare=False, repr=False)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class RobotModel(Value, ABC):
-    """A robot's nominal model in MuJoCo; its kind answers by its methods.
+    """A robot's nominal model in MuJoCo.
 
-    It is pickled and copied as its origin, and loaded from there again: MuJoCo's descriptions cannot be pickled.
+    It is pickled and copied by its origin, and loaded from there again: MuJoCo's descriptions cannot be pickled.
 
     Attributes:
-        origin: what it was loaded from.
-        spec: what the model was compiled from; copy it before editing.
+        origin: the files that it was loaded from.
+        spec: source of the compiled model; copy it before editing.
         model: nominal, with a site for each target of ``tool`` and one for the tracker's head.
-        chain: the joints that are measured.
+        chain: the measured joints.
         T_world_frame0: pose ``(4, 4)`` (m) of the base's frame, a table's frame 0, in the world of the MuJoCo model.
-        base_body: what carries the moving ones, "" where that is the world.
+        base_body: the parent of the first moving body, "" if that is the world.
         tool: targets' positions (m) in a table's last frame, or the platform's.
-        shapes_assumed: whether the links' shapes are the lab's own (``meshes``).
-        masses_assumed: whether the masses of some links are.
-        acceptance_rad: largest angle off its axis that the reflector takes, where the cell says it; else the
-            instrument's.
-        overlapping: pairs of bodies that touch by construction: their contacts are not looked at.
-        held: joints of a gripper, which are held at zero.
-        stations: names of the places from which the instrument measures, the first of which is the site ``tracker``;
-            none where there is one alone without a name.
-        obstacles: shapes that its cell put around it, in the cell's order, and the clearance (m) that the cell states
-            of each; None where it states none.
-        plates: shapes that its cell put on its flange.
-        travel_is_bounded: whether no point of it moves further than ``travel_per_joint`` says; of the kind, not of the
-            model.
-        missing: what of the file could not be read, without which it cannot stand for reality; "" where nothing is.
+        shapes_assumed: whether the links' shapes are rods (``build_serial``).
+        masses_assumed: whether the masses of some links are those of rods.
+        acceptance_rad: largest angle off its axis that the reflector takes, from the cell; None for the instrument's.
+        overlapping: pairs of bodies that touch by construction: their contacts are not checked.
+        fixed_joints: joints of a gripper, which are fixed at zero.
+        stations: names of the instrument's stations, the first of which is the site ``tracker``; none for a single
+            one without a name.
+        obstacles: the cell's obstacles, in its order, each with its clearance (m); None where the cell states none.
+        plates: the cell's plates on the flange.
+        travel_is_bounded: whether ``travel_per_joint`` bounds the motion of every point.
+        missing: message on parts of the file that could not be read, which a virtual arm needs; "" if none.
     """
 
     travel_is_bounded: ClassVar[bool] = True
@@ -125,9 +118,9 @@ class RobotModel(Value, ABC):
         return self.chain.name
 
     def __reduce__(self) -> tuple[Callable[..., "RobotModel"], tuple[Any, ...]]:
-        if not self.origin.source:
+        if self.origin.load is None:
             raise TypeError(f"robot {self.chain.name} was made in memory; save it as a file and load that to pickle it")
-        return load_reference(_LOAD_AGAIN), (self.origin,)
+        return self.origin.load, (self.origin,)
 
     @property
     def assumed(self) -> str:
@@ -137,24 +130,24 @@ class RobotModel(Value, ABC):
 
     @abstractmethod
     def qpos(self, joints: Array) -> Array:
-        """MuJoCo's coordinates ``(n, nq)`` at joint positions ``(n, joints)``; NaN where the robot cannot stand so."""
+        """Return MuJoCo's coordinates ``(n, nq)`` at joint positions ``(n, joints)``; NaN if impossible."""
 
     @abstractmethod
     def travel_per_joint(self) -> Array:
-        """``(joints,)``: how far (m) a point of the arm moves at most per rad or m of each joint, in any pose.
+        """Return the largest motion ``(joints,)`` (m) of a point of the arm per rad or m of each joint, in any pose.
 
-        It is a bound only where ``travel_is_bounded``.
+        It is a bound only if ``travel_is_bounded``.
         """
 
     @abstractmethod
     def with_parameters(self, targets: tuple[str, ...], values: Array, joints: Array) -> tuple[mujoco.MjModel, Array]:
-        """A copy with the parameters ``(p,)`` of the arm with these targets, and its coordinates ``(n, nq)``.
+        """Return a copy with the parameters ``(p,)`` of the arm with these targets, and its coordinates ``(n, nq)``.
 
-        Its base stands where this model has it; the coordinates are those at joint positions ``(n, joints)``.
+        Its base has this model's pose; the coordinates are those at joint positions ``(n, joints)``.
         """
 
     def values_before(self, arm: RigidArm, T_world_tracker: Array) -> Array:
-        """Nominal parameters ``(p,)`` of the arm as a tracker at this pose ``(4, 4)`` sees it."""
+        """Return nominal parameters ``(p,)`` of the arm in the frame of a tracker at this pose ``(4, 4)``."""
         values = arm.nominal(self.tool)
         T_tracker_frame0 = se3.inverse(T_world_tracker) @ self.T_world_frame0
         values[:3], values[3:6] = T_tracker_frame0[:3, 3], se3.log(T_tracker_frame0[:3, :3])
@@ -167,7 +160,7 @@ class RobotModel(Value, ABC):
 
     @property
     def station_sites(self) -> tuple[str, ...]:
-        """The sites at the instrument's head, one for each place from which it measures."""
+        """The sites at the instrument's head, one for each station."""
         return (TRACKER, *(station_suffixed(TRACKER, name) for name in self.stations[1:]))
 
     @property
@@ -177,25 +170,25 @@ class RobotModel(Value, ABC):
         return np.stack([site_pose(self.model, data, site) for site in self.station_sites])
 
     def place_tracker(self, model: mujoco.MjModel, T_world_tracker: Array, station: int = 0) -> None:
-        """Move the body of a copy of the model that carries the site of a station, so that the site gets there."""
+        """Move the body of a station's site in a copy of the model, so that the site has this pose."""
         site = self.station_sites[station]
         body, nominal = int(model.site(site).bodyid[0]), at_zero(self.model)
         if not body:
             return
         T_body_site = se3.inverse(body_pose(nominal, body)) @ site_pose(self.model, nominal, site)
-        stand = T_world_tracker @ se3.inverse(T_body_site)
-        model.body_pos[body], model.body_quat[body] = stand[:3, 3], se3.quaternion_from_rotation(stand[:3, :3])
+        T = T_world_tracker @ se3.inverse(T_body_site)
+        model.body_pos[body], model.body_quat[body] = T[:3, 3], se3.quaternion_from_rotation(T[:3, :3])
 
 
 def coordinates(model: mujoco.MjModel, joint_names: Sequence[str], joints: Array) -> Array:
-    """A model's coordinates ``(n, nq)`` with these joints at values ``(n, joints)``, all others at zero."""
+    """Return a model's coordinates ``(n, nq)`` with these joints at values ``(n, joints)``, all others at zero."""
     qpos = np.zeros((len(joints), model.nq))
     qpos[:, [int(model.joint(name).qposadr[0]) for name in joint_names]] = joints
     return qpos
 
 
 def flange_body(model: mujoco.MjModel, bodies: Sequence[str]) -> str:
-    """The body that carries the flange's site, else the last of the jointed ones."""
+    """Return the body that carries the flange's site, else the last of the jointed ones."""
     for site in range(model.nsite):
         if model.site(site).name == FLANGE:
             return str(model.body(int(model.site_bodyid[site])).name)
@@ -215,7 +208,7 @@ def add_targets(body: mujoco.MjsBody, T_body_last: Array, tool: Mapping[str, Arr
 
 
 def add_tracker(spec: mujoco.MjSpec, away: float = 1.0) -> None:
-    """Give a model that has none the head of a tracker, so many times as far ``away`` as from a small arm."""
+    """Add the head of a tracker, ``away`` times as far as from a small arm."""
     taken = {body.name for body in spec.bodies}
     name = next(name for n in itertools.count(1) if (name := TRACKER if n == 1 else f"{TRACKER}{n}") not in taken)
     x, y, z = _DEFAULT_TRACKER
@@ -223,7 +216,7 @@ def add_tracker(spec: mujoco.MjSpec, away: float = 1.0) -> None:
 
 
 def at_zero(model: mujoco.MjModel) -> mujoco.MjData:
-    """The model's kinematics with every joint at zero."""
+    """Compute the model's kinematics with every joint at zero."""
     data = mujoco.MjData(model)
     data.qpos[:] = 0.0
     mujoco.mj_kinematics(model, data)
@@ -231,45 +224,40 @@ def at_zero(model: mujoco.MjModel) -> mujoco.MjData:
 
 
 def body_pose(data: mujoco.MjData, body: int) -> Array:
-    """World pose ``(4, 4)`` of a body."""
+    """Return world pose ``(4, 4)`` of a body."""
     return se3.pose(data.xmat[body].reshape(3, 3), data.xpos[body])
 
 
 def site_pose(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> Array:
-    """World pose ``(4, 4)`` of a site."""
+    """Return world pose ``(4, 4)`` of a site."""
     site = model.site(name).id
     return se3.pose(data.site_xmat[site].reshape(3, 3), data.site_xpos[site])
-
-
-def joint_name(model: mujoco.MjModel, body: str) -> str:
-    """The name of a body's joint."""
-    return str(joint_of(model, body).name)
 
 
 def joint_axes(
     model: mujoco.MjModel, data: mujoco.MjData, joint_names: Sequence[str], targets: Sequence[str]
 ) -> JointAxes:
-    """The joints' axes and the targets' sites in the world, at the pose that ``data`` holds."""
+    """Return the joints' axes and the targets' sites in the world, at the pose that ``data`` holds."""
     joints = [model.joint(name).id for name in joint_names]
     sites = [model.site(name).id for name in targets]
     return JointAxes(data.xanchor[joints].copy(), data.xaxis[joints].copy(), data.site_xpos[sites].copy())
 
 
 def compiled(path: Path, spec: mujoco.MjSpec) -> mujoco.MjModel:
-    """The spec as a model; a LabError with the file's name where it cannot be built."""
+    """Compile a spec; a LabError with the file's name if it cannot be built."""
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # MuJoCo's are about the dynamics, which nothing here integrates
+            warnings.simplefilter("ignore")  # MuJoCo's concern the dynamics, which the lab does not integrate
             return spec.compile()
     except ValueError as error:
-        raise LabError(f"{path}: MuJoCo cannot build it, mend this: {one_line(error)}") from error
+        raise LabError(f"{path}: MuJoCo cannot build it, mend this: {' '.join(str(error).split())}") from error
 
 
 def update_constants(model: mujoco.MjModel) -> None:
     """Compute again what MuJoCo derives from a model whose bodies were moved in place.
 
-    Its warnings are dropped, on the terminal and in MUJOCO_LOG.TXT: they are about the dynamics, which nothing here
-    integrates.
+    Its warnings, on the terminal and in MUJOCO_LOG.TXT, are dropped: they concern the dynamics, which the lab does not
+    integrate.
     """
     before = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda message: None)
@@ -279,19 +267,14 @@ def update_constants(model: mujoco.MjModel) -> None:
         mujoco.set_mju_user_warning(before)
 
 
-def let_weigh_nothing(spec: mujoco.MjSpec) -> None:
-    """Let it be compiled though moving bodies have no mass."""
+def allow_massless(spec: mujoco.MjSpec) -> None:
+    """Let a spec compile whose moving bodies have no mass."""
     spec.compiler.boundmass = max(spec.compiler.boundmass, 1e-9)
     spec.compiler.boundinertia = max(spec.compiler.boundinertia, 1e-12)
 
 
-def one_line(error: Exception) -> str:
-    """An error's words without line breaks."""
-    return " ".join(str(error).split())
-
-
 def joint_of(model: mujoco.MjModel, body: str) -> "mujoco._structs._MjModelJointViews":
-    """The first joint of a body."""
+    """Return the first joint of a body."""
     return model.joint(int(model.body(body).jntadr[0]))
 
 
@@ -302,7 +285,7 @@ class SerialModel(RobotModel):
     Attributes:
         chain: its distal Denavit-Hartenberg table.
         bodies: the jointed bodies, base outward.
-        links: what its description says of elastic links; None where it says nothing.
+        links: sections of elastic links from its description; None without any.
     """
 
     chain: Chain
@@ -315,11 +298,11 @@ class SerialModel(RobotModel):
         return flange_body(self.model, self.bodies)
 
     def qpos(self, joints: Array) -> Array:
-        """A joint's coordinate is its position; all others are zero."""
+        """Return MuJoCo's coordinates ``(n, nq)``: joint positions, and zero for all others."""
         return coordinates(self.model, self.chain.joint_names, joints)
 
     def travel_per_joint(self) -> Array:
-        """Bound the travel by the balls about each body's origin, around it and all that it carries."""
+        """Bound the travel by balls about each body's origin that contain it and all that it carries."""
         model = self.model
         touching = (model.geom_contype | model.geom_conaffinity) != 0
         joints = [model.joint(name) for name in self.chain.joint_names]
@@ -327,7 +310,7 @@ class SerialModel(RobotModel):
         for joint, slides in zip(joints, self.chain.prismatic, strict=True):
             far = np.abs(joint.range).max() if slides else 2 * np.linalg.norm(joint.pos)
             travel[joint.bodyid[0]] = far
-        ball = np.zeros(model.nbody)  # about each body's origin, around it and all that it carries
+        ball = np.zeros(model.nbody)
         for geom in np.flatnonzero(touching):
             body = model.geom_bodyid[geom]
             ball[body] = max(ball[body], np.linalg.norm(model.geom_pos[geom]) + model.geom_rbound[geom])
@@ -338,7 +321,7 @@ class SerialModel(RobotModel):
         return np.where(self.chain.prismatic, 1.0, moved)
 
     def with_parameters(self, targets: tuple[str, ...], values: Array, joints: Array) -> tuple[mujoco.MjModel, Array]:
-        """A copy with its bodies moved onto the joint axes that the parameters say."""
+        """Return a copy with its bodies moved onto the joint axes of the parameters, and its coordinates."""
         model = copy.deepcopy(self.model)
         self.place_bodies(model, SerialArm(self.chain, targets), values)
         return model, self.qpos(joints)
@@ -347,8 +330,8 @@ class SerialModel(RobotModel):
         """Move the bodies and target sites of a copy of the model so that it has the chain's axes and targets.
 
         Each jointed body turns by the smallest rotation that aligns its axis and shifts across it;
-        a body without a joint stays where it is on the one that carries it. ``values``' base is
-        not used: frame 0 stands where the model has it.
+        a body without a joint keeps its pose on its parent. The base in ``values`` is not used:
+        frame 0 is the model's.
         """
         moved = self.moved_bodies(arm, values)
         carrier = self.carrier
@@ -361,14 +344,14 @@ class SerialModel(RobotModel):
         targets = arm.split(still)[2]
         sites = {model.site(i).name: i for i in range(model.nsite)}
         for target, point in zip(arm.targets, targets, strict=True):
-            if target not in sites:  # a measured target that the model does not have
+            if target not in sites:  # a measured target without a site
                 continue
             site = sites[target]
             T_body_last = se3.inverse(moved[int(model.site_bodyid[site])]) @ T_world_last
             model.site_pos[site] = se3.transform(T_body_last, point[None])[0]
 
     def moved_bodies(self, arm: SerialArm, values: Array) -> list[Array]:
-        """Poses ``(4, 4)`` (m) of all bodies in the world, joint positions zero, as ``place_bodies`` puts them."""
+        """Return the world poses ``(4, 4)`` (m) of all bodies that ``place_bodies`` sets, joint positions zero."""
         still, data = _without_base(values), at_zero(self.model)
         moved = self._moved_poses(arm, still, data)
         if self.carrier not in self.bodies:
@@ -380,7 +363,7 @@ class SerialModel(RobotModel):
         return moved
 
     def _moved_poses(self, arm: SerialArm, values: Array, data: mujoco.MjData) -> list[Array]:
-        """World poses of all bodies, at joint positions zero, with the chain's axes."""
+        """Return world poses of all bodies, at joint positions zero, with the chain's axes."""
         model, T = self.model, self.T_world_frame0
         poses: list[Array] = [np.eye(4)]
         motions = {motion.joint: motion for motion in arm.motions(values) if motion.joint is not None}
@@ -405,14 +388,14 @@ class SerialModel(RobotModel):
 
 
 def _without_base(values: Array) -> Array:
-    """Parameters with the base at the origin: frame 0 stands where the model has it."""
+    """Return parameters with the base at the origin: frame 0 is the model's."""
     still = values.copy()
     still[:6] = 0.0
     return still
 
 
 def last_frame(chain: Chain, T_world_frame0: Array) -> Array:
-    """Pose ``(4, 4)`` of the table's last frame in the world, joint positions zero."""
+    """Return pose ``(4, 4)`` of the table's last frame in the world, joint positions zero."""
     arm = SerialArm(chain)
     pose: Array = T_world_frame0 @ arm.flange(np.zeros((1, chain.size)), arm.nominal())[0]
     return pose

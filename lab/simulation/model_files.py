@@ -1,9 +1,7 @@
 """Read and write MJCF and URDF models.
 
-What an MJCF or a URDF may hold, checked before MuJoCo reads it: sizes, finite numbers, files that are files.
-
-MuJoCo itself takes any size of a texture, of a height field and of what is replicated, and writes a log into the
-working folder where a number is not finite.
+Sizes, finite numbers and files are checked before MuJoCo reads a model: MuJoCo takes any size of a texture, of a height
+field and of replicated parts, and writes a log into the working folder if a number is not finite.
 """
 
 import itertools
@@ -40,25 +38,23 @@ from lab.kinematics.dynamics.rigid_body import khalil_chain, load_in_frame, load
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.serial.arm import DEFAULT_TOOL, SerialArm
 from lab.kinematics.serial.axes_to_dh import chain_from_axes
-from lab.simulation.collisions import at_contacts
-from lab.simulation.meshes import dress
+from lab.simulation.build_serial import add_rods
+from lab.simulation.collisions import contacts_at
 from lab.simulation.model import (
     FLANGE,
     TRACKER,
     SerialModel,
     add_targets,
     add_tracker,
+    allow_massless,
     at_zero,
     body_pose,
     compiled,
     coordinates,
     flange_body,
     joint_axes,
-    joint_name,
     joint_of,
     last_frame,
-    let_weigh_nothing,
-    one_line,
     site_pose,
 )
 
@@ -68,7 +64,6 @@ __all__ = [
     "XACRO",
     "bodies_of_links",
     "calibrated_mjcf",
-    "joint_limits",
     "link_inertias",
     "load_model",
     "loads_of",
@@ -85,10 +80,10 @@ _TEXTS = frozenset(("name", "file", "filename", "class", "childclass", "model", 
 
 
 def refuse_unbounded_model(path: Path) -> None:
-    """Refuse a model of more than can be worked with; what is wrong with it otherwise, MuJoCo tells.
+    """Refuse a model beyond the limits; MuJoCo reports other errors.
 
     Raises:
-        LabError: it is too large, nests too deeply, reads what is no file, or has a number that is not finite.
+        LabError: it is too large, nests too deeply, names no regular file, or has a number that is not finite.
     """
     joints, sizes = 0, dict[Path, int]()
     folders = {path.parent}
@@ -106,7 +101,7 @@ def refuse_unbounded_model(path: Path) -> None:
 
 
 def model_files(path: Path) -> set[Path]:
-    """The files that a model names, as far as they are there: meshes, pictures, included models.
+    """Return the existing files that a model names: meshes, pictures, included models.
 
     Raises:
         LabError: it cannot be read.
@@ -120,7 +115,6 @@ def model_files(path: Path) -> set[Path]:
 
 
 def _folders(path: Path, element: ET.Element) -> set[Path]:
-    """Folders in which an element says that files are."""
     return {path.parent / element.get(each, "") for each in ("meshdir", "texturedir", "assetdir")}
 
 
@@ -143,11 +137,11 @@ def _elements(path: Path) -> Iterator[tuple[ET.Element, int]]:
 
 
 def _root(file: Path) -> ET.Element:
-    """The outermost element: what this parser cannot read, MuJoCo's might, and nothing of it would be checked."""
+    """Return the outermost element; refuse a file that this parser cannot read, as MuJoCo's might, unchecked."""
     content = read_bytes(file, TEXT_BYTES)
     try:
         root = ET.fromstring(content)
-    except (ET.ParseError, LookupError, ValueError) as error:  # the last two of an encoding that there is not
+    except (ET.ParseError, LookupError, ValueError) as error:  # the last two: an unknown encoding
         text = error if content.strip() else "an empty file"
         raise LabError(f"{file}: not a readable MJCF or URDF, mend it there: {text}") from error
     try:
@@ -174,7 +168,6 @@ def _product(element: ET.Element, names: Sequence[str]) -> int:
 
 
 def _sizes(path: Path, folders: set[Path], name: str | None) -> dict[Path, int]:
-    """The sizes of the files that an element names, wherever they are."""
     sizes = {}
     for file in () if name is None else {folder / name for folder in folders}:
         try:
@@ -191,8 +184,8 @@ def _sizes(path: Path, folders: set[Path], name: str | None) -> dict[Path, int]:
 _SPEED_KEY, _ACCELERATION_KEY = "joint_speed_deg_per_s", "joint_acceleration_deg_per_s2"
 
 
-def joint_limits(path: Path, model: mujoco.MjModel, names: Sequence[str]) -> tuple[Array, Array, Array, Array]:
-    """Lower and upper limits, speeds and accelerations ``(n,)``, rad or m (per s, s^2); NaN where these are not given.
+def _joint_limits(path: Path, model: mujoco.MjModel, names: Sequence[str]) -> tuple[Array, Array, Array, Array]:
+    """Return lower and upper limits, speeds and accelerations ``(n,)``, rad or m (per s, s^2); NaN if not given.
 
     Raises:
         LabError: a range is crossed, a slide has none, or the speeds are not one for each joint and above zero.
@@ -210,7 +203,7 @@ def joint_limits(path: Path, model: mujoco.MjModel, names: Sequence[str]) -> tup
             raise LabError(f"{path}: slide {name} has no range; give it one")
         else:
             lower[i], upper[i] = -np.pi, np.pi
-    speed, acceleration = (_each(path, model, key, names, scale) for key in (_SPEED_KEY, _ACCELERATION_KEY))
+    speed, acceleration = (_per_joint(path, model, key, names, scale) for key in (_SPEED_KEY, _ACCELERATION_KEY))
     return (
         lower,
         upper,
@@ -219,8 +212,8 @@ def joint_limits(path: Path, model: mujoco.MjModel, names: Sequence[str]) -> tup
     )
 
 
-def _each(path: Path, model: mujoco.MjModel, key: str, names: Sequence[str], scale: Array) -> Array | None:
-    """A number of the model for each joint ``(n,)``, in rad or m; None where it has none."""
+def _per_joint(path: Path, model: mujoco.MjModel, key: str, names: Sequence[str], scale: Array) -> Array | None:
+    """Return a custom number of the model for each joint ``(n,)``, in rad or m; None without any."""
     found = [i for i in range(model.nnumeric) if model.numeric(i).name == key]
     if not found:
         return None
@@ -233,7 +226,7 @@ def _each(path: Path, model: mujoco.MjModel, key: str, names: Sequence[str], sca
 
 
 def _urdf_speeds(path: Path, names: Sequence[str]) -> Array:
-    """Speeds ``(n,)`` of a URDF's ``<limit velocity>``, which MuJoCo does not keep; NaN where there are none."""
+    """Return the speeds ``(n,)`` of a URDF's ``<limit velocity>``, which MuJoCo drops; NaN without any."""
     text = path.read_bytes()
     if b"<robot" not in text or b"<!" in text.replace(b"<!--", b""):  # no entities: they can be made to explode
         return np.full(len(names), np.nan)
@@ -249,16 +242,16 @@ def _urdf_speeds(path: Path, names: Sequence[str]) -> Array:
     return np.where(speeds > 0, speeds, np.nan)
 
 
-_POSES = 200  # at which is looked what overlaps by construction
+_POSES = 200  # at which overlaps by construction are searched
 
 
 def load_model(path: Path) -> SerialModel:
     """Load an MJCF or a URDF with exactly one serial chain of hinges and slides.
 
     Sites on the last body or beyond it are its targets, except one named ``flange``, which
-    places the last frame (of a URDF a link ``tool0`` or ``flange``). It gets those of the default tool that it
-    lacks; one without a site ``tracker`` gets a tracker beside it, and one without shapes gets rods for links.
-    Meshes that cannot be read are left out, and told.
+    places the last frame (of a URDF a link ``tool0`` or ``flange``). Missing targets of the default tool are added,
+    a tracker if there is no site ``tracker``, and rods for links if there are no shapes.
+    Meshes that cannot be read are left out, with a message.
 
     Raises:
         LabError: the file is malformed, or has no chain, several, or one that is not serial.
@@ -271,16 +264,19 @@ def load_model(path: Path) -> SerialModel:
     bodies = _serial_bodies(path, model)
     data = at_zero(model)
     flange = _flange_pose(model, data, bodies)
-    base_body = _base_body(model, bodies)
+    parent = int(model.body(bodies[0]).parentid[0])
+    base_body = str(model.body(parent).name) if parent else ""
+    joints = [joint_of(model, body) for body in bodies]
+    names = [str(joint.name) for joint in joints]
     base = body_pose(data, model.body(base_body).id) if base_body else np.eye(4)
     chain, T_world_frame0 = chain_from_axes(
         path.resolve().parent.name if path.stem in ("robot", "scene") else path.stem,
-        tuple(joint_name(model, body) for body in bodies),
-        tuple(bool(joint_of(model, body).type[0] == mujoco.mjtJoint.mjJNT_SLIDE) for body in bodies),
-        joint_axes(model, data, [joint_name(model, body) for body in bodies], ()),
+        tuple(names),
+        tuple(bool(joint.type[0] == mujoco.mjtJoint.mjJNT_SLIDE) for joint in joints),
+        joint_axes(model, data, names, ()),
         base,
         flange,
-        joint_limits(path, model, [joint_name(model, body) for body in bodies]),
+        _joint_limits(path, model, names),
     )
     T_world_last = last_frame(chain, T_world_frame0)
     tool = _own_targets(model, data, bodies, T_world_last)
@@ -292,7 +288,7 @@ def load_model(path: Path) -> SerialModel:
         add_tracker(spec)
     solid = model.geom_bodyid[(model.geom_contype | model.geom_conaffinity) != 0]
     shapeless = not missing and not np.isin(solid, _beyond(model, bodies[0])).any()
-    weighted = shapeless and dress(path, spec, chain, T_world_frame0, bodies, tool | spare)
+    weighted = shapeless and add_rods(path, spec, chain, T_world_frame0, bodies, tool | spare)
     model = compiled(path, spec)
     overlapping = _exclude_overlaps(spec, model, chain, (base_body, bodies[0]))
     model = compiled(path, spec) if overlapping else model
@@ -306,15 +302,15 @@ def load_model(path: Path) -> SerialModel:
 def _exclude_overlaps(
     spec: mujoco.MjSpec, model: mujoco.MjModel, chain: JointSpec, base: tuple[str, str]
 ) -> tuple[tuple[str, str], ...]:
-    """Exclude the contact of bodies that touch in all of many random poses; their names.
+    """Exclude the contact of bodies that touch in all of many random poses; return their names.
 
-    Of the base and the first link, too, where they touch in some: MuJoCo looks at the contact of no other neighbours.
-    Not of the tracker's body, where it is one of its own: what stands in the arm's way is a fault of the scene.
+    The contact of the base and the first link is excluded if they touch in some: MuJoCo checks no other neighbours.
+    Contacts of the tracker's own body are kept: a tracker in the arm's way is an error of the scene.
     """
     stand = str(model.body(model.site(TRACKER).bodyid[0]).name)
     always, sometimes = set[tuple[str, str]](), set[tuple[str, str]]()
     joints = chain.random_joints(_POSES, rng_for(0, "structure"))
-    for i, data in enumerate(at_contacts(model, coordinates(model, chain.joint_names, joints))):
+    for i, data in enumerate(contacts_at(model, coordinates(model, chain.joint_names, joints))):
         pairs = {(int(min(pair)), int(max(pair))) for pair in model.geom_bodyid[data.contact.geom]}
         touching = {(str(model.body(a).name), str(model.body(b).name)) for a, b in pairs if a}  # a = 0: the world
         always, sometimes = touching if i == 0 else always & touching, sometimes | touching
@@ -325,7 +321,7 @@ def _exclude_overlaps(
 
 
 def _built(path: Path, urdf: UrdfSource | None) -> tuple[mujoco.MjSpec, mujoco.MjModel, str]:
-    """The file as a spec and a model; where its meshes cannot be read, without them, and why."""
+    """Return the file as a spec and a model; without its meshes if they cannot be read, and the reason."""
     spec = _read(path, urdf)
     try:
         if urdf is not None and urdf.missing:
@@ -344,16 +340,15 @@ def _built(path: Path, urdf: UrdfSource | None) -> tuple[mujoco.MjSpec, mujoco.M
 
 
 def _delete_meshes(spec: mujoco.MjSpec) -> None:
-    """Leave the kinematics; a body whose mass came from a mesh gets next to none."""
     for geom in [geom for geom in spec.geoms if geom.type == mujoco.mjtGeom.mjGEOM_MESH]:
         spec.delete(geom)
     for mesh in list(spec.meshes):
         spec.delete(mesh)
-    let_weigh_nothing(spec)
+    allow_massless(spec)
 
 
 def _read(path: Path, urdf: UrdfSource | None) -> mujoco.MjSpec:
-    """The file with a name for every body that has no joint, and without sites that have no name."""
+    """Read a file; name bodies without joints, and drop sites without names."""
     try:
         spec = (
             mujoco.MjSpec.from_file(str(path))
@@ -361,10 +356,10 @@ def _read(path: Path, urdf: UrdfSource | None) -> mujoco.MjSpec:
             else mujoco.MjSpec.from_string(urdf.text, assets=urdf.assets)
         )
     except ValueError as error:
-        raise LabError(f"{path}: not a readable MJCF or URDF, mend it there: {one_line(error)}") from error
-    spec.compiler.fusestatic = False  # a fixed link says where the flange is
+        raise LabError(f"{path}: not a readable MJCF or URDF, mend it there: {' '.join(str(error).split())}") from error
+    spec.compiler.fusestatic = False  # a fixed link places the flange
     if not spec.geoms:
-        let_weigh_nothing(spec)  # until it gets rods
+        allow_massless(spec)  # until it gets rods
     for site in [site for site in spec.sites if not site.name]:
         spec.delete(site)
     names = {body.name for body in spec.bodies}
@@ -376,7 +371,6 @@ def _read(path: Path, urdf: UrdfSource | None) -> mujoco.MjSpec:
 
 
 def _serial_bodies(path: Path, model: mujoco.MjModel) -> tuple[str, ...]:
-    """The jointed bodies of the one chain, base outward."""
     jointed = [b for b in range(1, model.nbody) if model.body_jntnum[b] > 0]
     if not jointed:
         raise LabError(f"{path}: no joints, so no chain; give a model with hinge or slide joints")
@@ -400,13 +394,12 @@ def _serial_bodies(path: Path, model: mujoco.MjModel) -> tuple[str, ...]:
         if not any(tip in _ancestors(model, b)[1:] for b in jointed):
             chains.append([b for b in reversed(path_up) if b in jointed])
     if len(chains) > 1:
-        listed = "; ".join(", ".join(joint_name(model, model.body(b).name) for b in chain) for chain in chains)
+        listed = "; ".join(", ".join(str(joint_of(model, model.body(b).name).name) for b in chain) for chain in chains)
         raise LabError(f"{path}: {len(chains)} candidate chains ({listed}); keep one")
     return tuple(model.body(b).name for b in chains[0])
 
 
 def _ancestors(model: mujoco.MjModel, body: int) -> list[int]:
-    """The body, its parent, and so on up to but without the world."""
     line = []
     while body != 0:
         line.append(body)
@@ -414,13 +407,7 @@ def _ancestors(model: mujoco.MjModel, body: int) -> list[int]:
     return line
 
 
-def _base_body(model: mujoco.MjModel, bodies: tuple[str, ...]) -> str:
-    parent = int(model.body(bodies[0]).parentid[0])
-    return str(model.body(parent).name) if parent else ""
-
-
 def _beyond(model: mujoco.MjModel, body: str) -> list[int]:
-    """The body and all those it carries."""
     first = model.body(body).id
     return [b for b in range(model.nbody) if first in _ancestors(model, b)]
 
@@ -439,7 +426,6 @@ def _flange_pose(model: mujoco.MjModel, data: mujoco.MjData, bodies: tuple[str, 
 def _own_targets(
     model: mujoco.MjModel, data: mujoco.MjData, bodies: tuple[str, ...], T_world_last: Array
 ) -> dict[str, Array]:
-    """The sites on the last body or beyond it, in the last frame (m)."""
     beyond = _beyond(model, bodies[-1])
     T_last_world = se3.inverse(T_world_last)
     return {
@@ -450,10 +436,10 @@ def _own_targets(
 
 
 def calibrated_mjcf(robot: SerialModel, arm: SerialArm, values: Array) -> str:
-    """The identified arm as an MJCF whose sites, in the tracker's frame, are the identified ones to rounding.
+    """Return the identified arm as MJCF, whose sites in the tracker's frame are the identified ones to rounding.
 
-    Shells are left out, so that the file stands alone; masses and collision shapes are kept.
-    MuJoCo writes six digits, so every number that kinematics uses is written here, in full.
+    Shells are left out, so that the file is complete; masses and collision shapes are kept.
+    MuJoCo writes six digits, so every number of the kinematics is written here, in full.
     """
     spec = _without_shells(robot)
     taken = [name for name in (FLANGE, TRACKER) if name in arm.targets]  # a measured point may be called so
@@ -481,7 +467,7 @@ MJCF: DescriptionFormat[SerialArm, SerialModel] = DescriptionFormat(
 
 
 def _without_shells(robot: SerialModel) -> mujoco.MjSpec:
-    """A copy without meshes; a body whose mass came from one keeps it."""
+    """Return a copy without meshes; a body whose mass came from one keeps it."""
     spec = robot.spec.copy()
     for geom in [geom for geom in spec.geoms if geom.type == mujoco.mjtGeom.mjGEOM_MESH]:
         body, built = geom.parent, robot.model.body(geom.parent.name)
@@ -495,7 +481,7 @@ def _without_shells(robot: SerialModel) -> mujoco.MjSpec:
 
 
 def write_in_full(root: ET.Element, model: mujoco.MjModel) -> None:
-    """Replace what MuJoCo rounded: places of bodies, joints and sites."""
+    """Replace numbers that MuJoCo rounded: poses of bodies, joints and sites."""
     world = root.find("worldbody")
     assert world is not None
     for element in world.iter("body"):
@@ -510,7 +496,7 @@ def write_in_full(root: ET.Element, model: mujoco.MjModel) -> None:
 
 
 def set_vectors(element: ET.Element, **vectors: Array) -> None:
-    """Give an element attributes in full, for whatever they stand in place of."""
+    """Set an element's attributes in full, in place of their other forms."""
     for stale in ("euler", "axisangle", "xyaxes", "zaxis", "fromto"):
         element.attrib.pop(stale, None)
     for name, vector in vectors.items():
@@ -518,33 +504,31 @@ def set_vectors(element: ET.Element, **vectors: Array) -> None:
 
 
 def _source(model: SerialModel) -> str:
-    """The text of the URDF that the model was read from; "" where it was none."""
     return read_text(model.path, TEXT_BYTES) if model.path.is_file() and is_urdf(model.path) else ""
 
 
 def _origins(identified: IdentifiedRobot[SerialArm, SerialModel]) -> dict[str, Array]:
-    """Poses ``(4, 4)`` (m) of the joints' frames in their parents', with the identified axes.
+    """Return poses ``(4, 4)`` (m) of the joints' frames in their parents', with the identified axes.
 
     A joint's frame is its nominal one, turned by the smallest rotation that aligns its axis and shifted across it. The
-    last one goes along with the frame on the last joint's axis, as all formats have it; what the last frame moves
-    beyond that axis is the tool's, which is not in the file.
+    last one moves with the frame on the last joint's axis, as in all formats; the last frame's motion beyond that axis
+    belongs to the tool, which is not in the file.
     """
     model = identified.model
-    moved, last = list(model.moved_bodies(identified.arm, identified.values)), model.model.body(model.bodies[-1]).id
-    moved[last] = model.T_world_frame0 @ _moved_with_axis(identified) @ body_pose(at_zero(model.model), last)
+    arm, moved, last = (
+        identified.arm,
+        list(model.moved_bodies(identified.arm, identified.values)),
+        model.model.body(model.bodies[-1]).id,
+    )
+    identified_at, nominal_at = (last_axis_frame(arm, values) for values in (identified.values, arm.nominal()))
+    T_frame0_world = identified_at @ se3.inverse(model.T_world_frame0 @ nominal_at)
+    moved[last] = model.T_world_frame0 @ T_frame0_world @ body_pose(at_zero(model.model), last)
     found = {}
     for name in model.bodies:
         body = model.model.body(name).id
         parent = int(model.model.body_parentid[body])
-        found[joint_name(model.model, name)] = se3.inverse(moved[parent]) @ moved[body]
+        found[str(joint_of(model.model, name).name)] = se3.inverse(moved[parent]) @ moved[body]
     return found
-
-
-def _moved_with_axis(identified: IdentifiedRobot[SerialArm, SerialModel]) -> Array:
-    """Return the transform (4, 4) from the world to frame 0, the last joint's axis frame at its identified pose."""
-    model, arm = identified.model, identified.arm
-    identified_at, nominal_at = (last_axis_frame(arm, values) for values in (identified.values, arm.nominal()))
-    return identified_at @ se3.inverse(model.T_world_frame0 @ nominal_at)
 
 
 def _urdf(identified: IdentifiedRobot[SerialArm, SerialModel]) -> str:
@@ -553,7 +537,7 @@ def _urdf(identified: IdentifiedRobot[SerialArm, SerialModel]) -> str:
 
 
 def _xacro(identified: IdentifiedRobot[SerialArm, SerialModel]) -> str:
-    """The origins as properties of xacro; "" where the URDF was not made from one."""
+    """Return the origins as properties of xacro; "" if the URDF was not made from one."""
     return xacro_properties(_origins(identified)) if is_from_xacro(_source(identified.model)) else ""
 
 
@@ -585,7 +569,7 @@ def loads_of(robot: SerialModel) -> Loads:
 
 
 def link_inertias(robot: SerialModel) -> Array:
-    """Phi ``(J, 10)`` of what turns with each joint (as ``rigid_body.LOAD``), in Khalil's frames (``khalil_chain``)."""
+    """Return Phi ``(J, 10)`` of each joint's link (as ``rigid_body.LOAD``), in Khalil's frames (``khalil_chain``)."""
     model, chain = robot.model, khalil_chain(robot.chain)
     data, arm, zero = at_zero(model), SerialArm(chain), np.zeros((1, chain.size))
     found = np.zeros((chain.size, 10))

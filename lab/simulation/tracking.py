@@ -2,7 +2,7 @@
 
 import copy
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,38 +19,58 @@ from lab.simulation.model import update_constants
 from lab.simulation.true_robot import TrueRobot
 
 __all__ = [
-    "measure_with_outlier_mask",
+    "VirtualMeasurement",
     "misalignments",
     "recorded",
-    "scattered_points",
-    "seen_by",
     "target_rotations",
     "track",
+    "track_with_errors",
+    "visible_targets",
 ]
 
-_STREAMS = 4  # of scatter, bad readings, shape of the noise, and systematic errors of the instrument
+_STREAMS = 4  # of scatter, outliers, shape of the noise, and systematic errors of the instrument
 
 
-def seen_by(
-    real: TrueRobot, joints: Array, targets: tuple[str, ...], instrument: Instrument, conditions: Mapping[str, Array]
-) -> NDArray[np.bool_]:
-    """``(n, k)``: whether each target is in the instrument's sight, and nothing of the arm in between.
+@dataclass(frozen=True)
+class VirtualMeasurement:
+    """Settled poses of a virtual arm, and how they are measured.
 
-    Args:
-        conditions: what is set at each pose, ``(n,)`` each; of them only the station that measures it matters.
+    Attributes:
+        robot: the true arm, before its instrument.
+        joints: ``(m, n)`` rad or m.
+        targets: of the tool.
+        instrument: whose noise and systematic errors the readings have.
+        rng: of the noise, the scatter, the outliers, the systematic errors and the fixtures.
+        readings: number of readings that each measurement is the mean of.
+        conditions: set at each pose, ``(m,)`` each.
+    """
+
+    robot: TrueRobot
+    joints: Array
+    targets: tuple[str, ...]
+    instrument: Instrument
+    rng: np.random.Generator
+    readings: int = 1
+    conditions: Mapping[str, Array] = field(default_factory=dict)
+
+
+def visible_targets(poses: VirtualMeasurement) -> NDArray[np.bool_]:
+    """Return ``(m, k)``: whether each target is in the instrument's sight, and nothing of the arm in between.
 
     Raises:
-        LabError: it sees none of them in any pose.
+        LabError: the instrument sees none of them in any pose.
     """
-    stands = replace(real.robot, model=real.model)
-    station, visible = _stations(real, conditions, len(joints)), np.zeros((len(joints), len(targets)), dtype=np.bool_)
+    real, joints, instrument = poses.robot, poses.joints, poses.instrument
+    robot = replace(real.robot, model=real.model)
+    station = _stations(real, poses.conditions, len(joints))
+    visible = np.zeros((len(joints), len(poses.targets)), dtype=np.bool_)
     for which in np.unique(station):
         here = station == which
-        views = [field_of_view(stands, (target,), instrument, int(which))(joints[here]) for target in targets]
+        views = [field_of_view(robot, (target,), instrument, int(which))(joints[here]) for target in poses.targets]
         visible[here] = np.stack(views, axis=1)
     if not visible.any():
         raise LabError(
-            f"{option_name('occlusion')}: {instrument.name} sees none of {', '.join(targets)} in any pose; "
+            f"{option_name('occlusion')}: {instrument.name} sees none of {', '.join(poses.targets)} in any pose; "
             f"place it by a {option_name('cell')}, turn "
             "the targets to it, or choose the poses with lab design"
         )
@@ -66,70 +86,40 @@ def track(
     readings: int = 1,
     conditions: Mapping[str, Array] = NOTHING_SET,
 ) -> Measurements:
-    """Simulate tracker readings at settled joint positions: ``measure_with_outlier_mask`` without the mask."""
-    return measure_with_outlier_mask(real, joints, targets, instrument, rng, readings, conditions)[0]
+    """Simulate tracker readings, as ``track_with_errors`` does."""
+    return track_with_errors(VirtualMeasurement(real, joints, targets, instrument, rng, readings, conditions))[0]
 
 
-def measure_with_outlier_mask(
-    real: TrueRobot,
-    joints: Array,
-    targets: tuple[str, ...],
-    instrument: Instrument,
-    rng: np.random.Generator,
-    readings: int = 1,
-    conditions: Mapping[str, Array] = NOTHING_SET,
-) -> tuple[Measurements, NDArray[np.bool_]]:
+def track_with_errors(poses: VirtualMeasurement) -> tuple[Measurements, NDArray[np.bool_], Array]:
     """Simulate tracker readings at settled joint positions, each point the mean of some readings.
 
-    Args:
-        real: the arm as it truly is, before its tracker.
-        joints: ``(m, n)`` rad or m.
-        targets: of the tool.
-        instrument: whose noise and systematic errors the points have.
-        rng: of the noise, the scatter, the outliers and the systematic errors.
-        readings: how many each point is the mean of.
-        conditions: what is set at each pose, ``(m,)`` each.
+    Scatter and outliers are drawn from children of the generator each: the instrument's noise is the same without.
 
     Returns:
-        The measurements, points in the tracker's frame, and ``(m,)`` which poses' readings are outliers, for the
-        assessment alone.
+        The measurements, points in the tracker's frame; ``(m,)`` which poses' readings are outliers, for the
+        assessment alone; and the random joint errors ``(m, n)``.
     """
-    return scattered_points(real, joints, targets, instrument, rng, readings, conditions)[:2]
-
-
-def scattered_points(
-    real: TrueRobot,
-    joints: Array,
-    targets: tuple[str, ...],
-    instrument: Instrument,
-    rng: np.random.Generator,
-    readings: int,
-    conditions: Mapping[str, Array],
-) -> tuple[Measurements, NDArray[np.bool_], Array]:
-    """Return the readings of ``measure_with_outlier_mask``, and the random joint errors ``(m, n)``.
-
-    Scatter and outliers are drawn from children of ``rng`` each: the instrument's noise is the same without.
-    """
-    effects, (scattering, failing, shaping, misaligned) = real.effects, rng.spawn(_STREAMS)
+    real, joints, instrument, conditions = poses.robot, poses.joints, poses.instrument, poses.conditions
+    effects, (scattering, failing, shaping, misaligned) = real.effects, poses.rng.spawn(_STREAMS)
     scatter = effects.scatter(len(joints), scattering)
-    exact = real.points(joints, targets, conditions, scatter)
+    exact = real.points(joints, poses.targets, conditions, scatter)
     displaced, bad = effects.displacements(len(joints), failing)
-    noise = effects.shaped_noise(instrument.sample(exact, rng, readings) - exact, shaping)
+    noise = effects.shaped_noise(instrument.sample(exact, poses.rng, poses.readings) - exact, shaping)
     points = exact + instrument.errors.sample(exact, misaligned) + noise + displaced[:, None]
-    return recorded(real, effects.shown(joints), targets, points, conditions), bad, scatter
+    return recorded(real, effects.shown(joints), poses.targets, points, conditions), bad, scatter
 
 
 def misalignments(rng: np.random.Generator) -> np.random.Generator:
-    """The stream by which ``scattered_points`` draws the instrument's systematic errors, from one not yet spawned."""
+    """Return the stream of the instrument's systematic errors in ``track_with_errors``, from one not yet spawned."""
     return rng.spawn(_STREAMS)[-1]
 
 
 def recorded(
     real: TrueRobot, joints: Array, targets: tuple[str, ...], points: Array, conditions: Mapping[str, Array]
 ) -> Measurements:
-    """Measurements of points ``(m, k, 3)`` m under these conditions; those after a bump are a session of their own.
+    """Return measurements of points ``(m, k, 3)`` m under these conditions, with a session of its own after a bump.
 
-    Where the instrument has several stations, each row names the one that measured it.
+    If the instrument has several stations, each row names its station.
     """
     data = measured(real.robot.chain.joint_names, joints, targets, points)
     rest = {name: column for name, column in conditions.items() if name != BUMPED and not name.startswith(STATION)}
@@ -143,7 +133,7 @@ def recorded(
 
 
 def _stations(real: TrueRobot, conditions: Mapping[str, Array], poses: int) -> NDArray[np.int_]:
-    """``(poses,)`` the station, from 0, that measures each pose."""
+    """Return the station ``(poses,)``, from 0, that measures each pose."""
     station = np.zeros(poses, dtype=np.int_)
     for i, name in enumerate(real.robot.stations[1:], start=1):
         station[conditions.get(STATION + name, np.zeros(poses)) > 0] = i
@@ -157,14 +147,14 @@ def target_rotations(
     conditions: Mapping[str, Array] = NOTHING_SET,
     scatter: Array | float = 0.0,
 ) -> Array:
-    """Exact rotations ``(m, 3, 3)`` of a target's frame in the instrument's frame, with all effects.
+    """Return the exact rotations ``(m, 3, 3)`` of a target's frame in the instrument's frame, with all effects.
 
     The frame's axes are read off points that lie a metre along them, as ``TrueRobot.points`` moves them.
 
     Args:
         joints: ``(m, joints)`` rad or m.
         conditions: what is set at each pose, ``(m,)`` each.
-        scatter: ``(m, joints)`` how far the joints stand off by chance.
+        scatter: ``(m, joints)`` random joint errors.
     """
     origin = real.points(joints, (target,), conditions, scatter)[:, 0]
     ends = [_moved(real, target, axis).points(joints, (target,), conditions, scatter)[:, 0] for axis in np.eye(3)]
@@ -172,7 +162,7 @@ def target_rotations(
 
 
 def _moved(real: TrueRobot, target: str, offset_m: Array) -> TrueRobot:
-    """The arm with a target moved by ``(3,)`` m along the axes of its own frame."""
+    """Return the arm with a target moved by ``(3,)`` m along the axes of its own frame."""
     model = copy.deepcopy(real.model)
     site = model.site(target)
     site.pos[:] += se3.rotation_from_quaternion(site.quat) @ offset_m

@@ -1,4 +1,4 @@
-"""The "real" robot: a copy of the model whose bodies are a little off, and what a tracker sees of it."""
+"""Build the true robot: a copy of the model with errors of its bodies, and exact positions in a tracker's frame."""
 
 import copy
 from abc import ABC, abstractmethod
@@ -39,7 +39,7 @@ __all__ = [
 ]
 
 
-Real = TypeVar("Real", bound="TrueRobot")
+_TrueRobot = TypeVar("_TrueRobot", bound="TrueRobot")
 
 
 @dataclass(frozen=True)
@@ -47,8 +47,8 @@ class GeometryErrors:
     """Geometric errors of a virtual robot, as standard deviations of normal draws per axis.
 
     Attributes:
-        position_sigma_m: of the bodies' positions, or of the lengths among a mechanism's dimensions.
-        rotation_sigma_rad: of the bodies' orientations, or of the angles among a mechanism's dimensions.
+        position_sigma_m: of the bodies' positions, or of a mechanism's lengths.
+        rotation_sigma_rad: of the bodies' orientations, or of a mechanism's angles.
         joint_offset_sigma: of the joints' offsets, rad or m.
         table_alone: whether only the entries of the Denavit-Hartenberg table are in error.
     """
@@ -64,10 +64,10 @@ class Perturbation:
     """Geometric errors of the bodies.
 
     Attributes:
-        bodies: which ones.
+        bodies: their names.
         position_m: ``(b, 3)``, added to the body's position in its parent's frame.
         rotation_rad: ``(b, 3)``, a rotation vector in the body's own frame.
-        joint_offset: ``(n,)`` rad or m: the joint stands at its measured position plus this.
+        joint_offset: ``(n,)`` rad or m: the joint's true position less the measured one.
     """
 
     bodies: tuple[str, ...]
@@ -82,7 +82,7 @@ class Perturbation:
 
 
 def perturbed_bodies(robot: SerialModel) -> tuple[str, ...]:
-    """The bodies that can be off: base, every link, and the flange where it is a body of its own."""
+    """Return the bodies that get errors: base, every link, and the flange if it is a body of its own."""
     base = [robot.base_body] if robot.base_body else []
     return tuple(dict.fromkeys([*base, *robot.bodies, robot.carrier]))
 
@@ -102,7 +102,7 @@ def random_perturbation(
 
 
 def random_table(arm: SerialArm, position_sigma_m: float, rotation_sigma_rad: float, rng: np.random.Generator) -> Array:
-    """Parameters ``(p,)`` with only the links' Denavit-Hartenberg entries (and betas) off."""
+    """Draw parameters ``(p,)`` with errors of the links' Denavit-Hartenberg entries (and betas) alone."""
     base, table, tool = arm.split(arm.nominal())
     sigma = np.array([rotation_sigma_rad, position_sigma_m, position_sigma_m, rotation_sigma_rad, rotation_sigma_rad])
     return arm.assemble(base, table + sigma * rng.standard_normal(table.shape), tool)
@@ -110,13 +110,13 @@ def random_table(arm: SerialArm, position_sigma_m: float, rotation_sigma_rad: fl
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class TrueRobot(Value, ABC):
-    """A perturbed arm before a tracker: what may be measured, and what it truly is.
+    """A perturbed arm before a tracker.
 
     Attributes:
-        model: with the bodies and the tracker where they really are.
+        model: with the true poses of the bodies and the tracker.
         T_world_tracker: pose ``(4, 4)`` (m) of the tracker's frame in the world of the MuJoCo model: ``points`` are
-            measured in the tracker's frame, ``T_world_tracker @ p`` are the sites' places in the world.
-        effects: what adds to the geometry.
+            measured in the tracker's frame, ``T_world_tracker @ p`` are the sites' positions in the world.
+        effects: beside the geometry.
     """
 
     robot: RobotModel
@@ -128,10 +128,10 @@ class TrueRobot(Value, ABC):
         return self.robot.chain.name
 
     def with_effects(self, effects: Effects) -> Self:
-        """This arm and tracker with these effects alone.
+        """Return this arm and tracker with these effects alone.
 
         Raises:
-            LabError: they are of an arm with other joints.
+            LabError: they are for other joints.
         """
         effects.refuse_unfit(self.robot.chain)
         return replace(self, effects=effects)
@@ -143,15 +143,15 @@ class TrueRobot(Value, ABC):
         conditions: Mapping[str, Array] = NOTHING_SET,
         scatter: Array | float = 0.0,
     ) -> Array:
-        """Exact positions ``(m, k, 3)`` m of the targets in the tracker's frame, at joint positions ``(m, n)``.
+        """Return the exact positions ``(m, k, 3)`` m of the targets in the tracker's frame, at ``joints`` ``(m, n)``.
 
-        All effects that are the same at every visit are in it: motors, then loads, growth, and the tracker's drift.
+        They include all effects that are the same at every visit: motors, then loads, growth, and tracker drift.
 
         Args:
             conditions: ``payload_kg``, ``approach_<joint>`` (+1 or -1), ``time_s``, ``temp_C`` and ``session 2`` (1
-                after the bump), ``(m,)`` each; where missing there is no payload, no approach, no time gone by, no
-                bump, and it is 20 degrees Celsius.
-            scatter: ``(m, n)`` rad or m, how far the joints stand off by chance.
+                after the bump), ``(m,)`` each; defaults are no payload, no approach, time zero, no bump, and 20
+                degrees Celsius.
+            scatter: ``(m, n)`` rad or m, random joint errors.
         """
         sites = [self.model.site(name).id for name in targets]
         there = PoseConditions(conditions, len(joints), self.robot.chain.joint_names)
@@ -163,25 +163,25 @@ class TrueRobot(Value, ABC):
 
     @abstractmethod
     def truth(self, targets: tuple[str, ...]) -> Truth | None:
-        """The parameters of the geometry, without effects, with these targets, read off the joint axes.
+        """Return the parameters of the geometry, without effects, with these targets, read off the joint axes.
 
-        None where axes do not tell them: of a mechanism with loops.
+        None for a mechanism with loops, which axes do not determine.
         """
 
     def _site_positions(self, driven: Array, sites: list[int], payload_kg: Array) -> Array:
-        """World positions ``(m, k, 3)`` m of the sites where the motors put the joints ``(m, n)``."""
+        """Return the world positions ``(m, k, 3)`` m of the sites at driven joint positions ``(m, n)``."""
         data = mujoco.MjData(self.model)
         world = np.full((len(driven), len(sites), 3), np.nan)
-        stands = self._qpos(driven)
-        for i in np.flatnonzero(np.isfinite(stands).all(axis=1)):
-            data.qpos[:] = stands[i]
+        qpos = self._qpos(driven)
+        for i in np.flatnonzero(np.isfinite(qpos).all(axis=1)):
+            data.qpos[:] = qpos[i]
             mujoco.mj_kinematics(self.model, data)
             world[i] = data.site_xpos[sites]
         return world
 
     @abstractmethod
     def _qpos(self, driven: Array) -> Array:
-        """MuJoCo's coordinates ``(m, nq)`` where the motors put the joints ``(m, n)``; NaN where it cannot stand."""
+        """Return MuJoCo's coordinates ``(m, nq)`` at driven joint positions ``(m, n)``; NaN if impossible."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -208,7 +208,7 @@ class TrueSerialRobot(TrueRobot):
         return coordinates(self.model, self.robot.chain.joint_names, driven + self.joint_offset)
 
     def truth(self, targets: tuple[str, ...]) -> Truth:
-        """The canonical parameters of the geometry, without effects, with these targets, read off the joint axes."""
+        """Return the canonical parameters of the geometry, without effects, read off the joint axes."""
         arm = SerialArm(self.robot.chain, targets)
         data = mujoco.MjData(self.model)
         data.qpos[:] = self._qpos(np.zeros((1, self.robot.chain.size)))[0]
@@ -224,7 +224,7 @@ class TrueSerialRobot(TrueRobot):
 
 
 def true_robot(robot: SerialModel, perturbation: Perturbation, T_world_tracker: Array) -> TrueSerialRobot:
-    """The robot with its bodies off, before a tracker.
+    """Return the robot with these errors, before a tracker.
 
     Raises:
         LabError: a body is unknown, or there is not one offset for each joint.
@@ -246,14 +246,14 @@ def true_robot(robot: SerialModel, perturbation: Perturbation, T_world_tracker: 
 
 
 def true_robot_from_table(robot: SerialModel, arm: SerialArm, values: Array, T_world_tracker: Array) -> TrueSerialRobot:
-    """The robot with its bodies where a Denavit-Hartenberg chain puts them; the base stays."""
+    """Return the robot with its bodies on the axes of a Denavit-Hartenberg chain; the base stays."""
     model = copy.deepcopy(robot.model)
     robot.place_bodies(model, arm, values)
     return _before_tracker(robot, model, T_world_tracker, np.zeros(robot.chain.size))
 
 
 def random_tracker(robot: RobotModel, rng: np.random.Generator, station: int = 0) -> Array:
-    """A tracker's pose ``(4, 4)``: set up near a nominal station, turned anyhow about z, a little tilted."""
+    """Draw a tracker's pose ``(4, 4)``: near a nominal station, at any angle about z, a little tilted."""
     place: Array = robot.Ts_world_station[station].copy()
     place[:3, 3] += rng.uniform(-0.15, 0.15, 3)
     tilt = np.append(np.deg2rad(2.0) * rng.standard_normal(2), 0.0)
@@ -261,8 +261,8 @@ def random_tracker(robot: RobotModel, rng: np.random.Generator, station: int = 0
     return place
 
 
-def before_stations(real: Real, Ts_world_station: Array) -> Real:
-    """The robot before an instrument with further stations, at these poses ``(s - 1, 4, 4)`` (m) in the world."""
+def before_stations(real: _TrueRobot, Ts_world_station: Array) -> _TrueRobot:
+    """Return the robot with further stations of its instrument, at world poses ``(s - 1, 4, 4)`` (m)."""
     if not len(Ts_world_station):
         return real
     model, T_tracker_world = copy.deepcopy(real.model), se3.inverse(real.T_world_tracker)
@@ -274,7 +274,7 @@ def before_stations(real: Real, Ts_world_station: Array) -> Real:
 
 
 def put_before_tracker(model: mujoco.MjModel, robot: RobotModel, T_world_tracker: Array) -> None:
-    """Let a copy of a robot's model, its bodies moved, stand before a tracker at this pose ``(4, 4)`` in the world."""
+    """Place the tracker of a copy of a robot's model, its bodies moved, at this pose ``(4, 4)`` in the world."""
     robot.place_tracker(model, T_world_tracker)
     update_constants(model)
 

@@ -1,1 +1,1 @@
-"""Many campaigns: grid, batches, executors, store, analysis."""
+"""Studies of many campaigns: grid, executors, folder, analysis."""

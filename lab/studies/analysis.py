@@ -1,19 +1,17 @@
-"""Analysis of a study's campaigns: means, paired comparisons and ranks, each with its uncertainty.
+"""Analyse a study's campaigns: means, paired comparisons and ranks, each with its uncertainty.
 
-Robots are drawn; the draws of one robot share it, and so are no independent campaigns. Statistics are therefore
+Campaigns with one robot are not independent. Statistics are therefore
 resampled by robots, each with all its draws (Davison & Hinkley 1997, section 3.8: resampling within them too
-would count the noise twice; Field & Welsh 2007). That asks for noise that is independent from robot to robot. What all
-campaigns of a cell share, its poses and the validation poses, is given: no interval says what other poses would do.
+would count the noise twice; Field & Welsh 2007), which requires noise independent from robot to robot. Poses and
+validation poses are the same in all campaigns of a cell: intervals do not include their choice.
 
-The same robot and draw meet the same noise in every cell, so that cells are compared campaign by campaign. A ratio is
+The same robot and draw have the same noise in every cell, so that cells are compared campaign by campaign. A ratio is
 the geometric mean of the campaigns' ratios, which need not be the ratio of the means.
-
-The bootstrap of means over robots, and p-values corrected for their number.
 
 Intervals are studentized and symmetric: mean ± q s, q the 95 % quantile of |m* - m| / s* over the resamples (Davison &
 Hinkley 1997, section 5.2; Hall 1992, section 3.6). Percentiles and BCa are too narrow for few robots (Hesterberg 2015):
 of 95 % intervals for the mean of 8 normal robots 90 % hold by either, 97 % by this one; of 20 log-normal ones
-(sigma 0.7) 90 % against 94 %. And the p-value says the same: it is 5 % or less where zero is outside.
+(sigma 0.7) 90 % against 94 %. The p-value is consistent with it: 5 % or less where zero is outside.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -31,7 +29,6 @@ from lab.core.significance import STUDY_COMPARISON
 from lab.studies.grid import ANY, FACTORS, Cell
 
 __all__ = [
-    "KEYS",
     "RESAMPLES",
     "Analysis",
     "CampaignArray",
@@ -41,7 +38,6 @@ __all__ = [
     "Mean",
     "Pair",
     "Rank",
-    "Resampled",
     "analysed",
     "compared",
     "groups",
@@ -50,15 +46,15 @@ __all__ = [
     "resampled",
 ]
 
-_SAME = 1e-12  # a variance this small, against that of all robots, is that of one robot drawn again and again
+_SAME = 1e-12  # a smaller variance, relative to that of all robots, is that of one robot drawn repeatedly
 
 
 @dataclass(frozen=True)
-class Resampled:
-    """Means of some columns over robots, and what resampling the robots makes of them.
+class _Resampled:
+    """Means of some columns over robots, with their bootstrap.
 
     Attributes:
-        mean, lower, upper: ``(m,)`` with an interval; NaN where the robots are too few for one.
+        mean, lower, upper: ``(m,)`` with an interval; NaN for too few robots.
         p: ``(m,)`` of a mean of zero; NaN for less than two robots.
         means: ``(resamples, m)``.
     """
@@ -70,12 +66,12 @@ class Resampled:
     means: Array
 
 
-def resampled(values: Array, weights: Array, level: float) -> Resampled:
-    """Means over robots with their intervals.
+def resampled(values: Array, weights: Array, level: float) -> _Resampled:
+    """Compute means over robots with their intervals.
 
     Args:
-        values: ``(robots, m)``; NaN where a robot has none.
-        weights: ``(resamples, robots)`` how often each robot is drawn.
+        values: ``(robots, m)``; NaN for none.
+        weights: ``(resamples, robots)`` counts of each robot.
         level: of the p-values, and one less the intervals' coverage.
     """
     finite = np.isfinite(values)
@@ -91,11 +87,11 @@ def resampled(values: Array, weights: Array, level: float) -> Resampled:
     reach = sizes[total - round(level * total) - 1]
     far = np.where(drawn & np.isfinite(reach), reach * std[0], np.nan)
     larger = (sizes >= _quotient(np.abs(mean), std[0])).sum(axis=0)
-    return Resampled(mean, mean - far, mean + far, np.where(drawn, (1 + larger) / total, np.nan), mean + shifts)
+    return _Resampled(mean, mean - far, mean + far, np.where(drawn, (1 + larger) / total, np.nan), mean + shifts)
 
 
 def _moments(weights: Array, finite: Array, left: Array, floor: Array) -> tuple[Array, Array]:
-    """Mean ``(resamples, m)`` of what is left, and its standard error: infinite where nothing was drawn."""
+    """Return the means ``(resamples, m)`` of the residuals, and their standard errors."""
     count = weights @ finite.astype(float)
     shift = weights @ left / np.maximum(count, 1)
     square = weights @ left**2 / np.maximum(count, 1) - shift**2
@@ -104,12 +100,12 @@ def _moments(weights: Array, finite: Array, left: Array, floor: Array) -> tuple[
 
 
 def _quotient(size: Array, std: Array) -> Array:
-    """Size over standard error; infinite where one robot alone was drawn, zero for zero."""
+    """Return size over standard error; infinite if one robot alone was drawn, zero for zero."""
     return np.where(std > 0, size / np.where(std > 0, std, 1.0), np.where(size > 0, np.inf, 0.0))
 
 
 def holm(p: Array) -> Array:
-    """p-values ``(m,)`` for the family that they are, whatever their dependence (Holm 1979); NaN is not of it."""
+    """Correct a family of p-values ``(m,)`` under any dependence (Holm 1979); NaN stays out of it."""
     corrected = np.full(len(p), np.nan)
     order = np.argsort(p)[: int(np.isfinite(p).sum())]
     steps = p[order] * np.arange(len(order), 0, -1)
@@ -117,7 +113,7 @@ def holm(p: Array) -> Array:
     return corrected
 
 
-KEYS = ("cell", "robot", "draw", "converged")  # the columns that are no metrics
+_KEYS = ("cell", "robot", "draw", "converged")  # columns other than metrics
 RESAMPLES = 9999
 
 
@@ -127,7 +123,7 @@ class CellGroup:
 
     Attributes:
         free: the factors in which they differ.
-        shared: the others' levels, of the factors that vary in the study.
+        shared: levels of the other factors that vary in the study.
         cells: their numbers.
     """
 
@@ -137,9 +133,9 @@ class CellGroup:
 
 
 def groups(cells: Sequence[Cell], free: Collection[str]) -> tuple[CellGroup, ...]:
-    """Cells that agree in all factors but the free ones; a cell whose level is "any" is in each group it agrees with.
+    """Group cells that agree in all factors but the free ones; a cell with the level "any" is in each such group.
 
-    Groups that are a part of another one are not told.
+    Subsets of another group are left out.
     """
     rest = [name for name in FACTORS if name not in free]
     varying = [name for name in rest if len({getattr(cell, name) for cell in cells}) > 1]
@@ -158,12 +154,12 @@ def _agrees(cell: Cell, wanted: Mapping[str, Any]) -> bool:
 
 @dataclass(frozen=True)
 class CampaignArray:
-    """A study's rows by cell, robot and draw, in whatever order they came, and how robots are resampled.
+    """A study's rows by cell, robot and draw, with the resamples of the robots.
 
     Attributes:
-        columns: as they came.
+        columns: in any order of rows.
         place: ``(rows,)`` of each row in an array of the shape (cells, robots, draws).
-        weights: ``(resamples, robots)`` how often each robot was drawn, the same in every cell.
+        weights: ``(resamples, robots)`` counts of each robot, the same in every cell.
     """
 
     cells: tuple[Cell, ...]
@@ -181,7 +177,7 @@ class CampaignArray:
         Raises:
             LabError: a column is missing, a cell is unknown, or a campaign is duplicated.
         """
-        if missing := [name for name in KEYS if name not in columns]:
+        if missing := [name for name in _KEYS if name not in columns]:
             raise LabError(f"campaigns: column '{missing[0]}' is missing; there are {', '.join(columns) or 'none'}")
         cell = np.asarray(columns["cell"], dtype=int)
         if not len(cell):
@@ -198,7 +194,7 @@ class CampaignArray:
         return cls(tuple(cells), columns, shape, place, drawn.astype(float))
 
     def values(self, metric: str) -> Array:
-        """A metric ``(cells, robots, draws)``; NaN where there is no campaign, it did not converge or is not finite.
+        """Return a metric ``(cells, robots, draws)``; NaN without a converged campaign or a finite value.
 
         Raises:
             LabError: the metric is unknown.
@@ -214,7 +210,7 @@ class CampaignArray:
         return self._arranged(np.ones(len(self.place)), 0.0).astype(bool)
 
     def not_converged(self) -> NDArray[np.int_]:
-        """Campaigns that did not, by cell."""
+        """Count campaigns that did not converge, by cell."""
         failed = ~np.asarray(self.columns["converged"], dtype=bool)
         return np.asarray(self._arranged(failed.astype(float), 0.0).sum((1, 2)), dtype=int)
 
@@ -224,8 +220,8 @@ class CampaignArray:
         return flat.reshape(self.shape)
 
 
-COMPARED = ("fresh_mean_mm", "fresh_worst_mm", "length_rms_mm", "angle_rms_mrad", "mixed_rms")  # less is better
-_TIED = 1e-12  # scores this near to each other, against the largest, are equal
+_COMPARED = ("fresh_mean_mm", "fresh_worst_mm", "length_rms_mm", "angle_rms_mrad", "mixed_rms")  # less is better
+_TIED = 1e-12  # scores within this, relative to the largest, are equal
 
 Kind = Literal["ratio", "difference"]
 
@@ -235,11 +231,11 @@ class Mean:
     """A metric's mean in a cell: over robots, of each one's mean over its draws.
 
     Attributes:
-        mean, lower, upper: with its 95 % interval; NaN where there are too few robots to say.
-        campaigns: how many there are.
-        not_converged: of them; they are left out, as those whose metric is not finite.
-        used: those that count.
-        robots: that have such.
+        mean, lower, upper: with its 95 % interval; NaN for too few robots.
+        campaigns: their number.
+        not_converged: number of those; they are left out, as those whose metric is not finite.
+        used: number of the others.
+        robots: number of robots of these.
     """
 
     cell: int
@@ -279,7 +275,7 @@ class Pair:
 
     @property
     def is_significant(self) -> bool:
-        """True where the pair differs significantly, corrected for all pairs of the comparison."""
+        """True if the pair differs significantly, corrected for all pairs of the comparison."""
         return self.p_holm <= STUDY_COMPARISON
 
 
@@ -289,9 +285,9 @@ class Rank:
 
     Attributes:
         rank: as observed; ties share the better one.
-        lowest, highest: the 95 % set of ranks, jointly for all cells of the comparison: no better than those that
-            surely beat it leave, no worse than those that it surely beats (Mogstad, Romano, Shaikh & Wilhelm 2024).
-            Quantiles of resampled ranks would not cover where cells are equal (Hall & Miller 2009).
+        lowest, highest: the 95 % set of ranks, jointly for all cells of the comparison: from the cells
+            that are significantly better and worse (Mogstad, Romano, Shaikh & Wilhelm 2024).
+            Quantiles of resampled ranks would not cover equal cells (Hall & Miller 2009).
         chances: share of the resamples in which it has rank 1, 2, ...
     """
 
@@ -304,7 +300,7 @@ class Rank:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Comparison of all pairs of a group's cells by one metric, with the ranks that follow.
+    """Comparison of all pairs of a group's cells by one metric, with their ranks.
 
     Attributes:
         pairs: in the order of the group's cells.
@@ -318,7 +314,7 @@ class Comparison:
     ranks: tuple[Rank, ...]
 
     def against(self, one: int, other: int) -> Pair:
-        """The pair of two of the group's cells, the other one against the one."""
+        """Return the pair of two of the group's cells, ``other`` against ``one``."""
         pair = next(pair for pair in self.pairs if {pair.first, pair.second} == {one, other})
         return pair if pair.first == one else _reversed(pair, self.kind)
 
@@ -367,8 +363,8 @@ def compared(campaigns: CampaignArray, group: CellGroup, metric: str, kind: Kind
     apart = [values[j] - values[i] for i, j in numbers]  # (robots, draws) each
     found = resampled(np.stack([_over_draws(each) for each in apart], axis=1), campaigns.weights, STUDY_COMPARISON)
     corrected = holm(found.p)
-    told = np.stack([found.mean, found.lower, found.upper])
-    mean, lower, upper = np.exp(told) if kind == "ratio" else told
+    effects = np.stack([found.mean, found.lower, found.upper])
+    mean, lower, upper = np.exp(effects) if kind == "ratio" else effects
     pairs = tuple(
         Pair(
             first=group.cells[i],
@@ -387,41 +383,40 @@ def compared(campaigns: CampaignArray, group: CellGroup, metric: str, kind: Kind
 
 
 def _ranks(
-    group: CellGroup, numbers: Sequence[tuple[int, int]], found: Resampled, pairs: Sequence[Pair]
+    group: CellGroup, numbers: Sequence[tuple[int, int]], found: _Resampled, pairs: Sequence[Pair]
 ) -> tuple[Rank, ...]:
-    """Ranks by the scores that fit the pairs' effects best; with no campaign left out these are the cells' means."""
-    known = np.isfinite(found.mean)
+    """Rank cells by the scores that fit the pairs' effects best; with all campaigns these are the cells' means."""
+    finite = np.isfinite(found.mean)
     signs = np.zeros((len(numbers), len(group.cells)))
     for row, (i, j) in zip(signs, numbers, strict=True):
         row[[i, j]] = -1, 1
-    alive = np.flatnonzero(np.abs(signs[known]).sum(axis=0))
-    scores = np.linalg.pinv(signs[known])[alive].T  # (pairs, cells)
-    at, drawn = _placed(found.mean[None, known] @ scores)[0], _placed(found.means[:, known] @ scores)
-    told = np.array([pair.is_significant for pair in pairs], dtype=bool)
-    behind = signs * np.sign(np.where(told, found.mean, 0.0))[:, None]  # 1 where a cell surely has more
+    ranked = np.flatnonzero(np.abs(signs[finite]).sum(axis=0))
+    scores = np.linalg.pinv(signs[finite])[ranked].T  # (pairs, cells)
+    at, drawn = _placed(found.mean[None, finite] @ scores)[0], _placed(found.means[:, finite] @ scores)
+    significant = np.array([pair.is_significant for pair in pairs], dtype=bool)
+    behind = signs * np.sign(np.where(significant, found.mean, 0.0))[:, None]  # 1 where a cell has significantly more
     ranks = []
-    for k, cell in enumerate(alive):
-        lowest, highest = 1 + int((behind[:, cell] > 0).sum()), len(alive) - int((behind[:, cell] < 0).sum())
-        chances = np.bincount(drawn[:, k], minlength=len(alive) + 1)[1:] / len(drawn)
+    for k, cell in enumerate(ranked):
+        lowest, highest = 1 + int((behind[:, cell] > 0).sum()), len(ranked) - int((behind[:, cell] < 0).sum())
+        chances = np.bincount(drawn[:, k], minlength=len(ranked) + 1)[1:] / len(drawn)
         ranks.append(Rank(group.cells[cell], int(at[k]), lowest, highest, tuple(chances.tolist())))
     return tuple(sorted(ranks, key=lambda each: (each.rank, each.cell)))
 
 
 def _placed(scores: Array) -> NDArray[np.int_]:
-    """Ranks ``(n, cells)`` of scores: 1 and how many are less."""
+    """Return the ranks ``(n, cells)`` of scores: one plus the number of smaller ones."""
     margin = _TIED * np.abs(scores).max(axis=1, initial=0.0)[:, None, None]
     return np.asarray(1 + (scores[:, None, :] < scores[:, :, None] - margin).sum(axis=2))
 
 
 def _over_draws(values: Array) -> Array:
-    """Means over the last axis of what is finite; NaN where nothing is."""
+    """Return means over the last axis of finite values; NaN without any."""
     good = np.isfinite(values)
     count = good.sum(axis=-1)
     return np.asarray(np.where(good, values, 0.0).sum(axis=-1) / np.where(count, count, np.nan))
 
 
 def _reversed(pair: Pair, kind: Kind) -> Pair:
-    """The first against the second."""
     ends = np.array([pair.effect, pair.upper, pair.lower])
     effect, lower, upper = (1 / ends if kind == "ratio" else -ends).tolist()
     return replace(pair, first=pair.second, second=pair.first, effect=effect, lower=lower, upper=upper)
@@ -431,20 +426,20 @@ def analysed(
     columns: Mapping[str, NDArray[Any]],
     cells: Sequence[Cell],
     seed: int = 0,
-    metrics: Sequence[str] = COMPARED,
+    metrics: Sequence[str] = _COMPARED,
     factors: Sequence[str] | None = None,
 ) -> Analysis:
-    """Means of every cell by every column, and comparisons by some metrics and factors.
+    """Compute the means of every cell by every column, and comparisons by some metrics and factors.
 
     Args:
         metrics: of which less is better.
-        factors: those that vary where not given.
+        factors: all that vary if not given.
     """
     campaigns = CampaignArray.of(columns, cells, seed)
     chosen = factors or [name for name in FACTORS if len({getattr(cell, name) for cell in cells} - {ANY}) > 1]
     found = [group for factor in chosen for group in groups(cells, [factor]) if len(group.cells) > 1]
     return Analysis(
         tuple(cells),
-        tuple(mean for name in columns if name not in KEYS for mean in means(campaigns, name)),
+        tuple(mean for name in columns if name not in _KEYS for mean in means(campaigns, name)),
         tuple(compared(campaigns, group, metric) for metric in metrics for group in found),
     )

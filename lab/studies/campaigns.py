@@ -1,4 +1,4 @@
-"""Many campaigns: the poses of a cell of a study, and what came out of some of its robots.
+"""Run the campaigns of a study: choose the poses of a cell, and solve all campaigns of some robots.
 
 A campaign's row depends on the study's seed and on the numbers of its cell, robot and draw alone: a robot and its
 tracker are drawn from the robot's own seed, the noise from the robot's and the draw's, and each robot's campaigns are
@@ -48,10 +48,10 @@ __all__ = [
     "run_task",
 ]
 
-RANDOM = "random"
+_RANDOM = "random"
 CANDIDATES, STARTS = 1000, 2  # of a cell's design
-_JUDGED_TOGETHER = 5  # campaigns: what fits the processor's cache
-Columns = dict[str, Array]
+_VALIDATED_TOGETHER = 5  # campaigns, to fit the processor's cache
+_Columns = dict[str, Array]
 COLUMNS = {  # of every campaign's row, and what they mean
     "cell": "number of the cell, from 0 (manifest.json says which)",
     "robot": "number of the perturbed robot, from 0; the same number is the same robot in every cell",
@@ -72,7 +72,7 @@ METRICS = tuple(COLUMNS)[5:-1]
 
 
 def refuse_impossible(study: Study) -> None:
-    """Refuse what cannot be before any work begins.
+    """Refuse an impossible study before any work begins.
 
     Raises:
         LabError: the robot cannot be loaded, or lacks a target, a parameter or an effect of some cell; a criterion or
@@ -81,28 +81,28 @@ def refuse_impossible(study: Study) -> None:
     robot = load_virtual(study.robot)
     robot.refuse_unknown(study.targets)
     for cell in study.cells:
-        refuse_unknown(cell.criterion, RANDOM)
+        refuse_unknown(cell.criterion, _RANDOM)
     fitted: dict[tuple[object, ...], _Fitted] = {}
     for cell in study.cells:
-        what = (cell.parameters, cell.effects, cell.instrument)
-        if what not in fitted:
-            fitted[what] = _Fitted.of(study, cell, robot)
-            asked = VirtualCampaign(robot=study.robot, targets=study.targets, effects=fitted[what].effects)
-            perturbed_arm(robot, asked)
-        _refuse_few_poses(cell, fitted[what], study)
+        key = (cell.parameters, cell.effects, cell.instrument)
+        if key not in fitted:
+            fitted[key] = _Fitted.of(study, cell, robot)
+            options = VirtualCampaign(robot=study.robot, targets=study.targets, effects=fitted[key].effects)
+            perturbed_arm(robot, options)
+        _refuse_few_poses(cell, fitted[key], study)
 
 
 def cell_poses(study: Study, cell: Cell) -> Array:
-    """The poses ``(n, joints)`` that every campaign of a cell measures: of the nominal model, whatever the robot.
+    """Return the poses ``(n, joints)`` of every campaign of a cell, chosen for the nominal model.
 
-    They are designed for the usual parameters, whichever are then identified.
+    They are designed for the usual parameters, whatever is then identified.
 
     Raises:
         LabError: there are fewer than the identifiable parameters need.
     """
     robot = load_virtual(study.robot)
     _refuse_few_poses(cell, _Fitted.of(study, cell, robot), study)
-    if cell.criterion == RANDOM:
+    if cell.criterion == _RANDOM:
         return random_poses(robot.model, cell.poses, rng_for(study.seed, "poses"))
     requested = DesignOptions(
         robot=study.robot,
@@ -126,12 +126,12 @@ def _refuse_few_poses(cell: Cell, fitted: "_Fitted", study: Study) -> None:
 
 @lru_cache(maxsize=16)
 def _designed(requested: DesignOptions) -> Array:
-    """Kept, because cells that differ in the arm alone have the same."""
+    """Design poses; cached, as cells that differ in the arm alone share them."""
     assert requested.poses is not None
     return best_design(requested, pose_problem(requested), requested.poses).joints
 
 
-def run_task(study: Study, task: Task, joints: Array) -> Columns:
+def run_task(study: Study, task: Task, joints: Array) -> _Columns:
     """Run all campaigns of a task, a row each, with the columns of ``COLUMNS``.
 
     Args:
@@ -154,7 +154,7 @@ class _Fitted:
     Attributes:
         nominal: parameters ``(p,)`` of the nominal model before the nominal tracker.
         free: the identified ones.
-        placed: whether the base is, so that the points may be turned.
+        placed: whether the base is identified, so that the points may be aligned.
         device: the instrument, with the noise of the cell.
     """
 
@@ -184,28 +184,16 @@ class _Fitted:
             raise LabError(
                 f"frozen: {device.name} weighs every arm otherwise, so one Jacobian cannot serve all; leave it"
             )
-        placed = set(range(6)) <= set(free)
-        return cls(
-            robot,
-            cell,
-            stacked(arm),
-            nominal,
-            free,
-            placed,
-            effects,
-            device,
-        )
+        return cls(robot, cell, stacked(arm), nominal, free, set(range(6)) <= set(free), effects, device)
 
 
 def _noisy(device: Instrument, noise: float) -> Instrument:
-    """The instrument with its noise multiplied."""
     names = ("radial_m", "radial_per_m", "transverse_m", "transverse_per_m", "angle_rad")
     grown = {name: noise * getattr(device, name) for name in names if hasattr(device, name)}
     return replace(device, errors=device.errors.times(noise), **grown)
 
 
-def _of_robot(study: Study, fitted: _Fitted, number: int, joints: Array, fresh: Array) -> Columns:
-    """The campaigns with one robot, a row each."""
+def _of_robot(study: Study, fitted: _Fitted, number: int, joints: Array, fresh: Array) -> _Columns:
     seed, cell = seed_of(study.seed, "robots", number), fitted.cell
     requested = VirtualCampaign(
         robot=study.robot,
@@ -222,20 +210,20 @@ def _of_robot(study: Study, fitted: _Fitted, number: int, joints: Array, fresh: 
     there = real.points(fresh, study.targets, _conditions(real, requested, fresh, "fresh"))
     taken, met = (np.isfinite(points).all(axis=(1, 2)) for points in (exact, there))
     measured, exact, joints, there, fresh = measured[:, taken], exact[taken], joints[taken], there[met], fresh[met]
-    campaigns = _turned(fitted, real, joints, measured)
+    campaigns = _aligned(fitted, real, joints, measured)
     found = fit_points(campaigns, fitted.nominal, fitted.free, frozen=study.frozen)
-    judged = _judged(fitted, real, found, campaigns, fresh, there)
+    metrics = _metrics(fitted, real, found, campaigns, fresh, there)
     before = _before(fitted, joints, exact, fresh, there)
     lost = int((~taken).sum() + (~met).sum())
-    return {**judged, "before_mm": np.full(study.draws, before), "lost": np.full(study.draws, lost, dtype=np.int32)}
+    return {**metrics, "before_mm": np.full(study.draws, before), "lost": np.full(study.draws, lost, dtype=np.int32)}
 
 
-def _conditions(real: TrueRobot, asked: VirtualCampaign, joints: Array, purpose: Purpose) -> dict[str, Array]:
-    return draw_conditions(real, asked, len(joints), rng_for(asked.seed, purpose), ())
+def _conditions(real: TrueRobot, options: VirtualCampaign, joints: Array, purpose: Purpose) -> dict[str, Array]:
+    return draw_conditions(real, options, len(joints), rng_for(options.seed, purpose), ())
 
 
 def _measured(real: TrueRobot, device: Instrument, requested: VirtualCampaign, joints: Array, draws: int) -> Array:
-    """Simulate the tracker's readings of each draw, ``(draws, n, k, 3)`` m; what draws share is computed once."""
+    """Simulate the tracker's readings of each draw, ``(draws, n, k, 3)`` m; shared parts are computed once."""
     effects = real.effects
     conditions = _conditions(real, requested, joints, "conditions")
     noises = [rng_for(requested.seed, "noise", draw) for draw in range(draws)]
@@ -249,8 +237,8 @@ def _measured(real: TrueRobot, device: Instrument, requested: VirtualCampaign, j
     return noisy + [device.errors.sample(exact, misalignments(rng)) for rng in noises]
 
 
-def _turned(fitted: _Fitted, real: TrueRobot, joints: Array, measured: Array) -> PointBatch:
-    """The campaigns turned onto the nominal model: by what was measured, or where the base is known, by that."""
+def _aligned(fitted: _Fitted, real: TrueRobot, joints: Array, measured: Array) -> PointBatch:
+    """Align the campaigns with the nominal model, by the measured points, or by a fixed base."""
     shown, device = real.effects.shown(joints), fitted.device
     if fitted.placed:
         campaigns = align(fitted.stacked, shown, measured, fitted.nominal)
@@ -265,9 +253,9 @@ def _turned(fitted: _Fitted, real: TrueRobot, joints: Array, measured: Array) ->
     return replace(campaigns, whiten=whiten.transpose(0, 2, 3, 4, 1))
 
 
-def _judged(
+def _metrics(
     fitted: _Fitted, real: TrueRobot, found: BatchFits, campaigns: PointBatch, fresh: Array, exact: Array
-) -> Columns:
+) -> _Columns:
     """Evaluate the campaigns with one robot.
 
     Args:
@@ -296,7 +284,7 @@ def _judged(
 
 
 def _before(fitted: _Fitted, joints: Array, exact: Array, fresh: Array, there: Array) -> float:
-    """Mean error (mm) at the validation poses of nominal links with base and tool fitted, without noise."""
+    """Return the mean error (mm) at validation poses of nominal links with base and tool fitted, without noise."""
     campaigns = align(fitted.stacked, joints, exact[None], fitted.nominal)
     placing = base_set(
         fitted.stacked.arm, fitted.nominal, fix=names_of(each for each in fitted.stacked.arm.parameters if each.is_link)
@@ -306,21 +294,21 @@ def _before(fitted: _Fitted, joints: Array, exact: Array, fresh: Array, there: A
 
 
 def _errors(fitted: _Fitted, fresh: Array, values: Array, exact: Array) -> Array:
-    """Sizes ``(b, k m)`` mm of the errors at validation poses ``(m, joints)``, with targets at ``(b, k, 3, m)``."""
+    """Return errors ``(b, k m)`` mm at validation poses ``(m, joints)``, with targets at ``(b, k, 3, m)``."""
     parts = []
-    for at in range(0, len(values), _JUDGED_TOGETHER):
-        part = slice(at, at + _JUDGED_TOGETHER)
+    for at in range(0, len(values), _VALIDATED_TOGETHER):
+        part = slice(at, at + _VALIDATED_TOGETHER)
         off = fitted.stacked.points(fresh, values[part]) - exact[part]
         parts.append(MM.of(np.sqrt((off**2).sum(axis=2)).reshape(len(off), -1)))
     errors = np.concatenate(parts)
-    return errors[:, np.isfinite(errors).all(axis=0)]  # where a fit's loops do not close it says nothing
+    return errors[:, np.isfinite(errors).all(axis=0)]  # without poses where a fit's loops do not close
 
 
 def _true_values(fitted: _Fitted, real: TrueRobot, Ts_instrument_nominal: Array) -> Array:
-    """The robot's parameters ``(b, p)`` in the canonical gauge, the base as each campaign was turned."""
+    """Return the robot's parameters ``(b, p)`` in the canonical gauge, with the base of each aligned campaign."""
     arm = fitted.stacked.arm
-    known = truth_of(real, arm)
-    truth = np.full(len(arm.names), np.nan) if known is None else known.of(arm.names)
+    found = truth_of(real, arm)
+    truth = np.full(len(arm.names), np.nan) if found is None else found.of(arm.names)
     Ts = se3.inverse(Ts_instrument_nominal) @ arm.T_tracker_frame0(truth)
     values = np.tile(truth, (len(Ts), 1))
     values[:, :3], values[:, 3:6] = Ts[:, :3, 3], se3.log(Ts[:, :3, :3])
@@ -328,7 +316,7 @@ def _true_values(fitted: _Fitted, real: TrueRobot, Ts_instrument_nominal: Array)
 
 
 def _rms(values: Array) -> Array:
-    """Root mean squares ``(b,)`` of ``(b, f)``; NaN of nothing."""
+    """Return root mean squares ``(b,)`` of ``(b, f)``; NaN for no columns."""
     return np.sqrt((values**2).mean(axis=1)) if values.shape[1] else np.full(len(values), np.nan)
 
 
@@ -336,7 +324,7 @@ _LIBRARIES = ("mujoco", "numpy", "scipy", "pyarrow")
 
 
 def origin_of(robot: str) -> dict[str, Any]:
-    """Return what a study's numbers depend on beside its options: the robot's files, and versions."""
+    """Return the digest of the robot's files, and versions, on which a study's numbers depend."""
     versions = {name: metadata.version(name) for name in _LIBRARIES}
     versions |= {"python": platform.python_version(), "virtual-calibration-lab": __version__}
     return {"model_sha256": load_robot(robot).sha256, "versions": versions}
@@ -349,6 +337,6 @@ def difference(there: dict[str, Any], here: dict[str, Any]) -> str | None:
 
 
 def other_version(old: Mapping[str, str], new: Mapping[str, str]) -> str | None:
-    """The first package that is not of the same version, in words; None if all are."""
+    """Describe the first package of another version; None if all versions are equal."""
     other = next((name for name in sorted({*old, *new}) if old.get(name) != new.get(name)), None)
     return None if other is None else f"{other} {old.get(other)}, not {new.get(other)}"

@@ -1,4 +1,4 @@
-"""Executors of a study, local processes or a cluster, and the distribution of tasks to them."""
+"""Run a study's tasks on executors: local processes or a cluster."""
 
 import asyncio
 import logging
@@ -32,26 +32,26 @@ if TYPE_CHECKING:
 
 __all__ = ["CONNECTING_S", "StoppedError", "cluster_executor", "local_executor", "run_jobs"]
 
-_IN_FLIGHT = 256  # tasks handed out at a time: enough for a hundred workers, and what memory holds
+_IN_FLIGHT = 256  # tasks submitted at a time: enough for a hundred workers, within memory
 CONNECTING_S = 10.0
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
-Key = TypeVar("Key")
-Result = TypeVar("Result")
+_Key = TypeVar("_Key")
+_Result = TypeVar("_Result")
 
 
 class StoppedError(LabError):
-    """A study that stopped before its end: what is finished is kept, and it can go on from there."""
+    """A study stopped before its end; finished files stay, and it can be resumed."""
 
 
 def local_executor(workers: int | None = None) -> ProcessPoolExecutor:
-    """Processes of this machine, by default one for each core that this process may use.
+    """Return processes of this machine, by default one for each core that this process may use.
 
     A process imports the modules whose functions it calls, but not the script or the session that started it: a script
     needs no ``if __name__ == "__main__"``, and its own functions cannot be called.
 
     Raises:
-        LabError: fewer than one.
+        LabError: ``workers`` is below one, or too many.
     """
     if workers is None:
         workers = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
@@ -60,10 +60,10 @@ def local_executor(workers: int | None = None) -> ProcessPoolExecutor:
 
 
 class _Process(SpawnProcess):
-    """A process that does not run the script again, and that no interruption reaches: the parent ends the work."""
+    """A process that does not run the script again, and ignores interruptions: the parent ends the work."""
 
     def start(self) -> None:
-        """Start it with the signal blocked, which a new process inherits; the parent gets what came meanwhile."""
+        """Start it with the signal blocked, which a new process inherits; the parent gets pending signals."""
         if not hasattr(signal, "pthread_sigmask"):  # Windows
             self._start_without_script()
             return
@@ -74,7 +74,7 @@ class _Process(SpawnProcess):
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
     def _start_without_script(self) -> None:
-        """Start it while an empty module is in the script's place: a new process imports what is there.
+        """Start it with an empty module in the script's place, which the new process imports.
 
         A script that calls ``lab.study`` outside ``if __name__ == "__main__"`` would start a study in every process,
         and one that is read from standard input cannot be imported at all.
@@ -88,7 +88,7 @@ class _Process(SpawnProcess):
 
 
 class _Processes(SpawnContext):
-    """New interpreters, which copy nothing of this one."""
+    """Context that starts new interpreters, without copies of this one."""
 
     Process = _Process
 
@@ -101,7 +101,7 @@ def _prepare() -> None:
 
 
 def _end_with_parent() -> None:
-    """A parent that was killed closes nothing: without this its workers would wait for work for ever."""
+    """End with the parent: workers of a killed parent would wait for work for ever."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()
@@ -110,7 +110,7 @@ def _end_with_parent() -> None:
 
 @contextmanager
 def cluster_executor(address: str) -> Iterator[Executor]:
-    """The workers of a dask.distributed scheduler; certificates for ``tls://`` come from dask's own configuration.
+    """Yield the workers of a dask.distributed scheduler; certificates for ``tls://`` come from dask's configuration.
 
     Raises:
         LabError: the extra is not installed, or the scheduler does not answer or has no workers with the lab.
@@ -144,38 +144,37 @@ def cluster_executor(address: str) -> Iterator[Executor]:
 
 
 def _client(address: str) -> "Client":
-    """A client of a scheduler that answers."""
     from distributed import Client
     from distributed.comm.core import connect
     from distributed.security import Security
 
-    async def answer() -> None:  # before there is a client, which does not go away quietly if it never had a scheduler
+    async def answer() -> None:  # a client without a scheduler would not end quietly
         comm = await connect(address, timeout=CONNECTING_S, **Security().get_connection_args("client"))
         await comm.close()
 
     try:
         asyncio.run(answer())
         client = Client(address, timeout=CONNECTING_S, set_as_default=False)
-    except (OSError, ValueError, TypeError, RuntimeError) as error:  # all that dask raises of addresses, certificates
+    except (OSError, ValueError, TypeError, RuntimeError) as error:  # dask's errors of addresses and certificates
         why = " ".join(str(error).split())
         raise LabError(
             f"{option_name('scheduler')} {address}: does not answer ({why}); start dask scheduler there, "
             "mend the address, or give dask its certificates"
         ) from error
-    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # what it would say of a loss is said here
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # a loss is reported here
     return client
 
 
 def run_jobs(
-    executor: Executor, jobs: Iterable[tuple[Key, Callable[[], Result]]], in_flight: int = _IN_FLIGHT
-) -> Generator[tuple[Key, Result], None, None]:
+    executor: Executor, jobs: Iterable[tuple[_Key, Callable[[], _Result]]], in_flight: int = _IN_FLIGHT
+) -> Generator[tuple[_Key, _Result], None, None]:
     """Yield each job's key and result as jobs finish, with at most ``in_flight`` submitted at a time.
 
     Raises:
         StoppedError: the workers were lost.
     """
     left = iter(jobs)
-    waiting: dict[Future[Result], Key] = {}
+    waiting: dict[Future[_Result], _Key] = {}
     try:
         while True:
             for key, call in islice(left, in_flight - len(waiting)):
@@ -183,7 +182,7 @@ def run_jobs(
             if not waiting:
                 return
             done = wait(waiting, return_when=FIRST_COMPLETED).done
-            for future in [future for future in waiting if future in done]:  # in the order in which they were given
+            for future in [future for future in waiting if future in done]:  # in the order of submission
                 yield waiting.pop(future), future.result()
     except BrokenExecutor as error:
         raise StoppedError(

@@ -1,4 +1,4 @@
-"""Grid of a study: factors, times robots, times draws of the noise; and its division into tasks."""
+"""Define the grid of a study: factors, times robots, times draws of the noise; divide it into tasks."""
 
 import itertools
 from collections.abc import Mapping
@@ -14,10 +14,10 @@ from lab.formats.structured import read_toml, structured
 
 __all__ = ["ANY", "CAMPAIGNS_A_TASK", "FACTORS", "NONE", "USUAL", "Cell", "Study", "Task", "read_study", "study_from"]
 
-ANY: Final = "any"  # the scaling of what is the same in each
+ANY: Final = "any"  # scaling of a cell that is the same in all scalings
 NONE = "none"  # the effects of a rigid arm
 USUAL = "usual"  # the parameters that are identifiable
-CAMPAIGNS_A_TASK = 2000  # about half a second's
+CAMPAIGNS_A_TASK = 2000  # about half a second
 
 
 @dataclass(frozen=True)
@@ -25,10 +25,10 @@ class Cell:
     """A combination of the factors.
 
     Attributes:
-        criterion: by which the poses were chosen; ``random`` for random poses.
-        scaling: of the criterion; O1 and random poses are the same in each.
+        criterion: of the poses; ``random`` for random poses.
+        scaling: of the criterion; O1 and random poses are independent of it.
         poses: their number.
-        noise: factor of the instrument's noise; the poses are chosen as if it were one.
+        noise: factor of the instrument's noise; the poses are chosen with a factor of one.
         parameters, effects: names of sets that the study defines.
     """
 
@@ -43,7 +43,7 @@ class Cell:
     effects: str = NONE
 
 
-SCALINGS = tuple(each for each in get_args(get_type_hints(Cell)["scaling"]) if each != ANY)
+_SCALINGS = tuple(each for each in get_args(get_type_hints(Cell)["scaling"]) if each != ANY)
 FACTORS = tuple(each.name for each in fields(Cell))
 
 
@@ -72,11 +72,11 @@ class Study:
 
     Attributes:
         robot: a model's name or path.
-        robots: how many perturbed copies of it.
+        robots: number of perturbed copies of it.
         draws: campaigns with each, which differ in the noise alone.
-        fresh: poses on which each is validated.
+        fresh: number of validation poses of each.
         frozen: one Jacobian for all steps of a fit, instead of one for each.
-        factors: values of the factors; of those that are not named the usual one.
+        factors: values of the factors; the default for others.
         parameters: sets of parameters to identify, by name, beside ``usual``.
         effects: sets of effects of the arm, by name, beside ``none``.
     """
@@ -106,8 +106,8 @@ class Study:
                 raise LabError(f"factor '{kind}' is unknown; there are {', '.join(FACTORS)}")
             if not values or len(set(values)) < len(values):
                 raise LabError(f"factor {kind}: give at least one value, and each once")
-        if strange := [each for each in self.factors.get("scaling", ()) if each not in SCALINGS]:
-            raise LabError(f"factor scaling: '{strange[0]}' is unknown; there are {', '.join(SCALINGS)}")
+        if unknown := [each for each in self.factors.get("scaling", ()) if each not in _SCALINGS]:
+            raise LabError(f"factor scaling: '{unknown[0]}' is unknown; there are {', '.join(_SCALINGS)}")
         for kind, sets in (("parameters", self.parameters), ("effects", self.effects)):
             for name, each in sets.items():
                 try:
@@ -128,7 +128,6 @@ class Study:
                 raise LabError(f"factor effects: '{cell.effects}' is not defined; add [effects.{cell.effects}]")
 
     def _refuse_large(self) -> None:
-        """Refuse more than can be worked out, before any of it is listed."""
         cells = prod(len(values) for values in self.factors.values())
         CELLS("factors", cells)
         CAMPAIGNS("robots, draws and factors", cells * self.robots * self.draws)
@@ -145,7 +144,7 @@ class Study:
 
     @property
     def tasks(self) -> tuple[Task, ...]:
-        """The whole study in pieces, whose results do not depend on how it is cut."""
+        """The whole study in pieces; results do not depend on the division."""
         step = max(1, CAMPAIGNS_A_TASK // self.draws)
         starts = range(0, self.robots, step)
         return tuple(
@@ -159,15 +158,15 @@ class Study:
 
 
 def _plain(cell: Cell) -> Cell:
-    """A scaling that makes no difference is none: of random poses, and of O1."""
+    """Return the cell with the scaling "any" where it makes no difference: of random poses, and of O1."""
     return Cell(**{**asdict(cell), "scaling": ANY}) if cell.criterion in ("random", "O1") else cell
 
 
 def read_study(path: Path) -> Study:
-    """A study from a TOML file.
+    """Read a study from a TOML file.
 
     Raises:
-        LabError: the file cannot be read, or asks for what there is not.
+        LabError: the file cannot be read, or has an invalid value.
     """
     content = read_toml(path)
     if not content:
@@ -177,10 +176,10 @@ def read_study(path: Path) -> Study:
 
 
 def study_from(content: Mapping[str, Any]) -> Study:
-    """A study from plain values, as TOML and JSON have them.
+    """Build a study from plain values of TOML and JSON.
 
     Raises:
-        LabError: a name is unknown, a value is not of its type, or the study asks for what there is not.
+        LabError: a name is unknown, or a value is invalid.
     """
     given = content.get("factors", {})
     factors = {name: _levels(name, levels) for name, levels in given.items()} if isinstance(given, Mapping) else given
@@ -188,8 +187,7 @@ def study_from(content: Mapping[str, Any]) -> Study:
 
 
 def _levels(factor: str, given: Any) -> tuple[Any, ...]:
-    """A factor's values, one or a list, each of the factor's type."""
     levels = given if isinstance(given, list) else [given]
     if factor not in FACTORS:
-        return tuple(levels)  # the study says that there is none such
+        return tuple(levels)  # the study refuses it
     return tuple(getattr(structured("factors", Cell, {factor: level}), factor) for level in levels)

@@ -27,6 +27,7 @@ from lab.noise.instruments import observing
 from lab.sensors.options import VirtualSetup
 from lab.sensors.registry import sensor_named
 from lab.simulation.collisions import random_poses
+from lab.simulation.tracking import VirtualMeasurement
 from lab.simulation.true_robot import TrueRobot
 
 __all__ = ["Day", "Ran", "Trial", "calibrated_day", "hidden_cell", "rigid_rest", "tried"]
@@ -127,7 +128,8 @@ def calibrated_day(
     load = {"payload_kg": np.zeros(len(joints))}
     rng = np.random.default_rng([seed, 39])
     device = observing(named_instrument(INSTRUMENT), observe)
-    data = sensor_named(observe)().simulate(real, joints, names, device, rng, 1, load, VirtualSetup()).measurements
+    poses = VirtualMeasurement(real, joints, names, device, rng, conditions=load)
+    data = sensor_named(observe)().simulate(poses, VirtualSetup()).measurements
     data = replace(data, robot=day.measurements.robot)
     run = identify(data, robot=cell[0], cell=cell[1], instrument=INSTRUMENT, model=model, observe=observe)
     return Day(robot, real, run)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lab.noise.error_model import Clock, ErrorModel
-from lab.noise.terms import TERMS
+from lab.noise.error_term import TERMS
 
 
 def sample(scatter: float = 0.0, wandering: float = 0.0, drift: float = 0.0) -> ErrorModel:

@@ -8,8 +8,7 @@ import pytest
 from lab.kinematics.compiled import kernels
 from lab.noise.change_points import ChangePoint
 from lab.noise.correlation import Correlation
-from lab.noise.error_term import Components, ErrorShapes
-from lab.noise.terms import correlation_of
+from lab.noise.error_term import Components, ErrorShapes, correlation_of
 from lab.noise.variance_components import RestrictedProblem, best_components, chosen_components, small_sample
 
 POSES, NUMBERS = 12, 6

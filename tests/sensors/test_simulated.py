@@ -12,7 +12,7 @@ from lab.noise.instruments import INSTRUMENTS
 from lab.sensors.options import VirtualSetup
 from lab.sensors.registry import sensor_named
 from lab.sensors.socket import SocketSensor
-from lab.simulation.tracking import target_rotations
+from lab.simulation.tracking import VirtualMeasurement, target_rotations
 
 SEED = 3
 CASES = {  # of each kind, how many poses show all of an arm
@@ -184,9 +184,8 @@ def test_each_kind_at_fixtures_is_measured_by_one_point() -> None:
     rng, joints = np.random.default_rng(0), day.measurements.joints
     for name in ("cable", "plane", "socket"):
         with pytest.raises(LabError, match="leave out --targets p2"):
-            sensor_named(name)().simulate(
-                day.true_robot, joints, ("p2",), INSTRUMENTS["exact"], rng, 1, {}, VirtualSetup()
-            )
+            poses = VirtualMeasurement(day.true_robot, joints, ("p2",), INSTRUMENTS["exact"], rng)
+            sensor_named(name)().simulate(poses, VirtualSetup())
 
 
 def test_a_mechanism_has_no_fixtures() -> None:

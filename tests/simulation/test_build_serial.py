@@ -16,9 +16,9 @@ from lab.commands.calibrate.run import calibrate
 from lab.core import se3
 from lab.kinematics.serial.chain import Chain
 from lab.noise.instruments import instrument
+from lab.simulation.build_serial import DENSITY, link_rods, reach_of
 from lab.simulation.candidate_poses import field_of_view
-from lab.simulation.collisions import collides, random_poses, standing
-from lab.simulation.meshes import DENSITY, link_rods, reach_of
+from lab.simulation.collisions import collides, kinematics_at, random_poses
 
 RANKS = {
     "irb120": 27, "rx130": 27, "tx40": 27, "versatran": 23, "scemi": 27, "scara": 17, "course2r": 11,
@@ -70,7 +70,7 @@ def test_its_sites_are_where_the_equations_say(drawn: Robot) -> None:
     joints = drawn.chain.random_joints(200, np.random.default_rng(0))
     expected = arm.points(joints, model.values_before(arm, model.T_world_tracker))
     T_tracker_world = se3.inverse(model.T_world_tracker)
-    for stand, points in zip(standing(model, joints), expected, strict=True):
+    for stand, points in zip(kinematics_at(model, joints), expected, strict=True):
         world = np.array([stand.site(target).xpos for target in arm.targets])
         np.testing.assert_allclose(se3.transform(T_tracker_world, world), points, rtol=0, atol=1e-13)
 

@@ -8,7 +8,7 @@ import pytest
 
 from lab.campaign.robot import load_robot
 from lab.core.errors import LabError
-from lab.simulation.cell import in_words
+from lab.simulation.cell import edges_text
 
 BOX = '[[obstacle]]\nname = "table"\nshape = "box"\nsize_mm = {}\nposition_mm = {}\n'
 POST = '[[obstacle]]\nname = "post"\nshape = "cylinder"\nradius_mm = {}\nheight_mm = {}\nposition_mm = {}\n'
@@ -142,4 +142,4 @@ def test_what_is_surely_wrong_is_refused(folder: Path) -> None:
 
 
 def test_edges_are_said_in_whole_millimetres_or_three_digits() -> None:
-    assert in_words([0.5, 1.25, 1200.4]) == "0.5 x 1.25 x 1200 mm"
+    assert edges_text([0.5, 1.25, 1200.4]) == "0.5 x 1.25 x 1200 mm"

@@ -28,7 +28,7 @@ from lab.simulation.effects import Effects, random_conditions, random_effects, t
 from lab.simulation.elastic import FlexibleArm
 from lab.simulation.model import RobotModel
 from lab.simulation.model_files import load_model, loads_of
-from lab.simulation.tracking import measure_with_outlier_mask, misalignments, track
+from lab.simulation.tracking import VirtualMeasurement, misalignments, track, track_with_errors
 from lab.simulation.true_robot import Perturbation, TrueRobot, random_perturbation, random_tracker, true_robot
 
 MODEL, CHAIN = IRB120.model, IRB120.chain
@@ -376,7 +376,7 @@ def test_joints_come_back_within_their_repeatability() -> None:
 def test_bad_readings_are_as_stated_and_the_others_untouched() -> None:
     visits, device = np.tile(JOINTS, (250, 1)), INSTRUMENTS["uniform-8um"]
     real = REAL.with_effects(only(Displaced(0.05, (1e-3, 50e-3))))
-    data, bad = measure_with_outlier_mask(real, visits, TARGETS, device, np.random.default_rng(2))
+    data, bad = track_with_errors(VirtualMeasurement(real, visits, TARGETS, device, np.random.default_rng(2)))[:2]
     clean = track(REAL, visits, TARGETS, device, np.random.default_rng(2))
     np.testing.assert_array_equal(data.points[~bad], clean.points[~bad])
     off = (data.points - clean.points)[bad]
@@ -386,7 +386,7 @@ def test_bad_readings_are_as_stated_and_the_others_untouched() -> None:
     assert stats.kstest(np.log(size), stats.uniform(np.log(1e-3), np.log(50)).cdf).pvalue > 0.01
     for axis in range(3):  # a coordinate of a random direction is uniform
         assert stats.kstest(off[:, 0, axis] / size, stats.uniform(-1, 2).cdf).pvalue > 0.01
-    assert not measure_with_outlier_mask(REAL, visits, TARGETS, device, np.random.default_rng(2))[1].any()
+    assert not track_with_errors(VirtualMeasurement(REAL, visits, TARGETS, device, np.random.default_rng(2)))[1].any()
 
 
 def test_readings_lag_and_points_do_not() -> None:

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from beam_chain import BeamChain
 from helpers.robots import IRB120
 
 from lab.campaign.robot import Robot, load_robot, load_virtual
@@ -13,7 +14,7 @@ from lab.kinematics.effects.bending import ElasticLinks
 from lab.kinematics.effects.effect import ArmFacts
 from lab.kinematics.effects.registry import EffectOptions
 from lab.simulation.effects import random_effects, true_parameters
-from lab.simulation.elastic import AT_REST, BeamChain, FlexibleArm, JointMotion
+from lab.simulation.elastic import AT_REST, FlexibleArm, JointMotion
 
 ALUMINIUM = np.array([2.067e-5, 2.067e-5, 2.79e-5, 1.5e-8])  # a tube of 80 x 4 mm: 1/EI, 1/EI, 1/GJ, 1/EA
 JOINTS = IRB120.chain.random_joints(2, np.random.default_rng(1))

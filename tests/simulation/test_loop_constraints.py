@@ -14,7 +14,7 @@ from lab.kinematics.closed.arm import ClosedArm
 from lab.kinematics.closed.loop_closure import BASE, Frame, Pin, Rod, Step, Tree
 from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.serial.arm import SerialArm
-from lab.simulation.build_closed import closed_mjcf, closed_qpos, closed_spec
+from lab.simulation.closed_robot import closed_mjcf, closed_qpos, closed_spec
 
 ROUNDING_M = 1e-12  # of sums of lengths about 1 m, where no pose is near a singularity
 FILES = ("rpr2/mechanism", "rpr3/mechanism", "delta/mechanism", "delta/small", "delta/six_rods")

@@ -5,7 +5,7 @@ from helpers.robots import IRB120
 
 from lab.noise.instruments import INSTRUMENTS
 from lab.simulation.effects import BUMPED
-from lab.simulation.tracking import measure_with_outlier_mask, recorded, track
+from lab.simulation.tracking import VirtualMeasurement, recorded, track, track_with_errors
 from lab.simulation.true_robot import random_perturbation, random_tracker, true_robot
 
 TARGETS = ("p1", "p2")
@@ -17,7 +17,7 @@ JOINTS = IRB120.chain.random_joints(60, np.random.default_rng(8))
 
 def test_points_are_where_the_arm_is_plus_the_noise() -> None:
     device = INSTRUMENTS["uniform-8um"]
-    data, bad = measure_with_outlier_mask(REAL, JOINTS, TARGETS, device, np.random.default_rng(0))
+    data, bad = track_with_errors(VirtualMeasurement(REAL, JOINTS, TARGETS, device, np.random.default_rng(0)))[:2]
     off = data.points - REAL.points(JOINTS, TARGETS)
     assert data.points.shape == (60, 2, 3) and data.targets == TARGETS and not bad.any()
     assert 0 < np.abs(off).max() <= 8e-6 * (1 + 1e-9)

@@ -28,8 +28,7 @@ from lab.core.errors import LabError
 from lab.studies.campaigns import origin_of
 from lab.studies.executors import StoppedError, cluster_executor, local_executor, run_jobs
 from lab.studies.grid import Study, read_study
-from lab.studies.run import StudyDone, run_study
-from lab.studies.store import read_campaigns, read_store
+from lab.studies.run import StudyDone, read_campaigns, read_store, run_study
 
 TOY = toy_study.STUDY
 SMALL = """

@@ -20,8 +20,7 @@ from lab.kinematics.joints import Encoders
 from lab.kinematics.model import Model
 from lab.noise.change_points import rows_around
 from lab.noise.error_model import Clock, ErrorModel, row_times
-from lab.noise.error_term import Components, ErrorShapes, Move
-from lab.noise.terms import TERMS, correlation_of
+from lab.noise.error_term import TERMS, Components, ErrorShapes, Move, correlation_of
 from lab.noise.variance_components import (
     ComponentErrors,
     ComponentTrial,

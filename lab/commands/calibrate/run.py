@@ -46,6 +46,7 @@ from lab.noise.instruments import observing
 from lab.render.terminal import Stage, status
 from lab.sensors.registry import sensor_named
 from lab.simulation.effects import true_parameters
+from lab.simulation.tracking import VirtualMeasurement
 from lab.simulation.true_robot import TrueRobot
 
 __all__ = [
@@ -137,7 +138,8 @@ def measurement_session(options: VirtualCampaign, robot: Robot) -> tuple[Measure
     asked = requested_conditions(robot, options)
     conditions = draw_conditions(real, options, len(joints), rng_for(options.seed, "conditions"), asked) | set_there
     noise = rng_for(options.seed, "noise")
-    found = sensor.simulate(real, joints, options.targets, device, noise, options.readings, conditions, options)
+    poses = VirtualMeasurement(real, joints, options.targets, device, noise, options.readings, conditions)
+    found = sensor.simulate(poses, options)
     named = frozenset(np.array(found.measurements.ids)[found.bad].tolist())
     session = MeasurementSession(
         options, robot, replace(found.measurements, warnings=notes, robot=robot.source), real, named

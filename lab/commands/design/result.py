@@ -14,7 +14,6 @@ from lab.campaign.design_problem import PoseProblem
 from lab.campaign.instruments import named_instrument
 from lab.campaign.options import DesignOptions
 from lab.campaign.robot import Robot
-from lab.campaign.stations import stations_in
 from lab.commands.result import Result, error_statistics, number
 from lab.commands.run_folder import VIA, Waypoints
 from lab.core.errors import LabError
@@ -31,7 +30,7 @@ from lab.noise.instruments import observing
 from lab.pose_selection.criteria import Indices, PredictedAccuracy
 from lab.pose_selection.exchange import Certificate, Design
 from lab.pose_selection.tour import Tour, rated
-from lab.simulation.candidate_poses import field_of_view, incidence, view_of
+from lab.simulation.candidate_poses import field_of_view, incidence, stations_in, view_of
 from lab.simulation.collisions import describe_collisions
 from lab.simulation.free_path import path_check, planning_model
 

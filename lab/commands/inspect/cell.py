@@ -18,7 +18,7 @@ from lab.render.charts.marks import Axes
 from lab.render.document import Block, Figure, Paragraph, Picture, Section, Table, short
 from lab.render.plots import SQUARE, VIEWS
 from lab.render.style import ARM, GATE, INK, INSTRUMENT, TICK
-from lab.simulation.cell import extents_mm, in_words
+from lab.simulation.cell import edges_text, extents_mm
 from lab.simulation.collisions import collides, colliding_pairs, describe_collisions
 from lab.simulation.free_path import CLEARANCE_MM, Clearances, planning_model
 from lab.simulation.meshes import instrument_body, solid_points
@@ -126,14 +126,14 @@ def cell_section(values: Mapping[str, Any], robot: Robot) -> Section:
         (
             each["name"],
             each["shape"],
-            in_words(each["extents_mm"]),
+            edges_text(each["extents_mm"]),
             ", ".join(short(x) for x in each["position_mm"]),
             short(each["clearance_mm"]),
         )
         for each in cell["obstacles"]
     ]
     rows += [
-        (each["name"], each["shape"], in_words(each["extents_mm"]), "on the flange", "") for each in cell["plates"]
+        (each["name"], each["shape"], edges_text(each["extents_mm"]), "on the flange", "") for each in cell["plates"]
     ]
     places = [(each["name"], ", ".join(short(x) for x in each["position_mm"])) for each in cell["stations"]]
     stations = (Table(("station of the instrument", "head, mm, in the robot's frame"), tuple(places)),)

@@ -20,8 +20,7 @@ from lab.studies.analysis import Analysis, Comparison, analysed
 from lab.studies.campaigns import refuse_impossible
 from lab.studies.executors import StoppedError, cluster_executor, local_executor
 from lab.studies.grid import FACTORS, Study, read_study
-from lab.studies.run import StudyDone, run_study
-from lab.studies.store import read_campaigns
+from lab.studies.run import StudyDone, read_campaigns, run_study
 
 __all__ = ["StudyResult", "study", "write_csv"]
 

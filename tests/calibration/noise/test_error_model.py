@@ -16,7 +16,7 @@ from lab.calibration.weights import Noise, weigh
 from lab.campaign.robot import load_robot
 from lab.core.measurements import Measurements
 from lab.noise.error_model import Clock, ErrorModel, row_times
-from lab.noise.terms import TERMS
+from lab.noise.error_term import TERMS
 
 ROBOT = load_robot("irb120")
 TARGETS = ("p1", "p2", "p3")

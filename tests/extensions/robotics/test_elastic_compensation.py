@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from beam_chain import BeamChain
 from helpers.robots import IRB120, chain_of
 
 from lab.campaign.robot import load_virtual
@@ -12,7 +13,6 @@ from lab.extensions.robotics.trajectory.motion import Correction, compensated, e
 from lab.kinematics.dynamics.gravity import LinkLoads, Loads, link_loads
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.walk import Torsors
-from lab.simulation.elastic import BeamChain
 
 TUBE = np.array([2.067e-5, 2.067e-5, 2.79e-5, 1.5e-8])
 

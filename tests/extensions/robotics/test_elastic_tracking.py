@@ -1,6 +1,7 @@
 """The elastic arm along a trajectory: what is corrected is hit by a chain of pieces that bears the same motion."""
 
 import numpy as np
+from beam_chain import BeamChain
 from helpers.robots import IRB120
 
 from lab.core.se3 import Array
@@ -8,7 +9,7 @@ from lab.extensions.robotics.trajectory.motion import Tracking, elastic_errors, 
 from lab.kinematics.dynamics.beam import COMPLIANCES
 from lab.kinematics.dynamics.gravity import link_loads
 from lab.kinematics.trajectory.trajectory import through
-from lab.simulation.elastic import AT_REST, BeamChain, JointMotion
+from lab.simulation.elastic import AT_REST, JointMotion
 
 TUBE = np.array([2.067e-5, 2.067e-5, 2.79e-5, 0.0])
 SECTIONS = np.zeros((6, 4))
