@@ -1,27 +1,23 @@
-"""Arms of five joints: all solutions of the poses that they can take, and where others come near, starts for a search.
+"""Inverse kinematics of arms of five joints in closed form: all solutions of the poses that they can take.
 
-A pose has six freedoms, and five joints give it five. The shapes that are known here are a planar arm between two
-joints (``PlanarMiddle``: two or three parallel axes), a planar arm after two joints (``PlanarEnd``), a
-wrist of two axes that meet on any three joints (``TwoAxisWrist``), and hinges of which two neighbouring axes are
-parallel (``ParallelPair``); and all held the other way round, at the last frame, which puts the two meeting axes, the
-planar arm or the pair at the base's end. Each gives candidates by the equations
-that it needs; those that meet the whole pose, to rounding after a few steps of Gauss and Newton, are its solutions.
+A pose has six degrees of freedom, and five joints give it five; other poses get candidates, from which a search starts.
+The shapes with a closed form are a planar arm between two joints (``PlanarMiddle``: two or three parallel axes), a
+planar arm after two joints (``PlanarEnd``), a wrist of two axes that meet on any three joints (``TwoAxisWrist``), and
+hinges of which two neighbouring axes are parallel (``ParallelPair``); and all of them fixed at the last frame, which
+puts the two meeting axes, the planar arm or the pair at the base's end. Each gives candidates by its equations; those
+that meet the whole pose, to rounding after a few Gauss-Newton steps, are its solutions.
 
-Five hinges of which two neighbouring axes are parallel, 1 and 2 or 2 and 3; joints 1 to 3, and joints 4 and 5.
+Parallel pair: axes 1 and 2 or 2 and 3 of five hinges are parallel. They move what is between them in planes across
+their direction n. With the third of joints 1 to 3, whose axis z is fixed beside them, they leave three numbers
+unchanged: the angle between n and z, the height along n of a point of z, and the distance of the two parallel axes (a
+square). Each is bilinear in the cosines and sines of joints 4 and 5 (Raghavan & Roth 1993 have such equations for six
+joints): N(s) (1, cos t, sin t)' = 0, where s is the one of joints 4 and 5 that is farther from the parallel axes along
+the loop, and t the other. So det N(s) = 0. It has degree 2 in the cosine and sine of s: t sees alike what s turns by
+exp(i s) in the angle and in the height, so that the terms of degree 3 cancel. Its four roots are eigenvalues; the null
+vector of N gives t, and joints 1 to 3 follow one after the other.
 
-Two parallel hinges move what is between them in planes across their direction n. With the third of joints 1 to 3, whose
-axis z keeps its place beside them, they leave three numbers as they are: the angle between n and z, the height along n
-of a point of z, and the distance of the two parallel axes (a square). Each is bilinear in the cosines and sines of
-joints 4 and 5 (Raghavan & Roth 1993 have such equations for six joints): N(s) (1, cos t, sin t)' = 0, where s is the
-one of joints 4 and 5 that is farther from the parallel axes along the loop, and t the other. So det N(s) = 0. It has
-degree 2 in the cosine and sine of s: in the angle and in the height what s turns by exp(i s) is seen by t alike, so
-that the terms of degree 3 cancel. Its four roots are eigenvalues; the null vector of N says t, and joints 1 to 3
-follow one after the other.
-
-Five joints of which 4 and 5 are hinges whose axes meet in a point P: a wrist without its last axis.
-
-Joints 1 to 3 bring P to its place: in closed form, whatever they are (``first_joints``). Then
-joint 4 turns axis 5, and joint 5 what is left. Where P comes onto a hinge's axis its place does not say that joint; the
+Two-axis wrist: joints 1 to 3 bring P to its place in closed form, whatever they are (``first_joints``). Then joint 4
+turns axis 5, and joint 5 what is left. Where P comes onto a hinge's axis its place does not determine that joint; the
 angle between axes 4 and 5 does, by an equation of type 2.
 """
 
@@ -38,14 +34,12 @@ from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.extensions.robotics.inverse.first_joints import (
     Carrier,
-    Elbow,
-    Lift,
     Named,
-    Telescope,
     ThreeJoints,
+    carrier_of,
+    fitted_factor,
     polynomial_roots,
 )
-from lab.extensions.robotics.inverse.fitted_factor import fitted_factor
 from lab.extensions.robotics.inverse.five_axes_planar import PlanarEnd, PlanarMiddle, turn_between
 from lab.extensions.robotics.inverse.khalil_equations import TINY, type_2
 from lab.kinematics.compiled.kernels import parallel_pair, settle, two_axes, with_fallback
@@ -68,14 +62,14 @@ _NODES = 5  # at which det N is looked at: it has so many coefficients
 _MORE_NODES = 9
 _MIXED = np.array([[1.0, 0.6, -0.4], [-0.3, 1.0, 0.7]])  # two equations, where there are no more
 _ROOTS = 4
-_ALIKE = 1e-6  # of N's columns: less and they say one thing of t, whose equation has two roots
+_ALIKE = 1e-6  # of N's columns: below this they are one equation for t, with two roots
 _LOOSE, _NOTHING = 1e-6, 1e-12  # of det N, or N, beside its usual size: s, or t, is nearly free, or free
-_TRIED = 8  # positions of a joint that is nearly free, from the one that is liked on
+_TRIED = 8  # positions of a joint that is nearly free, from its reference on
 
 
 @dataclass(frozen=True)
 class ParallelPair:
-    """Such an arm.
+    """Five hinges of which two neighbouring axes among the first three are parallel.
 
     Attributes:
         pair: the two joints with parallel axes, the one beside the third joint first; ``third`` is that joint.
@@ -92,7 +86,7 @@ class ParallelPair:
 
     @classmethod
     def of(cls, axes: Axes) -> "ParallelPair | None":
-        """The shape of an arm of five joints; None where it is another."""
+        """Return the shape of an arm of five joints; None where it is another."""
         if any(axes.prismatic):
             return None
         for pair, third, beside in (((1, 2), 0, (0, 3)), ((1, 0), 2, (2,))):
@@ -117,7 +111,7 @@ class ParallelPair:
 
     @cached_property
     def _sizes(self) -> tuple[float, float]:
-        """Typical sizes of the coefficients of det N, and of the equation by its null vector."""
+        """Typical sizes of the coefficients of det N, and of the equation from its null vector."""
         joints = rng_for(0, "structure").uniform(-1.5, 1.5, (5, 40))
         equations = self._equations(self._moved(joints))
         one, two = (
@@ -140,7 +134,7 @@ class ParallelPair:
 
     @property
     def _n(self) -> Array:
-        """The direction of the parallel axes."""
+        """Direction of the parallel axes."""
         return np.asarray(self.axes.directions[self.pair[1]])
 
     @cached_property
@@ -196,7 +190,7 @@ class ParallelPair:
         return np.concatenate([np.ones((len(moved), 1)), y, v, np.cross(y, v), inner], axis=1)
 
     def _equations(self, moved: Array) -> Array:
-        """The equations ``(n, 3, 3, 3)`` of displacements: which, for (1, cos t, sin t), and for the same of s."""
+        """Return equations ``(n, 3, 3, 3)`` of displacements: by equation, by (1, cos t, sin t), and likewise by s."""
         found = (self._features(moved) @ self._coefficients.T).reshape(-1, 3, 3, 3)
         return np.asarray(found if self.third == 0 else found.swapaxes(2, 3))
 
@@ -207,14 +201,14 @@ class ParallelPair:
         return np.asarray(np.fft.fft(det, axis=1)[:, :3].T / _NODES)
 
     def _of_two(self, equations: Array) -> NDArray[np.complex128]:
-        """The equation in s ``(5, n)`` where det N is zero everywhere: of N's null vector, whose length is known."""
+        """Return the equation in s ``(5, n)`` from N's null vector of given length, where det N is zero everywhere."""
         first, second = (_MIXED @ (equations @ _circle(_MORE_NODES)).transpose(3, 0, 1, 2)).transpose(2, 0, 1, 3)
         null = np.cross(first, second)  # (nodes, n, 3)
         values = null[..., 1] ** 2 + null[..., 2] ** 2 - null[..., 0] ** 2
         return np.asarray(np.fft.fft(values, axis=0)[:5] / _MORE_NODES)
 
     def candidates(self, Ts: Array, liked: Array) -> Iterator[Candidates]:
-        """See ``Shape``: where the equations say little of joint 4 or 5 there are more of them."""
+        """See ``Shape``: poses that hardly determine joint 4 or 5 get more candidates."""
         plain, joints = self._plain(Ts, liked)
         if (rows := np.flatnonzero(plain)).size:
             yield rows, joints[..., rows], np.zeros((*joints.shape[:2], rows.size), dtype=np.bool_)
@@ -222,11 +216,10 @@ class ParallelPair:
             yield rows, *self._loose(self._moved_by(Ts[rows]), liked[:, rows])
 
     def _moved_by(self, Ts: Array) -> Array:
-        """Displacements of the hand from where it is at zero joint positions."""
+        """Return displacements of the hand from its pose at zero joint positions."""
         return np.asarray(Ts @ se3.inverse(self.axes.T_frame0_last))
 
     def _plain_by_numpy(self, Ts: Array, liked: Array) -> tuple[NDArray[np.bool_], Array]:
-        """``_plain`` by numpy."""
         moved = self._moved_by(Ts)
         equations = self._equations(moved)
         found, size = self._found(equations)
@@ -252,14 +245,14 @@ class ParallelPair:
         return np.concatenate([np.ravel(part).astype(np.float64) for part in parts])
 
     def _found(self, equations: Array) -> tuple[Array, Array]:
-        """Positions ``(4, n)`` of joint s, and how large det N is ``(n,)`` beside its usual size."""
+        """Return positions ``(4, n)`` of joint s, and the size ``(n,)`` of det N relative to its usual size."""
         polynomial = self._polynomial(equations)
         return _angles(polynomial), np.abs(polynomial).max(axis=0) / self._sizes[0]
 
     def _loose(self, moved: Array, liked: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Candidates ``(k, 5, n)`` where joint s or t is free, or nearly; and which are free.
+        """Return candidates ``(k, 5, n)`` where joint s or t is free, or nearly; and which are free.
 
-        A joint s that is free is as it is liked, if the others allow it, else at places all around.
+        A free joint s is at the reference, if the others allow it, else at places all around.
         """
         s, t = self._last
         equations = self._equations(moved)
@@ -280,10 +273,10 @@ class ParallelPair:
         return joints, free
 
     def _rest(self, equations: Array, found: Array, liked: Array) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
-        """Joint t ``(3, k, n)`` for positions ``(k, n)`` of s: by all equations, and the two of the strongest one.
+        """Solve joint t ``(3, k, n)`` for positions ``(k, n)`` of s: by all equations, and twice by the strongest.
 
         Returns:
-            Also ``(k, n)`` where the first will do, and where none of them says anything of t.
+            Also ``(k, n)`` where the first will do, and where no equation depends on t.
         """
         turned = np.stack([np.ones_like(found), np.cos(found), np.sin(found)])
         fixed, cosine, sine = np.einsum("niab,bkn->aikn", equations, turned)
@@ -300,7 +293,7 @@ class ParallelPair:
         return np.concatenate([least[None], roots]), A * C - B * B > _ALIKE * (A + C) ** 2, silent
 
     def _joints(self, moved: Array, found: Array, rest: Array) -> Array:
-        """Joints ``(k, 5, n)`` for joints s and t ``(k, n)``: the third one turns n, the others what is left."""
+        """Return joints ``(k, 5, n)`` for joints s and t ``(k, n)``: the third turns n, the pair does the rest."""
         axes, (s, t) = self.axes, self._last
         out = np.empty((len(found), 5, found.shape[1]))
         out[:, s], out[:, t] = found, rest
@@ -322,12 +315,12 @@ class ParallelPair:
         return out
 
     def _turned(self, joint: int, amount: Array) -> Array:
-        """Displacements ``(..., 4, 4)`` by one joint."""
+        """Return displacements ``(..., 4, 4)`` by one joint."""
         R = se3.exp(amount[..., None] * self.axes.directions[joint])
         return se3.pose(R, self.axes.origins[joint] - R @ self.axes.origins[joint])
 
     def _moved(self, joints: Array) -> Array:
-        """Displacements ``(n, 4, 4)`` of the hand from where it is at zero joint positions ``(5, n)``."""
+        """Return displacements ``(n, 4, 4)`` of the hand by joint positions ``(5, n)``."""
         out = np.broadcast_to(np.eye(4), (joints.shape[1], 4, 4))
         for joint in range(5):
             out = out @ self._turned(joint, joints[joint])
@@ -345,7 +338,7 @@ class ParallelPair:
         return [], [(name, fitted_factor(value, self.axes.prismatic, (1, 2, 3))) for name, value in named]
 
     def _elbow(self, joints: Array) -> Array:
-        """Twice the area ``(n,)`` of the triangle of the parallel axes and the centre, at joints ``(n, 5)``."""
+        """Return twice the area ``(n,)`` of the triangle of the parallel axes and the centre, at joints ``(n, 5)``."""
         moves, turns = self._motions(joints)
         first, second = self.pair
         return np.asarray((np.cross(moves[first], moves[second]) * turns[first]).sum(axis=1))
@@ -360,13 +353,9 @@ class ParallelPair:
         return np.asarray(third[0] * fourth[1] - fourth[0] * third[1])
 
     def _motions(self, joints: Array) -> tuple[Array, Array]:
-        """Return how the joints, at positions ``(n, 5)``, move the centre, and turn: ``(5, n, 3)`` each."""
-        axes, moved, places, turns = (
-            self.axes,
-            np.broadcast_to(np.eye(4), (len(joints), 4, 4)),
-            list[Array](),
-            list[Array](),
-        )
+        """Return velocities of the centre and of the rotation by each joint, at ``(n, 5)``: ``(5, n, 3)`` each."""
+        axes, moved = self.axes, np.broadcast_to(np.eye(4), (len(joints), 4, 4))
+        places, turns = [], []
         for joint, amount in enumerate((joints * self.axes.sign).T):
             places.append(moved[:, :3, :3] @ axes.origins[joint] + moved[:, :3, 3])
             turns.append(moved[:, :3, :3] @ axes.directions[joint])
@@ -386,13 +375,13 @@ class ParallelPair:
 
 
 def _circle(count: int) -> Array:
-    """1, cosine and sine of angles all around ``(3, count)``."""
+    """Return 1, cosine and sine ``(3, count)`` of angles evenly spread over a turn."""
     nodes = 2 * np.pi * np.arange(count) / count
     return np.stack([np.ones(count), np.cos(nodes), np.sin(nodes)])
 
 
 def _angles(polynomial: NDArray[np.complex128]) -> Array:
-    """The roots ``(2 d, n)`` of trigonometric polynomials ``(d + 1, n)``, those off the unit circle by their angles."""
+    """Return the roots ``(2 d, n)`` of trigonometric polynomials ``(d + 1, n)``; off the unit circle the angle."""
     return np.angle(polynomial_roots(np.concatenate([polynomial[:0:-1].conj(), polynomial])))
 
 
@@ -403,17 +392,17 @@ def _turning(axis: Array) -> Array:
 
 
 def _turn_between(axis: Array, start: Array, end: Array) -> Array:
-    """Turns ``(...)`` about an axis that bring a direction ``(3,)`` nearest to others ``(..., 3)``."""
+    """Return turns ``(...)`` about an axis that bring a direction ``(3,)`` nearest to others ``(..., 3)``."""
     along, ahead = start - (start @ axis) * axis, np.cross(axis, start)
     return np.asarray(np.arctan2(end @ ahead, end @ along))
 
 
-_ON_AXIS = 1e-6  # m: so near to a hinge's axis the place says little of its turn
+_ON_AXIS = 1e-6  # m: so near to a hinge's axis the place hardly determines its turn
 
 
 @dataclass(frozen=True)
 class TwoAxisWrist:
-    """Such an arm.
+    """Five joints of which 4 and 5 are hinges whose axes meet in a point P: a wrist without its last axis.
 
     Attributes:
         carrier: joints 1 to 3, where they are a classical carrier; ``three`` what else they are.
@@ -429,7 +418,7 @@ class TwoAxisWrist:
 
     @classmethod
     def of(cls, axes: Axes) -> "TwoAxisWrist | None":
-        """The shape of an arm of five joints; None where it is another."""
+        """Return the shape of an arm of five joints; None where it is another."""
         if any(axes.prismatic[3:]) or axes.parallel(3, 4):
             return None
         start, missed = meeting_point(axes.origins[3:], axes.directions[3:])
@@ -438,7 +427,7 @@ class TwoAxisWrist:
         three = ThreeJoints.by_axes(axes.first(3), start)
         if three is None:
             return None
-        carrier = Elbow.of(axes, start) or Telescope.of(axes, start) or Lift.of(axes, start)
+        carrier = carrier_of(axes, start)
         centre = se3.transform(se3.inverse(axes.T_frame0_last), start[None])[0]
         return cls(axes, carrier, three, start, centre)
 
@@ -448,7 +437,7 @@ class TwoAxisWrist:
         return self.three.branches if self.carrier is None else 2 * self.carrier.elbows
 
     def candidates(self, Ts: Array, liked: Array) -> Iterator[Candidates]:
-        """See ``Shape``: where P is on a hinge's axis there are more of them."""
+        """See ``Shape``: poses with P on a hinge's axis get more candidates."""
         place = (Ts[:, :3, :3] @ self.centre + Ts[:, :3, 3]).T
         first, free = self._placed(place, liked[:3])  # (k, 3, n)
         found, near = self._with_wrist(Ts, first)
@@ -462,7 +451,7 @@ class TwoAxisWrist:
         yield there, self._wrist(R, first), _never_free(free)
 
     def _wrist(self, R: Array, first: Array) -> Array:
-        """Candidates ``(k, 5, n)`` by their first three joints: axis 4 turns axis 5, which turns what is left."""
+        """Return candidates ``(k, 5, n)`` for their first three joints: axis 4 turns axis 5, which turns the rest."""
         back = self._turned(first).swapaxes(2, 3) @ R  # (k, n, 3, 3)
         a4, a5 = self.axes.directions[3:]
         fourth = turn_between(a4, np.broadcast_to(a5, back.shape[:-1]), back @ a5)
@@ -472,21 +461,19 @@ class TwoAxisWrist:
 
     @property
     def _across(self) -> Array:
-        """A direction across axis 5."""
         a5 = self.axes.directions[4]
         return np.asarray(np.cross(a5, np.eye(3)[np.argmin(np.abs(a5))]))
 
     def _last_rotations(self, Ts: Array) -> Array:
-        """Rotations ``(n, 3, 3)`` of the last link from where it is at zero joint positions."""
+        """Return rotations ``(n, 3, 3)`` of the last link from its orientation at zero joint positions."""
         return np.asarray(Ts[:, :3, :3] @ self.axes.T_frame0_last[:3, :3].T)
 
     def _with_wrist_by_numpy(self, Ts: Array, first: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """``_with_wrist`` by numpy."""
         return self._wrist(self._last_rotations(Ts), first), self._near(first)
 
     @with_fallback(_with_wrist_by_numpy)
     def _with_wrist(self, Ts: Array, first: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Candidates ``(k, 5, n)`` by their first three joints, and where P is on a hinge's axis ``(n,)``."""
+        """Return candidates ``(k, 5, n)`` for first three joints, and where P is on a hinge's axis ``(n,)``."""
         return two_axes(self._numbers, Ts, first)
 
     @cached_property
@@ -498,7 +485,7 @@ class TwoAxisWrist:
         return np.concatenate([np.ravel(part).astype(np.float64) for part in parts])
 
     def _placed(self, place: Array, liked: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Joints 1 to 3 ``(k, 3, n)`` that bring P to places ``(3, n)``."""
+        """Solve joints 1 to 3 ``(k, 3, n)`` that bring P to places ``(3, n)``."""
         count = place.shape[1]
         if self.carrier is not None:
             shape = (1, self.carrier.elbows, 2, count)
@@ -511,7 +498,7 @@ class TwoAxisWrist:
         return (found.joints * sign).transpose(1, 2, 0), found.free.transpose(1, 2, 0)
 
     def _by_rotation(self, R: Array, first: Array, free: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
-        """More candidates where P is on a hinge's axis: that hinge by the angle between axes 4 and 5."""
+        """Add candidates where P is on a hinge's axis: that hinge by the angle between axes 4 and 5."""
         a4, a5 = self.axes.directions[3:]
         for joint in (0, 1):
             if self.axes.prismatic[joint] or not (near := self._on_axis(joint, first)).any():
@@ -532,7 +519,7 @@ class TwoAxisWrist:
         return first, free
 
     def _near(self, first: Array) -> NDArray[np.bool_]:
-        """``(n,)`` where P is on the axis of a hinge in one of the candidates."""
+        """Mark poses ``(n,)`` with P on the axis of a hinge in a candidate."""
         near = np.zeros(first.shape[2], dtype=np.bool_)
         for joint in (0, 1):
             if not self.axes.prismatic[joint]:
@@ -540,7 +527,7 @@ class TwoAxisWrist:
         return near
 
     def _on_axis(self, joint: int, first: Array) -> NDArray[np.bool_]:
-        """``(k, n)`` where P, carried by the joints after it, is on a hinge's axis."""
+        """Mark ``(k, n)`` where P, carried by the joints after it, is on a hinge's axis."""
         at = np.broadcast_to(self.start[:, None], (3, first.shape[0] * first.shape[2]))
         rows = first.transpose(1, 0, 2).reshape(3, -1)
         for each in range(2, joint, -1):
@@ -550,7 +537,7 @@ class TwoAxisWrist:
         return np.asarray((off < _ON_AXIS).reshape(first.shape[0], -1))
 
     def _turned(self, first: Array, span: range = range(3)) -> Array:
-        """Rotations ``(k, n, 3, 3)`` of the last of some joints, from where it is at zero joint positions."""
+        """Return rotations ``(k, n, 3, 3)`` by some joints."""
         R = np.broadcast_to(np.eye(3), (first.shape[0], first.shape[2], 3, 3))
         for joint in span:
             if not self.axes.prismatic[joint]:
@@ -582,12 +569,12 @@ _SAME = 1e-7
 _CHUNK = 4096  # poses at a time: what fits the processor's cache
 
 
-class Shape(Protocol):
+class _Shape(Protocol):
     """Kinematic shape of a five-joint arm, with its equations."""
 
     @property
     def axes(self) -> Axes:
-        """The joints'."""
+        """Axes of the joints."""
 
     @property
     def roots(self) -> int:
@@ -595,14 +582,14 @@ class Shape(Protocol):
 
     @property
     def repeats(self) -> bool:
-        """A few Newton steps may lead two candidates of a pose to one solution."""
+        """True if a few Newton steps may lead two candidates of a pose to one solution."""
 
     @property
     def centre(self) -> Array:
-        """The point ``(3,)`` of the last frame (m) that the determinant is of."""
+        """Point ``(3,)`` of the last frame (m) for which the determinant holds."""
 
     def candidates(self, Ts: Array, liked: Array) -> Iterator[Candidates]:
-        """Candidates for poses ``(n, 4, 4)``, those together that have as many.
+        """Return candidates for poses ``(n, 4, 4)``, in groups of poses with equally many.
 
         Args:
             liked: ``(5, n)`` what free joints take.
@@ -615,7 +602,7 @@ class Shape(Protocol):
         """Describe the determinant's motions, for an arm fixed at its base or at its last frame."""
 
     def rows(self, jacobian: Array) -> Array:
-        """The square part of a Jacobian ``(6, 5)`` of the centre, whose determinant it is."""
+        """Return the square part of a Jacobian ``(6, 5)`` of the centre that has this determinant."""
 
 
 @dataclass(frozen=True)
@@ -623,12 +610,12 @@ class FiveAxes:
     """An arm of five joints with a closed form.
 
     Attributes:
-        backwards: whether the shape is that of the arm held at its last frame.
+        backwards: whether the shape is that of the arm fixed at its last frame.
     """
 
     chain: Chain
     arm: SerialArm
-    shape: Shape
+    shape: _Shape
     backwards: bool
     by_point: bool = False
     exact_only: bool = True
@@ -636,13 +623,13 @@ class FiveAxes:
 
     @classmethod
     def of(cls, chain: Chain) -> "FiveAxes | None":
-        """The closed form of a nominal model; None where its shape has none."""
+        """Return the closed form of a nominal model; None where its shape has none."""
         if chain.size != 5:
             return None
         forwards = Axes.of(chain)
         for kinds in ((PlanarMiddle, PlanarEnd, TwoAxisWrist), (ParallelPair,)):
             for backwards, held in ((False, forwards), (True, forwards.backwards)):
-                shapes: Iterator[Shape | None] = (kind.of(held) for kind in kinds)
+                shapes: Iterator[_Shape | None] = (kind.of(held) for kind in kinds)
                 shape = next((each for each in shapes if each is not None), None)
                 if shape is not None:
                     return cls(chain, SerialArm(chain), shape, backwards)
@@ -679,16 +666,15 @@ class FiveAxes:
         return f"{self.shape.moved(self.backwards)}; the other joints turn the rest"
 
     def nearest_rotations(self, Rs_frame0_last: Array) -> Array:
-        """See ``ClosedForm``: which rotations are near depends on the place, so that they are left as they are."""
+        """See ``ClosedForm``: the nearest rotation depends on the place, so that rotations stay unchanged."""
         return Rs_frame0_last
 
     def solve(self, Ts_frame0_last: Array, reference: Array | float = 0.0) -> Solutions:
-        """See ``ClosedForm``. Of poses that the arm cannot take the gap and the tilt are those of candidates."""
+        """See ``ClosedForm``. Poses that the arm cannot take get the gap and the tilt of candidates."""
         count, shape = len(Ts_frame0_last), (len(Ts_frame0_last), self.branches)
         liked = np.broadcast_to(reference, (count, 5)) * self.chain.sign
-        whole = Solutions(
-            np.empty((*shape, 5)), np.empty(shape), np.empty(shape), np.empty((*shape, 5), dtype=np.bool_)
-        )
+        frees = np.empty((*shape, 5), dtype=np.bool_)
+        whole = Solutions(np.empty((*shape, 5)), np.empty(shape), np.empty(shape), frees)
         for start in range(0, count, _CHUNK):
             part = slice(start, start + _CHUNK)
             Ts, near = Ts_frame0_last[part], liked[part]
@@ -700,7 +686,7 @@ class FiveAxes:
         return whole
 
     def _judged(self, Ts: Array, joints: Array, free: NDArray[np.bool_]) -> Solutions:
-        """The solutions of poses ``(n, 4, 4)`` among candidates ``(n, k, 5)``, made exact."""
+        """Polish candidates ``(n, k, 5)`` of poses ``(n, 4, 4)``, and return the solutions among them."""
         if self.backwards:
             joints, free = joints[:, :, ::-1], free[:, :, ::-1]
         joints, off = settle(self.arm, self._values, Ts, joints * self.chain.sign)
@@ -708,11 +694,11 @@ class FiveAxes:
 
     @cached_property
     def _values(self) -> Array:
-        """The arm's parameters, with the last frame's origin for a target."""
+        """The arm's parameters, with the target in the last frame's origin."""
         return self.arm.nominal({self.arm.targets[0]: np.zeros(3)})
 
     def _best(self, joints: Array, off: Array, free: NDArray[np.bool_]) -> Solutions:
-        """The ``branches`` nearest candidates, with what they miss; those that are twice there count once."""
+        """Return the ``branches`` nearest candidates, with their errors; repeated ones count once."""
         count, many = joints.shape[:2]
         gap, tilt, size = off[..., 0], off[..., 1], off.max(axis=2)
         meets = size <= np.where(size.min(axis=1, keepdims=True) <= _REACHED, _REACHED, EXACT)  # EXACT at singularities
@@ -721,7 +707,7 @@ class FiveAxes:
         if few and not self.shape.repeats:
             return Solutions(joints, gap, tilt, free)
         some = np.flatnonzero(meets.sum(axis=1) > 1) if few else np.arange(count)
-        order = np.argsort(size[some], axis=1, kind="stable")  # of two that are the same the better one counts
+        order = np.argsort(size[some], axis=1, kind="stable")  # of two equal ones the better one counts
         again = np.zeros((some.size, many), dtype=np.bool_)
         np.put_along_axis(again, order, self._again(np.take_along_axis(joints[some], order[..., None], axis=1)), axis=1)
         gap[some] = np.where(again, np.inf, gap[some])

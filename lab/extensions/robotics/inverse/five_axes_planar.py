@@ -1,16 +1,14 @@
-"""Five joints of which 2 to 4 are a planar arm: hinges with parallel axes, or slides across them.
+"""Inverse kinematics of five-joint arms with a planar arm in the middle or at the end, in closed form.
 
-Joints 2 to 4 turn about one direction w and leave the heights along it as they are. So joint 1, and joint 5, which
-turns about axis 5, are what makes w fit: the place of a point of axis 5 along w says joint 1, and so does the angle
-between axis 5 and w (both equations of type 2, of which the one that says more is taken). Joint 5 and the turn phi
-about w are what is left of the rotation, and joints 2 to 4 the planar arm's.
+Middle: joints 2 to 4 turn about one direction w and do not change heights along it. So joints 1 and 5 alone make w
+fit: the place of a point of axis 5 along w gives joint 1, and so does the angle between axis 5 and w (both equations of
+type 2, of which the better conditioned one is taken). Joint 5 and the turn phi about w are what is left of the
+rotation, and joints 2 to 4 the planar arm's.
 
-Five joints of which 3 to 5 are a planar arm at the end: hinges with parallel axes, or slides across them.
-
-Joints 3 to 5 turn about one direction w and leave the heights along it as they are. So joints 1 and 2 alone turn w to
-where a pose has it. Of two hinges, the angle between w and axis 1 says joint 2 (an equation of type 2), and then the
-direction of w joint 1. Of two hinges with parallel axes the direction says their sum, and the height joint 1 (type 2);
-of a hinge and a slide after it the direction says the hinge, and the height the slide. Joints 3 to 5 are then the
+End: joints 3 to 5 turn about one direction w and do not change heights along it. So joints 1 and 2 alone turn w to its
+direction in a pose. Of two hinges, the angle between w and axis 1 gives joint 2 (an equation of type 2), and then the
+direction of w joint 1. Of two hinges with parallel axes the direction gives their sum, and the height joint 1 (type 2);
+of a hinge and a slide after it the direction gives the hinge, and the height the slide. Joints 3 to 5 are then the
 planar arm's.
 """
 
@@ -29,14 +27,14 @@ from lab.extensions.robotics.inverse.planar import PlanarJoints
 from lab.kinematics.compiled.kernels import planar_frame, with_fallback
 from lab.kinematics.inverse.closed_form import EXACT, Axes, Candidates, Term, plane_across
 
-__all__ = ["PlanarEnd", "PlanarFrame", "PlanarMiddle", "turn_between"]
+__all__ = ["PlanarEnd", "PlanarMiddle", "turn_between"]
 
-PlanarFrame = tuple[Array, NDArray[np.bool_]]  # see PlanarMiddle._frame
+_PlanarFrame = tuple[Array, NDArray[np.bool_]]  # see PlanarMiddle._frame
 
 
 @dataclass(frozen=True)
 class PlanarMiddle:
-    """Such an arm.
+    """Five joints of which 2 to 4 are a planar arm: hinges with parallel axes, or slides across them.
 
     Attributes:
         column: joint 1 where it is a hinge; of a slide its plane alone is used.
@@ -53,7 +51,7 @@ class PlanarMiddle:
 
     @classmethod
     def of(cls, axes: Axes) -> "PlanarMiddle | None":
-        """The shape of an arm of five joints; None where it is another."""
+        """Return the shape of an arm of five joints; None where it is another."""
         middle = [i for i in (1, 2, 3) if not axes.prismatic[i]]
         if not middle or axes.prismatic[4] or axes.parallel(middle[0], 4):
             return None
@@ -76,8 +74,7 @@ class PlanarMiddle:
         """See ``Shape``."""
         yield _candidates_of(self.joints, (0, 4), (1, 2, 3), self._frame(Ts, liked), liked)
 
-    def _frame_by_numpy(self, Ts: Array, liked: Array) -> PlanarFrame:
-        """``_frame`` by numpy."""
+    def _frame_by_numpy(self, Ts: Array, liked: Array) -> _PlanarFrame:
         plane, root = self.column.plane, self.column.root
         R = Ts[:, :3, :3] @ self.axes.T_frame0_last[:3, :3].T
         lever = (Ts[:, :3, :3] @ self.centre + Ts[:, :3, 3] - root).T
@@ -96,7 +93,7 @@ class PlanarMiddle:
         return np.stack([first, fifth, phi, e, f]), free_1[0]
 
     @with_fallback(_frame_by_numpy)
-    def _frame(self, Ts: Array, liked: Array) -> PlanarFrame:
+    def _frame(self, Ts: Array, liked: Array) -> _PlanarFrame:
         """Solve joints 1 and 5, and return the planar arm's targets.
 
         Returns:
@@ -118,11 +115,10 @@ class PlanarMiddle:
 
     @property
     def _size(self) -> float:
-        """Size of the arm (m)."""
         return max(float(np.abs(self.axes.origins - self.axes.origins[0]).max()), 1e-3)
 
     def _first(self, lever: Array, axis_5: Array, liked: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Joint 1 ``(m, n)`` by what says most of it, and where it is free."""
+        """Solve joint 1 ``(m, n)`` by the equation that determines it best, and mark where it is free."""
         w = self.column.plane[2]
         offset = float(w @ (self.start - self.column.root))
         if self.axes.prismatic[0]:
@@ -139,7 +135,7 @@ class PlanarMiddle:
         return first, np.broadcast_to(free, first.shape)
 
     def factors(self) -> tuple[list[float], list[Named]]:
-        """See ``Shape``: how joint 1 moves the point across the plane, and the planar arm's."""
+        """See ``Shape``: the planar arm's, and how joint 1 moves the point across the plane."""
         sign = self.axes.sign
         lengths, factors = self.joints.factors(sign)
         if self.axes.prismatic[0]:
@@ -158,9 +154,9 @@ class PlanarMiddle:
 
 
 def _candidates_of(
-    arm: PlanarJoints, two: tuple[int, int], three: tuple[int, int, int], frame: PlanarFrame, liked: Array
+    arm: PlanarJoints, two: tuple[int, int], three: tuple[int, int, int], frame: _PlanarFrame, liked: Array
 ) -> Candidates:
-    """Candidates of all poses, as ``Shape`` has them, by a planar arm and the two other joints.
+    """Return candidates of all poses, as ``Shape`` has them, from a planar arm and the two other joints.
 
     Args:
         two, three: which joints they are.
@@ -179,7 +175,7 @@ def _candidates_of(
 
 
 def _turn_about(axis: Array, seen: Array) -> Array:
-    """Turns q ``(...)`` with Rot(axis, -q) e3 nearest to directions ``(..., 3)``, for an axis not along e3."""
+    """Return turns q ``(...)`` with Rot(axis, -q) e3 nearest to directions ``(..., 3)``, for an axis not along e3."""
     e3 = np.array([0.0, 0.0, 1.0])
     level = e3 - axis * axis[2]
     ahead = np.cross(axis, e3)
@@ -188,7 +184,7 @@ def _turn_about(axis: Array, seen: Array) -> Array:
 
 @dataclass(frozen=True)
 class PlanarEnd:
-    """Such an arm.
+    """Five joints of which 3 to 5 are a planar arm: hinges with parallel axes, or slides across them.
 
     Attributes:
         joints: 3 to 5, and the last frame's origin, which they move; its place at zero joint positions is ``start``.
@@ -204,7 +200,7 @@ class PlanarEnd:
 
     @classmethod
     def of(cls, axes: Axes) -> "PlanarEnd | None":
-        """The shape of an arm of five joints; None where it is another."""
+        """Return the shape of an arm of five joints; None where it is another."""
         hinges = [i for i in (2, 3, 4) if not axes.prismatic[i]]
         if not hinges or axes.prismatic[0]:
             return None
@@ -255,8 +251,7 @@ class PlanarEnd:
         """See ``Shape``."""
         yield _candidates_of(self.joints, (0, 1), (2, 3, 4), self._frame(Ts, liked), liked)
 
-    def _frame_by_numpy(self, Ts: Array, liked: Array) -> PlanarFrame:
-        """``_frame`` by numpy."""
+    def _frame_by_numpy(self, Ts: Array, liked: Array) -> _PlanarFrame:
         R, place = Ts[:, :3, :3] @ self.axes.T_frame0_last[:3, :3].T, Ts[:, :3, 3].T
         first, second = self._first_two(R @ self.plane[2], place, liked)  # (m, n)
         back, axes = np.broadcast_to(R, (*first.shape, 3, 3)), self.axes
@@ -271,8 +266,8 @@ class PlanarEnd:
         return np.stack([first, second, phi, e, f]), np.zeros(len(Ts), dtype=np.bool_)
 
     @with_fallback(_frame_by_numpy)
-    def _frame(self, Ts: Array, liked: Array) -> PlanarFrame:
-        """Solve joints 1 and 2, and return the planar arm's targets as of ``PlanarMiddle``; neither is free."""
+    def _frame(self, Ts: Array, liked: Array) -> _PlanarFrame:
+        """Solve joints 1 and 2, and return the planar arm's targets as ``PlanarMiddle`` does; neither is free."""
         return planar_frame(self._numbers, 1 if self.axes.prismatic[1] else 2, Ts, liked)
 
     @cached_property
@@ -287,7 +282,7 @@ class PlanarEnd:
         return np.concatenate([np.ravel(part) for part in parts])
 
     def _first_two(self, seen: Array, place: Array, liked: Array) -> tuple[Array, Array]:
-        """Joints 1 and 2 ``(m, n)`` that turn w to directions ``(n, 3)``.
+        """Solve joints 1 and 2 ``(m, n)`` that turn w to directions ``(n, 3)``.
 
         Args:
             place: ``(3, n)`` m, where the last frame's origin is wanted.
@@ -343,6 +338,6 @@ class PlanarEnd:
 
 
 def turn_between(axis: Array, start: Array, end: Array) -> Array:
-    """Turns ``(...)`` about an axis that bring directions nearest to others ``(..., 3)``."""
+    """Return turns ``(...)`` about an axis that bring directions nearest to others ``(..., 3)``."""
     along, ahead = start - (start @ axis)[..., None] * axis, np.cross(axis, start)
     return np.asarray(np.arctan2((ahead * end).sum(axis=-1), (along * end).sum(axis=-1)))

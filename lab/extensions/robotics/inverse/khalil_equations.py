@@ -1,14 +1,9 @@
-"""Solve Khalil's equation types in one and two unknowns.
+"""Solve Khalil's ten equation types in one and two unknowns, for whole arrays.
 
-Khalil's equations in one unknown, solved for whole arrays; those in two are in ``equation_pairs``.
-
-The ten types are those of Khalil & Dombre (Modeling, Identification and Control of Robots, 2002, table 4.1). An
-inverse in closed form is made of them: types 1 to 3, 9 and 10 have one unknown, 4 to 8 two.
-
-Khalil's equations in two unknowns, types 4 to 8, solved for whole arrays; what they return is in ``equations``.
-
-Types 6, 7 and 8 each close a triangle of three lengths, and are solved as that: to rounding of the lengths, where the
-squares of Khalil's own solution lose half of the digits beside a short side.
+An inverse in closed form is made of them (Khalil & Dombre, Modeling, Identification and Control of Robots, 2002, table
+4.1): types 1 to 3, 9 and 10 have one unknown, 4 to 8 two. Types 6, 7 and 8 each close a triangle of three lengths, and
+are solved as that: to rounding of the lengths, where the squares of Khalil's own solution lose half of the digits
+beside a short side.
 """
 
 from collections.abc import Callable
@@ -41,7 +36,7 @@ TINY = 1e-13  # m, or of a unit vector: a coefficient below this is none
 
 
 class Roots(NamedTuple):
-    """Roots of some equations, never NaN.
+    """Roots of equations, never NaN.
 
     Attributes:
         values: of each unknown its roots ``(roots, ...)``: rad, up to whole turns, or a length as the equation says.
@@ -56,7 +51,7 @@ class Roots(NamedTuple):
 
 
 def type_1(x: ArrayLike, y: ArrayLike, tiny: float = TINY, reference: ArrayLike = 0.0) -> Roots:
-    """X r = Y: one root."""
+    """Solve X r = Y: one root."""
     x, y = _same_shape(x, y)
     free = np.abs(x) <= tiny
     value = np.where(free, reference, y / np.where(free, 1.0, x))
@@ -64,7 +59,7 @@ def type_1(x: ArrayLike, y: ArrayLike, tiny: float = TINY, reference: ArrayLike 
 
 
 def type_2(x: Array, y: Array, z: Array | float, tiny: float = TINY, reference: ArrayLike = 0.0) -> Roots:
-    """X sin t + Y cos t = Z: two roots.
+    """Solve X sin t + Y cos t = Z: two roots.
 
     Args:
         tiny: a coefficient below this is zero.
@@ -87,10 +82,10 @@ def type_2(x: Array, y: Array, z: Array | float, tiny: float = TINY, reference: 
 def type_3(
     x1: ArrayLike, y1: ArrayLike, x2: ArrayLike, y2: ArrayLike, tiny: float = TINY, reference: ArrayLike = 0.0
 ) -> Roots:
-    """X1 sin t = Y1 and X2 cos t = Y2: one root.
+    """Solve X1 sin t = Y1 and X2 cos t = Y2: one root.
 
-    Where one of them says nothing, because both its sides are zero, the other alone has two: the one nearer to the
-    reference is given. Two equations for one angle may contradict each other, which is a gap.
+    Where both sides of one equation are zero, the other alone has two roots: the one nearer to the reference is given.
+    Two equations for one angle may contradict each other, which is a gap.
     """
     x1, y1, x2, y2, reference = _same_shape(x1, y1, x2, y2, reference)
     no_sine, no_cosine = np.abs(x1) <= tiny, np.abs(x2) <= tiny
@@ -106,14 +101,14 @@ def type_3(
 
 
 def type_9(x: ArrayLike, y: ArrayLike, tiny: float = TINY, reference: ArrayLike = 0.0) -> Roots:
-    """X cos t = Y: two roots."""
+    """Solve X cos t = Y: two roots."""
     cosine, gap, free = _quotient(x, y, tiny)
     angle = 2 * np.arctan2(np.sqrt(1 - cosine), np.sqrt(1 + cosine))
     return Roots((np.where(free, reference, np.stack([angle, -angle])),), gap, (free,))
 
 
 def type_10(x: ArrayLike, y: ArrayLike, tiny: float = TINY, reference: ArrayLike = 0.0) -> Roots:
-    """X sin t = Y: two roots."""
+    """Solve X sin t = Y: two roots."""
     sine, gap, free = _quotient(x, y, tiny)
     rest = np.sqrt((1 - sine) * (1 + sine))
     roots = np.stack([np.arctan2(sine, rest), np.arctan2(sine, -rest)])
@@ -132,12 +127,11 @@ def unless_tiny(missing: Array, tolerance: Array | float) -> Array:
 
 
 def _same_shape(*values: ArrayLike) -> tuple[Array, ...]:
-    """Numbers and arrays as arrays of one shape."""
     return np.broadcast_arrays(*(np.asarray(value, dtype=np.float64) for value in values))
 
 
 def _quotient(x: ArrayLike, y: ArrayLike, tiny: float) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Y / X within -1 and 1, by how much Y is too large, and where X is zero."""
+    """Return Y / X within -1 and 1, the excess of Y, and where X is zero."""
     x, y = _same_shape(x, y)
     free = np.abs(x) <= tiny
     gap = unless_tiny(np.abs(y) - np.abs(x), np.where(free, tiny, ROUNDING * np.abs(x)))
@@ -145,15 +139,16 @@ def _quotient(x: ArrayLike, y: ArrayLike, tiny: float) -> tuple[Array, Array, ND
     return inside / np.where(free, 1.0, x), gap, free
 
 
-Pair = tuple[ArrayLike, ArrayLike]
+_Pair = tuple[ArrayLike, ArrayLike]
 
 
 def type_4(
-    x1: ArrayLike, y1: ArrayLike, x2: ArrayLike, y2: ArrayLike, tiny: float = TINY, reference: Pair = (0.0, 0.0)
+    x1: ArrayLike, y1: ArrayLike, x2: ArrayLike, y2: ArrayLike, tiny: float = TINY, reference: _Pair = (0.0, 0.0)
 ) -> Roots:
-    """X1 r sin t = Y1 and X2 r cos t = Y2 for r and t: two roots, of opposite r.
+    """Solve X1 r sin t = Y1 and X2 r cos t = Y2 for r and t: two roots, of opposite r.
 
-    Where r is zero t is free. Where one equation says nothing, both are: r sin t (or r cos t) is the reference's.
+    Where r is zero t is free. Where both sides of one equation are zero, both are free: r sin t (or r cos t) is the
+    reference's.
     """
     x1, y1, x2, y2, r_liked, t_liked = _same_shape(x1, y1, x2, y2, *reference)
     no_sine, no_cosine = np.abs(x1) <= tiny, np.abs(x2) <= tiny
@@ -173,9 +168,9 @@ def type_5(
     y2: ArrayLike,
     z2: ArrayLike,
     tiny: float = TINY,
-    reference: Pair = (0.0, 0.0),
+    reference: _Pair = (0.0, 0.0),
 ) -> Roots:
-    """X1 sin t = Y1 + Z1 r and X2 cos t = Y2 + Z2 r for r and t: two roots.
+    """Solve X1 sin t = Y1 + Z1 r and X2 cos t = Y2 + Z2 r for r and t: two roots.
 
     They are where the line V + W r (V = Y / X, W = Z / X) crosses the unit circle. Where both Z are zero r is free;
     where an X is zero its equation is about r alone, and t may be free.
@@ -215,7 +210,7 @@ def _one_angle(
     tiny: float,
     liked: tuple[Array, Array],
 ) -> _Part:
-    """0 = Y + Z r, and X cos t (or sin t) = Y + Z r."""
+    """Solve 0 = Y + Z r and X cos t (or sin t) = Y + Z r."""
     (y, z), (x, other_y, other_z), (r_liked, t_liked) = alone, rest, liked
     silent, still = np.abs(z) <= tiny, np.abs(other_z) <= tiny
     r = np.where(silent, r_liked, -y / np.where(silent, 1.0, z))
@@ -229,7 +224,7 @@ def _one_angle(
 def _no_angle(
     first: tuple[Array, Array], second: tuple[Array, Array], tiny: float, liked: tuple[Array, Array]
 ) -> _Part:
-    """0 = Y1 + Z1 r and 0 = Y2 + Z2 r, by least squares: t is free."""
+    """Solve 0 = Y1 + Z1 r and 0 = Y2 + Z2 r by least squares: t is free."""
     (y1, z1), (y2, z2), (r_liked, t_liked) = first, second, liked
     square = z1 * z1 + z2 * z2
     silent = square <= tiny * tiny
@@ -244,9 +239,9 @@ def type_6(
     z1: ArrayLike,
     z2: ArrayLike,
     tiny: float = TINY,
-    reference: Pair = (0.0, 0.0),
+    reference: _Pair = (0.0, 0.0),
 ) -> Roots:
-    """W sin j = X cos i + Y sin i + Z1 and W cos j = X sin i - Y cos i + Z2 for i and j: two roots.
+    """Solve W sin j = X cos i + Y sin i + Z1 and W cos j = X sin i - Y cos i + Z2 for i and j: two roots.
 
     Where X and Y or both Z are zero i is free, where W is zero j.
     """
@@ -264,9 +259,9 @@ def type_7(
     z1: ArrayLike,
     z2: ArrayLike,
     tiny: float = TINY,
-    reference: Pair = (0.0, 0.0),
+    reference: _Pair = (0.0, 0.0),
 ) -> Roots:
-    """W1 cos j + W2 sin j = X cos i + Y sin i + Z1 and W1 sin j - W2 cos j = X sin i - Y cos i + Z2 for i and j.
+    """Solve W1 cos j + W2 sin j = X cos i + Y sin i + Z1 and W1 sin j - W2 cos j = X sin i - Y cos i + Z2.
 
     Two roots, as type 6 has them.
     """
@@ -280,7 +275,7 @@ def type_7(
 def _closed(
     w: Array, x: Array, y: Array, z1: Array, z2: Array, tiny: float, liked: Array
 ) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
-    """Types 6 and 7: i such that the right sides, a vector (X, Y) turned by i and a fixed (Z1, Z2), are as long as W.
+    """Solve types 6 and 7 for i: a vector (X, Y) turned by i and a fixed (Z1, Z2) add up to the length W.
 
     Returns:
         i ``(2, ...)``; the right sides ``(2, 2, ...)``; the gap; and where i is free.
@@ -295,9 +290,9 @@ def _closed(
 
 
 def type_8(
-    x: float, y: float, z1: Array, z2: Array, tiny: float = TINY, reference: Pair = (0.0, 0.0), bend: float = 0.0
+    x: float, y: float, z1: Array, z2: Array, tiny: float = TINY, reference: _Pair = (0.0, 0.0), bend: float = 0.0
 ) -> Roots:
-    """X cos i + Y cos(i + j) = Z1 and X sin i + Y sin(i + j) = Z2 for i and j: two roots.
+    """Solve X cos i + Y cos(i + j) = Z1 and X sin i + Y sin(i + j) = Z2 for i and j: two roots.
 
     Where Z is zero and X = Y, so that the two links fold back onto their root, i is free; where X is zero i is, and
     where Y is zero j.
@@ -327,7 +322,7 @@ def type_8(
 
 
 def _corner(first: Array | float, second: Array | float, third: Array, tiny: float) -> tuple[Array, Array]:
-    """The turn (rad, 0 to pi) from a first length to a second that makes them span a third, and what is missing."""
+    """Return the turn (rad, 0 to pi) from a first length to a second that makes them span a third, and the gap."""
     longest, shortest = np.add(first, second), np.abs(np.subtract(first, second))
     outside, inside = third - longest, shortest - third
     gap = np.maximum(outside, inside)
