@@ -28,7 +28,7 @@ from lab.core import se3
 from lab.core.errors import LabError, error_context
 from lab.core.se3 import Array
 from lab.core.units import MM
-from lab.extensions.robotics.kinematics.result import Solver
+from lab.extensions.robotics.kinematics.models import Solver
 from lab.extensions.robotics.trajectory.cartesian import CartesianPath, arc, line, path_move
 from lab.extensions.robotics.trajectory.options import TrajectoryOptions
 from lab.extensions.robotics.trajectory.path_csv import PathRows
