@@ -22,7 +22,7 @@ __all__ = ["TrajectoryOptions"]
 
 @dataclass(frozen=True)
 class TrajectoryOptions:
-    """Through which points a robot is to move, and how fast it may."""
+    """Points through which a robot moves, and its limits of speed."""
 
     points: tyro.conf.Positional[Path]
     """CSV, a row a point: joint positions, or x_mm, y_mm, z_mm of the tool; and how it moves there."""
@@ -94,7 +94,7 @@ class TrajectoryOptions:
 
     @property
     def tool_m(self) -> Array:
-        """The tool's point ``(3,)`` m in the last frame."""
+        """Tool point ``(3,)`` m in the last frame."""
         return MM.to_si(np.array(self.tool_mm)) if self.tool_mm else np.zeros(3)
 
     def blend(self, chain: JointSpec) -> Array | None:
@@ -112,7 +112,7 @@ class TrajectoryOptions:
         return np.where(chain.prismatic, 1e-3 * (slides or 0.0), np.deg2rad(turns or 0.0))
 
     def rated(self, chain: JointSpec) -> JointSpec:
-        """The joints with the speeds, accelerations and jerks that are given.
+        """Return the joints with the given speeds, accelerations and jerks.
 
         Raises:
             LabError: there are not as many as joints, or one is not above zero.
