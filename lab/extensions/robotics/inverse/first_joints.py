@@ -22,7 +22,7 @@ import itertools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -131,33 +131,6 @@ def turned_back(split: tuple[Array, Array, Array], first: tuple[Array, Array]) -
     return [fixed + cosine * level - sine * ahead for fixed, level, ahead in zip(*split, strict=True)]
 
 
-class Carrier(Protocol):
-    """Closed form of the first three joints."""
-
-    @property
-    def column(self) -> FirstJoint:
-        """Joint 1."""
-
-    @property
-    def elbows(self) -> int:
-        """Number of roots for each root of joint 1."""
-
-    def solve(self, position: Array, liked: Array, angles: Array, gap: Array, free: NDArray[np.bool_]) -> Carried:
-        """Solve for places ``(3, n)`` of the wrist's centre in frame 0, and fill in the arrays.
-
-        Args:
-            liked: ``(3, n)`` what free joints take.
-            angles, free: ``(3, wrists, elbows, 2, n)``; ``gap`` ``(wrists, elbows, 2, n)`` m.
-        """
-
-    def factors(self, sign: Array) -> tuple[float, list[float], list[Named]]:
-        """Factor the determinant of the axes' three columns of the Jacobian at the wrist's centre.
-
-        Returns:
-            Its sign, lengths (m), and factors with their names, for joint positions that have these signs.
-        """
-
-
 BEND = 0.03  # rad, from the straight elbow: a start for Newton's method where the nominal model does not reach
 
 
@@ -170,6 +143,7 @@ class Elbow:
         shoulder, upper, fore: in the plane (m): axis 2 from the root, axis 3 from axis 2, and the wrist's centre
             from axis 3.
         offset: the wrist's centre from the root, along w (m).
+        elbows: number of roots for each root of joint 1.
     """
 
     column: FirstJoint
@@ -194,7 +168,12 @@ class Elbow:
         return cls(FirstJoint.of(axes, plane), float(np.sign(w @ third)), shoulder, upper, fore, offset)
 
     def solve(self, position: Array, liked: Array, angles: Array, gap: Array, free: NDArray[np.bool_]) -> Carried:
-        """See ``Carrier``."""
+        """Solve for places ``(3, n)`` of the wrist's centre in frame 0, and fill in the arrays.
+
+        Args:
+            liked: ``(3, n)`` reference of free joints.
+            angles, free: ``(3, wrists, elbows, 2, n)``; ``gap`` ``(wrists, elbows, 2, n)`` m.
+        """
         split = self.column.split(position - self.column.root[:, None])
         (first,), gap_1, (free[0],) = self.column.facing(split, self.offset, liked[0])
         turned = np.cos(first), np.sin(first)
@@ -211,7 +190,11 @@ class Elbow:
         return Carried(self.column, turned, (np.cos(lifted), np.sin(lifted)))
 
     def factors(self, sign: Array) -> tuple[float, list[float], list[Named]]:
-        """See ``Carrier``."""
+        """Factor the determinant of the axes' three columns of the Jacobian at the wrist's centre.
+
+        Returns:
+            Its sign, lengths (m), and factors with their names, for joint positions that have these signs.
+        """
         second, third = (1, float(sign[1])), (2, float(self.turning * sign[2]))
         across = np.conj(self.upper) * self.fore / abs(self.upper)
         elbow = real_part(-1j * across, [third])[::-1]
@@ -304,6 +287,10 @@ class _Lift:
 
     def factors(self, sign: Array) -> tuple[float, list[float], list[Named]]:
         return self.up, [], [("shoulder", [Term(float(sign[2]), slides=(2,)), Term(self.middle.real)])]
+
+
+Carrier = Elbow | _Telescope | _Lift
+"""Closed form of the first three joints; ``Elbow`` describes its methods."""
 
 
 def carrier_of(axes: Axes, centre: Array) -> Carrier | None:

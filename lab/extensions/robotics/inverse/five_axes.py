@@ -2,8 +2,8 @@
 
 A pose has six degrees of freedom, and five joints give it five; other poses get candidates, from which a search starts.
 The shapes with a closed form are a planar arm between two joints (``PlanarMiddle``: two or three parallel axes), a
-planar arm after two joints (``PlanarEnd``), a wrist of two axes that meet on any three joints (``TwoAxisWrist``), and
-hinges of which two neighbouring axes are parallel (``ParallelPair``); and all of them fixed at the last frame, which
+planar arm after two joints (``PlanarEnd``), a wrist of two axes that meet on any three joints (``_TwoAxisWrist``), and
+hinges of which two neighbouring axes are parallel (``_ParallelPair``); and all of them fixed at the last frame, which
 puts the two meeting axes, the planar arm or the pair at the base's end. Each gives candidates by its equations; those
 that meet the whole pose, to rounding after a few Gauss-Newton steps, are its solutions.
 
@@ -24,7 +24,6 @@ angle between axes 4 and 5 does, by an equation of type 2.
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,7 +55,7 @@ from lab.kinematics.inverse.closed_form import (
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.chain import Chain
 
-__all__ = ["FiveAxes", "ParallelPair", "TwoAxisWrist"]
+__all__ = ["FiveAxes"]
 
 _NODES = 5  # at which det N is looked at: it has so many coefficients
 _MORE_NODES = 9
@@ -68,7 +67,7 @@ _TRIED = 8  # positions of a joint that is nearly free, from its reference on
 
 
 @dataclass(frozen=True)
-class ParallelPair:
+class _ParallelPair:
     """Five hinges of which two neighbouring axes among the first three are parallel.
 
     Attributes:
@@ -85,7 +84,7 @@ class ParallelPair:
     repeats: bool = True
 
     @classmethod
-    def of(cls, axes: Axes) -> "ParallelPair | None":
+    def of(cls, axes: Axes) -> "_ParallelPair | None":
         """Return the shape of an arm of five joints; None where it is another."""
         if any(axes.prismatic):
             return None
@@ -127,7 +126,6 @@ class ParallelPair:
 
     @property
     def roots(self) -> int:
-        """See ``Shape``."""
         return _ROOTS
 
     # The equations
@@ -208,7 +206,7 @@ class ParallelPair:
         return np.asarray(np.fft.fft(values, axis=0)[:5] / _MORE_NODES)
 
     def candidates(self, Ts: Array, liked: Array) -> Iterator[Candidates]:
-        """See ``Shape``: poses that hardly determine joint 4 or 5 get more candidates."""
+        """Poses that hardly determine joint 4 or 5 get more candidates."""
         plain, joints = self._plain(Ts, liked)
         if (rows := np.flatnonzero(plain)).size:
             yield rows, joints[..., rows], np.zeros((*joints.shape[:2], rows.size), dtype=np.bool_)
@@ -329,7 +327,7 @@ class ParallelPair:
     # The determinant
 
     def factors(self) -> tuple[list[float], list[Named]]:
-        """See ``Shape``: how far the centre is from the parallel axes' plane, and what the two other joints do.
+        """Factor by the distance of the centre from the parallel axes' plane, and the motion of the two other joints.
 
         The parallel axes do not turn about m, across n and axis 5, and move the centre across n only: the other two
         joints lift it along n.
@@ -364,12 +362,11 @@ class ParallelPair:
         return np.cross(turns, moved[:, :3, :3] @ end + moved[:, :3, 3] - np.array(places)), np.array(turns)
 
     def moved(self, backwards: bool) -> str:
-        """See ``Shape``."""
         seen = "axis 1, seen from the last frame," if backwards else "axis 5"
         return f"the displacements of a point of {seen} and the turn across it and the parallel axes"
 
     def rows(self, jacobian: Array) -> Array:
-        """See ``Shape``: of joints 1 to 4, the place, and the turn about m, across axis 5 and the parallel axes."""
+        """Return the place, and the turn about m, across axis 5 and the parallel axes, for joints 1 to 4."""
         m = np.cross(jacobian[3:, self.pair[0]], jacobian[3:, 4])
         return np.concatenate([jacobian[:3, :4], (m @ jacobian[3:, :4])[None]])
 
@@ -401,7 +398,7 @@ _ON_AXIS = 1e-6  # m: so near to a hinge's axis the place hardly determines its 
 
 
 @dataclass(frozen=True)
-class TwoAxisWrist:
+class _TwoAxisWrist:
     """Five joints of which 4 and 5 are hinges whose axes meet in a point P: a wrist without its last axis.
 
     Attributes:
@@ -417,7 +414,7 @@ class TwoAxisWrist:
     repeats: bool = False
 
     @classmethod
-    def of(cls, axes: Axes) -> "TwoAxisWrist | None":
+    def of(cls, axes: Axes) -> "_TwoAxisWrist | None":
         """Return the shape of an arm of five joints; None where it is another."""
         if any(axes.prismatic[3:]) or axes.parallel(3, 4):
             return None
@@ -433,11 +430,10 @@ class TwoAxisWrist:
 
     @property
     def roots(self) -> int:
-        """See ``Shape``."""
         return self.three.branches if self.carrier is None else 2 * self.carrier.elbows
 
     def candidates(self, Ts: Array, liked: Array) -> Iterator[Candidates]:
-        """See ``Shape``: poses with P on a hinge's axis get more candidates."""
+        """Poses with P on a hinge's axis get more candidates."""
         place = (Ts[:, :3, :3] @ self.centre + Ts[:, :3, 3]).T
         first, free = self._placed(place, liked[:3])  # (k, 3, n)
         found, near = self._with_wrist(Ts, first)
@@ -545,17 +541,14 @@ class TwoAxisWrist:
         return np.asarray(R)
 
     def factors(self) -> tuple[list[float], list[Named]]:
-        """See ``Shape``: those of joints 1 to 3."""
         found = self.three.determinant
         return list(found.lengths), [(each.name, each.terms) for each in found.factors]
 
     def moved(self, backwards: bool) -> str:
-        """See ``Shape``."""
         meet = "axes 1 and 2 meet, seen from the last frame" if backwards else "axes 4 and 5 meet"
         return f"the displacements of where {meet}"
 
     def rows(self, jacobian: Array) -> Array:
-        """See ``Shape``: of joints 1 to 3, the place."""
         return jacobian[:3, :3]
 
 
@@ -569,40 +562,7 @@ _SAME = 1e-7
 _CHUNK = 4096  # poses at a time: what fits the processor's cache
 
 
-class _Shape(Protocol):
-    """Kinematic shape of a five-joint arm, with its equations."""
-
-    @property
-    def axes(self) -> Axes:
-        """Axes of the joints."""
-
-    @property
-    def roots(self) -> int:
-        """Number of candidates for a pose."""
-
-    @property
-    def repeats(self) -> bool:
-        """True if a few Newton steps may lead two candidates of a pose to one solution."""
-
-    @property
-    def centre(self) -> Array:
-        """Point ``(3,)`` of the last frame (m) for which the determinant holds."""
-
-    def candidates(self, Ts: Array, liked: Array) -> Iterator[Candidates]:
-        """Return candidates for poses ``(n, 4, 4)``, in groups of poses with equally many.
-
-        Args:
-            liked: ``(5, n)`` what free joints take.
-        """
-
-    def factors(self) -> tuple[list[float], list[Named]]:
-        """Factor the determinant, but for its sign: lengths (m), and named factors."""
-
-    def moved(self, backwards: bool) -> str:
-        """Describe the determinant's motions, for an arm fixed at its base or at its last frame."""
-
-    def rows(self, jacobian: Array) -> Array:
-        """Return the square part of a Jacobian ``(6, 5)`` of the centre that has this determinant."""
+_Shape = PlanarMiddle | PlanarEnd | _TwoAxisWrist | _ParallelPair  # ``PlanarMiddle`` describes their methods
 
 
 @dataclass(frozen=True)
@@ -627,7 +587,7 @@ class FiveAxes:
         if chain.size != 5:
             return None
         forwards = Axes.of(chain)
-        for kinds in ((PlanarMiddle, PlanarEnd, TwoAxisWrist), (ParallelPair,)):
+        for kinds in ((PlanarMiddle, PlanarEnd, _TwoAxisWrist), (_ParallelPair,)):
             for backwards, held in ((False, forwards), (True, forwards.backwards)):
                 shapes: Iterator[_Shape | None] = (kind.of(held) for kind in kinds)
                 shape = next((each for each in shapes if each is not None), None)

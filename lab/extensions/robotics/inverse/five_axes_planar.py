@@ -40,6 +40,7 @@ class PlanarMiddle:
         column: joint 1 where it is a hinge; of a slide its plane alone is used.
         joints: 2 to 4, and the point of axis 5 that they move.
         start: that point ``(3,)`` m in frame 0 at zero joint positions, and ``centre`` in the last frame.
+        repeats: whether a few Newton steps may lead two candidates of a pose to one solution.
     """
 
     axes: Axes
@@ -67,11 +68,15 @@ class PlanarMiddle:
 
     @property
     def roots(self) -> int:
-        """See ``Shape``."""
+        """Number of candidates for a pose."""
         return (1 if self.axes.prismatic[0] else 2) * self.joints.roots
 
     def candidates(self, Ts: Array, liked: Array) -> Iterator[Candidates]:
-        """See ``Shape``."""
+        """Return candidates for poses ``(n, 4, 4)``, in groups of poses with equally many.
+
+        Args:
+            liked: ``(5, n)`` reference of free joints.
+        """
         yield _candidates_of(self.joints, (0, 4), (1, 2, 3), self._frame(Ts, liked), liked)
 
     def _frame_by_numpy(self, Ts: Array, liked: Array) -> _PlanarFrame:
@@ -135,7 +140,7 @@ class PlanarMiddle:
         return first, np.broadcast_to(free, first.shape)
 
     def factors(self) -> tuple[list[float], list[Named]]:
-        """See ``Shape``: the planar arm's, and how joint 1 moves the point across the plane."""
+        """Factor the determinant, but for its sign: lengths (m), and named factors."""
         sign = self.axes.sign
         lengths, factors = self.joints.factors(sign)
         if self.axes.prismatic[0]:
@@ -143,12 +148,12 @@ class PlanarMiddle:
         return lengths, [*factors, ("shoulder", self.joints.place_along(self.column.level, sign))]
 
     def moved(self, backwards: bool) -> str:
-        """See ``Shape``."""
+        """Describe the determinant's motions, for an arm fixed at its base or at its last frame."""
         seen = "axis 1, seen from the last frame," if backwards else "axis 5"
         return f"the displacements of a point of {seen} and the turn about the parallel axes"
 
     def rows(self, jacobian: Array) -> Array:
-        """See ``Shape``: of joints 1 to 4, the place and the turn about w, in the frame of joint 1."""
+        """Return the square part of a Jacobian ``(6, 5)`` of the centre that has this determinant."""
         hinge = next(i for i in (1, 2, 3) if not self.axes.prismatic[i])
         return np.concatenate([jacobian[:3, :4], (jacobian[3:, hinge] @ jacobian[3:, :4])[None]])
 
@@ -156,7 +161,7 @@ class PlanarMiddle:
 def _candidates_of(
     arm: PlanarJoints, two: tuple[int, int], three: tuple[int, int, int], frame: _PlanarFrame, liked: Array
 ) -> Candidates:
-    """Return candidates of all poses, as ``Shape`` has them, from a planar arm and the two other joints.
+    """Return candidates of all poses, from a planar arm and the two other joints.
 
     Args:
         two, three: which joints they are.
@@ -244,11 +249,11 @@ class PlanarEnd:
 
     @property
     def roots(self) -> int:
-        """See ``Shape``."""
+        """See ``PlanarMiddle``."""
         return (1 if self.axes.prismatic[1] else 2) * self.joints.roots
 
     def candidates(self, Ts: Array, liked: Array) -> Iterator[Candidates]:
-        """See ``Shape``."""
+        """See ``PlanarMiddle``."""
         yield _candidates_of(self.joints, (0, 1), (2, 3, 4), self._frame(Ts, liked), liked)
 
     def _frame_by_numpy(self, Ts: Array, liked: Array) -> _PlanarFrame:
@@ -305,7 +310,7 @@ class PlanarEnd:
         return turn_between(first_axis, turned, np.broadcast_to(seen, turned.shape)), second
 
     def factors(self) -> tuple[list[float], list[Named]]:
-        """See ``Shape``: the planar arm's, and how joints 1 and 2 turn w or lift along it."""
+        """See ``PlanarMiddle``: the planar arm's, and how joints 1 and 2 turn w or lift along it."""
         lengths, factors = self.joints.factors(self.axes.sign)
         w, (first, second) = self.plane[2], self.axes.directions[:2]
         if self.axes.prismatic[1]:
@@ -318,13 +323,13 @@ class PlanarEnd:
         return lengths, [*factors, ("shoulder", terms)]
 
     def moved(self, backwards: bool) -> str:
-        """See ``Shape``."""
+        """See ``PlanarMiddle``."""
         what = "base's origin, seen from the last frame," if backwards else "last frame's origin"
         both = "direction" if not (self.axes.prismatic[1] or self._sum) else "direction and the height"
         return f"the displacements of the {what} across the parallel axes, the turn about them, and their {both}"
 
     def rows(self, jacobian: Array) -> Array:
-        """See ``Shape``: place and turn of the planar arm, and of w the direction, or one turn and the height."""
+        """See ``PlanarMiddle``: place and turn of the planar arm; direction of w, or one turn and the height."""
         hinge = next(i for i in (2, 3, 4) if not self.axes.prismatic[i])
         w = jacobian[3:, hinge]
         across = plane_across(w)[:2]

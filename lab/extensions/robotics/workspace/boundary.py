@@ -132,7 +132,8 @@ def carrier_volume(chain: Chain, point: Array, half_m: float) -> float:
 
     def reached(radius: Array, level: Array) -> NDArray[np.bool_]:
         places = np.stack([radius, np.zeros_like(radius), level], axis=1)
-        return by_closed_form(form, chain, pose(np.tile(np.eye(3), (len(places), 1, 1)), places - form.point))[0]
+        Ts = pose(np.tile(np.eye(3), (len(places), 1, 1)), places - form.point)
+        return np.asarray(by_closed_form(form, chain, Ts)[1].any(axis=1))
 
     return solid_volume(reached, (-half_m, half_m), half_m)
 

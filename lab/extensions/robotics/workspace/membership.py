@@ -6,9 +6,9 @@ Newton's method goes on: joints at a limit that would have to pass it are fixed 
 if one of the starts converges; a place that is reached may be missed, never the other way round.
 """
 
-from dataclasses import dataclass, field
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 import scipy  # its parts are loaded at their first use
@@ -53,8 +53,27 @@ _AT_LIMIT = 1e-12  # rad or m
 _STUCK = 0.15  # of the error: who makes it smaller by less in a step is at its best within the limits
 
 
+class Membership(ABC):
+    """A test of whether a robot reaches targets.
+
+    Attributes:
+        exact: True if a closed form decides, which misses no solution.
+    """
+
+    exact = True
+
+    @abstractmethod
+    def solutions(self, wanted: PoseTarget) -> Array:
+        """Return some or all joint positions ``(n, k, joints)`` that reach targets, NaN where there are fewer."""
+
+    def reached(self, wanted: PoseTarget) -> tuple[NDArray[np.bool_], Array]:
+        """Decide whether targets ``(n,)`` are reached; joint positions ``(n, joints)`` of reached ones, else NaN."""
+        found = _first(self.solutions(wanted))
+        return ~np.isnan(found[:, 0]), found
+
+
 @dataclass(frozen=True)
-class Search:
+class Search(Membership):
     """A bounded search for a nominal robot and the point of its tool.
 
     Attributes:
@@ -67,7 +86,7 @@ class Search:
     values: Array
     count: int = 20_000
     turn_first: bool = False
-    exact: bool = field(default=False, init=False)
+    exact = False
 
     @cached_property
     def samples(self) -> tuple[Array, Array]:
@@ -168,7 +187,7 @@ _SLACK_M = 1e-9  # beyond a limit
 
 
 @dataclass(frozen=True)
-class ByRods:
+class ByRods(Membership):
     """A platform on six rods of measured lengths from the base, and the point of its tool.
 
     The lengths from the base to the platform are distances of points, so that each pose has one set of joint positions
@@ -189,7 +208,6 @@ class ByRods:
     order: NDArray[np.int_]
     T_home: Array
     tool: Array
-    exact: bool = True
 
     @classmethod
     def of(cls, mechanism: Mechanism, tool: Array) -> "ByRods | None":
@@ -198,7 +216,7 @@ class ByRods:
         joints = [rod.joint for rod in tree.rods]
         if tree.pins or len(joints) != FREEDOMS or None in joints or len(set(joints)) != mechanism.size:
             return None
-        if any({step[0] for step in tree.passive} - {tree.platform} for _ in tree.passive):
+        if any(frame != tree.platform for frame, _ in tree.passive):
             return None
         home, dimensions = mechanism.home[None], mechanism.dimensions(mechanism.nominal_values)
         passive = mechanism.assembled(home, mechanism.nominal_values).configuration.passive
@@ -214,18 +232,14 @@ class ByRods:
         order = np.array(joints, dtype=np.int_)
         return cls(mechanism, ends[rows, held], corners, np.array(dimensions.lengths), order, T, tool)
 
-    def reached(self, wanted: PoseTarget) -> tuple[NDArray[np.bool_], Array]:
-        """See ``Membership``."""
+    def solutions(self, wanted: PoseTarget) -> Array:
+        """Return the one solution."""
         Ts = se3.pose(wanted.rotations, wanted.positions - wanted.rotations @ self.tool)
         lengths, sides = self._seen(Ts)
         joints = np.empty((len(wanted), FREEDOMS))
         joints[:, self.order] = (lengths - self.zeros) * self.mechanism.sign[self.order]
         reached = ~self.mechanism.beyond_limits(joints, _SLACK_M).any(axis=1) & (sides == self._side)
-        return reached, np.where(reached[:, None], joints, np.nan)
-
-    def solutions(self, wanted: PoseTarget) -> Array:
-        """See ``Membership``: the one solution."""
-        return self.reached(wanted)[1][:, None]
+        return np.where(reached[:, None], joints, np.nan)[:, None]
 
     @cached_property
     def _side(self) -> float:
@@ -247,20 +261,6 @@ def _flat(vector: Array) -> Array:
 
 _SLACK = 1e-9  # rad or m beyond a limit
 _STARTS_WITH_LOOPS = 5_000
-
-
-class Membership(Protocol):
-    """A test of whether a robot reaches targets."""
-
-    @property
-    def exact(self) -> bool:
-        """True if a closed form decides, which misses no solution."""
-
-    def reached(self, wanted: PoseTarget) -> tuple[NDArray[np.bool_], Array]:
-        """Decide whether targets ``(n,)`` are reached; joint positions ``(n, joints)`` of reached ones, else NaN."""
-
-    def solutions(self, wanted: PoseTarget) -> Array:
-        """Return some or all joint positions ``(n, k, joints)`` that reach targets, NaN where there are fewer."""
 
 
 def memberships(arm: RigidArm, values: Array) -> tuple[Membership, Membership]:
@@ -311,14 +311,8 @@ def within_turns(joints: JointSpec, found: Array) -> NDArray[np.bool_]:
     return np.asarray(np.where(joints.prismatic, (low <= 0) & (high >= 0), by_turns))
 
 
-def by_closed_form(form: ClosedForm, chain: Chain, Ts_frame0_last: Array) -> tuple[NDArray[np.bool_], Array]:
-    """Decide whether a serial arm reaches poses ``(n, 4, 4)`` of its last frame within limits; joint positions too."""
-    found, fits = _solved(form, chain, Ts_frame0_last)
-    return np.asarray(fits.any(axis=1)), np.take_along_axis(found.joints, fits.argmax(axis=1)[:, None, None], 1)[:, 0]
-
-
-def _solved(form: ClosedForm, chain: Chain, Ts: Array) -> tuple[Solutions, NDArray[np.bool_]]:
-    """Return all solutions of poses ``(n, 4, 4)``, and whether each ``(n, k)`` is within the limits."""
+def by_closed_form(form: ClosedForm, chain: Chain, Ts: Array) -> tuple[Solutions, NDArray[np.bool_]]:
+    """Return a serial arm's solutions of poses ``(n, 4, 4)``, and whether each ``(n, k)`` is within the limits."""
     found = form.solve(Ts, nearest=False) if isinstance(form, ThreeJoints) else form.solve(Ts)
     fits = (found.gap_m == 0) & within_turns(chain, found.joints).all(axis=2)
     if not form.by_point:
@@ -327,32 +321,21 @@ def _solved(form: ClosedForm, chain: Chain, Ts: Array) -> tuple[Solutions, NDArr
 
 
 @dataclass(frozen=True)
-class _BySolutions:
+class _BySolutions(Membership):
     """A serial arm's closed form."""
 
     chain: Chain
     form: ClosedForm
     tool: Array
-    exact: bool = True
-
-    def reached(self, wanted: PoseTarget) -> tuple[NDArray[np.bool_], Array]:
-        reached, joints = by_closed_form(self.form, self.chain, self._last_frames(wanted))
-        return reached, np.where(reached[:, None], _turned_within(self.chain, joints), np.nan)
 
     def solutions(self, wanted: PoseTarget) -> Array:
-        found, fits = _solved(self.form, self.chain, self._last_frames(wanted))
-        return np.where(fits[:, :, None], _turned_within(self.chain, found.joints), np.nan)
-
-    def _last_frames(self, wanted: PoseTarget) -> Array:
-        rotations = np.where(wanted.turned[:, None, None], wanted.rotations, np.eye(3))
-        return se3.pose(rotations, wanted.positions - rotations @ self.tool)
-
-
-def _turned_within(chain: Chain, joints: Array) -> Array:
-    """Shift joint positions by whole turns into the limits where possible."""
-    turns = np.maximum(np.ceil((chain.lower - _SLACK - joints) / (2 * np.pi)), 0.0)
-    turns += np.minimum(np.floor((chain.upper + _SLACK - joints) / (2 * np.pi)), 0.0)
-    return np.where(chain.prismatic, joints, joints + 2 * np.pi * turns)
+        """Return all solutions within the limits, with hinges shifted into them by whole turns."""
+        chain, rotations = self.chain, np.where(wanted.turned[:, None, None], wanted.rotations, np.eye(3))
+        found, fits = by_closed_form(self.form, chain, se3.pose(rotations, wanted.positions - rotations @ self.tool))
+        turns = np.maximum(np.ceil((chain.lower - _SLACK - found.joints) / (2 * np.pi)), 0.0)
+        turns += np.minimum(np.floor((chain.upper + _SLACK - found.joints) / (2 * np.pi)), 0.0)
+        joints = np.where(chain.prismatic, found.joints, found.joints + 2 * np.pi * turns)
+        return np.where(fits[:, :, None], joints, np.nan)
 
 
 @dataclass(frozen=True)
@@ -384,25 +367,20 @@ class ByLegs:
 
 
 @dataclass(frozen=True)
-class _ByPlatform:
+class _ByPlatform(Membership):
     """The closed form of a mechanism whose platform moves by slides alone."""
 
     mechanism: Mechanism
     legs: ByLegs
     tool: Array
-    exact: bool = True
 
-    def reached(self, wanted: PoseTarget) -> tuple[NDArray[np.bool_], Array]:
+    def solutions(self, wanted: PoseTarget) -> Array:
+        """Return one solution: each leg takes its branch nearest to the middle of its limits."""
         start, moved = self._places
         passive = np.asarray(np.linalg.lstsq(moved, (wanted.positions - start).T, rcond=None)[0].T, dtype=np.float64)
         missed = np.abs(start + passive @ moved.T - wanted.positions).max(axis=1) > _SLACK
         reached, joints = self.legs.reached(passive)
-        reached &= ~missed
-        return reached, np.where(reached[:, None], joints, np.nan)
-
-    def solutions(self, wanted: PoseTarget) -> Array:
-        """Return one solution: each leg takes its branch nearest to the middle of its limits."""
-        return self.reached(wanted)[1][:, None]
+        return np.where((reached & ~missed)[:, None], joints, np.nan)[:, None]
 
     @cached_property
     def _places(self) -> tuple[Array, Array]:
