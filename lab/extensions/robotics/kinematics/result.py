@@ -244,7 +244,7 @@ def _kinematics_document(result: KinematicsResult) -> Document:
         (
             Warnings(result.warnings),
             Section("Solutions" if result.reached else "Poses", (*_reached_blocks(result), *_placements(result))),
-            Section("Assembly modes", _modes(result)),
+            Section("Assembly modes", (_modes(result),)),
             Section(f"Differential model{at}", () if first is None else _differential(result, first)),
             Section(f"Link matrices{at}", _matrices(result)),
             Section("Matrices in letters", _letters(result)),
@@ -318,25 +318,23 @@ def _placements(result: KinematicsResult) -> tuple[Block, ...]:
     joints = tuple(
         (each.name, *(fixed(value, 3) for value in joint_values(chain.prismatic, each.joints))) for each in placed
     )
-    numbers = _numbers(result.options.tool_mm)
+    numbers = ", ".join(f"{value:g}".replace("-", "−") for value in result.options.tool_mm)
     point = f"({numbers}) mm in its frame" if numbers else "its frame's origin"
     caption = f"The tool is the {'platform' if chain.has_loops else 'last frame'}; its point is {point}."
     poses = tuple((each.name, *_pose_cells(each.T_base_tool)) for each in placed)
-    told = tuple((each.name, _configuration_text(each.configuration), _note(each)) for each in placed)
-    blocks: list[Block] = [Table(("", *names), joints, "Joint positions", most_rows=_MOST_ROWS, rest_in="--json")]
+    tables = [(("", *names), joints, "Joint positions")]
     if not result.reached:
-        blocks.append(Table(("", *_POSE), poses, caption, most_rows=_MOST_ROWS, rest_in="--json"))
-    elif any(configuration or note for _, configuration, note in told):
-        blocks.append(_table_of_configurations(told))
-    return tuple(blocks)
-
-
-def _table_of_configurations(told: Sequence[tuple[str, str, str]]) -> Table:
-    """Tabulate the configuration and remark of each solution, without empty columns."""
-    heads = ("", "configuration", "remark")
-    kept = [i for i in range(len(heads)) if i == 0 or any(row[i] for row in told)]
-    rows = tuple(tuple(row[i] for i in kept) for row in told)
-    return Table(tuple(heads[i] for i in kept), rows, "", most_rows=_MOST_ROWS, rest_in="--json")
+        tables.append((("", *_POSE), poses, caption))
+    else:
+        columns = {
+            "": [each.name for each in placed],
+            "configuration": [_configuration_text(each.configuration) for each in placed],
+            "remark": [_note(each) for each in placed],
+        }
+        filled = {head: cells for head, cells in columns.items() if not head or any(cells)}
+        if len(filled) > 1:
+            tables.append((tuple(filled), tuple(zip(*filled.values(), strict=True)), ""))
+    return tuple(Table(*each, most_rows=_MOST_ROWS, rest_in="--json") for each in tables)
 
 
 def _pose_cells(T: Array) -> tuple[str, ...]:
@@ -351,39 +349,29 @@ def _note(each: Placement) -> str:
     return "; ".join(part for part in (each.beyond, free) if part)
 
 
-def _modes(result: KinematicsResult) -> tuple[Block, ...]:
+def _modes(result: KinematicsResult) -> Table:
     rows = tuple((str(i + 1), *_pose_cells(T)) for i, T in enumerate(result.assembly_modes))
     caption = "Every pose of the tool's point at the first joint positions, in closed form; limits aside."
-    return (Table(("", *_POSE), rows, caption),)
+    return Table(("", *_POSE), rows, caption)
 
 
 def _differential(result: KinematicsResult, first: Placement) -> tuple[Block, ...]:
     if not np.isfinite(first.jacobian).all():
         return ()
     names, axes = result.robot.chain.joint_names, "the base" if result.options.frame == "base" else "the tool"
-    table = Table(
-        ("", *names),
-        tuple(
-            (name, *(fixed(value, 4) for value in row))
-            for name, row in zip(_TWIST, _clean(first.jacobian), strict=True)
-        ),
-        f"Jacobian in the axes of {axes}, m and rad: velocity of the tool's point, then angular velocity",
-    )
+    jacobian = zip(_TWIST, _clean(first.jacobian), strict=True)
+    rows = tuple((name, *(fixed(value, 4) for value in row)) for name, row in jacobian)
+    caption = f"Jacobian in the axes of {axes}, m and rad: velocity of the tool's point, then angular velocity"
     width = f"manipulability {_size(first.manipulability)}"
-    size = "" if first.determinant is None else f", determinant{_part_of(len(names))} {_size(first.determinant)}"
+    part = " of the rows by which the closed form solves the pose" if len(names) < len(_TWIST) else ""
+    size = "" if first.determinant is None else f", determinant{part} {_size(first.determinant)}"
     factors = "; ".join(f"{name} factor {_size(value)}" for name, value in first.factors.items())
     text = f"rank {first.rank} of {min(6, len(names))}, {width}{size}{f' ({factors})' if factors else ''} (m, rad)"
     free = [f"self-motion: {_parts(names, row)}" for row in first.self_motions]
-    lost = (
-        [f"no joint moves the tool along {_parts(_TWIST, row / np.abs(row).max())}" for row in first.lost]
-        if len(names) >= 6
-        else []
-    )
-    return (table, Paragraph(capital(text)), Bullets((*free, *lost)), *_rates(result, first))
-
-
-def _part_of(joints: int) -> str:
-    return " of the rows by which the closed form solves the pose" if joints < len(_TWIST) else ""
+    directions = first.lost if len(names) >= 6 else ()
+    lost = [f"no joint moves the tool along {_parts(_TWIST, row / np.abs(row).max())}" for row in directions]
+    table = Table(("", *names), rows, caption)
+    return table, Paragraph(capital(text)), Bullets((*free, *lost)), *_rates(result, first)
 
 
 def _rates(result: KinematicsResult, first: Placement) -> tuple[Block, ...]:
@@ -462,10 +450,6 @@ def _parts(names: Sequence[str], row: Array) -> str:
     return " ".join(
         f"{value:+.4g} {name}" for name, value in zip(names, row, strict=True) if abs(value) > 1e-9
     ).replace("-", "−")
-
-
-def _numbers(values: Sequence[float]) -> str:
-    return ", ".join(f"{value:g}".replace("-", "−") for value in values)
 
 
 def _clean(values: Array) -> Array:

@@ -25,7 +25,7 @@ from lab.extensions.robotics.kinematics.models import (
 )
 from lab.extensions.robotics.kinematics.options import KinematicsOptions
 from lab.extensions.robotics.kinematics.result import KinematicsResult, Matrices
-from lab.extensions.robotics.kinematics.symbolic import SymbolicChain, symbolic_chain
+from lab.extensions.robotics.kinematics.symbolic import symbolic_chain
 from lab.formats.target_csv import holds_targets, read_joints, read_targets
 from lab.kinematics.closed.mobility import mobility_of
 from lab.kinematics.inverse.closed_form import closed_form_of
@@ -82,7 +82,9 @@ def _solved(options: KinematicsOptions, robot: NominalRobot) -> KinematicsResult
         placed, reached = model.placed(rows, ids), tuple[Reached, ...]()
     else:
         placed, reached = model.solved(targets)
-    links = model.links(placed)
+    links = np.empty((0, 4, 4))
+    if isinstance(arm, SerialArm) and placed:
+        links = np.asarray(arm.links(placed[0].joints[None], model.values)[0])
     if (options.matrices or options.between or options.symbolic) and not len(links):
         raise LabError(f"robot {robot.name}: link matrices are of serial arms with a solution; leave out --matrices, "
                        "--between and --symbolic")  # fmt: skip
@@ -92,7 +94,8 @@ def _solved(options: KinematicsOptions, robot: NominalRobot) -> KinematicsResult
             "nearer to the base first"
         )
     warnings = (*robot.warnings, *notes, *model.warnings(placed, reached))
-    matrices = Matrices(links, model.letters(), options.between)
+    letters = symbolic_chain(arm.chain) if isinstance(arm, SerialArm) and options.symbolic else None
+    matrices = Matrices(links, letters, options.between)
     plain = replace(options, out=None, overwrite=False)  # the folder is no part of the result
     found = KinematicsResult(plain, robot, placed, reached, model.assembly_modes(placed), matrices, warnings)
     if options.out is not None:
@@ -184,17 +187,6 @@ class _Model:
         poses = assembly_modes(mechanism, classical, placed[0].joints)
         poses[:, :3, 3] += poses[:, :3, :3] @ self.options.tool_m
         return poses
-
-    def links(self, placed: Sequence[Placement]) -> Array:
-        """Return the link matrices ``(n, 4, 4)`` of a serial arm at the first placement."""
-        if not isinstance(self.arm, SerialArm) or not placed:
-            return np.empty((0, 4, 4))
-        return np.asarray(self.arm.links(placed[0].joints[None], self.values)[0])
-
-    def letters(self) -> SymbolicChain | None:
-        if not self.options.symbolic or not isinstance(self.arm, SerialArm):
-            return None
-        return symbolic_chain(self.arm.chain)
 
     def warnings(self, placed: Sequence[Placement], reached: Sequence[Reached]) -> list[str]:
         """Warn of poses without a solution, rotation errors, and joint positions beyond the limits."""
