@@ -1,6 +1,6 @@
 """Results of ``lab trajectory``: typed, as plain values, and as a document."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -10,6 +10,7 @@ import numpy as np
 
 from lab.campaign.robot import Robot
 from lab.commands.result import Result, joint_values, number, tidy
+from lab.commands.run_folder import joint_columns
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
@@ -171,30 +172,27 @@ class TrajectoryResult(Result):
         if (name := path_file(chain, controller)) is not None:
             (folder / name).write_bytes(path_program(chain, controller, path_moves(self)))
 
-    def columns(self) -> Mapping[str, Sequence[Any]]:
+    def columns(self) -> Mapping[str, Array]:
         """Return a row for each time: joint positions, speeds and accelerations, mm and degrees, and the tool's pose.
 
         Where jerks are limited these are there, too. The tool's orientation in the base is a quaternion.
         """
         chain, sampled = self.robot.chain, self.sampled
-        table: dict[str, Sequence[Any]] = {"time_s": sampled.times.tolist()}
-        names = [
-            (name, "mm" if slides else "deg") for name, slides in zip(chain.joint_names, chain.prismatic, strict=True)
-        ]
-        parts = ((sampled.joints, "{0}_{1}"), (sampled.speeds, "speed_{0}_{1}_per_s"),
-                 (sampled.accelerations, "acceleration_{0}_{1}_per_s2"),
-                 *([] if sampled.jerks is None else [(sampled.jerks, "jerk_{0}_{1}_per_s3")]))  # fmt: skip
-        for values, heading in parts:
-            for (name, unit), column in zip(names, joint_values(chain.prismatic, values).T, strict=True):
-                table[heading.format(name, unit)] = column.tolist()
-        for i, axis in enumerate("xyz"):
-            table[f"tool_{axis}_mm"] = MM.of(sampled.Ts_base_tool[:, i, 3]).tolist()
+        table: dict[str, Array] = {"time_s": sampled.times}
+        parts = {
+            "{}": sampled.joints,
+            "speed_{}_per_s": sampled.speeds,
+            "acceleration_{}_per_s2": sampled.accelerations,
+        }
+        if sampled.jerks is not None:
+            parts["jerk_{}_per_s3"] = sampled.jerks
+        for heading, values in parts.items():
+            table |= {heading.format(name): column for name, column in joint_columns(chain, values).items()}
+        table |= {f"tool_{axis}_mm": MM.of(sampled.Ts_base_tool[:, i, 3]) for i, axis in enumerate("xyz")}
         quaternions = _steady(se3.quaternion_from_rotation(sampled.Ts_base_tool[:, :3, :3]))
-        for part, column in zip("wxyz", quaternions.T, strict=True):
-            table[f"tool_q{part}"] = column.tolist()
-        return table
+        return table | {f"tool_q{part}": column for part, column in zip("wxyz", quaternions.T, strict=True)}
 
-    def corrected_columns(self) -> Mapping[str, Sequence[Any]]:
+    def corrected_columns(self) -> Mapping[str, Array]:
         """Return a row for each time: corrected joint positions, and the error without correction, in all and by part.
 
         Raises:
@@ -202,15 +200,9 @@ class TrajectoryResult(Result):
         """
         if (found := self.tracking) is None:
             raise LabError("this motion is a nominal robot's, which misses nothing; give a run")
-        chain, table = self.robot.chain, {"time_s": self.sampled.times.tolist()}
-        shown = joint_values(chain.prismatic, found.corrected.joints).T
-        for name, slides, column in zip(chain.joint_names, chain.prismatic, shown, strict=True):
-            table[f"{name}_{'mm' if slides else 'deg'}"] = column.tolist()
-        for i, axis in enumerate("xyz"):
-            table[f"error_{axis}_mm"] = MM.of(found.total[:, i]).tolist()
-        for name, part in found.parts.items():
-            table[f"{name.replace(' ', '')}_mm"] = MM.of(np.linalg.norm(part[:, :3], axis=1)).tolist()
-        return table
+        table = {"time_s": self.sampled.times} | joint_columns(self.robot.chain, found.corrected.joints)
+        table |= {f"error_{axis}_mm": MM.of(found.total[:, i]) for i, axis in enumerate("xyz")}
+        return table | {f"{name.replace(' ', '')}_mm": _lengths_mm(part) for name, part in found.parts.items()}
 
 
 def _steady(quaternions: Array) -> Array:
@@ -219,9 +211,13 @@ def _steady(quaternions: Array) -> Array:
     return np.asarray(quaternions * np.cumprod(np.append(1.0, turned))[:, None])
 
 
+def _lengths_mm(error: Array) -> Array:
+    """Return the lengths ``(k,)`` of position errors ``(k, 6)``."""
+    return MM.of(np.linalg.norm(error[:, :3], axis=1))
+
+
 def _mean_and_max(error: Array) -> dict[str, float | None]:
-    """Return mean and maximum lengths of position errors ``(k, 6)``, mm."""
-    lengths = MM.of(np.linalg.norm(error[:, :3], axis=1))
+    lengths = _lengths_mm(error)
     return {"mean": number(float(lengths.mean())), "max": number(float(lengths.max()))}
 
 
@@ -230,7 +226,12 @@ def _joint_list(chain: JointSpec, values: Array) -> list[float | None]:
 
 
 _STILL = 1e-9  # rad/s or m/s
-_MOST_LEGS = 40  # rows of the table of moves
+_MAX_LEGS = 40  # rows of the table of moves
+_LAWS = {
+    "common": "In moves of the joints all have their phases in common: from rest to rest they move in a straight line.",
+    "own": "In moves of the joints all start and stop together, each with phases of its own.",
+    "independent": "In moves of the joints all start together, and each stops as soon as it can.",
+}
 
 
 def _main_picture(result: TrajectoryResult) -> Picture:
@@ -240,29 +241,18 @@ def _main_picture(result: TrajectoryResult) -> Picture:
 def _trajectory_document(result: TrajectoryResult) -> Document:
     seconds = result.motion.seconds
     points = sum(len(leg.points) - 1 for leg in result.legs) + 1
+    smooth = "Jerk is limited" if result.chain.jerk is not None else "Jerk is not limited (--jerks)"
     return Document(
         f"{result.robot.name}: {fixed(seconds, 5)} s through {points} points",
         (
             Warnings(result.warnings),
             Section("Moves", (_legs(result),)),
-            Section("Joints", (_joints(result), Paragraph(_laws(result), "note"))),
+            Section("Joints", (_joints(result), Paragraph(f"{_LAWS[result.options.law]} {smooth}.", "note"))),
             *_errors(result),
             Section("Over time", (_figure(result),)),
             Section("Files", (_files(result),)),
         ),
     )
-
-
-_LAWS = {
-    "common": "In moves of the joints all have their phases in common: from rest to rest they move in a straight line.",
-    "own": "In moves of the joints all start and stop together, each with phases of its own.",
-    "independent": "In moves of the joints all start together, and each stops as soon as it can.",
-}
-
-
-def _laws(result: TrajectoryResult) -> str:
-    smooth = "Jerk is limited" if result.chain.jerk is not None else "Jerk is not limited (--jerks)"
-    return f"{_LAWS[result.options.law]} {smooth}."
 
 
 def _files(result: TrajectoryResult) -> Paragraph:
@@ -277,14 +267,9 @@ def _files(result: TrajectoryResult) -> Paragraph:
     if name is None:
         return Paragraph(f"{checked} {sentence(refusal(chain, controller) or '')}")
     text = f"{checked} {name} has the moves for the controller, which stops at each point and finds the way between."
-    passed = result.options.blend(result.chain) is not None or any(_passed(result))
-    return Paragraph(f"{text} Points that are passed without a stop here are stopped at there." if passed else text)
-
-
-def _passed(result: TrajectoryResult) -> Sequence[bool]:
-    """Decide whether the joints move at the end of each leg but the last."""
     ends = [leg.move.at(np.array([leg.move.seconds]))[1] for leg in result.legs[:-1] if leg.kind == "joint"]
-    return [bool(np.abs(speeds).max() > _STILL) for speeds in ends]
+    passed = result.options.blend(result.chain) is not None or any(np.abs(speeds).max() > _STILL for speeds in ends)
+    return Paragraph(f"{text} Points that are passed without a stop here are stopped at there." if passed else text)
 
 
 def _errors(result: TrajectoryResult) -> tuple[Section, ...]:
@@ -318,8 +303,14 @@ def _error_picture(result: TrajectoryResult, found: Tracking) -> Picture:
 
     def draw(axes: Axes) -> None:
         for i, (name, error) in enumerate(curves.items()):
-            lengths = MM.of(np.linalg.norm(error[:, :3], axis=1))
-            axes.plot(result.sampled.times, lengths, "-", color=SERIES[i % len(SERIES)][0], linewidth=1.3, label=name)
+            axes.plot(
+                result.sampled.times,
+                _lengths_mm(error),
+                "-",
+                color=SERIES[i % len(SERIES)][0],
+                linewidth=1.3,
+                label=name,
+            )
         axes.set(xlabel="time, s", ylabel="mm", title="errors of the tool")
         axes.legend(loc="best", fontsize=7)
 
@@ -367,7 +358,7 @@ def _legs(result: TrajectoryResult) -> Table:
         along += f", turns {fixed(np.rad2deg(leg.turn_rad), 2)}°" if leg.turn_rad > 1e-9 else ""
         rows.append((" → ".join(leg.points), leg.kind, fixed(start, 5), fixed(leg.move.seconds, 5), along))
     columns = ("points", "move", "starts at, s", "takes, s", "path of the tool")
-    return Table(columns, tuple(rows), most_rows=_MOST_LEGS)
+    return Table(columns, tuple(rows), most_rows=_MAX_LEGS)
 
 
 def _joints(result: TrajectoryResult) -> Table:
