@@ -16,13 +16,7 @@ from lab.extensions.robotics.closed.models import Delta, Distances, ThreeLegs, T
 from lab.kinematics.closed.loop_closure import Configuration, Tree
 from lab.kinematics.closed.mechanism import Mechanism, platform_poses
 
-__all__ = [
-    "ClassicalModel",
-    "assembly_modes",
-    "classical_model_of",
-    "passive_values_of",
-    "working_modes",
-]
+__all__ = ["ClassicalModel", "assembly_modes", "classical_model_of", "passive_values_of", "working_modes"]
 
 _ALIKE = 1e-9  # m, and of unit vectors: nominal dimensions that differ by less are one
 

@@ -53,7 +53,7 @@ from lab.kinematics.serial.chain import Chain
 
 __all__ = ["SphericalWrist", "ThreeParallel"]
 
-_Number = TypeVar("Number", np.float64, np.bool_)
+_Number = TypeVar("_Number", np.float64, np.bool_)
 _CHUNK = 1024  # poses at a time: what fits the processor's cache
 
 
