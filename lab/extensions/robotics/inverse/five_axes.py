@@ -57,7 +57,7 @@ from lab.kinematics.serial.chain import Chain
 
 __all__ = ["FiveAxes"]
 
-_NODES = 5  # at which det N is looked at: it has so many coefficients
+_NODES = 5  # at which det N is evaluated: it has so many coefficients
 _MORE_NODES = 9
 _MIXED = np.array([[1.0, 0.6, -0.4], [-0.3, 1.0, 0.7]])  # two equations, where there are no more
 _ROOTS = 4
@@ -281,7 +281,7 @@ class _ParallelPair:
         A, B, C = (cosine**2).sum(axis=0), (cosine * sine).sum(axis=0), (sine**2).sum(axis=0)
         right, ahead = -(cosine * fixed).sum(axis=0), -(sine * fixed).sum(axis=0)
         least = np.arctan2(A * ahead - B * right, C * right - B * ahead)
-        along = np.arctan2(2 * B, A - C) / 2  # the direction that the equations say most of
+        along = np.arctan2(2 * B, A - C) / 2  # the direction that the equations determine best
         e, f = np.cos(along), np.sin(along)
         strongest = A * e * e + 2 * B * e * f + C * f * f
         silent = strongest <= _NOTHING**2
@@ -299,17 +299,17 @@ class _ParallelPair:
         z, n = axes.directions[self.third], self._n
         if self.third:
             left = se3.inverse(left)
-        way = -1.0 if self.third else 1.0
+        sense = -1.0 if self.third else 1.0
         first = _turn_between(z, n, left[..., :3, :3] @ n)
-        out[:, self.third] = way * first
+        out[:, self.third] = sense * first
         left = self._turned(self.third, -first) @ left
         end, root = axes.origins[self.pair[1]], axes.origins[self.pair[0]]
         there = left[..., :3, :3] @ end + left[..., :3, 3]
         second = _turn_between(n, end - root, there - root)
         across = plane_across(n)[0]
         whole = _turn_between(n, across, left[..., :3, :3] @ across)
-        out[:, self.pair[0]] = way * float(np.sign(n @ axes.directions[self.pair[0]])) * second
-        out[:, self.pair[1]] = way * (whole - second)
+        out[:, self.pair[0]] = sense * float(np.sign(n @ axes.directions[self.pair[0]])) * second
+        out[:, self.pair[1]] = sense * (whole - second)
         return out
 
     def _turned(self, joint: int, amount: Array) -> Array:

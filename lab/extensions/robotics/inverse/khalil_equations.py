@@ -39,7 +39,7 @@ class Roots(NamedTuple):
     """Roots of equations, never NaN.
 
     Attributes:
-        values: of each unknown its roots ``(roots, ...)``: rad, up to whole turns, or a length as the equation says.
+        values: of each unknown its roots ``(roots, ...)``: rad, up to whole turns, or a length as the equation has it.
         gap: ``(...)`` zero where there are roots; else the residual of the equations
             with the values given, which are those that come nearest.
         free: of each unknown ``(...)``, where any value does as well: it is the reference there.

@@ -54,7 +54,7 @@ class PlanarJoints:
         turning: of each 1 where a hinge's axis points as the plane's normal does, else -1; 1 of a slide.
         places: of each hinge (m), from the plane's origin; ``directions`` of each slide, of unit length.
         hand: the point that is brought somewhere (m).
-        turned: whether a turn is asked for beside the place.
+        turned: whether a turn is requested beside the place.
     """
 
     joints: tuple[int, ...]
@@ -85,8 +85,8 @@ class PlanarJoints:
             return None
         turning = tuple(1.0 if axes.prismatic[j] else float(np.sign(axes.directions[j] @ normal)) for j in joints)
         places = tuple(in_plane(plane, axes.origins[j] - origin) for j in joints)
-        ways = tuple(in_plane(plane, axes.directions[j]) for j in joints)
-        made = cls(joints, slides, turning, places, ways, in_plane(plane, hand - origin), len(joints) == 3)
+        directions = tuple(in_plane(plane, axes.directions[j]) for j in joints)
+        made = cls(joints, slides, turning, places, directions, in_plane(plane, hand - origin), len(joints) == 3)
         lengths = [] if len(made._slides) == 1 and made._after(made._slides[0]) == 1 else map(abs, made._lengths)
         still = len(made._slides) == 2 and not made._between and _parallel(*(made.directions[i] for i in made._slides))
         return None if min(lengths, default=1.0) < EXACT or still else made
@@ -166,13 +166,13 @@ class PlanarJoints:
     def _one_slide(self, rest: _Complex, last: Array, liked: Array, size: Array) -> _Pair:
         """Solve a hinge and a slide as a line across a circle."""
         hinge, slide, (length,) = self._hinges[0], self._slides[0], self._lengths
-        way, favourite = self.directions[slide], liked[hinge] * self.turning[hinge]
+        direction, favourite = self.directions[slide], liked[hinge] * self.turning[hinge]
         if self._after(slide) == 1:
-            turned = rest * np.conj(way)
-            roots = slid(turned.real, turned.imag, length * way.conjugate(), favourite, liked[slide])
+            turned = rest * np.conj(direction)
+            roots = slid(turned.real, turned.imag, length * direction.conjugate(), favourite, liked[slide])
             (turn, way_out), (turn_free, out_free) = roots.values, roots.free
             return turn, way_out, roots.gap, turn_free, out_free
-        along = way * np.exp(1j * last) if self._after(slide) == 2 else np.broadcast_to(way, rest.shape)
+        along = direction * np.exp(1j * last) if self._after(slide) == 2 else np.broadcast_to(direction, rest.shape)
         seen, start = rest * np.conj(along), np.angle(length * np.conj(along))
         (angle,), gap, (free,) = type_10(abs(length), seen.imag, TINY, favourite + start)
         gap = np.where(np.abs(seen.imag) - abs(length) <= ROUNDING * size, 0.0, gap)
@@ -208,20 +208,22 @@ class PlanarJoints:
         if not self._slides:
             (x, y), second = self._lengths, self._hinges[1]
             return [abs(x)], [("elbow", real_part(-1j * x.conjugate() * y / abs(x), [angle(second)])[::-1])]
-        way = self.directions[self._slides[0]]
+        direction = self.directions[self._slides[0]]
         if len(self._slides) == 2:
             other = self.directions[self._slides[1]]
-            across = -1j * way.conjugate() * other
+            across = -1j * direction.conjugate() * other
             if not self._between:
                 return [abs(across.real)], []
             return [], [("slides", real_part(across, [angle(self._hinges[0])]))]
         (length,), slide, hinge = self._lengths, self._slides[0], self._hinges[0]
         joint = self.joints[slide]
         if self._after(slide) == 1:
-            return [], [("slide", [Term(float(sign[joint]), slides=(joint,)), Term((length * way.conjugate()).real)])]
+            return [], [
+                ("slide", [Term(float(sign[joint]), slides=(joint,)), Term((length * direction.conjugate()).real)])
+            ]
         if self._after(slide) == 0:
-            return [], [("slide", real_part(way.conjugate() * length, [angle(hinge)]))]
-        return [], [("slide", real_part(way * length.conjugate(), [angle(self._hinges[1])]))]
+            return [], [("slide", real_part(direction.conjugate() * length, [angle(hinge)]))]
+        return [], [("slide", real_part(direction * length.conjugate(), [angle(self._hinges[1])]))]
 
     def place_along(self, direction: complex, sign: Array) -> list[Term]:
         """Return the part of the hand's place along a direction: Re(conj(direction) place)."""

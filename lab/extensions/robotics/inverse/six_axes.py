@@ -377,11 +377,11 @@ class ThreeParallel:
         axis_6 = np.array([np.sin(self.bend), 0.0, np.cos(self.bend)])
         hand, held = M @ axis_6, M[..., 2, :]  # axis 6 in the plane's axes, and w in the last frame's
         size = np.hypot(hand[..., 0], hand[..., 1])
-        way = np.array([1.0, -1.0])[:, None, None]
-        bent = way * np.arctan2(size, hand[..., 2])  # joint 5 and the bend
+        sign = np.array([1.0, -1.0])[:, None, None]
+        bent = sign * np.arctan2(size, hand[..., 2])  # joint 5 and the bend
         across = np.array([np.cos(self.bend), 0.0, -np.sin(self.bend)])
         free = np.broadcast_to(size <= TINY, bent.shape)
-        sixth = np.where(free, liked, np.arctan2(way * held[..., 1], -way * (held @ across)))
+        sixth = np.where(free, liked, np.arctan2(sign * held[..., 1], -sign * (held @ across)))
         fifth = bent - self.bend
         # phi is what is left when joints 5 and 6 are undone, so that it is right near the singularity as well
         level = np.stack([np.cos(fifth), np.zeros_like(fifth), np.sin(fifth)], axis=-1)

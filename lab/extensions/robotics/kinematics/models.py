@@ -280,7 +280,7 @@ class Placement:
         name: the row's id, or the solution's number.
         joints: ``(n,)`` rad or m.
         T_base_tool: pose ``(4, 4)`` (m) of the tool's point, turned as the last frame or the platform.
-        jacobian: geometric ``(6, n)`` in the frame that was asked for: velocity of the point (m), then angular velocity
+        jacobian: geometric ``(6, n)`` in the requested frame: velocity of the point (m), then angular velocity
             (rad), by the joint positions.
         rank: of the Jacobian.
         manipulability: Yoshikawa's, sqrt(det J J') or sqrt(det J' J), SI.
@@ -288,7 +288,7 @@ class Placement:
             there is none.
         factors: each factor of the determinant by the name of its singularity; zero at the singularity.
         self_motions: ``(k, n)`` directions of the joints that move nothing, the largest part 1.
-        lost: ``(l, 6)`` directions in which no joint moves the tool (m, rad), in the frame that was asked for.
+        lost: ``(l, 6)`` directions in which no joint moves the tool (m, rad), in the requested frame.
         beyond: description of the exceeded limit; empty where none is.
         configuration: of a solution, as ``Solution`` has it.
         free: names of the joints that may take any position, because the arm is singular.

@@ -68,8 +68,8 @@ def solve_kinematics(robot: "str | Path | Robot | KinematicsOptions" = "irb120",
     """
     if isinstance(robot, KinematicsOptions):
         return _solved(robot, nominal_robot(robot.robot))
-    known = nominal_robot(robot)
-    return _solved(options_of("lab.solve_kinematics", KinematicsOptions, {"robot": known.source, **options}), known)
+    nominal = nominal_robot(robot)
+    return _solved(options_of("lab.solve_kinematics", KinematicsOptions, {"robot": nominal.source, **options}), nominal)
 
 
 def _solved(options: KinematicsOptions, robot: NominalRobot) -> KinematicsResult:

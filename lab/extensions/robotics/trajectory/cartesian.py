@@ -55,16 +55,16 @@ def _quickest_pace(chain: JointSpec, joints: BSpline, rates: Sequence[tuple[floa
         return _seconds(_unit(*shape), chain, nearest, rates, _PACE_COARSE)
 
     limited = chain.jerk is not None
-    ways = np.linspace(0, 1, _SHAPES + 1)[1:].tolist()
+    parts = np.linspace(0, 1, _SHAPES + 1)[1:].tolist()
     shares = np.linspace(0, 0.5, _SHARES + 1)[1:].tolist() if limited else [0.0]
-    best = min(product(ways, shares), key=seconds)
+    best = min(product(parts, shares), key=seconds)
     wide = (1 / _SHAPES, 0.5 / _SHARES)
     for _ in range(_ROUNDS):
         near = product(
             (best[0] + wide[0] * i for i in _AROUND), (best[1] + wide[1] * i for i in _AROUND if limited or not i)
         )
         best = min(
-            [(min(max(way, 1e-3), 1.0), min(max(share, 1e-3), 0.5) * limited) for way, share in near], key=seconds
+            [(min(max(part, 1e-3), 1.0), min(max(share, 1e-3), 0.5) * limited) for part, share in near], key=seconds
         )
         wide = (0.3 * wide[0], 0.3 * wide[1])
     unit = _unit(*best)
@@ -73,9 +73,9 @@ def _quickest_pace(chain: JointSpec, joints: BSpline, rates: Sequence[tuple[floa
     return Trajectory(unit.durations * lasting, unit.accelerations / lasting**2, unit.start, unit.start_speed, jerks)
 
 
-def _unit(way: float, share: float) -> Trajectory:
+def _unit(part: float, share: float) -> Trajectory:
     """Return the place over a second: speed changes on a part of the way, with jerk at the ends of each change."""
-    ramp = way / (1 + way)
+    ramp = part / (1 + part)
     rounding, speed, still = share * ramp, 1 / (1 - ramp), np.zeros(1)
     pull = speed / (ramp - rounding)
     if not share:
@@ -124,7 +124,7 @@ def _seconds(
 _COARSE = 33  # places on a path at which the joints are solved, one after the other
 _NODES = (129, 513, 2049)  # places at which they are then solved all at once: the fewest that suffice
 _BETWEEN_RAD = 5e-6  # or m: largest distance of nodes from the spline through every second one
-_FINE = 1025  # times at which peaks are looked for
+_FINE = 1025  # times at which peaks are sampled
 _JUMP = 0.3  # rad or m: between neighbouring nodes a joint that moves more passes a singularity
 _MISSED_M = 1e-8  # m or rad: a pose with a larger error is not reached
 _NEAR_M = 1e-6  # m or rad: a pose with a smaller error lies next to one that is reached

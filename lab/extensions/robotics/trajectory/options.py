@@ -60,10 +60,10 @@ class TrajectoryOptions:
     controller: Controller | None = None
     """The language of its program; that of the robot's maker, by default, if the robot's name shows it."""
     run: Path | None = None
-    """The folder of a run of lab calibrate or lab identify: how far its robot misses the way, and joint positions that
-    make up for it. Its robot is taken."""
+    """The folder of a run of lab calibrate or lab identify: the path errors of its robot, and joint positions that
+    correct them. Its robot is taken."""
     payload_kg: float | None = None
-    """What is carried all the way; that of --load, if not given."""
+    """Payload mass along the whole path; that of --load, if not given."""
     load: Path | None = None
     """The folder of a run of lab payload: where the payload hangs, and how heavy it is."""
     no_recording: NoRecording = False

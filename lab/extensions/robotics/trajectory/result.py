@@ -164,7 +164,7 @@ class TrajectoryResult(Result):
         }
 
     def write_files(self, folder: Path) -> None:
-        """Write ``trajectory.csv``, and where they are known ``corrected.csv`` and the controller's program."""
+        """Write ``trajectory.csv``, and where available ``corrected.csv`` and the controller's program."""
         write_columns(folder / "trajectory.csv", self.columns())
         if self.tracking is not None:
             write_columns(folder / "corrected.csv", self.corrected_columns())

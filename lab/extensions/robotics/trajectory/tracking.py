@@ -319,7 +319,7 @@ def _of_run(options: TrajectoryOptions, run: CalibrationRun) -> TrackedArm:
     hung = 0.0 if run.load is None else run.load.mass_kg
     payload, messages = hung if options.payload_kg is None else options.payload_kg, list(run.warnings)
     if payload and PAYLOAD not in arm.conditions:
-        messages.append(f"{payload:.4g} kg make no difference: the model of {run.folder} has nothing that gives way")
+        messages.append(f"{payload:.4g} kg have no effect: the model of {run.folder} has no compliance")
     hidden = [name for name in arm.names if name.endswith(_BENT) and name not in run.estimate.free_names]
     if hidden:
         messages.append(
@@ -328,7 +328,7 @@ def _of_run(options: TrajectoryOptions, run: CalibrationRun) -> TrackedArm:
         )
     unmoved = [name for name in run.estimate.groups if ".gravity" in name]
     if unmoved:
-        messages.append(f"{', '.join(listed(unmoved))} gives way to unknown masses, whose inertia is left out")
+        messages.append(f"{', '.join(listed(unmoved))} deflects under unknown masses, whose inertia is left out")
     return TrackedArm(arm, run.estimate.values, run.estimate.nominal[: len(arm.rigid.names)], payload, tuple(messages))
 
 

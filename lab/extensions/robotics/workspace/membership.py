@@ -50,7 +50,7 @@ _ARRIVED = 1e-7  # m, and a radian as ``ROTATION_M``
 _LEAST_DAMPING, _LARGEST_DAMPING = 1e-7, 1.0  # beside singular values in m
 _ROUNDING = 1e-15  # of the squares' sum: less damping would be lost in them
 _AT_LIMIT = 1e-12  # rad or m
-_STUCK = 0.15  # of the error: who makes it smaller by less in a step is at its best within the limits
+_STUCK = 0.15  # of the error: a step that reduces it by less ends the search within the limits
 
 
 class Membership(ABC):
@@ -79,7 +79,7 @@ class Search(Membership):
     Attributes:
         values: parameters ``(p,)`` with one target.
         count: of random joint positions among which searches start; half of it where loops have to be closed.
-        turn_first: whether joint 1 turns by whole turns about z, so that a start may be turned to where it is wanted.
+        turn_first: whether joint 1 makes whole turns about z, so that a start may be turned towards the target.
     """
 
     arm: RigidArm
@@ -348,11 +348,11 @@ class ByLegs:
     def reached(self, passive: Array) -> tuple[NDArray[np.bool_], Array]:
         """Decide whether all legs reach passive values ``(n, z)``; joint positions ``(n, joints)``, too.
 
-        Each leg takes the way nearest to its limits' middle; beyond a parallel singularity it is another mode.
+        Each leg takes the branch nearest to its limits' middle; beyond a parallel singularity it is another mode.
         """
-        ways = self.classical.inverse_solutions(passive)
-        away = np.where(np.isfinite(ways), np.abs(ways - self.classical.middle), np.inf)
-        joints = np.take_along_axis(ways, away.argmin(axis=1)[:, None], axis=1)[:, 0]
+        solutions = self.classical.inverse_solutions(passive)
+        away = np.where(np.isfinite(solutions), np.abs(solutions - self.classical.middle), np.inf)
+        joints = np.take_along_axis(solutions, away.argmin(axis=1)[:, None], axis=1)[:, 0]
         reached = np.array(np.isfinite(joints).all(axis=1))
         reached[reached] = ~self.mechanism.beyond_limits(joints[reached], 0.0).any(axis=1)
         reached[reached] = self.classical.side(joints[reached], passive[reached]) == self.side
@@ -394,7 +394,7 @@ class _ByPlatform(Membership):
 
 _POSES = 4000
 _FLAT_M = 1e-9
-_MARGIN = 0.03  # of the extents, which walks find to a little less than all
+_MARGIN = 0.03  # of the extents, which random walks underestimate a little
 _RANK = 1e-9
 
 
@@ -488,7 +488,7 @@ def domain_of(arm: RigidArm, values: Array) -> Domain:
     if rank < 2 or (rank == 2 and len(flat) != 1):
         raise LabError(
             f"robot '{arm.chain.name}': its point stays on a {'line' if rank < 2 else 'surface'}, which has no volume; "
-            "lab inspect tells its reach"
+            "lab inspect reports its reach"
         )
     margin = _MARGIN * (ends[:, 1] - ends[:, 0])
     low, high = ends[:, 0] - margin, ends[:, 1] + margin

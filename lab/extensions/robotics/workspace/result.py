@@ -276,8 +276,9 @@ def _lines(each: RobotWorkspace) -> tuple[str, ...]:
     lines.append(_orientations(each, values["orientations"]))
     if (cell := values["cell"]) is not None:
         lines.append(
-            f"in the cell {cell['name']} a way that touches nothing was found to {100 * cell['free_share']:.0f} % "
-            f"(± {100 * cell['free_share_standard_error']:.0f} %) of it, {_size(each, cell['free_size'])}"
+            f"in the cell {cell['name']} {100 * cell['free_share']:.0f} % "
+            f"(± {100 * cell['free_share_standard_error']:.0f} %) of it is reached without a collision, "
+            f"{_size(each, cell['free_size'])}"
         )
     return tuple(lines)
 

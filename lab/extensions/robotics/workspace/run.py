@@ -25,7 +25,7 @@ _PLACES_IN_CELL = 400  # that are tested for collisions
 
 
 def measure_workspaces(options: WorkspaceOptions) -> WorkspaceResult:
-    """Measure what robots reach within their limits, and in how many orientations; write it where asked.
+    """Measure what robots reach within their limits, and in how many orientations; write it if requested.
 
     Raises:
         LabError: there is no such robot, or its point stays on a line or a surface, which has no volume.
@@ -33,7 +33,7 @@ def measure_workspaces(options: WorkspaceOptions) -> WorkspaceResult:
     options.check()
     with status("measuring") as stage:
         found = tuple(_robot_workspace(load_robot(name, options.cell), options, stage) for name in options.named)
-    result = WorkspaceResult(replace(options, out=None, overwrite=False), found)  # where it goes is no part of it
+    result = WorkspaceResult(replace(options, out=None, overwrite=False), found)  # the folder is no part of the result
     if options.out is not None:
         result.save(options.out, overwrite=options.overwrite)
     return result
@@ -42,9 +42,9 @@ def measure_workspaces(options: WorkspaceOptions) -> WorkspaceResult:
 def _robot_workspace(robot: Robot, options: WorkspaceOptions, stage: Stage) -> RobotWorkspace:
     arm = robot.arm(("p1",))
     values = arm.nominal({"p1": options.tool_m})
-    looked = partial(stage, f"{robot.name}, 1 of 2, places")
+    progress = partial(stage, f"{robot.name}, 1 of 2, places")
     keep = of_one(current_keep(), robot.source, robot.sha256)
-    space = workspace_of(arm, values, options.places, rng_for(options.seed, "poses"), looked, keep)
+    space = workspace_of(arm, values, options.places, rng_for(options.seed, "poses"), progress, keep)
     stage(f"{robot.name}, 2 of 2, reach and orientations")
     chain, reach = arm.dh_chain(values), None
     if chain is not None:
