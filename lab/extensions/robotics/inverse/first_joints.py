@@ -97,10 +97,10 @@ class FirstJoint:
         first, second, third = (self.parts @ vector).reshape(3, 3, -1)
         return first, second, third
 
-    def facing(self, split: tuple[Array, Array, Array], offset: float, liked: Array) -> Roots:
+    def facing(self, split: tuple[Array, Array, Array], offset: float, preferred: Array) -> Roots:
         """Solve w . Rot(axis, -t) p = offset (m) for joint 1 t."""
         along, across, quarter = split
-        return type_2(-quarter[2], across[2], offset - along[2], TINY, liked)
+        return type_2(-quarter[2], across[2], offset - along[2], TINY, preferred)
 
 
 @dataclass(frozen=True)
@@ -167,21 +167,21 @@ class Elbow:
         offset = float(w @ (centre - root))
         return cls(FirstJoint.of(axes, plane), float(np.sign(w @ third)), shoulder, upper, fore, offset)
 
-    def solve(self, position: Array, liked: Array, angles: Array, gap: Array, free: NDArray[np.bool_]) -> Carried:
+    def solve(self, position: Array, preferred: Array, angles: Array, gap: Array, free: NDArray[np.bool_]) -> Carried:
         """Solve for places ``(3, n)`` of the wrist's centre in frame 0, and fill in the arrays.
 
         Args:
-            liked: ``(3, n)`` reference of free joints.
+            preferred: ``(3, n)`` reference of free joints.
             angles, free: ``(3, wrists, elbows, 2, n)``; ``gap`` ``(wrists, elbows, 2, n)`` m.
         """
         split = self.column.split(position - self.column.root[:, None])
-        (first,), gap_1, (free[0],) = self.column.facing(split, self.offset, liked[0])
+        (first,), gap_1, (free[0],) = self.column.facing(split, self.offset, preferred[0])
         turned = np.cos(first), np.sin(first)
         e, f, _ = turned_back(split, turned)
         bent = float(np.angle(self.upper))
         (shoulder, elbow), gap_8, (free[1], _) = type_8(
             abs(self.upper), abs(self.fore), e - self.shoulder.real, f - self.shoulder.imag, TINY,
-            (liked[1] + bent, 0.0), BEND,
+            (preferred[1] + bent, 0.0), BEND,
         )  # fmt: skip
         angles[0], angles[1] = first, shoulder - bent
         angles[2] = self.turning * (elbow + bent - np.angle(self.fore))
@@ -231,12 +231,12 @@ class _Telescope:
         shoulder, upper = in_plane(plane, second - root), in_plane(plane, centre - second)
         return cls(FirstJoint.of(axes, plane), shoulder, upper, float(w @ (centre - root)))
 
-    def solve(self, position: Array, liked: Array, angles: Array, gap: Array, free: NDArray[np.bool_]) -> Carried:
+    def solve(self, position: Array, preferred: Array, angles: Array, gap: Array, free: NDArray[np.bool_]) -> Carried:
         split = self.column.split(position - self.column.root[:, None])
-        (first,), gap_1, (free[0],) = self.column.facing(split, self.offset, liked[0])
+        (first,), gap_1, (free[0],) = self.column.facing(split, self.offset, preferred[0])
         turned = np.cos(first), np.sin(first)
         e, f, _ = turned_back(split, turned)
-        reached = slid(e - self.shoulder.real, f - self.shoulder.imag, self.upper, liked[1], liked[2])
+        reached = slid(e - self.shoulder.real, f - self.shoulder.imag, self.upper, preferred[1], preferred[2])
         (second, slide), gap_5, (free[1], free[2]) = reached
         angles[0], angles[1], angles[2] = first, second, slide
         gap[:] = np.maximum(gap_1, gap_5)
@@ -277,9 +277,9 @@ class _Lift:
         height = float(w @ (centre - root))
         return cls(FirstJoint.of(axes, plane), float(np.sign(w @ up)), in_plane(plane, centre - root), height)
 
-    def solve(self, position: Array, liked: Array, angles: Array, gap: Array, free: NDArray[np.bool_]) -> Carried:
+    def solve(self, position: Array, preferred: Array, angles: Array, gap: Array, free: NDArray[np.bool_]) -> Carried:
         e, f, w = self.column.plane @ (position - self.column.root[:, None])
-        (first, slide), gap_5, (free[0], free[2]) = slid(e, f, self.middle, liked[0], liked[2])
+        (first, slide), gap_5, (free[0], free[2]) = slid(e, f, self.middle, preferred[0], preferred[2])
         first = first[None]  # (elbows, 2, n)
         angles[0], angles[1], angles[2] = first, type_1(self.up, w - self.height).values[0][0], slide
         gap[:] = gap_5
@@ -298,7 +298,7 @@ def carrier_of(axes: Axes, centre: Array) -> Carrier | None:
     return Elbow.of(axes, centre) or _Telescope.of(axes, centre) or _Lift.of(axes, centre)
 
 
-def slid(e: Array, f: Array, drawn_in: complex, turn_liked: Array, slide_liked: Array) -> Roots:
+def slid(e: Array, f: Array, drawn_in: complex, turn_preferred: Array, slide_preferred: Array) -> Roots:
     """Solve a turn and a slide along e after it that bring the point at zero to (e, f): type 5.
 
     With (e, f) = size exp(i direction) and s = direction - turn: size sin s = Im drawn_in, and size cos s = Re
@@ -306,7 +306,7 @@ def slid(e: Array, f: Array, drawn_in: complex, turn_liked: Array, slide_liked: 
     """
     size, direction = np.hypot(e, f), np.arctan2(f, e)
     (slide, rest), gap, (slide_free, rest_free) = type_5(
-        size, drawn_in.imag, 0.0, size, drawn_in.real, 1.0, TINY, (slide_liked, direction - turn_liked)
+        size, drawn_in.imag, 0.0, size, drawn_in.real, 1.0, TINY, (slide_preferred, direction - turn_preferred)
     )
     return Roots((direction - rest, slide), gap, (rest_free, slide_free))
 
@@ -404,7 +404,7 @@ class ThreeJoints:
         """Solve by numpy."""
         count = len(Ts_frame0_last)
         wanted = se3.transform(Ts_frame0_last, self.point[None])[:, 0].T
-        liked = (np.broadcast_to(reference, (count, 3)) * self.axes.sign).T
+        preferred = (np.broadcast_to(reference, (count, 3)) * self.axes.sign).T
         third, real = self._roots(wanted)  # (k, n)
         target = np.broadcast_to(wanted[:, None], (3, *third.shape))
         at = self._third(third)
@@ -414,7 +414,7 @@ class ThreeJoints:
         joints = np.stack([np.zeros_like(second), second, third])
         joints[0] = self._first(joints, target)
         joints = self._settled(joints.reshape(3, -1), target.reshape(3, -1), _POLISH).reshape(joints.shape)
-        joints, free = self._freed(joints, target, liked)
+        joints, free = self._freed(joints, target, preferred)
         gap = np.linalg.norm(self._place(joints) - target, axis=0)
         found = (gap <= _REACHED_M) & real
         lost = ~found.any(axis=(0, 1)) & nearest
@@ -631,7 +631,7 @@ class ThreeJoints:
             damping = np.where(better, damping / 10, np.maximum(10 * damping, 1e-6))
         return joints
 
-    def _freed(self, joints: Array, wanted: Array, liked: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def _freed(self, joints: Array, wanted: Array, preferred: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Set hinges 1 and 2 to the reference where the point is on their axes."""
         free = np.zeros(joints.shape, dtype=np.bool_)
         for joint, point in ((0, wanted), (1, self._third(joints[2]))):
@@ -639,7 +639,7 @@ class ThreeJoints:
                 lever = point - self.axes.origins[joint].reshape(3, *(1,) * (point.ndim - 1))
                 across = np.cross(self.axes.directions[joint], lever, axisb=0, axisc=0)
                 free[joint] = np.linalg.norm(across, axis=0) <= _ON_AXIS * self.scale_m
-                joints[joint] = np.where(free[joint], liked[joint], joints[joint])
+                joints[joint] = np.where(free[joint], preferred[joint], joints[joint])
         return joints, free
 
 

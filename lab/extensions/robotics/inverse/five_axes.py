@@ -205,27 +205,27 @@ class _ParallelPair:
         values = null[..., 1] ** 2 + null[..., 2] ** 2 - null[..., 0] ** 2
         return np.asarray(np.fft.fft(values, axis=0)[:5] / _MORE_NODES)
 
-    def candidates(self, Ts: Array, liked: Array) -> Iterator[Candidates]:
+    def candidates(self, Ts: Array, preferred: Array) -> Iterator[Candidates]:
         """Poses that hardly determine joint 4 or 5 get more candidates."""
-        plain, joints = self._plain(Ts, liked)
+        plain, joints = self._plain(Ts, preferred)
         if (rows := np.flatnonzero(plain)).size:
             yield rows, joints[..., rows], np.zeros((*joints.shape[:2], rows.size), dtype=np.bool_)
         if (rows := np.flatnonzero(~plain)).size:
-            yield rows, *self._loose(self._moved_by(Ts[rows]), liked[:, rows])
+            yield rows, *self._loose(self._moved_by(Ts[rows]), preferred[:, rows])
 
     def _moved_by(self, Ts: Array) -> Array:
         """Return displacements of the hand from its pose at zero joint positions."""
         return np.asarray(Ts @ se3.inverse(self.axes.T_frame0_last))
 
-    def _plain_by_numpy(self, Ts: Array, liked: Array) -> tuple[NDArray[np.bool_], Array]:
+    def _plain_by_numpy(self, Ts: Array, preferred: Array) -> tuple[NDArray[np.bool_], Array]:
         moved = self._moved_by(Ts)
         equations = self._equations(moved)
         found, size = self._found(equations)
-        rest, single, _ = self._rest(equations, found, liked[self._last[1]])
+        rest, single, _ = self._rest(equations, found, preferred[self._last[1]])
         return np.asarray(single.all(axis=0) & (size > _LOOSE)), self._joints(moved, found, rest[0])
 
     @with_fallback(_plain_by_numpy)
-    def _plain(self, Ts: Array, liked: Array) -> tuple[NDArray[np.bool_], Array]:
+    def _plain(self, Ts: Array, preferred: Array) -> tuple[NDArray[np.bool_], Array]:
         """Decide where ``(n,)`` the equations determine joints 4 and 5, and return candidates ``(4, 5, n)``."""
         return parallel_pair(self._numbers, Ts)
 
@@ -247,7 +247,7 @@ class _ParallelPair:
         polynomial = self._polynomial(equations)
         return _angles(polynomial), np.abs(polynomial).max(axis=0) / self._sizes[0]
 
-    def _loose(self, moved: Array, liked: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def _loose(self, moved: Array, preferred: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Return candidates ``(k, 5, n)`` where joint s or t is free, or nearly; and which are free.
 
         A free joint s is at the reference, if the others allow it, else at places all around.
@@ -255,22 +255,24 @@ class _ParallelPair:
         s, t = self._last
         equations = self._equations(moved)
         found, size = self._found(equations)
-        around = liked[s] + 2 * np.pi * np.arange(_TRIED)[:, None] / _TRIED
-        rest, _, _ = self._rest(equations, around[:1], liked[t])
+        around = preferred[s] + 2 * np.pi * np.arange(_TRIED)[:, None] / _TRIED
+        rest, _, _ = self._rest(equations, around[:1], preferred[t])
         ones = np.ones_like(rest)
         of_s, of_t = (np.stack([ones, np.cos(each), np.sin(each)]) for each in (around[:1] + 0 * rest, rest))
         missing = np.abs(np.einsum("niab,amkn,bmkn->imkn", equations, of_t, of_s)).max(axis=0).min(axis=(0, 1))
         of_two = self._of_two(equations)
         at_will = (size <= _NOTHING) & (np.abs(of_two).max(axis=0) <= _NOTHING * self._sizes[1])
         found = np.where(at_will & (missing <= EXACT), around[:1], np.concatenate([found, _angles(of_two), around]))
-        rest, _, silent = self._rest(equations, found, liked[t])
+        rest, _, silent = self._rest(equations, found, preferred[t])
         found = np.broadcast_to(found, rest.shape).reshape(-1, len(moved))
         joints = self._joints(moved, found, rest.reshape(found.shape))
         free = np.zeros(joints.shape, dtype=np.bool_)
         free[:, s], free[:, t] = at_will, np.concatenate([silent] * len(rest))
         return joints, free
 
-    def _rest(self, equations: Array, found: Array, liked: Array) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
+    def _rest(
+        self, equations: Array, found: Array, preferred: Array
+    ) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
         """Solve joint t ``(3, k, n)`` for positions ``(k, n)`` of s: by all equations, and twice by the strongest.
 
         Returns:
@@ -286,8 +288,8 @@ class _ParallelPair:
         strongest = A * e * e + 2 * B * e * f + C * f * f
         silent = strongest <= _NOTHING**2
         height = (e * right + f * ahead) / np.where(silent, 1.0, strongest)
-        (roots,), _, _ = type_2(f, e, height, TINY, liked)
-        roots = np.where(silent, liked, roots)
+        (roots,), _, _ = type_2(f, e, height, TINY, preferred)
+        roots = np.where(silent, preferred, roots)
         return np.concatenate([least[None], roots]), A * C - B * B > _ALIKE * (A + C) ** 2, silent
 
     def _joints(self, moved: Array, found: Array, rest: Array) -> Array:
@@ -432,10 +434,10 @@ class _TwoAxisWrist:
     def roots(self) -> int:
         return self.three.branches if self.carrier is None else 2 * self.carrier.elbows
 
-    def candidates(self, Ts: Array, liked: Array) -> Iterator[Candidates]:
+    def candidates(self, Ts: Array, preferred: Array) -> Iterator[Candidates]:
         """Poses with P on a hinge's axis get more candidates."""
         place = (Ts[:, :3, :3] @ self.centre + Ts[:, :3, 3]).T
-        first, free = self._placed(place, liked[:3])  # (k, 3, n)
+        first, free = self._placed(place, preferred[:3])  # (k, 3, n)
         found, near = self._with_wrist(Ts, first)
         if not near.any():
             yield slice(None), found, _never_free(free)
@@ -480,17 +482,17 @@ class _TwoAxisWrist:
         parts = (axes.prismatic[:3], axes.directions, axes.origins[:3], *vectors)
         return np.concatenate([np.ravel(part).astype(np.float64) for part in parts])
 
-    def _placed(self, place: Array, liked: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def _placed(self, place: Array, preferred: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Solve joints 1 to 3 ``(k, 3, n)`` that bring P to places ``(3, n)``."""
         count = place.shape[1]
         if self.carrier is not None:
             shape = (1, self.carrier.elbows, 2, count)
             angles, gap, free = np.empty((3, *shape)), np.empty(shape), np.zeros((3, *shape), dtype=np.bool_)
-            self.carrier.solve(place, liked, angles, gap, free)
+            self.carrier.solve(place, preferred, angles, gap, free)
             return angles.reshape(3, -1, count).swapaxes(0, 1), free.reshape(3, -1, count).swapaxes(0, 1)
         Ts = se3.pose(np.broadcast_to(np.eye(3), (count, 3, 3)), place.T - self.start)
         sign = self.three.axes.sign
-        found = self.three.solve(Ts, liked.T * sign, nearest=False)
+        found = self.three.solve(Ts, preferred.T * sign, nearest=False)
         return (found.joints * sign).transpose(1, 2, 0), found.free.transpose(1, 2, 0)
 
     def _by_rotation(self, R: Array, first: Array, free: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
@@ -501,11 +503,11 @@ class _TwoAxisWrist:
                 continue
             before, after = (self._turned(first, span) for span in (range(joint), range(joint + 1, 3)))
             axis = self.axes.directions[joint]
-            held, wanted = after @ a4, before.swapaxes(2, 3) @ R @ a5
+            carried, wanted = after @ a4, before.swapaxes(2, 3) @ R @ a5
             level = wanted - (wanted @ axis)[..., None] * axis
-            x = -(np.cross(axis, wanted) * held).sum(axis=-1)
-            z = float(a4 @ a5) - (wanted @ axis) * (held @ axis)
-            (roots,), _, (still,) = type_2(x, (level * held).sum(axis=-1), z, TINY, first[:, joint])
+            x = -(np.cross(axis, wanted) * carried).sum(axis=-1)
+            z = float(a4 @ a5) - (wanted @ axis) * (carried @ axis)
+            (roots,), _, (still,) = type_2(x, (level * carried).sum(axis=-1), z, TINY, first[:, joint])
             more = np.stack([first, first])
             more[:, :, joint] = np.where(near, roots, more[:, :, joint])
             flags = np.stack([free, free])
@@ -588,8 +590,8 @@ class FiveAxes:
             return None
         forwards = Axes.of(chain)
         for kinds in ((PlanarMiddle, PlanarEnd, _TwoAxisWrist), (_ParallelPair,)):
-            for backwards, held in ((False, forwards), (True, forwards.backwards)):
-                shapes: Iterator[_Shape | None] = (kind.of(held) for kind in kinds)
+            for backwards, fixed in ((False, forwards), (True, forwards.backwards)):
+                shapes: Iterator[_Shape | None] = (kind.of(fixed) for kind in kinds)
                 shape = next((each for each in shapes if each is not None), None)
                 if shape is not None:
                     return cls(chain, SerialArm(chain), shape, backwards)
@@ -616,8 +618,8 @@ class FiveAxes:
             ]  # fmt: skip
         plain = determinant(self.chain.joint_names, 1.0, lengths, factors)
         joints = rng_for(0, "structure").uniform(-1.0, 1.0, 5)
-        held = joints[::-1] if self.backwards else joints
-        value = np.linalg.det(self.shape.rows(axes.jacobian(held, self.shape.centre)))
+        reordered = joints[::-1] if self.backwards else joints
+        value = np.linalg.det(self.shape.rows(axes.jacobian(reordered, self.shape.centre)))
         return determinant(self.chain.joint_names, float(np.sign(value * plain.at(joints))), lengths, factors)
 
     @property
@@ -632,14 +634,14 @@ class FiveAxes:
     def solve(self, Ts_frame0_last: Array, reference: Array | float = 0.0) -> Solutions:
         """See ``ClosedForm``. Poses that the arm cannot take get the gap and the tilt of candidates."""
         count, shape = len(Ts_frame0_last), (len(Ts_frame0_last), self.branches)
-        liked = np.broadcast_to(reference, (count, 5)) * self.chain.sign
+        preferred = np.broadcast_to(reference, (count, 5)) * self.chain.sign
         frees = np.empty((*shape, 5), dtype=np.bool_)
         whole = Solutions(np.empty((*shape, 5)), np.empty(shape), np.empty(shape), frees)
         for start in range(0, count, _CHUNK):
             part = slice(start, start + _CHUNK)
-            Ts, near = Ts_frame0_last[part], liked[part]
-            held = (se3.inverse(Ts), near[:, ::-1].T) if self.backwards else (Ts, near.T)
-            for rows, joints, free in self.shape.candidates(*held):
+            Ts, near = Ts_frame0_last[part], preferred[part]
+            targets = (se3.inverse(Ts), near[:, ::-1].T) if self.backwards else (Ts, near.T)
+            for rows, joints, free in self.shape.candidates(*targets):
                 found = self._judged(Ts[rows], joints.transpose(2, 0, 1), free.transpose(2, 0, 1))
                 for name in ("joints", "gap_m", "tilt_rad", "free"):
                     getattr(whole, name)[part][rows] = getattr(found, name)
@@ -674,8 +676,8 @@ class FiveAxes:
         if few:
             return Solutions(joints, gap, tilt, free)
         rows = np.arange(count)[:, None]
-        kept = np.lexsort((size, again), axis=1)[:, : self.branches]
-        return Solutions(joints[rows, kept], gap[rows, kept], tilt[rows, kept], free[rows, kept])
+        nearest = np.lexsort((size, again), axis=1)[:, : self.branches]
+        return Solutions(joints[rows, nearest], gap[rows, nearest], tilt[rows, nearest], free[rows, nearest])
 
     def _again(self, joints: Array) -> NDArray[np.bool_]:
         """Mark candidates ``(n, k, 5)`` that repeat an earlier one, up to whole turns."""

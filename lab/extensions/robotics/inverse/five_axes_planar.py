@@ -71,19 +71,19 @@ class PlanarMiddle:
         """Number of candidates for a pose."""
         return (1 if self.axes.prismatic[0] else 2) * self.joints.roots
 
-    def candidates(self, Ts: Array, liked: Array) -> Iterator[Candidates]:
+    def candidates(self, Ts: Array, preferred: Array) -> Iterator[Candidates]:
         """Return candidates for poses ``(n, 4, 4)``, in groups of poses with equally many.
 
         Args:
-            liked: ``(5, n)`` reference of free joints.
+            preferred: ``(5, n)`` reference of free joints.
         """
-        yield _candidates_of(self.joints, (0, 4), (1, 2, 3), self._frame(Ts, liked), liked)
+        yield _candidates_of(self.joints, (0, 4), (1, 2, 3), self._frame(Ts, preferred), preferred)
 
-    def _frame_by_numpy(self, Ts: Array, liked: Array) -> _PlanarFrame:
+    def _frame_by_numpy(self, Ts: Array, preferred: Array) -> _PlanarFrame:
         plane, root = self.column.plane, self.column.root
         R = Ts[:, :3, :3] @ self.axes.T_frame0_last[:3, :3].T
         lever = (Ts[:, :3, :3] @ self.centre + Ts[:, :3, 3] - root).T
-        first, free_1 = self._first(lever, (R @ self.axes.directions[4]).T, liked[0])  # (m, n)
+        first, free_1 = self._first(lever, (R @ self.axes.directions[4]).T, preferred[0])  # (m, n)
         if self.axes.prismatic[0]:
             e, f, _ = np.tensordot(plane, lever[:, None] - np.multiply.outer(self.column.axis, first), 1)
             back = R[None]
@@ -98,14 +98,14 @@ class PlanarMiddle:
         return np.stack([first, fifth, phi, e, f]), free_1[0]
 
     @with_fallback(_frame_by_numpy)
-    def _frame(self, Ts: Array, liked: Array) -> _PlanarFrame:
+    def _frame(self, Ts: Array, preferred: Array) -> _PlanarFrame:
         """Solve joints 1 and 5, and return the planar arm's targets.
 
         Returns:
             ``(5, m, n)``: positions of joints 1 and 5, the turn about w, and the place (m) in the plane; and ``(n,)``
             where joint 1 is free.
         """
-        return planar_frame(self._numbers, 1 if self.axes.prismatic[0] else 2, Ts, liked)
+        return planar_frame(self._numbers, 1 if self.axes.prismatic[0] else 2, Ts, preferred)
 
     @cached_property
     def _numbers(self) -> Array:
@@ -122,7 +122,7 @@ class PlanarMiddle:
     def _size(self) -> float:
         return max(float(np.abs(self.axes.origins - self.axes.origins[0]).max()), 1e-3)
 
-    def _first(self, lever: Array, axis_5: Array, liked: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def _first(self, lever: Array, axis_5: Array, preferred: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Solve joint 1 ``(m, n)`` by the equation that determines it best, and mark where it is free."""
         w = self.column.plane[2]
         offset = float(w @ (self.start - self.column.root))
@@ -136,7 +136,7 @@ class PlanarMiddle:
         slopes = [x * x + y * y - z * z for x, y, z in equations]
         better = slopes[1] > slopes[0]
         x, y, z = (np.where(better, *pair[::-1]) for pair in zip(*equations, strict=True))
-        (first,), _, (free,) = type_2(x, y, z, TINY, liked)
+        (first,), _, (free,) = type_2(x, y, z, TINY, preferred)
         return first, np.broadcast_to(free, first.shape)
 
     def factors(self) -> tuple[list[float], list[Named]]:
@@ -159,16 +159,16 @@ class PlanarMiddle:
 
 
 def _candidates_of(
-    arm: PlanarJoints, two: tuple[int, int], three: tuple[int, int, int], frame: _PlanarFrame, liked: Array
+    arm: PlanarJoints, two: tuple[int, int], three: tuple[int, int, int], frame: _PlanarFrame, preferred: Array
 ) -> Candidates:
     """Return candidates of all poses, from a planar arm and the two other joints.
 
     Args:
         two, three: which joints they are.
-        liked: ``(5, n)``.
+        preferred: ``(5, n)``.
     """
     (first, second, phi, e, f), free_1 = frame
-    values, _, free = arm.solve(e + 1j * f, phi, np.broadcast_to(liked[list(three), None], (3, *first.shape)))
+    values, _, free = arm.solve(e + 1j * f, phi, np.broadcast_to(preferred[list(three), None], (3, *first.shape)))
     out = np.empty((first.shape[1], arm.roots, first.shape[0], 5))  # (n, roots, m, 5)
     out[..., two[0]], out[..., two[1]] = first.T[:, None], second.T[:, None]
     frees = np.zeros(out.shape, dtype=np.bool_)
@@ -252,13 +252,13 @@ class PlanarEnd:
         """See ``PlanarMiddle``."""
         return (1 if self.axes.prismatic[1] else 2) * self.joints.roots
 
-    def candidates(self, Ts: Array, liked: Array) -> Iterator[Candidates]:
+    def candidates(self, Ts: Array, preferred: Array) -> Iterator[Candidates]:
         """See ``PlanarMiddle``."""
-        yield _candidates_of(self.joints, (0, 1), (2, 3, 4), self._frame(Ts, liked), liked)
+        yield _candidates_of(self.joints, (0, 1), (2, 3, 4), self._frame(Ts, preferred), preferred)
 
-    def _frame_by_numpy(self, Ts: Array, liked: Array) -> _PlanarFrame:
+    def _frame_by_numpy(self, Ts: Array, preferred: Array) -> _PlanarFrame:
         R, place = Ts[:, :3, :3] @ self.axes.T_frame0_last[:3, :3].T, Ts[:, :3, 3].T
-        first, second = self._first_two(R @ self.plane[2], place, liked)  # (m, n)
+        first, second = self._first_two(R @ self.plane[2], place, preferred)  # (m, n)
         back, axes = np.broadcast_to(R, (*first.shape, 3, 3)), self.axes
         at = np.broadcast_to(place[:, None], (3, *first.shape))
         for joint, amount in ((0, first), (1, second)):
@@ -271,9 +271,9 @@ class PlanarEnd:
         return np.stack([first, second, phi, e, f]), np.zeros(len(Ts), dtype=np.bool_)
 
     @with_fallback(_frame_by_numpy)
-    def _frame(self, Ts: Array, liked: Array) -> _PlanarFrame:
+    def _frame(self, Ts: Array, preferred: Array) -> _PlanarFrame:
         """Solve joints 1 and 2, and return the planar arm's targets as ``PlanarMiddle`` does; neither is free."""
-        return planar_frame(self._numbers, 1 if self.axes.prismatic[1] else 2, Ts, liked)
+        return planar_frame(self._numbers, 1 if self.axes.prismatic[1] else 2, Ts, preferred)
 
     @cached_property
     def _numbers(self) -> Array:
@@ -286,7 +286,7 @@ class PlanarEnd:
         )  # fmt: skip
         return np.concatenate([np.ravel(part) for part in parts])
 
-    def _first_two(self, seen: Array, place: Array, liked: Array) -> tuple[Array, Array]:
+    def _first_two(self, seen: Array, place: Array, preferred: Array) -> tuple[Array, Array]:
         """Solve joints 1 and 2 ``(m, n)`` that turn w to directions ``(n, 3)``.
 
         Args:
@@ -301,11 +301,11 @@ class PlanarEnd:
             rest = w @ (self.start - origin) - (seen * (place.T - root)).sum(axis=1)
             along = first_axis * (first_axis @ lever)
             (roots,), _, _ = type_2(
-                seen @ np.cross(first_axis, lever), seen @ (lever - along), rest - seen @ along, TINY, liked[0]
+                seen @ np.cross(first_axis, lever), seen @ (lever - along), rest - seen @ along, TINY, preferred[0]
             )
             return roots, float(np.sign(first_axis @ axis)) * (turn_between(first_axis, w, seen) - roots)
         fixed, cosine, sine = (np.full(len(seen), part) for part in self._turned_part(first_axis))
-        (second,), _, _ = type_2(sine, cosine, seen @ first_axis - fixed, TINY, liked[1])
+        (second,), _, _ = type_2(sine, cosine, seen @ first_axis - fixed, TINY, preferred[1])
         turned = se3.exp(second[..., None] * axis) @ w
         return turn_between(first_axis, turned, np.broadcast_to(seen, turned.shape)), second
 
@@ -333,13 +333,13 @@ class PlanarEnd:
         hinge = next(i for i in (2, 3, 4) if not self.axes.prismatic[i])
         w = jacobian[3:, hinge]
         across = plane_across(w)[:2]
-        held = across @ jacobian[3:]
+        turns = across @ jacobian[3:]
         if self._sum or self.axes.prismatic[1]:
-            turn = held[:, 0]
-            held = np.stack([w @ jacobian[:3], turn @ held / np.linalg.norm(turn)])
+            turn = turns[:, 0]
+            turns = np.stack([w @ jacobian[:3], turn @ turns / np.linalg.norm(turn)])
             planar = np.concatenate([across @ jacobian[:3], (w @ jacobian[3:])[None]])
-            return np.concatenate([planar, held])
-        return np.concatenate([across @ jacobian[:3], (w @ jacobian[3:])[None], held])
+            return np.concatenate([planar, turns])
+        return np.concatenate([across @ jacobian[:3], (w @ jacobian[3:])[None], turns])
 
 
 def turn_between(axis: Array, start: Array, end: Array) -> Array:

@@ -150,12 +150,12 @@ def type_4(
     Where r is zero t is free. Where both sides of one equation are zero, both are free: r sin t (or r cos t) is the
     reference's.
     """
-    x1, y1, x2, y2, r_liked, t_liked = _same_shape(x1, y1, x2, y2, *reference)
+    x1, y1, x2, y2, r_preferred, t_preferred = _same_shape(x1, y1, x2, y2, *reference)
     no_sine, no_cosine = np.abs(x1) <= tiny, np.abs(x2) <= tiny
-    up = np.where(no_sine, r_liked * np.sin(t_liked), y1 / np.where(no_sine, 1.0, x1))
-    along = np.where(no_cosine, r_liked * np.cos(t_liked), y2 / np.where(no_cosine, 1.0, x2))
+    up = np.where(no_sine, r_preferred * np.sin(t_preferred), y1 / np.where(no_sine, 1.0, x1))
+    along = np.where(no_cosine, r_preferred * np.cos(t_preferred), y2 / np.where(no_cosine, 1.0, x2))
     size, silent = np.hypot(up, along), no_sine | no_cosine
-    t = np.where(size <= tiny, t_liked, np.stack([np.arctan2(up, along), np.arctan2(-up, -along)]))
+    t = np.where(size <= tiny, t_preferred, np.stack([np.arctan2(up, along), np.arctan2(-up, -along)]))
     gap = np.hypot(np.where(no_sine, y1, 0.0), np.where(no_cosine, y2, 0.0))
     return Roots((np.stack([size, -size]), t), unless_tiny(gap, 2 * tiny), (silent, silent | (size <= tiny)))
 
@@ -175,7 +175,7 @@ def type_5(
     They are where the line V + W r (V = Y / X, W = Z / X) crosses the unit circle. Where both Z are zero r is free;
     where an X is zero its equation is about r alone, and t may be free.
     """
-    x1, y1, z1, x2, y2, z2, r_liked, t_liked = _same_shape(x1, y1, z1, x2, y2, z2, *reference)
+    x1, y1, z1, x2, y2, z2, r_preferred, t_preferred = _same_shape(x1, y1, z1, x2, y2, z2, *reference)
     no_sine, no_cosine, fixed = np.abs(x1) <= tiny, np.abs(x2) <= tiny, np.hypot(z1, z2) <= tiny
     by_1, by_2 = np.where(no_sine, 1.0, x1), np.where(no_cosine, 1.0, x2)
     v1, w1, v2, w2 = y1 / by_1, z1 / by_1, y2 / by_2, z2 / by_2
@@ -183,15 +183,15 @@ def type_5(
     height = np.clip((v1 * w2 - v2 * w1) / size, -1.0, 1.0)  # of the line over the circle's middle, K / sqrt(A)
     half = np.sqrt((1 - height) * (1 + height))
     chord = np.stack([half, -half])
-    r = np.where(fixed, r_liked, (chord - (v1 * w1 + v2 * w2) / size) / size)
+    r = np.where(fixed, r_preferred, (chord - (v1 * w1 + v2 * w2) / size) / size)
     t = np.where(fixed, np.arctan2(v1, v2), np.arctan2(w2 * height + w1 * chord, w2 * chord - w1 * height))
     r_free, t_free = fixed, np.zeros_like(fixed)
     if (no_sine | no_cosine).any():
-        liked = (r_liked, t_liked)
+        preferred = (r_preferred, t_preferred)
         for odd, part in (
-            (no_sine, _one_angle((y1, z1), (x2, y2, z2), type_9, np.cos, tiny, liked)),
-            (no_cosine, _one_angle((y2, z2), (x1, y1, z1), type_10, np.sin, tiny, liked)),
-            (no_sine & no_cosine, _no_angle((y1, z1), (y2, z2), tiny, liked)),
+            (no_sine, _one_angle((y1, z1), (x2, y2, z2), type_9, np.cos, tiny, preferred)),
+            (no_cosine, _one_angle((y2, z2), (x1, y1, z1), type_10, np.sin, tiny, preferred)),
+            (no_sine & no_cosine, _no_angle((y1, z1), (y2, z2), tiny, preferred)),
         ):
             r, t, r_free, t_free = (np.where(odd, *pair) for pair in zip(part, (r, t, r_free, t_free), strict=True))
     missing = np.hypot(x1 * np.sin(t) - y1 - z1 * r, x2 * np.cos(t) - y2 - z2 * r).max(axis=0)
@@ -208,28 +208,28 @@ def _one_angle(
     angle: Callable[..., Roots],
     turned: Callable[[Array], Array],
     tiny: float,
-    liked: tuple[Array, Array],
+    preferred: tuple[Array, Array],
 ) -> _Part:
     """Solve 0 = Y + Z r and X cos t (or sin t) = Y + Z r."""
-    (y, z), (x, other_y, other_z), (r_liked, t_liked) = alone, rest, liked
+    (y, z), (x, other_y, other_z), (r_preferred, t_preferred) = alone, rest, preferred
     silent, still = np.abs(z) <= tiny, np.abs(other_z) <= tiny
-    r = np.where(silent, r_liked, -y / np.where(silent, 1.0, z))
-    open_ = silent & ~still  # one equation for both: t as it is liked, and r by that
-    r = np.where(open_, (x * turned(t_liked) - other_y) / np.where(still, 1.0, other_z), r)
-    roots = angle(x, other_y + other_z * r, tiny, t_liked)
-    t = np.where(open_, t_liked, roots.values[0])
+    r = np.where(silent, r_preferred, -y / np.where(silent, 1.0, z))
+    open_ = silent & ~still  # one equation for both: t as it is preferred, and r by that
+    r = np.where(open_, (x * turned(t_preferred) - other_y) / np.where(still, 1.0, other_z), r)
+    roots = angle(x, other_y + other_z * r, tiny, t_preferred)
+    t = np.where(open_, t_preferred, roots.values[0])
     return np.broadcast_to(r, t.shape), t, silent, open_ | roots.free[0]
 
 
 def _no_angle(
-    first: tuple[Array, Array], second: tuple[Array, Array], tiny: float, liked: tuple[Array, Array]
+    first: tuple[Array, Array], second: tuple[Array, Array], tiny: float, preferred: tuple[Array, Array]
 ) -> _Part:
     """Solve 0 = Y1 + Z1 r and 0 = Y2 + Z2 r by least squares: t is free."""
-    (y1, z1), (y2, z2), (r_liked, t_liked) = first, second, liked
+    (y1, z1), (y2, z2), (r_preferred, t_preferred) = first, second, preferred
     square = z1 * z1 + z2 * z2
     silent = square <= tiny * tiny
-    r = np.where(silent, r_liked, -(y1 * z1 + y2 * z2) / np.where(silent, 1.0, square))
-    return np.stack([r, r]), np.stack([t_liked, t_liked]), silent, np.ones_like(silent)
+    r = np.where(silent, r_preferred, -(y1 * z1 + y2 * z2) / np.where(silent, 1.0, square))
+    return np.stack([r, r]), np.stack([t_preferred, t_preferred]), silent, np.ones_like(silent)
 
 
 def type_6(
@@ -245,10 +245,10 @@ def type_6(
 
     Where X and Y or both Z are zero i is free, where W is zero j.
     """
-    w, x, y, z1, z2, i_liked, j_liked = _same_shape(w, x, y, z1, z2, *reference)
-    i, right, gap, free = _closed(np.abs(w), x, y, z1, z2, tiny, i_liked)
+    w, x, y, z1, z2, i_preferred, j_preferred = _same_shape(w, x, y, z1, z2, *reference)
+    i, right, gap, free = _closed(np.abs(w), x, y, z1, z2, tiny, i_preferred)
     sign, none = np.where(w < 0, -1.0, 1.0), np.abs(w) <= tiny
-    return Roots((i, np.where(none, j_liked, np.arctan2(sign * right[0], sign * right[1]))), gap, (free, none))
+    return Roots((i, np.where(none, j_preferred, np.arctan2(sign * right[0], sign * right[1]))), gap, (free, none))
 
 
 def type_7(
@@ -265,15 +265,15 @@ def type_7(
 
     Two roots, as type 6 has them.
     """
-    w1, w2, x, y, z1, z2, i_liked, j_liked = _same_shape(w1, w2, x, y, z1, z2, *reference)
+    w1, w2, x, y, z1, z2, i_preferred, j_preferred = _same_shape(w1, w2, x, y, z1, z2, *reference)
     w = np.hypot(w1, w2)
-    i, (r1, r2), gap, free = _closed(w, x, y, z1, z2, tiny, i_liked)
-    j = np.where(w <= tiny, j_liked, np.arctan2(w2 * r1 + w1 * r2, w1 * r1 - w2 * r2))
+    i, (r1, r2), gap, free = _closed(w, x, y, z1, z2, tiny, i_preferred)
+    j = np.where(w <= tiny, j_preferred, np.arctan2(w2 * r1 + w1 * r2, w1 * r1 - w2 * r2))
     return Roots((i, j), gap, (free, w <= tiny))
 
 
 def _closed(
-    w: Array, x: Array, y: Array, z1: Array, z2: Array, tiny: float, liked: Array
+    w: Array, x: Array, y: Array, z1: Array, z2: Array, tiny: float, preferred: Array
 ) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
     """Solve types 6 and 7 for i: a vector (X, Y) turned by i and a fixed (Z1, Z2) add up to the length W.
 
@@ -284,7 +284,7 @@ def _closed(
     corner, gap = _corner(moving, fixed, w, tiny)
     free = (moving <= tiny) | (fixed <= tiny)
     straight = np.arctan2(z2, z1) + np.arctan2(y, x)  # the i that adds the two lengths
-    i = np.where(free, liked, straight + np.stack([corner, -corner]))
+    i = np.where(free, preferred, straight + np.stack([corner, -corner]))
     cosine, sine = np.cos(i), np.sin(i)
     return i, np.stack([x * cosine + y * sine + z1, x * sine - y * cosine + z2]), gap, free
 

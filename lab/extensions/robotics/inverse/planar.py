@@ -126,11 +126,11 @@ class PlanarJoints:
 
     # Their positions
 
-    def solve(self, place: _Complex, turn: Array | None, liked: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+    def solve(self, place: _Complex, turn: Array | None, preferred: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
         """Return all positions that bring the hand to places ``(...)``, turned by ``turn`` where that is given.
 
         Args:
-            liked: ``(joints, ...)`` what free joints take.
+            preferred: ``(joints, ...)`` reference of free joints.
 
         Returns:
             Positions ``(roots, joints, ...)``, the gap ``(...)`` m, and what is free ``(joints, ...)``.
@@ -141,7 +141,7 @@ class PlanarJoints:
             rest = rest - np.exp(1j * last) * (self._ends[-1] - self._ends[-2])
         size = np.abs(place) + sum(map(abs, self._lengths), start=1e-3)
         pair = self._two_slides if len(self._slides) == 2 else self._one_slide if self._slides else self._no_slide
-        first, second, gap, free_1, free_2 = pair(rest, last, liked, size)
+        first, second, gap, free_1, free_2 = pair(rest, last, preferred, size)
         values = np.empty((self.roots, len(self.joints), *place.shape))
         free = np.zeros((len(self.joints), *place.shape), dtype=np.bool_)
         unknown = [*self._hinges[: len(self._lengths)], *self._slides]
@@ -155,21 +155,21 @@ class PlanarJoints:
             values[:, self._hinges[-1]] = last - values[:, others].sum(axis=1)
         return values * np.reshape(self.turning, (-1, *(1,) * place.ndim)), gap, free
 
-    def _no_slide(self, rest: _Complex, last: Array, liked: Array, size: Array) -> _Pair:
+    def _no_slide(self, rest: _Complex, last: Array, preferred: Array, size: Array) -> _Pair:
         """Solve two hinges as a triangle."""
         (x, y), hinge = self._lengths, self._hinges[0]
         bent, bent_2 = float(np.angle(x)), float(np.angle(y))
-        favourite = liked[hinge] * self.turning[hinge] + bent
+        favourite = preferred[hinge] * self.turning[hinge] + bent
         (root, elbow), gap, (free, _) = type_8(abs(x), abs(y), rest.real, rest.imag, TINY, (favourite, 0.0), BEND)
         return root - bent, root + elbow - bent_2, gap, free, np.zeros_like(free)
 
-    def _one_slide(self, rest: _Complex, last: Array, liked: Array, size: Array) -> _Pair:
+    def _one_slide(self, rest: _Complex, last: Array, preferred: Array, size: Array) -> _Pair:
         """Solve a hinge and a slide as a line across a circle."""
         hinge, slide, (length,) = self._hinges[0], self._slides[0], self._lengths
-        direction, favourite = self.directions[slide], liked[hinge] * self.turning[hinge]
+        direction, favourite = self.directions[slide], preferred[hinge] * self.turning[hinge]
         if self._after(slide) == 1:
             turned = rest * np.conj(direction)
-            roots = slid(turned.real, turned.imag, length * direction.conjugate(), favourite, liked[slide])
+            roots = slid(turned.real, turned.imag, length * direction.conjugate(), favourite, preferred[slide])
             (turn, way_out), (turn_free, out_free) = roots.values, roots.free
             return turn, way_out, roots.gap, turn_free, out_free
         along = direction * np.exp(1j * last) if self._after(slide) == 2 else np.broadcast_to(direction, rest.shape)
@@ -178,7 +178,7 @@ class PlanarJoints:
         gap = np.where(np.abs(seen.imag) - abs(length) <= ROUNDING * size, 0.0, gap)
         return angle - start, seen.real - abs(length) * np.cos(angle), gap, free, np.zeros_like(free)
 
-    def _two_slides(self, rest: _Complex, last: Array, liked: Array, size: Array) -> _Pair:
+    def _two_slides(self, rest: _Complex, last: Array, preferred: Array, size: Array) -> _Pair:
         """Solve two slides as a parallelogram; one side is chosen freely where they are parallel."""
         first, second = (
             self.directions[i] * np.exp(1j * last)
@@ -188,7 +188,7 @@ class PlanarJoints:
         )
         across = np.imag(np.conj(first) * second)
         free = np.abs(across) <= TINY
-        b = np.where(free, liked[self._slides[1]], np.imag(np.conj(first) * rest) / np.where(free, 1.0, across))
+        b = np.where(free, preferred[self._slides[1]], np.imag(np.conj(first) * rest) / np.where(free, 1.0, across))
         left = np.conj(first) * (rest - b * second)
         gap = unless_tiny(np.where(free, np.abs(left.imag), 0.0), ROUNDING * size)
         return left.real[None], b[None], gap, free, free
@@ -319,10 +319,10 @@ class PlanarArm:
     def solve(self, Ts_frame0_last: Array, reference: Array | float = 0.0) -> Solutions:
         """See ``ClosedForm``. The point's place is met, turned as near to a pose's rotation as possible."""
         count, size = len(Ts_frame0_last), self.chain.size
-        liked = (np.broadcast_to(reference, (count, size)) * self.chain.sign).T
+        preferred = (np.broadcast_to(reference, (count, size)) * self.chain.sign).T
         turn, tilt = self._turn(Ts_frame0_last[:, :3, :3])
         e, f, w = self.plane @ se3.transform(Ts_frame0_last, self.point[None])[:, 0].T
-        values, gap, free = self.joints.solve(e + 1j * f, None if self.by_point else turn, liked)
+        values, gap, free = self.joints.solve(e + 1j * f, None if self.by_point else turn, preferred)
         hinges = ~np.array(self.chain.prismatic)
         values[:, hinges] -= 2 * np.pi * np.round(values[:, hinges] / (2 * np.pi))
         joints = values.transpose(2, 0, 1) * self.chain.sign
@@ -432,12 +432,12 @@ class Scara:
         """See ``ClosedForm``. Of a tilted pose the place is met, turned as near to it as possible."""
         count = len(Ts_frame0_last)
         yaw, tilt = self._turn(Ts_frame0_last[:, :3, :3])
-        liked = np.broadcast_to(reference, (count, 4)) * self.up
+        preferred = np.broadcast_to(reference, (count, 4)) * self.up
         e, f, w = self.plane @ (Ts_frame0_last[:, :3, 3] + self._at(yaw) @ self.wrist - self.root).T
         bent = float(np.angle(self.upper))
         first, second, third = self.hinges
         (shoulder, elbow), gap, (free, _) = type_8(
-            abs(self.upper), abs(self.fore), e, f, TINY, (liked[:, first] + bent, 0.0), BEND
+            abs(self.upper), abs(self.fore), e, f, TINY, (preferred[:, first] + bent, 0.0), BEND
         )
         joints = np.empty((count, 2, 4))
         joints[:, :, first] = (shoulder - bent).T

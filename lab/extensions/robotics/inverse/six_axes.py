@@ -128,12 +128,12 @@ class SphericalWrist:
     def _solved(self, Ts_frame0_last: Array, reference: Array | float = 0.0) -> Solutions:
         """Solve by numpy, for any carrier."""
         count, shape = len(Ts_frame0_last), (2, self.carrier.elbows, 2)
-        liked = np.broadcast_to(reference, (count, 6)) * self.chain.sign
+        preferred = np.broadcast_to(reference, (count, 6)) * self.chain.sign
         angles, gap = np.empty((6, *shape, count)), np.empty((*shape, count))
         free = np.zeros((6, *shape, count), dtype=np.bool_)
         for start in range(0, count, _CHUNK):
             part = slice(start, start + _CHUNK)
-            self._solve(Ts_frame0_last[part], liked[part].T, angles[..., part], gap[..., part], free[..., part])
+            self._solve(Ts_frame0_last[part], preferred[part].T, angles[..., part], gap[..., part], free[..., part])
         for i in np.flatnonzero(~np.array(self.chain.prismatic)):
             angles[i] -= 2 * np.pi * np.round(angles[i] / (2 * np.pi))
         angles *= self.chain.sign.reshape(6, 1, 1, 1, 1)
@@ -161,14 +161,14 @@ class SphericalWrist:
         )  # fmt: skip
         return np.concatenate([np.ravel(part).astype(np.float64) for part in parts])
 
-    def _solve(self, Ts: Array, liked: Array, angles: Array, gap: Array, free: NDArray[np.bool_]) -> None:
+    def _solve(self, Ts: Array, preferred: Array, angles: Array, gap: Array, free: NDArray[np.bool_]) -> None:
         """Fill in the angles ``(6, 2, elbows, 2, n)``: roots of the wrist's, the elbow's and joint 1's equation."""
         R = Ts[:, :3, :3].transpose(1, 2, 0)  # (3, 3, n)
         position = _turned(R, self.centre) + Ts[:, :3, 3].T
-        carried = self.carrier.solve(position, liked[:3], angles[:3], gap, free[:3])
-        self._turn(R, carried, liked[3:], angles[3:], free[3:])
+        carried = self.carrier.solve(position, preferred[:3], angles[:3], gap, free[:3])
+        self._turn(R, carried, preferred[3:], angles[3:], free[3:])
 
-    def _turn(self, R: Array, carried: Carried, liked: Array, angles: Array, free: NDArray[np.bool_]) -> None:
+    def _turn(self, R: Array, carried: Carried, preferred: Array, angles: Array, free: NDArray[np.bool_]) -> None:
         """Fill in the wrist's angles ``(3, 2, elbows, 2, n)``."""
         rows = self.axes @ self.carrier.column.plane.T
 
@@ -180,7 +180,7 @@ class SphericalWrist:
         axis_6 = np.cos(self.bend) * self.axes[0] + np.sin(self.bend) * self.axes[2]
         a6, b6, c6 = in_wrist(axis_6)
         a5, b5, c5 = in_wrist(self.axes[1])
-        (angles[0],), _, (free[0],) = type_2(c6, b6, 0.0, TINY, liked[0])  # b . Rot(a, -q4) axis 6 = 0
+        (angles[0],), _, (free[0],) = type_2(c6, b6, 0.0, TINY, preferred[0])  # b . Rot(a, -q4) axis 6 = 0
         cos_4, sin_4 = np.cos(angles[0]), np.sin(angles[0])
         sin_5 = b6 * sin_4 - c6 * cos_4
         angles[1] = self.bend + np.arctan2(sin_5, a6)  # type 3, as is the next
@@ -297,13 +297,15 @@ class ThreeParallel:
     def _solved(self, Ts_frame0_last: Array, reference: Array | float = 0.0) -> Solutions:
         """Solve by numpy."""
         count = len(Ts_frame0_last)
-        liked = (np.broadcast_to(reference, (count, 6)) * self.chain.sign).T
+        preferred = (np.broadcast_to(reference, (count, 6)) * self.chain.sign).T
         position = (Ts_frame0_last[:, :3, :3] @ self.centre + Ts_frame0_last[:, :3, 3]).T
         split = self.column.split(position - self.column.root[:, None])
-        (first,), gap_1, (free_1,) = self.column.facing(split, self.offset, liked[0])  # (2, n)
+        (first,), gap_1, (free_1,) = self.column.facing(split, self.offset, preferred[0])  # (2, n)
         turned = np.cos(first), np.sin(first)
         e, f, _ = turned_back(split, turned)
-        phi, fifth, sixth, free_6 = self._turns(Ts_frame0_last[:, :3, :3], first, liked[5])  # (2, 2, n): joints 5, 1
+        phi, fifth, sixth, free_6 = self._turns(
+            Ts_frame0_last[:, :3, :3], first, preferred[5]
+        )  # (2, 2, n): joints 5, 1
         bent, place = float(np.angle(self.upper)), (e + 1j * f)[None] - self.shoulder
         if free_6.any():
             near = np.where(free_6, self._within_reach(place, phi), phi)
@@ -311,7 +313,7 @@ class ThreeParallel:
             phi = near
         place = place - self.hand * np.exp(1j * phi)
         (root, elbow), gap_8, (free_2, _) = type_8(
-            abs(self.upper), abs(self.fore), place.real, place.imag, TINY, (liked[1] + bent, 0.0), BEND
+            abs(self.upper), abs(self.fore), place.real, place.imag, TINY, (preferred[1] + bent, 0.0), BEND
         )  # (2, 2, 2, n): elbow, joint 5, joint 1
         angles, shape = np.empty((6, 2, 2, 2, count)), (2, 2, 2, count)
         angles[0], angles[4], angles[5] = first, fifth, sixth
@@ -369,19 +371,19 @@ class ThreeParallel:
         moved = np.copysign(np.arccos(cosine), away)
         return np.asarray(np.where(np.cos(away) == cosine, phi, towards + moved))
 
-    def _turns(self, Rs: Array, first: Array, liked: Array) -> tuple[Array, Array, Array, Array]:
+    def _turns(self, Rs: Array, first: Array, preferred: Array) -> tuple[Array, Array, Array, Array]:
         """Return phi about w, joints 5 and 6, and where joint 6 is free ``(2, 2, n)``, for joint 1 ``(2, n)``."""
         plane = self.column.plane
         back = se3.exp(-first[..., None] * self.column.axis)  # (2, n, 3, 3)
         M = plane @ back @ Rs @ self.R_frame0_last.T @ plane.T  # in the axes e, f, w
         axis_6 = np.array([np.sin(self.bend), 0.0, np.cos(self.bend)])
-        hand, held = M @ axis_6, M[..., 2, :]  # axis 6 in the plane's axes, and w in the last frame's
+        hand, w = M @ axis_6, M[..., 2, :]  # axis 6 in the plane's axes, and w in the last frame's
         size = np.hypot(hand[..., 0], hand[..., 1])
         sign = np.array([1.0, -1.0])[:, None, None]
         bent = sign * np.arctan2(size, hand[..., 2])  # joint 5 and the bend
         across = np.array([np.cos(self.bend), 0.0, -np.sin(self.bend)])
         free = np.broadcast_to(size <= TINY, bent.shape)
-        sixth = np.where(free, liked, np.arctan2(sign * held[..., 1], -sign * (held @ across)))
+        sixth = np.where(free, preferred, np.arctan2(sign * w[..., 1], -sign * (w @ across)))
         fifth = bent - self.bend
         # phi is what is left when joints 5 and 6 are undone, so that it is right near the singularity as well
         level = np.stack([np.cos(fifth), np.zeros_like(fifth), np.sin(fifth)], axis=-1)

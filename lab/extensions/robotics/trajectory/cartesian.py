@@ -85,8 +85,8 @@ def _unit(part: float, share: float) -> Trajectory:
     durations = np.array([rounding, even, rounding, max(1 - 2 * ramp, 0.0), rounding, even, rounding])
     accelerations = np.array([0, pull, pull, 0, 0, -pull, -pull])
     jerks = np.array([hard, 0, -hard, 0, -hard, 0, hard])
-    kept = durations > 0
-    return Trajectory(durations[kept], accelerations[kept, None], still, still, jerks[kept, None])
+    lasting = durations > 0
+    return Trajectory(durations[lasting], accelerations[lasting, None], still, still, jerks[lasting, None])
 
 
 def _seconds(

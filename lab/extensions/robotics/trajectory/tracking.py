@@ -206,8 +206,8 @@ def tracking(arm: Arm, values: Array, wanted: tuple[Array, Array], joints: Array
         each = elastic_errors(rigid, own, standing, torsors, target)
         parts |= {f"link {link + 1}": each.by_link[:, i] for i, link in enumerate(each.links)}
     total = _error_between(wanted[0], deformed(joints)[0])
-    kept = {name: part for name, part in parts.items() if part.any()}
-    return Tracking(wanted[0], total, kept, standing, torsors, compensated(wanted, joints, deformed))
+    present = {name: part for name, part in parts.items() if part.any()}
+    return Tracking(wanted[0], total, present, standing, torsors, compensated(wanted, joints, deformed))
 
 
 def bent_links(links: LinkLoads, joints: Array, sag: Array, torsors: Torsors, factor: float) -> Mapping[int, Array]:

@@ -227,10 +227,10 @@ class ByRods(Membership):
         if any(sum(each) != 1 for each in moves):
             return None
         ends = np.array([[_flat(at.frames[end][1]) for end in rod.ends] for rod in tree.rods])
-        rows, held = np.arange(FREEDOMS), np.array([each.index(False) for each in moves])
-        corners = se3.transform(se3.inverse(T), ends[rows, 1 - held])
+        rows, fixed = np.arange(FREEDOMS), np.array([each.index(False) for each in moves])
+        corners = se3.transform(se3.inverse(T), ends[rows, 1 - fixed])
         order = np.array(joints, dtype=np.int_)
-        return cls(mechanism, ends[rows, held], corners, np.array(dimensions.lengths), order, T, tool)
+        return cls(mechanism, ends[rows, fixed], corners, np.array(dimensions.lengths), order, T, tool)
 
     def solutions(self, wanted: PoseTarget) -> Array:
         """Return the one solution."""
