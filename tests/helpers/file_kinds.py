@@ -23,7 +23,7 @@ from lab.commands.hand_load import read_hand_load
 from lab.extensions.dynamics.load_files import read_load, read_loads, read_motion, read_mounting
 from lab.extensions.reproduction.answer import formula, number
 from lab.extensions.reproduction.item import Computed, Item, marked
-from lab.extensions.robotics.trajectory.path_csv import read_path
+from lab.extensions.robotics.trajectory.motion import read_path
 from lab.formats.cell_toml import read_cell
 from lab.formats.certificate_toml import read_certificate_details
 from lab.formats.drives_toml import read_drives

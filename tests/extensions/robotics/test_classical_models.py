@@ -8,8 +8,7 @@ from scipy.optimize import brentq
 
 from lab.core.errors import LabError
 from lab.core.se3 import Array
-from lab.extensions.robotics.closed.delta import AZIMUTHS_RAD, Delta
-from lab.extensions.robotics.closed.planar_platforms import Distances, SharedPin, ThreeLegs, TwoLegs
+from lab.extensions.robotics.closed.models import AZIMUTHS_RAD, Delta, Distances, SharedPin, ThreeLegs, TwoLegs
 from lab.kinematics.closed.mobility import mobility
 
 DRAWS = 10_000
@@ -373,10 +372,6 @@ def test_delta_knows_what_is_out_of_reach() -> None:
     assert np.isnan(found[[0, 2]]).any(axis=(1, 2)).all() and np.isfinite(found[1]).all()
     wide = Delta(0.9, 0.1, 0.5, 0.6, AZIMUTHS_RAD)
     assert np.isnan(wide.direct(np.zeros((1, 3)))).all()  # the spheres do not meet
-    lower, upper = np.radians([-40, 100])
-    np.testing.assert_array_equal(FLEX_PICKER.reachable(far, lower, upper), [False, True, False])
-    for limits in ((np.radians([-40, -40, -20]), upper), (lower, np.radians([100, -21, 100]))):
-        assert not FLEX_PICKER.reachable(far, *limits).any()
     distances = FLEX_PICKER.distances(far, found[:, 0])
     assert np.isnan(distances.parallel[0]) and np.isfinite(distances.parallel[1])
 
@@ -478,19 +473,6 @@ def test_delta_gains_a_turn_though_nothing_is_flat_or_in_line() -> None:
 
 
 # All
-
-
-def test_reachable_is_within_the_legs() -> None:
-    points = np.random.default_rng(9).uniform(-1, 1, (1000, 2))
-    lengths = np.column_stack([np.hypot(*points.T), np.hypot(*(points - [0.8, 0]).T)])
-    inside = ((lengths > 0.3) & (lengths < [0.9, 1.1])).all(axis=1)
-    np.testing.assert_array_equal(TWO.reachable(points, 0.3, np.array([0.9, 1.1])), inside)
-    assert 0 < inside.sum() < 1000
-    poses = poses_of(SCALENE, 1000)
-    rho = SCALENE.inverse(poses)
-    np.testing.assert_array_equal(
-        SCALENE.reachable(poses, 0.2, 0.8), (rho.min(axis=1) >= 0.2) & (rho.max(axis=1) <= 0.8)
-    )
 
 
 def test_distances_are_between_0_and_1() -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lab.campaign.robot import load_robot
-from lab.extensions.robotics.kinematics.result import configurations
+from lab.extensions.robotics.kinematics.models import configurations
 from lab.kinematics.inverse.closed_form import closed_form_of
 from lab.kinematics.serial.arm import SerialArm
 

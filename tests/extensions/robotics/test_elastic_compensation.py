@@ -9,7 +9,7 @@ from helpers.robots import IRB120, chain_of
 
 from lab.campaign.robot import load_virtual
 from lab.core.se3 import Array
-from lab.extensions.robotics.trajectory.motion import Correction, compensated, elastic_errors, greville
+from lab.extensions.robotics.trajectory.tracking import Correction, compensated, elastic_errors, greville
 from lab.kinematics.dynamics.gravity import LinkLoads, Loads, link_loads
 from lab.kinematics.serial.arm import SerialArm
 from lab.kinematics.serial.walk import Torsors

@@ -5,7 +5,7 @@ from beam_chain import BeamChain
 from helpers.robots import IRB120
 
 from lab.core.se3 import Array
-from lab.extensions.robotics.trajectory.motion import Tracking, elastic_errors, tracking
+from lab.extensions.robotics.trajectory.tracking import Tracking, elastic_errors, tracking
 from lab.kinematics.dynamics.beam import COMPLIANCES
 from lab.kinematics.dynamics.gravity import link_loads
 from lab.kinematics.trajectory.trajectory import through

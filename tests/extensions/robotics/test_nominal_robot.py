@@ -7,7 +7,7 @@ import pytest
 
 from lab.campaign.robot import load_robot
 from lab.core.errors import LabError
-from lab.extensions.robotics.kinematics.nominal_robot import nominal_robot
+from lab.extensions.robotics.kinematics.models import nominal_robot
 
 
 @pytest.mark.parametrize("name", ["scorbot", "irb120", "rrr3"])

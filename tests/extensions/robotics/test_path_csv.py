@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lab.core.errors import LabError
-from lab.extensions.robotics.trajectory.path_csv import read_path
+from lab.extensions.robotics.trajectory.motion import read_path
 
 JOINTS = ("q1", "q2"), (False, True)
 

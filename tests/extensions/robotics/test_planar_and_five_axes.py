@@ -386,10 +386,10 @@ def test_a_pair_of_parallel_axes_has_one_solution_at_most_poses(name: str) -> No
 
 def test_the_shapes_that_came_first_keep_their_arms() -> None:
     shapes = {name: type(form.shape).__name__ for name in FIVE if isinstance(form := form_of(FIVE[name]), FiveAxes)}
-    assert {name for name, shape in shapes.items() if shape == "ParallelPair"} == {
+    assert {name for name, shape in shapes.items() if shape == "_ParallelPair"} == {
         *(f"axes {k} and {k + 1} parallel" for k in (1, 2, 3, 4)), "axis 5 folds onto axis 3",
     }  # fmt: skip
-    assert shapes["two parallel"] == shapes["SCARA that tilts"] == "TwoAxisWrist"
+    assert shapes["two parallel"] == shapes["SCARA that tilts"] == "_TwoAxisWrist"
     assert shapes["scorbot"] == "PlanarMiddle" and shapes["two and three parallel"] == "PlanarEnd"
 
 

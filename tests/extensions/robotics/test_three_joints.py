@@ -7,8 +7,7 @@ import pytest
 from helpers.robots import chain_of
 
 from lab.core.se3 import Array
-from lab.extensions.robotics.inverse.first_joints import ThreeJoints
-from lab.extensions.robotics.inverse.fitted_factor import fitted_factor
+from lab.extensions.robotics.inverse.first_joints import ThreeJoints, fitted_factor
 from lab.kinematics.inverse.branches import NominalInverse, nearest_whole_turns
 from lab.kinematics.inverse.closed_form import closed_form_of
 from lab.kinematics.inverse.newton import PoseTarget, reach

@@ -9,10 +9,8 @@ from helpers.robots import IRB120, chain_of
 from lab.campaign.robot import load_robot
 from lab.extensions.robotics.workspace import measure
 from lab.extensions.robotics.workspace.boundary import boundary
-from lab.extensions.robotics.workspace.measure import measured
-from lab.extensions.robotics.workspace.membership import ByRods, anyhow, domain_of, memberships, within_turns
-from lab.extensions.robotics.workspace.search import Search
-from lab.extensions.robotics.workspace.space import workspace_of
+from lab.extensions.robotics.workspace.measure import measured, workspace_of
+from lab.extensions.robotics.workspace.membership import ByRods, Search, anyhow, domain_of, memberships, within_turns
 from lab.kinematics.closed.mechanism import Mechanism
 from lab.kinematics.inverse.newton import PoseTarget
 from lab.kinematics.joints import JointSpec

@@ -11,8 +11,7 @@ from lab.core.se3 import Array
 from lab.extensions.reproduction.answer import Answer, formula, holds, number, word
 from lab.extensions.reproduction.item import Item
 from lab.extensions.reproduction.models import SAMPLES, Sampled, matrix_formulas, sampled
-from lab.extensions.robotics.closed.delta import Delta
-from lab.extensions.robotics.closed.planar_platforms import SharedPin, ThreeLegs, TwoLegs
+from lab.extensions.robotics.closed.models import Delta, SharedPin, ThreeLegs, TwoLegs
 from lab.extensions.robotics.inverse.khalil_equations import (
     Roots,
     type_1,

@@ -11,7 +11,7 @@ from lab.core.se3 import Array
 from lab.extensions.reproduction.answer import Answer, holds
 from lab.extensions.reproduction.item import Item, Missing, Source
 from lab.extensions.reproduction.models import SAMPLES, Sampled, matrix_formulas, sampled
-from lab.extensions.robotics.trajectory.motion import Correction, compensated, elastic_errors, greville
+from lab.extensions.robotics.trajectory.tracking import Correction, compensated, elastic_errors, greville
 from lab.kinematics.gauge import base_set_of
 from lab.kinematics.serial.walk import Torsors
 

@@ -1,4 +1,4 @@
-"""Report what the closed form of a mechanism says of it to ``lab inspect``; registered as ``lab.shapes``."""
+"""Describe a mechanism by its closed form, for ``lab inspect``; registered as ``lab.shapes``."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -7,7 +7,7 @@ import numpy as np
 
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.extensions.robotics.closed.planar_platforms import Distances
+from lab.extensions.robotics.closed.models import Distances
 from lab.extensions.robotics.closed.recognition import ClassicalModel, classical_model_of
 from lab.extensions.robotics.workspace.membership import ByLegs
 from lab.kinematics.closed.mechanism import Mechanism, platform_poses
@@ -15,9 +15,9 @@ from lab.kinematics.closed.mobility import SINGULAR, ClosedFormShape, Nearest
 
 __all__ = ["closed_form_shape"]
 
-GRID = 60_000  # poses, at most, of the count of what is reachable
-WALKERS, STEPS = 32, 150  # of the search for singular poses
-FIRST, SHRINKING = 0.05, 0.9  # its first step, beside the limits' width, and what each makes of the next
+_MAX_GRID_POSES = 60_000  # of the reachable area or volume
+_WALKERS, _STEPS = 32, 150  # of the search for singular poses
+_FIRST_STEP, _SHRINKING = 0.05, 0.9  # its first step, as a share of the limits' width, and the ratio of steps
 _OF_LEGS = {"serial": "a leg's length is zero"}
 _WHERE = {
     "2-RPR": {**_OF_LEGS, "parallel": "the legs are in line"},
@@ -31,10 +31,10 @@ _WHERE = {
 
 
 def closed_form_shape(mechanism: Mechanism, joints: Array, passive: Array) -> ClosedFormShape | None:
-    """Return what the closed form of a mechanism says of it; None where it has none that is known here.
+    """Describe a mechanism by its closed form; None where it has none.
 
     Args:
-        joints: ``(n, joints)`` rad or m of some poses in the drawn mode.
+        joints: ``(n, joints)`` rad or m of some poses in the nominal assembly mode.
         passive: ``(n, z)`` passive values there.
     """
     classical = classical_model_of(mechanism)
@@ -43,11 +43,16 @@ def closed_form_shape(mechanism: Mechanism, joints: Array, passive: Array) -> Cl
     home = mechanism.assembled(mechanism.home[None], mechanism.nominal_values).configuration
     search = _Search(mechanism, classical, joints, passive)
     modes = np.isfinite(classical.modes(mechanism.home[None])).all(axis=2).sum()
-    ways = classical.inverse_solutions(home.passive.T)[..., classical.order]
-    working = np.isfinite(ways).sum(axis=1).prod()
-    found = search.singularities()
-    flat, sizes = classical.is_planar, classical.dimensions
-    return ClosedFormShape(classical.name, flat, sizes, int(modes), int(working), search.reachable(), found)
+    solutions = classical.inverse_solutions(home.passive.T)[..., classical.order]
+    return ClosedFormShape(
+        name=classical.name,
+        is_planar=classical.is_planar,
+        dimensions=classical.dimensions,
+        modes=int(modes),
+        working=int(np.isfinite(solutions).sum(axis=1).prod()),
+        reachable=search.reachable(),
+        singularities=tuple(search.nearest(kind) for kind in classical.singularities),
+    )
 
 
 @dataclass(frozen=True)
@@ -64,13 +69,13 @@ class _Search:
 
     @cached_property
     def legs(self) -> ByLegs:
-        """Reachability by the legs' closed forms."""
+        """Reachability by the closed forms of the legs."""
         return ByLegs(self.mechanism, self.classical)
 
     def reachable(self) -> float:
-        """Area or volume, by counting the cells of a grid whose middle is reached, however the platform is turned."""
+        """Estimate the reachable area or volume by the cells of a grid whose middle is reached in some orientation."""
         low, high = self.passive.min(axis=0), self.passive.max(axis=0)
-        count = int(GRID ** (1 / len(low)))
+        count = int(_MAX_GRID_POSES ** (1 / len(low)))
         margin = (high - low) / (count - 2) / 2
         edges = [np.linspace(*ends, count + 1) for ends in zip(low - margin, high + margin, strict=True)]
         grid = np.meshgrid(*[(edge[1:] + edge[:-1]) / 2 for edge in edges], indexing="ij")
@@ -80,18 +85,14 @@ class _Search:
         cell = np.prod([edge[1] - edge[0] for edge, turn in zip(edges, turns, strict=True) if not turn])
         return float(cell * reached.any(axis=tuple(np.flatnonzero(turns))).sum())
 
-    def singularities(self) -> tuple[Nearest, ...]:
-        """Return the nearest singularity of each kind that the robot has."""
-        return tuple(self._nearest(kind) for kind in self.classical.singularities)
-
-    def _nearest(self, kind: str) -> Nearest:
-        """Search by random walks from the nearest poses with shrinking steps; a step is taken where it leads nearer."""
+    def nearest(self, kind: str) -> Nearest:
+        """Find the nearest singularity of a kind by random walks with shrinking steps, from the nearest poses."""
         mechanism, rng = self.mechanism, rng_for(0, "structure", Distances._fields.index(kind))
-        starts = np.argsort(self._distance(kind, self.joints, self.passive))[:WALKERS]
+        starts = np.argsort(self._distance(kind, self.joints, self.passive))[:_WALKERS]
         joints, passive = self.joints[starts], self.passive[starts]
         distance = self._distance(kind, joints, passive)
-        step = FIRST * (mechanism.upper - mechanism.lower)
-        for _ in range(STEPS):
+        step = _FIRST_STEP * (mechanism.upper - mechanism.lower)
+        for _ in range(_STEPS):
             if distance.min() < SINGULAR:
                 break
             tried = np.clip(joints + step * rng.standard_normal(joints.shape), mechanism.lower, mechanism.upper)
@@ -99,13 +100,13 @@ class _Search:
             found = self._distance(kind, tried, closing)
             nearer = (found < distance) & (self.classical.side(tried, closing) == self.legs.side)
             joints[nearer], passive[nearer], distance[nearer] = tried[nearer], closing[nearer], found[nearer]
-            step = SHRINKING * step
+            step = _SHRINKING * step
         best = int(np.argmin(distance))
         place = platform_poses(mechanism, joints[best : best + 1], passive[best : best + 1])[0, :3, 3]
         return Nearest(kind, float(distance[best]), joints[best], place, _WHERE[self.classical.name][kind])
 
     def _closing(self, joints: Array, near: Array) -> Array:
-        """Passive values ``(n, z)`` of the mode that is nearest to some; NaN where there is none."""
+        """Return the passive values ``(n, z)`` of the nearest mode; NaN where there is none."""
         modes = self.classical.modes(joints)
         away = np.nan_to_num(np.abs(modes - near[:, None]).max(axis=2), nan=np.inf)
         return np.take_along_axis(modes, away.argmin(axis=1)[:, None, None], axis=1)[:, 0]

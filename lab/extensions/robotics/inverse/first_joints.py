@@ -1,32 +1,28 @@
-"""Solve for the first joint and the first three joints of an arm in closed form.
-
-What the first three joints of an arm with a spherical wrist have in common: joint 1 turns all the rest.
+"""Inverse kinematics of the first three joints of an arm, and of arms of three joints, in closed form.
 
 A vector is an array of three rows, a pose in each column; one in a plane is a complex number. Angles and lengths here
 are those of the axes: joint positions times their signs.
 
-The first three joints of an arm with a spherical wrist: what joint positions bring the wrist's centre somewhere.
-
-Joint 1 turns all the rest about a column (``column``). Then follow
+The first three joints of an arm with a spherical wrist bring the wrist's centre to a place. Joint 1 turns all the rest
+about a column (``FirstJoint``). Then follow
 
 * an ``Elbow``: two hinges with parallel axes (an equation of type 2 for joint 1, of type 8 for the others);
-* a ``Telescope``: a hinge, and a slide across it (types 2 and 5);
-* a ``Lift``: a slide along the column, and one across it (types 1 and 5).
+* a ``_Telescope``: a hinge, and a slide across it (types 2 and 5);
+* a ``_Lift``: a slide along the column, and one across it (types 1 and 5).
 
-Arms of three joints of any kind: all joint positions that bring a point of the last link somewhere.
-
-Joint 3 alone moves the point in the frame of link 2, on a circle or a line. Joints 1 and 2 leave two numbers as they
-are: of a hinge 1 the point's height along the axis and its distance from it, of a slide 1 its two coordinates across.
-What joint 2 would have to do is eliminated from the two equations, which leaves one in joint 3: a trigonometric
-polynomial of degree 2 for a hinge, a polynomial of degree 4 for a slide (Pieper 1968; Khalil & Dombre 2002, section
-4.4). Its coefficients are read off values at five positions, its roots are eigenvalues, and a few steps of
-Newton's method make the joints exact.
+An arm of three joints of any kind brings a point of the last link to a place (``ThreeJoints``). Joint 3 alone moves the
+point in the frame of link 2, on a circle or a line. Joints 1 and 2 leave two numbers unchanged: of a hinge 1 the
+point's height along the axis and its distance from it, of a slide 1 its two coordinates across. Eliminating joint 2
+from the two equations leaves one in joint 3: a trigonometric polynomial of degree 2 for a hinge, a polynomial of degree
+4 for a slide (Pieper 1968; Khalil & Dombre 2002, section 4.4). Its coefficients are read off values at five positions,
+its roots are eigenvalues, and a few steps of Newton's method make the joints exact.
 """
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +30,6 @@ from numpy.typing import NDArray
 from lab.core import se3
 from lab.core.random import rng_for
 from lab.core.se3 import Array
-from lab.extensions.robotics.inverse.fitted_factor import fitted_factor
 from lab.extensions.robotics.inverse.khalil_equations import TINY, Roots, type_1, type_2, type_5, type_8
 from lab.kinematics.compiled.kernels import three_joints, with_fallback
 from lab.kinematics.inverse.closed_form import (
@@ -56,10 +51,10 @@ __all__ = [
     "Carrier",
     "Elbow",
     "FirstJoint",
-    "Lift",
     "Named",
-    "Telescope",
     "ThreeJoints",
+    "carrier_of",
+    "fitted_factor",
     "polynomial_roots",
     "slid",
     "turned_back",
@@ -70,7 +65,7 @@ Named = tuple[str, Sequence[Term]]
 
 @dataclass(frozen=True)
 class FirstJoint:
-    """Joint 1.
+    """Joint 1 of an arm, and the plane of the joints after it.
 
     Attributes:
         axis: ``(3,)`` of the joint, through ``root`` ``(3,)`` (m).
@@ -86,7 +81,7 @@ class FirstJoint:
 
     @classmethod
     def of(cls, axes: Axes, plane: Array) -> "FirstJoint":
-        """Joint 1 of a nominal model."""
+        """Return joint 1 of a nominal model."""
         axis = axes.directions[0]
         along = np.outer(axis, axis)
         parts = [plane @ part for part in (along, np.eye(3) - along, se3.skew(axis))]
@@ -94,18 +89,18 @@ class FirstJoint:
 
     @property
     def level(self) -> complex:
-        """W x axis: what the wrist's centre is far from axis 1 along, if it is far from it."""
+        """W x axis, in the plane: the direction of the wrist's centre from axis 1, if it is far from it."""
         return in_plane(self.plane, np.cross(self.plane[2], self.axis))
 
     def split(self, vector: Array) -> tuple[Array, Array, Array]:
-        """The three parts of a vector ``(3, n)``, in the plane."""
+        """Return the three parts of a vector ``(3, n)``, in the plane."""
         first, second, third = (self.parts @ vector).reshape(3, 3, -1)
         return first, second, third
 
-    def facing(self, split: tuple[Array, Array, Array], offset: float, liked: Array) -> Roots:
-        """Joint 1 such that a place comes to be at ``offset`` (m) along w: w . Rot(axis, -t) p = offset."""
+    def facing(self, split: tuple[Array, Array, Array], offset: float, preferred: Array) -> Roots:
+        """Solve w . Rot(axis, -t) p = offset (m) for joint 1 t."""
         along, across, quarter = split
-        return type_2(-quarter[2], across[2], offset - along[2], TINY, liked)
+        return type_2(-quarter[2], across[2], offset - along[2], TINY, preferred)
 
 
 @dataclass(frozen=True)
@@ -122,7 +117,7 @@ class Carried:
     lifted: tuple[Array, Array] | None = None
 
     def back(self, vector: Array) -> list[Array]:
-        """A vector ``(3, n)`` turned back by these joints, along e, f and w."""
+        """Turn a vector ``(3, n)`` back by these joints, along e, f and w."""
         e, f, w = turned_back(self.column.split(vector), self.first)
         if self.lifted is None:
             return [e, f, w]
@@ -131,36 +126,9 @@ class Carried:
 
 
 def turned_back(split: tuple[Array, Array, Array], first: tuple[Array, Array]) -> list[Array]:
-    """A vector turned back by joint 1, in the plane."""
+    """Turn a vector back by joint 1, in the plane."""
     cosine, sine = first
     return [fixed + cosine * level - sine * ahead for fixed, level, ahead in zip(*split, strict=True)]
-
-
-class Carrier(Protocol):
-    """The first three joints."""
-
-    @property
-    def column(self) -> FirstJoint:
-        """Joint 1."""
-
-    @property
-    def elbows(self) -> int:
-        """Number of roots for each of joint 1's two."""
-
-    def solve(self, position: Array, liked: Array, angles: Array, gap: Array, free: NDArray[np.bool_]) -> Carried:
-        """Fill in what brings the wrist's centre to places ``(3, n)`` in frame 0.
-
-        Args:
-            liked: ``(3, n)`` what free joints take.
-            angles, free: ``(3, wrists, elbows, 2, n)``; ``gap`` ``(wrists, elbows, 2, n)`` m.
-        """
-
-    def factors(self, sign: Array) -> tuple[float, list[float], list[Named]]:
-        """Factor the determinant of the axes' three columns of the Jacobian at the wrist's centre.
-
-        Returns:
-            Its sign, lengths (m), and factors with their names, for joint positions that have these signs.
-        """
 
 
 BEND = 0.03  # rad, from the straight elbow: a start for Newton's method where the nominal model does not reach
@@ -168,13 +136,14 @@ BEND = 0.03  # rad, from the straight elbow: a start for Newton's method where t
 
 @dataclass(frozen=True)
 class Elbow:
-    """Hinges 2 and 3 have parallel axes.
+    """First three joints of which 2 and 3 are hinges with parallel axes.
 
     Attributes:
         turning: 1 where axis 3 points as axis 2 does, else -1.
         shoulder, upper, fore: in the plane (m): axis 2 from the root, axis 3 from axis 2, and the wrist's centre
             from axis 3.
         offset: the wrist's centre from the root, along w (m).
+        elbows: number of roots for each root of joint 1.
     """
 
     column: FirstJoint
@@ -187,7 +156,7 @@ class Elbow:
 
     @classmethod
     def of(cls, axes: Axes, centre: Array) -> "Elbow | None":
-        """The first three joints of a nominal model, if they are such."""
+        """Return the first three joints of a nominal model; None where their shape is another."""
         if any(axes.prismatic[:3]) or axes.parallel(0, 1) or not axes.parallel(1, 2):
             return None
         (_, w, third), (root, second, elbow) = axes.directions[:3], axes.origins[:3]
@@ -198,16 +167,21 @@ class Elbow:
         offset = float(w @ (centre - root))
         return cls(FirstJoint.of(axes, plane), float(np.sign(w @ third)), shoulder, upper, fore, offset)
 
-    def solve(self, position: Array, liked: Array, angles: Array, gap: Array, free: NDArray[np.bool_]) -> Carried:
-        """See ``Carrier``."""
+    def solve(self, position: Array, preferred: Array, angles: Array, gap: Array, free: NDArray[np.bool_]) -> Carried:
+        """Solve for places ``(3, n)`` of the wrist's centre in frame 0, and fill in the arrays.
+
+        Args:
+            preferred: ``(3, n)`` reference of free joints.
+            angles, free: ``(3, wrists, elbows, 2, n)``; ``gap`` ``(wrists, elbows, 2, n)`` m.
+        """
         split = self.column.split(position - self.column.root[:, None])
-        (first,), gap_1, (free[0],) = self.column.facing(split, self.offset, liked[0])
+        (first,), gap_1, (free[0],) = self.column.facing(split, self.offset, preferred[0])
         turned = np.cos(first), np.sin(first)
         e, f, _ = turned_back(split, turned)
         bent = float(np.angle(self.upper))
         (shoulder, elbow), gap_8, (free[1], _) = type_8(
             abs(self.upper), abs(self.fore), e - self.shoulder.real, f - self.shoulder.imag, TINY,
-            (liked[1] + bent, 0.0), BEND,
+            (preferred[1] + bent, 0.0), BEND,
         )  # fmt: skip
         angles[0], angles[1] = first, shoulder - bent
         angles[2] = self.turning * (elbow + bent - np.angle(self.fore))
@@ -216,7 +190,11 @@ class Elbow:
         return Carried(self.column, turned, (np.cos(lifted), np.sin(lifted)))
 
     def factors(self, sign: Array) -> tuple[float, list[float], list[Named]]:
-        """See ``Carrier``."""
+        """Factor the determinant of the axes' three columns of the Jacobian at the wrist's centre.
+
+        Returns:
+            Its sign, lengths (m), and factors with their names, for joint positions that have these signs.
+        """
         second, third = (1, float(sign[1])), (2, float(self.turning * sign[2]))
         across = np.conj(self.upper) * self.fore / abs(self.upper)
         elbow = real_part(-1j * across, [third])[::-1]
@@ -230,8 +208,8 @@ class Elbow:
 
 
 @dataclass(frozen=True)
-class Telescope:
-    """Joint 2 is a hinge, joint 3 a slide across it, along e.
+class _Telescope:
+    """First three joints of which 2 is a hinge and 3 a slide across it, along e.
 
     Attributes:
         shoulder, upper: in the plane (m): axis 2 from the root, and the wrist's centre from axis 2, drawn in.
@@ -245,8 +223,7 @@ class Telescope:
     elbows: int = 2
 
     @classmethod
-    def of(cls, axes: Axes, centre: Array) -> "Telescope | None":
-        """The first three joints of a nominal model, if they are such."""
+    def of(cls, axes: Axes, centre: Array) -> "_Telescope | None":
         if axes.prismatic[:3] != (False, False, True) or axes.parallel(0, 1) or not axes.square(1, 2):
             return None
         (_, w, slide), (root, second, _) = axes.directions[:3], axes.origins[:3]
@@ -254,20 +231,18 @@ class Telescope:
         shoulder, upper = in_plane(plane, second - root), in_plane(plane, centre - second)
         return cls(FirstJoint.of(axes, plane), shoulder, upper, float(w @ (centre - root)))
 
-    def solve(self, position: Array, liked: Array, angles: Array, gap: Array, free: NDArray[np.bool_]) -> Carried:
-        """See ``Carrier``."""
+    def solve(self, position: Array, preferred: Array, angles: Array, gap: Array, free: NDArray[np.bool_]) -> Carried:
         split = self.column.split(position - self.column.root[:, None])
-        (first,), gap_1, (free[0],) = self.column.facing(split, self.offset, liked[0])
+        (first,), gap_1, (free[0],) = self.column.facing(split, self.offset, preferred[0])
         turned = np.cos(first), np.sin(first)
         e, f, _ = turned_back(split, turned)
-        reached = slid(e - self.shoulder.real, f - self.shoulder.imag, self.upper, liked[1], liked[2])
+        reached = slid(e - self.shoulder.real, f - self.shoulder.imag, self.upper, preferred[1], preferred[2])
         (second, slide), gap_5, (free[1], free[2]) = reached
         angles[0], angles[1], angles[2] = first, second, slide
         gap[:] = np.maximum(gap_1, gap_5)
         return Carried(self.column, turned, (np.cos(second), np.sin(second)))
 
     def factors(self, sign: Array) -> tuple[float, list[float], list[Named]]:
-        """See ``Carrier``."""
         second, level = (1, float(sign[1])), np.conj(self.column.level)
         slide = [Term(float(sign[2]), slides=(2,)), Term(self.upper.real)]
         shoulder = [
@@ -279,8 +254,8 @@ class Telescope:
 
 
 @dataclass(frozen=True)
-class Lift:
-    """Joint 2 is a slide along the column, joint 3 one across it, along e; w is the column.
+class _Lift:
+    """First three joints of which 2 is a slide along the column, and 3 one across it, along e; w is the column.
 
     Attributes:
         up: 1 where joint 2 slides as axis 1 points, else -1.
@@ -294,8 +269,7 @@ class Lift:
     elbows: int = 1
 
     @classmethod
-    def of(cls, axes: Axes, centre: Array) -> "Lift | None":
-        """The first three joints of a nominal model, if they are such."""
+    def of(cls, axes: Axes, centre: Array) -> "_Lift | None":
         if axes.prismatic[:3] != (False, True, True) or not axes.parallel(0, 1) or not axes.square(0, 2):
             return None
         (w, up, slide), root = axes.directions[:3], axes.origins[0]
@@ -303,35 +277,42 @@ class Lift:
         height = float(w @ (centre - root))
         return cls(FirstJoint.of(axes, plane), float(np.sign(w @ up)), in_plane(plane, centre - root), height)
 
-    def solve(self, position: Array, liked: Array, angles: Array, gap: Array, free: NDArray[np.bool_]) -> Carried:
-        """See ``Carrier``."""
+    def solve(self, position: Array, preferred: Array, angles: Array, gap: Array, free: NDArray[np.bool_]) -> Carried:
         e, f, w = self.column.plane @ (position - self.column.root[:, None])
-        (first, slide), gap_5, (free[0], free[2]) = slid(e, f, self.middle, liked[0], liked[2])
+        (first, slide), gap_5, (free[0], free[2]) = slid(e, f, self.middle, preferred[0], preferred[2])
         first = first[None]  # (elbows, 2, n)
         angles[0], angles[1], angles[2] = first, type_1(self.up, w - self.height).values[0][0], slide
         gap[:] = gap_5
         return Carried(self.column, (np.cos(first), np.sin(first)))
 
     def factors(self, sign: Array) -> tuple[float, list[float], list[Named]]:
-        """See ``Carrier``."""
         return self.up, [], [("shoulder", [Term(float(sign[2]), slides=(2,)), Term(self.middle.real)])]
 
 
-def slid(e: Array, f: Array, drawn_in: complex, turn_liked: Array, slide_liked: Array) -> Roots:
-    """A turn and a slide along e after it that bring a place from where it is drawn in to (e, f): type 5.
+Carrier = Elbow | _Telescope | _Lift
+"""Closed form of the first three joints; ``Elbow`` describes its methods."""
+
+
+def carrier_of(axes: Axes, centre: Array) -> Carrier | None:
+    """Return the closed form of the first three joints for a point ``(3,)`` m; None where their shape is another."""
+    return Elbow.of(axes, centre) or _Telescope.of(axes, centre) or _Lift.of(axes, centre)
+
+
+def slid(e: Array, f: Array, drawn_in: complex, turn_preferred: Array, slide_preferred: Array) -> Roots:
+    """Solve a turn and a slide along e after it that bring the point at zero to (e, f): type 5.
 
     With (e, f) = size exp(i direction) and s = direction - turn: size sin s = Im drawn_in, and size cos s = Re
     drawn_in + slide.
     """
     size, direction = np.hypot(e, f), np.arctan2(f, e)
     (slide, rest), gap, (slide_free, rest_free) = type_5(
-        size, drawn_in.imag, 0.0, size, drawn_in.real, 1.0, TINY, (slide_liked, direction - turn_liked)
+        size, drawn_in.imag, 0.0, size, drawn_in.real, 1.0, TINY, (slide_preferred, direction - turn_preferred)
     )
     return Roots((direction - rest, slide), gap, (rest_free, slide_free))
 
 
 def polynomial_roots(coefficients: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """The roots ``(d, n)`` of polynomials ``(d + 1, n)`` of rising powers, by their companion matrices."""
+    """Return the roots ``(d, n)`` of polynomials ``(d + 1, n)`` of rising powers, by companion matrices."""
     degree = len(coefficients) - 1
     last = coefficients[-1]
     size = np.abs(coefficients).max(axis=0)
@@ -351,7 +332,7 @@ _NODES = 5
 
 @dataclass(frozen=True)
 class ThreeJoints:
-    """Such an arm and its point, by its axes in frame 0 at zero joint positions.
+    """An arm of three joints and its point, by its axes in frame 0 at zero joint positions.
 
     Attributes:
         point: ``(3,)`` in the last frame (m), and ``start`` in frame 0 at zero joint positions.
@@ -372,12 +353,12 @@ class ThreeJoints:
 
     @classmethod
     def of(cls, chain: Chain, point: Array) -> "ThreeJoints | None":
-        """The closed form for a point ``(3,)`` m of the last frame; None where it cannot be moved in space."""
+        """Return the closed form for a point ``(3,)`` m of the last frame; None where it cannot move in space."""
         return cls.by_axes(Axes.of(chain), point) if chain.size == 3 else None
 
     @classmethod
     def by_axes(cls, axes: Axes, point: Array) -> "ThreeJoints | None":
-        """The closed form of three joints, and a point ``(3,)`` m of the last frame; None as ``of``."""
+        """Return the closed form for the axes of three joints, as ``of``."""
         start = se3.transform(axes.T_frame0_last, point[None])[0]
         scale = float(np.abs(np.concatenate([axes.origins.ravel(), start, point])).max()) + 0.1
         plain = cls(axes, point, start, scale)
@@ -401,11 +382,9 @@ class ThreeJoints:
     @property
     def determinant(self) -> Determinant:
         """Determinant of the point's Jacobian: in factors for the classical carriers, else as one sum."""
-        for kind in (Elbow, Telescope, Lift):
-            carrier = kind.of(self.axes, self.start)
-            if carrier is not None:
-                sign, lengths, factors = carrier.factors(self.axes.sign)
-                return determinant(self.axes.names, sign * float(np.prod(self.axes.sign)), lengths, factors)
+        if (carrier := carrier_of(self.axes, self.start)) is not None:
+            sign, lengths, factors = carrier.factors(self.axes.sign)
+            return determinant(self.axes.names, sign * float(np.prod(self.axes.sign)), lengths, factors)
 
         def value(joints: Array) -> Array:
             J = self._jacobian((joints * self.axes.sign).T).transpose(2, 0, 1) * self.axes.sign
@@ -417,15 +396,15 @@ class ThreeJoints:
         return determinant(self.axes.names, 1.0, [], [("position", terms)])
 
     def nearest_rotations(self, Rs_frame0_last: Array) -> Array:
-        """See ``ClosedForm``: the place alone is met, so that any rotation will do; none given counts as no turn."""
+        """See ``ClosedForm``: any rotation will do; a missing one counts as no turn."""
         given = np.asarray(np.isfinite(Rs_frame0_last).all(axis=(1, 2)))
         return np.where(given[:, None, None], Rs_frame0_last, np.eye(3))
 
     def _solved(self, Ts_frame0_last: Array, reference: Array | float = 0.0, *, nearest: bool = True) -> Solutions:
-        """``solve`` by numpy."""
+        """Solve by numpy."""
         count = len(Ts_frame0_last)
         wanted = se3.transform(Ts_frame0_last, self.point[None])[:, 0].T
-        liked = (np.broadcast_to(reference, (count, 3)) * self.axes.sign).T
+        preferred = (np.broadcast_to(reference, (count, 3)) * self.axes.sign).T
         third, real = self._roots(wanted)  # (k, n)
         target = np.broadcast_to(wanted[:, None], (3, *third.shape))
         at = self._third(third)
@@ -435,7 +414,7 @@ class ThreeJoints:
         joints = np.stack([np.zeros_like(second), second, third])
         joints[0] = self._first(joints, target)
         joints = self._settled(joints.reshape(3, -1), target.reshape(3, -1), _POLISH).reshape(joints.shape)
-        joints, free = self._freed(joints, target, liked)
+        joints, free = self._freed(joints, target, preferred)
         gap = np.linalg.norm(self._place(joints) - target, axis=0)
         found = (gap <= _REACHED_M) & real
         lost = ~found.any(axis=(0, 1)) & nearest
@@ -448,7 +427,7 @@ class ThreeJoints:
 
     @with_fallback(_solved)
     def solve(self, Ts_frame0_last: Array, reference: Array | float = 0.0, *, nearest: bool = True) -> Solutions:
-        """See ``ClosedForm``. The point is brought to its place; the tilt is how far the rotation is missed.
+        """See ``ClosedForm``. The point is brought to its place; the tilt is the rotation error.
 
         Args:
             nearest: whether places out of reach get the joints that come nearest, which takes longer.
@@ -485,7 +464,6 @@ class ThreeJoints:
         return np.concatenate([np.ravel(part).astype(np.float64) for part in parts])
 
     def _solutions(self, joints: Array, gap: Array, free: NDArray[np.bool_], Ts: Array) -> Solutions:
-        """The solutions as ``ClosedForm`` gives them."""
         count = len(Ts)
         hinges = ~np.array(self.axes.prismatic)
         joints[hinges] -= 2 * np.pi * np.round(joints[hinges] / (2 * np.pi))
@@ -499,17 +477,17 @@ class ThreeJoints:
     # The arm
 
     def _third(self, amount: Array) -> Array:
-        """The point ``(3, ...)`` in link 2."""
+        """Return the point ``(3, ...)`` in link 2."""
         return self.axes.carried(
             2, amount, np.broadcast_to(self.start.reshape(3, *(1,) * amount.ndim), (3, *amount.shape))
         )
 
     def _place(self, joints: Array) -> Array:
-        """The point ``(3, ...)`` in frame 0."""
+        """Return the point ``(3, ...)`` in frame 0."""
         return self.axes.carried(0, joints[0], self.axes.carried(1, joints[1], self._third(joints[2])))
 
     def _turned(self, joints: Array) -> Array:
-        """Rotations ``(n, 3, 3)`` of the last link from where it is at zero joint positions."""
+        """Return the rotations ``(n, 3, 3)`` of the last link from its orientation at zero joint positions."""
         R = np.tile(np.eye(3), (joints.shape[1], 1, 1))
         for axis, slides, amount in zip(self.axes.directions, self.axes.prismatic, joints, strict=True):
             R = R if slides else R @ se3.exp(amount[:, None] * axis)
@@ -537,7 +515,7 @@ class ThreeJoints:
         return self._slide(at, wanted) if self.axes.prismatic[1] else self._hinge(at, wanted)
 
     def _hinge(self, at: Array, wanted: Array) -> tuple[Array, Array]:
-        """Joint 2 turns the point about axis 2: two equations M w = r in where it is across the axis."""
+        """Solve for a hinge 2 that turns the point: two equations M w = r in its place w across the axis."""
         _, w = self.axes.directions[:2]
         plane, origin = plane_across(w), self.axes.origins[1]
         u, v, h = np.tensordot(plane, at - origin.reshape(3, *(1,) * (at.ndim - 1)), 1)
@@ -553,7 +531,7 @@ class ThreeJoints:
         return across[1], np.stack([towards + opening, towards - opening]) - np.arctan2(v, u)
 
     def _eliminated(self, plane: Array) -> tuple[Array, Array, Array, bool]:
-        """M of these two equations by its singular values, and whether they say two things of joint 2."""
+        """Return the singular value decomposition of M, and whether M is regular."""
         axis = self.axes.directions[0]
         if self.axes.prismatic[0]:
             rows = self.scale_m * plane_across(axis)[:2] @ plane[:2].T
@@ -564,7 +542,7 @@ class ThreeJoints:
         return left, size, basis, bool(size[1] > 1e-9 * self.scale_m)
 
     def _right(self, plane: Array, height: Array, square: Array, wanted: Array) -> Array:
-        """The right sides ``(2, ...)`` m of the two equations that joint 1 leaves."""
+        """Return the right sides ``(2, ...)`` m of the two equations that joint 1 leaves."""
         axis, origin = self.axes.directions[0], self.axes.origins[1]
         wide = (3, *(1,) * (wanted.ndim - 1))
         if self.axes.prismatic[0]:
@@ -577,7 +555,7 @@ class ThreeJoints:
         return np.stack([self.scale_m * along, far])
 
     def _slide(self, at: Array, wanted: Array) -> tuple[Array, Array]:
-        """Joint 2 slides the point."""
+        """Solve for a slide 2."""
         first, along = self.axes.directions[:2]
         wide = (3, *(1,) * (at.ndim - 1))
         if self.axes.prismatic[0]:
@@ -597,7 +575,7 @@ class ThreeJoints:
         return height, np.stack([-half + root, -half - root])
 
     def _first(self, joints: Array, wanted: Array) -> Array:
-        """Joint 1 by the two others."""
+        """Solve for joint 1, given the two others."""
         at, axis = self.axes.carried(1, joints[1], self._third(joints[2])), self.axes.directions[0]
         if self.axes.prismatic[0]:
             return np.asarray(np.tensordot(axis, wanted - at, 1))
@@ -608,7 +586,7 @@ class ThreeJoints:
     # Joint 3
 
     def _interpolation(self) -> tuple[Array, NDArray[np.complex128]]:
-        """Positions ``(5,)`` of joint 3, and what makes the equation's coefficients of its values there."""
+        """Return positions ``(5,)`` of joint 3, and the matrix from values there to coefficients."""
         if self.axes.prismatic[2]:
             nodes = self.scale_m * np.cos(np.pi * (np.arange(_NODES) + 0.5) / _NODES)
             return nodes, np.linalg.inv(np.vander(nodes / self.scale_m, increasing=True)).astype(np.complex128)
@@ -627,7 +605,7 @@ class ThreeJoints:
         return self._second(self._third(third), np.broadcast_to(wanted[:, None], (3, *third.shape)))[0]
 
     def _roots(self, wanted: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Positions ``(k, n)`` of joint 3, and whether they are real roots, or nearly."""
+        """Return positions ``(k, n)`` of joint 3, and whether they are real roots, or nearly."""
         found = self._coefficients(wanted)[: self.degree + 1]
         if self.axes.prismatic[2]:
             roots = polynomial_roots(found)
@@ -636,7 +614,7 @@ class ThreeJoints:
         return np.angle(roots), np.abs(np.abs(roots) - 1) <= _OFF_CIRCLE
 
     def _settled(self, joints: Array, wanted: Array, steps: int) -> Array:
-        """Joints ``(3, n)`` after damped steps of Newton's method towards places; none is taken that leads away."""
+        """Take damped Newton steps of joints ``(3, n)`` towards places; none that increases the error."""
         unit = np.where(self.axes.prismatic, self.scale_m, 1.0)[:, None]
         joints, damping = joints.copy(), np.zeros(joints.shape[1])
         missing = wanted - self._place(joints)
@@ -653,13 +631,59 @@ class ThreeJoints:
             damping = np.where(better, damping / 10, np.maximum(10 * damping, 1e-6))
         return joints
 
-    def _freed(self, joints: Array, wanted: Array, liked: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Hinges 1 and 2 as they are liked where the point is on their axes."""
+    def _freed(self, joints: Array, wanted: Array, preferred: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Set hinges 1 and 2 to the reference where the point is on their axes."""
         free = np.zeros(joints.shape, dtype=np.bool_)
         for joint, point in ((0, wanted), (1, self._third(joints[2]))):
             if not self.axes.prismatic[joint]:
                 lever = point - self.axes.origins[joint].reshape(3, *(1,) * (point.ndim - 1))
                 across = np.cross(self.axes.directions[joint], lever, axisb=0, axisc=0)
                 free[joint] = np.linalg.norm(across, axis=0) <= _ON_AXIS * self.scale_m
-                joints[joint] = np.where(free[joint], liked[joint], joints[joint])
+                joints[joint] = np.where(free[joint], preferred[joint], joints[joint])
         return joints, free
+
+
+_FIT_NODES = 7
+_NO_TERM = 1e-12
+
+
+def fitted_factor(value: Callable[[Array], Array], prismatic: tuple[bool, ...], varied: tuple[int, ...]) -> list[Term]:
+    """Return the terms of a function of joint positions ``(n, joints)``, read off its values on a grid.
+
+    It is a trigonometric polynomial in a hinge and a polynomial in a slide, of degree 3 at most.
+
+    Args:
+        varied: the joints on which it depends.
+    """
+    slides = [prismatic[joint] for joint in varied]
+    nodes = [
+        np.linspace(-1, 1, _FIT_NODES) if each else 2 * np.pi * np.arange(_FIT_NODES) / _FIT_NODES for each in slides
+    ]
+    grid = np.full((_FIT_NODES ** len(varied), len(prismatic)), 0.3)
+    grid[:, list(varied)] = np.stack(np.meshgrid(*nodes, indexing="ij"), axis=-1).reshape(-1, len(varied))
+    found = value(grid).reshape((_FIT_NODES,) * len(varied)).astype(np.complex128)
+    for axis, each in enumerate(slides):
+        if each:
+            inverse = np.linalg.inv(np.vander(nodes[axis], increasing=True))
+            found = np.moveaxis(np.tensordot(inverse, found, (1, axis)), 0, axis)
+        else:
+            found = np.fft.fft(found, axis=axis) / _FIT_NODES
+    return list(_terms(found, varied, slides))
+
+
+def _terms(found: NDArray[np.complex128], varied: tuple[int, ...], slides: list[bool]) -> Iterator[Term]:
+    """Combine each pair of a frequency and its negative into a cosine and a sine."""
+    least = _NO_TERM * max(1.0, float(np.abs(found).max()))
+    for index in itertools.product(range(_FIT_NODES), repeat=len(varied)):
+        orders = [i if each or 2 * i < _FIT_NODES else i - _FIT_NODES for i, each in zip(index, slides, strict=True)]
+        turns = [(joint, float(order)) for joint, order, each in zip(varied, orders, slides, strict=True)
+                 if order and not each]  # fmt: skip
+        if (turns and turns[0][1] < 0) or abs(found[index]) <= least:
+            continue
+        powers = [(joint,) * order for joint, order, each in zip(varied, orders, slides, strict=True) if each]
+        angle, whole = tuple(turns), 2.0 if turns else 1.0
+        parts: tuple[tuple[float, Literal["cos", "sin"]], ...]
+        parts = (found[index].real, "cos"), (-found[index].imag, "sin")
+        for part, function in parts:
+            if abs(whole * part) > least and (turns or function == "cos"):
+                yield Term(whole * part, function if turns else "", angle, slides=tuple(itertools.chain(*powers)))

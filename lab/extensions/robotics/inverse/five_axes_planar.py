@@ -1,16 +1,14 @@
-"""Five joints of which 2 to 4 are a planar arm: hinges with parallel axes, or slides across them.
+"""Inverse kinematics of five-joint arms with a planar arm in the middle or at the end, in closed form.
 
-Joints 2 to 4 turn about one direction w and leave the heights along it as they are. So joint 1, and joint 5, which
-turns about axis 5, are what makes w fit: the place of a point of axis 5 along w says joint 1, and so does the angle
-between axis 5 and w (both equations of type 2, of which the one that says more is taken). Joint 5 and the turn phi
-about w are what is left of the rotation, and joints 2 to 4 the planar arm's.
+Middle: joints 2 to 4 turn about one direction w and do not change heights along it. So joints 1 and 5 alone make w
+fit: the place of a point of axis 5 along w gives joint 1, and so does the angle between axis 5 and w (both equations of
+type 2, of which the better conditioned one is taken). Joint 5 and the turn phi about w are what is left of the
+rotation, and joints 2 to 4 the planar arm's.
 
-Five joints of which 3 to 5 are a planar arm at the end: hinges with parallel axes, or slides across them.
-
-Joints 3 to 5 turn about one direction w and leave the heights along it as they are. So joints 1 and 2 alone turn w to
-where a pose has it. Of two hinges, the angle between w and axis 1 says joint 2 (an equation of type 2), and then the
-direction of w joint 1. Of two hinges with parallel axes the direction says their sum, and the height joint 1 (type 2);
-of a hinge and a slide after it the direction says the hinge, and the height the slide. Joints 3 to 5 are then the
+End: joints 3 to 5 turn about one direction w and do not change heights along it. So joints 1 and 2 alone turn w to its
+direction in a pose. Of two hinges, the angle between w and axis 1 gives joint 2 (an equation of type 2), and then the
+direction of w joint 1. Of two hinges with parallel axes the direction gives their sum, and the height joint 1 (type 2);
+of a hinge and a slide after it the direction gives the hinge, and the height the slide. Joints 3 to 5 are then the
 planar arm's.
 """
 
@@ -29,19 +27,20 @@ from lab.extensions.robotics.inverse.planar import PlanarJoints
 from lab.kinematics.compiled.kernels import planar_frame, with_fallback
 from lab.kinematics.inverse.closed_form import EXACT, Axes, Candidates, Term, plane_across
 
-__all__ = ["PlanarEnd", "PlanarFrame", "PlanarMiddle", "turn_between"]
+__all__ = ["PlanarEnd", "PlanarMiddle", "turn_between"]
 
-PlanarFrame = tuple[Array, NDArray[np.bool_]]  # see PlanarMiddle._frame
+_PlanarFrame = tuple[Array, NDArray[np.bool_]]  # see PlanarMiddle._frame
 
 
 @dataclass(frozen=True)
 class PlanarMiddle:
-    """Such an arm.
+    """Five joints of which 2 to 4 are a planar arm: hinges with parallel axes, or slides across them.
 
     Attributes:
         column: joint 1 where it is a hinge; of a slide its plane alone is used.
         joints: 2 to 4, and the point of axis 5 that they move.
         start: that point ``(3,)`` m in frame 0 at zero joint positions, and ``centre`` in the last frame.
+        repeats: whether a few Newton steps may lead two candidates of a pose to one solution.
     """
 
     axes: Axes
@@ -53,7 +52,7 @@ class PlanarMiddle:
 
     @classmethod
     def of(cls, axes: Axes) -> "PlanarMiddle | None":
-        """The shape of an arm of five joints; None where it is another."""
+        """Return the shape of an arm of five joints; None where it is another."""
         middle = [i for i in (1, 2, 3) if not axes.prismatic[i]]
         if not middle or axes.prismatic[4] or axes.parallel(middle[0], 4):
             return None
@@ -69,19 +68,22 @@ class PlanarMiddle:
 
     @property
     def roots(self) -> int:
-        """See ``Shape``."""
+        """Number of candidates for a pose."""
         return (1 if self.axes.prismatic[0] else 2) * self.joints.roots
 
-    def candidates(self, Ts: Array, liked: Array) -> Iterator[Candidates]:
-        """See ``Shape``."""
-        yield _candidates_of(self.joints, (0, 4), (1, 2, 3), self._frame(Ts, liked), liked)
+    def candidates(self, Ts: Array, preferred: Array) -> Iterator[Candidates]:
+        """Return candidates for poses ``(n, 4, 4)``, in groups of poses with equally many.
 
-    def _frame_by_numpy(self, Ts: Array, liked: Array) -> PlanarFrame:
-        """``_frame`` by numpy."""
+        Args:
+            preferred: ``(5, n)`` reference of free joints.
+        """
+        yield _candidates_of(self.joints, (0, 4), (1, 2, 3), self._frame(Ts, preferred), preferred)
+
+    def _frame_by_numpy(self, Ts: Array, preferred: Array) -> _PlanarFrame:
         plane, root = self.column.plane, self.column.root
         R = Ts[:, :3, :3] @ self.axes.T_frame0_last[:3, :3].T
         lever = (Ts[:, :3, :3] @ self.centre + Ts[:, :3, 3] - root).T
-        first, free_1 = self._first(lever, (R @ self.axes.directions[4]).T, liked[0])  # (m, n)
+        first, free_1 = self._first(lever, (R @ self.axes.directions[4]).T, preferred[0])  # (m, n)
         if self.axes.prismatic[0]:
             e, f, _ = np.tensordot(plane, lever[:, None] - np.multiply.outer(self.column.axis, first), 1)
             back = R[None]
@@ -96,14 +98,14 @@ class PlanarMiddle:
         return np.stack([first, fifth, phi, e, f]), free_1[0]
 
     @with_fallback(_frame_by_numpy)
-    def _frame(self, Ts: Array, liked: Array) -> PlanarFrame:
+    def _frame(self, Ts: Array, preferred: Array) -> _PlanarFrame:
         """Solve joints 1 and 5, and return the planar arm's targets.
 
         Returns:
             ``(5, m, n)``: positions of joints 1 and 5, the turn about w, and the place (m) in the plane; and ``(n,)``
             where joint 1 is free.
         """
-        return planar_frame(self._numbers, 1 if self.axes.prismatic[0] else 2, Ts, liked)
+        return planar_frame(self._numbers, 1 if self.axes.prismatic[0] else 2, Ts, preferred)
 
     @cached_property
     def _numbers(self) -> Array:
@@ -118,11 +120,10 @@ class PlanarMiddle:
 
     @property
     def _size(self) -> float:
-        """Size of the arm (m)."""
         return max(float(np.abs(self.axes.origins - self.axes.origins[0]).max()), 1e-3)
 
-    def _first(self, lever: Array, axis_5: Array, liked: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Joint 1 ``(m, n)`` by what says most of it, and where it is free."""
+    def _first(self, lever: Array, axis_5: Array, preferred: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Solve joint 1 ``(m, n)`` by the equation that determines it best, and mark where it is free."""
         w = self.column.plane[2]
         offset = float(w @ (self.start - self.column.root))
         if self.axes.prismatic[0]:
@@ -135,11 +136,11 @@ class PlanarMiddle:
         slopes = [x * x + y * y - z * z for x, y, z in equations]
         better = slopes[1] > slopes[0]
         x, y, z = (np.where(better, *pair[::-1]) for pair in zip(*equations, strict=True))
-        (first,), _, (free,) = type_2(x, y, z, TINY, liked)
+        (first,), _, (free,) = type_2(x, y, z, TINY, preferred)
         return first, np.broadcast_to(free, first.shape)
 
     def factors(self) -> tuple[list[float], list[Named]]:
-        """See ``Shape``: how joint 1 moves the point across the plane, and the planar arm's."""
+        """Factor the determinant, but for its sign: lengths (m), and named factors."""
         sign = self.axes.sign
         lengths, factors = self.joints.factors(sign)
         if self.axes.prismatic[0]:
@@ -147,27 +148,27 @@ class PlanarMiddle:
         return lengths, [*factors, ("shoulder", self.joints.place_along(self.column.level, sign))]
 
     def moved(self, backwards: bool) -> str:
-        """See ``Shape``."""
+        """Describe the determinant's motions, for an arm fixed at its base or at its last frame."""
         seen = "axis 1, seen from the last frame," if backwards else "axis 5"
         return f"the displacements of a point of {seen} and the turn about the parallel axes"
 
     def rows(self, jacobian: Array) -> Array:
-        """See ``Shape``: of joints 1 to 4, the place and the turn about w, in the frame of joint 1."""
+        """Return the square part of a Jacobian ``(6, 5)`` of the centre that has this determinant."""
         hinge = next(i for i in (1, 2, 3) if not self.axes.prismatic[i])
         return np.concatenate([jacobian[:3, :4], (jacobian[3:, hinge] @ jacobian[3:, :4])[None]])
 
 
 def _candidates_of(
-    arm: PlanarJoints, two: tuple[int, int], three: tuple[int, int, int], frame: PlanarFrame, liked: Array
+    arm: PlanarJoints, two: tuple[int, int], three: tuple[int, int, int], frame: _PlanarFrame, preferred: Array
 ) -> Candidates:
-    """Candidates of all poses, as ``Shape`` has them, by a planar arm and the two other joints.
+    """Return candidates of all poses, from a planar arm and the two other joints.
 
     Args:
         two, three: which joints they are.
-        liked: ``(5, n)``.
+        preferred: ``(5, n)``.
     """
     (first, second, phi, e, f), free_1 = frame
-    values, _, free = arm.solve(e + 1j * f, phi, np.broadcast_to(liked[list(three), None], (3, *first.shape)))
+    values, _, free = arm.solve(e + 1j * f, phi, np.broadcast_to(preferred[list(three), None], (3, *first.shape)))
     out = np.empty((first.shape[1], arm.roots, first.shape[0], 5))  # (n, roots, m, 5)
     out[..., two[0]], out[..., two[1]] = first.T[:, None], second.T[:, None]
     frees = np.zeros(out.shape, dtype=np.bool_)
@@ -179,7 +180,7 @@ def _candidates_of(
 
 
 def _turn_about(axis: Array, seen: Array) -> Array:
-    """Turns q ``(...)`` with Rot(axis, -q) e3 nearest to directions ``(..., 3)``, for an axis not along e3."""
+    """Return turns q ``(...)`` with Rot(axis, -q) e3 nearest to directions ``(..., 3)``, for an axis not along e3."""
     e3 = np.array([0.0, 0.0, 1.0])
     level = e3 - axis * axis[2]
     ahead = np.cross(axis, e3)
@@ -188,7 +189,7 @@ def _turn_about(axis: Array, seen: Array) -> Array:
 
 @dataclass(frozen=True)
 class PlanarEnd:
-    """Such an arm.
+    """Five joints of which 3 to 5 are a planar arm: hinges with parallel axes, or slides across them.
 
     Attributes:
         joints: 3 to 5, and the last frame's origin, which they move; its place at zero joint positions is ``start``.
@@ -204,7 +205,7 @@ class PlanarEnd:
 
     @classmethod
     def of(cls, axes: Axes) -> "PlanarEnd | None":
-        """The shape of an arm of five joints; None where it is another."""
+        """Return the shape of an arm of five joints; None where it is another."""
         hinges = [i for i in (2, 3, 4) if not axes.prismatic[i]]
         if not hinges or axes.prismatic[0]:
             return None
@@ -248,17 +249,16 @@ class PlanarEnd:
 
     @property
     def roots(self) -> int:
-        """See ``Shape``."""
+        """See ``PlanarMiddle``."""
         return (1 if self.axes.prismatic[1] else 2) * self.joints.roots
 
-    def candidates(self, Ts: Array, liked: Array) -> Iterator[Candidates]:
-        """See ``Shape``."""
-        yield _candidates_of(self.joints, (0, 1), (2, 3, 4), self._frame(Ts, liked), liked)
+    def candidates(self, Ts: Array, preferred: Array) -> Iterator[Candidates]:
+        """See ``PlanarMiddle``."""
+        yield _candidates_of(self.joints, (0, 1), (2, 3, 4), self._frame(Ts, preferred), preferred)
 
-    def _frame_by_numpy(self, Ts: Array, liked: Array) -> PlanarFrame:
-        """``_frame`` by numpy."""
+    def _frame_by_numpy(self, Ts: Array, preferred: Array) -> _PlanarFrame:
         R, place = Ts[:, :3, :3] @ self.axes.T_frame0_last[:3, :3].T, Ts[:, :3, 3].T
-        first, second = self._first_two(R @ self.plane[2], place, liked)  # (m, n)
+        first, second = self._first_two(R @ self.plane[2], place, preferred)  # (m, n)
         back, axes = np.broadcast_to(R, (*first.shape, 3, 3)), self.axes
         at = np.broadcast_to(place[:, None], (3, *first.shape))
         for joint, amount in ((0, first), (1, second)):
@@ -271,9 +271,9 @@ class PlanarEnd:
         return np.stack([first, second, phi, e, f]), np.zeros(len(Ts), dtype=np.bool_)
 
     @with_fallback(_frame_by_numpy)
-    def _frame(self, Ts: Array, liked: Array) -> PlanarFrame:
-        """Solve joints 1 and 2, and return the planar arm's targets as of ``PlanarMiddle``; neither is free."""
-        return planar_frame(self._numbers, 1 if self.axes.prismatic[1] else 2, Ts, liked)
+    def _frame(self, Ts: Array, preferred: Array) -> _PlanarFrame:
+        """Solve joints 1 and 2, and return the planar arm's targets as ``PlanarMiddle`` does; neither is free."""
+        return planar_frame(self._numbers, 1 if self.axes.prismatic[1] else 2, Ts, preferred)
 
     @cached_property
     def _numbers(self) -> Array:
@@ -286,8 +286,8 @@ class PlanarEnd:
         )  # fmt: skip
         return np.concatenate([np.ravel(part) for part in parts])
 
-    def _first_two(self, seen: Array, place: Array, liked: Array) -> tuple[Array, Array]:
-        """Joints 1 and 2 ``(m, n)`` that turn w to directions ``(n, 3)``.
+    def _first_two(self, seen: Array, place: Array, preferred: Array) -> tuple[Array, Array]:
+        """Solve joints 1 and 2 ``(m, n)`` that turn w to directions ``(n, 3)``.
 
         Args:
             place: ``(3, n)`` m, where the last frame's origin is wanted.
@@ -301,16 +301,16 @@ class PlanarEnd:
             rest = w @ (self.start - origin) - (seen * (place.T - root)).sum(axis=1)
             along = first_axis * (first_axis @ lever)
             (roots,), _, _ = type_2(
-                seen @ np.cross(first_axis, lever), seen @ (lever - along), rest - seen @ along, TINY, liked[0]
+                seen @ np.cross(first_axis, lever), seen @ (lever - along), rest - seen @ along, TINY, preferred[0]
             )
             return roots, float(np.sign(first_axis @ axis)) * (turn_between(first_axis, w, seen) - roots)
         fixed, cosine, sine = (np.full(len(seen), part) for part in self._turned_part(first_axis))
-        (second,), _, _ = type_2(sine, cosine, seen @ first_axis - fixed, TINY, liked[1])
+        (second,), _, _ = type_2(sine, cosine, seen @ first_axis - fixed, TINY, preferred[1])
         turned = se3.exp(second[..., None] * axis) @ w
         return turn_between(first_axis, turned, np.broadcast_to(seen, turned.shape)), second
 
     def factors(self) -> tuple[list[float], list[Named]]:
-        """See ``Shape``: the planar arm's, and how joints 1 and 2 turn w or lift along it."""
+        """See ``PlanarMiddle``: the planar arm's, and how joints 1 and 2 turn w or lift along it."""
         lengths, factors = self.joints.factors(self.axes.sign)
         w, (first, second) = self.plane[2], self.axes.directions[:2]
         if self.axes.prismatic[1]:
@@ -323,26 +323,26 @@ class PlanarEnd:
         return lengths, [*factors, ("shoulder", terms)]
 
     def moved(self, backwards: bool) -> str:
-        """See ``Shape``."""
+        """See ``PlanarMiddle``."""
         what = "base's origin, seen from the last frame," if backwards else "last frame's origin"
         both = "direction" if not (self.axes.prismatic[1] or self._sum) else "direction and the height"
         return f"the displacements of the {what} across the parallel axes, the turn about them, and their {both}"
 
     def rows(self, jacobian: Array) -> Array:
-        """See ``Shape``: place and turn of the planar arm, and of w the direction, or one turn and the height."""
+        """See ``PlanarMiddle``: place and turn of the planar arm; direction of w, or one turn and the height."""
         hinge = next(i for i in (2, 3, 4) if not self.axes.prismatic[i])
         w = jacobian[3:, hinge]
         across = plane_across(w)[:2]
-        held = across @ jacobian[3:]
+        turns = across @ jacobian[3:]
         if self._sum or self.axes.prismatic[1]:
-            turn = held[:, 0]
-            held = np.stack([w @ jacobian[:3], turn @ held / np.linalg.norm(turn)])
+            turn = turns[:, 0]
+            turns = np.stack([w @ jacobian[:3], turn @ turns / np.linalg.norm(turn)])
             planar = np.concatenate([across @ jacobian[:3], (w @ jacobian[3:])[None]])
-            return np.concatenate([planar, held])
-        return np.concatenate([across @ jacobian[:3], (w @ jacobian[3:])[None], held])
+            return np.concatenate([planar, turns])
+        return np.concatenate([across @ jacobian[:3], (w @ jacobian[3:])[None], turns])
 
 
 def turn_between(axis: Array, start: Array, end: Array) -> Array:
-    """Turns ``(...)`` about an axis that bring directions nearest to others ``(..., 3)``."""
+    """Return turns ``(...)`` about an axis that bring directions nearest to others ``(..., 3)``."""
     along, ahead = start - (start @ axis)[..., None] * axis, np.cross(axis, start)
     return np.asarray(np.arctan2((ahead * end).sum(axis=-1), (along * end).sum(axis=-1)))

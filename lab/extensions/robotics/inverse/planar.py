@@ -1,20 +1,17 @@
-"""Arms of two or three joints that move in a plane: its two displacements, and with three joints the turn about its
-normal. Hinges are across the plane and slides in it, in any order (``PlanarJoints``).
+"""Inverse kinematics of arms that move in a plane, and of SCARA arms, in closed form.
 
-Two joints bring a point of the last link somewhere, whatever the rotation; three take a pose of the plane.
-
-Two or three joints that move in a plane, hinges across it and slides in it: all their positions for a place.
+Arms of two or three joints: hinges are across the plane and slides in it, in any order (``PlanarJoints``). Two joints
+bring a point of the last link to a place, whatever the rotation; three take a pose of the plane.
 
 Vectors in the plane are complex numbers, and a hinge multiplies what comes after it by exp(i angle). The place of a
-point is then an anchor, plus a length turned by each hinge, plus each slide's way turned by the hinges before it.
+point is then an anchor, plus a length turned by each hinge, plus each slide's travel turned by the hinges before it.
 Where three joints are given a turn as well, the last hinge is what is left of it, and two unknowns remain: two hinges
 (an equation of type 8), a hinge and a slide that it turns (type 5), a hinge and a slide beside it (types 10 and 1), or
 two slides (Khalil & Dombre 2002, table 4.1).
 
-Arms of four joints with parallel axes, three of them hinges: x, y, z and the turn about z.
-
-The slide may stand anywhere among the hinges, since it moves along their axes: it is what the height says (type 1).
-The first two hinges are a planar arm (type 8), and the last one is what is left of the turn.
+A SCARA arm has four joints with parallel axes, three of them hinges: x, y, z and the turn about z. The slide may come
+anywhere among the hinges, since it moves along their axes: the height gives it (type 1). The first two hinges are a
+planar arm (type 8), and the last one is what is left of the turn.
 """
 
 from dataclasses import dataclass
@@ -44,20 +41,20 @@ from lab.kinematics.serial.chain import Chain
 
 __all__ = ["PlanarArm", "PlanarJoints", "Scara"]
 
-Complex = NDArray[np.complex128]
+_Complex = NDArray[np.complex128]
 _Pair = tuple[Array, Array, Array, NDArray[np.bool_], NDArray[np.bool_]]  # two unknowns, the gap, and which are free
 
 
 @dataclass(frozen=True)
 class PlanarJoints:
-    """Such joints at zero joint positions; angles and ways here are along their axes.
+    """Two or three joints that move in a plane, at zero joint positions; angles and lengths are along their axes.
 
     Attributes:
         joints: which of the arm's they are.
         turning: of each 1 where a hinge's axis points as the plane's normal does, else -1; 1 of a slide.
         places: of each hinge (m), from the plane's origin; ``directions`` of each slide, of unit length.
         hand: the point that is brought somewhere (m).
-        turned: whether a turn is asked for beside the place.
+        turned: whether a turn is requested beside the place.
     """
 
     joints: tuple[int, ...]
@@ -72,7 +69,7 @@ class PlanarJoints:
     def of(
         cls, axes: Axes, joints: tuple[int, ...], plane: Array, hand: Array, origin: Array | float = 0.0
     ) -> "PlanarJoints | None":
-        """Select joints of an arm if they move in a plane (rows e, f, its normal) and bring a point anywhere there.
+        """Select joints of an arm if they move in a plane (rows e, f, its normal) and bring a point anywhere in it.
 
         Args:
             hand: the point ``(3,)`` m in frame 0; ``origin`` the plane's.
@@ -88,8 +85,8 @@ class PlanarJoints:
             return None
         turning = tuple(1.0 if axes.prismatic[j] else float(np.sign(axes.directions[j] @ normal)) for j in joints)
         places = tuple(in_plane(plane, axes.origins[j] - origin) for j in joints)
-        ways = tuple(in_plane(plane, axes.directions[j]) for j in joints)
-        made = cls(joints, slides, turning, places, ways, in_plane(plane, hand - origin), len(joints) == 3)
+        directions = tuple(in_plane(plane, axes.directions[j]) for j in joints)
+        made = cls(joints, slides, turning, places, directions, in_plane(plane, hand - origin), len(joints) == 3)
         lengths = [] if len(made._slides) == 1 and made._after(made._slides[0]) == 1 else map(abs, made._lengths)
         still = len(made._slides) == 2 and not made._between and _parallel(*(made.directions[i] for i in made._slides))
         return None if min(lengths, default=1.0) < EXACT or still else made
@@ -106,12 +103,11 @@ class PlanarJoints:
 
     @cached_property
     def _ends(self) -> tuple[complex, ...]:
-        """The hinges' places, and the hand's."""
         return (*(self.places[i] for i in self._hinges), self.hand)
 
     @cached_property
     def _lengths(self) -> tuple[complex, ...]:
-        """Those that unknown hinges turn."""
+        """The lengths that unknown hinges turn."""
         every = [b - a for a, b in zip(self._ends, self._ends[1:], strict=False)]
         return tuple(every[:-1] if self.turned else every)
 
@@ -121,7 +117,6 @@ class PlanarJoints:
         return len(self._slides) == 2 and self._slides[1] - self._slides[0] == 2
 
     def _after(self, slide: int) -> int:
-        """Count the hinges that turn a slide."""
         return sum(hinge < slide for hinge in self._hinges)
 
     @property
@@ -131,11 +126,11 @@ class PlanarJoints:
 
     # Their positions
 
-    def solve(self, place: Complex, turn: Array | None, liked: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+    def solve(self, place: _Complex, turn: Array | None, preferred: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
         """Return all positions that bring the hand to places ``(...)``, turned by ``turn`` where that is given.
 
         Args:
-            liked: ``(joints, ...)`` what free joints take.
+            preferred: ``(joints, ...)`` reference of free joints.
 
         Returns:
             Positions ``(roots, joints, ...)``, the gap ``(...)`` m, and what is free ``(joints, ...)``.
@@ -146,7 +141,7 @@ class PlanarJoints:
             rest = rest - np.exp(1j * last) * (self._ends[-1] - self._ends[-2])
         size = np.abs(place) + sum(map(abs, self._lengths), start=1e-3)
         pair = self._two_slides if len(self._slides) == 2 else self._one_slide if self._slides else self._no_slide
-        first, second, gap, free_1, free_2 = pair(rest, last, liked, size)
+        first, second, gap, free_1, free_2 = pair(rest, last, preferred, size)
         values = np.empty((self.roots, len(self.joints), *place.shape))
         free = np.zeros((len(self.joints), *place.shape), dtype=np.bool_)
         unknown = [*self._hinges[: len(self._lengths)], *self._slides]
@@ -160,30 +155,30 @@ class PlanarJoints:
             values[:, self._hinges[-1]] = last - values[:, others].sum(axis=1)
         return values * np.reshape(self.turning, (-1, *(1,) * place.ndim)), gap, free
 
-    def _no_slide(self, rest: Complex, last: Array, liked: Array, size: Array) -> _Pair:
+    def _no_slide(self, rest: _Complex, last: Array, preferred: Array, size: Array) -> _Pair:
         """Solve two hinges as a triangle."""
         (x, y), hinge = self._lengths, self._hinges[0]
         bent, bent_2 = float(np.angle(x)), float(np.angle(y))
-        favourite = liked[hinge] * self.turning[hinge] + bent
+        favourite = preferred[hinge] * self.turning[hinge] + bent
         (root, elbow), gap, (free, _) = type_8(abs(x), abs(y), rest.real, rest.imag, TINY, (favourite, 0.0), BEND)
         return root - bent, root + elbow - bent_2, gap, free, np.zeros_like(free)
 
-    def _one_slide(self, rest: Complex, last: Array, liked: Array, size: Array) -> _Pair:
-        """A hinge and a slide: a line across a circle."""
+    def _one_slide(self, rest: _Complex, last: Array, preferred: Array, size: Array) -> _Pair:
+        """Solve a hinge and a slide as a line across a circle."""
         hinge, slide, (length,) = self._hinges[0], self._slides[0], self._lengths
-        way, favourite = self.directions[slide], liked[hinge] * self.turning[hinge]
+        direction, favourite = self.directions[slide], preferred[hinge] * self.turning[hinge]
         if self._after(slide) == 1:
-            turned = rest * np.conj(way)
-            roots = slid(turned.real, turned.imag, length * way.conjugate(), favourite, liked[slide])
+            turned = rest * np.conj(direction)
+            roots = slid(turned.real, turned.imag, length * direction.conjugate(), favourite, preferred[slide])
             (turn, way_out), (turn_free, out_free) = roots.values, roots.free
             return turn, way_out, roots.gap, turn_free, out_free
-        along = way * np.exp(1j * last) if self._after(slide) == 2 else np.broadcast_to(way, rest.shape)
+        along = direction * np.exp(1j * last) if self._after(slide) == 2 else np.broadcast_to(direction, rest.shape)
         seen, start = rest * np.conj(along), np.angle(length * np.conj(along))
         (angle,), gap, (free,) = type_10(abs(length), seen.imag, TINY, favourite + start)
         gap = np.where(np.abs(seen.imag) - abs(length) <= ROUNDING * size, 0.0, gap)
         return angle - start, seen.real - abs(length) * np.cos(angle), gap, free, np.zeros_like(free)
 
-    def _two_slides(self, rest: Complex, last: Array, liked: Array, size: Array) -> _Pair:
+    def _two_slides(self, rest: _Complex, last: Array, preferred: Array, size: Array) -> _Pair:
         """Solve two slides as a parallelogram; one side is chosen freely where they are parallel."""
         first, second = (
             self.directions[i] * np.exp(1j * last)
@@ -193,7 +188,7 @@ class PlanarJoints:
         )
         across = np.imag(np.conj(first) * second)
         free = np.abs(across) <= TINY
-        b = np.where(free, liked[self._slides[1]], np.imag(np.conj(first) * rest) / np.where(free, 1.0, across))
+        b = np.where(free, preferred[self._slides[1]], np.imag(np.conj(first) * rest) / np.where(free, 1.0, across))
         left = np.conj(first) * (rest - b * second)
         gap = unless_tiny(np.where(free, np.abs(left.imag), 0.0), ROUNDING * size)
         return left.real[None], b[None], gap, free, free
@@ -213,20 +208,22 @@ class PlanarJoints:
         if not self._slides:
             (x, y), second = self._lengths, self._hinges[1]
             return [abs(x)], [("elbow", real_part(-1j * x.conjugate() * y / abs(x), [angle(second)])[::-1])]
-        way = self.directions[self._slides[0]]
+        direction = self.directions[self._slides[0]]
         if len(self._slides) == 2:
             other = self.directions[self._slides[1]]
-            across = -1j * way.conjugate() * other
+            across = -1j * direction.conjugate() * other
             if not self._between:
                 return [abs(across.real)], []
             return [], [("slides", real_part(across, [angle(self._hinges[0])]))]
         (length,), slide, hinge = self._lengths, self._slides[0], self._hinges[0]
         joint = self.joints[slide]
         if self._after(slide) == 1:
-            return [], [("slide", [Term(float(sign[joint]), slides=(joint,)), Term((length * way.conjugate()).real)])]
+            return [], [
+                ("slide", [Term(float(sign[joint]), slides=(joint,)), Term((length * direction.conjugate()).real)])
+            ]
         if self._after(slide) == 0:
-            return [], [("slide", real_part(way.conjugate() * length, [angle(hinge)]))]
-        return [], [("slide", real_part(way * length.conjugate(), [angle(self._hinges[1])]))]
+            return [], [("slide", real_part(direction.conjugate() * length, [angle(hinge)]))]
+        return [], [("slide", real_part(direction * length.conjugate(), [angle(self._hinges[1])]))]
 
     def place_along(self, direction: complex, sign: Array) -> list[Term]:
         """Return the part of the hand's place along a direction: Re(conj(direction) place)."""
@@ -253,7 +250,7 @@ _IN_PLANE_M = 1e-11
 
 @dataclass(frozen=True)
 class PlanarArm:
-    """Such an arm, by its axes in frame 0 at zero joint positions.
+    """An arm of two or three joints in a plane, by its axes in frame 0 at zero joint positions.
 
     Attributes:
         plane: ``(3, 3)`` rows e, f and the plane's normal.
@@ -271,7 +268,7 @@ class PlanarArm:
 
     @classmethod
     def of(cls, chain: Chain, point: Array) -> "PlanarArm | None":
-        """The closed form of a nominal model, for a point ``(3,)`` m of the last frame; None for other shapes."""
+        """Return the closed form for a point ``(3,)`` m of the last frame; None where the shape is another."""
         if chain.size not in (2, 3):
             return None
         axes = Axes.of(chain)
@@ -291,7 +288,7 @@ class PlanarArm:
 
     @property
     def by_point(self) -> bool:
-        """The solution meets the place of a point alone, which is so with two joints."""
+        """True with two joints: only the place of a point is met."""
         return self.chain.size == 2
 
     @property
@@ -312,7 +309,7 @@ class PlanarArm:
         return "the displacements in its plane" + ("" if self.by_point else " and the turn about the plane's normal")
 
     def nearest_rotations(self, Rs_frame0_last: Array) -> Array:
-        """See ``ClosedForm``: turned about the normal alone; with two joints none is asked for."""
+        """See ``ClosedForm``: turned about the normal alone; with two joints a missing rotation is no turn."""
         if self.by_point:
             given = np.asarray(np.isfinite(Rs_frame0_last).all(axis=(1, 2)))
             return np.where(given[:, None, None], Rs_frame0_last, np.eye(3))
@@ -320,12 +317,12 @@ class PlanarArm:
         return np.asarray(se3.exp(turn[:, None] * self.plane[2]) @ self.axes.T_frame0_last[:3, :3])
 
     def solve(self, Ts_frame0_last: Array, reference: Array | float = 0.0) -> Solutions:
-        """See ``ClosedForm``. The place of the point is met, turned as near to a pose's rotation as can be."""
+        """See ``ClosedForm``. The point's place is met, turned as near to a pose's rotation as possible."""
         count, size = len(Ts_frame0_last), self.chain.size
-        liked = (np.broadcast_to(reference, (count, size)) * self.chain.sign).T
+        preferred = (np.broadcast_to(reference, (count, size)) * self.chain.sign).T
         turn, tilt = self._turn(Ts_frame0_last[:, :3, :3])
         e, f, w = self.plane @ se3.transform(Ts_frame0_last, self.point[None])[:, 0].T
-        values, gap, free = self.joints.solve(e + 1j * f, None if self.by_point else turn, liked)
+        values, gap, free = self.joints.solve(e + 1j * f, None if self.by_point else turn, preferred)
         hinges = ~np.array(self.chain.prismatic)
         values[:, hinges] -= 2 * np.pi * np.round(values[:, hinges] / (2 * np.pi))
         joints = values.transpose(2, 0, 1) * self.chain.sign
@@ -341,7 +338,6 @@ class PlanarArm:
         )
 
     def _missed(self, joints: Array, Rs: Array) -> Array:
-        """Return the rotation errors ``(n, k)`` rad of two joints."""
         turns = (joints * self.chain.sign * self.joints.turning * ~np.array(self.chain.prismatic)).sum(axis=2)
         made = se3.exp(turns[..., None] * self.plane[2]) @ self.axes.T_frame0_last[:3, :3]
         tilt = np.linalg.norm(se3.log(Rs[:, None] @ made.swapaxes(2, 3)), axis=2)
@@ -349,15 +345,19 @@ class PlanarArm:
 
     def _turn(self, Rs: Array) -> tuple[Array, Array]:
         """Return the turn ``(n,)`` rad of rotations about the normal, and their remaining tilt."""
-        M = self.plane @ Rs @ self.axes.T_frame0_last[:3, :3].T @ self.plane.T
-        tilt = np.arctan2(np.hypot(M[:, 2, 0], M[:, 2, 1]), M[:, 2, 2])
-        turn = np.arctan2(M[:, 1, 0] - M[:, 0, 1], M[:, 0, 0] + M[:, 1, 1])
-        return turn, np.where(tilt <= EXACT, 0.0, tilt)
+        return _turn_about_normal(self.plane @ Rs @ self.axes.T_frame0_last[:3, :3].T @ self.plane.T)
+
+
+def _turn_about_normal(M: Array) -> tuple[Array, Array]:
+    """Return the turn ``(n,)`` rad of rotations, in the axes of a plane, about its normal, and their remaining tilt."""
+    tilt = np.arctan2(np.hypot(M[:, 2, 0], M[:, 2, 1]), M[:, 2, 2])
+    turn = np.arctan2(M[:, 1, 0] - M[:, 0, 1], M[:, 0, 0] + M[:, 1, 1])
+    return turn, np.where(tilt <= EXACT, 0.0, tilt)
 
 
 @dataclass(frozen=True)
 class Scara:
-    """Such an arm, by its axes in frame 0 at zero joint positions.
+    """A SCARA arm, by its axes in frame 0 at zero joint positions.
 
     Attributes:
         hinges, slide: which joints they are.
@@ -389,7 +389,7 @@ class Scara:
 
     @classmethod
     def of(cls, chain: Chain) -> "Scara | None":
-        """The closed form of a nominal model; None where its shape is another."""
+        """Return the closed form of a nominal model; None where its shape is another."""
         if chain.size != 4 or sum(chain.prismatic) != 1:
             return None
         axes, slide = Axes.of(chain), chain.prismatic.index(True)
@@ -418,7 +418,7 @@ class Scara:
 
     @property
     def determinant(self) -> Determinant:
-        """Determinant of x, y, z of the last hinge and the turn about w, in a right-handed frame whose z is w."""
+        """Determinant for x, y, z of the last hinge and the turn about w, in a right-handed frame whose z is w."""
         across = np.conj(self.upper) * self.fore / abs(self.upper)
         elbow = real_part(-1j * across, [(self.hinges[1], float(self.up[self.hinges[1]]))])
         sign = float(np.prod(self.up)) * (-1.0) ** self.slide  # the slide's column moved to the third place
@@ -429,15 +429,15 @@ class Scara:
         return self._at(self._turn(Rs_frame0_last)[0])
 
     def solve(self, Ts_frame0_last: Array, reference: Array | float = 0.0) -> Solutions:
-        """See ``ClosedForm``. Where a pose is tilted its place is met, turned as near to it as can be."""
+        """See ``ClosedForm``. Of a tilted pose the place is met, turned as near to it as possible."""
         count = len(Ts_frame0_last)
         yaw, tilt = self._turn(Ts_frame0_last[:, :3, :3])
-        liked = np.broadcast_to(reference, (count, 4)) * self.up
+        preferred = np.broadcast_to(reference, (count, 4)) * self.up
         e, f, w = self.plane @ (Ts_frame0_last[:, :3, 3] + self._at(yaw) @ self.wrist - self.root).T
         bent = float(np.angle(self.upper))
         first, second, third = self.hinges
         (shoulder, elbow), gap, (free, _) = type_8(
-            abs(self.upper), abs(self.fore), e, f, TINY, (liked[:, first] + bent, 0.0), BEND
+            abs(self.upper), abs(self.fore), e, f, TINY, (preferred[:, first] + bent, 0.0), BEND
         )
         joints = np.empty((count, 2, 4))
         joints[:, :, first] = (shoulder - bent).T
@@ -458,11 +458,8 @@ class Scara:
 
     def _turn(self, Rs: Array) -> tuple[Array, Array]:
         """Return the turn ``(n,)`` rad of rotations about w, and their remaining tilt."""
-        M = self.plane @ Rs @ self.R_frame0_last.T @ self.plane.T
-        tilt = np.arctan2(np.hypot(M[:, 2, 0], M[:, 2, 1]), M[:, 2, 2])
-        yaw = np.arctan2(M[:, 1, 0] - M[:, 0, 1], M[:, 0, 0] + M[:, 1, 1])
-        return yaw, np.where(tilt <= EXACT, 0.0, tilt)
+        return _turn_about_normal(self.plane @ Rs @ self.R_frame0_last.T @ self.plane.T)
 
     def _at(self, yaw: Array) -> Array:
-        """Rotations ``(n, 3, 3)`` of the last frame, turned about w."""
+        """Return rotations ``(n, 3, 3)`` of the last frame, turned about w."""
         return np.asarray(se3.exp(yaw[:, None] * self.plane[2]) @ self.R_frame0_last)

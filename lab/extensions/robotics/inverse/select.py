@@ -12,7 +12,7 @@ __all__ = ["chosen_closed_form"]
 
 
 def chosen_closed_form(chain: Chain, point: Array) -> ClosedForm | None:
-    """Return the closed form of a nominal model; None where its shape has none that is known here.
+    """Return the closed form of a nominal model; None where its shape has none.
 
     Args:
         point: ``(3,)`` m of the last frame that an arm of two or three joints brings somewhere.

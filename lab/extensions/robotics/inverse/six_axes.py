@@ -1,20 +1,18 @@
-"""Inverses of six-axis arms with a spherical wrist or three parallel axes, in closed form.
+"""Inverse kinematics of six-axis arms with a spherical wrist or three parallel axes, in closed form.
 
-Arms of six joints whose last three axes meet at right angles, each to the next, whatever carries them.
+Everything is worked out from the joints' axes at zero joint positions, so that the table's convention, its signs and
+zeros do not matter. A vector is an array of three rows, a pose in each column.
 
-The wrist's centre is moved by joints 1 to 3 alone (``first_joints``); what is left of the rotation is the wrist's, by
-equations of types 2, 3 and 3 (Pieper 1968; Khalil & Dombre 2002, section 4.3). Everything is worked out from the
-joints' axes at zero joint positions, so that the table's convention, its signs and zeros do not matter. A vector
-is an array of three rows, a pose in each column.
+Spherical wrist: the last three axes meet at right angles, each to the next. The wrist's centre is moved by joints 1 to
+3 alone (``first_joints``); what is left of the rotation is the wrist's, by equations of types 2, 3 and 3 (Pieper 1968;
+Khalil & Dombre 2002, section 4.3).
 
-Arms of six hinges of which axes 2, 3 and 4 are parallel, as Universal Robots' are: all eight solutions.
-
-Axis 5 is square to axis 4, axis 6 to axis 5, and axes 5 and 6 meet in a point P. Joints 2 to 4 turn about one direction
-w: they leave the place of P along w as it is, so that P alone gives joint 1 (an equation of type 2). What joint 1
-leaves of the rotation is Rot(w, phi) Rot(a5, q5) Rot(a6, q6) with phi the sum of joints 2 to 4: the turn of axis 6 out
-of w is joint 5, and the turns before and after it are phi and joint 6. Then joints 2 and 3 are a planar arm (type 8),
-and joint 4 is what is left of phi (Hawkins 2013, analytic inverse kinematics for the Universal Robots UR-5/UR-10 arms).
-All is worked out from the joints' axes at zero joint positions.
+Three parallel axes: six hinges of which axes 2, 3 and 4 are parallel, as Universal Robots' are, with all eight
+solutions. Axis 5 is square to axis 4, axis 6 to axis 5, and axes 5 and 6 meet in a point P. Joints 2 to 4 turn about
+one direction w: they do not move P along w, so that P alone gives joint 1 (an equation of type 2). What joint 1 leaves
+of the rotation is Rot(w, phi) Rot(a5, q5) Rot(a6, q6) with phi the sum of joints 2 to 4: the turn of axis 6 out of w is
+joint 5, and the turns before and after it are phi and joint 6. Then joints 2 and 3 are a planar arm (type 8), and joint
+4 is what is left of phi (Hawkins 2013, analytic inverse kinematics for the Universal Robots UR-5/UR-10 arms).
 """
 
 from collections.abc import Sequence
@@ -34,8 +32,7 @@ from lab.extensions.robotics.inverse.first_joints import (
     Carrier,
     Elbow,
     FirstJoint,
-    Lift,
-    Telescope,
+    carrier_of,
     turned_back,
 )
 from lab.extensions.robotics.inverse.khalil_equations import TINY, type_2, type_8
@@ -56,13 +53,13 @@ from lab.kinematics.serial.chain import Chain
 
 __all__ = ["SphericalWrist", "ThreeParallel"]
 
-Number = TypeVar("Number", np.float64, np.bool_)
-CHUNK = 1024  # poses at a time: what fits the processor's cache
+_Number = TypeVar("_Number", np.float64, np.bool_)
+_CHUNK = 1024  # poses at a time: what fits the processor's cache
 
 
 @dataclass(frozen=True)
 class SphericalWrist:
-    """Such an arm, by its axes in frame 0 at zero joint positions.
+    """An arm with a spherical wrist, by its axes in frame 0 at zero joint positions.
 
     Attributes:
         carrier: joints 1 to 3.
@@ -85,7 +82,7 @@ class SphericalWrist:
 
     @classmethod
     def of(cls, chain: Chain) -> "SphericalWrist | None":
-        """The closed form of a nominal model; None where its shape has none."""
+        """Return the closed form of a nominal model; None where its shape is another."""
         if chain.size != 6 or any(chain.prismatic[3:]):
             return None
         joint_axes = Axes.of(chain)
@@ -93,7 +90,7 @@ class SphericalWrist:
         centre, missed = meeting_point(joint_axes.origins[3:], z[3:])
         if missed > EXACT or not joint_axes.square(3, 4) or not joint_axes.square(4, 5):
             return None
-        carrier = Elbow.of(joint_axes, centre) or Telescope.of(joint_axes, centre) or Lift.of(joint_axes, centre)
+        carrier = carrier_of(joint_axes, centre)
         if carrier is None:
             return None
         axes = np.array([z[3], z[4], np.cross(z[3], z[4])])
@@ -109,7 +106,7 @@ class SphericalWrist:
 
     @property
     def branches(self) -> int:
-        """Roots of the wrist's, the elbow's and joint 1's equations."""
+        """Number of roots of the wrist's, the elbow's and joint 1's equations."""
         return 2 * self.carrier.elbows * 2
 
     @property
@@ -129,14 +126,14 @@ class SphericalWrist:
         return Rs_frame0_last
 
     def _solved(self, Ts_frame0_last: Array, reference: Array | float = 0.0) -> Solutions:
-        """``solve`` by numpy, for any carrier."""
+        """Solve by numpy, for any carrier."""
         count, shape = len(Ts_frame0_last), (2, self.carrier.elbows, 2)
-        liked = np.broadcast_to(reference, (count, 6)) * self.chain.sign
+        preferred = np.broadcast_to(reference, (count, 6)) * self.chain.sign
         angles, gap = np.empty((6, *shape, count)), np.empty((*shape, count))
         free = np.zeros((6, *shape, count), dtype=np.bool_)
-        for start in range(0, count, CHUNK):
-            part = slice(start, start + CHUNK)
-            self._solve(Ts_frame0_last[part], liked[part].T, angles[..., part], gap[..., part], free[..., part])
+        for start in range(0, count, _CHUNK):
+            part = slice(start, start + _CHUNK)
+            self._solve(Ts_frame0_last[part], preferred[part].T, angles[..., part], gap[..., part], free[..., part])
         for i in np.flatnonzero(~np.array(self.chain.prismatic)):
             angles[i] -= 2 * np.pi * np.round(angles[i] / (2 * np.pi))
         angles *= self.chain.sign.reshape(6, 1, 1, 1, 1)
@@ -164,14 +161,14 @@ class SphericalWrist:
         )  # fmt: skip
         return np.concatenate([np.ravel(part).astype(np.float64) for part in parts])
 
-    def _solve(self, Ts: Array, liked: Array, angles: Array, gap: Array, free: NDArray[np.bool_]) -> None:
+    def _solve(self, Ts: Array, preferred: Array, angles: Array, gap: Array, free: NDArray[np.bool_]) -> None:
         """Fill in the angles ``(6, 2, elbows, 2, n)``: roots of the wrist's, the elbow's and joint 1's equation."""
         R = Ts[:, :3, :3].transpose(1, 2, 0)  # (3, 3, n)
         position = _turned(R, self.centre) + Ts[:, :3, 3].T
-        carried = self.carrier.solve(position, liked[:3], angles[:3], gap, free[:3])
-        self._turn(R, carried, liked[3:], angles[3:], free[3:])
+        carried = self.carrier.solve(position, preferred[:3], angles[:3], gap, free[:3])
+        self._turn(R, carried, preferred[3:], angles[3:], free[3:])
 
-    def _turn(self, R: Array, carried: Carried, liked: Array, angles: Array, free: NDArray[np.bool_]) -> None:
+    def _turn(self, R: Array, carried: Carried, preferred: Array, angles: Array, free: NDArray[np.bool_]) -> None:
         """Fill in the wrist's angles ``(3, 2, elbows, 2, n)``."""
         rows = self.axes @ self.carrier.column.plane.T
 
@@ -183,25 +180,25 @@ class SphericalWrist:
         axis_6 = np.cos(self.bend) * self.axes[0] + np.sin(self.bend) * self.axes[2]
         a6, b6, c6 = in_wrist(axis_6)
         a5, b5, c5 = in_wrist(self.axes[1])
-        (angles[0],), _, (free[0],) = type_2(c6, b6, 0.0, TINY, liked[0])  # b . Rot(a, -q4) axis 6 = 0
+        (angles[0],), _, (free[0],) = type_2(c6, b6, 0.0, TINY, preferred[0])  # b . Rot(a, -q4) axis 6 = 0
         cos_4, sin_4 = np.cos(angles[0]), np.sin(angles[0])
         sin_5 = b6 * sin_4 - c6 * cos_4
         angles[1] = self.bend + np.arctan2(sin_5, a6)  # type 3, as is the next
         angles[2] = np.arctan2(sin_5 * a5 + a6 * (c5 * cos_4 - b5 * sin_4), b5 * cos_4 + c5 * sin_4)
 
 
-def _by_pose(values: NDArray[Number]) -> NDArray[Number]:
-    """Values ``(6, 2, elbows, 2, n)`` as ``(n, branches, 6)``."""
+def _by_pose(values: NDArray[_Number]) -> NDArray[_Number]:
+    """Reshape ``(6, 2, elbows, 2, n)`` to ``(n, branches, 6)``."""
     return values.reshape(len(values), -1, values.shape[-1]).transpose(2, 1, 0)
 
 
 def _turned(R: Array, vector: Array) -> Array:
-    """A vector ``(3,)`` turned by each of the rotations ``(3, 3, n)``."""
+    """Turn a vector ``(3,)`` by each of the rotations ``(3, 3, n)``."""
     return np.stack([_sum(vector, row) for row in R])
 
 
 def _sum(weights: Array, rows: Sequence[Array]) -> Array:
-    """A weighed sum, without what has no weight."""
+    """Return a weighted sum, without terms of no weight."""
     used = [weight * row for weight, row in zip(weights, rows, strict=True) if abs(weight) > TINY]
     total: Array = sum(used[1:], start=used[0]) if used else 0.0 * rows[0]
     return total
@@ -209,7 +206,7 @@ def _sum(weights: Array, rows: Sequence[Array]) -> Array:
 
 @dataclass(frozen=True)
 class ThreeParallel:
-    """Such an arm, by its axes in frame 0 at zero joint positions.
+    """An arm with three parallel axes, by its axes in frame 0 at zero joint positions.
 
     Attributes:
         column: joint 1, and the plane of joints 2 to 4: rows e = a5 x w, f = a5 and w.
@@ -241,7 +238,7 @@ class ThreeParallel:
 
     @classmethod
     def of(cls, chain: Chain) -> "ThreeParallel | None":
-        """The closed form of a nominal model; None where its shape is another."""
+        """Return the closed form of a nominal model; None where its shape is another."""
         if chain.size != 6 or any(chain.prismatic):
             return None
         axes = Axes.of(chain)
@@ -298,15 +295,17 @@ class ThreeParallel:
         return Rs_frame0_last
 
     def _solved(self, Ts_frame0_last: Array, reference: Array | float = 0.0) -> Solutions:
-        """``solve`` by numpy."""
+        """Solve by numpy."""
         count = len(Ts_frame0_last)
-        liked = (np.broadcast_to(reference, (count, 6)) * self.chain.sign).T
+        preferred = (np.broadcast_to(reference, (count, 6)) * self.chain.sign).T
         position = (Ts_frame0_last[:, :3, :3] @ self.centre + Ts_frame0_last[:, :3, 3]).T
         split = self.column.split(position - self.column.root[:, None])
-        (first,), gap_1, (free_1,) = self.column.facing(split, self.offset, liked[0])  # (2, n)
+        (first,), gap_1, (free_1,) = self.column.facing(split, self.offset, preferred[0])  # (2, n)
         turned = np.cos(first), np.sin(first)
         e, f, _ = turned_back(split, turned)
-        phi, fifth, sixth, free_6 = self._turns(Ts_frame0_last[:, :3, :3], first, liked[5])  # (2, 2, n): joints 5, 1
+        phi, fifth, sixth, free_6 = self._turns(
+            Ts_frame0_last[:, :3, :3], first, preferred[5]
+        )  # (2, 2, n): joints 5, 1
         bent, place = float(np.angle(self.upper)), (e + 1j * f)[None] - self.shoulder
         if free_6.any():
             near = np.where(free_6, self._within_reach(place, phi), phi)
@@ -314,7 +313,7 @@ class ThreeParallel:
             phi = near
         place = place - self.hand * np.exp(1j * phi)
         (root, elbow), gap_8, (free_2, _) = type_8(
-            abs(self.upper), abs(self.fore), place.real, place.imag, TINY, (liked[1] + bent, 0.0), BEND
+            abs(self.upper), abs(self.fore), place.real, place.imag, TINY, (preferred[1] + bent, 0.0), BEND
         )  # (2, 2, 2, n): elbow, joint 5, joint 1
         angles, shape = np.empty((6, 2, 2, 2, count)), (2, 2, 2, count)
         angles[0], angles[4], angles[5] = first, fifth, sixth
@@ -358,7 +357,7 @@ class ThreeParallel:
         return np.concatenate([np.ravel(part).astype(np.float64) for part in parts])
 
     def _within_reach(self, place: NDArray[np.complex128], phi: Array) -> Array:
-        """The turns ``(2, 2, n)`` nearest to phi with which the planar arm reaches P, where joint 6 may make up for it.
+        """Return the turns ``(2, 2, n)`` nearest to phi within the planar arm's reach, where joint 6 is free.
 
         Axis 4 is |place| and |hand| from the two ends of a triangle, and nears axis 2 as the hand turns to it.
         """
@@ -372,19 +371,19 @@ class ThreeParallel:
         moved = np.copysign(np.arccos(cosine), away)
         return np.asarray(np.where(np.cos(away) == cosine, phi, towards + moved))
 
-    def _turns(self, Rs: Array, first: Array, liked: Array) -> tuple[Array, Array, Array, Array]:
-        """The turn phi about w, joints 5 and 6, and where joint 6 is free, ``(2, 2, n)``, for joint 1 ``(2, n)``."""
+    def _turns(self, Rs: Array, first: Array, preferred: Array) -> tuple[Array, Array, Array, Array]:
+        """Return phi about w, joints 5 and 6, and where joint 6 is free ``(2, 2, n)``, for joint 1 ``(2, n)``."""
         plane = self.column.plane
         back = se3.exp(-first[..., None] * self.column.axis)  # (2, n, 3, 3)
         M = plane @ back @ Rs @ self.R_frame0_last.T @ plane.T  # in the axes e, f, w
         axis_6 = np.array([np.sin(self.bend), 0.0, np.cos(self.bend)])
-        hand, held = M @ axis_6, M[..., 2, :]  # axis 6 in the plane's axes, and w in the last frame's
+        hand, w = M @ axis_6, M[..., 2, :]  # axis 6 in the plane's axes, and w in the last frame's
         size = np.hypot(hand[..., 0], hand[..., 1])
-        way = np.array([1.0, -1.0])[:, None, None]
-        bent = way * np.arctan2(size, hand[..., 2])  # joint 5 and the bend
+        sign = np.array([1.0, -1.0])[:, None, None]
+        bent = sign * np.arctan2(size, hand[..., 2])  # joint 5 and the bend
         across = np.array([np.cos(self.bend), 0.0, -np.sin(self.bend)])
         free = np.broadcast_to(size <= TINY, bent.shape)
-        sixth = np.where(free, liked, np.arctan2(way * held[..., 1], -way * (held @ across)))
+        sixth = np.where(free, preferred, np.arctan2(sign * w[..., 1], -sign * (w @ across)))
         fifth = bent - self.bend
         # phi is what is left when joints 5 and 6 are undone, so that it is right near the singularity as well
         level = np.stack([np.cos(fifth), np.zeros_like(fifth), np.sin(fifth)], axis=-1)

@@ -22,7 +22,7 @@ __all__ = ["KinematicsOptions"]
 
 @dataclass(frozen=True)
 class KinematicsOptions:
-    """A robot, where its joints are or where its tool is to be, and what is to be said of it."""
+    """A robot, its joint positions or the poses of its tool, and the models to compute."""
 
     robot: tyro.conf.Positional[str] = "irb120"
     """A model's name, or a path to an MJCF, a URDF, or a TOML table or mechanism."""
@@ -68,7 +68,7 @@ class KinematicsOptions:
             raise LabError("--of chooses among solutions; give a --pose")
 
     def joint_row(self, chain: JointSpec, flag: Literal["joints", "rates"]) -> Array:
-        """The numbers of ``--joints`` or ``--rates`` ``(joints,)`` in rad or m (per s).
+        """Return ``--joints`` or ``--rates`` ``(joints,)`` in rad or m (per s).
 
         Raises:
             LabError: there are not as many as joints, or one is not finite.
@@ -84,7 +84,7 @@ class KinematicsOptions:
 
     @property
     def wanted(self) -> PoseTarget:
-        """The pose of ``--pose``.
+        """Pose of ``--pose``.
 
         Raises:
             LabError: it is none.
@@ -104,7 +104,7 @@ class KinematicsOptions:
 
     @property
     def tool_m(self) -> Array:
-        """The tool's point ``(3,)`` m in the last frame.
+        """Tool point ``(3,)`` m in the last frame.
 
         Raises:
             LabError: it is no point.
@@ -115,7 +115,7 @@ class KinematicsOptions:
 
     @property
     def twist_si(self) -> Array:
-        """The twist ``(6,)`` of ``--twist``, m/s and rad/s.
+        """Twist ``(6,)`` of ``--twist``, m/s and rad/s.
 
         Raises:
             LabError: it is none.
@@ -126,7 +126,7 @@ class KinematicsOptions:
 
 
 def _row(flag: str, given: tuple[float, ...], count: int, what: str) -> Array:
-    """So many finite numbers ``(count,)``."""
+    """Return an option's numbers ``(count,)``, which must be finite."""
     if len(given) != count:
         raise LabError(f"{flag} has {len(given)} numbers, not {count}; give {what}")
     if bad := [each for each in given if abs(each) not in OPTION_SIZE]:

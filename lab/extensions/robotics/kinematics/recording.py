@@ -1,4 +1,4 @@
-"""A robot's placements as a rerun recording: one after the other on the timeline ``pose``, and side by side."""
+"""Record a robot's placements for rerun: one after the other on the timeline ``pose``, and side by side."""
 
 import hashlib
 from pathlib import Path
@@ -36,8 +36,8 @@ _AXIS = 0.12  # of the reach: how long a frame's axes are
 
 def record_kinematics(path: Path, result: KinematicsResult) -> None:
     """Write the recording of ``lab kinematics``, with the blueprint that shows it."""
-    stands = [each for each in result.placements if np.isfinite(each.T_base_tool).all()]
-    shown = [stands[i] for i in drawn_rows(len(stands))]
+    reached = [each for each in result.placements if np.isfinite(each.T_base_tool).all()]
+    shown = [reached[i] for i in drawn_rows(len(reached))]
     arm, model = result.robot.arm(("p1",)), result.robot.whole.model
     values = arm.nominal({"p1": result.options.tool_m})
     joints = np.array([each.joints for each in shown]).reshape(-1, arm.chain.size)
@@ -86,7 +86,7 @@ def _draw_beside(
 
 
 def _draw_frames(recording: rr.RecordingStream, entity: str, at: Times, Ts: Array, length: float) -> None:
-    """The axes of frames ``(m, f, 4, 4)``; without a timeline those of one placement."""
+    """Draw the axes of frames ``(m, f, 4, 4)``; without a timeline those of one placement."""
     count, radius = Ts.shape[1], 0.03 * length
     vectors = length * Ts[..., :3, :3].swapaxes(2, 3).reshape(-1, 3)
     origins = np.repeat(Ts[..., :3, 3].reshape(-1, 3), 3, axis=0)
@@ -100,7 +100,6 @@ def _draw_frames(recording: rr.RecordingStream, entity: str, at: Times, Ts: Arra
 
 
 def _blueprint(origins: Array, reach: float, count: int) -> rrb.Blueprint:
-    """Lay out the first placement large, the others side by side below it, text at hand."""
     single = main_view("One after the other", eye_on_arm(origins, origins[:, -1], reach))
     beside = np.concatenate([origins[:1] + np.array([0.0, _APART * reach * i, 0.0]) for i in range(count)])
     middle = beside.reshape(-1, 3).mean(axis=0)

@@ -1,4 +1,4 @@
-"""The direct, inverse and differential models of a robot, at joint positions or for poses."""
+"""Run ``lab kinematics``: direct, inverse and differential models, at joint positions or for poses."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -13,20 +13,19 @@ from lab.core.errors import LabError
 from lab.core.limits import PLACED
 from lab.core.se3 import Array
 from lab.core.units import DEGREES, MM
-from lab.extensions.robotics.kinematics.nominal_robot import NominalRobot, nominal_robot
-from lab.extensions.robotics.kinematics.options import KinematicsOptions
-from lab.extensions.robotics.kinematics.result import (
-    KinematicsResult,
-    Matrices,
+from lab.extensions.robotics.kinematics.models import (
+    NominalRobot,
     Placement,
     Reached,
     Solution,
     Solver,
-    Task,
     matching,
+    nominal_robot,
     placements,
 )
-from lab.extensions.robotics.kinematics.symbolic import SymbolicChain, symbolic_chain
+from lab.extensions.robotics.kinematics.options import KinematicsOptions
+from lab.extensions.robotics.kinematics.result import KinematicsResult, Matrices
+from lab.extensions.robotics.kinematics.symbolic import symbolic_chain
 from lab.formats.target_csv import holds_targets, read_joints, read_targets
 from lab.kinematics.closed.mobility import mobility_of
 from lab.kinematics.inverse.closed_form import closed_form_of
@@ -41,31 +40,25 @@ __all__ = ["solve_kinematics"]
 
 _TARGET = "p1"
 _REACHED_M = 1e-9  # of a plane: a place nearer to it is in it
-_TILTED_RAD = 1e-6  # a rotation that is missed by more is told
+_TILTED_RAD = 1e-6  # a rotation that is missed by more is reported
 
 
-@dataclass(frozen=True)
-class _Targets:
-    """Poses that the tool is to take; ``near`` are joint positions ``(n, joints)``, NaN where none are given."""
-
-    ids: tuple[str, ...]
-    poses: PoseTarget
-    near: Array
+_Targets = tuple[tuple[str, ...], PoseTarget, Array]  # ids, poses and given joint positions ``(n, joints)`` or NaN
 
 
 @takes(KinematicsOptions)
 def solve_kinematics(robot: "str | Path | Robot | KinematicsOptions" = "irb120", **options: Any) -> KinematicsResult:
-    """Work out the direct, inverse and differential models of a nominal robot.
+    """Compute the direct, inverse and differential models of a nominal robot.
 
     Args:
         robot: a model's name, a path, or a loaded robot; or all options in one object.
-        options: those of ``lab kinematics``, by name: ``joints`` or ``pose`` or ``file``, and what is to be said there.
+        options: those of ``lab kinematics``, by name: ``joints`` or ``pose`` or ``file``, and the models to compute.
 
     Returns:
         The robot at the joint positions, or in every solution of the poses, with Jacobian and singularities.
 
     Raises:
-        LabError: there is no such robot, or what is asked does not fit it.
+        LabError: there is no such robot, or an option does not fit it.
 
     Example:
         >>> import lab
@@ -75,21 +68,23 @@ def solve_kinematics(robot: "str | Path | Robot | KinematicsOptions" = "irb120",
     """
     if isinstance(robot, KinematicsOptions):
         return _solved(robot, nominal_robot(robot.robot))
-    known = nominal_robot(robot)
-    return _solved(options_of("lab.solve_kinematics", KinematicsOptions, {"robot": known.source, **options}), known)
+    nominal = nominal_robot(robot)
+    return _solved(options_of("lab.solve_kinematics", KinematicsOptions, {"robot": nominal.source, **options}), nominal)
 
 
 def _solved(options: KinematicsOptions, robot: NominalRobot) -> KinematicsResult:
     options.check()
     arm = robot.arm((_TARGET,))
     model = _Model(options, robot, arm, arm.nominal({_TARGET: options.tool_m}))
-    targets, said = model.targets()
+    targets, notes = model.targets()
     if targets is None:
-        ids, rows, said = model.joint_rows()
+        ids, rows, notes = model.joint_rows()
         placed, reached = model.placed(rows, ids), tuple[Reached, ...]()
     else:
         placed, reached = model.solved(targets)
-    links = model.links(placed)
+    links = np.empty((0, 4, 4))
+    if isinstance(arm, SerialArm) and placed:
+        links = np.asarray(arm.links(placed[0].joints[None], model.values)[0])
     if (options.matrices or options.between or options.symbolic) and not len(links):
         raise LabError(f"robot {robot.name}: link matrices are of serial arms with a solution; leave out --matrices, "
                        "--between and --symbolic")  # fmt: skip
@@ -98,10 +93,11 @@ def _solved(options: KinematicsOptions, robot: NominalRobot) -> KinematicsResult
             f"--between {options.between[0]} {options.between[1]}: give two frames of 0 to {len(links)}, the one "
             "nearer to the base first"
         )
-    warnings = (*robot.warnings, *said, *model.warnings(placed, reached))
-    matrices = Matrices(links, model.letters(), options.between)
-    asked = replace(options, out=None, overwrite=False)  # where it is written is no part of the result
-    found = KinematicsResult(asked, robot, placed, reached, model.assembly_modes(placed), matrices, tuple(warnings))
+    warnings = (*robot.warnings, *notes, *model.warnings(placed, reached))
+    letters = symbolic_chain(arm.chain) if isinstance(arm, SerialArm) and options.symbolic else None
+    matrices = Matrices(links, letters, options.between)
+    plain = replace(options, out=None, overwrite=False)  # the folder is no part of the result
+    found = KinematicsResult(plain, robot, placed, reached, model.assembly_modes(placed), matrices, warnings)
     if options.out is not None:
         found.save(options.out, overwrite=options.overwrite)
     return found
@@ -109,7 +105,7 @@ def _solved(options: KinematicsOptions, robot: NominalRobot) -> KinematicsResult
 
 @dataclass(frozen=True)
 class _Model:
-    """A nominal robot and what is asked of it."""
+    """A nominal robot and the options."""
 
     options: KinematicsOptions
     robot: NominalRobot
@@ -118,64 +114,63 @@ class _Model:
 
     @property
     def given(self) -> Array | None:
-        """The joint positions of ``--joints``."""
+        """Joint positions of ``--joints``."""
         return self.options.joint_row(self.robot.chain, "joints") if self.options.joints else None
 
     def targets(self) -> tuple[_Targets | None, tuple[str, ...]]:
-        """The poses to be reached, if there are any; and what a reader should be told of their file."""
+        """Return the target poses, if there are any, and warnings about their file."""
         options, chain = self.options, self.robot.chain
         near = np.full(chain.size, np.nan) if self.given is None else self.given
         if options.pose:
-            return _Targets(("",), options.wanted, near[None]), ()
+            return (("",), options.wanted, near[None]), ()
         if options.file is None or not holds_targets(options.file, PLACED):
             return None, ()
         read = read_targets(options.file, chain.joint_names, chain.prismatic, options.orientation)
         near = np.where(np.isfinite(read.joints), read.joints, near)
-        return _Targets(read.ids, PoseTarget(read.positions, read.rotations), near), read.warnings
+        return (read.ids, PoseTarget(read.positions, read.rotations), near), read.warnings
 
     def joint_rows(self) -> tuple[tuple[str, ...], Array, tuple[str, ...]]:
-        """Ids and rows ``(n, joints)`` of the joint positions to stand at, and what a reader should be told."""
+        """Return ids and rows ``(n, joints)`` of the joint positions, and warnings about their file."""
         chain = self.robot.chain
         if self.options.file is not None:
             if self.given is not None:
                 raise LabError("--joints and --file both set the joint positions; give one")
             rows = read_joints(self.options.file, chain.joint_names, chain.prismatic)
             return rows.ids, rows.joints, rows.warnings
-        return (
-            ("given" if self.given is not None else "home",),
-            np.array([chain.home if self.given is None else self.given]),
-            (),
-        )
+        if self.given is None:
+            return ("home",), np.array([chain.home]), ()
+        return ("given",), self.given[None], ()
 
     def placed(
         self, rows: Array, ids: Sequence[str], solved: Sequence[Solution] | None = None
     ) -> tuple[Placement, ...]:
-        """The robot at each row of joint positions, or in each solution."""
+        """Place the robot at each row of joint positions, or in each solution."""
         options, chain = self.options, self.robot.chain
-        task = Task(
-            options.frame == "tool",
-            options.joint_row(chain, "rates") if options.rates else None,
-            options.twist_si if options.twist else None,
-        )
         nominal = self.arm.dh_chain(self.values)
         form = None if nominal is None else closed_form_of(nominal, options.tool_m)
-        return placements(self.arm, self.values, None if form is None else form.determinant, task, rows, ids, solved)
+        return placements(
+            self.arm,
+            self.values,
+            None if form is None else form.determinant,
+            rows,
+            ids,
+            solved,
+            in_tool_frame=options.frame == "tool",
+            rates=options.joint_row(chain, "rates") if options.rates else None,
+            twist=options.twist_si if options.twist else None,
+        )
 
     def solved(self, targets: _Targets) -> tuple[tuple[Placement, ...], tuple[Reached, ...]]:
-        """The robot in each solution of each pose, and what came of the poses."""
-        several, solutions, ids = len(targets.ids) > 1, list[Solution](), list[str]()
-        reached = []
-        for i, found in enumerate(Solver(self.arm, self.values)(targets.poses, targets.near)):
+        """Place the robot in each solution of each pose."""
+        (names, poses, near), solutions, ids, reached = targets, list[Solution](), list[str](), []
+        for i, found in enumerate(Solver(self.arm, self.values)(poses, near)):
             retained = matching(found, self.options.of)
             numbers = tuple(range(len(solutions), len(solutions) + len(retained.solutions)))
-            name, poses = targets.ids[i], targets.poses
             solutions += retained.solutions
-            ids += [f"{name}-{k + 1}" if several else f"{k + 1}" for k in range(len(numbers))]
-            place = poses.positions[i], poses.rotations[i]
-            reached.append(
-                Reached(name, *place, numbers, retained.gap_m, retained.how, retained.reassembled, retained.others)
-            )
-        rows = np.array([way.joints for way in solutions]).reshape(-1, self.robot.chain.size)
+            ids += [f"{names[i]}-{k + 1}" if len(names) > 1 else f"{k + 1}" for k in range(len(numbers))]
+            rest = retained.gap_m, retained.how, retained.reassembled, retained.others
+            reached.append(Reached(names[i], poses.positions[i], poses.rotations[i], numbers, *rest))
+        rows = np.array([solution.joints for solution in solutions]).reshape(-1, self.robot.chain.size)
         return self.placed(rows, ids, solutions), tuple(reached)
 
     def assembly_modes(self, placed: Sequence[Placement]) -> Array:
@@ -186,27 +181,15 @@ class _Model:
         from lab.extensions.robotics.closed.recognition import assembly_modes, classical_model_of
         from lab.kinematics.closed.mechanism import Mechanism
 
-        course = classical_model_of(mechanism) if isinstance(mechanism, Mechanism) and placed else None
-        if course is None or not isinstance(mechanism, Mechanism):
+        classical = classical_model_of(mechanism) if isinstance(mechanism, Mechanism) and placed else None
+        if classical is None or not isinstance(mechanism, Mechanism):
             return np.empty((0, 4, 4))
-        poses = assembly_modes(mechanism, course, placed[0].joints)
+        poses = assembly_modes(mechanism, classical, placed[0].joints)
         poses[:, :3, 3] += poses[:, :3, :3] @ self.options.tool_m
         return poses
 
-    def links(self, placed: Sequence[Placement]) -> Array:
-        """The link matrices ``(n, 4, 4)`` of a serial arm at the first placement."""
-        if not isinstance(self.arm, SerialArm) or not placed:
-            return np.empty((0, 4, 4))
-        return np.asarray(self.arm.links(placed[0].joints[None], self.values)[0])
-
-    def letters(self) -> SymbolicChain | None:
-        """The chain in letters, where asked for."""
-        if not self.options.symbolic or not isinstance(self.arm, SerialArm):
-            return None
-        return symbolic_chain(self.arm.chain)
-
     def warnings(self, placed: Sequence[Placement], reached: Sequence[Reached]) -> list[str]:
-        """Poses without a solution, rotations that are missed, and joint positions that the robot cannot have."""
+        """Warn of poses without a solution, rotation errors, and joint positions beyond the limits."""
         messages = []
         for each in reached:
             if not each.solutions:
@@ -214,7 +197,7 @@ class _Model:
                 far = self._distance_from_plane(each) or far
                 far = f" of --of {','.join(self.options.of)}" if self.options.of and each.gap_m == 0 else far
                 messages.append(f"{_called(each)} has no solution{far}")
-            if len(each.solutions) and (tilt := max(placed[i].tilt_rad for i in each.solutions)) > _TILTED_RAD:
+            if each.solutions and (tilt := max(placed[i].tilt_rad for i in each.solutions)) > _TILTED_RAD:
                 messages.append(
                     f"{_called(each)} asks for a turn that an arm of {self.robot.chain.size} joints does not have: its "
                     f"place is met, its rotation missed by {DEGREES.text(tilt)}"
@@ -223,9 +206,9 @@ class _Model:
         messages += [f"{each.name}: {each.beyond}" for each in placed if each.beyond and not reached]
         return messages
 
-    def _axis_of_miss(self, wanted: Reached, ways: Sequence[Placement]) -> str:
-        """About which axis of the base the rotation is missed the least, in words."""
-        miss = min((se3.log(wanted.rotation @ way.T_base_tool[:3, :3].T) for way in ways), key=np.linalg.norm)
+    def _axis_of_miss(self, wanted: Reached, placed: Sequence[Placement]) -> str:
+        """Describe the axis in the base of the smallest rotation error."""
+        miss = min((se3.log(wanted.rotation @ each.T_base_tool[:3, :3].T) for each in placed), key=np.linalg.norm)
         axis = miss / max(float(np.linalg.norm(miss)), 1e-300)
         return " about ({:.2f}, {:.2f}, {:.2f}) of the base".format(*(axis + 0.0)).replace("-", "−")
 
@@ -245,5 +228,4 @@ class _Model:
 
 
 def _called(each: Reached) -> str:
-    """Return the name of a pose for messages."""
     return f"pose {each.name}" if each.name else "the pose"

@@ -1,4 +1,4 @@
-"""The transformation matrices of a serial chain in letters: T_i-1,i and products, by sympy.
+"""Derive the transformation matrices of a serial chain in symbols, T_i-1,i and products, by sympy.
 
 Joint positions are q1 ... qn in the order of the joints. Lengths that are not zero have the letters of the
 Denavit-Hartenberg table with the number of their row (d1, a2), and so have angles that are no multiple of 90 degrees
@@ -30,11 +30,11 @@ _STEPS: dict[Convention, tuple[_Column, ...]] = {
 
 @dataclass(frozen=True)
 class SymbolicChain:
-    """A chain in letters.
+    """A chain in symbols.
 
     Attributes:
         joints: the symbols q1 ... qn.
-        letters: what each other symbol stands for, by its name: m or rad.
+        letters: value of each other symbol, by its name: m or rad.
         rows: each link's elementary motions in their order: a column of the table, and how much (a sympy expression).
     """
 
@@ -43,7 +43,7 @@ class SymbolicChain:
     rows: tuple[tuple[_Step, ...], ...]
 
     def between(self, first: int, last: int) -> Any:
-        """The pose of frame ``last`` in frame ``first`` (0 is the base's), a sympy matrix of 4 by 4.
+        """Return the pose of frame ``last`` in frame ``first`` (0 is the base's), a sympy matrix of 4 by 4.
 
         Raises:
             LabError: the chain has no such frames, or not in this order.
@@ -56,7 +56,7 @@ class SymbolicChain:
 
 
 def symbolic_chain(chain: Chain) -> SymbolicChain:
-    """A nominal chain in letters.
+    """Return a nominal chain in symbols.
 
     Raises:
         LabError: sympy is not installed.
@@ -76,7 +76,7 @@ def symbolic_chain(chain: Chain) -> SymbolicChain:
 
 
 def textbook(expression: Any) -> str:
-    """An entry of a matrix as textbooks print it: c1 is cos q1, s23 is sin(q2 + q3), lengths by their letters.
+    """Format an entry of a matrix as textbooks do: c1 is cos q1, s23 is sin(q2 + q3), lengths by their letters.
 
     A sum of few products is written out, as the course does; a longer one keeps what its products have in common.
     """
@@ -85,7 +85,6 @@ def textbook(expression: Any) -> str:
 
 
 def _text(expression: Any) -> str:
-    """An expression as it stands."""
     sympy = _sympy()
     if expression.is_Add:
         terms = sorted((_text(term) for term in expression.args), key=lambda term: (term.startswith("−"), term))
@@ -111,7 +110,7 @@ def _factor(sympy: Any, factor: Any) -> str:
 
 
 def _order(word: str) -> tuple[int, str, str]:
-    """Lengths and slides first, then cosines and sines by their joints, sums last."""
+    """Sort lengths and slides first, then cosines and sines by their joints, sums last."""
     if word.startswith("("):
         return 2, word, ""
     return (1, word[1:], word[0]) if word[0] in "cs" else (0, word, "")
@@ -135,7 +134,7 @@ def _greek(text: str) -> str:
 
 
 def _amount(sympy: Any, letters: dict[str, float], name: str, value: float, *, is_angle: bool) -> Any:
-    """An entry of the table: exact where it is a multiple of 90 degrees or zero, else a letter, which is noted."""
+    """Return an entry of the table: exact for a multiple of 90 degrees or zero, else a letter, which is noted."""
     quarters = round(value / (np.pi / 2)) if is_angle else 0
     if abs(value - quarters * np.pi / 2) <= _EXACT:
         return quarters * sympy.pi / 2
@@ -144,7 +143,7 @@ def _amount(sympy: Any, letters: dict[str, float], name: str, value: float, *, i
 
 
 def _product(steps: Iterator[_Step]) -> Any:
-    """The elementary motions one after the other.
+    """Multiply elementary motions.
 
     The rotation is kept as R Rz(angle) F, with F = I or Rx(pi): turns about one direction add up in the angle, and are
     multiplied out only where the direction changes.
@@ -170,13 +169,13 @@ def _product(steps: Iterator[_Step]) -> Any:
 
 
 def _turned(sympy: Any, angle: Any, flip: int) -> Any:
-    """Rz(angle) F."""
+    """Return Rz(angle) F."""
     c, s = sympy.cos(angle), sympy.sin(angle)
     return sympy.Matrix([[c, -flip * s, 0], [s, flip * c, 0], [0, 0, flip]])
 
 
 def _turn(sympy: Any, name: str, amount: Any) -> Any:
-    """Rx(alpha) or Ry(beta)."""
+    """Return Rx(alpha) or Ry(beta)."""
     c, s = sympy.cos(amount), sympy.sin(amount)
     if name == "alpha":
         return sympy.Matrix([[1, 0, 0], [0, c, -s], [0, s, c]])
@@ -184,10 +183,10 @@ def _turn(sympy: Any, name: str, amount: Any) -> Any:
 
 
 def _sympy() -> Any:
-    """The library, imported when letters are asked for.
+    """Import sympy when symbols are requested.
 
     Raises:
-        LabError: it is not installed.
+        LabError: sympy is not installed.
     """
     try:
         import sympy

@@ -1,15 +1,14 @@
-"""Straight lines and circles of the tool in space, with its orientation, as fast as the joints can.
+"""Plan straight lines and circles of the tool, with its orientation, as fast as the joints can.
 
 A path is p(s), R(s) for s from 0 to 1. The orientation turns about one fixed axis, evenly with s (Khalil & Dombre 2002,
 section 13.4). The joints follow it by Newton's method from pose to pose; s then runs over time by the quickest law of
 its kind that keeps every joint within its limits. With v, a and j the derivatives of s by time, and q1, q2
 and q3 those of a joint by s, its speed is q1 v, its acceleration q2 v^2 + q1 a and its jerk q3 v^3 + 3 q2 v a + q1 j.
 
-How a path runs over time: that trapezoid or double S of its speed which takes the shortest time within all limits.
-
-A shape is on what part of the way its speed changes, and during what share of these changes its jerk lasts. Times
-scale: at T times the duration speeds are T, accelerations T^2 and jerks T^3 times smaller, so that the shortest T of
-each shape is exact.
+That law is the trapezoid or double S of the speed which takes the shortest time within all limits. Its shape has two
+numbers: the part of the way on which the speed changes, and the share of these changes during which the jerk lasts.
+Times scale: at T times the duration speeds are T, accelerations T^2 and jerks T^3 times smaller, so that the shortest T
+of each shape is exact.
 """
 
 from collections.abc import Callable, Sequence
@@ -31,15 +30,15 @@ from lab.kinematics.trajectory.profiles import Trajectory
 
 __all__ = ["CartesianPath", "Feed", "PathMove", "arc", "line", "path_move"]
 
-_SHAPES, _SHARES = 20, 6  # shapes that are tried first
-_AROUND, _ROUNDS = (-0.6, -0.3, 0.0, 0.3, 0.6), 3  # of trying again, nearer to the best
-_PACE_COARSE, _PACE_FINE = 33, 1025  # places in each phase at which the limits are looked at, to choose and to keep
-_PLACES = 2049  # on the path, at which slopes are known to choose
-_TOGETHER = 1 + 1e-12  # of a time, so that rounding passes no limit
+_SHAPES, _SHARES = 20, 6  # of the grid of shapes that are tried first
+_AROUND, _ROUNDS = (-0.6, -0.3, 0.0, 0.3, 0.6), 3  # steps and rounds of the search around the best shape
+_PACE_COARSE, _PACE_FINE = 33, 1025  # places in each phase at which limits are checked, to choose and at the end
+_PLACES = 2049  # on the path, at which slopes are tabulated
+_ROUNDING = 1 + 1e-12  # of a time, so that rounding exceeds no limit
 
 
 def _quickest_pace(chain: JointSpec, joints: BSpline, rates: Sequence[tuple[float, float]]) -> Trajectory:
-    """The place s from 0 to 1 over time, from rest to rest, as a trajectory of one joint.
+    """Return the quickest place s from 0 to 1 over time, from rest to rest, as a trajectory of one joint.
 
     Args:
         chain: the joints, with their speeds and accelerations, and their jerks where these are limited.
@@ -47,36 +46,36 @@ def _quickest_pace(chain: JointSpec, joints: BSpline, rates: Sequence[tuple[floa
         rates: largest ds/dt and d2s/dt2 beside.
     """
     slopes = [joints.derivative(order) for order in (1, 2, 3)]
-    known = [slope(np.linspace(0, 1, _PLACES)) for slope in slopes]
+    tabulated = [slope(np.linspace(0, 1, _PLACES)) for slope in slopes]
 
     def nearest(s: Array) -> list[Array]:
-        return [each[np.rint(s * (_PLACES - 1)).astype(int)] for each in known]
+        return [each[np.rint(s * (_PLACES - 1)).astype(int)] for each in tabulated]
 
     def seconds(shape: tuple[float, float]) -> float:
         return _seconds(_unit(*shape), chain, nearest, rates, _PACE_COARSE)
 
     limited = chain.jerk is not None
-    ways = np.linspace(0, 1, _SHAPES + 1)[1:].tolist()
+    parts = np.linspace(0, 1, _SHAPES + 1)[1:].tolist()
     shares = np.linspace(0, 0.5, _SHARES + 1)[1:].tolist() if limited else [0.0]
-    best = min(product(ways, shares), key=seconds)
+    best = min(product(parts, shares), key=seconds)
     wide = (1 / _SHAPES, 0.5 / _SHARES)
     for _ in range(_ROUNDS):
         near = product(
             (best[0] + wide[0] * i for i in _AROUND), (best[1] + wide[1] * i for i in _AROUND if limited or not i)
         )
         best = min(
-            [(min(max(way, 1e-3), 1.0), min(max(share, 1e-3), 0.5) * limited) for way, share in near], key=seconds
+            [(min(max(part, 1e-3), 1.0), min(max(share, 1e-3), 0.5) * limited) for part, share in near], key=seconds
         )
         wide = (0.3 * wide[0], 0.3 * wide[1])
     unit = _unit(*best)
-    lasting = _TOGETHER * _seconds(unit, chain, lambda s: [slope(s) for slope in slopes], rates, _PACE_FINE)
+    lasting = _ROUNDING * _seconds(unit, chain, lambda s: [slope(s) for slope in slopes], rates, _PACE_FINE)
     jerks = None if unit.jerks is None else unit.jerks / lasting**3
     return Trajectory(unit.durations * lasting, unit.accelerations / lasting**2, unit.start, unit.start_speed, jerks)
 
 
-def _unit(way: float, share: float) -> Trajectory:
-    """The place over a second: its speed changes on a part of the way; jerk lasts a share of a change at each end."""
-    ramp = way / (1 + way)
+def _unit(part: float, share: float) -> Trajectory:
+    """Return the place over a second: speed changes on a part of the way, with jerk at the ends of each change."""
+    ramp = part / (1 + part)
     rounding, speed, still = share * ramp, 1 / (1 - ramp), np.zeros(1)
     pull = speed / (ramp - rounding)
     if not share:
@@ -86,8 +85,8 @@ def _unit(way: float, share: float) -> Trajectory:
     durations = np.array([rounding, even, rounding, max(1 - 2 * ramp, 0.0), rounding, even, rounding])
     accelerations = np.array([0, pull, pull, 0, 0, -pull, -pull])
     jerks = np.array([hard, 0, -hard, 0, -hard, 0, hard])
-    kept = durations > 0
-    return Trajectory(durations[kept], accelerations[kept, None], still, still, jerks[kept, None])
+    lasting = durations > 0
+    return Trajectory(durations[lasting], accelerations[lasting, None], still, still, jerks[lasting, None])
 
 
 def _seconds(
@@ -124,17 +123,17 @@ def _seconds(
 
 _COARSE = 33  # places on a path at which the joints are solved, one after the other
 _NODES = (129, 513, 2049)  # places at which they are then solved all at once: the fewest that suffice
-_BETWEEN_RAD = 5e-6  # or m: by how much nodes may miss the spline through every second one; that through all is nearer
-_FINE = 1025  # times at which peaks are looked for
+_BETWEEN_RAD = 5e-6  # or m: largest distance of nodes from the spline through every second one
+_FINE = 1025  # times at which peaks are sampled
 _JUMP = 0.3  # rad or m: between neighbouring nodes a joint that moves more passes a singularity
-_MISSED_M = 1e-8  # m or rad: a pose missed by more is not reached
-_NEAR_M = 1e-6  # m or rad: a pose that is missed by less lies next to one that is reached
+_MISSED_M = 1e-8  # m or rad: a pose with a larger error is not reached
+_NEAR_M = 1e-6  # m or rad: a pose with a smaller error lies next to one that is reached
 _LEAST_M = 1e-9  # points nearer than this are one
 
 
 @dataclass(frozen=True)
 class CartesianPath:
-    """p(s) = origin + s along + cos(s angle) cosine + sin(s angle) sine, and R(s) = exp(s turn) R(0).
+    """A path p(s) = origin + s along + cos(s angle) cosine + sin(s angle) sine, R(s) = exp(s turn) R(0).
 
     Attributes:
         origin, along, cosine, sine: ``(3,)`` m; of a line the last two are zero, of a circle the second.
@@ -162,19 +161,19 @@ class CartesianPath:
         return float(np.linalg.norm(self.turn))
 
     def place_of(self, point: Array) -> float:
-        """The s at which an arc passes a point ``(3,)`` m on it."""
+        """Return the s at which an arc passes a point ``(3,)`` m on it."""
         across, along = (point - self.origin) @ self.sine, (point - self.origin) @ self.cosine
         return float(np.arctan2(across, along) % (2 * np.pi) / self.angle)
 
     def poses(self, s: Array) -> Array:
-        """The poses ``(k, 4, 4)`` (m) at ``s`` ``(k,)``."""
+        """Return the poses ``(k, 4, 4)`` (m) at ``s`` ``(k,)``."""
         angle = (s * self.angle)[:, None]
         places = self.origin + s[:, None] * self.along + np.cos(angle) * self.cosine + np.sin(angle) * self.sine
         return se3.pose(se3.exp(s[:, None] * self.turn) @ self.rotation, places)
 
 
 def line(T_start: Array, T_end: Array) -> CartesianPath:
-    """The straight line from one pose ``(4, 4)`` (m) to another."""
+    """Return the straight line from one pose ``(4, 4)`` (m) to another."""
     zero = np.zeros(3)
     along = T_end[:3, 3] - T_start[:3, 3]
     turn = se3.log(T_end[:3, :3] @ T_start[:3, :3].T)
@@ -182,7 +181,7 @@ def line(T_start: Array, T_end: Array) -> CartesianPath:
 
 
 def arc(T_start: Array, via: Array, T_end: Array) -> CartesianPath:
-    """The arc of a circle from one pose ``(4, 4)`` (m) through a point ``(3,)`` to another pose.
+    """Return the arc of a circle from one pose ``(4, 4)`` (m) through a point ``(3,)`` to another pose.
 
     Raises:
         LabError: the three points lie on a line, or two are the same.
@@ -219,12 +218,12 @@ class Feed:
 
 @dataclass(frozen=True)
 class PathMove:
-    """The joints on a path of the tool, from rest to rest.
+    """A move of the joints along a path of the tool, from rest to rest.
 
     Attributes:
         arm, values: what moves; parameters ``(p,)`` with one target.
         path: of that target.
-        turned: whether its orientation is kept, or free.
+        turned: whether its orientation is followed, or free.
         nodes: ``(m,)`` values of s at which the joints were solved.
         joints: ``(m, n)`` there, rad or m.
         pace: s over time, as a trajectory of one joint.
@@ -250,29 +249,29 @@ class PathMove:
 
     @cached_property
     def spline(self) -> BSpline:
-        """The joints over s."""
+        """Joint positions over s."""
         return make_interp_spline(self.nodes, self.joints, k=5)
 
     @cached_property
     def peaks(self) -> tuple[Array, Array]:
-        """The largest magnitudes ``(n,)`` of the joints' speeds and accelerations, of those at many times."""
+        """Largest magnitudes ``(n,)`` of the joints' speeds and accelerations, sampled at many times."""
         _, speeds, accelerations = self._followed(np.linspace(0.0, self.seconds, _FINE))
         return np.abs(speeds).max(axis=0), np.abs(accelerations).max(axis=0)
 
     @property
     def peak_jerk(self) -> Array:
-        """The largest magnitudes ``(n,)`` of the joints' jerks, of those at many times; infinite without limits."""
+        """Largest magnitudes ``(n,)`` of the joints' jerks, sampled at many times; infinite without limits."""
         if self.pace.jerks is None:
             return np.full(len(self.end), np.inf)
         return np.asarray(np.abs(self.jerks_at(np.linspace(0.0, self.seconds, _FINE))).max(axis=0))
 
     def along(self, times: Array) -> tuple[Array, Array, Array]:
-        """s, ds/dt and d2s/dt2 ``(k,)`` at times ``(k,)`` since the start; held at both ends."""
+        """Return s, ds/dt and d2s/dt2 ``(k,)`` at times ``(k,)`` since the start; constant beyond both ends."""
         s, speed, change = (each[:, 0] for each in self.pace.at(times))
         return np.clip(s, 0.0, 1.0), speed, change
 
     def at(self, times: Array) -> tuple[Array, Array, Array]:
-        """Joint positions, speeds and accelerations ``(k, n)`` at times ``(k,)`` since the start.
+        """Return joint positions, speeds and accelerations ``(k, n)`` at times ``(k,)`` since the start.
 
         The joint positions are solved for the very poses; speeds and accelerations are those of a spline through the
         nodes.
@@ -281,17 +280,17 @@ class PathMove:
         return self.joints_at(s), speeds, accelerations
 
     def joints_at(self, s: Array) -> Array:
-        """Joint positions ``(k, n)`` at places ``(k,)`` of the path."""
+        """Return joint positions ``(k, n)`` at places ``(k,)`` of the path."""
         return _solved(self.arm, self.values, self.path.poses(s), self.turned, np.asarray(self.spline(s)))[0]
 
     def jerks_at(self, times: Array) -> Array:
-        """Jerks ``(k, n)`` at times ``(k,)`` since the start."""
+        """Return jerks ``(k, n)`` at times ``(k,)`` since the start."""
         s, speed, change = (each[:, None] for each in self.along(times))
         first, second, third = (self.spline(s[:, 0], order) for order in (1, 2, 3))
         return np.asarray(third * speed**3 + 3 * second * speed * change + first * self.pace.jerks_at(times))
 
     def _followed(self, times: Array) -> tuple[Array, Array, Array]:
-        """S ``(k,)``, and speeds and accelerations ``(k, n)``."""
+        """Return s ``(k,)``, and speeds and accelerations ``(k, n)``."""
         s, speed, change = self.along(times)
         by_s, twice = self.spline(s, 1), self.spline(s, 2)
         return s, by_s * speed[:, None], twice * speed[:, None] ** 2 + by_s * change[:, None]
@@ -300,7 +299,7 @@ class PathMove:
 def path_move(
     arm: RigidArm, values: Array, chain: JointSpec, path: CartesianPath, start: Array, feed: Feed
 ) -> PathMove:
-    """The quickest such move along a path, from joint positions ``start`` ``(n,)`` at its first pose.
+    """Plan the quickest move along a path, from joint positions ``start`` ``(n,)`` at its first pose.
 
     An arm of fewer than six joints keeps the orientation where it can, and else the position alone.
 
@@ -341,7 +340,6 @@ class _Stop:
     reached: bool
 
     def description(self, path: CartesianPath) -> str:
-        """Describe the obstacle, its place, and the remedy."""
         at = ", ".join(f"{MM.of(each) + 0.0:.1f}" for each in path.poses(np.array([self.s]))[0, :3, 3])
         where = f"beyond {self.s:.0%} of it, at x, y, z = {at} mm"
         if self.reached:
@@ -358,7 +356,7 @@ class _Stop:
 def _joints_on(
     arm: RigidArm, values: Array, path: CartesianPath, start: Array, *, turned: bool
 ) -> tuple[Array, Array] | _Stop:
-    """Nodes ``(m,)`` and the joints ``(m, n)`` there; else where they stop."""
+    """Return nodes ``(m,)`` and the joints ``(m, n)`` there, or the place where they stop."""
     coarse = np.linspace(0.0, 1.0, _COARSE)
     poses, joints = path.poses(coarse), np.empty((_COARSE, len(start)))
     last, before = start, start
@@ -383,7 +381,7 @@ def _joints_on(
 
 
 def _solved(arm: RigidArm, values: Array, Ts: Array, turned: bool, near: Array) -> tuple[Array, float]:
-    """Joint positions for poses ``(k, 4, 4)`` by Newton's method, and by how much the worst one is missed."""
+    """Return joint positions for poses ``(k, 4, 4)`` by Newton's method, and the largest error."""
     rotations = Ts[:, :3, :3] if turned else np.full((len(Ts), 3, 3), np.nan)
     found = reach(arm, values, PoseTarget(Ts[:, :3, 3], rotations), near, np.empty((len(Ts), 0)))
     return found.joints, float(np.abs(found.errors).max())

@@ -21,7 +21,7 @@ __all__ = ["TrajectoryOptions"]
 
 @dataclass(frozen=True)
 class TrajectoryOptions:
-    """Through which points a robot is to move, and how fast it may."""
+    """Points through which a robot moves, and its limits of speed."""
 
     points: tyro.conf.Positional[Path]
     """CSV, a row a point: joint positions, or x_mm, y_mm, z_mm of the tool; and how it moves there."""
@@ -59,10 +59,10 @@ class TrajectoryOptions:
     controller: Controller | None = None
     """The language of its program; that of the robot's maker, by default, if the robot's name shows it."""
     run: Path | None = None
-    """The folder of a run of lab calibrate or lab identify: how far its robot misses the way, and joint positions that
-    make up for it. Its robot is taken."""
+    """The folder of a run of lab calibrate or lab identify: the path errors of its robot, and joint positions that
+    correct them. Its robot is taken."""
     payload_kg: float | None = None
-    """What is carried all the way; that of --load, if not given."""
+    """Payload mass along the whole path; that of --load, if not given."""
     load: Path | None = None
     """The folder of a run of lab payload: where the payload hangs, and how heavy it is."""
     no_recording: NoRecording = False
@@ -93,7 +93,7 @@ class TrajectoryOptions:
 
     @property
     def tool_m(self) -> Array:
-        """The tool's point ``(3,)`` m in the last frame."""
+        """Tool point ``(3,)`` m in the last frame."""
         return MM.to_si(np.array(self.tool_mm)) if self.tool_mm else np.zeros(3)
 
     def blend(self, chain: JointSpec) -> Array | None:
@@ -111,7 +111,7 @@ class TrajectoryOptions:
         return np.where(chain.prismatic, 1e-3 * (slides or 0.0), np.deg2rad(turns or 0.0))
 
     def rated(self, chain: JointSpec) -> JointSpec:
-        """The joints with the speeds, accelerations and jerks that are given.
+        """Return the joints with the given speeds, accelerations and jerks.
 
         Raises:
             LabError: there are not as many as joints, or one is not above zero.

@@ -1,4 +1,4 @@
-"""A motion as a rerun recording: the robot on the timeline ``time``, the tool's path, and the joints over time."""
+"""Record a motion for rerun: the robot on the timeline ``time``, the tool's path, and the joints over time."""
 
 import hashlib
 from pathlib import Path
@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from lab.commands.result import joint_values
 from lab.core.units import MM
-from lab.extensions.robotics.trajectory.motion import Tracking, bent_links
 from lab.extensions.robotics.trajectory.result import TrajectoryResult
+from lab.extensions.robotics.trajectory.tracking import Tracking, bent_links
 from lab.kinematics.dynamics.gravity import link_loads
 from lab.render.markdown import to_markdown
 from lab.render.recording import (
@@ -70,7 +70,6 @@ def record_trajectory(path: Path, result: TrajectoryResult) -> None:
 
 
 def _draw_errors(recording: rr.RecordingStream, at: Times, found: Tracking) -> None:
-    """Draw the tool's path error over time, in total and by part."""
     for i, (name, error) in enumerate({"in all": found.total, **found.parts}.items()):
         entity = f"errors/{name.replace(' ', '_')}"
         lengths = MM.of(np.linalg.norm(error[:, :3], axis=1))

@@ -1,160 +1,40 @@
-"""A motion of a robot: typed, and as plain values."""
+"""Results of ``lab trajectory``: typed, as plain values, and as a document."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from lab.campaign.robot import Robot
-from lab.commands.calibrate.load_run import CalibrationRun
-from lab.commands.hand_load import carrying
 from lab.commands.result import Result, joint_values, number, tidy
+from lab.commands.run_folder import joint_columns
 from lab.core import se3
 from lab.core.errors import LabError
 from lab.core.se3 import Array
 from lab.core.units import MM
-from lab.extensions.robotics.trajectory.motion import Leg, Motion, Tracking, tracking
+from lab.extensions.robotics.trajectory.motion import Leg, Motion
 from lab.extensions.robotics.trajectory.options import TrajectoryOptions
+from lab.extensions.robotics.trajectory.tracking import TrackedArm, Tracking, tracking_along
 from lab.formats.csv_table import write_columns
 from lab.formats.programs.program_text import postures_of
 from lab.formats.programs.protocol import MoveKind, PathMoves
 from lab.formats.programs.registry import path_file, path_program, refusal
-from lab.kinematics.dynamics.beam import COMPLIANCES
-from lab.kinematics.effects.arm import Arm
-from lab.kinematics.effects.effect import AXES, PAYLOAD, absent, approach_of, last_move_of, rates_of
+from lab.kinematics.effects.effect import AXES
 from lab.kinematics.joints import JointSpec
 from lab.render.charts.chart import axes_picture
 from lab.render.charts.marks import Axes
 from lab.render.document import Document, Figure, Paragraph, Picture, Section, Table, Warnings, fixed, sentence
-from lab.render.phrases.fit import listed
 from lab.render.style import SERIES
 from lab.simulation.collisions import collides, describe_collisions
 
-if TYPE_CHECKING:
-    from lab.render.document import Document
-
-__all__ = [
-    "Sampled",
-    "TrackedArm",
-    "TrajectoryResult",
-    "curve_pictures",
-    "path_moves",
-    "refuse_collisions",
-    "tracked_arm",
-    "tracking_along",
-    "tracking_warnings",
-]
-
-_GROUPS = ("bending", "torsion", "extension")
-_BENT = (".ei_y", ".ei_z", ".gj")
-_FAR_RAD = np.deg2rad(1.0)  # of a correction of a joint: near a singularity
-_LEFT = 1e-8  # m, rad
+__all__ = ["TrajectoryResult", "path_moves", "refuse_collisions"]
 
 
 @dataclass(frozen=True)
-class TrackedArm:
-    """An arm whose errors along a motion are known.
-
-    Attributes:
-        arm: in motion, with its effects.
-        values: its parameters ``(p,)``.
-        nominal: ``(g,)`` of its geometry, as the controller has it.
-        payload_kg: carried all the way.
-        warnings: what a reader should be told.
-    """
-
-    arm: Arm
-    values: Array
-    nominal: Array
-    payload_kg: float
-    warnings: tuple[str, ...]
-
-
-def tracked_arm(options: TrajectoryOptions, robot: Robot, run: CalibrationRun | None) -> TrackedArm | None:
-    """The arm of a run, else the nominal one with the elastic links of its description; None where it is rigid.
-
-    Raises:
-        LabError: a payload is given, but nothing bends under it.
-    """
-    if run is not None:
-        return _of_run(options, run)
-    robot, load = carrying(robot, options.load, accept_edited=options.accept_edited)
-    sections = robot.link_compliances
-    if sections is None:
-        if options.payload_kg is not None or options.load is not None:
-            flag = "--load" if options.payload_kg is None else "--payload-kg"
-            raise LabError(
-                f"{flag}: nothing bends robot {robot.name} here; give --run, or a robot with [[link]] sections"
-            )
-        return None
-    known = {
-        f"link{link + 1}.{symbol}": float(sections[link, i])
-        for link in range(len(sections))
-        for i, symbol in enumerate(COMPLIANCES)
-    }
-    arm = robot.arm_with(("p1",), _GROUPS, moving=True)
-    values = arm.nominal({"p1": options.tool_m})
-    values[len(arm.rigid.names) :] = [known[name] for name in arm.names[len(arm.rigid.names) :]]
-    payload = (0.0 if load is None else load.mass_kg) if options.payload_kg is None else options.payload_kg
-    return TrackedArm(arm, values, values[: len(arm.rigid.names)], payload, ())
-
-
-def _of_run(options: TrajectoryOptions, run: CalibrationRun) -> TrackedArm:
-    arm = run.robot.arm_with(run.estimate.arm.targets, run.estimate.groups, moving=True)
-    hung = 0.0 if run.load is None else run.load.mass_kg
-    payload, messages = hung if options.payload_kg is None else options.payload_kg, list(run.warnings)
-    if payload and PAYLOAD not in arm.conditions:
-        messages.append(f"{payload:.4g} kg make no difference: the model of {run.folder} has nothing that gives way")
-    hidden = [name for name in arm.names if name.endswith(_BENT) and name not in run.estimate.free_names]
-    if hidden:
-        messages.append(
-            f"{', '.join(hidden)} did not show at rest and is zero here, though inertia may load it; links that are "
-            "round tubes of metal are identified whole by --model tubes"
-        )
-    unmoved = [name for name in run.estimate.groups if ".gravity" in name]
-    if unmoved:
-        messages.append(f"{', '.join(listed(unmoved))} gives way to unknown masses, whose inertia is left out")
-    return TrackedArm(arm, run.estimate.values, run.estimate.nominal[: len(arm.rigid.names)], payload, tuple(messages))
-
-
-def tracking_along(tracked: TrackedArm, joints: Array, speeds: Array, accelerations: Array, times: Array) -> Tracking:
-    """Errors and correction at k times of a motion, by its joints ``(k, n)`` and their rates."""
-    names = tracked.arm.rigid.chain.joint_names
-    columns = dict(zip(rates_of(names), np.concatenate([speeds, accelerations], axis=1).T, strict=True))
-    for told in (approach_of, last_move_of):
-        columns |= {told(name): np.sign(column) for name, column in zip(names, speeds.T, strict=True)}
-    columns |= {PAYLOAD: np.full(len(times), tracked.payload_kg)}
-    rest = [columns.get(name, absent(name, len(times))) for name in tracked.arm.conditions]
-    stacked = np.stack(rest, axis=1) if rest else np.empty((len(times), 0))
-    wanted = tracked.arm.rigid.tool(joints, tracked.nominal)
-    return tracking(tracked.arm, tracked.values, wanted, joints, stacked, 0)
-
-
-def tracking_warnings(tracked: TrackedArm, found: Tracking, joints: Array) -> Sequence[str]:
-    """Return warnings about corrections that are unreliable or infeasible."""
-    chain, corrected = tracked.arm.rigid.chain, found.corrected
-    messages, times = list(tracked.warnings), len(joints)
-    left = np.abs(corrected.left[:, corrected.made]).max(axis=1) > _LEFT
-    if left.any():
-        messages.append(
-            f"at {int(left.sum())} of {times} times the correction does not settle: the arm is singular there"
-        )
-    far = (np.abs(corrected.joints - joints)[:, ~np.array(chain.prismatic)] > _FAR_RAD).any(axis=1) & ~left
-    if far.any():
-        messages.append(
-            f"at {int(far.sum())} of {times} times a joint is corrected by more than 1°: near a singularity"
-        )
-    beyond = chain.beyond_limits(corrected.joints, 1e-9).any(axis=1)
-    if beyond.any():
-        messages.append(f"at {int(beyond.sum())} of {times} times corrected joint positions are beyond their limits")
-    return messages
-
-
-@dataclass(frozen=True)
-class Sampled:
+class _Sampled:
     """A motion at some times.
 
     Attributes:
@@ -174,7 +54,7 @@ class Sampled:
 
 @dataclass(frozen=True, repr=False, eq=False)
 class TrajectoryResult(Result):
-    """A robot's motion through given points.
+    """A motion of a robot through given points.
 
     Attributes:
         options: of the command.
@@ -202,7 +82,7 @@ class TrajectoryResult(Result):
 
     @property
     def checked(self) -> bool:
-        """The motion is checked for collisions."""
+        """True if the motion is checked for collisions."""
         return not self.unchecked_reason
 
     @property
@@ -220,14 +100,14 @@ class TrajectoryResult(Result):
         return Motion([leg.move for leg in self.legs])
 
     @cached_property
-    def sampled(self) -> Sampled:
+    def sampled(self) -> _Sampled:
         """The motion at the times of ``trajectory.csv``."""
         times = self.motion.times(self.options.step_ms / 1e3)
         joints, speeds, accelerations = self.motion.at(times)
         arm = self.robot.arm(("p1",))
         Ts = arm.tool(joints, arm.nominal({"p1": self.options.tool_m}))[0]
         jerks = None if self.chain.jerk is None else self.motion.jerks_at(times)
-        return Sampled(times, joints, speeds, accelerations, Ts, jerks)
+        return _Sampled(times, joints, speeds, accelerations, Ts, jerks)
 
     @cached_property
     def tracking(self) -> Tracking | None:
@@ -271,7 +151,6 @@ class TrajectoryResult(Result):
         }
 
     def _tracking_values(self) -> dict[str, Any] | None:
-        """Return the errors and corrections, in mm and degrees."""
         if self.tracked is None or self.tracking is None:
             return None
         corrected, joints = self.tracking.corrected, self.sampled.joints
@@ -285,7 +164,7 @@ class TrajectoryResult(Result):
         }
 
     def write_files(self, folder: Path) -> None:
-        """Write ``trajectory.csv``, and where they are known ``corrected.csv`` and the controller's program."""
+        """Write ``trajectory.csv``, and where available ``corrected.csv`` and the controller's program."""
         write_columns(folder / "trajectory.csv", self.columns())
         if self.tracking is not None:
             write_columns(folder / "corrected.csv", self.corrected_columns())
@@ -293,57 +172,52 @@ class TrajectoryResult(Result):
         if (name := path_file(chain, controller)) is not None:
             (folder / name).write_bytes(path_program(chain, controller, path_moves(self)))
 
-    def columns(self) -> Mapping[str, Sequence[Any]]:
-        """A row for each time: joint positions, speeds and accelerations, mm and degrees, and where the tool is.
+    def columns(self) -> Mapping[str, Array]:
+        """Return a row for each time: joint positions, speeds and accelerations, mm and degrees, and the tool's pose.
 
         Where jerks are limited these are there, too. The tool's orientation in the base is a quaternion.
         """
         chain, sampled = self.robot.chain, self.sampled
-        table: dict[str, Sequence[Any]] = {"time_s": sampled.times.tolist()}
-        names = [
-            (name, "mm" if slides else "deg") for name, slides in zip(chain.joint_names, chain.prismatic, strict=True)
-        ]
-        parts = ((sampled.joints, "{0}_{1}"), (sampled.speeds, "speed_{0}_{1}_per_s"),
-                 (sampled.accelerations, "acceleration_{0}_{1}_per_s2"),
-                 *([] if sampled.jerks is None else [(sampled.jerks, "jerk_{0}_{1}_per_s3")]))  # fmt: skip
-        for values, heading in parts:
-            for (name, unit), column in zip(names, joint_values(chain.prismatic, values).T, strict=True):
-                table[heading.format(name, unit)] = column.tolist()
-        for i, axis in enumerate("xyz"):
-            table[f"tool_{axis}_mm"] = MM.of(sampled.Ts_base_tool[:, i, 3]).tolist()
+        table: dict[str, Array] = {"time_s": sampled.times}
+        parts = {
+            "{}": sampled.joints,
+            "speed_{}_per_s": sampled.speeds,
+            "acceleration_{}_per_s2": sampled.accelerations,
+        }
+        if sampled.jerks is not None:
+            parts["jerk_{}_per_s3"] = sampled.jerks
+        for heading, values in parts.items():
+            table |= {heading.format(name): column for name, column in joint_columns(chain, values).items()}
+        table |= {f"tool_{axis}_mm": MM.of(sampled.Ts_base_tool[:, i, 3]) for i, axis in enumerate("xyz")}
         quaternions = _steady(se3.quaternion_from_rotation(sampled.Ts_base_tool[:, :3, :3]))
-        for part, column in zip("wxyz", quaternions.T, strict=True):
-            table[f"tool_q{part}"] = column.tolist()
-        return table
+        return table | {f"tool_q{part}": column for part, column in zip("wxyz", quaternions.T, strict=True)}
 
-    def corrected_columns(self) -> Mapping[str, Sequence[Any]]:
-        """A row for each time: the joint positions to command instead, and what is missed without, in all and by part.
+    def corrected_columns(self) -> Mapping[str, Array]:
+        """Return a row for each time: corrected joint positions, and the error without correction, in all and by part.
 
         Raises:
-            LabError: nothing is known of what it misses.
+            LabError: the motion is a nominal robot's, without errors.
         """
         if (found := self.tracking) is None:
             raise LabError("this motion is a nominal robot's, which misses nothing; give a run")
-        chain, table = self.robot.chain, {"time_s": self.sampled.times.tolist()}
-        shown = joint_values(chain.prismatic, found.corrected.joints).T
-        for name, slides, column in zip(chain.joint_names, chain.prismatic, shown, strict=True):
-            table[f"{name}_{'mm' if slides else 'deg'}"] = column.tolist()
-        for i, axis in enumerate("xyz"):
-            table[f"error_{axis}_mm"] = MM.of(found.total[:, i]).tolist()
-        for name, part in found.parts.items():
-            table[f"{name.replace(' ', '')}_mm"] = MM.of(np.linalg.norm(part[:, :3], axis=1)).tolist()
-        return table
+        table = {"time_s": self.sampled.times} | joint_columns(self.robot.chain, found.corrected.joints)
+        table |= {f"error_{axis}_mm": MM.of(found.total[:, i]) for i, axis in enumerate("xyz")}
+        return table | {f"{name.replace(' ', '')}_mm": _lengths_mm(part) for name, part in found.parts.items()}
 
 
 def _steady(quaternions: Array) -> Array:
-    """Quaternions ``(k, 4)`` of the same rotations, without a change of sign from one to the next."""
+    """Return quaternions ``(k, 4)`` of the same rotations, without a change of sign from one to the next."""
     turned = np.where((quaternions[1:] * quaternions[:-1]).sum(axis=1) < 0, -1.0, 1.0)
     return np.asarray(quaternions * np.cumprod(np.append(1.0, turned))[:, None])
 
 
+def _lengths_mm(error: Array) -> Array:
+    """Return the lengths ``(k,)`` of position errors ``(k, 6)``."""
+    return MM.of(np.linalg.norm(error[:, :3], axis=1))
+
+
 def _mean_and_max(error: Array) -> dict[str, float | None]:
-    """Return mean and maximum lengths of position errors ``(k, 6)``, mm."""
-    lengths = MM.of(np.linalg.norm(error[:, :3], axis=1))
+    lengths = _lengths_mm(error)
     return {"mean": number(float(lengths.mean())), "max": number(float(lengths.max()))}
 
 
@@ -352,31 +226,7 @@ def _joint_list(chain: JointSpec, values: Array) -> list[float | None]:
 
 
 _STILL = 1e-9  # rad/s or m/s
-_MOST_LEGS = 40  # rows of the table of moves
-
-
-def _main_picture(result: TrajectoryResult) -> Picture:
-    """Return the joint positions over time."""
-    return curve_pictures(result)[0]
-
-
-def _trajectory_document(result: TrajectoryResult) -> Document:
-    """The moves, the joints' peaks beside their limits, and how the joints move over time."""
-    seconds = result.motion.seconds
-    points = sum(len(leg.points) - 1 for leg in result.legs) + 1
-    return Document(
-        f"{result.robot.name}: {fixed(seconds, 5)} s through {points} points",
-        (
-            Warnings(result.warnings),
-            Section("Moves", (_legs(result),)),
-            Section("Joints", (_joints(result), Paragraph(_laws(result), "note"))),
-            *_errors(result),
-            Section("Over time", (_figure(result),)),
-            Section("Files", (_files(result),)),
-        ),
-    )
-
-
+_MAX_LEGS = 40  # rows of the table of moves
 _LAWS = {
     "common": "In moves of the joints all have their phases in common: from rest to rest they move in a straight line.",
     "own": "In moves of the joints all start and stop together, each with phases of its own.",
@@ -384,10 +234,25 @@ _LAWS = {
 }
 
 
-def _laws(result: TrajectoryResult) -> str:
-    """Describe the joints' synchronisation, and whether their jerk is limited."""
+def _main_picture(result: TrajectoryResult) -> Picture:
+    return _curve_pictures(result)[0]
+
+
+def _trajectory_document(result: TrajectoryResult) -> Document:
+    seconds = result.motion.seconds
+    points = sum(len(leg.points) - 1 for leg in result.legs) + 1
     smooth = "Jerk is limited" if result.chain.jerk is not None else "Jerk is not limited (--jerks)"
-    return f"{_LAWS[result.options.law]} {smooth}."
+    return Document(
+        f"{result.robot.name}: {fixed(seconds, 5)} s through {points} points",
+        (
+            Warnings(result.warnings),
+            Section("Moves", (_legs(result),)),
+            Section("Joints", (_joints(result), Paragraph(f"{_LAWS[result.options.law]} {smooth}.", "note"))),
+            *_errors(result),
+            Section("Over time", (_figure(result),)),
+            Section("Files", (_files(result),)),
+        ),
+    )
 
 
 def _files(result: TrajectoryResult) -> Paragraph:
@@ -402,18 +267,12 @@ def _files(result: TrajectoryResult) -> Paragraph:
     if name is None:
         return Paragraph(f"{checked} {sentence(refusal(chain, controller) or '')}")
     text = f"{checked} {name} has the moves for the controller, which stops at each point and finds the way between."
-    passed = result.options.blend(result.chain) is not None or any(_passed(result))
+    ends = [leg.move.at(np.array([leg.move.seconds]))[1] for leg in result.legs[:-1] if leg.kind == "joint"]
+    passed = result.options.blend(result.chain) is not None or any(np.abs(speeds).max() > _STILL for speeds in ends)
     return Paragraph(f"{text} Points that are passed without a stop here are stopped at there." if passed else text)
 
 
-def _passed(result: TrajectoryResult) -> Sequence[bool]:
-    """Decide whether the joints move at the end of each leg but the last."""
-    ends = [leg.move.at(np.array([leg.move.seconds]))[1] for leg in result.legs[:-1] if leg.kind == "joint"]
-    return [bool(np.abs(speeds).max() > _STILL) for speeds in ends]
-
-
 def _errors(result: TrajectoryResult) -> tuple[Section, ...]:
-    """Report the arm's path errors by part, and their correction."""
     if result.tracked is None or result.tracking is None:
         return ()
     found, values = result.tracking, result.to_dict()["tracking"]
@@ -444,16 +303,22 @@ def _error_picture(result: TrajectoryResult, found: Tracking) -> Picture:
 
     def draw(axes: Axes) -> None:
         for i, (name, error) in enumerate(curves.items()):
-            lengths = MM.of(np.linalg.norm(error[:, :3], axis=1))
-            axes.plot(result.sampled.times, lengths, "-", color=SERIES[i % len(SERIES)][0], linewidth=1.3, label=name)
+            axes.plot(
+                result.sampled.times,
+                _lengths_mm(error),
+                "-",
+                color=SERIES[i % len(SERIES)][0],
+                linewidth=1.3,
+                label=name,
+            )
         axes.set(xlabel="time, s", ylabel="mm", title="errors of the tool")
         axes.legend(loc="best", fontsize=7)
 
     return axes_picture("errors", "Errors of the tool over time", (7.5, 2.4), draw, (0.8, 0.5, 0.2, 0.3))
 
 
-def curve_pictures(result: TrajectoryResult) -> tuple[Picture, ...]:
-    """Joint positions over time, slides in mm and others in degrees; then what they use of each limit, in per cent."""
+def _curve_pictures(result: TrajectoryResult) -> tuple[Picture, ...]:
+    """Draw joint positions over time; then rates as percentages of their limits."""
     sampled, chain = result.sampled, result.chain
     units = {"mm" if slides else "°" for slides in chain.prismatic}
     positions = joint_values(chain.prismatic, sampled.joints)
@@ -493,11 +358,10 @@ def _legs(result: TrajectoryResult) -> Table:
         along += f", turns {fixed(np.rad2deg(leg.turn_rad), 2)}°" if leg.turn_rad > 1e-9 else ""
         rows.append((" → ".join(leg.points), leg.kind, fixed(start, 5), fixed(leg.move.seconds, 5), along))
     columns = ("points", "move", "starts at, s", "takes, s", "path of the tool")
-    return Table(columns, tuple(rows), most_rows=_MOST_LEGS)
+    return Table(columns, tuple(rows), most_rows=_MAX_LEGS)
 
 
 def _joints(result: TrajectoryResult) -> Table:
-    """List each joint's range, and its peaks beside its limits."""
     chain, sampled = result.chain, result.sampled
     low, high = (joint_values(chain.prismatic, each(sampled.joints, axis=0)) for each in (np.min, np.max))
     speeds, accelerations = result.motion.peaks
@@ -514,7 +378,7 @@ def _joints(result: TrajectoryResult) -> Table:
 
 
 def _peaks(result: TrajectoryResult, peaks: Array, limits: Array) -> list[str]:
-    """The largest rate of each joint, beside its limit."""
+    """Format the largest rate of each joint, beside its limit."""
     shown = (joint_values(result.chain.prismatic, each) for each in (peaks, limits))
     return [
         f"{fixed(peak, 2)} of {fixed(most, 1)}" if most < np.inf else "not limited"
@@ -525,28 +389,28 @@ def _peaks(result: TrajectoryResult, peaks: Array, limits: Array) -> list[str]:
 def _figure(result: TrajectoryResult) -> Figure:
     rates = "speeds and accelerations" if result.chain.jerk is None else "speeds, accelerations and jerks"
     caption = f"Joint positions; {rates} as shares of each joint's limit (dashed). Grey lines part the moves."
-    return Figure("curves", curve_pictures(result), caption)
+    return Figure("curves", _curve_pictures(result), caption)
 
 
-_STEP_M = 0.01  # by how much no point of the arm moves more between two looks
+_STEP_M = 0.01  # largest motion of a point of the arm between two checks
 
 
 def refuse_collisions(result: TrajectoryResult) -> None:
-    """Look along the whole motion for what the arm touches, unless nothing is to be checked or its shapes are unknown.
+    """Check the whole motion for collisions, where its shapes are known and checks are on.
 
     Raises:
-        LabError: it touches something; the message says what, when and on which move.
+        LabError: the arm collides; the message gives what it touches, the time and the move.
     """
     if not result.checked:
         return
     model, joints = result.robot.model, result.sampled.joints
     travel = np.append(0.0, np.cumsum(np.abs(np.diff(joints, axis=0)) @ model.travel_per_joint()))
-    looks = np.unique(np.append(np.linspace(0, travel[-1], 1 + int(np.ceil(travel[-1] / _STEP_M))), travel))
-    configurations = np.stack([np.interp(looks, travel, column) for column in joints.T], axis=1)
+    checks = np.unique(np.append(np.linspace(0, travel[-1], 1 + int(np.ceil(travel[-1] / _STEP_M))), travel))
+    configurations = np.stack([np.interp(checks, travel, column) for column in joints.T], axis=1)
     touched = np.flatnonzero(collides(model, configurations))
     if not touched.size:
         return
-    seconds = float(np.interp(looks[touched[0]], travel, result.sampled.times))
+    seconds = float(np.interp(checks[touched[0]], travel, result.sampled.times))
     leg = result.legs[min(int(np.searchsorted(result.motion.starts, seconds, side="right")) - 1, len(result.legs) - 1)]
     kind = {"joint": "move", "line": "line", "circle": "circle"}[leg.kind]
     message = describe_collisions(model, configurations[touched[:1]])[0] or "something is touched"
@@ -557,15 +421,16 @@ def refuse_collisions(result: TrajectoryResult) -> None:
 
 
 def path_moves(result: TrajectoryResult) -> PathMoves:
-    """The stops of all moves of a motion, and of circles the points that they pass.
+    """Return the waypoints of all moves of a motion, and of circles the points that they pass.
 
     With a run these are the joint positions at which the calibrated arm, at rest, is where the nominal one would be.
     """
-    first = result.legs[0]
+    first, rated = result.legs[0], result.robot.chain.speed
+    rated = np.where(np.isfinite(rated), rated, result.chain.speed)  # by the robot's table, where it has one
     ids, kinds = [first.points[0]], list[MoveKind](["joint"])
     waypoints, seconds, shares, speeds = [first.waypoints[0]], [np.nan], [0.0], [np.nan]
     for leg in result.legs:
-        share = float((leg.move.peaks[0] / _rated(result)).max())
+        share = float((leg.move.peaks[0] / rated).max())
         count = len(leg.points) - 1
         reached: list[MoveKind] = ["via", "circle"] if leg.kind == "circle" else [leg.kind] * count
         for name, kind, stop in zip(leg.points[1:], reached, leg.waypoints[1:], strict=True):
@@ -575,25 +440,13 @@ def path_moves(result: TrajectoryResult) -> PathMoves:
             seconds.append(np.nan if kind == "via" else leg.move.seconds / (1 if kind == "circle" else count))
             shares.append(share)
             speeds.append(leg.speed_m_s)
-    return _moves(result, ids, kinds, np.array(waypoints), np.array([seconds, shares, speeds]))
-
-
-def _rated(result: TrajectoryResult) -> Array:
-    """The largest speeds ``(n,)`` of the robot's table; of joints without one those that are kept here."""
-    known = result.robot.chain.speed
-    return np.where(np.isfinite(known), known, result.chain.speed)
-
-
-def _moves(
-    result: TrajectoryResult, ids: list[str], kinds: list[MoveKind], waypoints: Array, rates: Array
-) -> PathMoves:
-    tracked, options = result.tracked, result.options
+    tracked, corrected = result.tracked, np.array(waypoints)
     if tracked is None:
-        arm, corrected = result.robot.arm(("p1",)), waypoints
-        values = arm.nominal({"p1": options.tool_m})
+        arm = result.robot.arm(("p1",))
+        values = arm.nominal({"p1": result.options.tool_m})
     else:
-        arm, values, still = tracked.arm.rigid, tracked.nominal, np.zeros_like(waypoints)
-        corrected = tracking_along(tracked, waypoints, still, still, np.arange(float(len(waypoints)))).corrected.joints
+        arm, values, still = tracked.arm.rigid, tracked.nominal, np.zeros_like(corrected)
+        corrected = tracking_along(tracked, corrected, still, still, np.arange(float(len(ids)))).corrected.joints
     T_last_tool = se3.pose(np.eye(3), values[-3 * len(arm.targets) :][:3])
     return PathMoves(
         robot=result.robot.name,
@@ -601,9 +454,9 @@ def _moves(
         kinds=kinds,
         waypoints=corrected,
         Ts_base_tool=arm.tool(corrected, values)[0],
-        seconds=rates[0],
-        shares=rates[1],
-        speeds_m_s=rates[2],
+        seconds=np.array(seconds),
+        shares=np.array(shares),
+        speeds_m_s=np.array(speeds),
         T_last_tool=T_last_tool,
         T_frame0_base=se3.inverse(arm.T_tracker_frame0(values)),
         checked=result.checked,

@@ -1,4 +1,4 @@
-"""A motion of a robot through points, within the limits of its joints."""
+"""Run ``lab trajectory``: a motion of a robot through points, within the limits of its joints."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -9,15 +9,10 @@ from lab.commands.calibrate.load_run import CalibrationRun, RunLike, calibrated_
 from lab.commands.command_line import options_of, takes
 from lab.core.errors import LabError
 from lab.core.limits import MOMENTS
-from lab.extensions.robotics.trajectory.motion import planned
+from lab.extensions.robotics.trajectory.motion import planned, read_path
 from lab.extensions.robotics.trajectory.options import TrajectoryOptions
-from lab.extensions.robotics.trajectory.path_csv import read_path
-from lab.extensions.robotics.trajectory.result import (
-    TrajectoryResult,
-    refuse_collisions,
-    tracked_arm,
-    tracking_warnings,
-)
+from lab.extensions.robotics.trajectory.result import TrajectoryResult, refuse_collisions
+from lab.extensions.robotics.trajectory.tracking import tracked_arm, tracking_warnings
 from lab.pose_selection.tour import rated
 
 __all__ = ["trajectory"]
@@ -29,15 +24,15 @@ def trajectory(points: str | Path | TrajectoryOptions, run: RunLike = None, **op
 
     Args:
         points: a CSV file with a row for each point; or all options in one object.
-        run: what calibrated the robot: a result of ``calibrate`` or ``identify``, or the folder of a run; then what it
-            misses along the way is worked out, and joint positions that make up for that.
+        run: a result of ``calibrate`` or ``identify``, or the folder of a run: then its robot's path errors are
+            computed, and joint positions that correct them.
         options: those of ``lab trajectory``, by name: ``robot``, ``law``, ``speeds`` and so on.
 
     Returns:
         The motion: joint positions, speeds and accelerations at any time.
 
     Raises:
-        LabError: a point cannot be reached or passed like that; the message names it.
+        LabError: a point cannot be reached or passed; the message names it.
 
     Example:
         >>> import lab, pathlib, tempfile
@@ -49,13 +44,13 @@ def trajectory(points: str | Path | TrajectoryOptions, run: RunLike = None, **op
     if not isinstance(points, TrajectoryOptions):
         points = options_of("lab.trajectory", TrajectoryOptions, {"points": str(points), **folder_of(run), **options})
     points.check()
-    known = _calibrated(points, run)
-    robot = known.robot if known is not None else _robot(points)
+    calibrated = _calibrated(points, run)
+    robot = _robot(points) if calibrated is None else calibrated.robot
     chain, notes = rated(points.rated(robot.chain))
     rows = read_path(points.points, chain.joint_names, chain.prismatic, points.orientation)
     arm = robot.arm(("p1",))
     legs = planned(points, arm, arm.nominal({"p1": points.tool_m}), chain, rows)
-    tracked = tracked_arm(points, robot, known)
+    tracked = tracked_arm(points, robot, calibrated)
     found = TrajectoryResult(points, robot, chain, tuple(legs), (*robot.warnings, *notes, *rows.warnings), tracked)
     MOMENTS(points.points, int(min(found.motion.seconds / (points.step_ms / 1e3), 1e18)))
     refuse_collisions(found)
@@ -66,7 +61,7 @@ def trajectory(points: str | Path | TrajectoryOptions, run: RunLike = None, **op
 
 
 def _calibrated(options: TrajectoryOptions, run: RunLike) -> CalibrationRun | None:
-    """The run that is asked for; None without one."""
+    """Load the requested run; None without one."""
     if options.run is None:
         return None
     found = calibrated_by(run, options.run, options.load, options.cell, accept_edited=options.accept_edited)
@@ -78,6 +73,6 @@ def _calibrated(options: TrajectoryOptions, run: RunLike) -> CalibrationRun | No
 
 
 def _robot(options: TrajectoryOptions) -> Robot:
-    """The nominal robot; elastic links without masses take the assumed ones."""
+    """Load the nominal robot; elastic links without masses get the assumed ones."""
     robot = load_robot(options.robot, options.cell)
     return load_virtual(robot) if robot.link_compliances is not None and robot.loads is None else robot

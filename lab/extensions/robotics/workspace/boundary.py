@@ -1,16 +1,15 @@
-"""The boundary of what is reached, by dual contours of a grid: a vertex in each cell that it passes, joined by faces.
+"""Compute the boundary of a workspace from a grid, and the volume of a solid of revolution by sections.
 
-Where two neighbouring nodes of the grid differ, the place between them where it changes is narrowed down by bisection.
-A cell's vertex is the mean of such places on its edges, and around every such edge the cells' vertices make a face: a
-segment of two in a plane, a quadrilateral of four in space (surface nets, Gibson 1998).
+Boundary: dual contours of a grid, with a vertex in each cell that the boundary passes (surface nets, Gibson 1998).
+Where two neighbouring nodes of the grid differ, the crossing between them is narrowed down by bisection. A cell's
+vertex is the mean of the crossings on its edges, and around every such edge the cells' vertices make a face: a segment
+of two in a plane, a quadrilateral of four in space.
 
-The volume of what an arm reaches whose first turn is a whole one about z, by exact sections.
-
-Whether a place is reached within the joints' limits is what the arm's closed form says, or a search. The space is a
-solid of revolution, so that a section across z is made of rings. A radius is sampled at each level, and every change
-between neighbouring samples is narrowed down by bisection; so are the levels between which there are sections. There
-they are integrated by Gauss' rule in panels, since a void bends their area. Three slides make a parallelepiped, whose
-volume is the determinant times the strokes.
+Volume: an arm whose first turn is a whole one about z reaches a solid of revolution, so that a section across z is made
+of rings. A radius is sampled at each level, and every change between neighbouring samples is narrowed down by
+bisection; so are the levels at which sections begin and end. Between them the sections are integrated by Gauss' rule of
+two points in panels, since a void bends their area. Three slides make a parallelepiped, whose volume is the determinant
+times the strokes.
 """
 
 from collections.abc import Callable
@@ -31,10 +30,10 @@ __all__ = ["boundary", "carrier_volume", "solid_volume"]
 def boundary(
     inside: Callable[[Array], NDArray[np.bool_]], axes: tuple[Array, ...], halvings: int
 ) -> tuple[NDArray[np.bool_], Array, NDArray[np.int_]]:
-    """The nodes that are inside, and the boundary between them and the others.
+    """Return which nodes of a grid are inside, and the boundary between them and the others.
 
     Args:
-        inside: whether coordinates ``(n, d)`` are inside, d = 2 or 3.
+        inside: decides whether coordinates ``(n, d)`` are inside, d = 2 or 3.
         axes: the grid's coordinates along each of the d axes, in rising order. No node of its rim should be inside,
             as the boundary is open there.
         halvings: how often each crossing is narrowed down.
@@ -70,10 +69,10 @@ def _at(axes: tuple[Array, ...], rows: NDArray[np.int_]) -> Array:
 def _narrowed(
     inside: Callable[[Array], NDArray[np.bool_]], low: Array, high: Array, begins: NDArray[np.bool_], halvings: int
 ) -> Array:
-    """Between places ``(n, d)``, of which one is inside, where that changes."""
+    """Narrow down the crossings between places ``(n, d)`` or ``(n,)``, of which one is inside."""
     for _ in range(halvings):
         middle = (low + high) / 2
-        same = (inside(middle) == begins)[:, None]
+        same = (inside(middle) == begins).reshape(-1, *(1,) * (low.ndim - 1))
         low, high = np.where(same, middle, low), np.where(same, high, middle)
     return np.asarray((low + high) / 2)
 
@@ -81,7 +80,7 @@ def _narrowed(
 def _faces(
     shape: tuple[int, ...], first: NDArray[np.int_], axis_of: NDArray[np.int_], begins: NDArray[np.bool_], places: Array
 ) -> tuple[Array, NDArray[np.int_]]:
-    """Vertices and faces of crossings ``(n, d)`` on edges that begin at nodes ``first`` and go along an axis."""
+    """Return vertices and faces for crossings ``(n, d)`` on edges from nodes ``first`` along an axis."""
     size = len(shape)
     cells = np.array(shape) - 1
     corners = [(0,), (-1,)] if size == 2 else [(0, 0), (-1, 0), (-1, -1), (0, -1)]
@@ -111,15 +110,14 @@ def _faces(
 
 _SAMPLES, _LEVELS, _PANELS, _HALVINGS = 24, 16, 20, 14
 
-Reached = Callable[[Array, Array], NDArray[np.bool_]]
-"""Whether places at radii ``(n,)`` from z and at levels ``(n,)`` along it are reached, m."""
+_Reached = Callable[[Array, Array], NDArray[np.bool_]]  # of radii from z and levels along it ``(n,)`` m
 
 
 def carrier_volume(chain: Chain, point: Array, half_m: float) -> float:
-    """The volume (m³) that a point ``(3,)`` m of the last frame of three joints reaches.
+    """Compute the volume (m³) that a point ``(3,)`` m of the last frame of three joints reaches.
 
     Args:
-        half_m: no place farther than this from frame 0's origin is looked at.
+        half_m: largest distance of a place from frame 0's origin.
 
     Raises:
         LabError: the arm has no closed form, or joint 1 (after a slide along z, joint 2) makes no whole turn about z.
@@ -134,26 +132,20 @@ def carrier_volume(chain: Chain, point: Array, half_m: float) -> float:
 
     def reached(radius: Array, level: Array) -> NDArray[np.bool_]:
         places = np.stack([radius, np.zeros_like(radius), level], axis=1)
-        return by_closed_form(form, chain, pose(np.tile(np.eye(3), (len(places), 1, 1)), places - form.point))[0]
+        Ts = pose(np.tile(np.eye(3), (len(places), 1, 1)), places - form.point)
+        return np.asarray(by_closed_form(form, chain, Ts)[1].any(axis=1))
 
     return solid_volume(reached, (-half_m, half_m), half_m)
 
 
-def solid_volume(reached: Reached, levels_m: tuple[float, float], radius_m: float) -> float:
-    """The volume (m³) of a solid of revolution about z.
-
-    By Gauss' rule of two points in panels, between the levels at which sections begin and end.
-
-    Args:
-        levels_m: from where to where it is looked at along z.
-        radius_m: to which distance from z.
-    """
+def solid_volume(reached: _Reached, levels_m: tuple[float, float], radius_m: float) -> float:
+    """Compute the volume (m³) of a solid of revolution about z, between two levels and up to a distance from z."""
     solid = _Solid(reached, radius_m)
     first, last = levels_m
     levels = np.linspace(first, last, _LEVELS + 1) + 0.37 * (last - first) / 2 / _LEVELS
     there = solid.meets(levels)
     changes = np.flatnonzero(there[:-1] != there[1:])
-    ends = solid.narrowed(levels[changes], levels[changes + 1], there[changes])
+    ends = _narrowed(solid.meets, levels[changes], levels[changes + 1], there[changes], _HALVINGS)
     total = 0.0
     for low, high in zip(ends[::2], ends[1::2], strict=True):
         half = (high - low) / (2 * _PANELS)
@@ -167,29 +159,21 @@ def solid_volume(reached: Reached, levels_m: tuple[float, float], radius_m: floa
 class _Solid:
     """The reached part of a half plane through z."""
 
-    reached: Reached
+    reached: _Reached
     radius_m: float
-
-    def narrowed(self, low: Array, high: Array, first: NDArray[np.bool_]) -> Array:
-        """The levels ``(k,)`` between two others at which sections begin or end."""
-        for _ in range(_HALVINGS):
-            middle = (low + high) / 2
-            same = self.meets(middle) == first
-            low, high = np.where(same, middle, low), np.where(same, high, middle)
-        return np.asarray((low + high) / 2)
 
     @property
     def radii(self) -> Array:
-        """At which it is looked ``(k,)``."""
+        """Radii ``(k,)`` that are sampled."""
         return np.asarray(self.radius_m * (np.arange(_SAMPLES + 1) + 1e-3) / _SAMPLES)
 
     def inside(self, levels: Array) -> NDArray[np.bool_]:
-        """``(n, k)`` which radii are reached at levels ``(n,)``."""
+        """Mark the radii ``(n, k)`` that are reached at levels ``(n,)``."""
         grid = np.broadcast_to(self.radii, (len(levels), _SAMPLES + 1))
         return self.reached(grid.ravel(), np.repeat(levels, _SAMPLES + 1)).reshape(grid.shape)
 
     def meets(self, levels: Array) -> NDArray[np.bool_]:
-        """``(n,)`` whether there are rings at levels."""
+        """Mark the levels ``(n,)`` with rings."""
         return np.asarray(self.inside(levels).any(axis=1))
 
     def areas(self, levels: Array) -> Array:
@@ -197,9 +181,7 @@ class _Solid:
         radii, inside = self.radii, self.inside(levels)
         rows, columns = np.nonzero(inside[:, :-1] != inside[:, 1:])
         low, high, first = radii[columns], radii[columns + 1], inside[rows, columns]
-        for _ in range(_HALVINGS if len(rows) else 0):
-            middle = (low + high) / 2
-            same = self.reached(middle, levels[rows]) == first
-            low, high = np.where(same, middle, low), np.where(same, high, middle)
-        edges = np.where(first, 1.0, -1.0) * ((low + high) / 2) ** 2  # a ring ends, or begins
+        if len(rows):
+            low = _narrowed(lambda middle: self.reached(middle, levels[rows]), low, high, first, _HALVINGS)
+        edges = np.where(first, 1.0, -1.0) * low**2  # a ring ends, or begins
         return np.asarray(np.pi * np.bincount(rows, weights=edges, minlength=len(levels)), dtype=float)

@@ -1,10 +1,17 @@
-"""Decide whether a robot reaches positions and poses within joint limits: by a closed form, else by a search."""
+"""Decide whether a robot reaches positions and poses within joint limits: by a closed form, else by a search.
 
+The search takes as starts those of many random joint positions that bring the tool nearest. From each a projected
+Newton's method goes on: joints at a limit that would have to pass it are fixed there, the others take a damped step
+(Levenberg 1944; Bertsekas 1982 for the fixed ones), and every step ends within the limits. A place counts as reached
+if one of the starts converges; a place that is reached may be missed, never the other way round.
+"""
+
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
+import scipy  # its parts are loaded at their first use
 from numpy.typing import NDArray
 
 from lab.core import se3
@@ -13,11 +20,11 @@ from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.extensions.robotics.closed.recognition import ClassicalModel, classical_model_of
 from lab.extensions.robotics.inverse.first_joints import ThreeJoints
-from lab.extensions.robotics.workspace.search import Search
 from lab.kinematics.closed.loop_closure import Configuration
 from lab.kinematics.closed.mechanism import Mechanism, platform_poses
+from lab.kinematics.differential import WEIGHTS
 from lab.kinematics.inverse.closed_form import Axes, ClosedForm, Solutions, closed_form_of
-from lab.kinematics.inverse.newton import FREEDOMS, PoseTarget
+from lab.kinematics.inverse.newton import FREEDOMS, PoseTarget, pose_landmarks, tool_at
 from lab.kinematics.joints import JointSpec
 from lab.kinematics.model import RigidArm
 from lab.kinematics.reach import extents
@@ -28,6 +35,7 @@ __all__ = [
     "ByRods",
     "Domain",
     "Membership",
+    "Search",
     "anyhow",
     "by_closed_form",
     "domain_of",
@@ -36,12 +44,151 @@ __all__ = [
     "within_turns",
 ]
 
+_STARTS, _STARTS_TURNED = 5, 20  # places are sampled more densely than poses
+_STEPS = 20
+_ARRIVED = 1e-7  # m, and a radian as ``ROTATION_M``
+_LEAST_DAMPING, _LARGEST_DAMPING = 1e-7, 1.0  # beside singular values in m
+_ROUNDING = 1e-15  # of the squares' sum: less damping would be lost in them
+_AT_LIMIT = 1e-12  # rad or m
+_STUCK = 0.15  # of the error: a step that reduces it by less ends the search within the limits
+
+
+class Membership(ABC):
+    """A test of whether a robot reaches targets.
+
+    Attributes:
+        exact: True if a closed form decides, which misses no solution.
+    """
+
+    exact = True
+
+    @abstractmethod
+    def solutions(self, wanted: PoseTarget) -> Array:
+        """Return some or all joint positions ``(n, k, joints)`` that reach targets, NaN where there are fewer."""
+
+    def reached(self, wanted: PoseTarget) -> tuple[NDArray[np.bool_], Array]:
+        """Decide whether targets ``(n,)`` are reached; joint positions ``(n, joints)`` of reached ones, else NaN."""
+        found = _first(self.solutions(wanted))
+        return ~np.isnan(found[:, 0]), found
+
+
+@dataclass(frozen=True)
+class Search(Membership):
+    """A bounded search for a nominal robot and the point of its tool.
+
+    Attributes:
+        values: parameters ``(p,)`` with one target.
+        count: of random joint positions among which searches start; half of it where loops have to be closed.
+        turn_first: whether joint 1 makes whole turns about z, so that a start may be turned towards the target.
+    """
+
+    arm: RigidArm
+    values: Array
+    count: int = 20_000
+    turn_first: bool = False
+    exact = False
+
+    @cached_property
+    def samples(self) -> tuple[Array, Array]:
+        """Random joint positions ``(k, n)`` within the limits, and the tool's poses ``(k, 4, 4)`` m there."""
+        joints = JointSpec.random_joints(self.arm.chain, self.count, rng_for(0, "structure"))
+        Ts = self.arm.tool(joints, self.values)[0]
+        stands = np.isfinite(Ts).all(axis=(1, 2))
+        return joints[stands], Ts[stands]
+
+    def reached(self, wanted: PoseTarget) -> tuple[NDArray[np.bool_], Array]:
+        """Decide whether targets ``(n,)`` are reached; joint positions ``(n, joints)`` of reached ones, else NaN."""
+        found = np.full((len(wanted), self.arm.chain.size), np.nan)
+        if not len(wanted):
+            return np.zeros(0, dtype=np.bool_), found
+        starts = self._starts(wanted)
+        for some in (starts[:, :1], starts[:, 1:]):  # most are reached from the first one
+            rows = np.flatnonzero(np.isnan(found[:, 0]))
+            found[rows] = _first(self._from(wanted.take(rows), some[rows]))
+        return ~np.isnan(found[:, 0]), found
+
+    def solutions(self, wanted: PoseTarget) -> Array:
+        """Return joint positions ``(n, k, joints)`` from all starts, NaN where a start does not converge."""
+        found: Array = self._from(wanted, self._starts(wanted))
+        return found
+
+    def _from(self, wanted: PoseTarget, starts: Array) -> Array:
+        """Search from starts ``(n, k, joints)``; return the solutions, NaN where a start does not converge."""
+        count, each = starts.shape[:2]
+        rows = np.repeat(np.arange(count), each)
+        joints, arrived = self._bounded(wanted.take(rows), starts.reshape(len(rows), starts.shape[2]))
+        return np.where(arrived[:, None], joints, np.nan).reshape(starts.shape)
+
+    def _starts(self, wanted: PoseTarget) -> Array:
+        """Return joint positions ``(n, k, joints)`` that bring the tool near, the nearest first."""
+        joints, Ts = self.samples
+        turned = bool(wanted.turned.all())
+        if self.turn_first and not turned:
+            radii = np.hypot(Ts[:, 0, 3], Ts[:, 1, 3])
+            tree = scipy.spatial.cKDTree(np.stack([radii, Ts[:, 2, 3]], axis=1))
+            places = wanted.positions
+            near = tree.query(np.stack([np.hypot(places[:, 0], places[:, 1]), places[:, 2]], axis=1), k=_STARTS)[1]
+            starts: Array = joints[near]
+            towards = np.arctan2(places[:, 1], places[:, 0])[:, None] - np.arctan2(Ts[near, 1, 3], Ts[near, 0, 3])
+            first, chain = starts[:, :, 0], self.arm.chain
+            turn = first + chain.sign[0] * towards
+            low = chain.lower[0]
+            starts[:, :, 0] = np.minimum(low + (turn - low) % (2 * np.pi), chain.upper[0])
+            return starts
+        tree = scipy.spatial.cKDTree(pose_landmarks(Ts[:, :3, 3], Ts[:, :3, :3], turned))
+        count = _STARTS_TURNED if turned else _STARTS
+        return np.asarray(joints[tree.query(pose_landmarks(wanted.positions, wanted.rotations, turned), k=count)[1]])
+
+    def _bounded(self, wanted: PoseTarget, start: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Run the projected Newton's method from joint positions ``(n, joints)``; return its end and convergence."""
+        chain, joints = self.arm.chain, start.copy()
+        damping = np.full(len(wanted), _LEAST_DAMPING)
+        error, jacobian = self._at(wanted, joints)
+        size = np.linalg.norm(error, axis=1)
+        for _ in range(_STEPS):
+            going = np.flatnonzero((size > _ARRIVED) & (damping <= _LARGEST_DAMPING))
+            if not going.size:
+                break
+            e, J, at = error[going], jacobian[going], joints[going]
+            slope = np.einsum("nij,ni->nj", J, e)
+            low, high = at <= chain.lower + _AT_LIMIT, at >= chain.upper - _AT_LIMIT
+            free = ~((low & (slope < 0)) | (high & (slope > 0)))
+            J = J * free[:, None, :]
+            square = J @ J.swapaxes(1, 2)
+            least = _ROUNDING * np.trace(square, axis1=1, axis2=2)[:, None]  # near a singularity of loops J is large
+            square[:, np.arange(6), np.arange(6)] += np.maximum(damping[going, None] ** 2, least)
+            step = np.einsum("nij,ni->nj", J, np.linalg.solve(square, e[:, :, None])[:, :, 0])
+            moved = np.clip(at + step, chain.lower, chain.upper)
+            there, ahead = self._at(wanted.take(going), moved)
+            now = np.linalg.norm(there, axis=1)
+            better = now < size[going]
+            retained, worse = going[better], going[~better]
+            little = now[better] > (1 - _STUCK) * size[retained]
+            joints[retained], error[retained], jacobian[retained] = moved[better], there[better], ahead[better]
+            size[retained] = now[better]
+            damping[retained] = np.where(little, np.inf, np.maximum(damping[retained] / 10, _LEAST_DAMPING))
+            damping[worse] = np.maximum(10 * damping[worse], 1e-3)
+        return joints, size <= _ARRIVED
+
+    def _at(self, wanted: PoseTarget, joints: Array) -> tuple[Array, Array]:
+        """Return the residual ``(n, 6)`` and the Jacobian ``(n, 6, joints)``, in metres; rotations where requested."""
+        Ts, jacobian = tool_at(self.arm, joints, self.values)
+        weight = WEIGHTS * np.where(wanted.turned[:, None], 1.0, np.arange(6) < 3)
+        return weight * wanted.errors(Ts), weight[:, :, None] * jacobian
+
+
+def _first(solutions: Array) -> Array:
+    """Return the first IK solution of ``(n, k, joints)``, NaN where there is none."""
+    there = np.isfinite(solutions[:, :, 0])
+    return np.asarray(np.take_along_axis(solutions, there.argmax(axis=1)[:, None, None], axis=1)[:, 0])
+
+
 _SLACK_M = 1e-9  # beyond a limit
 
 
 @dataclass(frozen=True)
-class ByRods:
-    """Such a mechanism and the point of its tool.
+class ByRods(Membership):
+    """A platform on six rods of measured lengths from the base, and the point of its tool.
 
     The lengths from the base to the platform are distances of points, so that each pose has one set of joint positions
     (e.g. Merlet 2006, Parallel Robots, section 3.1). Of two poses with the same lengths that one counts which is on the
@@ -61,16 +208,15 @@ class ByRods:
     order: NDArray[np.int_]
     T_home: Array
     tool: Array
-    exact: bool = True
 
     @classmethod
     def of(cls, mechanism: Mechanism, tool: Array) -> "ByRods | None":
-        """Such a mechanism with a point ``(3,)`` m of its platform; None of another."""
+        """Return the closed form for a point ``(3,)`` m of the platform; None where the mechanism is another."""
         tree = mechanism.tree
         joints = [rod.joint for rod in tree.rods]
         if tree.pins or len(joints) != FREEDOMS or None in joints or len(set(joints)) != mechanism.size:
             return None
-        if any({step[0] for step in tree.passive} - {tree.platform} for _ in tree.passive):
+        if any(frame != tree.platform for frame, _ in tree.passive):
             return None
         home, dimensions = mechanism.home[None], mechanism.dimensions(mechanism.nominal_values)
         passive = mechanism.assembled(home, mechanism.nominal_values).configuration.passive
@@ -81,30 +227,26 @@ class ByRods:
         if any(sum(each) != 1 for each in moves):
             return None
         ends = np.array([[_flat(at.frames[end][1]) for end in rod.ends] for rod in tree.rods])
-        rows, held = np.arange(FREEDOMS), np.array([each.index(False) for each in moves])
-        corners = se3.transform(se3.inverse(T), ends[rows, 1 - held])
+        rows, fixed = np.arange(FREEDOMS), np.array([each.index(False) for each in moves])
+        corners = se3.transform(se3.inverse(T), ends[rows, 1 - fixed])
         order = np.array(joints, dtype=np.int_)
-        return cls(mechanism, ends[rows, held], corners, np.array(dimensions.lengths), order, T, tool)
+        return cls(mechanism, ends[rows, fixed], corners, np.array(dimensions.lengths), order, T, tool)
 
-    def reached(self, wanted: PoseTarget) -> tuple[NDArray[np.bool_], Array]:
-        """Decide whether poses ``(n,)`` are reached; joint positions ``(n, joints)`` of those that are, else NaN."""
+    def solutions(self, wanted: PoseTarget) -> Array:
+        """Return the one solution."""
         Ts = se3.pose(wanted.rotations, wanted.positions - wanted.rotations @ self.tool)
         lengths, sides = self._seen(Ts)
         joints = np.empty((len(wanted), FREEDOMS))
         joints[:, self.order] = (lengths - self.zeros) * self.mechanism.sign[self.order]
         reached = ~self.mechanism.beyond_limits(joints, _SLACK_M).any(axis=1) & (sides == self._side)
-        return reached, np.where(reached[:, None], joints, np.nan)
-
-    def solutions(self, wanted: PoseTarget) -> Array:
-        """The one."""
-        return self.reached(wanted)[1][:, None]
+        return np.where(reached[:, None], joints, np.nan)[:, None]
 
     @cached_property
     def _side(self) -> float:
         return float(self._seen(self.T_home[None])[1][0])
 
     def _seen(self, Ts: Array) -> tuple[Array, Array]:
-        """Lengths ``(n, 6)`` m of the rods at poses ``(n, 4, 4)``, and the sign of the determinant of their lines."""
+        """Return lengths ``(n, 6)`` m of the rods at poses ``(n, 4, 4)``, and the sign of their lines' determinant."""
         levers = np.einsum("nij,kj->nki", Ts[:, :3, :3], self.corners)
         rods = levers + Ts[:, None, :3, 3] - self.anchors
         lengths = np.linalg.norm(rods, axis=2)
@@ -113,26 +255,12 @@ class ByRods:
 
 
 def _flat(vector: Array) -> Array:
-    """The first three rows of a vector of one pose, ``(3,)``."""
+    """Return the first three rows ``(3,)`` of a vector of one pose."""
     return np.broadcast_to(vector[:3].reshape(3, -1), (3, 1))[:, 0].copy()
 
 
 _SLACK = 1e-9  # rad or m beyond a limit
 _STARTS_WITH_LOOPS = 5_000
-
-
-class Membership(Protocol):
-    """Says what is reached."""
-
-    @property
-    def exact(self) -> bool:
-        """Membership is exact, by a closed form that misses no solution."""
-
-    def reached(self, wanted: PoseTarget) -> tuple[NDArray[np.bool_], Array]:
-        """Decide whether targets ``(n,)`` are reached; joint positions ``(n, joints)`` of those that are, else NaN."""
-
-    def solutions(self, wanted: PoseTarget) -> Array:
-        """Return some or all joint positions ``(n, k, joints)`` that reach targets, NaN where there are fewer."""
 
 
 def memberships(arm: RigidArm, values: Array) -> tuple[Membership, Membership]:
@@ -176,21 +304,15 @@ def turns_about_z(chain: Chain) -> bool:
 
 
 def within_turns(joints: JointSpec, found: Array) -> NDArray[np.bool_]:
-    """``(..., n)`` whether joint positions are within the limits, hinges by some number of whole turns."""
+    """Mark joint positions ``(..., n)`` within the limits, hinges by some number of whole turns."""
     low, high = joints.lower - _SLACK - found, joints.upper + _SLACK - found
     turn = 2 * np.pi
     by_turns = np.floor(high / turn) >= np.ceil(low / turn)
     return np.asarray(np.where(joints.prismatic, (low <= 0) & (high >= 0), by_turns))
 
 
-def by_closed_form(form: ClosedForm, chain: Chain, Ts_frame0_last: Array) -> tuple[NDArray[np.bool_], Array]:
-    """Decide whether a serial arm reaches poses ``(n, 4, 4)`` of its last frame within limits; joint positions too."""
-    found, fits = _solved(form, chain, Ts_frame0_last)
-    return np.asarray(fits.any(axis=1)), np.take_along_axis(found.joints, fits.argmax(axis=1)[:, None, None], 1)[:, 0]
-
-
-def _solved(form: ClosedForm, chain: Chain, Ts: Array) -> tuple[Solutions, NDArray[np.bool_]]:
-    """Return all solutions of poses ``(n, 4, 4)``, and whether each ``(n, k)`` is within the limits."""
+def by_closed_form(form: ClosedForm, chain: Chain, Ts: Array) -> tuple[Solutions, NDArray[np.bool_]]:
+    """Return a serial arm's solutions of poses ``(n, 4, 4)``, and whether each ``(n, k)`` is within the limits."""
     found = form.solve(Ts, nearest=False) if isinstance(form, ThreeJoints) else form.solve(Ts)
     fits = (found.gap_m == 0) & within_turns(chain, found.joints).all(axis=2)
     if not form.by_point:
@@ -199,51 +321,38 @@ def _solved(form: ClosedForm, chain: Chain, Ts: Array) -> tuple[Solutions, NDArr
 
 
 @dataclass(frozen=True)
-class _BySolutions:
+class _BySolutions(Membership):
     """A serial arm's closed form."""
 
     chain: Chain
     form: ClosedForm
     tool: Array
-    exact: bool = True
-
-    def reached(self, wanted: PoseTarget) -> tuple[NDArray[np.bool_], Array]:
-        """Test all solutions; for an arm that positions a point only, whatever the rotation."""
-        reached, joints = by_closed_form(self.form, self.chain, self._last_frames(wanted))
-        return reached, np.where(reached[:, None], _turned_within(self.chain, joints), np.nan)
 
     def solutions(self, wanted: PoseTarget) -> Array:
-        """Return all solutions within the limits."""
-        found, fits = _solved(self.form, self.chain, self._last_frames(wanted))
-        return np.where(fits[:, :, None], _turned_within(self.chain, found.joints), np.nan)
-
-    def _last_frames(self, wanted: PoseTarget) -> Array:
-        rotations = np.where(wanted.turned[:, None, None], wanted.rotations, np.eye(3))
-        return se3.pose(rotations, wanted.positions - rotations @ self.tool)
-
-
-def _turned_within(chain: Chain, joints: Array) -> Array:
-    """Joint positions by whole turns within the limits where some are."""
-    turns = np.maximum(np.ceil((chain.lower - _SLACK - joints) / (2 * np.pi)), 0.0)
-    turns += np.minimum(np.floor((chain.upper + _SLACK - joints) / (2 * np.pi)), 0.0)
-    return np.where(chain.prismatic, joints, joints + 2 * np.pi * turns)
+        """Return all solutions within the limits, with hinges shifted into them by whole turns."""
+        chain, rotations = self.chain, np.where(wanted.turned[:, None, None], wanted.rotations, np.eye(3))
+        found, fits = by_closed_form(self.form, chain, se3.pose(rotations, wanted.positions - rotations @ self.tool))
+        turns = np.maximum(np.ceil((chain.lower - _SLACK - found.joints) / (2 * np.pi)), 0.0)
+        turns += np.minimum(np.floor((chain.upper + _SLACK - found.joints) / (2 * np.pi)), 0.0)
+        joints = np.where(chain.prismatic, found.joints, found.joints + 2 * np.pi * turns)
+        return np.where(fits[:, :, None], joints, np.nan)
 
 
 @dataclass(frozen=True)
 class ByLegs:
-    """The closed form of a mechanism with loops: what its legs reach in the mode of the nominal position."""
+    """The closed form of a mechanism with loops, by its legs, in the assembly mode of the nominal position."""
 
     mechanism: Mechanism
     classical: ClassicalModel
 
     def reached(self, passive: Array) -> tuple[NDArray[np.bool_], Array]:
-        """``(n,)`` whether all legs reach passive values ``(n, z)``, and their joint positions ``(n, joints)``.
+        """Decide whether all legs reach passive values ``(n, z)``; joint positions ``(n, joints)``, too.
 
-        Each leg takes the way nearest to its limits' middle; beyond a parallel singularity it is another mode.
+        Each leg takes the branch nearest to its limits' middle; beyond a parallel singularity it is another mode.
         """
-        ways = self.classical.inverse_solutions(passive)
-        away = np.where(np.isfinite(ways), np.abs(ways - self.classical.middle), np.inf)
-        joints = np.take_along_axis(ways, away.argmin(axis=1)[:, None], axis=1)[:, 0]
+        solutions = self.classical.inverse_solutions(passive)
+        away = np.where(np.isfinite(solutions), np.abs(solutions - self.classical.middle), np.inf)
+        joints = np.take_along_axis(solutions, away.argmin(axis=1)[:, None], axis=1)[:, 0]
         reached = np.array(np.isfinite(joints).all(axis=1))
         reached[reached] = ~self.mechanism.beyond_limits(joints[reached], 0.0).any(axis=1)
         reached[reached] = self.classical.side(joints[reached], passive[reached]) == self.side
@@ -251,33 +360,27 @@ class ByLegs:
 
     @cached_property
     def side(self) -> Array:
-        """On which side of the parallel singularities the nominal position is."""
+        """Side of the parallel singularities of the nominal position."""
         home = self.mechanism.home[None]
         passive = self.mechanism.assembled(home, self.mechanism.nominal_values).configuration.passive.T
         return self.classical.side(home, passive)
 
 
 @dataclass(frozen=True)
-class _ByPlatform:
+class _ByPlatform(Membership):
     """The closed form of a mechanism whose platform moves by slides alone."""
 
     mechanism: Mechanism
     legs: ByLegs
     tool: Array
-    exact: bool = True
 
-    def reached(self, wanted: PoseTarget) -> tuple[NDArray[np.bool_], Array]:
-        """Whatever the rotation."""
+    def solutions(self, wanted: PoseTarget) -> Array:
+        """Return one solution: each leg takes its branch nearest to the middle of its limits."""
         start, moved = self._places
         passive = np.asarray(np.linalg.lstsq(moved, (wanted.positions - start).T, rcond=None)[0].T, dtype=np.float64)
         missed = np.abs(start + passive @ moved.T - wanted.positions).max(axis=1) > _SLACK
         reached, joints = self.legs.reached(passive)
-        reached &= ~missed
-        return reached, np.where(reached[:, None], joints, np.nan)
-
-    def solutions(self, wanted: PoseTarget) -> Array:
-        """Return one solution: each leg takes its branch nearest to the middle of its limits."""
-        return self.reached(wanted)[1][:, None]
+        return np.where((reached & ~missed)[:, None], joints, np.nan)[:, None]
 
     @cached_property
     def _places(self) -> tuple[Array, Array]:
@@ -291,7 +394,7 @@ class _ByPlatform:
 
 _POSES = 4000
 _FLAT_M = 1e-9
-_MARGIN = 0.03  # of the extents, which walks find to a little less than all
+_MARGIN = 0.03  # of the extents, which random walks underestimate a little
 _RANK = 1e-9
 
 
@@ -316,11 +419,11 @@ class Domain:
 
     @property
     def size(self) -> int:
-        """The number of coordinates."""
+        """Number of coordinates."""
         return len(self.low)
 
     def places(self, coordinates: Array) -> Array:
-        """Places ``(n, 3)`` m in the base at coordinates ``(n, d)``; of a half plane those with y = 0."""
+        """Return places ``(n, 3)`` m in the base at coordinates ``(n, d)``; of a half plane those with y = 0."""
         if self.kind == "space":
             return coordinates
         found = np.zeros((len(coordinates), 3))
@@ -332,7 +435,7 @@ class Domain:
         return found
 
     def coordinates(self, places: Array) -> Array:
-        """Coordinates ``(n, d)`` of places ``(n, 3)`` m."""
+        """Return coordinates ``(n, d)`` of places ``(n, 3)`` m."""
         if self.kind == "space":
             return places
         if self.kind == "revolution":
@@ -344,7 +447,7 @@ class Domain:
         return 2 * np.pi * np.abs(coordinates[:, 0]) if self.kind == "revolution" else np.ones(len(coordinates))
 
     def spread(self, coordinates: Array, rng: np.random.Generator) -> Array:
-        """Places ``(n, 3)`` m of coordinates, of a solid of revolution each turned about z at random."""
+        """Return places ``(n, 3)`` m at coordinates, of a solid of revolution each turned about z at random."""
         places = self.places(coordinates)
         if self.kind == "revolution":
             angle = rng.uniform(0, 2 * np.pi, len(places))
@@ -357,12 +460,12 @@ class Domain:
 
 
 def anyhow(places: Array) -> PoseTarget:
-    """Places ``(n, 3)`` m, turned in any way."""
+    """Return places ``(n, 3)`` m as targets of any orientation."""
     return PoseTarget(places, np.full((len(places), 3, 3), np.nan))
 
 
 def domain_of(arm: RigidArm, values: Array) -> Domain:
-    """The box around what a robot's point reaches within its limits.
+    """Return the box around the places that a robot's point reaches within its limits.
 
     Args:
         values: parameters ``(p,)`` with one target.
@@ -385,7 +488,7 @@ def domain_of(arm: RigidArm, values: Array) -> Domain:
     if rank < 2 or (rank == 2 and len(flat) != 1):
         raise LabError(
             f"robot '{arm.chain.name}': its point stays on a {'line' if rank < 2 else 'surface'}, which has no volume; "
-            "lab inspect tells its reach"
+            "lab inspect reports its reach"
         )
     margin = _MARGIN * (ends[:, 1] - ends[:, 0])
     low, high = ends[:, 0] - margin, ends[:, 1] + margin

@@ -20,7 +20,7 @@ _FEWEST_PLACES = 100
 
 @dataclass(frozen=True)
 class WorkspaceOptions:
-    """Robots, and how closely their workspaces are looked at."""
+    """Robots, and how closely their workspaces are measured."""
 
     robots: tyro.conf.Positional[tuple[str, ...]] = ("irb120",)
     """Models' names, or paths to an MJCF, a URDF, or a TOML table or mechanism; several are compared. carriers: the
@@ -30,13 +30,13 @@ class WorkspaceOptions:
     tool_mm: Numbers = ()
     """The tool's point in the last frame, or the platform's: x,y,z; by default its origin."""
     places: int | None = None
-    """Random places that are looked at; by default as many as take a few seconds."""
+    """Random places that are tested; by default as many as take a few seconds."""
     orientations: int = 60
     """Orientations that are tried at a place."""
     level_mm: float | None = None
     """The height of the horizontal section in the base; by default the middle of what is reached."""
     seed: int = 0
-    """Of the random places."""
+    """Random seed of the places."""
     no_recording: NoRecording = False
     out: Path | None = None
     """A folder for the result, a report, a recording, meshes and a table; by default nothing is written."""
@@ -60,11 +60,11 @@ class WorkspaceOptions:
 
     @property
     def named(self) -> tuple[str, ...]:
-        """The robots, each once."""
+        """Names of the robots, each once."""
         every = (name for robot in self.robots for name in (_CARRIERS if robot == "carriers" else (robot,)))
         return tuple(dict.fromkeys(every))
 
     @property
     def tool_m(self) -> Array:
-        """The tool's point ``(3,)`` m in the last frame."""
+        """Tool point ``(3,)`` m in the last frame."""
         return MM.to_si(np.array(self.tool_mm)) if self.tool_mm else np.zeros(3)

@@ -9,8 +9,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from lab.core.se3 import Array
-from lab.extensions.robotics.workspace.measured import RobotWorkspace
-from lab.extensions.robotics.workspace.result import WorkspaceResult
+from lab.extensions.robotics.workspace.result import RobotWorkspace, WorkspaceResult
 from lab.render.markdown import to_markdown
 from lab.render.recording import SUMMARY, draw_shells, layout, main_view, markdown, recording_to
 from lab.render.scene import moved, world_legs

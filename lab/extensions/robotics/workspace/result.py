@@ -1,4 +1,4 @@
-"""The workspaces of robots: typed, and as plain values."""
+"""Results of ``lab workspace``: typed, as plain values, and as a document."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -8,13 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import trimesh
+from numpy.typing import NDArray
 
-from lab.commands.result import Result, printed
+from lab.campaign.robot import Robot
+from lab.commands.result import Result, number, printed, tidy
 from lab.core.errors import counted
+from lab.core.random import rng_for
+from lab.core.se3 import Array
 from lab.core.units import MM
-from lab.extensions.robotics.workspace.measured import RobotWorkspace
+from lab.extensions.robotics.workspace.measure import PlaneSection, Workspace
 from lab.extensions.robotics.workspace.options import WorkspaceOptions
-from lab.extensions.robotics.workspace.space import Section as Cut
 from lab.formats.csv_table import write_columns
 from lab.render.charts.chart import axes_picture, figure_picture
 from lab.render.charts.marks import Axes
@@ -25,14 +28,111 @@ from lab.render.surfaces import mesh_of, write_stl
 if TYPE_CHECKING:
     import matplotlib.axes
 
-    from lab.render.document import Document
+__all__ = ["RobotWorkspace", "WorkspaceResult"]
 
-__all__ = ["WorkspaceResult"]
+
+@dataclass(frozen=True)
+class RobotWorkspace:
+    """The workspace of one robot.
+
+    Attributes:
+        reach_m: least and largest distance from axis 1 (frame 0 where joint 1 slides); None of mechanisms with loops.
+        shared: ``(k, 3)`` m places at which orientations were tried, and ``shares`` ``(k,)`` of them.
+        checked: ``(c, 3)`` m places checked for an IK solution without a collision, and ``free`` ``(c,)`` whether
+            there is one; none without a cell.
+    """
+
+    robot: Robot
+    options: WorkspaceOptions
+    space: Workspace
+    reach_m: tuple[float, float] | None
+    shared: Array
+    shares: Array
+    checked: Array
+    free: NDArray[np.bool_]
+
+    @property
+    def plane(self) -> bool:
+        """True if the workspace is an area."""
+        return self.space.domain.kind == "plane"
+
+    @property
+    def size(self) -> float:
+        """Size, m³ or of a plane m²: by sections where available, else by Monte Carlo."""
+        return self.space.measured.size if self.space.by_sections is None else self.space.by_sections
+
+    @cached_property
+    def sections(self) -> tuple[PlaneSection, ...]:
+        """The x-z section through the base's axis and a horizontal one; of a plane the plane."""
+        domain = self.space.domain
+        tried = self.options.orientations if self.space.by_pose.exact else 0
+        if self.plane:
+            first, second = domain.axes
+            return (self.space.section((first, second), domain.level_m, tried),)
+        coordinates = self.space.measured.drawn(2000, rng_for(0, "structure"))
+        level = float(np.round(domain.places(coordinates)[:, 2].mean(), 3))
+        if self.options.level_mm is not None:
+            level = MM.to_si(self.options.level_mm)
+        low, high = domain.extents[1]
+        across = 0.0 if low < 0 < high else float((low + high) / 2)
+        return self.space.section((0, 2), across, tried), self.space.section((0, 1), level, tried)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values: m³ or m², mm."""
+        space, measured, reach = self.space, self.space.measured, self.reach_m
+        by_sections = space.by_sections is not None
+        return {
+            "robot": self.robot.name,
+            "volume_m3": None if self.plane else number(self.size),
+            "area_m2": number(self.size) if self.plane else None,
+            "method": "sections" if by_sections else "Monte Carlo",
+            "by": "closed form" if space.by_place.exact else "search",
+            "monte_carlo": {
+                "places": len(measured.reached),
+                "size": number(measured.size),
+                "standard_error": number(measured.standard_error),
+                "cell_mm": tidy(MM.of(measured.cell_m)),
+            },
+            "extents_mm": {
+                axis: [tidy(MM.of(end)) for end in ends] for axis, ends in zip("xyz", space.domain.extents, strict=True)
+            },
+            "least_reach_mm": None if reach is None else tidy(MM.of(reach[0])),
+            "reach_mm": None if reach is None else tidy(MM.of(reach[1])),
+            "voids": [number(size) for size in measured.voids],
+            "orientations": self._orientation_values(),
+            "cell": self._cell_values(),
+        }
+
+    def _orientation_values(self) -> dict[str, Any] | None:
+        kinds = self.space.orientations
+        if kinds is None:
+            return None
+        dexterous = self.shares == 1.0
+        return {
+            "about": None if kinds.axis is None else [tidy(part) for part in np.abs(kinds.axis)],
+            "tried": self.options.orientations,
+            "places": len(self.shares),
+            "mean_share": number(float(self.shares.mean())),
+            "all_reached_share": number(float(dexterous.mean())),
+            "all_reached_size": number(float(dexterous.mean()) * self.size),
+        }
+
+    def _cell_values(self) -> dict[str, Any] | None:
+        if self.robot.cell is None:
+            return None
+        share = float(self.free.mean())
+        return {
+            "name": self.robot.cell.name,
+            "places": len(self.free),
+            "free_share": number(share),
+            "free_share_standard_error": number(float(np.sqrt(share * (1 - share) / max(len(self.free), 1)))),
+            "free_size": number(share * self.size),
+        }
 
 
 @dataclass(frozen=True, repr=False, eq=False)
 class WorkspaceResult(Result):
-    """The workspaces of some robots.
+    """Workspaces of one or several robots.
 
     Attributes:
         options: of the command.
@@ -74,13 +174,12 @@ class WorkspaceResult(Result):
     def write_files(self, folder: Path) -> None:
         """Write ``workspace.csv``, and of each volume its boundary as ``<robot>.stl`` (m, in the base)."""
         write_columns(folder / "workspace.csv", self.columns())
-
         for each, mesh in zip(self.robots, self.meshes, strict=True):
             if len(mesh.faces):
                 write_stl(folder / f"{each.robot.name}.stl", mesh)
 
     def columns(self) -> Mapping[str, Sequence[Any]]:
-        """A row for each place that was looked at: whether it is reached."""
+        """Return a row for each sampled place: whether it is reached."""
         places = [each.space.domain.places(each.space.measured.coordinates) for each in self.robots]
         table: dict[str, Sequence[Any]] = {
             "robot": [each.robot.name for each, rows in zip(self.robots, places, strict=True) for _ in rows]
@@ -92,12 +191,10 @@ class WorkspaceResult(Result):
 
 
 def _main_picture(result: WorkspaceResult) -> Picture:
-    """Return the first robot's first section; of several robots their sizes."""
     return _section_pictures(result.robots[0])[0] if len(result.robots) == 1 else _size_picture(result)
 
 
 def _workspace_document(result: WorkspaceResult) -> Document:
-    """Summarize each robot's workspace with its sections; several robots are compared first."""
     several = len(result.robots) > 1
     return Document(
         f"Workspaces of {len(result.robots)} robots" if several else _title(result.robots[0]),
@@ -125,12 +222,9 @@ def _size(each: RobotWorkspace, value: float) -> str:
 
 
 def _comparison(result: WorkspaceResult) -> Section:
-    """A table and a figure of all sizes."""
     rows = []
     for each in result.robots:
-        values, found = each.to_dict(), each.space.measured
-        share = values["orientations"]
-        ends = each.reach_m
+        found, ends, share = each.space.measured, each.reach_m, each.to_dict()["orientations"]
         rows.append((
             each.robot.name, _size(each, each.size), f"{_size(each, found.size)} ± {found.standard_error:.2g}",
             "–" if ends is None else f"{printed(round(MM.of(ends[0])))} … {printed(round(MM.of(ends[1])))}",
@@ -142,7 +236,6 @@ def _comparison(result: WorkspaceResult) -> Section:
 
 
 def _size_picture(result: WorkspaceResult) -> Picture:
-    """The sizes of several robots' workspaces as bars."""
     robots = result.robots
     sizes, largest = [each.size for each in robots], max(each.size for each in robots)
 
@@ -153,15 +246,13 @@ def _size_picture(result: WorkspaceResult) -> Picture:
             axes.annotate(_size(each, each.size), (each.size + 0.01 * largest, place), va="center", fontsize=8)
         axes.set_yticks(at, [each.robot.name for each in robots])
         kinds = dict.fromkeys("area, m²" if each.plane else "volume, m³" for each in robots)
-        axes.set(xlabel=", or ".join(kinds))
-        axes.set(xlim=(0, 1.2 * largest))
+        axes.set(xlabel=", or ".join(kinds), xlim=(0, 1.2 * largest))
 
     height = 0.8 + 0.32 * len(robots)
     return axes_picture("sizes", "Sizes of the workspaces", (5.6, height), draw, (1.9, 0.5, 0.15, 0.1))
 
 
 def _lines(each: RobotWorkspace) -> tuple[str, ...]:
-    """The workspace in sentences."""
     values, found, space = each.to_dict(), each.space.measured, each.space
     name = "area" if each.plane else "volume"
     by = "the closed form" if space.by_place.exact else "a search"
@@ -169,9 +260,7 @@ def _lines(each: RobotWorkspace) -> tuple[str, ...]:
         f"{_size(each, found.size)} ± {found.standard_error:.2g} (1σ) by Monte Carlo: {len(found.reached):,} places "
         f"in cells of {short(MM.of(found.cell_m))} mm, reached or not by {by}"
     )
-    first = f"{name} {carlo}"
-    if space.by_sections is not None:
-        first = f"{name} {_size(each, each.size)} by sections; {carlo}"
+    first = f"{name} {carlo}" if space.by_sections is None else f"{name} {_size(each, each.size)} by sections; {carlo}"
     ends = ", ".join(
         f"{axis} {printed(round(low))} … {printed(round(high))}" for axis, (low, high) in values["extents_mm"].items()
     )
@@ -180,16 +269,16 @@ def _lines(each: RobotWorkspace) -> tuple[str, ...]:
         low, high = (printed(round(MM.of(end), 1)) for end in each.reach_m)
         lines.append(f"reach from axis 1: {low} … {high} mm")
     voids = ", ".join(_size(each, size) for size in found.voids)
-    count = len(found.voids)
-    least = f"{short(3e3 * found.cell_m)} mm"
-    lines.append(f"{counted(count, 'enclosed void')} of about {voids}" if count
-                 else f"no enclosed void wider than {least}")  # fmt: skip
+    if voids:
+        lines.append(f"{counted(len(found.voids), 'enclosed void')} of about {voids}")
+    else:
+        lines.append(f"no enclosed void wider than {short(3e3 * found.cell_m)} mm")
     lines.append(_orientations(each, values["orientations"]))
-    if values["cell"] is not None:
-        cell = values["cell"]
+    if (cell := values["cell"]) is not None:
         lines.append(
-            f"in the cell {cell['name']} a way that touches nothing was found to {100 * cell['free_share']:.0f} % "
-            f"(± {100 * cell['free_share_standard_error']:.0f} %) of it, {_size(each, cell['free_size'])}"
+            f"in the cell {cell['name']} {100 * cell['free_share']:.0f} % "
+            f"(± {100 * cell['free_share_standard_error']:.0f} %) of it is reached without a collision, "
+            f"{_size(each, cell['free_size'])}"
         )
     return tuple(lines)
 
@@ -211,13 +300,12 @@ def _caption(each: RobotWorkspace) -> str:
 
 
 def _section_pictures(each: RobotWorkspace, which: int = 0) -> tuple[Picture, ...]:
-    """The sections of one robot's workspace."""
     return tuple(
         _section(cut, f"section-{which + 1}-{'xyz'[cut.axes[0]]}{'xyz'[cut.axes[1]]}") for cut in each.sections
     )
 
 
-def _section(cut: Cut, name: str) -> Picture:
+def _section(cut: PlaneSection, name: str) -> Picture:
     first, second = ("xyz"[axis] for axis in cut.axes)
     third = "xyz"[3 - sum(cut.axes)]
     level = f"{third} = {printed(round(MM.of(cut.level_m)))} mm"

@@ -1,26 +1,70 @@
-"""Measure and compare the workspaces of robots within their limits."""
+"""Run ``lab workspace``: measure and compare the workspaces of robots within their limits."""
 
 from dataclasses import replace
+from functools import partial
 
-from lab.campaign.robot import load_robot
-from lab.extensions.robotics.workspace.measured import robot_workspace
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.campaign.robot import Robot, load_robot
+from lab.core.random import rng_for
+from lab.core.se3 import Array
+from lab.core.whole_folder import current_keep, of_one
+from lab.extensions.robotics.workspace.measure import workspace_of
+from lab.extensions.robotics.workspace.membership import anyhow
 from lab.extensions.robotics.workspace.options import WorkspaceOptions
-from lab.extensions.robotics.workspace.result import WorkspaceResult
-from lab.render.terminal import status
+from lab.extensions.robotics.workspace.result import RobotWorkspace, WorkspaceResult
+from lab.kinematics.reach import reach_from_axis
+from lab.render.terminal import Stage, status
+from lab.simulation.collisions import collides
 
 __all__ = ["measure_workspaces"]
 
+_PLACES, _PLACES_BY_SEARCH, _PLACES_WITH_LOOPS = 200, 60, 20  # at which orientations are tried
+_PLACES_IN_CELL = 400  # that are tested for collisions
+
 
 def measure_workspaces(options: WorkspaceOptions) -> WorkspaceResult:
-    """Measure what robots reach within their limits, and in how many orientations; write it where asked.
+    """Measure what robots reach within their limits, and in how many orientations; write it if requested.
 
     Raises:
         LabError: there is no such robot, or its point stays on a line or a surface, which has no volume.
     """
     options.check()
     with status("measuring") as stage:
-        found = tuple(robot_workspace(load_robot(name, options.cell), options, stage) for name in options.named)
-    result = WorkspaceResult(replace(options, out=None, overwrite=False), found)  # where it goes is no part of it
+        found = tuple(_robot_workspace(load_robot(name, options.cell), options, stage) for name in options.named)
+    result = WorkspaceResult(replace(options, out=None, overwrite=False), found)  # the folder is no part of the result
     if options.out is not None:
         result.save(options.out, overwrite=options.overwrite)
     return result
+
+
+def _robot_workspace(robot: Robot, options: WorkspaceOptions, stage: Stage) -> RobotWorkspace:
+    arm = robot.arm(("p1",))
+    values = arm.nominal({"p1": options.tool_m})
+    progress = partial(stage, f"{robot.name}, 1 of 2, places")
+    keep = of_one(current_keep(), robot.source, robot.sha256)
+    space = workspace_of(arm, values, options.places, rng_for(options.seed, "poses"), progress, keep)
+    stage(f"{robot.name}, 2 of 2, reach and orientations")
+    chain, reach = arm.dh_chain(values), None
+    if chain is not None:
+        reach = (reach_from_axis(chain, options.tool_m, least=True), reach_from_axis(chain, options.tool_m))
+    shared, shares = np.empty((0, 3)), np.empty(0)
+    rng = rng_for(options.seed, "poses", 1)
+    if space.orientations is not None:
+        count = _PLACES if space.by_pose.exact else _PLACES_WITH_LOOPS if arm.chain.has_loops else _PLACES_BY_SEARCH
+        shared = space.domain.spread(space.measured.drawn(count, rng), rng)
+        shares = space.shares(shared, options.orientations)
+    requested, free = np.empty((0, 3)), np.zeros(0, dtype=np.bool_)
+    if robot.cell is not None:
+        requested = space.domain.spread(space.measured.drawn(_PLACES_IN_CELL, rng), rng)
+        free = _free(robot, space.by_place.solutions(anyhow(requested)))
+    return RobotWorkspace(robot, options, space, reach, shared, shares, requested, free)
+
+
+def _free(robot: Robot, solutions: Array) -> NDArray[np.bool_]:
+    """Decide whether a place has a collision-free IK solution among ``(n, k, joints)``, NaN where there are fewer."""
+    there = np.isfinite(solutions[:, :, 0])
+    free = np.zeros(there.shape, dtype=np.bool_)
+    free[there] = ~collides(robot.model, solutions[there])
+    return np.asarray(free.any(axis=1))
