@@ -13,6 +13,7 @@ from lab.core.random import rng_for
 from lab.core.se3 import Array
 from lab.core.units import MM
 from lab.extensions.dynamics.load_files import Mounting, PayloadSamples
+from lab.extensions.dynamics.options import SimulationOptions
 from lab.extensions.dynamics.payload.excitation import (
     CHECKED,
     PERIOD_S,
@@ -31,7 +32,6 @@ from lab.extensions.dynamics.simulation import (
     drawn_mounting,
     peak_torques,
 )
-from lab.extensions.dynamics.simulation_options import SimulationOptions
 from lab.kinematics.dynamics.rigid_body import LOAD, Dynamics, hand_motion, wrench_regressor
 from lab.simulation.collisions import collides
 from lab.simulation.model import SerialModel
