@@ -8,6 +8,7 @@ afterwards (``RunErrors``).
 import copy
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -363,8 +364,10 @@ class LoadBench:
         )
 
     def _recorded(self, times: Array | None, runs: list[PayloadSamples]) -> PayloadSamples:
-        names = ("joints", "torques", "wrench", "loaded")
-        return PayloadSamples(times, *(np.concatenate([getattr(run, name) for run in runs]) for name in names))
+        def joined(name: str) -> Any:
+            return np.concatenate([getattr(run, name) for run in runs])
+
+        return PayloadSamples(times, joined("joints"), joined("torques"), joined("wrench"), joined("loaded"))
 
     def _load_torque(self, joints: Array, speeds: Array, accelerations: Array) -> Array:
         """Compute the joint torques due to the load alone, ``(n, J)``."""

@@ -31,7 +31,7 @@ from lab.kinematics.closed.mobility import mobility
 
 __all__ = ["CARRIER_ITEMS", "PARALLEL_ITEMS", "VERSATRAN_ITEMS"]
 
-R7 = 0.15  # the course's tool, along the last axis, m: representative
+_R7 = 0.15  # the course's tool, along the last axis, m: representative
 _TABLE = {"α": ("0", "0", "-90", "0", "-90", "90"), "a": ("0",) * 6}
 _LINKS = (
     "c1 | −s1 | 0 | 0; s1 | c1 | 0 | 0; 0 | 0 | 1 | 0; 0 | 0 | 0 | 1",
@@ -60,13 +60,13 @@ def _robot() -> tuple[Sampled, dict[str, Array], Array]:
     robot = sampled("versatran")
     T = robot.between(0, 6)
     tool = np.eye(4)
-    tool[2, 3] = R7
+    tool[2, 3] = _R7
     hand = T @ tool
     p, x, y, z = T[:, :3, 3], T[:, :3, 0], T[:, :3, 1], T[:, :3, 2]
     names = {f"{letter}{axis}": column[:, i] for letter, column in (("p", p), ("x", x), ("y", y), ("z", z))
              for i, axis in enumerate("xyz")}  # fmt: skip
     place = {"px7": hand[:, 0, 3], "py7": hand[:, 1, 3], "pz7": hand[:, 2, 3]}
-    return robot, {**robot.variables, **names, **place, "r7": np.full(len(T), R7)}, hand
+    return robot, {**robot.variables, **names, **place, "r7": np.full(len(T), _R7)}, hand
 
 
 def _general() -> tuple[Answer, ...]:
@@ -124,7 +124,7 @@ def _rates() -> tuple[Answer, ...]:
     turning = np.cross(moved[:, 3:], robot.between(0, 6)[:, :3, 2])
     dx = np.cross(moved[:, 3:], robot.between(0, 6)[:, :3, 0])
     v |= {f"dz{axis}": turning[:, i] for i, axis in enumerate("xyz")}
-    hand = moved[:, :3] + R7 * turning
+    hand = moved[:, :3] + _R7 * turning
     printed = (
         "−c1 q3 dq1 − s1 dq3", "−s1 q3 dq1 + c1 dq3", "dq2",
         "−s1 dq4 − c1 s4 dq5 + (c1 c4 s5 − s1 c5) dq6", "c1 dq4 − s1 s4 dq5 + (s1 c4 s5 + c1 c5) dq6",
